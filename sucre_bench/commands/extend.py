@@ -190,16 +190,20 @@ def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bo
     checked: list[dict[str, Any]] = []
     for subject in contract.subjects(plugin, overrides, kind, on):
         about = {"kind": subject.plugin.kind, "name": subject.plugin.name, "file": str(subject.file)}
+        outcomes: list[Outcome] = []
         if not as_json:
             title = Text.assemble((f"{about['kind']} {about['name']}", "bold"), f"  {shown_path(subject.file)}")
             terminal.out.print(title, soft_wrap=True)
-        outcomes: list[Outcome] = []
         for outcome in contract.check(subject, lasting=not quick):
             outcomes.append(outcome)
-            for line in () if as_json else _lines(outcome):
-                terminal.out.print(line, soft_wrap=True)
+            if not as_json:
+                terminal.out.print(_lines(outcome), soft_wrap=True)
         if not as_json:
-            terminal.out.print(_counts(outcomes), soft_wrap=True)
+            counts = Counter(outcome.status for outcome in outcomes)
+            known = [(status, sign) for status, sign in _SIGNS.items() if counts[status]]
+            parts = [Text(f"{counts[status]} {name}", style) for status, (_, style, name) in known]
+            seconds = f" in {sum(o.seconds for o in outcomes):.1f} s"
+            terminal.out.print(Text.assemble("  ", Text(", ").join(parts), seconds), soft_wrap=True)
         is_kept = all(outcome.status != "broken" for outcome in outcomes)
         checked.append({**about, "ok": is_kept, "rules": [_as_object(outcome) for outcome in outcomes]})
     if as_json:
@@ -216,25 +220,17 @@ _SIGNS: dict[Status, tuple[str, str, str]] = {
 }
 
 
-def _lines(outcome: Outcome) -> list[Text]:
-    """Return a rule's line and its findings."""
+def _lines(outcome: Outcome) -> Text:
+    """Return a rule's line, and a line for each of its findings."""
     from rich.text import Text
 
     sign, style, _ = _SIGNS[outcome.status]
-    notes = [finding.text for finding in outcome.findings if finding.level == "note"]
-    said = f"  {'; '.join(notes)}" if notes and outcome.status != "broken" else ""
-    said += f"  {outcome.skipped}" if outcome.skipped else ""
+    notes = [text for level, text in outcome.findings if level == "note" and outcome.status != "broken"]
+    said = "".join(f"  {text}" for text in ("; ".join(notes), outcome.skipped) if text)
     head = Text.assemble((f"  {sign} ", style), outcome.rule, (said, "dim"))
-    return [head, *(Text(f"      {f.text}", style) for f in outcome.findings if f.level != "note")]
-
-
-def _counts(outcomes: Sequence[Outcome]) -> Text:
-    """Return the number of outcomes by status, and the time."""
-    from rich.text import Text
-
-    counts = Counter(outcome.status for outcome in outcomes)
-    parts = [Text(f"{counts[status]} {name}", style) for status, (_, style, name) in _SIGNS.items() if counts[status]]
-    return Text.assemble("  ", Text(", ").join(parts), f" in {sum(o.seconds for o in outcomes):.1f} s")
+    return Text("\n").join(
+        [head, *(Text(f"      {text}", style) for level, text in outcome.findings if level != "note")]
+    )
 
 
 def _as_object(outcome: Outcome) -> dict[str, Any]:

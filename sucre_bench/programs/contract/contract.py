@@ -1,8 +1,8 @@
-"""Checks a plugin against the contract: plain functions, the rules, each of which yields findings.
+"""Checks a plugin against the contract: plain functions, the rules, each of which yields lines.
 
-A finding is a breach (must be fixed), a doubt (may be intended) or a note (a figure). Its text is "fault; remedy".
-Exceptions and RuntimeWarnings of a plugin are breaches of the rule that ran it. The first line of a rule's docstring
-is what the plugin does if it keeps the rule.
+A line is a breach (must be fixed), a `Doubt` (may be intended) or a `Note` (a figure). Breaches and doubts are
+"fault; remedy". Exceptions and RuntimeWarnings of a plugin are breaches of the rule that ran it. The first line of a
+rule's docstring is what the plugin does if it keeps the rule.
 """
 
 import contextlib
@@ -22,48 +22,37 @@ from sucre_bench.errors import ANY_FAULT, InputError, NotApplicableError, SucreB
 from sucre_bench.plugins.options import create, options_of
 from sucre_bench.plugins.plugin import KINDS, Kind, Plugin
 
+Level = Literal["breach", "doubt", "note"]
 Status = Literal["kept", "broken", "doubtful", "skipped"]
+
+
+class Doubt(str):
+    """What a rule yields that may be intended."""
+
+
+class Note(str):
+    """What a rule yields as a figure to show if it is kept."""
 
 
 class Finding(NamedTuple):
     """A finding of a rule. text: one line, "fault; remedy", or a figure for a note."""
 
-    level: Literal["breach", "doubt", "note"]
+    level: Level
     text: str
-
-
-def breach(text: str) -> Finding:
-    """Return a finding that must be fixed."""
-    return Finding("breach", text)
-
-
-def doubt(text: str) -> Finding:
-    """Return a finding that may be intended."""
-    return Finding("doubt", text)
-
-
-def note(text: str) -> Finding:
-    """Return a figure to show with a rule that is kept."""
-    return Finding("note", text)
 
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A plugin to check.
-
-    options: of the plugin; on: the dataset for trying a method, empty for none; kept: results of one rule that others
-    use.
-    """
+    """A plugin to check. options: of the plugin; on: the dataset for trying a method, empty for none."""
 
     plugin: Plugin
     options: Mapping[str, Any] = field(default_factory=dict)
     on: str = ""
-    kept: dict[str, Any] = field(default_factory=dict)
 
     @property
     def file(self) -> Path:
         """The file of its class."""
-        return Path(inspect.getsourcefile(self.plugin.cls) or "")
+        return Path(inspect.getsourcefile(self.plugin.cls) or "").resolve()
 
     @property
     def obstacle(self) -> str:
@@ -82,11 +71,11 @@ class Subject:
 
     def owns(self, filename: str) -> bool:
         """Whether a file belongs to the plugin or lies in its folder."""
-        file, module = Path(filename).resolve(), self.file.resolve()
-        return file == module or ((module.parent / "__init__.py").exists() and module.parent in file.parents)
+        file, folder = Path(filename).resolve(), self.file.parent
+        return file == self.file or ((folder / "__init__.py").exists() and folder in file.parents)
 
 
-Rule = Callable[[Subject], Iterable[Finding]]
+Rule = Callable[[Subject], Iterable[str]]
 
 
 class Outcome(NamedTuple):
@@ -101,7 +90,7 @@ class Outcome(NamedTuple):
     @property
     def status(self) -> Status:
         """What its line begins with as a sign."""
-        levels = {finding.level for finding in self.findings}
+        levels = {level for level, _ in self.findings}
         if "breach" in levels:
             return "broken"
         return "skipped" if self.skipped else "doubtful" if "doubt" in levels else "kept"
@@ -129,18 +118,15 @@ def subjects(name: str, overrides: Sequence[str] = (), kind: Kind | None = None,
         if len(kinds) > 1:
             raise InputError(f"{name}: is a {' and a '.join(kinds)}; say which with --kind {kinds[0]}")
         found = [plugins.find(kinds[0], name)]
-    return [Subject(plugin, _options(plugin, overrides), on) for plugin in found]
-
-
-def _options(plugin: Plugin, overrides: Sequence[str]) -> Mapping[str, Any]:
+    if not overrides:
+        return [Subject(plugin, on=on) for plugin in found]
     from sucre_bench.jobs import compose_jobs
 
-    if not overrides:
-        return {}
+    (plugin,) = found
     chosen = f"metrics=[{plugin.name}]" if plugin.kind == "metric" else f"{plugin.kind}={plugin.name}"
     job = compose_jobs.jobs([chosen, *overrides], multirun=False).jobs[0]
     choices = {"method": job.method, "dataset": job.dataset, "metric": job.metrics[0].choice}
-    return choices[plugin.kind].options
+    return [Subject(plugin, choices[plugin.kind].options, on)]
 
 
 def check(subject: Subject, lasting: bool = True) -> Iterator[Outcome]:
@@ -164,26 +150,26 @@ def check_rule(subject: Subject, rule: Rule, obstacle: str = "") -> Outcome:
     name, says = getattr(rule, "__name__", ""), (inspect.getdoc(rule) or "").partition("\n")[0]
     says = says[:1].lower() + says[1:].removesuffix(".")
     if obstacle:
-        return Outcome(name, says, (), 0.0, obstacle)
-    started, findings, skipped = time.perf_counter(), [], ""
+        return Outcome(name, says, (), skipped=obstacle)
+    started, said, skipped = time.perf_counter(), list[str](), ""
     with warnings.catch_warnings(record=True) as heard, contextlib.redirect_stdout(sys.stderr):
         warnings.simplefilter("always")
         try:
-            for finding in rule(subject):
-                findings.append(finding)  # findings before an exception count
+            said.extend(rule(subject))  # also what comes before an exception
         except NotApplicableError as reason:
             skipped = one_line(reason)
         except ANY_FAULT as fault:
-            findings.append(breach(raised(subject, fault)))
+            said.append(raised(subject, fault))
     for one in heard:
-        said = (
-            f"{one.category.__name__} at {Path(one.filename).name}:{one.lineno}: {' '.join(str(one.message).split())}"
-        )
+        place = f"{one.category.__name__} at {Path(one.filename).name}:{one.lineno}"
+        warning = f"{place}: {' '.join(str(one.message).split())}"
         if issubclass(one.category, RuntimeWarning):
-            findings.append(breach(f"{said}; guard it, or say what cannot be done with SolveError"))
+            said.append(f"{warning}; guard it, or say what cannot be done with SolveError")
         elif subject.owns(one.filename):
-            findings.append(doubt(f"{said}; follow its advice"))
-    return Outcome(name, says, tuple(dict.fromkeys(findings)), time.perf_counter() - started, skipped)
+            said.append(Doubt(f"{warning}; follow its advice"))
+    levels: dict[type[str], Level] = {Doubt: "doubt", Note: "note"}
+    findings = tuple(Finding(levels.get(type(text), "breach"), str(text)) for text in dict.fromkeys(said))
+    return Outcome(name, says, findings, time.perf_counter() - started, skipped)
 
 
 def breaches(kind: Kind, name: str, **options: Any) -> list[str]:
@@ -200,12 +186,12 @@ def breaches(kind: Kind, name: str, **options: Any) -> list[str]:
     []
     """
     outcomes = list(check(Subject(plugins.find(kind, name), options), lasting=False))
-    found = [f"{one.rule}: {f.text}" for one in outcomes for f in one.findings if f.level == "breach"]
+    found = [f"{one.rule}: {text}" for one in outcomes for level, text in one.findings if level == "breach"]
     return found + [f"{one.rule}: not looked at, {one.skipped}" for one in outcomes if one.skipped]
 
 
 def raised(subject: Subject, fault: BaseException) -> str:
-    """Return an exception as a breach's text, with the last line of the plugin's code in its traceback."""
+    """Return an exception as a breach, with the last line of the plugin's code in its traceback."""
     said = one_line(fault)
     if isinstance(fault, SucreBenchError) and "; " in said:
         return said

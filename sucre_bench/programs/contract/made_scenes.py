@@ -14,12 +14,7 @@ from sucre_bench.scene import Arrays, Chart, Scene, View, Water
 TARGET = "far.png"  # the view to restore; the other view is nearer to the wall
 WATER = Water(np.array([0.1, 0.3, 0.4]), np.array([0.4, 0.15, 0.1]), np.array([0.3, 0.17, 0.13]))
 
-
-def _noise(height: int = 48, width: int = 64) -> Array:
-    return np.random.default_rng(0).random((height, width, 3), dtype=np.float32)
-
-
-NOISE = _noise()
+NOISE = np.random.default_rng(0).random((48, 64, 3), dtype=np.float32)
 NOISE.setflags(write=False)
 
 # Every dive has these: open water, glare, no red channel, thumbnails.
@@ -66,11 +61,8 @@ def wall(
 def submerged() -> Scene:
     """The wall of noise through WATER at each view's distance: a fit of the water has a solution."""
     scene = wall()
-    views = []
-    for view in scene:
-        seen = _in_water(view.rgb, view.distance[..., None])
-        views.append(replace(view, pixels=Arrays(seen, view.depth, view.rgb)))
-    return replace(scene, views=views)
+    seen = {view.name: _in_water(view.rgb, view.distance[..., None]) for view in scene}
+    return replace(scene, views=[replace(v, pixels=Arrays(seen[v.name], v.depth, v.rgb)) for v in scene])
 
 
 def _in_water(rgb: Array, z: Array | float) -> Array:
@@ -81,33 +73,26 @@ def _in_water(rgb: Array, z: Array | float) -> Array:
 
 def charted() -> Scene:
     """The wall with two painted charts and noise around them: dry in `reference`, in water in `rgb`."""
-    image = 0.2 + 0.6 * _noise(96, 128)
+    image = 0.2 + 0.6 * np.random.default_rng(0).random((96, 128, 3), dtype=np.float32)
     charts = (
         Chart("left", "dgk", np.array([[4.0, 4], [64, 4], [64, 44], [4, 44]])),
         Chart("right", "colorchecker24", np.array([[66.0, 50], [126, 50], [126, 90], [66, 90]])),
     )
     for chart in charts:
-        (left, top), (right, bottom) = chart.corners[0], chart.corners[2]
+        corner, size = chart.corners[0], chart.corners[2] - chart.corners[0]
         for patch in KINDS[chart.kind].patches:
-            x0, y0, x1, y1 = patch.box
-            rows = slice(round(top + y0 * (bottom - top)), round(top + y1 * (bottom - top)))
-            columns = slice(round(left + x0 * (right - left)), round(left + x1 * (right - left)))
-            image[rows, columns] = patch.srgb
+            (x0, y0), (x1, y1) = (np.round(corner + size * at).astype(int) for at in (patch.box[:2], patch.box[2:]))
+            image[y0:y1, x0:x1] = patch.srgb
     return wall(_in_water(image, 3.0), reference=image, charts=charts)
 
 
 def least(scene: Scene, needs: frozenset[str], cameras: bool = False) -> Scene:
     """The scene with only what is needed; cameras: keep these too, for which there is no name in `needs`."""
-    views = [
-        replace(
-            view,
-            pixels=Arrays(
-                view.rgb, view.depth if "depth" in needs else None, view.reference if "reference" in needs else None
-            ),
-            camera=view.camera if cameras or "poses" in needs else None,
-            cam_from_world=view.cam_from_world if "poses" in needs else None,
-            charts=view.charts if "charts" in needs else (),
-        )
-        for view in scene
-    ]
+    views = []
+    for view in scene:
+        depth, reference = (getattr(view, name) if name in needs else None for name in ("depth", "reference"))
+        camera = view.camera if cameras or "poses" in needs else None
+        pose = view.cam_from_world if "poses" in needs else None
+        charts = view.charts if "charts" in needs else ()
+        views.append(View(view.name, Arrays(view.rgb, depth, reference), camera, pose, charts, view.encoding))
     return Scene("least", views, needs, scene.water if "truth" in needs else None)

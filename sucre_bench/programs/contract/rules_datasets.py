@@ -2,7 +2,7 @@
 
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import MISSING
 from pathlib import Path, PurePosixPath
 from typing import get_args
@@ -19,11 +19,9 @@ from sucre_bench.loading.view_files import is_rigid
 from sucre_bench.machine.text_formats import counted
 from sucre_bench.plugins.options import Choice, options_of
 from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.programs.contract.contract import Finding, Rule, Subject, breach, doubt, note
-from sucre_bench.programs.contract.process_state import watched
+from sucre_bench.programs.contract.contract import Doubt, Note, Rule, Subject
+from sucre_bench.programs.contract.side_effects import watched
 from sucre_bench.scene import Arrays, Encoding, Scene, View
-
-_MANY = 30  # views of a scene that are checked
 
 
 def rules(_: Plugin) -> list[Rule]:
@@ -37,94 +35,85 @@ def _opened(subject: Subject) -> list[Scene]:
     return open_scenes(Choice(subject.plugin, subject.plugin.name, subject.options))
 
 
-def _some(scene: Scene, most: int = _MANY) -> Sequence[View]:
-    """Evenly chosen views, with the first and the last."""
-    chosen = evenly(len(scene), most)
-    return [scene.views[k] for k in chosen]
+def _views(subject: Subject, most: int) -> Iterator[tuple[str, View]]:
+    """At most so many views of each scene, the first and the last among them, with their names in findings."""
+    for scene in _opened(subject):
+        for k in evenly(len(scene), most):
+            yield f"{scene.name}/{scene.views[k].name}", scene.views[k]
 
 
-def names_once(subject: Subject) -> Iterator[Finding]:
+def names_once(subject: Subject) -> Iterator[str]:
     """Opens, and names every scene and view once."""
     scenes = _opened(subject)  # refuses duplicates
-    for scene in scenes:
-        for view in scene:
-            path = PurePosixPath(view.name)
-            if not view.name or path.is_absolute() or ".." in path.parts or "\\" in view.name:
-                yield breach(f"a view is called '{view.name}'; a name is a path below the images, dive/a.png")
-    yield note(f"{sum(map(len, scenes))} views in {counted(len(scenes), 'scene')}")
+    for name in (view.name for scene in scenes for view in scene):
+        path = PurePosixPath(name)
+        if not name or path.is_absolute() or ".." in path.parts or "\\" in name:
+            yield f"a view is called '{name}'; a name is a path below the images, dive/a.png"
+    yield Note(f"{sum(map(len, scenes))} views in {counted(len(scenes), 'scene')}")
 
 
-def opens_lazily(subject: Subject) -> Iterator[Finding]:
+def opens_lazily(subject: Subject) -> Iterator[str]:
     """Opens without reading pixels."""
     subject.make()
     started = time.process_time()  # others may be at work on this machine
     scenes = _opened(subject)
-    opening = time.process_time() - started
+    opened = time.process_time()
     view, views = scenes[0].views[0], sum(map(len, scenes))
-    started = time.process_time()
     view.pixels.load("rgb")
-    reading = time.process_time() - started
+    opening, reading = opened - started, time.process_time() - opened
     if isinstance(view.pixels, Arrays):
-        yield doubt("views hold their pixels; give them a class whose load(plane) reads a file when asked")
+        yield Doubt("views hold their pixels; give them a class whose load(plane) reads a file when asked")
     elif opening > max(1.0, 0.5 * views * reading):
-        yield doubt(f"opening {views} views takes {opening:.1f} s, as if all were read; read files in load(plane) only")
-    yield note(f"{opening:.2f} s")
+        yield Doubt(f"opening {views} views takes {opening:.1f} s, as if all were read; read files in load(plane) only")
+    yield Note(f"{opening:.2f} s")
 
 
-def planes_are_sound(subject: Subject) -> Iterator[Finding]:
+def planes_are_sound(subject: Subject) -> Iterator[str]:
     """Gives images, depth and references of the right shape and range."""
-    for scene in _opened(subject):
-        for view in _some(scene, 3):
-            for fault in _plane_faults(view):
-                yield breach(f"{scene.name}/{view.name}: {fault}")
+    for where, view in _views(subject, 3):
+        yield from (f"{where}: {fault}" for fault in _plane_faults(view))
 
 
 def _plane_faults(view: View) -> Iterator[str]:
-    rgb = view.pixels.load("rgb")
+    rgb, depth, reference = (view.pixels.load(plane) for plane in ("rgb", "depth", "reference"))
     if rgb is None or rgb.ndim != 3 or rgb.shape[2] != 3:
         yield f"rgb is {None if rgb is None else rgb.shape}; every view has (H, W, 3)"
         return
-    shape = rgb.shape[:2]
-    for name, plane in (("rgb", rgb), ("reference", view.pixels.load("reference"))):
-        if plane is None:
-            continue
-        if plane.dtype != np.float32:
-            yield f"{name} is {plane.dtype}; give float32"
-        if not np.isfinite(plane).all():
+    for name, image in {"rgb": rgb, "reference": rgb if reference is None else reference}.items():
+        if image.dtype != np.float32:
+            yield f"{name} is {image.dtype}; give float32"
+        if not np.isfinite(image).all():
             yield f"{name} has values that are not finite; every pixel has a colour"
-        elif plane.min() < 0 or plane.max() > 1:
-            yield f"{name} goes from {plane.min():.3g} to {plane.max():.3g}; divide by full scale, to [0, 1]"
-        if plane.shape != rgb.shape:
-            yield f"{name} is {plane.shape}, rgb {rgb.shape}; bring it to the image's size"
-    depth = view.pixels.load("depth")
-    if depth is not None and (depth.shape != shape or depth.dtype != np.float32):
-        yield f"depth is {depth.shape} {depth.dtype}; give {shape} float32 metres"
-    elif depth is not None and (np.isnan(depth).any() or depth.min() < 0):
+        elif image.min() < 0 or image.max() > 1:
+            yield f"{name} goes from {image.min():.3g} to {image.max():.3g}; divide by full scale, to [0, 1]"
+        if image.shape != rgb.shape:
+            yield f"{name} is {image.shape}, rgb {rgb.shape}; bring it to the image's size"
+    if depth is not None and (depth.shape != rgb.shape[:2] or depth.dtype != np.float32):
+        yield f"depth is {depth.shape} {depth.dtype}; give {rgb.shape[:2]} float32 metres"
+    elif depth is not None and not depth.min() >= 0:
         yield "depth is NaN or negative; what is unknown is 0"
     if view.encoding not in get_args(Encoding):
         yield f"encoding is {view.encoding!r}; it is 'gamma' or 'linear'"
 
 
-def geometry_is_sound(subject: Subject) -> Iterator[Finding]:
+def geometry_is_sound(subject: Subject) -> Iterator[str]:
     """Gives sound cameras, poses and charts."""
-    for scene in _opened(subject):
-        for view in _some(scene):
-            where, pose = f"{scene.name}/{view.name}", view.cam_from_world
-            if view.camera is not None and (fault := _camera_fault(view.camera)):
-                yield breach(f"{where}: {fault}")
-            if pose is not None and (pose.shape != (4, 4) or pose.dtype != np.float64 or not is_rigid(pose)):
-                yield breach(f"{where}: cam_from_world is no rigid transform; give (4, 4) float64, rotation and metres")
-            if pose is not None and view.camera is None:
-                yield breach(f"{where}: has a pose and no camera; give both, or no pose")
-            if len({chart.name for chart in view.charts}) < len(view.charts):
-                yield breach(f"{where}: two charts have one name; name each")
-            for chart in view.charts:
-                chart_kind(chart.kind)
-                check_corners(chart.name, np.asarray(chart.corners, dtype=np.float64))
-        for view in _some(scene, 3):
-            size = view.rgb.shape[1::-1]
-            if view.camera is not None and (view.camera.width, view.camera.height) != size:
-                yield breach(f"{scene.name}/{view.name}: the camera is of another size than the image; scale K with it")
+    for where, view in _views(subject, 30):
+        camera, pose = view.camera, view.cam_from_world
+        if camera is not None and (fault := _camera_fault(camera)):
+            yield f"{where}: {fault}"
+        if pose is not None and (pose.shape != (4, 4) or pose.dtype != np.float64 or not is_rigid(pose)):
+            yield f"{where}: cam_from_world is no rigid transform; give (4, 4) float64, rotation and metres"
+        if pose is not None and camera is None:
+            yield f"{where}: has a pose and no camera; give both, or no pose"
+        if len({chart.name for chart in view.charts}) < len(view.charts):
+            yield f"{where}: two charts have one name; name each"
+        for chart in view.charts:
+            chart_kind(chart.kind)
+            check_corners(chart.name, np.asarray(chart.corners, dtype=np.float64))
+    for where, view in _views(subject, 3):
+        if view.camera is not None and (view.camera.height, view.camera.width) != view.rgb.shape[:2]:
+            yield f"{where}: the camera is of another size than the image; scale K with it"
 
 
 def _camera_fault(camera: Camera) -> str:
@@ -139,11 +128,10 @@ def _camera_fault(camera: Camera) -> str:
     return ""
 
 
-def has_what_it_says(subject: Subject) -> Iterator[Finding]:
+def has_what_it_says(subject: Subject) -> Iterator[str]:
     """Declares what its scenes have."""
-    declared = subject.plugin.has
     for scene in _opened(subject):
-        views = _some(scene)
+        views = [scene.views[k] for k in evenly(len(scene), 30)]
         there = {
             "poses": any(view.cam_from_world is not None for view in views),
             "depth": any(view.pixels.load("depth") is not None for view in views),
@@ -151,51 +139,47 @@ def has_what_it_says(subject: Subject) -> Iterator[Finding]:
             "charts": any(view.charts for view in views),
             "truth": scene.water is not None,
         }
-        all_seen = len(views) == len(scene)
         for name, found in there.items():
             if found and name not in scene.has:
-                yield breach(f"{scene.name}: views have {name}, which `has` does not say; add it, or methods skip them")
-            if not found and name in scene.has and all_seen:
-                yield breach(f"{scene.name}: `has` says {name}, no view has any; leave it out")
-        if undeclared := sorted(scene.has - declared):
-            yield breach(f"{scene.name} has {', '.join(undeclared)}; add to has= of @dataset, which `list` shows")
+                yield f"{scene.name}: views have {name}, which `has` does not say; add it, or methods skip them"
+            if not found and name in scene.has and len(views) == len(scene):
+                yield f"{scene.name}: `has` says {name}, no view has any; leave it out"
+        if undeclared := sorted(scene.has - subject.plugin.has):
+            yield f"{scene.name} has {', '.join(undeclared)}; add to has= of @dataset, which `list` shows"
 
 
-def is_repeatable(subject: Subject) -> Iterator[Finding]:
+def is_repeatable(subject: Subject) -> Iterator[str]:
     """Gives the same when it is opened again, with an id of its data."""
     first = _opened(subject)
     with watched() as changes:
         second = _opened(subject)
     yield from changes
     if [(s.name, [v.name for v in s]) for s in first] != [(s.name, [v.name for v in s]) for s in second]:
-        yield breach("scenes or views come in another order; sort what the file system lists")
+        yield "scenes or views come in another order; sort what the file system lists"
         return
     for one, other in zip(first, second, strict=True):
         if not one.data_id:
-            yield breach(f"{one.name}: no data_id; hash what the views hold, or results outlive the data they are of")
+            yield f"{one.name}: no data_id; hash what the views hold, or results outlive the data they are of"
         elif one.data_id != other.data_id:
-            yield breach(f"{one.name}: data_id is another when opened again; hash contents, not dates or objects")
+            yield f"{one.name}: data_id is another when opened again; hash contents, not dates or objects"
         if not np.array_equal(one.views[0].rgb, other.views[0].rgb):
-            yield breach(f"{one.views[0].name}: another image when opened again; seed what is random")
+            yield f"{one.views[0].name}: another image when opened again; seed what is random"
 
 
-def names_what_is_missing(subject: Subject) -> Iterator[Finding]:
+def names_what_is_missing(subject: Subject) -> Iterator[str]:
     """Names a folder that is missing or empty, in one line."""
-    whats = {"not-there": "a folder that is not there", "": "an empty one"}
     asked = [o.name for o in options_of(subject.plugin.cls) if o.type is Path and o.default is MISSING]
     with tempfile.TemporaryDirectory(prefix="sucre_bench_") as empty:
-        for option in asked:
-            for below, what in whats.items():
-                place = Path(empty) / below
-                remedy = f'raise InputError(f"{{self.{option}}}: what is wrong; what to do")'
-                tried = Subject(subject.plugin, {**subject.options, **dict.fromkeys(asked, place)})
-                try:
-                    _opened(tried)
-                except InputError as fault:
-                    said = one_line(fault)
-                    if str(place) not in said or "; " not in said or "\n" in str(fault):
-                        yield breach(f"{option}, {what}: says only '{said}'; {remedy}")
-                except Exception as fault:
-                    yield breach(f"{option}, {what}: {one_line(fault).split('; ')[0]}; {remedy}")
-                else:
-                    yield breach(f"{option}, {what}: opens all the same; {remedy}")
+        whats = {Path(empty, "not-there"): "a folder that is not there", Path(empty): "an empty one"}
+        for option, (place, what) in ((option, item) for option in asked for item in whats.items()):
+            remedy = f'raise InputError(f"{{self.{option}}}: what is wrong; what to do")'
+            try:
+                _opened(Subject(subject.plugin, {**subject.options, **dict.fromkeys(asked, place)}))
+            except InputError as fault:
+                said = one_line(fault)
+                if str(place) not in said or "; " not in said or "\n" in str(fault):
+                    yield f"{option}, {what}: says only '{said}'; {remedy}"
+            except Exception as fault:
+                yield f"{option}, {what}: {one_line(fault).split('; ')[0]}; {remedy}"
+            else:
+                yield f"{option}, {what}: opens all the same; {remedy}"

@@ -1,5 +1,6 @@
 """Rules for methods: every valid pixel and no other gets a colour, and the process is not changed."""
 
+import functools
 import json
 from collections.abc import Iterator
 from typing import Any
@@ -8,11 +9,11 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.engine import python_api
-from sucre_bench.errors import ANY_FAULT, NotApplicableError, SolveError, one_line
+from sucre_bench.errors import ANY_FAULT, NotApplicableError, PluginError, SolveError, one_line
 from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.programs.contract.contract import Finding, Rule, Subject, breach, doubt, note, raised
+from sucre_bench.programs.contract.contract import Doubt, Note, Rule, Subject, raised
 from sucre_bench.programs.contract.made_scenes import HARD, NOISE, TARGET, WATER, least, submerged, wall
-from sucre_bench.programs.contract.process_state import watched
+from sucre_bench.programs.contract.side_effects import in_fresh_process, watched
 from sucre_bench.scene import Chart, Plane, Restoration, Scene, Water
 
 _PLANES: tuple[Plane, ...] = ("rgb", "depth", "reference")
@@ -37,11 +38,17 @@ def _restore(subject: Subject, scene: Scene) -> Restoration:
     return python_api.restore(subject.make(), scene, scene[TARGET])
 
 
+@functools.lru_cache(maxsize=1)
 def _plain(subject: Subject) -> Restoration:
     """The restoration of the wall of noise in water."""
-    if "plain" not in subject.kept:
-        subject.kept["plain"] = _restore(subject, submerged())
-    return subject.kept["plain"]
+    return _restore(subject, submerged())
+
+
+@functools.lru_cache(maxsize=1)
+def _again(subject: Subject) -> Array:
+    """The image of the same with other random states."""
+    with watched():
+        return _restore(subject, submerged()).image
 
 
 def _rich(**other: Any) -> Scene:
@@ -49,91 +56,86 @@ def _rich(**other: Any) -> Scene:
     return wall(**{"holes": _HOLES, "charts": [_chart(4)], **other})
 
 
+@functools.lru_cache(maxsize=1)
 def _of_rich(subject: Subject) -> tuple[Scene, Restoration]:
-    if "rich" not in subject.kept:
-        scene = _rich()
-        subject.kept["rich"] = scene, _restore(subject, scene)
-    return subject.kept["rich"]
+    scene = _rich()
+    return scene, _restore(subject, scene)
 
 
 def _chart(left: float) -> Chart:
     return Chart("c", "dgk", np.array([[left, 4], [left + 30, 4], [left + 30, 24], [left, 24]]))
 
 
-def leaves_the_process(subject: Subject) -> Iterator[Finding]:
+def leaves_the_process(subject: Subject) -> Iterator[str]:
     """Changes nothing in the process: random states, threads, settings."""
     subject.make()  # imports what it requires
     with watched() as changes:
-        subject.kept["plain"] = _restore(subject, submerged())
+        _plain(subject)
     yield from changes
 
 
-def leaves_its_input(subject: Subject) -> Iterator[Finding]:
+def leaves_its_input(subject: Subject) -> Iterator[str]:
     """Does not change its input."""
     scene, result = _of_rich(subject)
     for view, fresh in zip(scene, _rich(), strict=True):
         for plane in _PLANES:
             now = np.asarray(getattr(view, plane))
             if not np.array_equal(now, np.asarray(getattr(fresh, plane))) or now.flags.writeable:
-                yield breach(f"{plane} of {view.name} is changed or unlocked; work on a copy, view.{plane}.copy()")
+                yield f"{plane} of {view.name} is changed or unlocked; work on a copy, view.{plane}.copy()"
             elif np.shares_memory(now, result.image) and result.image.flags.writeable:
-                yield breach(f"its image is {plane} of {view.name} itself, unlocked; return a copy of it")
+                yield f"its image is {plane} of {view.name} itself, unlocked; return a copy of it"
 
 
-def colours_what_is_valid(subject: Subject) -> Iterator[Finding]:
+def colours_what_is_valid(subject: Subject) -> Iterator[str]:
     """Gives every valid pixel a finite colour, whatever the image."""
     heard = set[str]()  # a fault of every image is reported for the first
     for name, rgb in HARD.items():
         try:
             image = _restore(subject, wall(rgb)).image
         except SolveError as reason:
-            yield doubt(f"{name}: nothing is restored, {one_line(reason)}; fine where no answer has a meaning")
+            yield Doubt(f"{name}: nothing is restored, {one_line(reason)}; fine where no answer has a meaning")
             continue
         except ANY_FAULT as fault:
             if (said := raised(subject, fault)) not in heard:
-                yield breach(f"{name}: {said}")
+                yield f"{name}: {said}"
             heard.add(said)
             continue
-        bad = ~np.isfinite(image).all(axis=-1)
-        if bad.any():
-            yield breach(f"{name}: {bad.sum()} of {bad.size} valid pixels get no finite colour; guard what divides")
-        odd = np.isnan(image).any(axis=-1) & ~np.isnan(image).all(axis=-1)
-        if odd.any():
-            yield breach(f"{name}: {odd.sum()} pixels are NaN in some channels only; a pixel has a colour or none")
+        finite, no_number = np.isfinite(image).all(axis=-1), np.isnan(image)
+        if bad := (~finite).sum():
+            yield f"{name}: {bad} of {finite.size} valid pixels get no finite colour; guard what divides"
+        if odd := (no_number.any(axis=-1) & ~no_number.all(axis=-1)).sum():
+            yield f"{name}: {odd} pixels are NaN in some channels only; a pixel has a colour or none"
 
 
-def leaves_holes(subject: Subject) -> Iterator[Finding]:
+def leaves_holes(subject: Subject) -> Iterator[str]:
     """Gives no colour where there is no depth."""
     coloured = np.isfinite(_of_rich(subject)[1].image[_HOLES]).any(axis=-1)
     if coloured.any():
-        yield breach(
-            f"{coloured.sum()} of {coloured.size} pixels without depth get a colour; set image[~view.valid] = np.nan, "
-            'or leave "depth" out of needs'
-        )
+        remedy = 'set image[~view.valid] = np.nan, or leave "depth" out of needs'
+        yield f"{coloured.sum()} of {coloured.size} pixels without depth get a colour; {remedy}"
 
 
-def skips_what_has_no_depth(subject: Subject) -> Iterator[Finding]:
+def skips_what_has_no_depth(subject: Subject) -> Iterator[str]:
     """Skips a view without depth, with the reason."""
     remedy = 'raise NotApplicableError(f"{view.name}: no pixel has depth")'
     try:
         _restore(subject, wall(holes=np.ones_like(_HOLES)))
     except NotApplicableError as reason:
         if not (str(reason).startswith(TARGET) and "depth" in str(reason)):
-            yield breach(f"the reason is '{one_line(reason)}', which names not the view or not the depth; {remedy}")
+            yield f"the reason is '{one_line(reason)}', which names not the view or not the depth; {remedy}"
     except Exception as fault:
-        yield breach(f"ends in {one_line(fault).split('; ')[0]}; {remedy}")
+        yield f"ends in {one_line(fault).split('; ')[0]}; {remedy}"
     else:
-        yield breach(f"restores it all the same; {remedy}")
+        yield f"restores it all the same; {remedy}"
 
 
-def leaves_no_holes(subject: Subject) -> Iterator[Finding]:
+def leaves_no_holes(subject: Subject) -> Iterator[str]:
     """Colours the whole image, whatever the depth."""
-    missing = ~_of_rich(subject)[1].valid
-    if missing.any():
-        yield breach(f"{missing.sum()} pixels get no colour; without a need of depth every pixel of the image has one")
+    if missing := (~_of_rich(subject)[1].valid).sum():
+        yield f"{missing} pixels get no colour; without a need of depth every pixel of the image has one"
 
 
-def runs_with_least(subject: Subject) -> Iterator[Finding]:
+def runs_with_least(subject: Subject) -> Iterator[str]:
     """Runs with no more than it declares in needs=."""
     try:
         _restore(subject, least(_rich(), subject.plugin.needs))
@@ -143,7 +145,7 @@ def runs_with_least(subject: Subject) -> Iterator[Finding]:
         if "read-only" in str(fault):
             raise  # it writes into its input, whatever it needs
         has = " and ".join(sorted(subject.plugin.needs)) or "nothing but an image"
-        yield breach(f"a view with {has}: {one_line(fault).split('; ')[0]}; add what it uses to needs=")
+        yield f"a view with {has}: {one_line(fault).split('; ')[0]}; add what it uses to needs="
 
 
 # An entry of `Scene.has` -> the wall with another one.
@@ -156,33 +158,31 @@ _OTHERS: dict[str, dict[str, Any]] = {
 }
 
 
-def keeps_its_eyes_off(subject: Subject) -> Iterator[Finding]:
+def _is_same_with(subject: Subject, **other: Any) -> bool:
+    """Whether the result does not change with the wall."""
+    try:
+        image = _restore(subject, _rich(**other)).image
+    except SolveError:
+        image = np.full_like(NOISE, np.nan)
+    return alike(_of_rich(subject)[1].image, image)
+
+
+def keeps_its_eyes_off(subject: Subject) -> Iterator[str]:
     """Reads nothing that it does not declare in needs=."""
-    first = _of_rich(subject)[1].image
     undeclared = [need for need in ("reference", "charts", "truth") if need not in subject.plugin.needs]
     every = {name: value for need in undeclared for name, value in _OTHERS[need].items()}
-    if alike(first, _other(subject, every)) or not alike(
-        first, _other(subject, {})
-    ):  # a random result depends on no input
+    if _is_same_with(subject, **every) or not _is_same_with(subject):  # a random result depends on no input
         return
     for need in undeclared:
-        if not alike(first, _other(subject, _OTHERS[need])):
-            yield breach(f"its result changes with the {need}, which it is judged by; leave it alone, or add to needs=")
+        if not _is_same_with(subject, **_OTHERS[need]):
+            yield f"its result changes with the {need}, which it is judged by; leave it alone, or add to needs="
 
 
-def uses_what_it_needs(subject: Subject) -> Iterator[Finding]:
+def uses_what_it_needs(subject: Subject) -> Iterator[str]:
     """Uses what it declares in needs=."""
-    first = _of_rich(subject)[1].image
     for need in sorted(subject.plugin.needs & set(_OTHERS)):
-        if alike(first, _other(subject, _OTHERS[need])):
-            yield doubt(f"its result is the same with other {need}; leave it out of needs= if it is not used")
-
-
-def _other(subject: Subject, other: dict[str, Any]) -> Array:
-    try:
-        return _restore(subject, _rich(**other)).image
-    except SolveError:
-        return np.full_like(NOISE, np.nan)
+        if _is_same_with(subject, **_OTHERS[need]):
+            yield Doubt(f"its result is the same with other {need}; leave it out of needs= if it is not used")
 
 
 def alike(one: Array, other: Array) -> bool:
@@ -190,77 +190,62 @@ def alike(one: Array, other: Array) -> bool:
     return one.shape == other.shape and np.allclose(one, other, rtol=0, atol=_ROUNDING, equal_nan=True)
 
 
-def is_deterministic(subject: Subject) -> Iterator[Finding]:
+def _differing(where: str, one: Array, other: Array, remedy: str) -> Iterator[str]:
+    if not alike(one, other):
+        with np.errstate(invalid="ignore"):
+            difference = np.nan_to_num(np.abs(one - other), posinf=0).max()
+        yield f"{where} differs by up to {difference:.2g}; {remedy}, and keep nothing from view to view"
+
+
+def is_deterministic(subject: Subject) -> Iterator[str]:
     """Gives the same result twice, whatever the seeds."""
-    first = _plain(subject).image
-    with watched():  # alters the random states
-        second = _restore(subject, submerged()).image
-    subject.kept["is random"] = not alike(first, second)
-    if subject.kept["is random"]:
-        yield breach(
-            f"the second time differs by up to {_difference(first, second):.2g}; seed a generator of its own, "
-            "np.random.default_rng(self.seed), and keep nothing from call to call"
-        )
+    remedy = "seed a generator of its own, np.random.default_rng(self.seed)"
+    yield from _differing("the second time", _plain(subject).image, _again(subject), remedy)
 
 
-def is_the_same_elsewhere(subject: Subject) -> Iterator[Finding]:
+def is_the_same_elsewhere(subject: Subject) -> Iterator[str]:
     """Gives the same result in another process."""
-    from sucre_bench.programs.contract.fresh_process import restored
-
-    if subject.kept.get("is random"):
-        raise NotApplicableError("it does not give the same twice here")
     here = _plain(subject).image
-    (there,) = restored([subject])
-    if not alike(here, there):
-        yield breach(
-            f"another process differs by up to {_difference(here, there):.2g}; iterate over sorted things, not sets, "
-            "and keep nothing from view to view"
-        )
+    if not alike(here, _again(subject)):
+        raise NotApplicableError("it does not give the same twice here")
+    (there,) = in_fresh_process((subject,))
+    if isinstance(there.image, str):
+        raise PluginError(f"{subject.plugin.name}: {there.image}")
+    yield from _differing("another process", here, there.image, "iterate over sorted things, not sets")
 
 
-def _difference(one: Array, other: Array) -> float:
-    both = np.isfinite(one) & np.isfinite(other)
-    return float(np.abs(one[both] - other[both]).max()) if both.any() else float("nan")
-
-
-def tells_what_can_be_kept(subject: Subject) -> Iterator[Finding]:
+def tells_what_can_be_kept(subject: Subject) -> Iterator[str]:
     """Gives water, confidence and info in the right form."""
     result = _plain(subject)
     shape = result.image.shape[:2]
     if result.confidence is not None and np.asarray(result.confidence).shape != shape:
-        yield breach(f"confidence is {np.asarray(result.confidence).shape}; it is a number a pixel, {shape}")
+        yield f"confidence is {np.asarray(result.confidence).shape}; it is a number a pixel, {shape}"
     for name in ("veiling_light", "attenuation", "backscatter") if result.water else ():
         values = np.asarray(getattr(result.water, name))
         if values.shape != (3,) or np.isinf(values).any():
-            yield breach(f"water.{name} is {values}; give three numbers, NaN for what is not estimated")
-    kept = {key: value for key, value in result.info.items() if key != "true_water"}
+            yield f"water.{name} is {values}; give three numbers, NaN for what is not estimated"
     try:
-        json.dumps(kept, default=str)
+        json.dumps({key: value for key, value in result.info.items() if key != "true_water"}, default=str)
     except (TypeError, ValueError) as fault:
-        yield breach(f"info cannot be written as JSON, {fault}; keep text, numbers and lists in it")
+        yield f"info cannot be written as JSON, {fault}; keep text, numbers and lists in it"
 
 
-def restores_a_scene(subject: Subject) -> Iterator[Finding]:
+def restores_a_scene(subject: Subject) -> Iterator[str]:
     """Restores a view of a whole scene."""
     if not subject.on:
         raise NotApplicableError("no scene is chosen; name a dataset with --on")
-    method = subject.make()
-    scene = next(python_api.load_scenes(subject.on))
-    absent = subject.plugin.needs - scene.has
-    if absent:
+    method, scene = subject.make(), next(python_api.load_scenes(subject.on))
+    if absent := subject.plugin.needs - scene.has:
         raise NotApplicableError(f"{subject.on} has no {' and '.join(sorted(absent))}; name another dataset with --on")
-    if hasattr(method, "warm_up"):
-        method.warm_up()
     view = scene.views[len(scene) // 2]
     result = python_api.restore(method, scene, view)
     seconds, megapixels = result.info["seconds"], view.rgb.shape[0] * view.rgb.shape[1] / 1e6
     said = f"{seconds:.2g} s, {result.info['peak_mb']:.0f} MB"
-    yield note(f"{said}, {result.valid.mean():.0%} of {megapixels:.1f} megapixels of {subject.on}")
+    yield Note(f"{said}, {result.valid.mean():.0%} of {megapixels:.1f} megapixels of {subject.on}")
     if seconds > _LASTING:
-        yield doubt(
-            f"{seconds:.0f} s for {megapixels:.1f} megapixels; work on fewer pixels, or say so in its docstring"
-        )
+        remedy = "work on fewer pixels, or say so in its docstring"
+        yield Doubt(f"{seconds:.0f} s for {megapixels:.1f} megapixels; {remedy}")
     values = result.image[result.valid]
     outside = float(((values < 0) | (values > 1)).mean())
     if subject.plugin.display == "none" and outside > _CLIPPED:
-        yield doubt(f"{outside:.0%} of values leave [0, 1] and are clipped; see display= of @method, or clip them")
+        yield Doubt(f"{outside:.0%} of values leave [0, 1] and are clipped; see display= of @method, or clip them")

@@ -21,23 +21,21 @@ from sucre_bench.jobs.metric_words import MetricChoice
 from sucre_bench.multiview.common_points import SharedPoints
 from sucre_bench.plugins.options import Choice
 from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.programs.contract.contract import Finding, Rule, Subject, breach, note
+from sucre_bench.programs.contract.contract import Note, Rule, Subject
 from sucre_bench.programs.contract.made_scenes import HARD, TARGET, WATER, charted, least, submerged, wall
-from sucre_bench.programs.contract.process_state import watched
+from sucre_bench.programs.contract.side_effects import watched
 from sucre_bench.restored_pair import RestoredPair, RestoredView
 from sucre_bench.results.restorations import Measured
 from sucre_bench.results.rows import Row
 from sucre_bench.scene import Chart, Restoration, Scene, Score, View, Water
-
-_JUDGED = frozenset({"reference", "charts", "truth"})  # needs that define a perfect restoration
 
 
 def rules(plugin: Plugin) -> list[Rule]:
     """Return the rules for a metric, of one view or of pairs."""
     is_ordered = plugin.better != "none"
     of_holes = [scores_no_holes] if is_ordered or plugin.is_of_pairs else []
-    is_judged = is_ordered and bool(plugin.needs & _JUDGED) and not plugin.is_of_pairs
-    of_order = [prefers_the_truth] * is_judged + [is_symmetric] * plugin.is_of_pairs
+    is_judged = is_ordered and plugin.needs & {"reference", "charts", "truth"}  # which say what is perfect
+    of_order = [is_symmetric] if plugin.is_of_pairs else [prefers_the_truth] if is_judged else []
     return [stays_in_range, *of_holes, runs_with_least, *of_order, leaves_all_as_it_was, bears_linear_images]
 
 
@@ -78,62 +76,58 @@ def _scene(subject: Subject) -> Scene:
     return submerged() if subject.plugin.is_of_pairs else charted()
 
 
-def _faults(subject: Subject, rows: list[Row], where: str, heard: set[str] | None = None) -> Iterator[Finding]:
+def _faults(subject: Subject, rows: list[Row], where: str, heard: set[str]) -> Iterator[str]:
     """Yield the faults of rows. heard: faults already reported, which are not repeated; new ones are added."""
     low, high = subject.plugin.range
-    heard = set() if heard is None else heard
     for row in rows:
         at = f"{where}, {row.variant}"
-        if row.status == "failed":
-            if row.reason not in heard:
-                yield breach(f"{at}: {row.reason.split('; ')[0]}; {_remedy(row.reason)}")
+        if row.status == "failed" and row.reason not in heard:
             heard.add(row.reason)
+            remedy = "mend it; where there is nothing to score, yield nothing"
+            if "read-only" in row.reason:
+                remedy = "work on a copy"
+            elif "not iterable" in row.reason:
+                remedy = "score() yields each Score, it does not return one"
+            yield f"{at}: {row.reason.split('; ')[0]}; {remedy}"
         elif row.status == "ok" and not low <= row.value <= high:
-            yield breach(f"{at}: {row.region} scores {row.value:g}, not in {low:g} to {high:g}; correct it, or range=")
+            yield f"{at}: {row.region} scores {row.value:g}, not in {low:g} to {high:g}; correct it, or range="
         elif row.status == "ok" and not (0 <= row.coverage <= 1 and row.n_pixels >= 0):
-            yield breach(f"{at}: {row.region} has coverage {row.coverage:g}; it is a share of the region's pixels")
+            yield f"{at}: {row.region} has coverage {row.coverage:g}; it is a share of the region's pixels"
     if silent := sorted(set(subject.plugin.variants) - {row.variant for row in rows}):
-        yield breach(f"{where}: no score and no reason of {', '.join(silent)}; every variant of variants= is computed")
+        yield f"{where}: no score and no reason of {', '.join(silent)}; every variant of variants= is computed"
 
 
-def _remedy(reason: str) -> str:
-    if "read-only" in reason:
-        return "work on a copy"
-    if "not iterable" in reason:
-        return "score() yields each Score, it does not return one"
-    return "mend it; where there is nothing to score, yield nothing"
-
-
-def stays_in_range(subject: Subject) -> Iterator[Finding]:
+def stays_in_range(subject: Subject) -> Iterator[str]:
     """Stays in its range on difficult images."""
     chart, heard = Chart("c", "dgk", np.array([[2.0, 2], [60, 2], [60, 44], [2, 44]])), set[str]()
     for name, rgb in HARD.items():
         yield from _faults(subject, _rows(subject, wall(rgb, charts=[chart]), holes=0.3), name, heard)
 
 
-def scores_no_holes(subject: Subject) -> Iterator[Finding]:
+def scores_no_holes(subject: Subject) -> Iterator[str]:
     """Gives no value where nothing has a colour."""
     rows = _rows(subject, charted(), holes=1.0, water=None)
-    yield from _faults(subject, rows, "all NaN")
+    yield from _faults(subject, rows, "all NaN", set())
     for row in rows:
         if row.status == "ok" and subject.plugin.better != "none" and not (row.n_pixels and row.coverage):
-            yield breach(f"{row.variant}: scores {row.value:g} of no pixel; yield NaN where there is none")
+            yield f"{row.variant}: scores {row.value:g} of no pixel; yield NaN where there is none"
 
 
-def runs_with_least(subject: Subject) -> Iterator[Finding]:
+def runs_with_least(subject: Subject) -> Iterator[str]:
     """Runs with no more than it declares in needs=."""
     # Without depth and poses the engine finds no points that two views share.
     needs = subject.plugin.needs | ({"depth", "poses"} if subject.plugin.is_of_pairs else set())
     rows = _rows(subject, least(_scene(subject), needs, cameras="depth" in needs))
-    given = sorted(needs - {"restored_views"})
     noun = "restored views" if subject.plugin.is_of_pairs else "a view"
-    yield from _faults(subject, rows, f"{noun} with {' and '.join(given) or 'an image'}")
+    yield from _faults(
+        subject, rows, f"{noun} with {' and '.join(sorted(needs - {'restored_views'})) or 'an image'}", set()
+    )
     is_of_a_method = "restoration" in needs  # a made picture has no notes of a method
     if not is_of_a_method and not any(row.status == "ok" for row in rows):
-        yield breach(f"no variant gives a score there, {rows[0].reason}; add what it uses to needs=")
+        yield f"no variant gives a score there, {rows[0].reason}; add what it uses to needs="
 
 
-def prefers_the_truth(subject: Subject) -> Iterator[Finding]:
+def prefers_the_truth(subject: Subject) -> Iterator[str]:
     """Declares the better direction.
 
     Compare known answers: the reference with itself plus a cast, the true water with another.
@@ -142,42 +136,40 @@ def prefers_the_truth(subject: Subject) -> Iterator[Finding]:
     reference = np.asarray(view.reference)
     cast = reference * np.array([0.3, 0.8, 1]) + 0.1 * np.random.default_rng(2).random(reference.shape)
     wrong = Water(WATER.veiling_light * 1.5, WATER.attenuation * 1.5, WATER.backscatter * 1.5)
-    perfect = _values(subject, _rows_of(subject, reference, view))
-    spoilt = _values(subject, _rows_of(subject, cast.astype(np.float32), view, wrong))
+    tried = (_rows_of(subject, reference, view), _rows_of(subject, cast.astype(np.float32), view, wrong))
+    # Of the image and of charts, not of patches, which may be better by chance.
+    perfect, spoilt = (
+        {(row.variant, row.region): row.value for row in rows if row.status == "ok" and "/" not in row.region}
+        for rows in tried
+    )
     sign = 1 if subject.plugin.better == "higher" else -1
     for (variant, region), best in perfect.items():
         worse = spoilt.get((variant, region), math.nan)
         if sign * best <= sign * worse:
-            yield breach(f"{variant}: {region} scores {best:g} when perfect, {worse:g} when spoilt; see better=")
+            yield f"{variant}: {region} scores {best:g} when perfect, {worse:g} when spoilt; see better="
     if not perfect:
-        yield breach("gives no score for a perfect result; it must have one where all is known")
+        yield "gives no score for a perfect result; it must have one where all is known"
     else:
-        yield note(f"{next(iter(perfect.values())):g} for a perfect result")
+        yield Note(f"{next(iter(perfect.values())):g} for a perfect result")
 
 
-def _values(subject: Subject, rows: list[Row]) -> dict[tuple[str, str], float]:
-    """Scores of the image and of charts, not of patches, which may be better by chance."""
-    return {(row.variant, row.region): row.value for row in rows if row.status == "ok" and "/" not in row.region}
-
-
-def is_symmetric(subject: Subject) -> Iterator[Finding]:
+def is_symmetric(subject: Subject) -> Iterator[str]:
     """Does not depend on which view is the first."""
-    metric = subject.make()
+    metric, scene = subject.make(), submerged()
+    pairs = [_pair(one) for one in (scene, replace(scene, views=scene.views[::-1]))]
     for variant in subject.plugin.variants:
-        one, other = (_pair_scores(metric, _pair(submerged(), turned), variant) for turned in (False, True))
-        values, others = ([score.value for score in scores] for scores in (one, other))
-        is_alike = [score.region for score in one] == [score.region for score in other]
-        if not (is_alike and np.allclose(values, others, rtol=1e-4, atol=1e-6, equal_nan=True)):
-            yield breach(f"{variant}: another score when the views change places; a pair has no order")
+        one, other = ({score.region: score.value for score in _pair_scores(metric, pair, variant)} for pair in pairs)
+        is_alike = np.allclose([*one.values()], [*other.values()], rtol=1e-4, atol=1e-6, equal_nan=True)
+        if one.keys() != other.keys() or not is_alike:
+            yield f"{variant}: another score when the views change places; a pair has no order"
 
 
-def _pair(scene: Scene, turned: bool = False) -> RestoredPair:
+def _pair(scene: Scene) -> RestoredPair:
     """The two views of a scene, their images as restorations."""
-    views = scene.views[::-1] if turned else scene.views
-    shared = SharedPoints(views)
+    shared = SharedPoints(scene.views)
     points = shared.of(shared.overlaps()[0])
     assert points is not None
-    here, there = (_restored(view, view.rgb) for view in views)
+    here, there = (_restored(view, view.rgb) for view in scene)
     return RestoredPair(here, there, points)
 
 
@@ -189,7 +181,7 @@ def _pair_scores(metric: Any, pair: RestoredPair, variant: str) -> list[Score]:
         return []
 
 
-def leaves_all_as_it_was(subject: Subject) -> Iterator[Finding]:
+def leaves_all_as_it_was(subject: Subject) -> Iterator[str]:
     """Gives the same score twice, and changes neither its input nor the process."""
     planes, attempts = (_on_pair if subject.plugin.is_of_pairs else _on_view)(subject.make())
     kept = [plane.copy() for plane in planes]
@@ -197,10 +189,10 @@ def leaves_all_as_it_was(subject: Subject) -> Iterator[Finding]:
         for variant in subject.plugin.variants:
             given = [[repr(score) for score in attempt(variant)] for attempt in attempts]
             if given[1:] != given[:-1]:
-                yield breach(f"{variant}: another score the second time; seed what is random")
+                yield f"{variant}: another score the second time; seed what is random"
     yield from changes
     if any(not np.array_equal(now, was, equal_nan=True) for now, was in zip(planes, kept, strict=True)):
-        yield breach("writes into what it is given; work on a copy")
+        yield "writes into what it is given; work on a copy"
 
 
 def _on_view(metric: Any) -> tuple[list[np.ndarray], Sequence[Callable[[str], Iterable[Score]]]]:
@@ -222,8 +214,8 @@ def _on_pair(metric: Any) -> tuple[list[np.ndarray], Sequence[Callable[[str], It
     return planes, [functools.partial(_pair_scores, metric, pair)] * 2
 
 
-def bears_linear_images(subject: Subject) -> Iterator[Finding]:
+def bears_linear_images(subject: Subject) -> Iterator[str]:
     """Scores images in linear light."""
     scene = _scene(subject)
     views = [replace(view, encoding="linear") for view in scene]
-    yield from _faults(subject, _rows(subject, replace(scene, views=views)), "linear")
+    yield from _faults(subject, _rows(subject, replace(scene, views=views)), "linear", set())

@@ -6,9 +6,8 @@ import keyword
 import re
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import sucre_bench
 from sucre_bench import plugins
@@ -17,11 +16,9 @@ from sucre_bench.machine.files import write_atomically
 from sucre_bench.plugins.plugin import Kind
 
 _IMPORTED = ("Iterator", "Path")  # by the templates, beside the names of sucre_bench
-_TEMPLATES = Path(__file__).with_name("templates")
 
 
-@dataclass(frozen=True)
-class Written:
+class Written(NamedTuple):
     """The files of a new plugin, and the next commands with their purposes."""
 
     files: tuple[Path, ...]
@@ -57,42 +54,37 @@ def write_new(kind: Kind, name: str, here: Path, package: Path | None = None, de
         cls += kind.capitalize()
     about: dict[str, Any] = {"kind": kind, "name": name, "cls": cls, "depth": depth, "module": name}
     about["is_named"] = plugins.snake_case(cls) != name  # of my_method_2 the class would be called my_method2
-    before: list[tuple[str, str]] = []
+    place, folder, tests = "folder", here, here
+    commands: list[tuple[str, str]] = []
     files: dict[Path, str] = {}  # and the template of each
     if package:
-        module = _module_of_package(package.resolve().name)
+        title = package.resolve().name
+        module = re.sub(r"\W", "_", title).lower()
+        if not re.fullmatch(r"[a-z]\w*", module, re.ASCII) or keyword.iskeyword(module):
+            raise InputError(f"{title}: cannot be a package's name; call the folder like my-restorers")
+        _check_module(module, "package")
         distribution = re.sub(r"_+", "-", module).strip("-")
-        about |= {"place": "package", "package": module, "module": f"{module}.{name}", "distribution": distribution}
-        folder, tests = package / "src" / module, package / "tests"
+        about |= {"package": module, "module": f"{module}.{name}", "distribution": distribution}
+        place, folder, tests = "package", package / "src" / module, package / "tests"
         files = {package / "pyproject.toml": "pyproject.toml.j2", package / "README.md": "readme.md.j2"}
         files[folder / "__init__.py"] = "init.py.j2"
-        before = [("install", f"pip install -e {shlex.quote(str(package))}"), ("list", f"sucre-bench list {kind}s")]
+        commands += [("install", f"pip install -e {shlex.quote(str(package))}"), ("list", f"sucre-bench list {kind}s")]
     elif checkout:
-        about["place"] = "house"
-        folder, tests = checkout / f"{kind}s", checkout / "tests" / f"{kind}s"
-    else:
-        about["place"] = "folder"
-        folder = tests = here
+        place, folder, tests = "house", checkout / f"{kind}s", checkout / "tests" / f"{kind}s"
     test = tests / f"test_{name}.py"
     files |= {folder / f"{name}.py": f"{kind}.py.j2", test: f"test_{kind}.py.j2"}
-    _write(files, about)
-    is_found_by_name = package or checkout
-    return Written(tuple(files), (*before, *_next(kind, name, "" if is_found_by_name else f"{name}.py", test)))
+    _write(files, about | {"place": place})
 
-
-def _next(kind: Kind, name: str, file: str, test: Path) -> list[tuple[str, str]]:
-    """The next commands. file: if no command finds the plugin by its name."""
+    file = f"{name}.py" if place == "folder" else ""  # no command finds it by its name
     plugin = f"--plugin {file} " if file else ""
     job = {
         "method": f"-m {plugin}dataset=demo method=underwater,{name} every=4",
         "dataset": f"-m {plugin}dataset={name} dataset.root=DIR method=underwater,gray_world",
         "metric": f"-m {plugin}dataset=demo method=underwater,gray_world 'metrics=[psnr,{name}]' every=4",
     }[kind]
-    return [
-        ("check", f"sucre-bench check {file or name}{' dataset.root=DIR' if kind == 'dataset' else ''}"),
-        ("test", f"python -m pytest {shlex.quote(shown_path(test))}"),
-        ("run", f"sucre-bench run {job}"),
-    ]
+    commands.append(("check", f"sucre-bench check {file or name}{' dataset.root=DIR' if kind == 'dataset' else ''}"))
+    commands.append(("test", f"python -m pytest {shlex.quote(shown_path(test))}"))
+    return Written(tuple(files), (*commands, ("run", f"sucre-bench run {job}")))
 
 
 def _check_name(kind: Kind, name: str) -> None:
@@ -116,27 +108,16 @@ def _check_module(name: str, what: str) -> None:
         raise InputError(f"{name}: a {what} of that name would hide Python's {name}; use another, my_{name}")
 
 
-def _module_of_package(title: str) -> str:
-    module = re.sub(r"\W", "_", title).lower()
-    if not re.fullmatch(r"[a-z]\w*", module, re.ASCII) or keyword.iskeyword(module):
-        raise InputError(f"{title}: cannot be a package's name; call the folder like my-restorers")
-    _check_module(module, "package")
-    return module
-
-
 def _write(templates: Mapping[Path, str], about: Mapping[str, Any]) -> None:
     """Fill in and write all files or none: the plugin itself comes after its test."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    engine = Environment(
-        loader=FileSystemLoader(_TEMPLATES),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
     for path in templates:
         if path.exists():
             raise InputError(f"{path}: is there already; use another name, or move it away")
-    for path in reversed(list(templates)):
-        write_atomically(path, engine.get_template(templates[path]).render(about).encode())
+    loader = FileSystemLoader(Path(__file__).with_name("templates"))
+    engine = Environment(
+        loader=loader, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+    )
+    for path, template in reversed([*templates.items()]):
+        write_atomically(path, engine.get_template(template).render(about).encode())

@@ -10,7 +10,7 @@ import pytest
 from support.forward_model import seen_through
 
 from sucre_bench.programs.contract.made_scenes import WATER, charted, least, wall
-from sucre_bench.programs.contract.process_state import changed, snapshot
+from sucre_bench.programs.contract.side_effects import changed, snapshot
 
 
 def test_the_least_scene_has_what_is_needed_and_nothing_else() -> None:
