@@ -1,40 +1,40 @@
 """Verifies a bundle: hashes first, then every score that can be computed again."""
 
+import contextlib
+import json
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sucre_bench import plugins
-from sucre_bench.arrays import DataFrame
+from sucre_bench.arrays import Array, DataFrame, Mask
 from sucre_bench.compare import Pixels
 from sucre_bench.engine.score import Scorer
 from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError
+from sucre_bench.imaging.image_files import decode_bytes
 from sucre_bench.machine import progress
 from sucre_bench.plugins.call_method import with_truth
 from sucre_bench.programs.verify import TOLERANCE
-from sucre_bench.programs.verify.common_pixels import (
-    LOOK_ALIKE,
-    NO_PICTURES,
-    BundledView,
-    common_views,
-    found_mask,
-    on_mask,
-    why_unused,
-)
-from sucre_bench.programs.verify.metrics import Metrics
-from sucre_bench.programs.verify.open_data import Opened, open_data
-from sucre_bench.programs.verify.pictures import Held, Restored, held, picture, restoration_of
-from sucre_bench.programs.verify.tolerance import Key, Pictured, agrees, computed
+from sucre_bench.programs.verify.open_data import Scenes, open_data
+from sucre_bench.programs.verify.score_again import Key, Pictured, does_agree, metrics_of
 from sucre_bench.results.bundle_format import COMMON, SCORES, Bundle
-from sucre_bench.results.common_scores import common_frame
+from sucre_bench.results.common_scores import COMMON_PIXELS, common_frame, common_mask, filled_restorations, kind_of
+from sucre_bench.results.layout import possible_places
 from sucre_bench.results.reasons import Reason, brief
-from sucre_bench.results.rows import COSTS, KEYS, Row, restorations
-from sucre_bench.scene import Arrays, Restoration, Scene, View
+from sucre_bench.results.restorations import masked
+from sucre_bench.results.rows import COSTS, KEYS, restorations
+from sucre_bench.results.water_file import water_of
+from sucre_bench.scene import Arrays, Restoration, View
+
+_NO_PICTURES = "the bundle has no pictures"
+_LOOK_ALIKE = "black pixels and holes look alike"
+_VIEW = ["dataset", "scene", "view"]
+_PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 
 
 @dataclass(frozen=True)
@@ -95,41 +95,32 @@ def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: fl
 
     Raises InputError if the bundle has no score table.
     """
-    rows = bundle.rows
+    rows, common = bundle.rows, common_frame([])
     names = sorted(set(bundle.inside) | set(bundle.entries) - {"bundle.json"})
-    file_faults = {name: fault for name in progress.track(names, "hashes") if (fault := bundle.fault_of(name))}
-    common = _common(bundle, file_faults)
-    opened = open_data(rows, data or {})
-    outcome = Outcome(bundle.id, bundle.by, len(names), [f"{name}: {fault}" for name, fault in file_faults.items()])
-    outcome.faults += [*opened.faults, *_wrong_meaning(SCORES, rows), *_wrong_meaning(COMMON, common)]
-    check = _Check(bundle, opened, tolerance, rows, outcome)
-    for of_restoration in progress.track(list(_by_restoration(rows)), "scoring again"):
+    faults = {name: fault for name in progress.track(names, "hashes") if (fault := bundle.fault_of(name))}
+    try:
+        common = common if bundle.common is None else bundle.common
+    except InputError as fault:
+        faults.setdefault(COMMON, fault.beside(bundle.path / COMMON))
+    scenes, data_faults = open_data(rows, data or {})
+    outcome = Outcome(bundle.id, bundle.by, len(names), [f"{name}: {fault}" for name, fault in faults.items()])
+    outcome.faults += [*data_faults, *_wrong_meaning(SCORES, rows), *_wrong_meaning(COMMON, common)]
+    check = _Check(bundle, scenes, tolerance, outcome)
+    is_whole = rows.index.isin(restorations(rows).index)
+    is_score = (rows["status"] == "ok") & ~rows["metric"].isin(COSTS)
+    groups = rows[is_score | is_whole].groupby(list(KEYS), sort=False)
+    for _, of_restoration in progress.track(list(groups), "scoring again"):
         check.restoration(of_restoration)
     n_own = outcome.n_agree
-    for of_view in progress.track(list(common_views(common, rows)), "scoring common pixels again"):
-        check.view(of_view)
+    is_view = common["metric"] == COMMON_PIXELS
+    scores = dict(iter(common[~is_view & (common["status"] == "ok")].groupby(_VIEW, sort=False)))
+    for view in progress.track(list(common[is_view].itertuples()), "scoring common pixels again"):
+        if view.variant != "unknown":
+            check.view(view, scores.get((view.dataset, view.scene, view.view), common[:0]))
     outcome.n_common = outcome.n_agree - n_own
     outcome.unchecked = dict(sorted(outcome.unchecked.items(), key=lambda item: -item[1]))
     outcome.other_versions.sort()
     return outcome
-
-
-def _common(bundle: Bundle, file_faults: dict[str, str]) -> DataFrame:
-    """The scores on common pixels; no rows if there are none, or the table is damaged: then `file_faults` says so."""
-    try:
-        common = bundle.common
-    except InputError as fault:
-        common = None
-        file_faults.setdefault(COMMON, fault.beside(bundle.path / COMMON))
-    return common_frame([]) if common is None else common
-
-
-def _by_restoration(rows: DataFrame) -> Iterator[DataFrame]:
-    """The rows of each restoration that ended well: first the one that stands for it, then its scores."""
-    whole = restorations(rows).index
-    is_score = (rows["status"] == "ok") & ~rows["metric"].isin(COSTS)
-    for _, of_restoration in rows[is_score | rows.index.isin(whole)].groupby(list(KEYS), sort=False):
-        yield of_restoration
 
 
 def _wrong_meaning(file: str, rows: DataFrame) -> Iterator[str]:
@@ -143,148 +134,214 @@ def _wrong_meaning(file: str, rows: DataFrame) -> Iterator[str]:
             yield f"{file}: {row.metric} in {said}; it is {meant}"
 
 
+def _picture(bundle: Bundle, name: str) -> Array:
+    """Return a picture of a bundle, (H, W, 3) float32 RGB in [0, 1]. InputError if it is none of ordinary size.
+
+    A restored image is a PNG; views and references may be JPEG files, which are not exact.
+    """
+    import cv2
+
+    content = bundle.read(name)
+    if not content.startswith(_PNG if name.endswith(".png") else (_PNG, _JPEG)):
+        raise InputError(f"{name}: is no PNG or JPEG", bundle.path, "ask who made the bundle for another")
+    try:
+        stored = decode_bytes(content, cv2.IMREAD_COLOR, name)[..., ::-1]
+    except InputError as fault:
+        raise fault.within(bundle.path) from fault
+    return np.asarray(stored, dtype=np.float32) / 255
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """A restoration of a bundle. Names of its restored image, record, view and reference; "" for what is not there."""
+
+    bundle: Bundle
+    image: str
+    record: str
+    view: str
+    reference: str
+
+    @classmethod
+    def of(cls, bundle: Bundle, row: Any) -> "_Kept | None":
+        """Return the one that a row stands for; None if the bundle does not have the restored image."""
+        root = Path()
+        for place in possible_places(row.dataset, row.scene, row.view):
+            image = place.restored(root, row.method)
+            files = (image, image.with_suffix(".json"), place.original(root), place.reference(root))
+            names = [file.as_posix() if file.as_posix() in bundle.inside else "" for file in files]
+            if names[0]:
+                return cls(bundle, *names)
+        return None
+
+    def open(self, n_coloured: int) -> tuple[Restoration, bool]:
+        """Return the restoration, and whether it is known which black pixels are holes.
+
+        Its image is the restored image, NaN = a hole. n_coloured: how many pixels have a colour, as its row says.
+        Raises InputError for a picture or record that cannot be read, and for one that does not fit the row.
+        """
+        image, remedy = _picture(self.bundle, self.image), "ask who made the bundle"
+        black = (image == 0).all(axis=-1)
+        n_black, holes = int(black.sum()), black.size - n_coloured
+        if not 0 <= holes <= n_black:
+            fault = f"{black.size - n_black} pixels have a colour, the score table says {n_coloured}"
+            raise InputError(f"{self.image}: {fault}", self.bundle.path, remedy)
+        if holes:
+            image = np.where(black[..., None], np.float32(np.nan), image)
+        try:
+            record = json.loads(self.bundle.read(self.record)) if self.record else {}
+        except (ValueError, RecursionError) as fault:
+            raise InputError(f"{self.record}: is no JSON", self.bundle.path, f"{remedy} for another") from fault
+        record = record if isinstance(record, dict) else {}
+        water = water_of(record, self.bundle.path / self.record)
+        record.pop("true_water", None)  # metrics get that of the data
+        return Restoration(image, water, info=record), holes in (0, n_black)
+
+
 class _Check:
     """Scores restorations one after the other, and writes into an outcome what comes out."""
 
-    def __init__(self, bundle: Bundle, opened: Opened, tolerance: float, rows: DataFrame, outcome: Outcome) -> None:
-        self._bundle, self._opened, self._tolerance, self._outcome = bundle, opened, tolerance, outcome
-        self._metrics = Metrics(bundle)
+    def __init__(self, bundle: Bundle, scenes: Scenes, tolerance: float, outcome: Outcome) -> None:
+        self._bundle, self._scenes, self._tolerance, self._outcome = bundle, scenes, tolerance, outcome
+        self._metric = metrics_of(bundle)
+        self._unrounded: dict[tuple[str, str, str], bool] = {}
+        rows = bundle.rows
         scores = rows[(rows["status"] == "ok") & np.isfinite(rows["value"])]
-        sizes = scores["value"].abs().groupby([scores["metric"], scores["variant"]]).median()
         # The median size of a column's scores: what a difference near zero is compared with.
-        self._sizes = {(str(m), str(v)): float(size) for (m, v), size in sizes.items()}
+        self._sizes = scores["value"].abs().groupby([scores["metric"], scores["variant"]]).median().to_dict()
+        self._whole: dict[tuple[str, ...], dict[str, Any]] = {}  # by view, then by method
+        for row in filled_restorations(rows).itertuples():
+            self._whole.setdefault((row.dataset, row.scene, row.view), {})[row.method] = row
 
     def restoration(self, rows: DataFrame) -> None:
-        """Score a restoration again. rows: see `_by_restoration`."""
+        """Score a restoration again. rows: the one that stands for it, and its scores."""
         whole, scores = restorations(rows), rows[~rows["metric"].isin(COSTS)]
+        first = rows.iloc[0]
+        where = f"{first['dataset']} / {first['method']} / {first['view']}"
         if whole.empty:
-            self._outcome.faults.append(f"{_where(rows.iloc[0])}: has scores, but no row of the restoration")
+            self._outcome.faults.append(f"{where}: has scores, but no row of the restoration")
             return
-        row = next(whole.itertuples())
-        try:
-            names = held(self._bundle, row)
-            if names is None:
-                self._outcome.unchecked[NO_PICTURES] += len(scores)
+        with self._faults(where, scores, "the picture cannot be used"):
+            self._score(next(whole.itertuples()), scores)
+
+    def view(self, said: Any, scores: DataFrame) -> None:
+        """Find the common pixels of a view again, and score all methods on them again. said: the view's row."""
+        whole = self._whole.get((said.dataset, said.scene, said.view), {})
+        scores = scores[scores["method"].isin(whole.keys())]
+        with self._faults(f"{COMMON}: {said.dataset} / {said.view}", scores, "the common pixels cannot be found again"):
+            if {*json.loads(said.methods)} != whole.keys():
+                reason = "common to other methods than the bundle has"
+            elif any(row.time > said.time for row in whole.values()):
+                reason = "on common pixels of earlier restorations, which no table shows"
+            elif (pixels := self._common_pixels(said, whole)) is None:
+                reason = _NO_PICTURES
             else:
-                self._score(row, scores, names, restoration_of(self._bundle, names, int(row.n_pixels)))
-        except ANY_FAULT as fault:  # whatever a stranger's file makes fail is a fault of that file
-            self._add_fault(_where(rows.iloc[0]), fault)
-            self._outcome.unchecked["the picture cannot be used"] += len(scores)
-
-    def view(self, view: BundledView) -> None:
-        """Find the common pixels of a view again, and score all methods on them again."""
-        scores = view.scores[(view.scores["status"] == "ok") & view.scores["method"].isin(view.whole.keys())]
-        try:
-            why = why_unused(view)
-            pixels = None if why else found_mask(self._bundle, view)
-            if pixels is None:
-                self._outcome.unchecked[why or NO_PICTURES] += len(scores)
+                for method, of_method in scores.groupby("method", sort=False):
+                    self._score(whole[str(method)], of_method, *pixels)
                 return
-            for method, of_method in scores.groupby("method", sort=False):
-                row = view.whole[str(method)]
-                names = held(self._bundle, row)
-                assert names is not None  # else there is no mask
-                kept = restoration_of(self._bundle, names, int(row.n_pixels))
-                self._score(row, of_method, names, on_mask(kept, *pixels))
-        except ANY_FAULT as fault:  # as above
-            self._add_fault(view.where, fault)
-            self._outcome.unchecked["the common pixels cannot be found again"] += len(scores)
+            self._outcome.unchecked[reason] += len(scores)
 
-    def _add_fault(self, where: str, fault: BaseException) -> None:
-        text = fault.beside(self._bundle.path) if isinstance(fault, SucreBenchError) else str(fault)
-        self._outcome.faults.append(f"{where}: {text}")
+    @contextlib.contextmanager
+    def _faults(self, where: str, scores: DataFrame, reason: str) -> Iterator[None]:
+        """Whatever a stranger's file makes fail is a fault of that file, and the scores are not checked."""
+        try:
+            yield
+        except ANY_FAULT as fault:
+            text = fault.beside(self._bundle.path) if isinstance(fault, SucreBenchError) else str(fault)
+            self._outcome.faults.append(f"{where}: {text}")
+            self._outcome.unchecked[reason] += len(scores)
 
-    def _score(self, row: Any, scores: DataFrame, names: Held, kept: Restored) -> None:
-        """Compute scores again, and judge each. row: of the restoration; kept: the same, or its common pixels."""
-        scene = self._opened.scenes.get((row.dataset, row.scene))
-        view = self._view(row, names, scene, kept.restoration)
-        restoration = with_truth(kept.restoration, scene, view) if scene else kept.restoration
-        asked = scores[["metric", "variant", "code"]].itertuples(index=False)
-        chosen = {(metric, variant): self._metrics.of(metric, variant, code) for metric, variant, code in asked}
-        pictured = Pictured(restoration, view)
-        found = computed(restoration, view, [one for one in chosen.values() if isinstance(one, Scorer)])
-        for score in scores.itertuples():
-            scorer = chosen[score.metric, score.variant]
-            doubt = "" if kept.is_sure else LOOK_ALIKE
-            is_inexact = scene is None and isinstance(scorer, Scorer) and "reference" in scorer.plugin.needs
-            if is_inexact:
-                doubt = f"{score.metric} needs the exact reference of the data"  # the bundle has it as a JPEG
-            self._judge(score, scorer, found, pictured, doubt, is_inexact)
+    def _common_pixels(self, said: Any, whole: Mapping[str, Any]) -> tuple[Mask, bool] | None:
+        """Return the pixels (H, W) that all methods fill, and whether they are known for sure; None without pictures.
 
-    def _view(self, row: Any, names: Held, scene: Scene | None, restoration: Restoration) -> View:
-        """The view from the data, or else from the bundle's pictures, as far as they go."""
-        if scene is not None:
+        They are not for sure if a restored image has black pixels besides its holes. Raises InputError if a picture
+        cannot be used, or if the bundle says other pixels than the pictures have.
+        """
+        masks, is_sure = dict[str, Mask | None](), True
+        for method, row in whole.items():
+            if (kept := _Kept.of(self._bundle, row)) is None:
+                return None
+            restoration, is_this_sure = kept.open(int(row.n_pixels))
+            masks[method] = restoration.valid
+            is_sure &= is_this_sure
+        common, differing = common_mask(masks)
+        share, (kind, pixels) = float(common.mean()), kind_of(common, differing)
+        is_as_said = (kind, pixels) == (said.variant, said.pixels)
+        if is_sure and not (is_as_said and math.isclose(share, said.value, abs_tol=1e-6)):  # it is written as text
+            there, here = (
+                "methods fill the same pixels" if kind == "equal" else f"methods have {100 * of:.6g} % in common"
+                for kind, of in ((said.variant, said.value), (kind, share))
+            )
+            raise InputError(f"{there}, in the pictures {here}")
+        return common, is_sure or is_as_said
+
+    def _score(self, row: Any, scores: DataFrame, common: Mask | None = None, is_common_sure: bool = True) -> None:
+        """Compute scores again, and judge each. row: of the restoration; common: the pixels (H, W) to score."""
+        if (kept := _Kept.of(self._bundle, row)) is None:
+            self._outcome.unchecked[_NO_PICTURES] += len(scores)
+            return
+        restoration, is_sure = kept.open(int(row.n_pixels))
+        if common is not None:
+            restoration, is_sure = replace(restoration, image=masked(restoration.image, common)), is_common_sure
+        if (scene := self._scenes.get((row.dataset, row.scene))) is not None:
             view = scene[row.view]
             if view.rgb.shape != restoration.image.shape:
-                raise InputError(f"{names.restored}: is not of the size of its view; ask who made the bundle")
-            return view
-        pixels = picture(self._bundle, names.view) if names.view else np.zeros_like(restoration.image)
-        reference = picture(self._bundle, names.reference) if names.reference else None
-        return View(row.view, Arrays(pixels, reference=reference))
+                raise InputError(f"{kept.image}: is not of the size of its view; ask who made the bundle")
+            restoration = with_truth(restoration, scene, view)
+        else:  # from the bundle's pictures, as far as they go
+            rgb = _picture(self._bundle, kept.view) if kept.view else np.zeros_like(restoration.image)
+            reference = _picture(self._bundle, kept.reference) if kept.reference else None
+            view = View(row.view, Arrays(rgb, reference=reference))
+        chosen = [self._metric(score.metric, score.variant, score.code) for score in scores.itertuples()]
+        pictured = Pictured(restoration, view, [*{id(one): one for one in chosen if isinstance(one, Scorer)}.values()])
+        for score, scorer in zip(scores.itertuples(), chosen, strict=True):
+            if isinstance(scorer, str):
+                self._outcome.unchecked[scorer] += 1
+                continue
+            doubt = "" if is_sure else _LOOK_ALIKE
+            if scene is None and "reference" in scorer.plugin.needs:  # the bundle has it as a JPEG
+                doubt = f"{score.metric} needs the exact reference of the data"
+            self._judge(score, scorer, pictured, doubt)
 
-    def _judge(
-        self,
-        score: Any,
-        scorer: Scorer | str,
-        found: Mapping[Key, Row],
-        pictured: Pictured,
-        doubt: str,
-        is_inexact: bool,
-    ) -> None:
-        """Count a score as agreeing, differing or not checked.
-
-        doubt: why a difference would prove nothing; is_inexact: the reason is that the data are not there.
-        """
-        outcome, again = self._outcome, found.get((score.metric, score.variant, score.region))
-        if isinstance(scorer, str):
-            outcome.unchecked[scorer] += 1
-            return
-        does_agree = again is not None and self._agrees(score, again, scorer, pictured)
-        if again is None or not (again.status == "ok" or does_agree):  # nothing comes out now
-            alone = again or found.get((score.metric, score.variant, "image"))
+    def _judge(self, score: Any, scorer: Scorer, pictured: Pictured, doubt: str) -> None:
+        """Count a score as agreeing, differing or not checked. doubt: why a difference would prove nothing."""
+        outcome, key = self._outcome, (score.metric, score.variant, score.region)
+        again, value = pictured.rows.get(key), math.nan
+        is_equal = False
+        if again is not None:
+            value = again.value if again.status == "ok" else math.nan
+            is_equal = self._agrees(score.value, scorer, pictured, key)
+        if again is None or not (again.status == "ok" or is_equal):  # nothing comes out now
+            alone = again or pictured.rows.get((score.metric, score.variant, "image"))
             if alone is not None and alone.status == "skipped" and Reason.of(alone.reason) is Reason.LACK:
                 outcome.unchecked[f"{score.metric} {brief(alone.reason)} of the data"] += 1
                 outcome.needs_data = True
-            else:
-                outcome.differing.append(_differing(score, math.nan))
-        elif self._metrics.rests_on_unrounded(scorer, again, pictured.restoration, pictured.view):
+                return
+        elif self._needs_unrounded(scorer, pictured, key):
             outcome.unchecked[f"{score.metric} needs the restoration before it was rounded"] += 1
-        elif doubt and not does_agree:
+            return
+        elif doubt and not is_equal:
             outcome.unchecked[doubt] += 1
-            outcome.needs_data |= is_inexact
-        else:
-            if score.code.partition(".")[2] != scorer.code and score.metric not in outcome.other_versions:
-                outcome.other_versions.append(score.metric)
-            if does_agree:
-                outcome.n_agree += 1
-            else:
-                outcome.differing.append(_differing(score, again.value))
+            outcome.needs_data |= doubt != _LOOK_ALIKE
+            return
+        elif score.code.partition(".")[2] != scorer.code and score.metric not in outcome.other_versions:
+            outcome.other_versions.append(score.metric)
+        if is_equal:
+            outcome.n_agree += 1
+            return
+        names = (score.dataset, score.method, score.scene, score.view, *key)
+        pixels: Pixels = "common" if hasattr(score, "pixels") else "own"
+        outcome.differing.append(DifferingScore(*names, pixels, float(score.value), value))
 
-    def _agrees(self, score: Any, again: Row, scorer: Scorer, pictured: Pictured) -> bool:
+    def _agrees(self, stored: float, scorer: Scorer, pictured: Pictured, key: Key) -> bool:
         """Whether a score is as it comes out again, as far as pictures of 8 bits can tell."""
-        size = self._sizes.get((score.metric, score.variant), 0.0)
-        if again.status == "ok" and agrees(score.value, again.value, scorer.plugin, size, self._tolerance):
+        again, size = pictured.rows[key], self._sizes.get(key[:2], 0.0)
+        if again.status == "ok" and does_agree(stored, again.value, scorer.plugin, size, self._tolerance):
             return True
-        reach = pictured.reach(scorer, (score.metric, score.variant, score.region), again.value)
-        if not math.isfinite(reach):
-            return True
-        return agrees(score.value, again.value, scorer.plugin, size, self._tolerance, reach)
+        reach = pictured.reach(scorer, key)
+        return does_agree(stored, again.value, scorer.plugin, size, self._tolerance, reach)
 
-
-def _differing(score: Any, value: float) -> DifferingScore:
-    return DifferingScore(
-        score.dataset,
-        score.method,
-        score.scene,
-        score.view,
-        score.metric,
-        score.variant,
-        score.region,
-        "common" if hasattr(score, "pixels") else "own",
-        float(score.value),
-        value,
-    )
-
-
-def _where(row: Any) -> str:
-    return f"{row['dataset']} / {row['method']} / {row['view']}"
+    def _needs_unrounded(self, scorer: Scorer, pictured: Pictured, key: Key) -> bool:
+        metric = (*key[:2], scorer.code)
+        if metric not in self._unrounded:
+            self._unrounded[metric] = pictured.needs_unrounded(scorer, key)
+        return self._unrounded[metric]

@@ -139,6 +139,27 @@ def test_a_metric_that_cannot_be_tried_costs_no_bundle(folder: Path, tmp_path: P
     assert bool(re.search(r"2 of fragile:", done.stderr)) == is_lost
 
 
+def test_a_metric_that_ends_its_process_costs_only_its_own_scores(bench, tmp_path: Path):
+    """It differs here, like one that raises; the scores of the others are computed again."""
+    (tmp_path / "fragile.py").write_text(FRAGILE.replace("DOES", "pass"))
+    words = (*MADE, "method=gray_world", "metrics=[fragile,uciqe]", "tracking.uri=off", "report=false")
+    assert bench("run", "--plugin", "fragile.py", *words, "out=results").returncode == 0
+    assert bench("bundle", "results", "b.zip", "--pictures", "restored").returncode == 0
+    (tmp_path / "here").mkdir()
+    here = tmp_path / "here" / "fragile.py"
+    here.write_text(FRAGILE.replace("if len(view.rgb) == 32:", "if True:").replace("DOES", "os._exit(3)"))
+    done = subprocess.run(
+        [PROGRAM, "verify", "b.zip", "--plugin", here, "--json"],
+        cwd=tmp_path,
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    found = json.loads(done.stdout)
+    assert (done.returncode, found["n_agree"]) == (1, 2)
+    assert [one["metric"] for one in found["differing"]] == ["fragile"] * 2
+
+
 @pytest.fixture(scope="module")
 def charted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Scores of single patches, of which each has few pixels, and of hues near 0 and near gray."""

@@ -1,0 +1,163 @@
+"""The metrics that score a bundle again, and whether a score agrees with that of the 8-bit picture."""
+
+import functools
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sucre_bench import plugins
+from sucre_bench.engine.score import Scorer, metric_code, score_rows, scorers
+from sucre_bench.errors import ANY_FAULT, SucreBenchError
+from sucre_bench.imaging.encoding import srgb_decode
+from sucre_bench.jobs.metric_words import metric_choices
+from sucre_bench.machine import forked
+from sucre_bench.machine.text_formats import read_yaml
+from sucre_bench.plugins.options import options_of, typed
+from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.results.bundle_format import Bundle
+from sucre_bench.results.restorations import Measured
+from sucre_bench.results.rows import Row
+from sucre_bench.scene import Restoration, Score, View
+
+Key = tuple[str, str, str]  # metric, variant, region
+
+_CONFIG = "config.yaml"
+_MOST_BYTES = 4_000_000  # of a stranger's YAML that is read
+_HALF_STEP = np.float32(0.5 / 255)
+
+
+def metrics_of(bundle: Bundle) -> Callable[[str, str, str], Scorer | str]:
+    """Return a function of (metric, variant, `code` of a row): the metric with the options that made the row's score.
+
+    The options are the defaults, or stand in the bundle's configuration. The function returns text if it finds none:
+    why the metric cannot be used.
+    """
+    recorded: list[Mapping[str, Any]] = []
+    try:
+        if bundle.entries.get(_CONFIG, math.inf) <= _MOST_BYTES:
+            told = read_yaml(bundle.read(_CONFIG).decode())
+            jobs = [told, *told.get("jobs", [])]
+            recorded = [dict(metric) for job in jobs for metric in job.get("metrics", {}).values()]
+    except ANY_FAULT:
+        recorded = []  # a stranger's file that cannot be read
+
+    @functools.cache
+    def made(metric: str, variant: str, options_hash: str) -> Scorer | str:
+        plugin = plugins.usable("metric").get(metric)
+        if plugin is None:
+            return f"no metric {metric} is registered here"
+        if plugin.is_of_pairs:
+            return f"{metric} is of several restored views together"
+        try:
+            (choice,) = metric_choices([f"{metric}:{variant}"])
+        except SucreBenchError:
+            return f"{metric} has no variant {variant} here"
+        types = {option.name: option.type for option in options_of(plugin.cls)}
+        default = {option.name: option.default for option in options_of(plugin.cls)}
+        given = [{}, default, *(one for one in recorded if one.get("name") == metric)]
+        for options in ({name: typed(types[name], one[name]) for name in types if name in one} for one in given):
+            choice = replace(choice, choice=replace(choice.choice, options=options))
+            if _options_hash(metric_code(choice)) != options_hash:
+                continue
+            if any(isinstance(value, Path) for value in options.values()):
+                return f"an option of {metric} names a file"  # of this user, chosen by a stranger
+            try:
+                (scorer,) = scorers([choice])
+            except SucreBenchError:
+                return f"{metric} does not accept the bundle's options here"
+            return replace(scorer, metric=_Apart(scorer.metric)) if plugin.is_foreign else scorer
+        return f"the bundle does not say the options of {metric}"
+
+    return lambda metric, variant, code: made(metric, variant, _options_hash(code))
+
+
+def _options_hash(code: str) -> str:
+    """What a metric's code, or that of a row, says of the metric's options; "" where it has none."""
+    return code.rpartition(".")[2].partition("-")[2]
+
+
+class _Apart:
+    """A metric of others, which scores in a process of its own: it may end its process."""
+
+    def __init__(self, metric: Any) -> None:
+        self._metric = metric
+
+    def score(self, *scored: Any) -> list[Score]:
+        return forked.call(lambda: list(self._metric.score(*scored)), "mend the metric")
+
+
+def scores_of(restoration: Restoration, shown: np.ndarray, view: View, chosen: Sequence[Scorer]) -> dict[Key, Row]:
+    """Return the rows of a restoration that has a restored image. Its image may be the restored image, too."""
+    if view.encoding == "linear":  # metrics get the restoration in the view's encoding
+        restoration = replace(restoration, image=srgb_decode(restoration.image).astype(np.float32))
+    rows = score_rows(Measured(restoration, math.nan, math.nan), shown, view, chosen, Row())
+    return {(row.metric, row.variant, row.region): row for row in rows}
+
+
+def does_agree(stored: float, value: float, plugin: Plugin, size: float, tolerance: float, reach: float = 0.0) -> bool:
+    """Whether two scores differ by no more than a share of their size, and than the reach of rounding.
+
+    size: the median size of the column; it stands for that of a score near zero.
+    """
+    if not (math.isfinite(stored) and math.isfinite(value)):
+        return stored == value or math.isinf(reach)
+    size = plugin.period / 2 if math.isfinite(plugin.period) else max(abs(stored), size)
+    return _difference(stored, value, plugin.period) <= tolerance * size + reach + 1e-9
+
+
+def _difference(one: float, other: float, period: float) -> float:
+    apart = abs(one - other)
+    return min(apart % period, period - apart % period) if math.isfinite(period) else apart
+
+
+@dataclass(frozen=True, eq=False)
+class Pictured:
+    """A restoration whose image is a picture of 8 bits, scored again.
+
+    pixels that have no colour are NaN; scorers: metrics, with one variant each.
+    """
+
+    restoration: Restoration
+    view: View
+    scorers: Sequence[Scorer]
+    _corners: dict[tuple[str, str], list[dict[Key, Row]]] = field(default_factory=dict, init=False)
+
+    @functools.cached_property
+    def rows(self) -> dict[Key, Row]:
+        """Its scores."""
+        return scores_of(self.restoration, self.restoration.image, self.view, self.scorers)
+
+    def reach(self, scorer: Scorer, key: Key) -> float:
+        """Return how far rounding may have moved a score of chart patches from the one of the picture.
+
+        Rounding moves the median of a patch by half a step of 8 bits at most, so the unrounded median is in a cube
+        around the one in the picture. Scores at the cube's corners tell how far a score may be from the one at its
+        centre. 0 for a metric that needs no charts. Infinite where the picture gives no value and a corner does: a
+        patch that is gray in 8 bits has no hue, whichever it had before.
+        """
+        if "charts" not in scorer.plugin.needs or not self.view.charts:
+            return 0.0
+        if key[:2] not in self._corners:
+            image = self.restoration.image
+            signs = np.array(list(itertools.product((-1, 1), repeat=3)), dtype=np.float32)
+            shifted = ((image + _HALF_STEP * sign).clip(0, 1) for sign in signs)
+            self._corners[key[:2]] = [
+                scores_of(replace(self.restoration, image=one), one, self.view, [scorer]) for one in shifted
+            ]
+        around = [rows[key].value for rows in self._corners[key[:2]] if key in rows]
+        known, value = [one for one in around if math.isfinite(one)], self.rows[key].value
+        if not math.isfinite(value):
+            return math.inf if known else 0.0
+        return max((_difference(one, value, scorer.plugin.period) for one in known), default=0.0)
+
+    def needs_unrounded(self, scorer: Scorer, key: Key) -> bool:
+        """Whether a score changes with the restoration while the restored image stays: a bundle has the latter."""
+        image = self.restoration.image
+        other = scores_of(replace(self.restoration, image=image - np.float32(0.5)), image, self.view, [scorer])
+        one, two = self.rows[key].value, other[key].value if key in other else math.nan
+        return not np.isclose(one, two, rtol=1e-9, atol=0, equal_nan=True)
