@@ -55,7 +55,7 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool) -> None
     give the same bytes and the same id.
     """
     from sucre_bench.machine import progress_display
-    from sucre_bench.programs.bundle.write import bundle_results
+    from sucre_bench.programs.bundle import bundle_results
 
     check_output(file, "bundle")
     with progress_display.live():

@@ -22,6 +22,8 @@ from sucre_bench.machine.terminal import say
 from sucre_bench.machine.text_formats import counted
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from sucre_bench.programs.people.evaluate import Evaluated
 
 _LARGE = 20_000_000  # bytes; many mail servers refuse more
@@ -85,41 +87,28 @@ def study(
     elif out is None:
         raise click.UsageError("give --methods A,B --out FILE.html to write a page, or --votes FILE... to evaluate")
     else:
-        _write(folder, labels_of(methods), out, dataset, question, (pairs, views, width), pixels)
+        from sucre_bench.machine import progress_display
+        from sucre_bench.programs.people import design, page
 
-
-def _write(
-    folder: Path,
-    methods: Sequence[str],
-    out: Path,
-    dataset: str,
-    question: str,
-    sizes: tuple[int, int, int],
-    pixels: str,
-) -> None:
-    from sucre_bench.machine import progress_display
-    from sucre_bench.programs.people import design, page
-
-    check_output(out, "page")
-    pairs, views, width = sizes
-    key = design.design(folder, methods, dataset, views)
-    masks = design.common_masks(folder, key) if pixels == "common" else {}
-    with progress_display.live():
-        page.write_page(out, folder, key, question or page.QUESTION, pairs, width, masks)
-    path = design.write_key(folder, key)
-    n_views = len(key.pictures) // len(key.methods)
-    click.echo(f"page     {out}, {out.stat().st_size / 1e6:.1f} MB: {len(key.methods)} methods on {n_views} views")
-    if masks:
-        share = sum(float(mask.mean()) for mask in masks.values()) / len(masks)
-        of = f"{len(masks)} of {n_views} views"
-        click.echo(f"pixels   those that all methods fill: {100 * share:.0f} % of {of}; the others are black")
-    click.echo(f"key      {path}: keep it, and do not send it")
-    if out.stat().st_size > _LARGE:
-        click.echo("smaller  for e-mail: --views 6, or --width 800")
-    click.echo(f"then     sucre-bench study {folder} --votes FILES, the files that people send back")
+        check_output(out, "page")
+        key = design.design(folder, labels_of(methods), dataset, views)
+        masks = design.common_masks(folder, key) if pixels == "common" else {}
+        with progress_display.live():
+            page.write_page(out, folder, key, question or page.QUESTION, pairs, width, masks)
+        path, n_views = design.write_key(folder, key), len(key.pictures) // len(key.methods)
+        click.echo(f"page     {out}, {out.stat().st_size / 1e6:.1f} MB: {len(key.methods)} methods on {n_views} views")
+        if masks:
+            share = sum(float(mask.mean()) for mask in masks.values()) / len(masks)
+            of = f"{len(masks)} of {n_views} views"
+            click.echo(f"pixels   those that all methods fill: {100 * share:.0f} % of {of}; the others are black")
+        click.echo(f"key      {path}: keep it, and do not send it")
+        if out.stat().st_size > _LARGE:
+            click.echo("smaller  for e-mail: --views 6, or --width 800")
+        click.echo(f"then     sucre-bench study {folder} --votes FILES, the files that people send back")
 
 
 def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
+    from sucre_bench.machine import terminal
     from sucre_bench.programs.people import evaluate
 
     if not files:
@@ -130,40 +119,31 @@ def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
     n = evaluate.store(folder, found)
     if as_json:
         print_json(_as_object(found))
-    else:
-        _print(folder, found)
-        if n:
-            click.echo(f"rows     {n} of metric preference: sucre-bench compare {folder} --metric preference")
-        else:
-            click.echo(f"rows     none: {found.people.want}")
-
-
-def _print(folder: Path, found: Evaluated) -> None:
-    from sucre_bench.machine import terminal
-
+        return
     numbered = found.numbered
     ties = int((numbered.votes.won == 0.5).sum())
-    by = counted(len(numbered.observers), "observer")
-    click.echo(
-        f"{found.dataset}: {len(numbered.votes)} votes of {by} on {len(numbered.views)} views, {ties} for equal\n"
-    )
-    terminal.out.print(_preferences(found))
-    click.echo()
-    for line in _sentences(found):
-        echo_wrapped(line)
-    if found.metrics:
-        click.echo()
-        terminal.out.print(_metrics(found))
-        echo_wrapped("tau: 1 = the metric orders the methods as people do, -1 = in reverse [95 % interval]")
-        click.echo("predicted: votes for the picture with the better score, without votes for equal")
-    click.echo()
+    by = f"{counted(len(numbered.observers), 'observer')} on {len(numbered.views)} views"
+    click.echo(f"{found.dataset}: {len(numbered.votes)} votes of {by}, {ties} for equal\n")
+    for table, lines in ((_preferences(found), _sentences(found)), (_metrics(found), _TAU)):
+        if table.row_count:
+            terminal.out.print(table)
+            click.echo()
+            for line in lines:
+                echo_wrapped(line)
+            click.echo()
+    if n:
+        click.echo(f"rows     {n} of metric preference: sucre-bench compare {folder} --metric preference")
+    else:
+        click.echo(f"rows     none: {found.people.want}")
 
 
-def _order(found: Evaluated) -> list[int]:
-    return sorted(range(len(found.numbered.methods)), key=lambda n: -found.people.scores[n])
+_TAU = [
+    "tau: 1 = the metric orders the methods as people do, -1 = in reverse [95 % interval]",
+    "predicted: votes for the picture with the better score, without votes for equal",
+]
 
 
-def _preferences(found: Evaluated) -> Any:
+def _preferences(found: Evaluated) -> Table:
     """A line a method, the preferred one first."""
     from sucre_bench.compare.words import signed
     from sucre_bench.machine import terminal
@@ -171,7 +151,7 @@ def _preferences(found: Evaluated) -> Any:
     people, wins = found.people, found.numbered.votes.wins
     shares = wins.sum(axis=1) / (wins + wins.T).sum(axis=1)
     table = terminal.table(["method"], ["preference", "95 % interval", "votes won"])
-    for n in _order(found):
+    for n in (-people.scores).argsort(kind="stable"):
         interval = "-" if people.want else f"{signed(people.low[n])} to {signed(people.high[n])}"
         table.add_row(found.numbered.methods[n], signed(people.scores[n]), interval, f"{100 * shares[n]:.0f} %")
     return table
@@ -182,48 +162,39 @@ def _sentences(found: Evaluated) -> list[str]:
     from sucre_bench.compare.words import number
     from sucre_bench.programs.people.bradley_terry import FEWEST_OBSERVERS
 
-    methods, people = found.numbered.methods, found.people
-    first, second, *_ = _order(found)
-    gap, low, high = people.difference(first, second)
+    people = found.people
+    best, next_best = (-people.scores).argsort(kind="stable")[:2].tolist()
+    first, second = found.numbered.methods[best], found.numbered.methods[next_best]
+    gap, low, high = people.difference(best, next_best)
+    lines = [f"{first} and {second} are equal"]
     if people.want:
-        order = f"{methods[first]} got more votes than {methods[second]}"
-        unknown = "no interval, so nobody can say whether more than chance"
-        lead = f"{order if gap else f'{methods[first]} and {methods[second]} are equal'}; {unknown}: {people.want}"
-        return [lead, *_meanings(found)]
-    verb, chance = ("is ahead of", "which may be chance") if low <= 0 else ("leads", "more than chance")
-    lead = f"{methods[first]} {verb} {methods[second]} by {number(gap)} [{number(low)}, {number(high)}], {chance}"
-    if not gap:
-        lead = f"{methods[first]} and {methods[second]} are equal; the difference is at most {number(high)}"
-    of_few = f"votes: of these observers, not of people in general, for which {FEWEST_OBSERVERS} are needed"
-    over = f"intervals: bootstrap over {'observers' if people.over_observers else of_few}"
-    return [lead, over, *_meanings(found)]
-
-
-def _meanings(found: Evaluated) -> list[str]:
-    """How far observers agree, and the unit of a preference."""
-    from sucre_bench.compare.words import number
-
-    alpha, n = found.observers.alpha, found.observers.n
-    if math.isnan(alpha):
-        agree = "agreement of observers: unknown, no pair was judged by several with different answers"
+        lead = f"{first} got more votes than {second}" if gap else lines[0]
+        lines = [f"{lead}; no interval, so nobody can say whether more than chance: {people.want}"]
     else:
-        meaning = "1: full, 0: as by tossing coins"
-        agree = f"agreement of observers: Krippendorff's alpha {number(alpha)} on {n} pairs ({meaning})"
-    return [agree, "preference: log-odds; 0 = the mean of these methods, +1.1 = 3 of 4 votes against it"]
+        verb, chance = ("is ahead of", "which may be chance") if low <= 0 else ("leads", "more than chance")
+        interval = f"{number(gap)} [{number(low)}, {number(high)}]"
+        equal = f"{lines[0]}; the difference is at most {number(high)}"
+        lines = [f"{first} {verb} {second} by {interval}, {chance}" if gap else equal]
+        few = f"votes: of these observers, not of people in general, for which {FEWEST_OBSERVERS} are needed"
+        lines.append(f"intervals: bootstrap over {'observers' if people.over_observers else few}")
+    agree = "unknown, no pair was judged by several with different answers"
+    if not math.isnan(found.observers.alpha):
+        alpha = f"Krippendorff's alpha {number(found.observers.alpha)} on {found.observers.n} pairs"
+        agree = f"{alpha} (1: full, 0: as by tossing coins)"
+    lines.append(f"agreement of observers: {agree}")
+    return [*lines, "preference: log-odds; 0 = the mean of these methods, +1.1 = 3 of 4 votes against it"]
 
 
-def _metrics(found: Evaluated) -> Any:
+def _metrics(found: Evaluated) -> Table:
     """A line a metric's variant, the one that agrees best first."""
     from sucre_bench.compare.words import number
     from sucre_bench.machine import terminal
 
     table = terminal.table(["metric"], ["tau", "95 % interval", "predicted", "votes"])
-    ranked = sorted(
-        found.metrics.items(), key=lambda item: -item[1].predicted if math.isfinite(item[1].predicted) else 1.0
-    )
+    ranked = sorted(found.metrics.items(), key=lambda item: -item[1].predicted if item[1].n else 1.0)
     for (metric, variant), agreement in ranked:
         interval = f"{number(agreement.low)} to {number(agreement.high)}" if math.isfinite(agreement.low) else "-"
-        predicted = f"{100 * agreement.predicted:.0f} %" if math.isfinite(agreement.predicted) else "-"
+        predicted = f"{100 * agreement.predicted:.0f} %" if agreement.n else "-"
         table.add_row(f"{metric} ({variant})", number(agreement.tau), interval, predicted, str(agreement.n))
     return table
 

@@ -11,7 +11,7 @@ import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -32,6 +32,28 @@ OPEN3D_LIBRARIES = {
     "libudev.so.1": "libudev1",
     "libidn2.so.0": "libidn2-0",
     "libgomp.so.1": "libgomp1",
+}
+
+# The packages of each feature that must be there, and of those that only some need with their modules.
+_REQUIRED = {
+    "SUCRe on the CPU": ["torch", "numba"],
+    "SUCRe and others by JAX": ["jax"],
+    "prepare: photos to a scene": ["pycolmap", "opencv-python-headless"],
+    "colour charts, metrics": ["colour-science", "scikit-image", "scipy"],
+    "networks from ONNX files": ["onnxruntime"],
+    "results, configuration": ["pandas", "pyarrow", "hydra-core", "numpy"],
+    "mlflow": ["mlflow"],
+}
+_OPTIONAL = {
+    "raw photos (.arw, .cr2, .nef)": ("rawpy", "rawpy"),
+    "depth maps in OpenEXR": ("OpenEXR", "OpenEXR"),
+    "MATLAB tables (squid)": ("mat-io", "matio"),
+    "documentation as a site": ("mkdocs", "mkdocs"),
+}
+_PROGRAMS = {
+    "videos in H.264, for slides": ["ffmpeg"],  # presentation programs need it, browsers play VP9
+    "commit in the provenance": ["git"],
+    "tests in a browser": ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"],
 }
 
 _LITTLE_DISK_GB = 2.0
@@ -83,7 +105,20 @@ def examine(out: Path = Path()) -> Examined:
         "disk": f"{disk.free / 2**30:.0f} of {disk.total / 2**30:.0f} GB free at {out.resolve()}",
         "gpu": gpu or "none found: torch and JAX run on the CPU",
     }
-    features = list(_features(gpu))
+    features = [_packages(name, packages) for name, packages in _REQUIRED.items()]
+    features += [_gpu(gpu), _open3d(), _plugins()]
+    for name, (package, module) in _OPTIONAL.items():
+        if importlib.util.find_spec(module) is not None:
+            features.append(Feature(name, "ready", f"{package} {provenance.version_of(package) or ''}".strip()))
+        else:
+            features.append(Feature(name, "missing", f"no {package}", _pip(package)))
+    for name, programs in _PROGRAMS.items():
+        found = next((path for program in programs if (path := shutil.which(program))), None)
+        missing = Feature(name, "missing", f"no {programs[0]}", _apt(programs[0]))
+        features.append(Feature(name, "ready", found) if found else missing)
+    name, absent = "a cluster, by SLURM", [p for p in ("sbatch", "squeue", "scancel", "srun") if not shutil.which(p)]
+    no_cluster = Feature(name, "absent", f"no {''.join(absent[:1])}: not a login node of a cluster")
+    features.append(no_cluster if absent else _packages(name, ["submitit"]))
     if disk.free < _LITTLE_DISK_GB * 2**30:
         said = f"less than {_LITTLE_DISK_GB:.0f} GB free; give another out=FOLDER"
         features.append(Feature("disk for results", "broken", said))
@@ -96,54 +131,12 @@ def examine(out: Path = Path()) -> Examined:
     )
 
 
-def _features(gpu: str | None) -> Iterator[Feature]:
-    yield _packages("SUCRe on the CPU", "torch", "numba")
-    yield _gpu(gpu)
-    yield _packages("SUCRe and others by JAX", "jax")
-    yield _open3d()
-    yield _packages("prepare: photos to a scene", "pycolmap", "opencv-python-headless")
-    yield _packages("colour charts, metrics", "colour-science", "scikit-image", "scipy")
-    yield _packages("networks from ONNX files", "onnxruntime")
-    yield _packages("results, configuration", "pandas", "pyarrow", "hydra-core", "numpy")
-    yield _packages("mlflow", "mlflow")
-    yield _plugins()
-    yield _optional("raw photos (.arw, .cr2, .nef)", "rawpy", "rawpy")
-    yield _optional("depth maps in OpenEXR", "OpenEXR", "OpenEXR")
-    yield _optional("MATLAB tables (squid)", "matio", "mat-io")
-    videos = "videos in H.264, for slides"  # presentation programs need it, browsers play VP9
-    if shutil.which("ffmpeg"):
-        yield Feature(videos, "ready", "ffmpeg -i dive.webm -c:v libx264 -pix_fmt yuv420p dive.mp4")
-    else:
-        yield Feature(videos, "missing", "no ffmpeg to turn VP9 (.webm, .mp4, for browsers) into it", _apt("ffmpeg"))
-    yield _program("commit in the provenance", "git")
-    yield _program("tests in a browser", "chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-    yield _optional("documentation as a site", "mkdocs", "mkdocs", "make setup")
-    slurm = "a cluster, by SLURM"
-    absent = [program for program in ("sbatch", "squeue", "scancel", "srun") if not shutil.which(program)]
-    if absent:
-        yield Feature(slurm, "absent", f"no {absent[0]}: not a login node of a cluster")
-    else:
-        yield _optional(slurm, "submitit", "submitit")
-
-
-def _packages(name: str, *distributions: str) -> Feature:
+def _packages(name: str, packages: Sequence[str]) -> Feature:
     """A feature of required packages: a missing one is a fault."""
-    versions = {package: provenance.version_of(package) for package in distributions}
-    absent = [package for package, version in versions.items() if version is None]
-    if absent:
+    versions = {package: provenance.version_of(package) for package in packages}
+    if absent := [package for package, version in versions.items() if version is None]:
         return Feature(name, "broken", f"no {', '.join(absent)}", _pip(*absent))
     return Feature(name, "ready", ", ".join(f"{package} {version}" for package, version in versions.items()))
-
-
-def _optional(name: str, module: str, distribution: str, remedy: str = "") -> Feature:
-    if importlib.util.find_spec(module) is not None:
-        return Feature(name, "ready", f"{distribution} {provenance.version_of(distribution) or ''}".strip())
-    return Feature(name, "missing", f"no {distribution}", remedy or _pip(distribution))
-
-
-def _program(name: str, *programs: str) -> Feature:
-    found = next((path for program in programs if (path := shutil.which(program))), None)
-    return Feature(name, "ready", found) if found else Feature(name, "missing", f"no {programs[0]}", _apt(programs[0]))
 
 
 def _gpu(gpu: str | None) -> Feature:
@@ -162,39 +155,36 @@ def _gpu(gpu: str | None) -> Feature:
 
 
 def _plugins() -> Feature:
-    """All plugins as one feature, naming the first that cannot be used."""
-    counts, faults, remedies = [], [], []
+    """All plugins as one feature, naming those that cannot be used."""
+    counts, faults = [], {}  # faults: with the remedy of each
     for kind in plugins.KINDS:
         known = plugins.discover(kind).values()
         counts.append(f"{len(known)} {kind}s")
         for plugin in known:
             if isinstance(plugin, Broken):
-                faults.append(f"{kind} {plugin.name}: {plugin.reason}")
+                faults[f"{kind} {plugin.name}: {plugin.reason}"] = ""
             elif remedy := plugins.missing_packages(plugin):
-                faults.append(f"{kind} {plugin.name}: a package is missing")
-                remedies.append(remedy)
+                faults[f"{kind} {plugin.name}: a package is missing"] = remedy
     if faults:
-        return Feature("plugins", "broken", "; ".join(faults), remedies[0] if remedies else "")
+        return Feature("plugins", "broken", "; ".join(faults), next(filter(None, faults.values()), ""))
     return Feature("plugins", "ready", ", ".join(counts))
 
 
 def _open3d() -> Feature:
     """Open3D is imported in another process, because it may crash."""
-    installed = _packages("demo scene, surfaces", "open3d")
+    installed = _packages("demo scene, surfaces", ["open3d"])
     if installed.state != "ready" or not (tried := _python("import open3d")).returncode:
         return installed
-    if absent := [package for library, package in OPEN3D_LIBRARIES.items() if not _loads(library)]:
+    absent = []
+    for library, package in OPEN3D_LIBRARIES.items():
+        try:
+            ctypes.CDLL(library)
+        except OSError:
+            absent.append(package)
+    if absent:
         return Feature(installed.name, "broken", "open3d lacks libraries of the system", _apt(*absent))
     said = f"open3d does not import: {_last(tried.stderr) or f'exit code {tried.returncode}'}"
     return Feature(installed.name, "broken", said, _pip("--force-reinstall", "open3d"))
-
-
-def _loads(library: str) -> bool:
-    try:
-        ctypes.CDLL(library)
-    except OSError:
-        return False
-    return True
 
 
 def _python(code: str) -> subprocess.CompletedProcess[str]:

@@ -9,8 +9,8 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
 
@@ -91,28 +91,29 @@ def read_table(table: Path, root: Path, images: Mapping[str, Path], has_referenc
     """
     rows = _rows(table)
     metrics, warnings = _metrics(table, list(rows[0]), has_reference)
-    named = _Named.of(rows, [header for header in rows[0] if header not in metrics], root, images)
-    of = [named.images(row) for row in rows]
-    if not any(of):
+    naming = _Naming(rows, [header for header in rows[0] if header not in metrics], root, images)
+    of = [(naming.label(row), naming.images(row), row) for row in rows]
+    if not any(found for _, found, _ in of):
         raise InputError(
             f"{table}: names none of the {counted(len(images), 'image')} in {root}, as {next(iter(images))};"
             " give a column 'image' with names of files, or of folders for means"
         )
-    alone = Counter(found for found in of if len(found) == 1)
-    if len(images) > 1 and (twice := [found[0] for found, n in alone.items() if n > 1]):
+    alone = Counter(found[0] for _, found, _ in of if len(found) == 1)
+    if len(images) > 1 and (twice := [name for name, n in alone.items() if n > 1]):
         raise InputError(
             f"{table}: several rows name {_few(twice)}; keep the rows of these images, or add their folder"
         )
-    warnings += _left_out(table, root, images, [named.label(row) for row in rows], of)
+    if unknown := [label for label, found, _ in of if not found]:
+        warnings.append(f"{table}: {counted(len(unknown), 'row')} without an image in {root}: {_few(unknown)}")
+    if left := [name for name in images if not any(name in found for _, found, _ in of)]:
+        warnings.append(f"{table}: {counted(len(left), 'image')} without a row: {_few(left)}")
     columns = []
     for header, metric in metrics.items():
-        numbers = [
-            (named.label(row), found, _number(row[header])) for row, found in zip(rows, of, strict=True) if found
-        ]
+        numbers = [(label, found, _number(row[header])) for label, found, row in of if found]
         if blank := [label for label, _, number in numbers if number is None]:
             warnings.append(f"{table}: column '{header}' has no number in {counted(len(blank), 'row')}: {_few(blank)}")
-        cells = tuple(Cell(label, found, *number) for label, found, number in numbers if number is not None)
-        columns += [Column(metric, header, cells)] if cells else []
+        if cells := tuple(Cell(label, found, *number) for label, found, number in numbers if number):
+            columns.append(Column(metric, header, cells))
     if not columns:
         raise InputError(f"{table}: holds no number for the images in {root}; give the scores as plain numbers")
     return PublishedTable(tuple(columns), tuple(warnings))
@@ -136,33 +137,21 @@ def _rows(table: Path) -> list[dict[str, str]]:
 def _metrics(table: Path, headers: Sequence[str], has_reference: bool) -> tuple[dict[str, str], list[str]]:
     """Return the metric of each column that is one of images, by header, and warnings about the others."""
     known = plugins.usable("metric")
-    given = frozenset({"reference"} if has_reference else ())
-    metrics, warnings = {}, []
+    metrics: dict[str, str] = {}
+    warnings = []
     for header in headers:
         for name in set(re.findall(r"[a-z0-9_]+", header.lower())) & set(known):
-            if lacking := known[name].needs - given:
-                remedy = "give --reference" if lacking == {"reference"} else "images alone do not have it"
-                warnings.append(f"{table}: column '{header}' needs {' and '.join(sorted(lacking))}; {remedy}")
-            else:
+            lacking = known[name].needs - ({"reference"} if has_reference else set())
+            if not lacking:
                 metrics[header] = name
+                continue
+            remedy = "give --reference" if lacking == {"reference"} else "images alone do not have it"
+            warnings.append(f"{table}: column '{header}' needs {' and '.join(sorted(lacking))}; {remedy}")
     if not metrics:
         possible = ", ".join(sorted(name for name, plugin in known.items() if plugin.needs <= {"reference"}))
-        reason = (
-            warnings[0] if warnings else f"{table}: no column is a metric, of {', '.join(headers)}; name them as here"
-        )
-        raise InputError(f"{reason}: {possible}" if not warnings else reason)
+        none = f"{table}: no column is a metric, of {', '.join(headers)}; name them as here: {possible}"
+        raise InputError(warnings[0] if warnings else none)
     return metrics, warnings
-
-
-def _left_out(
-    table: Path, root: Path, images: Mapping[str, Path], labels: Sequence[str], of: Sequence[tuple[str, ...]]
-) -> Iterator[str]:
-    """What rows and images have no partner."""
-    if unknown := [label for label, found in zip(labels, of, strict=True) if not found]:
-        yield f"{table}: {counted(len(unknown), 'row')} without an image in {root}: {_few(unknown)}"
-    used = {name for found in of for name in found}
-    if left := [name for name in images if name not in used]:
-        yield f"{table}: {counted(len(left), 'image')} without a row: {_few(left)}"
 
 
 def _number(text: str) -> tuple[float, float] | None:
@@ -174,48 +163,34 @@ def _number(text: str) -> tuple[float, float] | None:
     return float(number), 0.5 * 10.0 ** int(number.as_tuple().exponent)
 
 
-@dataclass(frozen=True)
-class _Named:
-    """Which images a row is of.
+class _Naming:
+    """Finds the images that a row is of, by what its cells call the images or their folders."""
 
-    headers: the columns that name them; order: all images, none if several rows have no name; files, folders: images by
-    what a cell may call them.
-    """
-
-    headers: tuple[str, ...]
-    order: tuple[str, ...]
-    files: Mapping[str, frozenset[str]]
-    folders: Mapping[str, frozenset[str]]
-
-    @classmethod
-    def of(cls, rows: Sequence[Mapping[str, str]], headers: Sequence[str], root: Path, images: Iterable[str]) -> _Named:
-        files, folders = defaultdict[str, set[str]](set), defaultdict[str, set[str]](set)
+    def __init__(self, rows: Sequence[Mapping[str, str]], headers: Sequence[str], root: Path, images: Iterable[str]):
+        self._files, self._folders = defaultdict[str, set[str]](set), defaultdict[str, set[str]](set)
         for name in images:
             path = Path(name)
             for called in (name, path.with_suffix(""), path.name, path.stem, f"{root.resolve().name}/{name}"):
-                files[str(called).casefold()].add(name)
+                self._files[str(called).casefold()].add(name)
             for folder in (*path.parent.parts, str(path.parent), root.resolve().name):
-                folders[folder.casefold()].add(name)
-        known = {*files, *folders}
+                self._folders[folder.casefold()].add(name)
+        known = {*self._files, *self._folders}
         likely = [h for h in headers if _NAMES & set(re.findall(r"[a-z]+", h.lower()))] or headers
-        naming = tuple(header for header in likely if any(row[header].casefold() in known for row in rows))
-        frozen = ({key: frozenset(names) for key, names in which.items()} for which in (files, folders))
-        return cls(naming, tuple(images) if naming or len(rows) == 1 else (), *frozen)
+        self._headers = [header for header in likely if any(row[header].casefold() in known for row in rows)]
+        self._order = tuple(images) if self._headers or len(rows) == 1 else ()
 
     def label(self, row: Mapping[str, str]) -> str:
         """Return how to call a row."""
-        return "/".join(row[header] for header in self.headers) or "the only row"
+        return "/".join(row[header] for header in self._headers) or "the only row"
 
     def images(self, row: Mapping[str, str]) -> tuple[str, ...]:
         """Return the image a row is of, or all of the folder that it names; none if it names none, or several."""
-        cells = [row[header].casefold() for header in self.headers]
+        cells = [row[header].casefold() for header in self._headers]
         if not cells:
-            return self.order
-        nothing = frozenset[str]()
-        called = sorted((self.files.get(c, nothing) | self.folders.get(c, nothing) for c in cells), key=len)
-        fitting = called[0].intersection(*called[1:])
-        of_one = any(fitting & self.files.get(cell, nothing) for cell in cells)
-        return tuple(name for name in self.order if name in fitting) if len(fitting) == 1 or not of_one else ()
+            return self._order
+        fitting = set.intersection(*(self._files.get(c, set()) | self._folders.get(c, set()) for c in cells))
+        of_one = any(fitting & self._files.get(cell, set()) for cell in cells)
+        return tuple(name for name in self._order if name in fitting) if len(fitting) == 1 or not of_one else ()
 
 
 def _few(names: Sequence[str]) -> str:
@@ -241,26 +216,20 @@ def compare(column: Column, scores: DataFrame) -> list[Candidate]:
     Images that no variant has a score of, as those that cannot be read, are left out.
     """
     ok = scores[(scores["metric"] == column.metric) & (scores["status"] == "ok") & (scores["region"] == "image")]
-    scored = set(ok["view"])
-    column = replace(column, cells=tuple(cell for cell in column.cells if scored.issuperset(cell.images)))
-    found = [
-        _candidate(column, variant, dict(zip(of_variant["view"], of_variant["value"], strict=True)))
-        for variant, of_variant in ok.groupby("variant", sort=False)
-    ]
-    return sorted(found, key=lambda c: (not c.fits, c.lacking, c.mean))
-
-
-def _candidate(column: Column, variant: str, scores: Mapping[str, float]) -> Candidate:
-    cells = [cell for cell in column.cells if all(name in scores for name in cell.images)]
-    computed = np.array([np.mean([scores[name] for name in cell.images]) for cell in cells])
-    published = np.array([cell.value for cell in cells])
-    off = np.abs(computed - published)
-    off[computed == published] = 0  # both infinite
-    lacking = len(column.cells) - len(cells)
-    if not cells:
-        return Candidate(variant, np.inf, np.inf, "", 0, lacking, False)
-    close = off <= np.maximum([1.01 * cell.rounding for cell in cells], _CLOSE * np.abs(published))
-    near = close | (off <= _NEAR * np.abs(published))
-    worst = int(off.argmax())
-    fits = bool(not lacking and close.mean() >= _MOST and near.all())
-    return Candidate(variant, float(off.mean()), float(off[worst]), cells[worst].label, len(cells), lacking, fits)
+    known = [cell for cell in column.cells if set(ok["view"]).issuperset(cell.images)]
+    candidates = []
+    for variant, rows in ok.groupby("variant", sort=False):
+        values = dict(zip(rows["view"], rows["value"], strict=True))
+        cells = [cell for cell in known if all(name in values for name in cell.images)]
+        lacking, largest, at, mean, fits = len(known) - len(cells), np.inf, "", np.inf, False
+        if cells:
+            computed = np.array([np.mean([values[name] for name in cell.images]) for cell in cells])
+            published = np.array([cell.value for cell in cells])
+            off = np.abs(computed - published)
+            off[computed == published] = 0  # both infinite
+            close = off <= np.maximum([1.01 * cell.rounding for cell in cells], _CLOSE * np.abs(published))
+            near = close | (off <= _NEAR * np.abs(published))
+            mean, largest, at = float(off.mean()), float(off.max()), cells[int(off.argmax())].label
+            fits = bool(not lacking and close.mean() >= _MOST and near.all())
+        candidates.append(Candidate(str(variant), mean, largest, at, len(cells), lacking, fits))
+    return sorted(candidates, key=lambda c: (not c.fits, c.lacking, c.mean))

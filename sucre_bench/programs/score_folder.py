@@ -24,12 +24,11 @@ class _Files:
     """An image file, and the file it is compared with."""
 
     image: Path
-    compared_with: Path | None
+    reference: Path | None
 
     def load(self, plane: Plane) -> Array | None:
-        if plane == "rgb":
-            return read_rgb(self.image)
-        return read_rgb(self.compared_with) if plane == "reference" and self.compared_with else None
+        path = {"rgb": self.image, "reference": self.reference}.get(plane)
+        return read_rgb(path) if path else None
 
 
 def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -> DataFrame:
@@ -42,21 +41,20 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
     """
     import pandas as pd
 
-    names = list(metrics) or _applicable(reference is not None)
+    has = frozenset({"reference"} if reference else ())
+    applicable = [f"{name}:all" for name, plugin in plugins.usable("metric").items() if plugin.needs <= has]
+    names = list(metrics) or applicable
     chosen = metric_choices(names)  # raises for a mistyped name, before any image is read
     is_foreign = any(choice.plugin.is_foreign for choice in chosen)
     files = images_in(images)
-    references = None if reference is None else _References(reference)
-    if references is not None and not any(map(references.has, files)):
-        stem = PurePosixPath(next(iter(files))).stem
-        raise InputError(
-            f"{reference}: no image has the name of one in {images}, for example {stem}; rename the references"
-        )
-    label, tables, pairs = images.resolve().name, [], list[_Files]()
+    reference_of = _references(images, files, reference) if reference else dict[str, list[Path]]()
+    label, tables, lossy = images.resolve().name, [], list[Path]()
     for name, path in progress.track(files.items(), f"scoring {label}"):
         try:
-            pairs.append(_Files(path, None if references is None else references.of(name)))
-            view = View(name, pairs[-1])
+            compared_with = _only(name, reference, reference_of[name]) if reference else None
+            if compared_with and is_jpeg(compared_with) and not is_jpeg(path):
+                lossy.append(compared_with)
+            view = View(name, _Files(path, compared_with))
             if view.reference is not None and view.reference.shape != view.rgb.shape:
                 sizes = [f"{w}x{h}" for h, w, _ in (view.rgb.shape, view.reference.shape)]
                 raise InputError(f"{path}: {sizes[0]}, but its reference is {sizes[1]}; give one of the same size")
@@ -66,7 +64,9 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
         except (InputError, PluginError) as fault:
             failed = row_without_value(results.Row(method=label, view=name), "failed", str(fault))
             tables.append(results.frame([failed]))
-    _say_lossy(pairs)
+    if lossy:
+        remedy = "for exact ones give the dataset's own references"
+        progress.say(f"{lossy[0]}: a JPEG file, which has lost detail, so scores are not exact; {remedy}")
     rows = pd.concat(tables, ignore_index=True)
     return rows[~rows["metric"].isin(["peak_mb"]) & ~rows.index.isin(restorations(rows).index)]
 
@@ -82,64 +82,39 @@ def images_in(folder: Path) -> dict[str, Path]:
     return {str(p.relative_to(folder)): p for p in found}
 
 
-class _References:
-    """The images that others are compared with: one file, or a folder with the same names, with any image's suffix."""
+def _references(images: Path, names: Iterable[str], place: Path) -> dict[str, list[Path]]:
+    """Return the files that each image may be compared with: one for all, or those in a folder that fit.
 
-    def __init__(self, place: Path) -> None:
-        """Raises InputError where there is no such image or folder."""
-        if not place.is_dir():
-            remedy = "give the references as a folder or one image"
-            if not place.exists():
-                raise MissingFileError("no such folder", place, remedy)
-            if (fault := fault_of(place)) or image_size(place) is None:
-                raise InputError(fault or "is no image", place, remedy)
-        self._place, self._folder = place, None if place.is_file() else ImageFolder(place)
-
-    def of(self, name: str) -> Path:
-        """Return the reference of an image, given by its path below its folder. InputError if none or several fit.
-
-        A file fits that has the image's name, or else its stem. It lies in a folder of the same name as the image, or
-        one of both lies in no folder.
-        """
-        if self._folder is None:
-            return self._place
-        if (self._place / name).is_file():
-            return self._place / name
-        found = self._fitting(name)
-        if not found:
-            stem = PurePosixPath(name).stem
-            raise MissingFileError("no such reference", self._place / name, f"give a folder with an image named {stem}")
-        if len(found) > 1:
-            raise InputError(
-                f"{self._place}: {name} may be {' or '.join(found[:2])}; give the folder of one of them as --reference"
-            )
-        return self._place / found[0]
-
-    def has(self, name: str) -> bool:
-        """Whether some file fits an image."""
-        return self._folder is None or (self._place / name).is_file() or bool(self._fitting(name))
-
-    def _fitting(self, name: str) -> list[str]:
-        assert self._folder is not None
-        return [file for file in self._folder.find(name) if _is_in_folder_of(PurePosixPath(file), PurePosixPath(name))]
+    A file fits that has the image's path, or else its stem. It lies in a folder of the same name as the image, or one
+    of both lies in no folder. Raises InputError if there is no such image or folder, or no file fits any image.
+    """
+    if not place.is_dir():
+        remedy = "give the references as a folder or one image"
+        if not place.exists():
+            raise MissingFileError("no such folder", place, remedy)
+        if (fault := fault_of(place)) or image_size(place) is None:
+            raise InputError(fault or "is no image", place, remedy)
+        return {name: [place] for name in names}
+    folder, found = ImageFolder(place), dict[str, list[Path]]()
+    for name in names:
+        wanted, files = PurePosixPath(name).parent.parts, [name]
+        if not (place / name).is_file():
+            folders = {file: PurePosixPath(file).parent.parts for file in folder.find(name)}
+            files = [file for file, of in folders.items() if not of or of[len(of) - len(wanted) :] == wanted]
+        found[name] = [place / file for file in files]
+    if not any(found.values()):
+        example = PurePosixPath(next(iter(found))).stem
+        fault_text = f"no image has the name of one in {images}, for example {example}"
+        raise InputError(fault_text, place, "rename the references")
+    return found
 
 
-def _is_in_folder_of(file: PurePosixPath, image: PurePosixPath) -> bool:
-    folders, wanted = file.parent.parts, image.parent.parts
-    return not folders or folders[len(folders) - len(wanted) :] == wanted
-
-
-def _say_lossy(files: Iterable[_Files]) -> None:
-    """Say in one line that images without loss are compared with JPEG files."""
-    references = (one.compared_with for one in files if one.compared_with and not is_jpeg(one.image))
-    if lossy := next(filter(is_jpeg, references), None):
-        progress.say(
-            f"{lossy}: a JPEG file, which has lost detail, so scores are not exact; "
-            "for exact ones give the dataset's own references"
-        )
-
-
-def _applicable(with_reference: bool) -> list[str]:
-    """Every variant of every metric that needs no more than there is."""
-    has = frozenset({"reference"} if with_reference else ())
-    return [f"{name}:all" for name, plugin in plugins.usable("metric").items() if plugin.needs <= has]
+def _only(name: str, place: Path, fitting: Sequence[Path]) -> Path:
+    """Return the one reference of an image. Raises InputError if there are none or several."""
+    if not fitting:
+        stem = PurePosixPath(name).stem
+        raise MissingFileError("no such reference", place / name, f"give a folder with an image named {stem}")
+    if len(fitting) > 1:
+        either = " or ".join(str(file.relative_to(place)) for file in fitting[:2])
+        raise InputError(f"{name} may be {either}", place, "give the folder of one of them as --reference")
+    return fitting[0]

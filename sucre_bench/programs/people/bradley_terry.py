@@ -52,14 +52,8 @@ class Votes:
 
     def of(self, chosen: Numbers | Mask) -> Votes:
         """Return some of the votes, by number or mask."""
-        return Votes(
-            self.methods,
-            self.first[chosen],
-            self.second[chosen],
-            self.won[chosen],
-            self.view[chosen],
-            self.observer[chosen],
-        )
+        pair, won = (self.first[chosen], self.second[chosen]), self.won[chosen]
+        return Votes(self.methods, *pair, won, self.view[chosen], self.observer[chosen])
 
     @property
     def wins(self) -> Array:
@@ -108,36 +102,39 @@ def preferences(votes: Votes, resamples: int = _RESAMPLES) -> Preferences:
 
     There must be a vote, and at least two methods.
     """
+    from scipy.special import stdtrit
+
     scores = fit(votes)
     rng = np.random.default_rng(0)
     observers = np.unique(votes.observer)
     over_observers = len(observers) >= FEWEST_OBSERVERS
-    groups = [np.flatnonzero(votes.observer == one) for one in observers]
-    resampled = np.empty((resamples, votes.methods))
-    for r in range(resamples):
-        if over_observers:
-            drawn = np.concatenate([groups[g] for g in rng.integers(len(groups), size=len(groups))])
-        else:
-            drawn = rng.integers(len(votes), size=len(votes))
-        resampled[r] = fit(votes.of(drawn), scores)
-    want = _want(votes, len(observers))
-    widening = math.nan if want else _widening(len(observers) if over_observers else len(votes))
+    # What is drawn: whole observers, or single votes.
+    groups = [np.flatnonzero(votes.observer == one) for one in observers] if over_observers else np.arange(len(votes))
+    n = len(groups)
+    drawn = ([groups[g] for g in rng.integers(n, size=n)] for _ in range(resamples))
+    resampled = np.stack([fit(votes.of(np.hstack(some)), scores) for some in drawn])
+
+    wins, want = votes.wins, ""
+    if len(votes) < _FEWEST_VOTES or len(observers) < _FEWEST_PEOPLE:
+        these = f"these are {counted(len(votes), 'vote')} of {len(observers)}"
+        want = f"{_FEWEST_VOTES} votes of {_FEWEST_PEOPLE} people are needed, {these}"
+    elif ((wins == 0) | (wins.T == 0)).all() or (votes.won == 0.5).all():
+        want = "all votes agree; ask more people, and for more views"
+    # Student's for n independent units, and the bootstrap's own bias undone.
+    widening = math.nan if want else float(stdtrit(n - 1, (1 + _LEVEL) / 2)) * math.sqrt(n / (n - 1))
     half = widening * resampled.std(axis=0)
     return Preferences(scores, scores - half, scores + half, resampled, over_observers, widening, want)
 
 
-def _want(votes: Votes, n_observers: int) -> str:
-    """Say what the votes lack for an interval, nothing if they have all."""
-    if len(votes) < _FEWEST_VOTES or n_observers < _FEWEST_PEOPLE:
-        few = f"{_FEWEST_VOTES} votes of {_FEWEST_PEOPLE} people are needed"
-        return f"{few}, these are {counted(len(votes), 'vote')} of {n_observers}"
-    wins = votes.wins
-    agree = ((wins == 0) | (wins.T == 0)).all() or (votes.won == 0.5).all()
-    return "all votes agree; ask more people, and for more views" if agree else ""
+def pseudo_values(votes: Votes, n_views: int) -> Array:
+    """Return the jackknife value of each view and method (V, M); its mean over views is the score of all votes.
 
-
-def _widening(n: int) -> float:
-    """Standard errors of half an interval: Student's for n independent units, and the bootstrap's own bias undone."""
-    from scipy.special import stdtrit
-
-    return float(stdtrit(n - 1, (1 + _LEVEL) / 2)) * math.sqrt(n / (n - 1)) if n > 1 else math.nan
+    It is V s - (V - 1) s_v (Efron and Tibshirani 1993, ch. 11), s being the score over all V views, s_v that without
+    votes on the view, shifted so that the mean over views is s. Of one view it is s.
+    """
+    scores = fit(votes)
+    if n_views < 2:
+        return scores[None]
+    without = np.stack([fit(votes.of(votes.view != view), scores) for view in range(n_views)])
+    values = n_views * scores - (n_views - 1) * without
+    return np.asarray(values + scores - values.mean(axis=0))

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from sucre_bench import results
-from sucre_bench.arrays import DataFrame, Mask, evenly
+from sucre_bench.arrays import Mask, evenly
 from sucre_bench.errors import InputError, MissingFileError, did_you_mean, one_line
 from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.results import layout
-from sucre_bench.results.common_scores import LEAST_FILLED, common_mask
+from sucre_bench.results.common_scores import LEAST_FILLED, common_mask, filled_restorations
 from sucre_bench.results.restorations import stored_mask
 from sucre_bench.results.rows import restorations, row_objects
 
@@ -36,7 +36,12 @@ class Shown:
     scene: str
     view: str
     method: str
-    of: tuple[str, str, str]
+    of: tuple[str, ...]
+
+    @classmethod
+    def of_row(cls, row: Any) -> "Shown":
+        """Return the picture of a restoration's row."""
+        return cls(row.scene, row.view, row.method, (row.options_id, row.data_id, row.code))
 
 
 @dataclass(frozen=True)
@@ -56,36 +61,27 @@ def design(folder: Path, methods: Sequence[str], dataset: str = "", views: int =
 
     Raises InputError if a method or dataset is not in the results, or the methods share no view.
     """
-    rows = restorations(results.read(folder))
-    rows = rows[rows["coverage"] >= LEAST_FILLED]
-    rows = rows[rows["dataset"] == _dataset(rows, methods, dataset, folder)]
-    candidates = rows[rows["method"].isin(methods)]
-    shared = candidates.groupby(["scene", "view"])["method"].nunique() == len(methods)
-    places = list(shared.index[shared])
-    if not places:
-        raise InputError(f"{folder}: no view was restored by all of {', '.join(methods)}; run them on the same views")
-    chosen = {places[n] for n in evenly(len(places), views)}
-    wanted = candidates[[place in chosen for place in zip(candidates["scene"], candidates["view"], strict=True)]]
-    pictures = {
-        secrets.token_hex(5): Shown(r.scene, r.view, r.method, (r.options_id, r.data_id, r.code))
-        for r in wanted.itertuples()
-    }
-    return Key(secrets.token_hex(4), str(candidates["dataset"].iloc[0]), tuple(methods), pictures)
-
-
-def _dataset(rows: DataFrame, methods: Sequence[str], given: str, folder: Path) -> str:
-    """The dataset that is given, or the only one that the methods restored."""
+    rows = filled_restorations(results.read(folder))
     if len(set(methods)) < 2:
         raise InputError("--methods: fewer than two labels; give at least two, with commas between them")
     for name in methods:
         if name not in set(rows["method"]):
             raise InputError(f"--methods: no restored images of '{name}'; {did_you_mean(name, set(rows['method']))}")
-    known = list(dict.fromkeys(rows.loc[rows["method"].isin(methods), "dataset"]))
-    if given and given not in known:
-        raise InputError(f"--dataset: no '{given}' in {folder}; {did_you_mean(given, known)}")
-    if not given and len(known) > 1:
-        raise InputError(f"{folder}: several datasets; choose one with --dataset, of {', '.join(known)}")
-    return given or known[0]
+    rows = rows[rows["method"].isin(methods)]
+    datasets = list(rows["dataset"].unique())
+    if dataset and dataset not in datasets:
+        raise InputError(f"--dataset: no '{dataset}' in {folder}; {did_you_mean(dataset, datasets)}")
+    if not dataset and len(datasets) > 1:
+        raise InputError(f"{folder}: several datasets; choose one with --dataset, of {', '.join(datasets)}")
+    rows = rows[rows["dataset"] == (dataset or datasets[0])]
+    shared = rows.groupby(["scene", "view"])["method"].nunique() == len(methods)
+    places = list(shared.index[shared])
+    if not places:
+        raise InputError(f"{folder}: no view was restored by all of {', '.join(methods)}; run them on the same views")
+    chosen = {places[n] for n in evenly(len(places), views)}
+    wanted = [row for row in rows.itertuples() if (row.scene, row.view) in chosen]
+    pictures = {secrets.token_hex(5): Shown.of_row(row) for row in wanted}
+    return Key(secrets.token_hex(4), wanted[0].dataset, tuple(methods), pictures)
 
 
 def page_order(key: Key, pairs: int) -> dict[str, Any]:
@@ -132,26 +128,18 @@ def keys(folder: Path) -> dict[str, Key]:
     found = {}
     for path in sorted((folder / "people").glob("*.json")):
         try:
-            key = _key(json.loads(regular(path).read_text(encoding="utf-8")))
+            told = json.loads(regular(path).read_text(encoding="utf-8"))
+            study = told["study"]
+            if (told["format"], told["version"]) != (_FORMAT, _VERSION) or not re.fullmatch(r"[0-9a-f]{8}", study):
+                raise ValueError("another format")
+            pictures = {
+                name: Shown(str(one["scene"]), str(one["view"]), str(one["method"]), tuple(map(str, one["of"])))
+                for name, one in told["pictures"].items()
+            }
+            found[study] = Key(study, str(told["dataset"]), tuple(map(str, told["methods"])), pictures)
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as fault:
             raise InputError(f"{path}: is no key of a study ({one_line(fault)}); restore a copy of it") from fault
-        found[key.study] = key
     return found
-
-
-def _key(told: dict[str, Any]) -> Key:
-    if (told["format"], told["version"]) != (_FORMAT, _VERSION) or not re.fullmatch(r"[0-9a-f]{8}", told["study"]):
-        raise ValueError("another format")
-    pictures = {
-        str(name): Shown(str(one["scene"]), str(one["view"]), str(one["method"]), _three(one["of"]))
-        for name, one in told["pictures"].items()
-    }
-    return Key(told["study"], str(told["dataset"]), tuple(map(str, told["methods"])), pictures)
-
-
-def _three(words: Sequence[str]) -> tuple[str, str, str]:
-    first, second, third = map(str, words)
-    return first, second, third
 
 
 def common_masks(folder: Path, key: Key) -> dict[tuple[str, str], Mask]:

@@ -6,7 +6,7 @@ out, since bundles come from different machines, and so are metrics that are not
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -54,11 +54,8 @@ class Entry:
     @property
     def check(self) -> str:
         """What the check found, with the number of scores if not all were computed again."""
-        return (
-            f"{self.state.value}: {self.checked[0]} of {self.checked[1]}"
-            if self.state is State.PARTLY
-            else self.state.value
-        )
+        count = f": {self.checked[0]} of {self.checked[1]}" if self.state is State.PARTLY else ""
+        return f"{self.state.value}{count}"
 
 
 @dataclass(frozen=True)
@@ -91,14 +88,13 @@ class Board:
 def board(entries: Sequence[Entry]) -> Board:
     """Make the tables of all bundles. Copies of one bundle stand in them once."""
     once = {e.id: e for e in reversed(entries) if e.rows is not None and e.state is not State.DIFFERS}
-    usable = sorted(once.values(), key=entries.index)
-    datasets = sorted({str(name) for entry in usable for name in _rows(entry)["dataset"].unique()})
-    return Board(tuple(entries), tuple(table for name in datasets for table in _tables(name, usable)))
-
-
-def _rows(entry: Entry) -> DataFrame:
-    assert entry.rows is not None
-    return entry.rows[entry.rows["metric"].isin([*plugins.usable("metric"), RESTORATION])]
+    groups: dict[str, list[_Group]] = {}  # by dataset
+    for entry in sorted(once.values(), key=entries.index):
+        assert entry.rows is not None
+        rows = entry.rows[entry.rows["metric"].isin([*plugins.usable("metric"), RESTORATION])]
+        for dataset, of_dataset in rows.groupby("dataset", sort=False):
+            _add(groups.setdefault(str(dataset), []), entry, of_dataset)
+    return Board(tuple(entries), tuple(table for name in sorted(groups) for table in _tables(name, groups[name])))
 
 
 @dataclass
@@ -111,53 +107,37 @@ class _Group:
     apart: str
 
 
-def _tables(dataset: str, entries: Sequence[Entry]) -> Iterator[Table]:
-    import pandas as pd
-
-    groups: list[_Group] = []
-    for entry in entries:
-        rows = _rows(entry)
-        rows = rows[rows["dataset"] == dataset]
-        if rows.empty:
-            continue
-        lines = {
-            str(name): Line(f"{name} ({entry.who} {entry.id})", str(name), entry) for name in rows["method"].unique()
-        }
-        labels = {name: line.label for name, line in lines.items()}
-        _add(groups, rows.assign(method=rows["method"].map(labels)), _labelled(entry.common, labels), lines)
-    for group in groups:
-        compared = compare.compare(compare.on_pixels(group.rows, pd.concat(group.common, ignore_index=True)))
-        for comparison in compared:
-            columns = dict.fromkeys((*decisive(comparison).columns, *comparison.columns))  # those that decide first
-            ranked = tuple(column for column in columns if column.ranked)
-            if ranked:
-                chosen = compare.only(comparison, [f"{column.metric}:{column.variant}" for column in ranked])
-                yield Table(dataset, tuple(group.lines), replace(chosen, columns=ranked), group.apart)
-
-
-def _labelled(common: DataFrame | None, labels: Mapping[str, str]) -> DataFrame:
-    """A bundle's scores on common pixels, with the methods' labels on the board."""
-    if common is None:
-        return common_frame([])
-    names = [json.dumps([labels.get(name, name) for name in json.loads(text)]) for text in common["methods"]]
-    return common.assign(method=common["method"].map(labels).fillna(""), methods=names)
-
-
-def _add(groups: list[_Group], rows: DataFrame, common: DataFrame, lines: dict[str, Line]) -> None:
+def _add(groups: list[_Group], entry: Entry, rows: DataFrame) -> None:
     """Add a bundle's methods to the first group that they may be compared with, or as a group of their own."""
     import pandas as pd
 
-    reason = ""
+    labels = {name: f"{name} ({entry.who} {entry.id})" for name in rows["method"].unique()}
+    lines = [Line(label, str(name), entry) for name, label in labels.items()]
+    rows, common = rows.assign(method=rows["method"].map(labels)), common_frame([])
+    if entry.common is not None:
+        methods = [json.dumps([labels.get(n, n) for n in json.loads(text)]) for text in entry.common["methods"]]
+        common = entry.common.assign(method=entry.common["method"].map(labels).fillna(""), methods=methods)
+    reasons = []
     for group in groups:
         together = pd.concat([group.rows, rows], ignore_index=True)
-        why = _refusal(group.rows, rows, together)
-        if not why:
+        if not (why := _refusal(group.rows, rows, together)):
             group.rows = together
             group.common.append(common)
-            group.lines += lines.values()
+            group.lines += lines
             return
-        reason = reason or why
-    groups.append(_Group(rows, [common], list(lines.values()), reason))
+        reasons.append(why)
+    groups.append(_Group(rows, [common], lines, next(iter(reasons), "")))
+
+
+def _tables(dataset: str, groups: Sequence[_Group]) -> Iterator[Table]:
+    import pandas as pd
+
+    for group in groups:
+        for comparison in compare.compare(compare.on_pixels(group.rows, pd.concat(group.common, ignore_index=True))):
+            columns = dict.fromkeys((*decisive(comparison).columns, *comparison.columns))  # those that decide first
+            if ranked := tuple(column for column in columns if column.ranked):
+                chosen = compare.only(comparison, [f"{column.metric}:{column.variant}" for column in ranked])
+                yield Table(dataset, tuple(group.lines), replace(chosen, columns=ranked), group.apart)
 
 
 def _refusal(one: DataFrame, other: DataFrame, together: DataFrame) -> str:

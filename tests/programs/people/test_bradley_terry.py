@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from sucre_bench.programs.people.agreement import kendall_tau, krippendorff, observer_agreement
-from sucre_bench.programs.people.bradley_terry import Votes, fit, preferences
-from sucre_bench.programs.people.evaluate import pseudo_values
+from sucre_bench.programs.people.bradley_terry import Votes, fit, preferences, pseudo_values
 
 
 def voted(scores: list[float], n_observers: int, per_observer: int, rng: np.random.Generator) -> Votes:

@@ -1,4 +1,4 @@
-"""Collects the files of a bundle from a results folder, and writes the bundle."""
+"""Writes a results folder as one file that others can verify: a bundle, see `results.bundle_format`."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -10,7 +10,7 @@ import numpy as np
 
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame
-from sucre_bench.engine.score import Scored, Scorer, scorers, variant_rows
+from sucre_bench.engine.score import Scored, scorers, variant_rows
 from sucre_bench.errors import ANY_FAULT, InputError, PluginError
 from sucre_bench.jobs.metric_words import metric_choices
 from sucre_bench.machine import forked, progress
@@ -60,19 +60,25 @@ def bundle_results(
     if the bundle cannot be written.
     """
     rows = results.read(folder)
-    files: dict[str, bytes | Path] = {n: _own(folder / n, folder) for n in _TEXTS if is_file(folder / n)}
-    common = read_common(folder)
-    files |= {COMMON: csv_text(common).encode()} if len(common) else {}
+    found: dict[str, bytes | Path] = {}
+    for file in (*(folder / name for name in _TEXTS if is_file(folder / name)), *_files(folder, rows)):
+        if not file.resolve().is_relative_to(folder.resolve()):  # it may be anyone's secret
+            raise InputError("leads out of the results folder", file, "put the file itself there, or remove the link")
+        found[file.relative_to(folder).as_posix()] = file
+    inside = {"none": (), "restored": ("restored/",), "all": ("restored/", "views/", "references/")}[pictures]
+    files = {n: file for n, file in found.items() if n in _TEXTS or n.endswith(".json") or n.startswith(inside)}
+    outside = {n: hash_of(found[n]) for n in progress.track(sorted(found.keys() - files.keys()), "hashing pictures")}
+    n_inside = len(files.keys() - set(_TEXTS))
+    if len(common := read_common(folder)):
+        files[COMMON] = csv_text(common).encode()
     files |= {name: text.encode() for name, text in (texts or {}).items()}
-    found = {file.relative_to(folder).as_posix(): _own(file, folder) for file in _files(folder, rows)}
-    is_inside = {"none": (), "restored": ("restored/",), "all": ("restored/", "views/", "references/")}[pictures]
-    files |= {n: file for n, file in found.items() if n.endswith(".json") or n.startswith(is_inside)}
-    left = {name: file for name, file in found.items() if name not in files}
-    outside = {name: hash_of(file) for name, file in progress.track(left.items(), "hashing pictures")}
     made = write_bundle(path, rows, files, outside, by, version_of("sucre-bench") or "")
-    n_scores = int(((rows["status"] == "ok") & ~rows["metric"].isin(COSTS)).sum())
-    lost = unverifiable(rows) if pictures != "none" else {}
-    return Bundled(path, made, n_scores, len(found.keys() & files.keys()), len(outside), _local_paths(rows), lost)
+    scores = rows[(rows["status"] == "ok") & ~rows["metric"].isin(COSTS)]
+    counts = scores.groupby(["metric", "variant"], sort=False, observed=True).size() if pictures != "none" else {}
+    lost = {f"{m}:{v}": int(n) for (m, v), n in counts.items() if _needs_unrounded(str(m), str(v))}
+    options = [json.loads(text) for text in rows["options"].unique()]
+    local_paths = sorted({text for text in _strings(options) if text.startswith(("/", "~"))})
+    return Bundled(path, made, len(scores), n_inside, len(outside), tuple(local_paths), lost)
 
 
 def _files(folder: Path, rows: DataFrame) -> Iterator[Path]:
@@ -83,22 +89,9 @@ def _files(folder: Path, rows: DataFrame) -> Iterator[Path]:
         if place is None or picture is None or (fault := fault_of(picture)):
             where = picture or f"{folder}: {row.dataset} / {row.method} / {row.view}"
             fault = "the restored image is gone" if picture is None or not picture.exists() else fault
-            raise InputError(f"{where}: {fault}; repeat the run's command, which makes it again")
+            raise InputError(fault, where, "repeat the run's command, which makes it again")
         more = (picture.with_suffix(".json"), place.original(folder), place.reference(folder))
         yield from (picture, *(file for file in more if is_file(file)))
-
-
-def _own(file: Path, folder: Path) -> Path:
-    """A file of a results folder. Raises InputError for a link to a file elsewhere, which may be anyone's secret."""
-    if not file.resolve().is_relative_to(folder.resolve()):
-        raise InputError("leads out of the results folder", file, "put the file itself there, or remove the link")
-    return file
-
-
-def _local_paths(rows: DataFrame) -> tuple[str, ...]:
-    """Absolute paths among the options of methods and datasets."""
-    texts = {text for options in rows["options"].unique() for text in _strings(json.loads(options))}
-    return tuple(sorted(text for text in texts if text.startswith(("/", "~"))))
 
 
 def _strings(value: Any) -> Iterator[str]:
@@ -109,14 +102,7 @@ def _strings(value: Any) -> Iterator[str]:
             yield from _strings(inner)
 
 
-def unverifiable(rows: DataFrame) -> Mapping[str, int]:
-    """Return how many scores of each metric need more than the restored image, by "metric:variant"."""
-    scores = rows[(rows["status"] == "ok") & ~rows["metric"].isin(COSTS)]
-    counts = scores.groupby(["metric", "variant"], sort=False, observed=True).size()
-    return {f"{m}:{v}": int(n) for (m, v), n in counts.items() if _rests_on_unrounded(str(m), str(v))}
-
-
-def _rests_on_unrounded(metric: str, variant: str) -> bool:
+def _needs_unrounded(metric: str, variant: str) -> bool:
     """Whether a score changes with the restoration while the restored image stays, or the metric fails.
 
     False where that is not known: the metric is not registered here, or needs more than a view with depth and
@@ -128,31 +114,21 @@ def _rests_on_unrounded(metric: str, variant: str) -> bool:
         return False
     if plugins.missing_needs(scorer.plugin, _HAS):
         return False
-    if not scorer.plugin.is_foreign:
-        return _changes(scorer, variant)
-    try:
-        return forked.call(lambda: _changes(scorer, variant), "mend the metric")
-    except PluginError:
-        return True
-
-
-def _changes(scorer: Scorer, variant: str) -> bool:
-    """Whether a metric's scores of two restorations with the same restored image differ, or it fails."""
-    one = _tried(scorer, variant, 0.0)
-    other = one if _has_failed(one) else _tried(scorer, variant, 0.5)
-    if _has_failed(other):
-        return True
-    return not np.array_equal([row.value for row in one], [row.value for row in other], equal_nan=True)
-
-
-def _has_failed(rows: list[Row]) -> bool:
-    return any(row.status == "failed" for row in rows)
-
-
-def _tried(scorer: Scorer, variant: str, darker: float) -> list[Row]:
-    """The rows of one restored image, with a restoration that is darker by so much than it."""
     rgb = np.linspace(0, 1, _SIDE * _SIDE * 3, dtype=np.float32).reshape(_SIDE, _SIDE, 3)
     view = View("a.png", Arrays(rgb, depth=np.ones((_SIDE, _SIDE), np.float32), reference=rgb[::-1]))
-    scored = Scored(Restoration(rgb - np.float32(darker)), rgb, view)
-    base = Row("trial", "", view.name, "trial", metric=scorer.plugin.name, variant=variant)
-    return variant_rows(scorer.metric, scored, base, None, _LIMIT_S)
+    base = Row("trial", "", view.name, "trial", metric=metric, variant=variant)
+
+    def changes() -> bool:
+        values = []
+        for darker in (0.0, 0.5):  # the restoration, than the restored image
+            scored = Scored(Restoration(rgb - np.float32(darker)), rgb, view)
+            rows = variant_rows(scorer.metric, scored, base, None, _LIMIT_S)
+            if any(row.status == "failed" for row in rows):
+                return True
+            values.append([row.value for row in rows])
+        return not np.array_equal(*values, equal_nan=True)
+
+    try:
+        return forked.call(changes, "mend the metric") if scorer.plugin.is_foreign else changes()
+    except PluginError:
+        return True
