@@ -126,7 +126,7 @@ def _needs_unrounded(metric: str, variant: str) -> bool:
             if any(row.status == "failed" for row in rows):
                 return True
             values.append([row.value for row in rows])
-        return not np.array_equal(*values, equal_nan=True)
+        return not np.array_equal(values[0], values[1], equal_nan=True)
 
     try:
         return forked.call(changes, "mend the metric") if scorer.plugin.is_foreign else changes()
