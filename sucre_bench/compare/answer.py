@@ -1,20 +1,18 @@
 """The answer of a comparison: which columns decide, who leads by each, and that in two sentences."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from sucre_bench.compare.compare_rows import against
-from sucre_bench.compare.model import EQUAL, Cell, Column, Comparison, Verdict, may_be_chance, says_filled
-from sucre_bench.compare.words import BLIND, ahead, listed, with_unit
+from sucre_bench.compare.model import EQUAL, Column, Comparison, Verdict, may_be_chance, says_filled
+from sucre_bench.compare.words import listed, verdict_text, with_unit
 from sucre_bench.plugins.plugin import Role
 from sucre_bench.results.rows import PREFERENCE, RESTORATION
 
 _MOST = 4
 # Roles of scores that know the true colours, and how many metrics of each are taken.
 _TRUE_COLOURS: tuple[tuple[Role, int], ...] = (("similarity", 2), ("chart-error", 1), ("colour-difference", 1))
-_WITHOUT: tuple[tuple[Role, int], ...] = (("no-reference", 2),)
-_OTHERS: frozenset[Role] = frozenset({"", "change-with-distance"})
 
 
 @dataclass(frozen=True)
@@ -51,46 +49,36 @@ def deciding(comparison: Comparison, every: bool = False) -> Deciding:
     Scores that know the true colours come first. Without any, people's votes and scores of the picture alone take their
     place. If there is room, scores of several views and those without a role follow: those of a plugin under test, say.
     """
-    if every:
-        return Deciding(comparison.columns, None, None, _may_know_colours(comparison.columns))
-    directed = _one_a_metric([column for column in comparison.columns if column.directed])
-    roles: dict[Column, Role] = {column: column.plugin.role if column.plugin else "" for column in directed}
-    of_people = [column for column in directed if column.metric == PREFERENCE]
-    known = [*_of_roles(directed, roles, _TRUE_COLOURS)] or [*of_people, *_of_roles(directed, roles, _WITHOUT)]
-    others = [column for column in directed if roles[column] in _OTHERS and column not in known]
-    chosen = (known + others)[:_MOST] or directed[:_MOST]
-    filled = next((column for column in comparison.columns if says_filled(column.metric, column.variant)), None)
-    seconds = next((column for column in comparison.columns if column.metric == RESTORATION), None)
-    scores = tuple(column for column in chosen if column != filled)
-    return Deciding(scores, filled, seconds, _may_know_colours(scores))
+    scores, filled, seconds = comparison.columns, None, None
+    if not every:
+        once: dict[str, Column] = {}  # the default variant of each metric, or the first that was scored
+        for column in scores:
+            is_default = column.plugin is not None and column.variant == column.plugin.default[0]
+            if column.directed and (column.metric not in once or is_default):
+                once[column.metric] = column
+        by_role: dict[Role, list[Column]] = {}
+        for column in once.values():
+            by_role.setdefault(column.plugin.role if column.plugin else "", []).append(column)
+        known = [column for role, most in _TRUE_COLOURS for column in by_role.get(role, [])[:most]]
+        of_people = [column for column in once.values() if column.metric == PREFERENCE]
+        known = known or [*of_people, *by_role.get("no-reference", [])[:2]]
+        others = [c for c in once.values() if c not in known and (c.plugin.role if c.plugin else "") in _OTHERS]
+        filled = next((column for column in scores if says_filled(column.metric, column.variant)), None)
+        seconds = next((column for column in scores if column.metric == RESTORATION), None)
+        chosen = (known + others)[:_MOST] or [*once.values()][:_MOST]
+        scores = tuple(column for column in chosen if column != filled)
+    directed = [column for column in scores if column.directed]
+    # People may have judged, or a metric that is not installed here may know the colours.
+    knows = all(column.competes for column in directed) or any(column.plugin is None for column in directed)
+    return Deciding(scores, filled, seconds, knows)
+
+
+_OTHERS: frozenset[Role] = frozenset({"", "change-with-distance"})
 
 
 def decisive(comparison: Comparison) -> Comparison:
     """Return the comparison with only the columns that decide."""
     return replace(comparison, columns=deciding(comparison).columns)
-
-
-def _of_roles(
-    directed: Sequence[Column], roles: dict[Column, Role], wanted: Sequence[tuple[Role, int]]
-) -> Iterator[Column]:
-    for role, most in wanted:
-        yield from [column for column in directed if roles[column] == role][:most]
-
-
-def _may_know_colours(columns: Sequence[Column]) -> bool:
-    """Whether all directed scores compete, or people judged, or a metric is not installed here: it may know them."""
-    directed = [column for column in columns if column.directed]
-    return all(column.competes for column in directed) or any(column.plugin is None for column in directed)
-
-
-def _one_a_metric(columns: Sequence[Column]) -> list[Column]:
-    """The default variant of each metric, or the first that was scored."""
-    chosen: dict[str, Column] = {}
-    for column in columns:
-        is_default = column.plugin is not None and column.variant == column.plugin.default[0]
-        if column.metric not in chosen or is_default:
-            chosen[column.metric] = column
-    return list(chosen.values())
 
 
 def verdicts(comparison: Comparison) -> list[Verdict]:
@@ -103,34 +91,27 @@ def verdicts(comparison: Comparison) -> list[Verdict]:
 
 
 def _lead_of_best(comparison: Comparison, column: Column) -> Iterator[Verdict]:
-    ranked = [
-        (cell, name)
-        for name in comparison.methods
-        if (cell := comparison.cells.get((name, column))) and cell.place  # the photograph has none
-    ]
-    ranked.sort(key=lambda pair: pair[0].place)
-    if len(ranked) < 2:
+    cells = {name: cell for name, cell in comparison.of(column).items() if cell.place}  # the photograph has none
+    if len(cells) < 2:
         return
-    (first, best), (next_best, second) = ranked[:2]
-    gap, low, high = next_best.behind
-    if next_best.place == 1 or not math.isfinite(gap):
-        return
-    yield Verdict(column, best, second, gap, (low, high), first.wins, abs(next_best.effect), next_best.tie)
+    best, second = sorted(cells, key=lambda name: cells[name].place)[:2]
+    behind = cells[second]
+    gap, low, high = behind.behind
+    if behind.place > 1 and math.isfinite(gap):
+        yield Verdict(column, best, second, gap, (low, high), cells[best].wins, abs(behind.effect), behind.tie)
 
 
 def _differences_from_baseline(comparison: Comparison, column: Column) -> Iterator[Verdict]:
     baseline = comparison.baseline
-    for name in comparison.methods:
-        cell = comparison.cells.get((name, column))
-        if cell is None or not math.isfinite(cell.change[0]):
-            continue
+    for name, cell in comparison.of(column).items():
         change, low, high = cell.change
-        size, interval = (change, (low, high)) if change > 0 else (-change, (-high, -low))
-        if not change or (change > 0) == (column.better == "higher"):
-            pair, wins = (name, baseline), cell.wins
-        else:
+        if not math.isfinite(change):
+            continue
+        interval = (low, high) if change > 0 else (-high, -low)
+        pair, wins = (name, baseline), cell.wins
+        if change and (change > 0) != (column.better == "higher"):
             pair, wins = (baseline, name), column.n_views - cell.wins
-        yield Verdict(column, *pair, size, interval, wins, abs(cell.effect), may_be_chance(cell.change))
+        yield Verdict(column, *pair, abs(change), interval, wins, abs(cell.effect), may_be_chance(cell.change))
 
 
 def answer(comparison: Comparison, chosen: Deciding) -> list[str]:
@@ -139,73 +120,42 @@ def answer(comparison: Comparison, chosen: Deciding) -> list[str]:
     Where no score shows which colours are true, the sentence says that.
     """
     if not chosen.knows_colours:
-        return [BLIND]
+        return [comparison.blind]
     if chosen.main is None:
         return []
     lines = _against_baseline if comparison.baseline else _leaders
-    return [line for line in lines(comparison, chosen) if line]
+    return [line for line in lines(comparison, [c for c in chosen.scores if c.ranked]) if line]
 
 
-def _leaders(comparison: Comparison, chosen: Deciding) -> Iterator[str]:
-    found = {verdict.column: verdict for verdict in verdicts(comparison)}
-    (main, *others) = _main_first(chosen)
-    best = {column: _best(comparison, column) for column in (main, *others)}
-    gain = "" if main in found else _over_photograph(comparison, main, best[main])
-    said = [_lead(found[main])] if main in found else [_equals(comparison, main), gain]
-    yield f"{main.metric}: {'; '.join(filter(None, said))}" if any(said) else ""
+def _leaders(comparison: Comparison, columns: list[Column]) -> Iterator[str]:
+    """Who leads in the main score, the first column; who in the others, and where the photograph is better than all."""
+    main, found = columns[0], {verdict.column: verdict for verdict in verdicts(comparison)}
+    best, beaten = {}, []
+    for column in columns:
+        cells = comparison.of(column)
+        places = {name: cells[name].place for name in comparison.restorers if name in cells}
+        best[column] = min(places, key=places.__getitem__, default="")
+        sign = -1 if column.better == "lower" else 1
+        for photograph in (cells[name] for name in comparison.photographs if name in cells and places):
+            gap = sign * (photograph.mean - cells[best[column]].mean)
+            if gap > 0 and not math.isclose(photograph.mean, cells[best[column]].mean, rel_tol=EQUAL):
+                beaten.append(column.metric)
+    if main in found:
+        yield verdict_text(comparison, found[main], interval=False)
+    else:
+        first = [name for name in comparison.restorers if (c := comparison.cells.get((name, main))) and c.place == 1]
+        names = " and ".join(first) if len(first) == 2 else listed(first)  # labels may have commas
+        gain = "" if main.metric in beaten else _over_photograph(comparison, main, best[main])
+        said = "; ".join(filter(None, [f"{names} are equal" if len(first) > 1 else "", gain]))
+        yield f"{main.metric}: {said}" if said else ""
     leading: dict[str, list[str]] = {}
-    for column in others:
+    for column in columns[1:]:
         if column in found:
             leading.setdefault(best[column], []).append(column.metric)
     also = "; ".join(f"{', '.join(metrics)}: {name}" for name, metrics in leading.items())
-    beaten = [column.metric for column in (main, *others) if _photograph_leads(comparison, column, best[column])]
-    warning = f"no method beats {listed(comparison.photographs)}, the photograph, in {listed(beaten)}" if beaten else ""
+    names = listed(comparison.photographs)
+    warning = f"no method beats {names}, the photograph, in {listed(dict.fromkeys(beaten))}" if beaten else ""
     yield "; ".join(filter(None, [f"best in {also}" if also else "", warning]))
-
-
-def _main_first(chosen: Deciding) -> list[Column]:
-    """The scores that methods win by."""
-    return [column for column in chosen.scores if column.ranked]
-
-
-def _best(comparison: Comparison, column: Column) -> str:
-    """The competitor with the best mean, "" without any score."""
-    places = {name: cell.place for name in comparison.restorers if (cell := comparison.cells.get((name, column)))}
-    return min(places, key=places.__getitem__, default="")
-
-
-def _equals(comparison: Comparison, column: Column) -> str:
-    """The competitors that share the best mean; "" for one alone."""
-    first = [name for name in comparison.restorers if (c := comparison.cells.get((name, column))) and c.place == 1]
-    names = " and ".join(first) if len(first) == 2 else listed(first)  # labels may have commas
-    return f"{names} are equal" if len(first) > 1 else ""
-
-
-def _lead(verdict: Verdict) -> str:
-    by = with_unit(verdict.difference, verdict.column)
-    return f"{ahead(verdict)} by {by}{_chance(verdict)}"
-
-
-def _chance(verdict: Verdict) -> str:
-    views = verdict.column.n_views
-    if views < 2:
-        return ", on one view"
-    chance = ", which may be chance" if verdict.may_be_chance else ", more than chance"
-    if verdict.column.has_few_views:
-        return f", best in {round(verdict.wins, 1):g} of {views} views{chance * verdict.may_be_chance}"
-    return chance
-
-
-def _photograph_leads(comparison: Comparison, column: Column, best: str) -> bool:
-    """Whether the photograph itself scores better than every method."""
-    sign = -1 if column.better == "lower" else 1
-    first = comparison.cells.get((best, column))
-    shown = [cell for name in comparison.photographs if (cell := comparison.cells.get((name, column)))]
-    return bool(first and any(sign * cell.mean > sign * first.mean and not _is_equal(cell, first) for cell in shown))
-
-
-def _is_equal(cell: Cell, other: Cell) -> bool:
-    return math.isclose(cell.mean, other.mean, rel_tol=EQUAL)
 
 
 def _over_photograph(comparison: Comparison, column: Column, best: str) -> str:
@@ -216,44 +166,33 @@ def _over_photograph(comparison: Comparison, column: Column, best: str) -> str:
     cell = against(comparison, photograph, (best,)).cells.get((best, column))
     if cell is None or not math.isfinite(cell.change[0]):
         return ""
-    if _photograph_leads(comparison, column, best):
-        return ""
     if not cell.change[0]:
         return f"{best} equals {photograph}"
     chance = ", which may be chance" if may_be_chance(cell.change) else ""
     return f"{best} is better than {photograph} by {with_unit(abs(cell.change[0]), column)}{chance}"
 
 
-def _against_baseline(comparison: Comparison, chosen: Deciding) -> Iterator[str]:
-    """For the main score, and for the others: who is better, who is worse, and who may be either."""
-    (main, *others) = _main_first(chosen)
-    sides = _sides(comparison, main)
-    text = "; ".join(f"{side}: {listed(names)}" for side, names in sides.items())
-    yield f"{main.metric}, against {comparison.baseline}: {text}" if sides else ""
-    alike: dict[str, list[str]] = {}
-    for column in others:
-        text = ", ".join(f"{len(names)} {side}" for side, names in _sides(comparison, column).items())
-        alike.setdefault(text, []).append(column.metric)
-    yield "; ".join(f"{', '.join(metrics)}: {text}" for text, metrics in alike.items() if text)
-
-
-def _sides(comparison: Comparison, column: Column) -> dict[str, list[str]]:
-    """The other methods by how they compare with the baseline."""
-    sides: dict[str, list[str]] = {}
-    for verdict in verdicts(comparison):
-        if verdict.column == column:
-            is_leader = verdict.leader == comparison.baseline
-            sides.setdefault(_side(verdict, is_leader), []).append(verdict.second if is_leader else verdict.leader)
-    return {side: sides[side] for side in _SIDES if side in sides}
-
-
 _SIDES = ("better", "worse", "may be chance", "unknown (no interval)", "equal")
 
 
-def _side(verdict: Verdict, is_behind: bool) -> str:
-    """Which of `_SIDES` a method is on. is_behind: whether the baseline has the better mean."""
-    if not verdict.difference:
-        return "equal"
-    if not math.isfinite(verdict.interval[0]):  # over one view
-        return "unknown (no interval)"
-    return "may be chance" if verdict.may_be_chance else "worse" if is_behind else "better"
+def _against_baseline(comparison: Comparison, columns: list[Column]) -> Iterator[str]:
+    """For the main score, and for the others: who is better, who is worse, and who may be either."""
+    sides: dict[Column, dict[str, list[str]]] = {column: {side: [] for side in _SIDES} for column in columns}
+    for verdict in verdicts(comparison):
+        is_behind = verdict.leader == comparison.baseline
+        if not verdict.difference:
+            side = "equal"
+        elif not math.isfinite(verdict.interval[0]):  # over one view
+            side = "unknown (no interval)"
+        else:
+            side = "may be chance" if verdict.may_be_chance else "worse" if is_behind else "better"
+        if verdict.column in sides:
+            sides[verdict.column][side].append(verdict.second if is_behind else verdict.leader)
+    main, *others = columns
+    text = "; ".join(f"{side}: {listed(names)}" for side, names in sides[main].items() if names)
+    yield f"{main.metric}, against {comparison.baseline}: {text}" if text else ""
+    alike: dict[str, list[str]] = {}
+    for column in others:
+        text = ", ".join(f"{len(names)} {side}" for side, names in sides[column].items() if names)
+        alike.setdefault(text, []).append(column.metric)
+    yield "; ".join(f"{', '.join(metrics)}: {text}" for text, metrics in alike.items() if text)

@@ -7,10 +7,12 @@ from dataclasses import replace
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame, Series
 from sucre_bench.compare import ranks
-from sucre_bench.compare.missing_scores import filled_rows, notes, pixel_notes, unlikely_pictures
+from sucre_bench.compare.choose_pixels import on_pixels
+from sucre_bench.compare.missing_scores import filled_rows, notes, pixel_notes
 from sucre_bench.compare.model import Cell, Column, Comparison, Note, says_filled
 from sucre_bench.compare.ranks import column_of, measured_column, repetitions_of
 from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import COSTS, RESTORATION, By, values_of
 from sucre_bench.results.table import is_fresh
 
@@ -34,6 +36,8 @@ def compare(
     if baseline and baseline not in order:
         raise InputError(f"no scores of '{baseline}' to compare with; {did_you_mean(baseline, order)}")
     rows = rows.assign(_fresh=is_fresh(rows), _asked=asked)
+    if "pixels" not in rows:
+        rows = on_pixels(rows, rows[:0], "own")
     numbers = {name: results.unreplicated(name)[1] for name in rows["scene"].unique()}
     rows = without_replicates(rows.assign(_replicate=rows["scene"].map(numbers)))
     of_patch = rows["region"].str.contains("/", regex=False)
@@ -136,17 +140,21 @@ def _table(
     with_fresh = set(rows.loc[rows["_fresh"], "method"].unique())
     stale = tuple(name for name in methods if name not in with_fresh)
     methods = [name for name in methods if name in with_fresh]
-    ok = rows[rows["_fresh"] & rows["_asked"] & (rows["status"] == "ok") & rows["value"].notna()]
+    ok = rows[rows["_fresh"] & (rows["status"] == "ok") & rows["value"].notna()]
+    of_colours = {name: plugin.needs for name, plugin in plugins.usable("metric").items() if plugin.knows_colours}
+    knows = bool(ok["metric"].isin(of_colours).any())  # be it among the requested metrics or not
+    is_lack = (rows["status"] == "skipped") & rows["reason"].str.startswith(Reason.LACK.value)
+    lacks = frozenset[str]().union(*(of_colours.get(name, ()) for name in rows.loc[is_lack, "metric"].unique()))
+    ok = ok[ok["_asked"]]
     if len(filled := filled_rows(rows)):
         ok = pd.concat([filled, ok])
-    made_of = [(of_column, repetitions_of(of_column)) for _, of_column in ok.groupby(["metric", "variant"], sort=False)]
-    knows = _knows_colours(rows)
-    of_columns = [(*column_of(of_column, repeats, knows), repeats) for of_column, repeats in made_of]
-    scores = {column: values for column, values, _ in of_columns}
-    repetitions = {column: repeats for column, _, repeats in of_columns}
+    scores, repetitions = dict[Column, DataFrame](), dict[Column, DataFrame]()
+    for _, of_column in ok.groupby(["metric", "variant"], sort=False):
+        repeats = repetitions_of(of_column)
+        column, values = column_of(of_column, repeats, knows)
+        scores[column], repetitions[column] = values, repeats
     columns = sorted(scores, key=_order)
-    found = [*unlikely_pictures(rows), *pixel_notes(rows, columns)]
-    found += notes(rows[rows["method"].isin(methods)] if stale else rows, scores, repetitions, methods)
+    found = [*pixel_notes(rows, columns), *notes(rows[rows["method"].isin(methods)], scores, repetitions, methods)]
     if stale:
         found.append(Note("older data", stale))
     if baseline and baseline not in methods:
@@ -159,15 +167,11 @@ def _table(
         for column, of_column in measured.items()
         for name, cell in zip(of_column.methods, ranks.cells(column, of_column, photographs), strict=True)
     }
-    table = Comparison(title, tuple(methods), tuple(columns), made, stale, "", tuple(found), measured, photographs)
+    has_none = lacks >= {"reference", "charts"}
+    table = Comparison(
+        title, tuple(methods), tuple(columns), made, stale, "", tuple(found), measured, photographs, has_none
+    )
     return against(table, baseline) if baseline else table
-
-
-def _knows_colours(rows: DataFrame) -> bool:
-    """Whether a score compares with true colours, be it among the requested metrics or not."""
-    known = {name for name, plugin in plugins.usable("metric").items() if plugin.knows_colours}
-    scored = rows[rows["_fresh"] & (rows["status"] == "ok") & rows["value"].notna()]
-    return bool(scored["metric"].isin(known).any())
 
 
 def _photographs(rows: DataFrame) -> set[tuple[str, str]]:

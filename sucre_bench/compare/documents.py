@@ -7,11 +7,11 @@ import unicodedata
 from collections.abc import Iterator, Sequence
 from typing import Any, Literal
 
-from sucre_bench.compare import Column, Comparison
+from sucre_bench.compare import Comparison
 from sucre_bench.compare.answer import deciding
 from sucre_bench.compare.model import says_filled
 from sucre_bench.compare.terminal_table import blocks
-from sucre_bench.compare.words import BLIND, Shown, left_out, legend, shown, title
+from sucre_bench.compare.words import left_out, legend, shown, title
 from sucre_bench.machine.records import json_text
 from sucre_bench.results.rows import csv_text
 
@@ -61,96 +61,86 @@ def _records(comparison: Comparison) -> Iterator[dict[str, Any]]:
             yield record
 
 
-def _heading(column: Column) -> str:
-    return f"{title(column)} ({column.variant})"
-
-
-def _cells(comparison: Comparison, name: str, spread: bool) -> list[Shown]:
-    return [shown(comparison, name, column, spread) for column in comparison.columns]
-
-
-def _evidence(comparison: Comparison) -> list[str]:
-    """With a baseline: in how many views each method beats it, and the effect, a line a method."""
-    if not comparison.baseline:
-        return []
-    lines = []
+def _grid(comparison: Comparison, spread: bool) -> list[list[tuple[str, str]]]:
+    """The texts of a table and what sets each apart: a line with the headings, then a line a method."""
+    looks = {"best": "best", "better": "best", "second": "second"}
+    lines = [[("method", ""), *((f"{title(column)} ({column.variant})", "") for column in comparison.columns)]]
     for name in comparison.methods:
-        ranked = [(c, cell) for c in comparison.columns if (cell := comparison.cells.get((name, c))) and c.ranked]
-        parts = [
-            f"{c.metric} {round(cell.wins, 1):g}/{c.n_views}"
-            + (f", effect {cell.effect:.1f}" if math.isfinite(cell.effect) else "")
-            for c, cell in ranked
-            if math.isfinite(cell.wins)
-        ]
-        if parts:
-            lines.append(f"{name} better than {comparison.baseline} in views: {'; '.join(parts)}")
+        cells = [shown(comparison, name, column, spread) for column in comparison.columns]
+        lines.append([(name, ""), *((str(cell), looks.get(cell.look, "")) for cell in cells)])
     return lines
 
 
 def _below(comparison: Comparison, spread: bool) -> list[str]:
-    blind = [] if deciding(comparison, every=True).knows_colours else [BLIND]
-    return [*blind, legend(comparison, spread), *_evidence(comparison), *left_out(comparison)]
-
-
-# -- Markdown ----------------------------------------------------------------------------------------------
+    """The notes below a table; with a baseline, also in how many views each method beats it, and the effect."""
+    lines = [] if deciding(comparison, every=True).knows_colours else [comparison.blind]
+    lines.append(legend(comparison, spread))
+    for name in comparison.methods if comparison.baseline else ():
+        parts = [
+            f"{c.metric} {round(cell.wins, 1):g}/{c.n_views}"
+            + (f", effect {cell.effect:.1f}" if math.isfinite(cell.effect) else "")
+            for c in comparison.columns
+            if c.ranked and (cell := comparison.cells.get((name, c))) and math.isfinite(cell.wins)
+        ]
+        if parts:
+            lines.append(f"{name} better than {comparison.baseline} in views: {'; '.join(parts)}")
+    return lines + left_out(comparison)
 
 
 def _markdown(comparison: Comparison, titled: bool, spread: bool) -> str:
-    sets = {"best": "**{}**", "better": "**{}**", "second": "<u>{}</u>"}
-    lines = [["method", *map(_heading, comparison.columns)], ["---", *["---:"] * len(comparison.columns)]]
-    for name in comparison.methods:
-        lines.append([_md(name), *(sets.get(c.look, "{}").format(c) for c in _cells(comparison, name, spread))])
-    head = f"**{_md(comparison.title)}**\n\n" if titled else ""
+    def plain(text: str) -> str:
+        return re.sub(r"([*`<\\])", r"\\\1", text)  # a label is no markup
+
+    sets = {"best": "**{}**", "second": "<u>{}</u>", "": "{}"}
+    heads, *rows = _grid(comparison, spread)
+    lines = [[text for text, _ in heads], ["---", *["---:"] * len(comparison.columns)]]
+    lines += [[plain(name), *(sets[look].format(text) for text, look in cells)] for (name, _), *cells in rows]
+    head = f"**{plain(comparison.title)}**\n\n" if titled else ""
     table = "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
-    return head + table + "".join(f"\n{_md(note)}\n" for note in _below(comparison, spread))
+    return head + table + "".join(f"\n{plain(note)}\n" for note in _below(comparison, spread))
 
 
-def _md(text: str) -> str:
-    """A label is no markup."""
-    return re.sub(r"([*`<\\])", r"\\\1", text)
+def _html(comparison: Comparison, titled: bool, spread: bool) -> str:
+    sets = {"best": "<strong>{}</strong>", "second": "<u>{}</u>", "": "{}"}
+    heads, *rows = ([(html.escape(text), look) for text, look in line] for line in _grid(comparison, spread))
+    lines = ["<table>", *[f"<caption>{html.escape(comparison.title)}</caption>"] * titled]
+    head = "".join(f'<th scope="col">{text}</th>' for text, _ in heads)
+    lines += [f"<thead><tr>{head}</tr></thead>", "<tbody>"]
+    for (name, _), *cells in rows:
+        row = "".join(f"<td>{sets[look].format(text)}</td>" for text, look in cells)
+        lines.append(f'<tr><th scope="row">{name}</th>{row}</tr>')
+    notes = [f"<p>{html.escape(note)}</p>" for note in _below(comparison, spread)]
+    return "\n".join([*lines, "</tbody>", "</table>", *notes]) + "\n"
 
 
 # -- LaTeX -------------------------------------------------------------------------------------------------
 
 
 def _latex(comparison: Comparison, titled: bool, spread: bool) -> str:
-    sets = {"best": r"\textbf{{{}}}", "better": r"\textbf{{{}}}", "second": r"\underline{{{}}}"}
-    heads = [_heading(column) for column in comparison.columns]
-    cells = [_cells(comparison, name, spread) for name in comparison.methods]
-    rows = [
-        [_first(_tex(name)), *(sets.get(c.look, "{}").format(_tex_number(str(c))) for c in row)]
-        for name, row in zip(comparison.methods, cells, strict=True)
-    ]
-    head = [f"% {_one_line(comparison.title)}"] if titled else []
-    notes = [f"% {_one_line(note)}" for note in _below(comparison, spread)]
-    widths = [max(map(len, map(str, column))) for column in zip(heads, *cells, strict=True)]
-    first = max(map(len, ("method", *comparison.methods)))
-    lines = [["method", *map(_tex, heads)], *rows]
-    beside = [*blocks(widths, _PAGE - first)] or [slice(0)]
-    tabulars = [_tabular([line[:1] + line[1:][places] for line in lines]) for places in beside]
-    return "\n".join([*head, "\n\n\\medskip\n".join(tabulars), *notes]) + "\n"
+    def comment(text: str) -> str:
+        return f"% {' '.join(text.split())}"  # it ends with its line
 
-
-def _tabular(table: Sequence[Sequence[str]]) -> str:
-    """A first line, and those below it."""
-    header, *lines = (" & ".join(line) + r" \\" for line in table)
-    begin = rf"\begin{{tabular}}{{l{'r' * (len(table[0]) - 1)}}}"
-    return "\n".join([begin, r"\toprule", header, r"\midrule", *lines, r"\bottomrule", r"\end{tabular}"])
-
-
-def _one_line(text: str) -> str:
-    """A comment ends with its line."""
-    return " ".join(text.split())
-
-
-def _first(text: str) -> str:
-    r"""The first cell of a line: after \\ and \midrule, brackets and stars are their options."""
-    return f"{{}}{text}" if text.startswith(("[", "*", "(")) else text
-
-
-def _tex_number(text: str) -> str:
-    """Numbers with signs as mathematics has them."""
-    return re.sub(r"[+-](?=\d|\.|inf)", r"$\g<0>$", _tex(text))
+    sets = {"best": r"\textbf{{{}}}", "second": r"\underline{{{}}}", "": "{}"}
+    grid = _grid(comparison, spread)
+    names, *columns = zip(*grid, strict=True)
+    widths = [max(len(text) for text, _ in column) for column in columns]
+    room = _PAGE - max(len(text) for text, _ in names)
+    tabulars = []
+    for places in blocks(widths, room) or [slice(0)]:
+        lines = []
+        for n, ((name, _), *cells) in enumerate(grid):
+            first = _tex(name)  # after \\ and \midrule, brackets and stars are their options
+            texts = ["{}" + first if first.startswith(("[", "*", "(")) else first]
+            for text, look in cells[places]:  # of numbers, signs as mathematics has them
+                value = re.sub(r"[+-](?=\d|\.|inf)", r"$\g<0>$", _tex(text)) if n else _tex(text)
+                texts.append(sets[look].format(value))
+            lines.append(" & ".join(texts) + r" \\")
+        begin = rf"\begin{{tabular}}{{l{'r' * len(cells[places])}}}"
+        tabulars.append(
+            "\n".join([begin, r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule", r"\end{tabular}"])
+        )
+    head = [comment(comparison.title)] if titled else []
+    return "\n".join([*head, "\n\n\\medskip\n".join(tabulars), *map(comment, _below(comparison, spread))]) + "\n"
 
 
 _TEX = {
@@ -168,27 +158,11 @@ _NOT_IN_OT1 = "«»ÐÞðþĄąĐđĘęĦħĮįĸĿŀŉŊŋŦŧŲųſ"
 
 def _tex(text: str) -> str:
     """Escape text for LaTeX. A letter that its fonts lack loses its accent, or becomes a question mark."""
-    return "".join(_TEX.get(sign) or _in_ot1(sign) for sign in _one_line(text))
 
+    def escaped(sign: str) -> str:
+        if sign in _TEX or (ord(sign) < 0x180 and sign.isprintable() and sign not in _NOT_IN_OT1):
+            return _TEX.get(sign, sign)
+        plain = "".join(part for part in unicodedata.normalize("NFKD", sign) if not unicodedata.combining(part))
+        return plain if plain.isascii() and plain.isprintable() else "?"
 
-def _in_ot1(sign: str) -> str:
-    if ord(sign) < 0x180 and sign.isprintable() and sign not in _NOT_IN_OT1:
-        return sign
-    plain = "".join(part for part in unicodedata.normalize("NFKD", sign) if not unicodedata.combining(part))
-    return plain if plain.isascii() and plain.isprintable() else "?"
-
-
-# -- HTML --------------------------------------------------------------------------------------------------
-
-
-def _html(comparison: Comparison, titled: bool, spread: bool) -> str:
-    sets = {"best": "<strong>{}</strong>", "better": "<strong>{}</strong>", "second": "<u>{}</u>"}
-    head = "".join(f'<th scope="col">{html.escape(text)}</th>' for text in map(_heading, comparison.columns))
-    lines = ["<table>", f"<caption>{html.escape(comparison.title)}</caption>"] if titled else ["<table>"]
-    lines += [f'<thead><tr><th scope="col">method</th>{head}</tr></thead>', "<tbody>"]
-    for name in comparison.methods:
-        cells = (sets.get(c.look, "{}").format(html.escape(str(c))) for c in _cells(comparison, name, spread))
-        row = "".join(f"<td>{cell}</td>" for cell in cells)
-        lines.append(f'<tr><th scope="row">{html.escape(name)}</th>{row}</tr>')
-    notes = [f"<p>{html.escape(note)}</p>" for note in _below(comparison, spread)]
-    return "\n".join([*lines, "</tbody>", "</table>", *notes]) + "\n"
+    return "".join(escaped(sign) for sign in " ".join(text.split()))

@@ -7,13 +7,13 @@ is. A method fails if its gain is below the limit, and the 95 % interval of the 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.compare_rows import asked_for, compare
-from sucre_bench.compare.model import Column, Comparison, Difference
+from sucre_bench.compare.model import NO_DIFFERENCE, Column, Comparison, Difference
 from sucre_bench.errors import InputError, did_you_mean
 
 _WORST = 5
@@ -78,46 +78,30 @@ def gated(rows: DataFrame, gates: Sequence[Gate], baseline: str) -> list[Gated]:
         if not (asked_for(rows, [gate.metric]) & (rows["status"] == "ok")).any():
             raise InputError(f"--fail-below: no scores of {gate.metric}; run with metrics=[{gate.metric}]")
         for table in compare(rows, [gate.metric], baseline=baseline):
-            found += _of_table(rows, table, gate, baseline)
+            if not table.baseline:
+                raise InputError(f"{table.title}: {baseline} was not run on these data; run it there")
+            ranked = [column for column in table.columns if column.better != "none"]
+            if not ranked:
+                raise InputError(f"--fail-below: {gate.metric} has no better or worse; name another metric")
+            methods = [name for name in table.methods if name != baseline and gate.method in ("", name)]
+            found += [_judged(table, gate, method, column) for method in methods for column in ranked]
     return found
 
 
-def _of_table(rows: DataFrame, table: Comparison, gate: Gate, baseline: str) -> Iterator[Gated]:
-    if not table.baseline:
-        raise InputError(f"{table.title}: {baseline} was not run on these data; run it there")
-    ranked = [column for column in table.columns if column.better != "none"]
-    if not ranked:
-        raise InputError(f"--fail-below: {gate.metric} has no better or worse; name another metric")
-    for method in table.methods:
-        if method == baseline or gate.method not in ("", method):
-            continue
-        for column in ranked:
-            cell = table.cells.get((method, column))
-            gain = _gain(column, cell.change) if cell else (math.nan,) * 3
-            outcome = _outcome(gain, gate.limit)
-            worst = tuple(_worst(rows, table.title, column, method, baseline)) if outcome == "failed" else ()
-            yield Gated(table.title, method, column, gate, gain, outcome, worst)
-
-
-def _gain(column: Column, change: Difference) -> Difference:
-    value, low, high = change
-    return change if column.better == "higher" else (-value, -high, -low)
-
-
-def _outcome(gain: Difference, limit: float) -> Literal["passed", "failed", "unknown", "no score"]:
-    value, _, high = gain
-    if math.isnan(value):
-        return "no score"
-    if math.isnan(high):
-        return "unknown"
-    return "failed" if value < limit and high < 0 else "passed"
-
-
-def _worst(rows: DataFrame, dataset: str, column: Column, method: str, baseline: str) -> list[tuple[str, float]]:
-    """The views with the largest losses, the largest first."""
-    of_pair = rows[(rows["dataset"] == dataset) & rows["method"].isin([method, baseline])]
-    gains = []
-    for table in compare(of_pair, [f"{column.metric}:{column.variant}"], by="view", baseline=baseline):
-        cells = [cell for (name, _), cell in table.cells.items() if name == method]
-        gains += [(table.title.removeprefix(f"{dataset} · "), _gain(column, cell.change)[0]) for cell in cells]
-    return sorted((one for one in gains if one[1] < 0), key=lambda one: one[1])[:_WORST]
+def _judged(table: Comparison, gate: Gate, method: str, column: Column) -> Gated:
+    cell = table.cells.get((method, column))
+    gain, low, high = cell.change if cell else NO_DIFFERENCE
+    if column.better == "lower":
+        gain, low, high = -gain, -high, -low
+    worst: tuple[tuple[str, float], ...] = ()
+    outcome: Literal["passed", "failed", "unknown", "no score"] = "passed"
+    if math.isnan(gain) or math.isnan(high):
+        outcome = "no score" if math.isnan(gain) else "unknown"
+    elif gain < gate.limit and high < 0:
+        outcome, scores = "failed", table.measured[column]
+        mine, base = (scores.views[:, scores.methods.index(name)] for name in (method, table.baseline))
+        gains = (mine - base) * (-1 if column.better == "lower" else 1)
+        names = [f"{scene} · {view}" if column.n_scenes > 1 else view for scene, view in scores.places]
+        losses = [(name, float(of_view)) for name, of_view in zip(names, gains, strict=True) if of_view < 0]
+        worst = tuple(sorted(losses, key=lambda loss: loss[1])[:_WORST])
+    return Gated(table.title, method, column, gate, (gain, low, high), outcome, worst)

@@ -1,16 +1,15 @@
 """The notes of a comparison: which method lacks which scores and why, on which pixels scores are, and what remains."""
 
-import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame, Series
 from sucre_bench.compare.choose_pixels import scores_of_pixels
-from sucre_bench.compare.model import FILLED, Column, Note, NoteKind, says_filled
+from sucre_bench.compare.model import FILLED, Column, Note, says_filled
 from sucre_bench.results.common_scores import LEAST_DIFFERENCE, LEAST_FILLED
 from sucre_bench.results.reasons import Reason, without_view
 from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, restorations, tuples, values_of
@@ -18,7 +17,6 @@ from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, resto
 # More than this share of a picture without colour, or of its colours below zero, and a table says so.
 _MUCH = 0.1
 
-_IMAGE = ["dataset", "scene", "view"]
 _REPETITION = ["scene", "view", "_replicate"]
 
 _View = tuple[str, str]  # scene and view
@@ -29,112 +27,69 @@ def notes(
     scores: Mapping[Column, DataFrame],
     repetitions: Mapping[Column, DataFrame],
     methods: Sequence[str],
-) -> list[Note]:
-    """Return what each method lacks that others have.
+) -> Iterator[Note]:
+    """Yield what each method lacks that others have.
 
     rows: of the table, whatever became of them, with `_fresh` saying which are of the data compared, and `_replicate`;
     scores: the values of each column, units (scene, view, region) x methods, NaN = a hole; repetitions: the same before
     repetitions were averaged, with a level more, `_replicate`.
     """
-    restored = _restored(rows)
-    some = [name for name in methods if restored.get(name)]
     why = _Why(rows)
+    ok = restoration_rows(rows[(rows["status"] == "ok") & rows["_fresh"]])
+    restored = {str(name): set(values_of(of_method, "scene", "view")) for name, of_method in ok.groupby("method")}
+    some = [name for name in methods if restored.get(name)]
     anywhere = set().union(*restored.values()) or {view for _, view in why.tried}
     everywhere = anywhere.intersection(*(restored[name] for name in some))
-    made: list[Note] = []
     for name in methods:
-        lost = anywhere - restored.get(name, set())
-        if lost and name not in some:
-            made.append(Note("no result", (name,), reasons=why.restoration(name, lost)))
-        elif lost:
-            reasons = why.restoration(name, lost)
-            made.append(Note("images lost", (name,), (), len(lost), len(anywhere), len(everywhere), reasons=reasons))
-        made += _scores_lost(name, lost, scores, repetitions, why)
+        if lost := anywhere - restored.get(name, set()):
+            reasons = _counted(why(name, view) for view in lost)
+            note = Note("no result", (name,), reasons=reasons)
+            if name in some:
+                note = replace(note, kind="images lost", n=len(lost), total=len(anywhere), left=len(everywhere))
+            yield note
+        yield from _scores_lost(name, lost, scores, repetitions, why)
     for column, values in scores.items():
         if column.n_units == 0:
-            made.append(Note("nothing shared", tuple(map(str, values.columns)), (column,), unit=column.of))
-    if not scores:
-        made += _unscored(rows, some)
-    return [*made, *_repeats_lost(rows, repetitions)]
+            yield Note("nothing shared", tuple(map(str, values.columns)), (column,), unit=column.of)
+    if not scores:  # why none of the requested metrics scored a method that did restore
+        unscored = rows[rows["_asked"] & rows["_fresh"] & (rows["status"] != "ok")]
+        for name in some:
+            pairs = values_of(unscored[unscored["method"] == name], "status", "reason")
+            yield Note("no score", (name,), reasons=_counted(map(": ".join, pairs)))
+    yield from _repeats_lost(rows, repetitions)
 
 
-def unlikely_pictures(rows: DataFrame) -> Iterator[Note]:
-    """Yield which methods leave much of a picture without colour, and whose colours are often below zero.
-
-    rows: of one table, with `_fresh`.
-    """
-    fresh = rows[rows["_fresh"] & (rows["status"] == "ok") & (rows["view"] != "")]
-    whole = restoration_rows(fresh)
-    yield from _often("holes", whole, 1 - whole["coverage"])
-    of_any = {(name, p.default[0]) for name, p in plugins.usable("metric").items() if p.role == "negative"}
-    negative = fresh.loc[[pair in of_any for pair in values_of(fresh, "metric", "variant")]]
-    yield from _often("negative colours", negative, negative["value"])
-
-
-def _often(kind: NoteKind, rows: DataFrame, shares: Series) -> Iterator[Note]:
-    """A note on the methods of which a picture has too large a share, with the mean share of each, largest first."""
-    by_method = shares.groupby(rows["method"]).agg(["mean", "max"])
-    worst = by_method[by_method["max"] > _MUCH].sort_values("mean", ascending=False, kind="stable")["mean"]
-    if len(worst):
-        yield Note(kind, tuple(map(str, worst.index)), shares=tuple(map(float, worst)))
-
-
-def _unscored(rows: DataFrame, methods: Iterable[str]) -> Iterator[Note]:
-    """Why none of the requested metrics scored a method that did restore."""
-    unscored = rows[rows["_asked"] & rows["_fresh"] & (rows["status"] != "ok")]
-    for name in methods:
-        why = [f"{r.status}: {r.reason}" for r in unscored[unscored["method"] == name].itertuples()]
-        yield Note("no score", (name,), reasons=_counted(why))
-
-
-def _restored(rows: DataFrame) -> dict[str, set[_View]]:
-    """The views that each method restored."""
-    ok = restoration_rows(rows[(rows["status"] == "ok") & rows["_fresh"]])
-    return {str(name): set(values_of(of_method, "scene", "view")) for name, of_method in ok.groupby("method")}
-
-
-_WHY = ("status", "reason", "scene", "view", "method", "metric", "variant")
-
-
-@dataclass(frozen=True, eq=False)
 class _Why:
-    """Why there is no score, by method, metric, variant and view; of metric RESTORATION, no restoration."""
+    """Why there is no restoration, or no score."""
 
-    rows: DataFrame
+    def __init__(self, rows: DataFrame) -> None:
+        self._rows = rows
 
     @cached_property
-    def known(self) -> dict[tuple[str, str, str, _View], str]:
-        """Made when something is missing that others have."""
+    def _known(self) -> dict[tuple[str, str, str, _View], str]:
+        """By method, metric, variant and view; made when something is missing that others have."""
         known: dict[tuple[str, str, str, _View], str] = {}
-        for r in tuples(self.rows[(self.rows["status"] != "ok") | ~self.rows["_fresh"]], *_WHY):
-            reason = without_view(str(r.reason), r.view)
-            text = f"{r.status}: {reason}".rstrip(": ") if r.status != "ok" else "of other data"
-            known[r.method, r.metric, r.variant, (r.scene, r.view)] = text
+        lost = self._rows[(self._rows["status"] != "ok") | ~self._rows["_fresh"]]
+        for r in tuples(lost, "status", "reason", "scene", "view", "method", "metric", "variant"):
+            text = f"{r.status}: {without_view(str(r.reason), r.view)}".rstrip(": ")
+            known[r.method, r.metric, r.variant, (r.scene, r.view)] = text if r.status != "ok" else "of other data"
         return known
 
     @cached_property
     def tried(self) -> set[tuple[str, _View]]:
         """The methods that tried a view, whatever became of it."""
-        restored = restoration_rows(self.rows[self.rows["_fresh"]])
+        restored = restoration_rows(self._rows[self._rows["_fresh"]])
         return {(method, (scene, view)) for method, scene, view in values_of(restored, "method", "scene", "view")}
 
-    def restoration(self, method: str, views: Iterable[_View]) -> str:
-        return _counted(self._of_restoration(method, view) for view in views)
-
-    def score(self, method: str, column: Column, views: Iterable[tuple[_View, bool]]) -> str:
-        """views: and whether the method has a score there, of repetitions that not all have."""
-        reasons = ((self.known.get((method, column.metric, column.variant, view)), view, has) for view, has in views)
-        return _counted(
-            "no repetition that all have" if has else text or self._of_restoration(method, view)
-            for text, view, has in reasons
-        )
-
-    def _of_restoration(self, method: str, view: _View) -> str:
-        if text := self.known.get((method, RESTORATION, "wall", view)):
-            return text
+    def __call__(self, method: str, view: _View, column: Column | None = None) -> str:
+        """Return why a method has no score of a view in a column, or no restoration of it."""
+        whole = (RESTORATION, "wall")
+        for metric, variant in ((column.metric, column.variant) if column else whole, whole):
+            if text := self._known.get((method, metric, variant, view)):
+                return text
         if (method, view) in self.tried:
             return "not scored"
-        return self.known.get((method, RESTORATION, "wall", ("", "")), "not run")  # the job failed as a whole
+        return self._known.get((method, *whole, ("", "")), "not run")  # the job failed as a whole
 
 
 def _counted(reasons: Iterable[str]) -> str:
@@ -151,11 +106,7 @@ def _counted(reasons: Iterable[str]) -> str:
 
 
 def _scores_lost(
-    name: str,
-    lost: set[_View],
-    scores: Mapping[Column, DataFrame],
-    repetitions: Mapping[Column, DataFrame],
-    why: _Why,
+    name: str, lost: set[_View], scores: Mapping[Column, DataFrame], repetitions: Mapping[Column, DataFrame], why: _Why
 ) -> Iterator[Note]:
     """A note for the metrics that lack the same units, apart from views that were not restored."""
     alike: dict[Note, list[Column]] = {}
@@ -169,45 +120,44 @@ def _scores_lost(
         there = set(values.index[values[name].notna()].droplevel("region"))
         of_method = repetitions[column][name]
         partly = views & set(of_method.index[of_method.notna()].droplevel(["region", "_replicate"])) - there
-        reasons = why.score(name, column, [(v, v in partly) for v in (missing if views & there else views)])
-        if views & there:  # some charts of a view, not all
-            key = Note("images lost", (name,), (), len(missing), len(values), column.n_units, 0, column.of, reasons)
-        else:
-            n = len(values.index.droplevel("region").unique())
-            key = Note("images lost", (name,), (), len(views), n, column.n_views, reasons=reasons)
-        alike.setdefault(key, []).append(column)
+        counts = (len(views), len(values.index.droplevel("region").unique()), column.n_views)
+        if is_of_charts := bool(views & there):  # some charts of a view, not all
+            counts = (len(missing), len(values), column.n_units)
+        concerned = missing if is_of_charts else views
+        reasons = _counted("no repetition that all have" if v in partly else why(name, v, column) for v in concerned)
+        unit = column.of if is_of_charts else "image"
+        alike.setdefault(Note("images lost", (name,), (), *counts, unit=unit, reasons=reasons), []).append(column)
     yield from (replace(note, columns=tuple(columns)) for note, columns in alike.items())
 
 
 def _repeats_lost(rows: DataFrame, repetitions: Mapping[Column, DataFrame]) -> Iterator[Note]:
     """Replicates that a method lacks, failed or never run, of images that have at least one other replicate."""
+
+    def partly(has: DataFrame, of: list[str]) -> DataFrame:
+        return ~has & has.groupby(level=of).transform("any")
+
+    def found(lost: DataFrame) -> Iterator[Note]:
+        for name in lost.columns[lost.any()]:
+            of_method = lost[name]
+            n = len(of_method.index[of_method].droplevel("_replicate").unique())
+            yield Note("replicates lost", (str(name),), n=n, total=len(of_method), lost=int(of_method.sum()))
+
     whole = restoration_rows(rows[rows["_fresh"] & (rows["view"] != "")])
     keys = [whole[name] for name in (*_REPETITION, "method")]
-    lost = _partly((whole["status"] == "ok").groupby(keys).any().unstack("method", fill_value=False), _REPETITION[:2])
-    for name in lost.columns[lost.any()]:
-        yield _replicates_lost(str(name), lost[name])
+    lost = partly((whole["status"] == "ok").groupby(keys).any().unstack("method", fill_value=False), _REPETITION[:2])
+    yield from found(lost)
     alike: dict[Note, list[Column]] = {}
     for column, values in repetitions.items():
         if column.metric in COSTS or not values.isna().to_numpy().any():
             continue
-        lacking = _partly(values.notna(), [*_REPETITION[:2], "region"]).groupby(level=_REPETITION).any()
-        lacking &= ~lost.reindex(
-            index=lacking.index, columns=lacking.columns, fill_value=False
-        )  # the note above has these
-        for name in lacking.columns[lacking.any()]:
-            alike.setdefault(_replicates_lost(str(name), lacking[name]), []).append(column)
+        lacking = partly(values.notna(), [*_REPETITION[:2], "region"]).groupby(level=_REPETITION).any()
+        noted = lost.reindex(index=lacking.index, columns=lacking.columns, fill_value=False)
+        for note in found(lacking & ~noted):
+            alike.setdefault(note, []).append(column)
     yield from (replace(note, columns=tuple(columns)) for note, columns in alike.items())
 
 
-def _partly(has: DataFrame, of: list[str]) -> DataFrame:
-    """Tell which repetitions a method lacks while it has others. has: repetitions x methods; of: what is repeated."""
-    return ~has & has.groupby(level=of).transform("any")
-
-
-def _replicates_lost(name: str, lost: Series) -> Note:
-    """lost: whether each replicate of an image is lost."""
-    n = len(lost.index[lost].droplevel("_replicate").unique())
-    return Note("replicates lost", (name,), n=n, total=len(lost), lost=int(lost.sum()))
+# -- pixels ------------------------------------------------------------------------------------------------
 
 
 def filled_rows(rows: DataFrame) -> DataFrame:
@@ -215,59 +165,62 @@ def filled_rows(rows: DataFrame) -> DataFrame:
 
     rows: of one table, with `_fresh` and `_asked`. No rows if the metric of coverage is among them.
     """
-    asked = rows.loc[rows["_fresh"] & rows["_asked"], ["metric", "variant", "region"]]
-    scored = asked[scores_of_pixels(asked)]
-    if any(says_filled(*pair) for pair in _metrics(asked)):
-        scored = scored.iloc[:0]
+    asked = rows[rows["_fresh"] & rows["_asked"]]
+    is_there = any(says_filled(*pair) for pair in set(values_of(asked, "metric", "variant")))
     whole = restorations(rows[rows["_fresh"]])
-    if scored.empty or not (whole["coverage"] < 1 - LEAST_DIFFERENCE).any():
+    has_holes = (whole["coverage"] < 1 - LEAST_DIFFERENCE).any()
+    if is_there or not has_holes or not scores_of_pixels(asked).any():
         return whole.iloc[:0]
     about = {"metric": FILLED, "variant": "image", "unit": "share", "better": "none", "region": "image"}
     return whole.assign(**about, value=whole["coverage"])
 
 
-def _differing(restorations: DataFrame) -> set[tuple[str, str]]:
-    """The views, by scene and name, of which methods fill shares that differ by more than `LEAST_DIFFERENCE`."""
-    filled = restorations[restorations["coverage"] >= LEAST_FILLED].groupby(_IMAGE[1:])["coverage"]
-    return set((filled.max() - filled.min()).loc[lambda share: share > LEAST_DIFFERENCE].index)
+def pixel_notes(rows: DataFrame, columns: Iterable[Column]) -> Iterator[Note]:
+    """Yield which methods leave much of a picture without colour, and whose colours are often below zero; then on
+    which pixels scores are that methods would have of different ones.
 
-
-def pixel_notes(rows: DataFrame, columns: Iterable[Column]) -> list[Note]:
-    """Return on which pixels scores are that methods would have of different ones.
-
-    rows: of one table, with `_fresh` and `_asked`; columns: of the table.
+    rows: of one table, with `_fresh`, `_asked` and the columns of `on_pixels`; columns: of the table.
     """
+    fresh = rows[rows["_fresh"]]
+    whole = restorations(fresh)
+    of_any = {(name, p.default[0]) for name, p in plugins.usable("metric").items() if p.role == "negative"}
+    negative = fresh[(fresh["status"] == "ok") & (fresh["view"] != "")]
+    negative = negative[[pair in of_any for pair in values_of(negative, "metric", "variant")]]
+    for kind, of, shares in (
+        ("holes", whole, 1 - whole["coverage"]),
+        ("negative colours", negative, negative["value"]),
+    ):
+        by_method = shares.groupby(of["method"]).agg(["mean", "max"])
+        worst = by_method[by_method["max"] > _MUCH].sort_values("mean", ascending=False, kind="stable")["mean"]
+        if len(worst):
+            yield Note(kind, tuple(map(str, worst.index)), shares=tuple(map(float, worst)))
+
+    scores = fresh[fresh["_asked"] & scores_of_pixels(fresh)]
+
+    def note(kind: str, concerned: DataFrame, **more: Any) -> Note:
+        pairs = set(values_of(concerned, "metric", "variant"))
+        named = tuple(column for column in columns if (column.metric, column.variant) in pairs)
+        n, total = (len(set(values_of(some, "scene", "view"))) for some in (concerned, scores))
+        return Note(kind, (), named, n, total, **more)
+
+    none = scores["reason"] == Reason.NO_SHARED_PIXELS.value
+    if len(common := scores[(scores["pixels"] == "common") & ~none]):
+        share = float(common.drop_duplicates(["dataset", "scene", "view"])["pixels_share"].mean())
+        yield note("common pixels", common, share=share)
+    if none.any():
+        yield note("no shared pixels", scores[none])
+    reasons = scores["pixels_reason"].where(_is_own(scores, whole) | (scores["pixels_reason"] != ""))
+    for reason, each in scores.groupby(reasons, sort=False):
+        made = note("own pixels", each, reasons=str(reason))
+        if made.columns:  # a metric that lacks a reference, say, has none
+            yield made
+
+
+def _is_own(scores: DataFrame, whole: DataFrame) -> Series:
+    """Which scores are on own pixels, of views of which methods fill shares that differ by much."""
     import pandas as pd
 
-    rows = rows if "pixels" in rows else rows.assign(pixels="own", pixels_share=math.nan, pixels_reason="")
-    scores = rows[rows["_fresh"] & rows["_asked"] & scores_of_pixels(rows)]
-    whole = restoration_rows(rows[rows["_fresh"] & (rows["status"] == "ok")])
-    differing = _differing(whole)
-    differs = [place in differing for place in _views(scores)] if differing else False
-    is_own = pd.Series(differs, scores.index) & (scores["pixels"] == "own")
-    none = scores["reason"] == Reason.NO_SHARED_PIXELS.value
-    common = scores[(scores["pixels"] == "common") & ~none]
-
-    def note(kind: NoteKind, concerned: DataFrame, **more: Any) -> Note:
-        pairs = _metrics(concerned)
-        named = tuple(column for column in columns if (column.metric, column.variant) in pairs)
-        return Note(kind, (), named, len(set(_views(concerned))), len(set(_views(scores))), **more)
-
-    made = []
-    if len(common):
-        made.append(note("common pixels", common, share=float(common.drop_duplicates(_IMAGE)["pixels_share"].mean())))
-    if none.any():
-        made.append(note("no shared pixels", scores[none]))
-    reasons = scores["pixels_reason"].where(is_own | (scores["pixels_reason"] != ""))
-    unshared = (note("own pixels", each, reasons=str(reason)) for reason, each in scores.groupby(reasons, sort=False))
-    return made + [one for one in unshared if one.columns]  # a metric that lacks a reference, say, has no column
-
-
-def _views(rows: DataFrame) -> list[tuple[str, str]]:
-    return [*values_of(rows, "scene", "view")]
-
-
-def _metrics(rows: DataFrame) -> set[tuple[str, str]]:
-    """The metrics of rows, with their variants."""
-    columns = ["metric", "variant"]
-    return set(values_of(rows[columns].drop_duplicates(), *columns))
+    filled = whole[whole["coverage"] >= LEAST_FILLED].groupby(["scene", "view"])["coverage"]
+    differing = set((filled.max() - filled.min()).loc[lambda share: share > LEAST_DIFFERENCE].index)
+    places = (place in differing for place in values_of(scores, "scene", "view"))
+    return pd.Series(places, scores.index, dtype=bool) & (scores["pixels"] == "own")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from sucre_bench import plugins
@@ -114,11 +114,13 @@ class Cell:
 class ColumnScores:
     """The numbers behind one column's cells.
 
-    methods: (M,) labels; views: (V, M) means per view, no holes; std: (M,) over units; holes: (M,) units that others
-    have; independent: the same by independent unit, None where there are fewer than two views.
+    methods: (M,) labels; places: (V,) scene and view; views: (V, M) means per view, no holes; std: (M,) over units;
+    holes: (M,) units that others have; independent: the same by independent unit, None where there are fewer than two
+    views.
     """
 
     methods: tuple[str, ...]
+    places: tuple[tuple[str, str], ...]
     views: Array
     std: Array
     holes: Array
@@ -126,43 +128,28 @@ class ColumnScores:
 
     def of(self, methods: Sequence[int]) -> ColumnScores:
         """Return the scores of some methods, by their numbers."""
-        return ColumnScores(
-            tuple(self.methods[m] for m in methods),
-            self.views[:, methods],
-            self.std[methods],
-            self.holes[methods],
-            None if self.independent is None else self.independent.of_methods(methods),
+        return replace(
+            self,
+            methods=tuple(self.methods[m] for m in methods),
+            views=self.views[:, methods],
+            std=self.std[methods],
+            holes=self.holes[methods],
+            independent=self.independent and self.independent.of_methods(methods),
         )
-
-
-NoteKind = Literal[
-    "no result",  # the method restored nothing
-    "images lost",  # the method lacks a restoration or scores of some units: n of total
-    "no score",  # it restored, but none of the requested metrics could score it
-    "nothing shared",  # a score of which the methods share no unit
-    "replicates lost",  # it lacks replicates of n images, `lost` of `total` in all
-    "common pixels",  # scores on the pixels that all methods fill, `share` of the image, in n of total images
-    "holes",  # methods leave much of a picture without colour: `shares`
-    "negative colours",  # many colours of methods are below zero: `shares`
-    "own pixels",  # methods fill different pixels, but scores in n of total images are on each method's own
-    "no shared pixels",  # n of total images have no pixel that all methods fill
-    "older data",  # the methods ran on older data than the newest
-    "no baseline",  # the baseline was not run here
-    "no option",  # the dataset or method lacks the option that a study follows
-]
 
 
 @dataclass(frozen=True)
 class Note:
     """Something that a comparison does not count.
 
-    methods: labels it is about; columns: scores it is about, empty if it is about restorations; n, total: number of
-    lost units, and of all units; left: number of units that remain for all methods; lost: the lost replicates; unit:
-    unit of n; reasons: how often each reason occurs, as text; option: the followed option; share: of the image, 0 to 1,
-    where pixels are left out; shares: for each method, 0 to 1, the mean over its views.
+    kind: a key of `words.NOTES`, which has its sentence; methods: labels it is about; columns: scores it is about, none
+    if it is about restorations; n, total: number of lost units, and of all units; left: number of units that remain for
+    all methods; lost: the lost replicates; unit: unit of n; reasons: how often each reason occurs, as text; option: the
+    followed option; share: of the image, 0 to 1, where pixels are left out; shares: for each method, 0 to 1, the mean
+    over its views.
     """
 
-    kind: NoteKind
+    kind: str
     methods: tuple[str, ...]
     columns: tuple[Column, ...] = ()
     n: int = 0
@@ -209,7 +196,7 @@ class Comparison:
     rows come from older data; baseline: the method that others are compared with, or ""; notes: the rows that are left
     out, and why; measured: the numbers behind the cells, from which `against` makes differences to a baseline;
     photographs: methods that return the photograph itself, which take no part in places, ranks and ties unless there
-    are no others.
+    are no others; lacks_truth: whether metrics found neither a reference nor a chart in the data.
     """
 
     title: str
@@ -221,6 +208,24 @@ class Comparison:
     notes: tuple[Note, ...] = ()
     measured: Mapping[Column, ColumnScores] = field(default_factory=dict, repr=False, compare=False)
     photographs: tuple[str, ...] = ()
+    lacks_truth: bool = False
+
+    def of(self, column: Column) -> dict[str, Cell]:
+        """Return the cells of a column by method, in the table's order."""
+        return {name: self.cells[name, column] for name in self.methods if (name, column) in self.cells}
+
+    @property
+    def blind(self) -> str:
+        """What a table says in which no score shows which colours are true."""
+        if self.lacks_truth:
+            why, look = "No chart and no reference", "Look"
+        else:
+            why = "No chosen metric compares with a chart or a reference"
+            look = "If the data have one, choose such a metric (`sucre-bench list metrics`); else look"
+        return (
+            f"{why}: these numbers do not show which colours are true. {look} at the pictures, mark a chart"
+            " (`sucre-bench charts`), or ask people (`study`)."
+        )
 
     @property
     def restorers(self) -> tuple[str, ...]:

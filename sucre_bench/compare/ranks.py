@@ -62,12 +62,15 @@ def column_of(scores: DataFrame, repetitions: DataFrame, knows_colours: bool) ->
     first: Any = scores.iloc[0]
     metric, variant = str(first["metric"]), str(first["variant"])
     plugin = plugins.usable("metric").get(metric)
+    limits = (0 if metric in COSTS else -math.inf, math.inf)  # of a metric that is not installed
+    if plugin or metric == FILLED:
+        limits = plugin.range if plugin else (0, 1)
     column = Column(
         metric=metric,
         variant=variant,
         unit=str(first["unit"]),
         better="none" if plugin and variant in plugin.unranked else str(first["better"]),
-        range=_range(metric),
+        range=limits,
         of="image" if (scores["region"] == "image").all() else "chart",
         n_units=len(left),
         n_views=len(left.droplevel("region").unique()),
@@ -79,32 +82,18 @@ def column_of(scores: DataFrame, repetitions: DataFrame, knows_colours: bool) ->
     return column, values
 
 
-def _range(metric: str) -> tuple[float, float]:
-    """The range of a metric's values; unlimited if the metric is not installed."""
-    if plugin := plugins.usable("metric").get(metric):
-        return plugin.range
-    if metric == FILLED:
-        return 0, 1
-    return (0, math.inf) if metric in COSTS else (-math.inf, math.inf)
-
-
 def measured_column(column: Column, values: DataFrame) -> ColumnScores:
     """Return the numbers of a column. values: units x methods, both sorted, NaN = a hole."""
     complete = values.dropna()
     std = standard_deviation(complete.to_numpy())
     per_view = complete.groupby(level=_VIEW).mean()
     views, scenes = per_view.to_numpy(), per_view.groupby(level="scene").size().tolist()
-    independent = _independent(column, views, scenes)
-    return ColumnScores(tuple(map(str, values.columns)), views, std, values.isna().sum().to_numpy(), independent)
-
-
-def _independent(column: Column, views: Array, scenes: list[int]) -> Units | None:
-    """The independent units, None where there are too few. views: (V, M); scenes: how many views each has."""
-    if column.metric == FILLED:
-        return None
-    if len(scenes) > 1 or not (column.plugin and column.plugin.is_of_pairs):  # a score is no mean over pairs of views
-        return Units.of(views, scenes) if len(views) > 1 else None
-    return Units.of(pseudo_values(views), scenes) if len(views) > 2 else None
+    is_of_pairs = len(scenes) == 1 and column.plugin is not None and column.plugin.is_of_pairs
+    units = None
+    if column.metric != FILLED and len(views) > (2 if is_of_pairs else 1):
+        units = Units.of(pseudo_values(views) if is_of_pairs else views, scenes)
+    holes = values.isna().sum().to_numpy()
+    return ColumnScores(tuple(map(str, values.columns)), tuple(per_view.index), views, std, holes, units)
 
 
 def means(views: Array) -> Array:

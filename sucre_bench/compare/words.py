@@ -1,16 +1,14 @@
 """The words of a comparison in every format: numbers, headings, cells, legend, notes, verdicts."""
 
-import itertools
 import math
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.compare.model import FEWEST_VIEWS, Column, Comparison, Note, Verdict, may_be_chance, says_filled
+from sucre_bench.compare.model import Column, Comparison, Note, Verdict, may_be_chance, says_filled
 from sucre_bench.machine.text_formats import counted
 
 
@@ -28,6 +26,10 @@ class NumberRule:
 
 
 NUMBERS = NumberRule(((100, 0), (10, 1), (1, 2), (0.1, 3)), 2, 1e-4)
+
+ARROW = {"higher": "↑", "lower": "↓", "none": ""}
+
+_MOST_NAMES = 4
 
 
 def number(value: float) -> str:
@@ -58,100 +60,19 @@ def standard_deviation(values: Array) -> Array:
         return np.asarray(values.std(axis=0, ddof=1))
 
 
-_ROUGH = "intervals are rough"
-
-
-def rough_below() -> str:
-    """Return below how many views intervals are rough, and why; it follows a sentence about intervals."""
-    return f"over fewer than {FEWEST_VIEWS} views they are rough: so few scores do not show how scores are distributed"
-
-
-def rough(columns: Sequence[Column]) -> str:
-    """Return what says which scores are over too few views for more than rough intervals; "" where none is."""
-    counts = _counts(columns)
-    few = [(names, alike) for names, alike in counts if alike[0].has_few_views]
-    if len(counts) == 1 and few:
-        return f"{_views(few[0][1][0])}: {_interval_of_few(few[0][1][0])}"
-    return "; ".join(f"{names}: over {_views(alike[0])}, {_interval_of_few(alike[0])}" for names, alike in few)
-
-
-def over_views(columns: Sequence[Column]) -> list[str]:
-    """Return over how many views the scores are: most views first, then the scores that have fewer, by name."""
-    (_, first), *others = _counts(columns) or [("", list(columns[:1]))]
-    if not first:
-        return []
-    if first[0].has_few_views and not others:
-        hint = ", --intervals shows them" if first[0].n_views > 1 else ""
-        return [f"{rough(columns)}{hint}"]
-    fewer = [
-        f"{names}: over {_views(alike[0])}" + (f", {_interval_of_few(alike[0])}" if alike[0].has_few_views else "")
-        for names, alike in others
-    ]
-    return [f"means over {_views(first[0])}", *fewer]
-
-
-def over_datasets(mains: Sequence[Column]) -> list[str]:
-    """Return over how many views the main score of several datasets is."""
-    views = [column.n_views for column in mains]
-    few = sum(column.has_few_views for column in mains)
-    if min(views) == max(views):
-        return over_views(mains[:1])
-    rough_in = f"in {few} datasets over fewer than {FEWEST_VIEWS}, where {_ROUGH}"
-    return [f"means over {min(views)} to {max(views)} views", *([rough_in] if few else [])]
-
-
-def over_units(comparison: Comparison) -> Iterator[str]:
-    """Yield over how many views: of most metrics, then of those that differ."""
-    counts = Counter(_count(column) for column in comparison.columns if column.n_units)
-    for place, (count, _) in enumerate(counts.most_common()):
-        names = [column.metric for column in comparison.columns if _count(column) == count]
-        of = "over " if place == 0 else f"{', '.join(dict.fromkeys(names))} over "
-        yield of + count
-
-
-def _counts(columns: Sequence[Column]) -> list[tuple[str, list[Column]]]:
-    """The scores with the same number of views, and their names; the largest number first."""
-    measured = [column for column in columns if column.n_units]
-    scores = [column for column in measured if column.ranked and not says_filled(column.metric, column.variant)]
-    scores = sorted(scores or measured, key=lambda column: -column.n_views)
-    groups = [list(alike) for _, alike in itertools.groupby(scores, lambda column: column.n_views)]
-    return [(", ".join(dict.fromkeys(column.metric for column in alike)), alike) for alike in groups]
-
-
-def _views(column: Column) -> str:
-    return counted(column.n_views, "view")
-
-
-def _interval_of_few(column: Column) -> str:
-    return "no intervals" if column.n_views < 2 else _ROUGH
-
-
-def _count(column: Column) -> str:
-    scenes = f" of {column.n_scenes} scenes" if column.n_scenes > 1 else ""
-    charts = f" ({counted(column.n_units, 'chart')})" if column.of == "chart" else ""
-    return _views(column) + scenes + charts
-
-
-_MOST_NAMES = 4
-
-# What a table says in which no score shows which colours are true.
-BLIND = (
-    "No chart and no reference: these numbers do not show which colours are true. Look at the pictures, mark a chart"
-    " (`sucre-bench charts`), or ask people (`study`)."
-)
-
-ARROW = {"higher": "↑", "lower": "↓", "none": ""}
-
-
 def title(column: Column) -> str:
     """A metric's name with its direction and unit."""
     return " ".join(filter(None, [column.metric, ARROW[column.better], column.unit]))
 
 
+def listed(names: Iterable[str]) -> str:
+    """Return names as text, at most four and how many more there are."""
+    names = list(names)
+    more = len(names) - _MOST_NAMES
+    return ", ".join(names) if more <= 1 else f"{', '.join(names[:_MOST_NAMES])} and {more} more"
+
+
 # -- cells -------------------------------------------------------------------------------------------------
-
-
-Look = Literal["", "best", "second", "better", "worse"]
 
 
 @dataclass(frozen=True)
@@ -166,7 +87,7 @@ class Shown:
     value: str
     interval: str
     holes: str
-    look: Look
+    look: Literal["", "best", "second", "better", "worse"]
 
     def __str__(self) -> str:
         return " ".join(filter(None, [self.mark, self.value, self.interval, self.holes]))
@@ -180,24 +101,18 @@ def shown(comparison: Comparison, method: str, column: Column, spread: bool = Fa
     holes = f"○{cell.holes}" if cell.holes else ""
     if not math.isnan(cell.change[0]):
         change, low, high = cell.change
-        surely = math.isfinite(low) and not may_be_chance(cell.change)
+        is_chance = may_be_chance(cell.change)
+        is_sure = column.ranked and math.isfinite(low) and not is_chance
         is_better = (change > 0) == (column.better == "higher")
-        look: Literal["", "better", "worse"] = "better" if is_better else "worse"
-        mark = "≈" if change and may_be_chance(cell.change) else ""
-        return Shown(
-            mark, signed(change), _interval(low, high, signed), holes, look if surely and column.ranked else ""
-        )
+        mark = "≈" if change and is_chance else ""
+        look: Literal["", "better", "worse"] = "" if not is_sure else "better" if is_better else "worse"
+        return Shown(mark, signed(change), _interval(low, high, signed), holes, look)
     value = number(cell.mean) + (f" ± {number(cell.std)}" if spread and not math.isnan(cell.std) else "")
-    ranked = column.ranked and not comparison.baseline
-    mark = "≈" if ranked and cell.tie else ""
-    places: dict[int, Look] = {1: "best", 2: "second"}
-    place = places.get(cell.place, "") if ranked and _differ(comparison, column) else ""
-    return Shown(mark, value, _interval(cell.low, cell.high), holes, place)
-
-
-def _differ(comparison: Comparison, column: Column) -> bool:
-    """Whether there is a best: among several that are not all equal."""
-    return any((cell := comparison.cells.get((name, column))) and cell.place > 1 for name in comparison.methods)
+    if comparison.baseline or not column.ranked:
+        return Shown("", value, _interval(cell.low, cell.high), holes, "")
+    differ = any(c.place > 1 for (_, of), c in comparison.cells.items() if of == column)  # else there is no best
+    place: Literal["", "best", "second"] = "best" if cell.place == 1 else "second" if cell.place == 2 else ""
+    return Shown("≈" if cell.tie else "", value, _interval(cell.low, cell.high), holes, place if differ else "")
 
 
 def _interval(low: float, high: float, word: Callable[[float], str] = number) -> str:
@@ -205,6 +120,38 @@ def _interval(low: float, high: float, word: Callable[[float], str] = number) ->
 
 
 # -- below a table -----------------------------------------------------------------------------------------
+
+
+def over_views(columns: Sequence[Column]) -> list[str]:
+    """Return over how many views the scores are: most views first, then the scores that have fewer, by name."""
+    measured = [column for column in columns if column.n_units]
+    scores = [column for column in measured if column.ranked and not says_filled(column.metric, column.variant)]
+    alike: dict[str, list[str]] = {}
+    for column in sorted(scores or measured, key=lambda column: -column.n_views):
+        scenes = f" of {column.n_scenes} scenes" if column.n_scenes > 1 else ""
+        charts = f" ({counted(column.n_units, 'chart')})" if column.n_units > column.n_views else ""
+        alike.setdefault(f"over {counted(column.n_views, 'view')}{scenes}{charts}{roughness(column)}", []).append(
+            column.metric
+        )
+    return [f"{listed(dict.fromkeys(names))}: {over}" if n else over for n, (over, names) in enumerate(alike.items())]
+
+
+def roughness(column: Column) -> str:
+    """Return what to say where views are too few for more than rough intervals: they do not show the distribution."""
+    if not column.has_few_views:
+        return ""
+    return ", no intervals" if column.n_views < 2 else ", intervals are rough"
+
+
+def signs(comparison: Comparison, cells: Sequence[Shown], colours: bool) -> list[str]:
+    """Return what the marks of cells mean. colours: whether better and worse are green and red, not bold."""
+    looks = {cell.look for cell in cells}
+    parts = ["bold: best, underlined: second" if "second" in looks else "bold: best"] * ("best" in looks)
+    parts += ["green: better, red: worse" if colours else "bold: better"] * bool(looks & {"better", "worse"})
+    parts += [f"≈: the difference from {comparison.baseline or 'the best'} may be chance"] * any(c.mark for c in cells)
+    parts += ["○n: lacks n that others have"] * any(cell.holes for cell in cells)
+    photographs = comparison.photographs if comparison.restorers else ()
+    return parts + [f"{name}: the photograph itself, which has no rank" for name in photographs]
 
 
 def legend(comparison: Comparison, spread: bool = False, colours: bool = False, intervals: bool = True) -> str:
@@ -217,44 +164,44 @@ def legend(comparison: Comparison, spread: bool = False, colours: bool = False, 
         return "no scores"
     cells = [shown(comparison, name, column) for name in comparison.methods for column in comparison.columns]
     has_interval = intervals and any(cell.interval for cell in cells)
-    looks = {cell.look for cell in cells}
-    of = "mean" + (" ± standard deviation" if spread else "") + (" [95 % interval]" if has_interval else "")
+    of = "mean" + " ± standard deviation" * spread + " [95 % interval]" * has_interval
     if comparison.baseline:
         of = f"with a sign: the difference from {comparison.baseline}{' [95 % interval]' * has_interval}; else {of}"
-    parts = [of, *over_units(comparison)]
-    parts += ["bold: best, underlined: second"] * ("best" in looks)
-    if looks & {"better", "worse"}:
-        parts.append("green: better, red: worse" if colours else "bold: better")
-    if any(cell.mark for cell in cells):
-        parts.append(f"≈: the difference from {comparison.baseline or 'the best'} may be chance")
-    parts += ["○n: lacks n that others have"] * any(cell.holes for cell in cells)
-    if comparison.restorers and comparison.photographs:
-        parts.append(f"{listed(comparison.photographs)}: the photograph itself, which has no rank")
-    return "; ".join([*parts, _how(comparison, has_interval)] if intervals else parts)
+    parts = [of, *over_views(comparison.columns), *signs(comparison, cells, colours)]
+    if has_interval:
+        units = "scenes" if any(column.n_scenes > 1 for column in comparison.columns) else "views"
+        parts += [f"intervals: bootstrap over {units}", *_of_differences(comparison)]
+    return "; ".join(parts)
 
 
-def _how(comparison: Comparison, has_interval: bool) -> str:
-    """Which intervals these are: of means, and of differences between methods."""
-    if not has_interval:
-        return "no intervals: one view says nothing of chance"
-    few = any(column.n_views > 1 and column.has_few_views for column in comparison.columns if column.ranked)
-    units = "scenes" if any(column.n_scenes > 1 for column in comparison.columns) else "views"
-    means = f"intervals: bootstrap over {units}"
-    end = f"; {rough_below()}" if few else ""
-    return f"{means}{_of_differences(comparison)}{end}"
-
-
-def _of_differences(comparison: Comparison) -> str:
+def _of_differences(comparison: Comparison) -> list[str]:
     """Which intervals differences have: those of the methods with scores, from the best or the baseline."""
     scored = {name for name, column in comparison.cells if column.ranked}
     n = len(scored.intersection(comparison.methods if comparison.baseline else comparison.restorers))
-    if n < 2:
-        return ""
-    if n == 2:
-        return "; of the difference: Student's"
+    if n < 3:
+        return ["of the difference: Student's"] if n == 2 else []
     of = f"differences from {comparison.baseline}" if comparison.baseline else "leads of the best"
     condition = "if views are an independent sample"  # not neighbours on a track
-    return f"; of {of}: step-down max-t over {n} methods: at most 5 % of tables have a false one, {condition}"
+    return [f"of {of}: step-down max-t over {n} methods: at most 5 % of tables have a false one, {condition}"]
+
+
+# What the kinds of notes say.
+NOTES = {
+    "no result": "{names} has no result ({note.reasons})",
+    "images lost": "{names} has no {what} in {note.n} of {note.total} {note.unit}s ({note.reasons}): {left}",
+    "no score": "{names} has no score{why}",
+    "nothing shared": "{metrics}: no {note.unit} that {names} all have",
+    "replicates lost": "{names} lacks {note.lost} of {note.total} repetitions, of {images}{of_metrics}: "
+    "scores are means of those that all have",
+    "common pixels": "{metrics} on the pixels that all methods fill: {share} % of the image{in_some}",
+    "own pixels": "{metrics}{in_some} on each method's own pixels, which differ{why}",
+    "no shared pixels": "no score in {note.n} of {note.total} images, because they have no pixel that all methods fill",
+    "holes": "share of the picture without colour: {shares}",
+    "negative colours": "share of colours below zero, which no real scene has: {shares}",
+    "older data": "left out, because they ran on other data: {names}",
+    "no baseline": "{names} was not run here: there is nothing to compare with",
+    "no option": "{names} is left out: it has no option {note.option}",
+}
 
 
 def left_out(comparison: Comparison) -> list[str]:
@@ -263,93 +210,50 @@ def left_out(comparison: Comparison) -> list[str]:
 
 
 def _note_text(note: Note) -> str:
-    name, metrics = listed(note.methods), listed(dict.fromkeys(column.metric for column in note.columns))
-    match note.kind:
-        case "no result":
-            return f"{name} has no result ({note.reasons})"
-        case "images lost":
-            remain = f"the other {note.left}" if note.n + note.left == note.total else f"the {note.left} that all have"
-            on = f"all are compared on {remain}" if note.left else "nothing is left to compare"
-            units = f"{note.n} of {note.total} {note.unit}s"
-            return f"{name} has no {metrics or 'result'} in {units} ({note.reasons}): {on}"
-        case "no score":
-            return f"{name} has no score" + (f" ({note.reasons})" if note.reasons else "")
-        case "nothing shared":
-            (column,) = note.columns
-            return f"{column.metric} ({column.variant}): no {note.unit} that {name} all have"
-        case "replicates lost":
-            lacks = f"{metrics} in repetitions" if metrics else "repetitions"
-            images = f"{note.n} image{'s' * (note.n > 1)} ({note.lost} of {note.total})"
-            return f"{name} lacks {lacks} of {images}: scores are means of those that all have"
-        case "common pixels":
-            in_some = f", in {note.n} of {note.total} images" if note.n < note.total else ""
-            return f"{metrics} on the pixels that all methods fill: {number(100 * note.share)} % of the image{in_some}"
-        case "holes":
-            return f"share of the picture without colour: {_shares(note)}"
-        case "negative colours":
-            return f"share of colours below zero, which no real scene has: {_shares(note)}"
-        case "own pixels":
-            in_some = f" in {note.n} of {note.total} images" if note.n < note.total else ""
-            why = f" ({note.reasons})" if note.reasons else ""
-            return f"{metrics}{in_some} on each method's own pixels, which differ{why}"
-        case "no shared pixels":
-            return f"no score in {note.n} of {note.total} images, because they have no pixel that all methods fill"
-        case "older data":
-            return f"left out, because they ran on other data: {', '.join(note.methods)}"
-        case "no baseline":
-            return f"{name} was not run here: there is nothing to compare with"
-        case "no option":
-            return f"{name} is left out: it has no option {note.option}"
-
-
-def _shares(note: Note) -> str:
-    return listed(f"{name} {100 * share:.0f} %" for name, share in zip(note.methods, note.shares, strict=True))
-
-
-def with_unit(value: float, column: Column, *more: str) -> str:
-    """Return a number in the column's unit, and more after it."""
-    return " ".join(filter(None, [number(value), column.unit, *more]))
-
-
-def listed(names: Iterable[str]) -> str:
-    """Return names as text, at most four and how many more there are."""
-    names = list(names)
-    more = len(names) - _MOST_NAMES
-    return ", ".join(names) if more <= 1 else f"{', '.join(names[:_MOST_NAMES])} and {more} more"
+    metrics = listed(dict.fromkeys(column.metric for column in note.columns))
+    rest = f"the other {note.left}" if note.n + note.left == note.total else f"the {note.left} that all have"
+    return NOTES[note.kind].format(
+        note=note,
+        names=listed(note.methods),
+        metrics=metrics,
+        what=metrics or "result",
+        images=counted(note.n, "image"),
+        of_metrics=f", of {metrics}" if metrics else "",
+        left=f"all are compared on {rest}" if note.left else "nothing is left to compare",
+        why=f" ({note.reasons})" if note.reasons else "",
+        in_some=f" in {note.n} of {note.total} images" if note.n < note.total else "",
+        share=number(100 * note.share),
+        shares=listed(f"{name} {100 * s:.0f} %" for name, s in zip(note.methods, note.shares, strict=False)),
+    )
 
 
 # -- verdicts ----------------------------------------------------------------------------------------------
 
 
-def verdict_text(comparison: Comparison, verdict: Verdict) -> str:
+def verdict_text(comparison: Comparison, verdict: Verdict, interval: bool = True) -> str:
     """Return a verdict as a sentence: who is ahead, by how much, how steadily, and whether it may be chance.
 
-    With a baseline, the sentence is about the other method.
+    With a baseline, the sentence is about the other method. interval: whether it has the interval and the effect.
     """
-    column, baseline = verdict.column, comparison.baseline
+    column, baseline, views = verdict.column, comparison.baseline, verdict.column.n_views
     several = [c.metric for c in comparison.columns].count(column.metric) > 1
     name = f"{column.metric} ({column.variant})" if several else column.metric
     if baseline and not verdict.difference:
         return f"{name}: {verdict.leader} equals {verdict.second}"
-    by = with_unit(verdict.difference, column, _interval(*verdict.interval))
+    lead, wins = f"{verdict.leader} {'leads' if verdict.is_lead else 'is ahead of'} {verdict.second}", "best"
     if baseline == verdict.leader:
-        lead, wins = f"{verdict.second} is worse than {baseline}", "worse in"
+        lead, wins = f"{verdict.second} is worse than {baseline}", "worse"
     elif baseline:
-        lead, wins = f"{verdict.leader} is better than {baseline}", "better in"
-    else:
-        lead, wins = ahead(verdict), "best in"
-    return f"{name}: {lead} by {by}{_evidence(verdict, wins)}"
-
-
-def ahead(verdict: Verdict) -> str:
-    """Return who leads whom, or is only ahead: the difference may be chance."""
-    return f"{verdict.leader} {'leads' if verdict.is_lead else 'is ahead of'} {verdict.second}"
-
-
-def _evidence(verdict: Verdict, wins: str) -> str:
-    views = verdict.column.n_views
+        lead, wins = f"{verdict.leader} is better than {baseline}", "better"
+    ends = _interval(*verdict.interval) if interval else ""
+    by = f"{with_unit(verdict.difference, column)} {ends}".rstrip()
     if views < 2:
-        return ", on one view"
-    size = f", effect {verdict.effect:.1f}" if math.isfinite(verdict.effect) else ""
+        return f"{name}: {lead} by {by}, on one view"
+    effect = f", effect {verdict.effect:.1f}" if interval and math.isfinite(verdict.effect) else ""
     chance = ", which may be chance" if verdict.may_be_chance else ""
-    return f", {wins} {round(verdict.wins, 1):g} of {views} views{size}{chance}"
+    return f"{name}: {lead} by {by}, {wins} in {round(verdict.wins, 1):g} of {views} views{effect}{chance}"
+
+
+def with_unit(value: float, column: Column) -> str:
+    """Return a number in the column's unit."""
+    return f"{number(value)} {column.unit}".rstrip()

@@ -91,7 +91,7 @@ def test_the_columns_that_decide_are_those_that_know_the_true_colours():
     assert printed(compared(MANY)).heads == ["psnr ↑", "ssim ↑", "psi ↓", "de00 ↓", "filled", "s/view"]
 
 
-NO_TRUTH = "No chart and no reference: these numbers do not show which colours are true."
+NO_TRUTH = ": these numbers do not show which colours are true."
 WINNING = re.compile(r"lead|ahead|best|better|≈|more than chance")
 
 

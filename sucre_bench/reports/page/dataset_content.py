@@ -13,7 +13,7 @@ from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import COSTS, Column, Comparison, verdicts
 from sucre_bench.compare.answer import Deciding, answer, deciding
 from sucre_bench.compare.model import FILLED
-from sucre_bench.compare.words import ARROW, left_out, legend, number, rough, shown, title, verdict_text
+from sucre_bench.compare.words import ARROW, left_out, legend, number, shown, title, verdict_text
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.words import Rerun, metric_words, shell, value_of
 from sucre_bench.reports.metric_roles import metrics_of
@@ -109,20 +109,19 @@ class Section:
         charts = Charts(read_charts(self.rows, self._methods, self._names), self.table.columns, self._methods)
         scene = "" if self._has_scenes else next(iter({*self.rows["scene"]} - {""}), "")
         enough = any(column.n_units and not column.has_few_views for column in self.table.columns)
-        few = rough(self._deciding.columns)
-        lines = [*answer(self.table, self._deciding), few]
+        lines = answer(self.table, self._deciding)
         said = verdicts(self.table)
         return {
             "name": self.table.title,
             "title": f"Results on {self.table.title}{f': {scene}' if scene not in ('', self.table.title) else ''}",
-            "lines": [line.split("`") for line in lines if line],  # every second part is a command
+            "lines": [line.split("`") for line in lines],  # every second part is a command
             "leads": [verdict_text(self.table, verdict) for verdict in said if verdict.is_lead],
             "chances": [verdict_text(self.table, verdict) for verdict in said if not verdict.is_lead],
             "columns": [heading(column) for column in self._columns],
             "main": key_of(self._main) if self._main else "",
             "lower_first": bool(self._main and self._main.better == "lower"),
             "rows": self._rows(),
-            "note": ". ".join(filter(None, [few, legend(self.table, intervals=enough), *left_out(self.table)])),
+            "note": ". ".join([legend(self.table, intervals=enough), *left_out(self.table)]),
             "costs": self._costs(),
             "swatches": charts.swatches(),
             "distances": charts.distances(),
