@@ -1,6 +1,6 @@
 """Scores on common pixels: the pixels of a view that all methods fill. `compare/choose_pixels.py` uses them.
 
-`view_rows` scores one view from the pictures and masks of its restorations. A run calls it for the views of its
+`CommonView.rows` scores one view from the pictures and masks of its restorations. A run calls it for the views of its
 results folder, `compare` for those of several folders, and Python for restorations in memory. No method runs again.
 """
 
@@ -9,20 +9,18 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from sucre_bench import results
-from sucre_bench.arrays import DataFrame, Mask, Picture
+from sucre_bench.arrays import Array, DataFrame, Mask, Picture
 from sucre_bench.engine.preflight import Planned
 from sucre_bench.engine.score import Scored, Scorer, scorers, variant_rows
-from sucre_bench.engine.select_views import Task, open_scenes, tasks
+from sucre_bench.engine.select_views import Task, open_scenes, opening_once, tasks
 from sucre_bench.errors import DamagedFileError, InputError, SucreBenchError, one_line, raise_if_stop
 from sucre_bench.imaging.once import locked
 from sucre_bench.jobs.config_file import config_path, read_config
@@ -48,90 +46,55 @@ from sucre_bench.results.common_scores import (
 )
 from sucre_bench.results.layout import Place, log_path
 from sucre_bench.results.reasons import Reason
-from sucre_bench.results.restorations import (
-    PictureOnly,
-    masked,
-    stored_mask,
-    stored_picture,
-    stored_restoration,
-)
-from sucre_bench.results.rows import RESTORATION, Row, restorations, row_objects
+from sucre_bench.results.restorations import PictureOnly, masked, stored_mask, stored_picture, stored_restoration
+from sucre_bench.results.rows import KEYS, RESTORATION, Row, restorations, row_objects, values_of
 from sucre_bench.results.table import is_fresh
 from sucre_bench.results.table import locked as locked_table
 from sucre_bench.scene import Restoration, View
 
 _FLUSH_S = 30.0
-_VIEW = ["dataset", "scene", "view"]
+_VIEW = ("dataset", "scene", "view")
 
 _Score = tuple[str, str, str, str]  # method, metric, variant, code
-_Restoration = tuple[str, str, str, str, str]  # dataset, scene, view, method, time
-
-
-class RestorationSource(Protocol):
-    """The mask and the pictures of a restoration. Each method raises InputError if it cannot read them."""
-
-    def mask(self) -> Mask:
-        """Return which pixels (H, W) have a colour."""
-        ...
-
-    def picture(self) -> Picture:
-        """Return the restored image (H, W, 3), uint8 RGB, holes black."""
-        ...
-
-    def restoration(self, mask: Mask) -> Restoration:
-        """Return the restoration with holes outside a mask (H, W); it has no computed image if none was stored."""
-        ...
 
 
 @dataclass(frozen=True)
-class Stored:
-    """A restoration in a results folder. whole: its row."""
+class Source:
+    """What reads a restoration. Each function raises InputError if it cannot.
 
-    out: Path
-    place: Place
-    whole: Row
+    mask: returns which pixels (H, W) have a colour, None if all have; picture: the restored image (H, W, 3), uint8 RGB,
+    holes black; restoration: the restoration with holes outside a mask (H, W), without a computed image if none is
+    there.
+    """
 
-    def mask(self) -> Mask:
-        """See `RestorationSource`."""
-        return stored_mask(self.out, self.place, self.whole)
-
-    def picture(self) -> Picture:
-        """See `RestorationSource`."""
-        return stored_picture(self.out, self.place, self.whole.method)
-
-    def restoration(self, mask: Mask) -> Restoration:
-        """See `RestorationSource`."""
-        return stored_restoration(self.out, self.place, self.whole, mask)
-
-
-@dataclass(frozen=True, eq=False)
-class InMemory:
-    """A restoration as its picture (H, W, 3) and mask, at one bit a pixel."""
-
-    shown: Picture
-    bits: npt.NDArray[np.uint8]
+    mask: Callable[[], Mask | None]
+    picture: Callable[[], Picture]
+    restoration: Callable[[Mask], Restoration]
 
     @classmethod
-    def of(cls, shown: Picture, mask: Mask) -> InMemory:
-        """shown: uint8 RGB, holes black."""
-        return cls(shown, np.packbits(mask))
+    def stored(cls, out: Path, place: Place, whole: Row) -> Source:
+        """A restoration in a results folder. whole: its row."""
+        mask = partial(stored_mask, out, place, whole) if whole.coverage < 1 else lambda: None
+        picture = partial(stored_picture, out, place, whole.method)
+        return cls(mask, picture, partial(stored_restoration, out, place, whole))
 
-    def mask(self) -> Mask:
-        """See `RestorationSource`."""
-        height, width = self.shown.shape[:2]
-        return np.unpackbits(self.bits, count=height * width).astype(np.bool_).reshape(height, width)
+    @classmethod
+    def held(cls, picture: Picture, mask: Mask) -> Source:
+        """A restoration in memory, without its computed image."""
+        return cls(lambda: None if mask.all() else mask, lambda: picture, partial(PictureOnly, reason=Reason.NOT_HELD))
 
-    def picture(self) -> Picture:
-        """See `RestorationSource`."""
-        return self.shown
-
-    def restoration(self, mask: Mask) -> Restoration:
-        """See `RestorationSource`."""
-        return PictureOnly(mask, Reason.NOT_HELD)
+    def shown(self, mask: Mask, place: str | Path) -> Array:
+        """Return the restored image (H, W, 3) in [0, 1], NaN outside a mask (H, W). place: what a fault names."""
+        picture = self.picture()
+        if picture.shape[:2] != mask.shape:
+            sizes = [f"{w}x{h}" for h, w in (picture.shape[:2], mask.shape)]
+            remedy = "run that method again with overwrite=always"
+            raise InputError(f"is {sizes[0]}, its view or others are {sizes[1]}", place, remedy)
+        return masked(picture / np.float32(255), mask)
 
 
 @dataclass(frozen=True)
-class PixelMetrics:
+class _Metrics:
     """The metrics that score pixels, by name and version. log: keeps tracebacks; limit_s: of one score."""
 
     by_code: Mapping[tuple[str, str], Scorer]
@@ -139,14 +102,12 @@ class PixelMetrics:
     limit_s: float | None = None
 
     @classmethod
-    def chosen(
-        cls, metrics: Iterable[MetricChoice], log: Path | None = None, limit_s: float | None = None
-    ) -> PixelMetrics:
+    def of(cls, metrics: Iterable[MetricChoice], log: Path | None = None, limit_s: float | None = None) -> _Metrics:
         """Make those of some metrics that score pixels; the last one if several have one name."""
         by_name = {metric.plugin.name: metric for metric in metrics if metric.plugin.is_of_pixels}
         return cls({(made.plugin.name, made.code): made for made in scorers(by_name.values())}, log, limit_s)
 
-    def of(self, row: Row) -> Scorer | None:
+    def scorer(self, row: Row) -> Scorer | None:
         """The metric that made a score; None if the run asks for another version of it, or for other options."""
         return self.by_code.get((row.metric, row.code.partition(".")[2]))
 
@@ -155,148 +116,127 @@ class PixelMetrics:
 class CommonView:
     """A view that several methods restored, one of them with holes.
 
-    base: a row with its dataset, scene and view; whole, sources: by method, the row of the restoration, and where its
-    mask and pictures come from; own_rows: the scores on own pixels; before: the stored row of its common pixels;
-    scores: the stored scores on common pixels, without those of other restorations than in `whole`.
+    base: a row with its dataset, scene and view; whole, sources: by method, the row of the restoration, and what reads
+    it; own_rows: the scores on own pixels; before: the stored row of its common pixels; scores: the stored scores on
+    common pixels, without those of other restorations than in `whole`.
     """
 
     base: Row
     view: View
+    metrics: _Metrics
     whole: dict[str, Row] = field(default_factory=dict)
-    sources: dict[str, RestorationSource] = field(default_factory=dict)
+    sources: dict[str, Source] = field(default_factory=dict)
     own_rows: list[Row] = field(default_factory=list)
     before: CommonRow | None = None
     scores: dict[_Score, CommonRow] = field(default_factory=dict)
 
     @property
-    def is_done(self) -> bool:
-        """Whether nothing has changed since the view's row was written, and no score is missing."""
+    def is_due(self) -> bool:
+        """Whether methods may fill different pixels, and something has changed since the view's row was written, or a
+        score is missing.
+        """
+        if len(self.whole) < 2 or all(whole.coverage == 1 for whole in self.whole.values()):
+            return False
         row = self.before
         if row is None or row.status == "failed" or json.loads(row.methods) != sorted(self.whole):
-            return False
-        is_newest = all(whole.time <= row.time for whole in self.whole.values())
-        return is_newest and (
-            row.variant != "common" or all(_score_of(scored) in self.scores for scored in self.own_rows)
-        )
+            return True
+        is_older = any(whole.time > row.time for whole in self.whole.values())
+        return is_older or (row.variant == "common" and any(_score(own) not in self.scores for own in self.own_rows))
 
-    def add_stored(self, row: CommonRow) -> None:
-        """Add a row that the table of scores on common pixels has, if it is of this view's restorations."""
-        if row.metric == COMMON_PIXELS:
-            self.before = row
-        elif row.method in self.whole and row.time >= self.whole[row.method].time and row.status != "failed":
-            self.scores[_score_of(row)] = row
+    def rows(self) -> list[CommonRow]:
+        """Score the view on its common pixels; the first row stands for the view. A fault becomes that row."""
+        base = replace(
+            self.base, method="", options="{}", options_id="", metric=COMMON_PIXELS, unit="share", better="none",
+            code="", value=math.nan, time=now(),
+        )  # fmt: skip
+        try:
+            return self._scored(base)
+        except BaseException as fault:
+            raise_if_stop(fault)
+            if not isinstance(fault, InputError):
+                keep_traceback(self.metrics.log, f"{base.dataset} / {base.scene} / {base.view} / common pixels")
+            unknown: Kind = "unknown"
+            failed = replace(base, variant=unknown, status="failed", reason=one_line(fault))
+            return [CommonRow.of(failed, "", list(self.whole))]
+
+    def _scored(self, base: Row) -> list[CommonRow]:
+        common, differing = common_mask({name: source.mask() for name, source in self.sources.items()})
+        kind, pixels = kind_of(common, differing)
+        share = float(common.mean())
+        reason = Reason.NO_SHARED_PIXELS.value if kind == "none" else ""
+        base = replace(base, value=share, coverage=share, n_pixels=int(common.sum()), variant=kind, reason=reason)
+        rows = [CommonRow.of(base, pixels, list(self.whole))]
+        if kind != "common":
+            return rows
+        known = self.scores if self.before is not None and self.before.pixels == pixels else {}
+        for method, source in self.sources.items():
+            rows += [row for key, row in known.items() if key[0] == method]  # also by metrics not asked for now
+            todo = [row for row in self.own_rows if row.method == method and _score(row) not in known]
+            if todo:
+                shown = locked(source.shown(common, f"the restored image of {method}"))
+                scored, started = Scored(source.restoration(common), shown, self.view), now()
+                rows += [CommonRow.of(row, pixels) for own in todo for row in self._again(own, scored, started)]
+        return rows
+
+    def _again(self, own: Row, scored: Scored, started: str) -> Iterator[Row]:
+        """Score by the metric and variant of a score on own pixels."""
+        if scorer := self.metrics.scorer(own):
+            base = replace(own, time=started)
+            made = variant_rows(scorer.metric, scored, base, self.metrics.log, self.metrics.limit_s)
+            yield from (row for row in made if row.region == "image")
 
 
 def _key(row: Row) -> ViewKey:
     return row.dataset, row.scene, row.view
 
 
-def _score_of(row: Row) -> _Score:
+def _score(row: Row) -> _Score:
     return row.method, row.metric, row.variant, row.code
 
 
-# -- one view ----------------------------------------------------------------------------------------------
-
-
-def view_rows(view: CommonView, metrics: PixelMetrics) -> list[CommonRow]:
-    """Score a view on its common pixels; the first row stands for the view. A fault becomes that row."""
-    base = replace(
-        view.base, method="", options="{}", options_id="", metric=COMMON_PIXELS, unit="share", better="none", code="",
-        value=math.nan, time=now(),
-    )  # fmt: skip
-    try:
-        return _scored(view, metrics, base)
-    except InputError as fault:
-        reason = one_line(fault)
-    except BaseException as fault:
-        raise_if_stop(fault)
-        keep_traceback(metrics.log, f"{base.dataset} / {base.scene} / {base.view} / common pixels")
-        reason = one_line(fault)
-    unknown: Kind = "unknown"
-    return [CommonRow.of(replace(base, variant=unknown, status="failed", reason=reason), "", list(view.whole))]
-
-
-def _scored(view: CommonView, metrics: PixelMetrics, base: Row) -> list[CommonRow]:
-    masks = {name: None if row.coverage == 1 else view.sources[name].mask() for name, row in view.whole.items()}
-    common, differing = common_mask(masks)
-    kind, pixels = kind_of(common, differing)
-    share = float(common.mean())
-    reason = Reason.NO_SHARED_PIXELS.value if kind == "none" else ""
-    base = replace(base, value=share, coverage=share, n_pixels=int(common.sum()), variant=kind, reason=reason)
-    rows = [CommonRow.of(base, pixels, list(view.whole))]
-    if kind != "common":
-        return rows
-    is_same = view.before is not None and view.before.pixels == pixels
-    for method in view.whole:
-        known = {key: row for key, row in view.scores.items() if is_same and key[0] == method}
-        rows += known.values()  # also by metrics that this run does not ask for
-        todo = [row for row in view.own_rows if row.method == method and _score_of(row) not in known]
-        if todo:
-            rows += _scores(metrics, view, method, todo, common, pixels)
-    return rows
-
-
-def _scores(
-    metrics: PixelMetrics, view: CommonView, method: str, own_rows: Sequence[Row], common: Mask, pixels: str
-) -> Iterator[CommonRow]:
-    """Score a restored image on the common pixels, by the metrics and variants that it has on its own pixels."""
-    source = view.sources[method]
-    picture = source.picture()
-    if picture.shape[:2] != common.shape:
-        sizes = [f"{w}x{h}" for h, w in (picture.shape[:2], common.shape)]
-        what = f"the restored image of {method}"
-        raise InputError(f"is {sizes[0]}, others are {sizes[1]}", what, "run that method again with overwrite=always")
-    shown = locked(masked(picture / np.float32(255), common))
-    scored, started = Scored(source.restoration(common), shown, view.view), now()
-    for row in own_rows:
-        scorer, base = metrics.of(row), replace(row, time=started)
-        for made in variant_rows(scorer.metric, scored, base, metrics.log, metrics.limit_s) if scorer else ():
-            if made.region == "image":
-                yield CommonRow.of(made, pixels)
-
-
-def _fill(
-    views: Mapping[ViewKey, CommonView],
+def _common_views(
+    views: Mapping[ViewKey, tuple[Row, View]],
     rows: DataFrame,
-    metrics: PixelMetrics,
-    source: Callable[[Row], RestorationSource | None],
-) -> None:
-    """Add to each view its restorations and their scores on own pixels.
+    metrics: _Metrics,
+    source: Callable[[Row], Source | None],
+    before: DataFrame | None = None,
+) -> dict[ViewKey, CommonView]:
+    """The views with their restorations and their scores.
 
-    rows: of the score table; source: where a restoration's pictures are, None for one that takes no part.
+    views: a row of each view, and the view; rows: of the score table; source: what reads a restoration, None for one
+    that takes no part; before: the stored scores on common pixels.
     """
+    made = {key: CommonView(base, view, metrics) for key, (base, view) in views.items()}
     for row in row_objects(filled_restorations(rows)):
-        if _key(row) in views and (pictures := source(row)) is not None:
-            views[_key(row)].whole[row.method], views[_key(row)].sources[row.method] = row, pictures
+        if _key(row) in made and (reads := source(row)) is not None:
+            made[_key(row)].whole[row.method], made[_key(row)].sources[row.method] = row, reads
     names = {name for name, _ in metrics.by_code}
     scores = rows[(rows["status"] == "ok") & (rows["region"] == "image") & rows["metric"].isin(names)]
     for row in row_objects(scores):
-        if (view := views.get(_key(row))) and row.method in view.whole and metrics.of(row):
+        if (view := made.get(_key(row))) and row.method in view.whole and metrics.scorer(row):
             view.own_rows.append(row)
-
-
-# -- restorations in memory --------------------------------------------------------------------------------
+    for stored in common_rows(before) if before is not None else ():
+        if not (view := made.get(_key(stored))):
+            continue
+        if stored.metric == COMMON_PIXELS:
+            view.before = stored
+        elif (whole := view.whole.get(stored.method)) and stored.time >= whole.time and stored.status != "failed":
+            view.scores[_score(stored)] = stored
+    return made
 
 
 def score_in_memory(
-    views: Sequence[View], rows: DataFrame, held: Mapping[tuple[str, str], InMemory], metrics: Sequence[str]
+    views: Sequence[View], rows: DataFrame, held: Mapping[tuple[str, str], Source], metrics: Sequence[str]
 ) -> DataFrame:
     """Return scores on common pixels of the views that methods fill differently, as `results.read_common` has them.
 
     rows: all scores of one scene; held: restorations by view and label; metrics: those of the rows, by name.
     """
-    by_name, chosen = {view.name: view for view in views}, PixelMetrics.chosen(metric_choices(metrics))
-    whole = filled_restorations(rows)
+    by_name, whole = {view.name: view for view in views}, filled_restorations(rows)
     differing = differing_views(whole)
-    made: dict[ViewKey, CommonView] = {}
-    for row in row_objects(whole):
-        if _key(row) in differing:
-            made.setdefault(_key(row), CommonView(row, by_name[row.view]))
-    _fill(made, rows, chosen, lambda row: held[row.view, row.method])
-    return common_frame(row for view in made.values() for row in view_rows(view, chosen))
-
-
-# -- a run's results folder --------------------------------------------------------------------------------
+    chosen = {_key(row): (row, by_name[row.view]) for row in row_objects(whole) if _key(row) in differing}
+    made = _common_views(chosen, rows, _Metrics.of(metric_choices(metrics)), lambda row: held[row.view, row.method])
+    return common_frame(row for view in made.values() for row in view.rows())
 
 
 def score_on_common_pixels(planned: Sequence[Planned], rows: DataFrame, out: Path) -> None:
@@ -308,7 +248,8 @@ def score_on_common_pixels(planned: Sequence[Planned], rows: DataFrame, out: Pat
     rows: of the results folder `out`. Raises OutputError if the table cannot be written. A fault in a view becomes its
     row.
     """
-    if not _candidates(rows, planned):
+    every = {(plan.job.dataset.label, task.base.scene, task.view.name): task for plan in planned for task in plan.tasks}
+    if not every.keys() & differing_views(filled_restorations(rows)):
         return
     with locked_table(out, COMMON_TABLE):
         rows = results.read(out)  # other commands may have added to it
@@ -317,15 +258,22 @@ def score_on_common_pixels(planned: Sequence[Planned], rows: DataFrame, out: Pat
         except DamagedFileError:
             progress.say(f"{out / COMMON_TABLE}: is damaged, and is made again")
             before = common_frame([])
-        metrics = PixelMetrics.chosen(
-            (metric for plan in planned for metric in plan.job.metrics), log_path(out), planned[0].job.view_timeout_s
-        )
-        todo = _views_to_score(rows, before, _candidates(rows, planned), metrics, out)
+        differing = differing_views(filled_restorations(rows))
+        chosen = {key: (task.base, task.view) for key, task in every.items() if key in differing}
+        limit_s = planned[0].job.view_timeout_s
+        metrics = _Metrics.of((metric for plan in planned for metric in plan.job.metrics), log_path(out), limit_s)
+
+        def source(row: Row) -> Source | None:
+            task = every[_key(row)]
+            return Source.stored(out, task.place, row) if row.data_id == task.base.data_id else None
+
+        views = _common_views(chosen, rows, metrics, source, before)
+        due = [key for key, view in views.items() if view.is_due]
         made: dict[ViewKey, list[CommonRow]] = {}
         written = time.monotonic()
         try:
-            for key in progress.track(list(todo), "common pixels"):
-                made[key] = view_rows(todo[key], metrics)
+            for key in progress.track(due, "common pixels"):
+                made[key] = views[key].rows()
                 if time.monotonic() - written > _FLUSH_S:
                     write_common(out, _replaced(before, made))
                     written = time.monotonic()
@@ -338,41 +286,9 @@ def _replaced(before: DataFrame, made: Mapping[ViewKey, Sequence[CommonRow]]) ->
     """The table with the new rows of some views."""
     import pandas as pd
 
-    keys = zip(*(before[name] for name in _VIEW), strict=True)
-    kept = before[[key not in made for key in keys]]
+    kept = before[[key not in made for key in values_of(before, *_VIEW)]]
     new = common_frame(row for rows in made.values() for row in rows)
     return pd.concat([table for table in (kept, new) if len(table)] or [new], ignore_index=True)
-
-
-def _candidates(rows: DataFrame, planned: Sequence[Planned]) -> dict[ViewKey, Task]:
-    """The views of the jobs that several methods restored, one of them with holes."""
-    wanted = differing_views(filled_restorations(rows))
-    every = {(plan.job.dataset.label, task.base.scene, task.view.name): task for plan in planned for task in plan.tasks}
-    return {key: task for key, task in every.items() if key in wanted}
-
-
-def _views_to_score(
-    rows: DataFrame, before: DataFrame, candidates: Mapping[ViewKey, Task], metrics: PixelMetrics, out: Path
-) -> dict[ViewKey, CommonView]:
-    """The views whose stored scores on common pixels are missing or older than their restorations."""
-    views = {key: CommonView(task.base, task.view) for key, task in candidates.items()}
-
-    def source(row: Row) -> Stored | None:
-        task = candidates[_key(row)]
-        return Stored(out, task.place, row) if row.data_id == task.base.data_id else None
-
-    _fill(views, rows, metrics, source)
-    for common in common_rows(before):
-        if _key(common) in views:
-            views[_key(common)].add_stored(common)
-
-    def may_differ(view: CommonView) -> bool:
-        return len(view.whole) > 1 and any(whole.coverage < 1 for whole in view.whole.values())
-
-    return {key: view for key, view in views.items() if may_differ(view) and not view.is_done}
-
-
-# -- several results folders -------------------------------------------------------------------------------
 
 
 def score_folders(folders: Sequence[Path], rows: DataFrame) -> DataFrame:
@@ -381,37 +297,30 @@ def score_folders(folders: Sequence[Path], rows: DataFrame) -> DataFrame:
     Nothing is written. rows: of all folders, as `compare.load` reads them. A view has no scores if its data do not open
     any more, or if one of its restorations lies in a bundle.
     """
-    rows_now = rows[is_fresh(rows)]
-    whole = [*row_objects(filled_restorations(rows_now))]
-    if not (differing := differing_views(filled_restorations(rows_now))):
+    rows = rows[is_fresh(rows)]
+    whole = filled_restorations(rows)
+    if not (differing := differing_views(whole)):
         return common_frame([])
     places = [folder for folder in folders if not is_bundle(folder)]
     tables = ((folder, restorations(results.read(folder, metric=RESTORATION))) for folder in places)
-    folder_of = {_restoration(row): folder for folder, table in tables for row in row_objects(table)}
-    of_view: dict[ViewKey, set[Path | None]] = {}
-    for row in whole:
-        of_view.setdefault(_key(row), set()).add(folder_of.get(_restoration(row)))  # a bundle counts as a folder
-    wanted = {key for key, several in of_view.items() if key in differing and len(several) > 1}
-    jobs = [job for folder in places for job in _jobs(folder)] if wanted else []
-    metrics = PixelMetrics.chosen(metric for job in jobs for metric in job.metrics)
-    opened = _tasks(jobs, wanted)
-    views = {key: CommonView(task.base, task.view) for key, task in opened.items()}
+    folder_of = {which: folder for folder, table in tables for which in values_of(table, *KEYS, "time")}
+    of_view: dict[ViewKey, list[Path | None]] = {}
+    for dataset, scene, view, *which in values_of(whole, *KEYS, "time"):
+        of_view.setdefault((dataset, scene, view), []).append(folder_of.get((dataset, scene, view, *which)))
+    wanted = {key for key in differing if None not in of_view[key] and len({*of_view[key]}) > 1}
+    labels = {dataset for dataset, _, _ in wanted}
+    jobs = [job for folder in places if wanted for job in _jobs(folder) if job.dataset.label in labels]
+    with opening_once():
+        opened = {key: task for job in reversed(jobs) for key, task in _tasks(job).items() if key in wanted}
 
-    def source(row: Row) -> Stored | None:
-        folder, task = folder_of.get(_restoration(row)), opened[_key(row)]
-        is_of_data = folder is not None and row.data_id == task.base.data_id
-        return Stored(folder, task.place, row) if folder is not None and is_of_data else None
+    def source(row: Row) -> Source | None:
+        task, folder = opened[_key(row)], folder_of[(*_key(row), row.method, row.time)]
+        return Source.stored(folder, task.place, row) if row.data_id == task.base.data_id else None
 
-    _fill(views, rows_now, metrics, source)
-    counts = Counter(map(_key, whole))
-    complete = [view for key, view in views.items() if len(view.whole) == counts[key]]
-    made = progress.track(complete, "common pixels")
-    return common_frame(row for view in made for row in view_rows(view, metrics))
-
-
-def _restoration(row: Row) -> _Restoration:
-    """What identifies a restoration among those of all folders."""
-    return row.dataset, row.scene, row.view, row.method, row.time
+    metrics = _Metrics.of(metric for job in jobs for metric in job.metrics)
+    views = _common_views({key: (task.base, task.view) for key, task in opened.items()}, rows, metrics, source)
+    complete = [view for key, view in views.items() if len(view.whole) == len(of_view[key])]
+    return common_frame(row for view in progress.track(complete, "common pixels") for row in view.rows())
 
 
 def _jobs(folder: Path) -> list[Job]:
@@ -422,19 +331,10 @@ def _jobs(folder: Path) -> list[Job]:
         return []
 
 
-def _tasks(jobs: Sequence[Job], wanted: Collection[ViewKey]) -> dict[ViewKey, Task]:
-    """The tasks of some views, as far as their data can be opened."""
-    found: dict[ViewKey, Task] = {}
-    labels, opened = {dataset for dataset, _, _ in wanted}, set[str]()
-    for job in jobs:
-        data = results.fingerprint({**job.dataset.record, **job.degrade.record, "replicate": job.replicate})[1]
-        if job.dataset.label not in labels or data in opened:
-            continue
-        opened.add(data)
-        try:
-            for task in tasks(job, open_scenes(job.dataset)):
-                if (key := (job.dataset.label, task.base.scene, task.view.name)) in wanted:
-                    found.setdefault(key, task)
-        except SucreBenchError:
-            continue
-    return found
+def _tasks(job: Job) -> dict[ViewKey, Task]:
+    """The views of a job's dataset; none if its data cannot be opened."""
+    try:
+        every = tasks(job, open_scenes(job.dataset))
+        return {(job.dataset.label, task.base.scene, task.view.name): task for task in every}
+    except SucreBenchError:
+        return {}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,7 @@ from sucre_bench.compare import Comparison
 from sucre_bench.compare.answer import deciding
 from sucre_bench.compare.documents import as_text
 from sucre_bench.compare.words import number
-from sucre_bench.engine.common_pixels import InMemory, score_in_memory
+from sucre_bench.engine.common_pixels import Source, score_in_memory
 from sucre_bench.engine.python_api import restore, score
 from sucre_bench.engine.score import row_without_value
 from sucre_bench.errors import InputError, NotApplicableError, SucreBenchError, one_line
@@ -85,24 +84,27 @@ class Compared:
 
         A notebook shows the returned picture. Raises InputError for an unknown label or view.
         """
+        import cv2
         from PIL import Image
 
-        shown, metric = self.scene[view], metric or self._main_metric()
-        unknown = [label for label in labels if label not in self.labels]
-        if unknown:
+        shown = self.scene[view]
+        if unknown := [label for label in labels if label not in self.labels]:
             raise InputError(f"no method '{unknown[0]}'", "labels", f"there are {', '.join(self.labels)}")
-        made = {label: self.pictures.get((shown.name, label)) for label in labels or self.labels}
-        panels = {"photograph": _eight_bit(shown, shown.rgb)}
-        panels |= {self._title(shown.name, name, metric): each for name, each in made.items() if each is not None}
+        main = deciding(found).main if not metric and (found := self.comparison) else None
+        metric = f"{main.metric}:{main.variant}" if main else metric
+        panels = {"photograph": to_8bit(display(shown.rgb, "none", shown.encoding))}
+        for label in labels or self.labels:
+            if (shown.name, label) in self.pictures:
+                panels[self._title(shown.name, label, metric)] = self.pictures[shown.name, label]
         if shown.reference is not None:
-            panels["reference"] = _eight_bit(shown, shown.reference)
-        named = [captioned(_resized(picture, height), name) for name, picture in panels.items()]
-        gap = np.full((height, _GAP, 3), 255, np.uint8)
-        return Image.fromarray(np.hstack([part for panel in named for part in (gap, panel)][1:]))
-
-    def _main_metric(self) -> str:
-        main = deciding(found).main if (found := self.comparison) else None
-        return f"{main.metric}:{main.variant}" if main else ""
+            panels["reference"] = to_8bit(display(shown.reference, "none", shown.encoding))
+        parts = []
+        for name, picture in panels.items():
+            size = (round(picture.shape[1] * height / picture.shape[0]), height)
+            how = cv2.INTER_AREA if height < picture.shape[0] else cv2.INTER_LINEAR
+            resized: Picture = np.asarray(cv2.resize(picture, size, interpolation=how), np.uint8)
+            parts += [np.full((height, _GAP, 3), 255, np.uint8), captioned(resized, name)]
+        return Image.fromarray(np.hstack(parts[1:]))
 
     def _title(self, view: str, label: str, metric: str) -> str:
         """The label, with its score if there is one."""
@@ -112,9 +114,7 @@ class Compared:
         scores = scores[scores["variant"] == variant] if variant else scores
         if scores.empty:
             return label
-        return " ".join(
-            filter(None, [f"{label}, {name}", number(scores["value"].iloc[0]), str(scores["unit"].iloc[0])])
-        )
+        return f"{label}, {name} {number(scores['value'].iloc[0])} {scores['unit'].iloc[0]}".rstrip()
 
 
 def compare_methods(
@@ -147,19 +147,23 @@ def compare_methods(
     >>> compared.plot(0, height=120).size
     (652, 120)
     """
+    import pandas as pd
+
     made = _made(methods)
     chosen = [view if isinstance(view, View) else scene[view] for view in (scene if views is None else views)]
-    metrics = list(metrics) or _default_metrics()
+    # By default, the metrics of a `run` that names none.
+    metrics = list(metrics) or [n for p in presets("metrics") if p.name == "default" for n in p.builds_on]
     metric_choices(metrics)  # raises for a mistyped name, before any view is restored
-    tables, held = list[Any](), dict[tuple[str, str], InMemory]()
-    with _shown(show_progress):
+    tables, held = [results.frame([])], dict[tuple[str, str], Source]()
+    is_shown = sys.stderr.isatty() if show_progress is None else show_progress
+    with progress_display.live() if is_shown and not progress.is_watched() else contextlib.nullcontext():
         for label, method in progress.track(list(made.items()), f"methods on {scene.name}"):
             for view in progress.track(chosen, label):
                 rows, restored = _one(scene, view, label, method, metrics)
                 tables.append(rows)
                 if restored is not None:
                     held[view.name, label] = restored
-        rows = _joined(tables)
+        rows = pd.concat(tables[1:] or tables, ignore_index=True)
         common = score_in_memory(chosen, rows, held, metrics) if pixels == "common" else None
     return Compared(scene, tuple(made), rows, {of: restored.picture() for of, restored in held.items()}, common)
 
@@ -168,69 +172,29 @@ def _made(methods: Methods) -> dict[str, Any]:
     """Choices and method objects by label. InputError for an unknown name or option, or a label that is there twice."""
     if isinstance(methods, str):
         raise InputError(f"'{methods}' is one word", "methods", f"give a list, ['{methods}']")
-    given = methods.items() if isinstance(methods, Mapping) else ((_name(each), each) for each in methods)
+    given = methods.items() if isinstance(methods, Mapping) else [(None, each) for each in methods]
     made: dict[str, Any] = {}
     for label, what in given:
+        options = dict(what) if isinstance(what, Mapping) else {"name": what}
+        name = options.pop("name", label or "")
+        label = label or (name if isinstance(name, str) else str(name.__plugin__.name))
         if label in made:
             raise InputError(f"'{label}' is there twice", "methods", "give a mapping from labels to methods")
-        options = dict(what) if isinstance(what, Mapping) else {"name": what}
-        name = options.pop("name", label)
-        made[label] = _checked(method_choice(name, options)) if isinstance(name, str) else name
+        made[label] = method_choice(name, options) if isinstance(name, str) else name
+        if isinstance(name, str):
+            made[label].make()  # raises for an option that the method does not take
     return made
 
 
-def _checked(choice: Choice) -> Choice:
-    """Return the choice. Raises InputError for an option that the method does not take."""
-    choice.make()
-    return choice
-
-
-def _name(method: Any) -> str:
-    if isinstance(method, Mapping):
-        return str(method.get("name", ""))
-    return method if isinstance(method, str) else str(method.__plugin__.name)
-
-
-def _default_metrics() -> list[str]:
-    """The metrics of a `run` that names none."""
-    return [name for preset in presets("metrics") if preset.name == "default" for name in preset.builds_on]
-
-
-def _shown(wanted: bool | None) -> AbstractContextManager[None]:
-    is_wanted = sys.stderr.isatty() if wanted is None else wanted
-    return progress_display.live() if is_wanted and not progress.is_watched() else contextlib.nullcontext()
-
-
-def _one(
-    scene: Scene, view: View, label: str, method: Any, metrics: Sequence[str]
-) -> tuple[DataFrame, InMemory | None]:
+def _one(scene: Scene, view: View, label: str, method: Any, metrics: Sequence[str]) -> tuple[DataFrame, Source | None]:
     """Restore and score one view: its rows, and its picture and mask if there are any."""
-    dataset = scene.name
     try:
         result = restore(method, scene, view)
     except SucreBenchError as fault:
         plugin = method.plugin if isinstance(method, Choice) else method.__plugin__
         is_skipped = isinstance(fault, NotApplicableError) or bool(plugins.missing_needs(plugin, scene.has))
         status: results.Status = "skipped" if is_skipped else "failed"
-        row = results.Row(dataset=dataset, scene=scene.name, view=view.name, method=label, data_id=scene.data_id)
+        row = results.Row(dataset=scene.name, scene=scene.name, view=view.name, method=label, data_id=scene.data_id)
         return results.frame([row_without_value(row, status, one_line(fault))]), None
-    rows = score(result, view, metrics, dataset=dataset)
-    return rows.assign(method=label), InMemory.of(to_8bit(result.shown), result.valid)
-
-
-def _joined(tables: Sequence[DataFrame]) -> DataFrame:
-    import pandas as pd
-
-    return pd.concat(tables, ignore_index=True) if tables else results.frame([])
-
-
-def _eight_bit(view: View, image: Any) -> Picture:
-    return to_8bit(display(image, "none", view.encoding))
-
-
-def _resized(picture: Picture, height: int) -> Picture:
-    import cv2
-
-    size = (round(picture.shape[1] * height / picture.shape[0]), height)
-    is_smaller = height < picture.shape[0]
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA if is_smaller else cv2.INTER_LINEAR))
+    rows = score(result, view, metrics, dataset=scene.name)
+    return rows.assign(method=label), Source.held(to_8bit(result.shown), result.valid)

@@ -7,8 +7,9 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
-from cachetools import LRUCache
+from cachetools import LRUCache, cached
 
 from sucre_bench import plugins
 from sucre_bench.engine.score import Scorer, kept_reason, row_without_value, score_code
@@ -18,7 +19,7 @@ from sucre_bench.multiview.common_points import SharedPoints
 from sucre_bench.restored_pair import RestoredPair, RestoredView
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import Row
-from sucre_bench.scene import Scene, Score, View
+from sucre_bench.scene import Scene, Score
 
 # Pairs whose points are in memory at once, 2 MB each at most.
 _AT_ONCE = 200
@@ -59,34 +60,32 @@ def pair_rows(
     """
     names = {name for entrant in entrants for name in entrant.bases}
     views = [view for view in scene.views if view.name in names]
-    tallies = [_Tally(entrant, scene, log, limit_s) for entrant in entrants]
+    has = scene.has | {"restored_views"}
+    tallies = [
+        [_Tally(entrant, scorer, variant, plugins.missing_needs(scorer.plugin, has), log, limit_s)
+         for scorer in entrant.scorers for variant in scorer.variants]
+        for entrant in entrants
+    ]  # fmt: skip
+    camera = next((view.camera for view in views if view.camera), None)
+    bytes_each = 24 * camera.width * camera.height if camera else _HELD  # two images of three float32
     shared = SharedPoints(views)
     overlaps = shared.overlaps()
     for start in range(0, len(overlaps), _AT_ONCE):
         batch = overlaps[start : start + _AT_ONCE]
         found = [(overlap, points) for overlap in batch if (points := shared.of(overlap)) is not None]
-        for tally in tallies:
-            held = _Held(tally.entrant.open, views)
+        for entrant, of_entrant in zip(entrants, tallies, strict=True):
+            held = cached(LRUCache[Any, RestoredView](max(4, _HELD // bytes_each)))(entrant.open)
             for overlap, points in found:
                 first, second = views[overlap.first].name, views[overlap.second].name
-                if first in tally.entrant.bases and second in tally.entrant.bases:
-                    tally.add(RestoredPair(held.open(first), held.open(second), points, overlap.are_neighbours))
+                if first in entrant.bases and second in entrant.bases:
+                    pair = RestoredPair(held(first), held(second), points, overlap.are_neighbours)
+                    for tally in of_entrant:
+                        tally.add(pair)
             after_batch()
-    return [list(tally.rows()) for tally in tallies]
-
-
-class _Held:
-    """A method's restored views, of which as many stay in memory as there is room for."""
-
-    def __init__(self, read: Callable[[str], RestoredView], views: Sequence[View]) -> None:
-        camera = next((view.camera for view in views if view.camera), None)
-        bytes_each = 24 * camera.width * camera.height if camera else _HELD  # two images of three float32
-        self._read, self._views = read, LRUCache[str, RestoredView](max(4, _HELD // bytes_each))
-
-    def open(self, name: str) -> RestoredView:
-        if name not in self._views:
-            self._views[name] = self._read(name)
-        return self._views[name]
+    return [
+        [row for name in entrant.bases for tally in of_entrant for row in tally.rows(name)]
+        for entrant, of_entrant in zip(entrants, tallies, strict=True)
+    ]
 
 
 @dataclass(slots=True)
@@ -108,90 +107,67 @@ class _Mean:
             self.n_pixels += int(score.n_pixels)
 
 
-_Variant = tuple[int, str]  # the scorer's place, and the variant
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Tally:
-    """The scores of one method, in the making."""
+    """The scores of one method by one variant of a metric, in the making.
+
+    absent: what the scene lacks for it; fault: why it failed; means: by view, then by region; reasons: of views that
+    could not be scored; met: the views that share points with another.
+    """
 
     entrant: Entrant
-    scene: Scene
+    scorer: Scorer
+    variant: str
+    absent: str
     log: Path | None
     limit_s: float | None
-    means: dict[tuple[_Variant, str], dict[str, _Mean]] = field(default_factory=dict)  # by view, then by region
-    reasons: dict[tuple[_Variant, str], str] = field(default_factory=dict)  # of views that could not be scored
-    faults: dict[_Variant, str] = field(default_factory=dict)
-    met: set[str] = field(default_factory=set)  # views that share points with another
+    fault: str = ""
+    means: dict[str, dict[str, _Mean]] = field(default_factory=dict)
+    reasons: dict[str, str] = field(default_factory=dict)
+    met: set[str] = field(default_factory=set)
 
     def add(self, pair: RestoredPair) -> None:
-        """Score a pair by every metric, for both of its views."""
+        """Score a pair, for both of its views."""
         names = (pair.here.view.name, pair.there.view.name)
         self.met.update(names)
-        for place, scorer in enumerate(self.entrant.scorers):
-            if plugins.missing_needs(scorer.plugin, self._has):
-                continue
-            for variant in scorer.variants:
-                self._add((place, variant), pair, names)
-
-    def _add(self, variant: _Variant, pair: RestoredPair, names: tuple[str, str]) -> None:
-        if variant in self.faults:
+        if self.absent or self.fault:
             return
-        scorer = self.entrant.scorers[variant[0]]
-        at = f"metric '{scorer.plugin.name}:{variant[1]}' on views '{names[0]}' and '{names[1]}'"
-        at = f"{at} by method '{self.entrant.bases[names[0]].method}'"
+        base, metric = self.entrant.bases[names[0]], f"{self.scorer.plugin.name}:{self.variant}"
         try:
-            with step(at, self.limit_s):
-                scores = list(scorer.metric.score_pair(pair, variant[1]))
+            with step(
+                f"metric '{metric}' on views '{names[0]}' and '{names[1]}' by method '{base.method}'", self.limit_s
+            ):
+                scores = list(self.scorer.metric.score_pair(pair, self.variant))
         except NotApplicableError as reason:
-            self.reasons.update({(variant, name): one_line(reason) for name in names})
+            self.reasons.update(dict.fromkeys(names, one_line(reason)))
             return
         except BaseException as fault:
-            base = self.entrant.bases[names[0]]
-            where = f"{base.dataset} / {base.method} / {' and '.join(names)} / {scorer.plugin.name}:{variant[1]}"
-            self.faults[variant] = kept_reason(fault, self.log, where)
+            where = f"{base.dataset} / {base.method} / {' and '.join(names)} / {metric}"
+            self.fault = kept_reason(fault, self.log, where)
             return
         for name in names:
-            means = self.means.setdefault((variant, name), {})
+            means = self.means.setdefault(name, {})
             for score in scores:
                 means.setdefault(score.region, _Mean()).add(score)
 
-    @property
-    def _has(self) -> frozenset[str]:
-        return self.scene.has | {"restored_views"}
-
-    def rows(self) -> Iterator[Row]:
-        """Yield the rows of every view."""
-        for name, base in self.entrant.bases.items():
-            for place, scorer in enumerate(self.entrant.scorers):
-                plugin = scorer.plugin
-                code = self.entrant.code(base, scorer)
-                of_metric = replace(base, code=code, metric=plugin.name, unit=plugin.unit)
-                for variant in scorer.variants:
-                    row = replace(of_metric, variant=variant, better=plugin.better_of(variant))
-                    yield from self._rows((place, variant), name, row)
-
-    def _rows(self, variant: _Variant, name: str, row: Row) -> Iterator[Row]:
-        scorer = self.entrant.scorers[variant[0]]
-        if absent := plugins.missing_needs(scorer.plugin, self._has):
-            yield row_without_value(row, "skipped", absent)
-            return
-        if variant in self.faults:
-            yield row_without_value(row, "failed", self.faults[variant])
-            return
-        means = self.means.get((variant, name), {})
-        if not means:
-            yield row_without_value(row, "skipped", self._why_not(variant, name))
-        for region, mean in means.items():
-            if mean.weight > 0:
-                value, coverage = mean.total / mean.weight, mean.coverage / mean.pairs
-                yield replace(row, region=region, value=value, n_pixels=mean.n_pixels, coverage=coverage)
-            elif region == "image":
-                yield row_without_value(row, "skipped", Reason.NO_VALUE.value)
-
-    def _why_not(self, variant: _Variant, name: str) -> str:
-        if len(self.entrant.bases) < 2:
-            return Reason.ONE_VIEW.value
-        if name not in self.met:
-            return Reason.NO_OVERLAP.value
-        return self.reasons.get((variant, name), Reason.NOTHING_TO_SCORE.value)
+    def rows(self, name: str) -> Iterator[Row]:
+        """Yield the rows of a view: its scores, or the reason why there is none."""
+        plugin, base = self.scorer.plugin, self.entrant.bases[name]
+        of_metric = {"code": self.entrant.code(base, self.scorer), "metric": plugin.name, "unit": plugin.unit}
+        row = replace(base, **of_metric, variant=self.variant, better=plugin.better_of(self.variant))
+        means = self.means.get(name, {})
+        if self.absent:
+            yield row_without_value(row, "skipped", self.absent)
+        elif self.fault:
+            yield row_without_value(row, "failed", self.fault)
+        elif not means:
+            why = self.reasons.get(name, Reason.NOTHING_TO_SCORE.value)
+            why = why if name in self.met else Reason.NO_OVERLAP.value
+            yield row_without_value(row, "skipped", why if len(self.entrant.bases) > 1 else Reason.ONE_VIEW.value)
+        else:
+            for region, mean in means.items():
+                if mean.weight > 0:
+                    value, coverage = mean.total / mean.weight, mean.coverage / mean.pairs
+                    yield replace(row, region=region, value=value, n_pixels=mean.n_pixels, coverage=coverage)
+                elif region == "image":
+                    yield row_without_value(row, "skipped", Reason.NO_VALUE.value)

@@ -96,6 +96,12 @@ def test_what_was_computed_is_scored_where_it_is_stored(out: Path):
     assert both["computed"].to_numpy() == pytest.approx(both["shown"].to_numpy(), rel=1e-2)
 
 
+def test_black_pictures_without_holes_are_scored(out: Path):
+    """A restoration without holes has no mask file; its black pixels are colours."""
+    rows = scores(apart(out, "method.gain=0").rows)
+    assert (set(rows["status"]), set(rows["value"])) == ({"ok"}, {0.0})
+
+
 # -- what cannot be scored ---------------------------------------------------------------------------------
 
 
