@@ -153,8 +153,8 @@ class _Tally:
     def rows(self, name: str) -> Iterator[Row]:
         """Yield the rows of a view: its scores, or the reason why there is none."""
         plugin, base = self.scorer.plugin, self.entrant.bases[name]
-        of_metric = {"code": self.entrant.code(base, self.scorer), "metric": plugin.name, "unit": plugin.unit}
-        row = replace(base, **of_metric, variant=self.variant, better=plugin.better_of(self.variant))
+        row = replace(base, code=self.entrant.code(base, self.scorer), metric=plugin.name, unit=plugin.unit)
+        row = replace(row, variant=self.variant, better=plugin.better_of(self.variant))
         means = self.means.get(name, {})
         if self.absent:
             yield row_without_value(row, "skipped", self.absent)
