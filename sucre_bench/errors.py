@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import errno
-import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from numbers import Integral, Real
@@ -153,7 +152,14 @@ def raise_if_stop(fault: BaseException) -> None:
 
 
 class DiedError(PluginError):
-    """The step was left out, because a plugin ended a process at it before. The text is that of a `Death`."""
+    """A plugin ended a process at a step, which is left out from then on. how: its exit code or signal.
+
+    Rows store the text; `results.Reason` knows it by its first words.
+    """
+
+    def __init__(self, how: str, step: str) -> None:
+        remedy = "mend the plugin, or try again with overwrite=failed"
+        super().__init__(f"the process died ({how}) in {step}", remedy=remedy)
 
 
 class SolveError(SucreBenchError):
@@ -179,10 +185,6 @@ ANY_FAULT = (Exception, SystemExit)
 
 _MOST_CHARACTERS = 2000  # of an exception's text
 
-# What the user can do after a `Death`.
-_AFTER_DEATH = "mend the plugin, or try again with overwrite=failed"
-
-
 @dataclass(frozen=True)
 class Lack:
     """What a plugin needs and a scene or view lacks. Rows store its text, which begins with the code "needs ..."."""
@@ -193,23 +195,6 @@ class Lack:
 
     def __str__(self) -> str:
         return f"needs {' and '.join(self.needs)}: the {self.of} has {', '.join(self.has) or 'only images'}"
-
-
-@dataclass(frozen=True)
-class Death:
-    """How a process died, and at which step. Rows store its text, and `read` reads it again."""
-
-    how: str
-    step: str
-
-    def __str__(self) -> str:
-        return f"the process died ({self.how}) in {self.step}; {_AFTER_DEATH}"
-
-    @classmethod
-    def read(cls, text: str) -> Death | None:
-        """Return the death that a text describes; None for any other text."""
-        found = re.fullmatch(rf"the process died \(([^)]*)\) in (.*); {re.escape(_AFTER_DEATH)}", text)
-        return cls(found[1], found[2]) if found else None
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

@@ -15,6 +15,7 @@ from sucre_bench import results
 from sucre_bench.compare.load_folders import Difference, NotComparableError, Refusal
 from sucre_bench.errors import (
     DamagedFileError,
+    DiedError,
     FileError,
     ForbiddenFileError,
     MissingFileError,

@@ -107,10 +107,10 @@ def run(
 def _run(overrides: Sequence[str], multirun: bool, as_json: bool, printed: AbstractContextManager[object]) -> int:
     """Run the jobs, print what became of them, and return the exit code."""
     from sucre_bench.commands import run_summary
-    from sucre_bench.engine import sweep
+    from sucre_bench.engine.run import run as run_jobs
 
     with printed:
-        outcome = sweep.run(overrides, multirun)
+        outcome = run_jobs(overrides, multirun)
         comparisons = run_summary.compared(outcome)
         summary = run_summary.as_object(outcome, comparisons) if as_json else None
     try:

@@ -15,7 +15,7 @@ from rich.text import Text
 
 from sucre_bench import compare, results
 from sucre_bench.compare.terminal_table import as_blocks
-from sucre_bench.engine.outcome import Outcome
+from sucre_bench.engine.run import Outcome
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.machine import progress, progress_display, terminal
 from sucre_bench.machine.records import masked
@@ -28,7 +28,7 @@ from sucre_bench.results.reasons import unscored, without_view
 
 if TYPE_CHECKING:
     from sucre_bench.compare import Comparison
-    from sucre_bench.engine.outcome import Fault
+    from sucre_bench.engine.run import Fault
 
 _EVERYTHING = ("--intervals", "--all-metrics")
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from sucre_bench.degrade import degraded
 from sucre_bench.engine.job import make_ready, measured_restore
-from sucre_bench.engine.preflight import Done, Planned, check, is_for_cluster, workers_at_once
+from sucre_bench.engine.preflight import Planned, check, is_for_cluster, workers_at_once
 from sucre_bench.engine.score import Scorer, metric_code, score_rows, scorers
 from sucre_bench.engine.select_views import Task
 from sucre_bench.errors import InputError, one_line, raise_if_stop
@@ -101,8 +101,7 @@ def _launched(command: Command) -> Forecast:
 
 def _expected(plan: Planned) -> Expected:
     job = plan.job
-    done = Done.of(job)
-    todo = [task for task in plan.tasks if not done.covers(task.base, task.place.restored(job.out, job.method.label))]
+    todo = plan.todo
     names = (job.dataset.label, job.method.label, len(plan.tasks), len(plan.tasks) - len(todo))
     if not todo:
         return Expected(*names, 0.0, 0.0, 0.0)

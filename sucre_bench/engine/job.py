@@ -1,7 +1,6 @@
 """Runs one job, view by view, to rows and pictures. A fault becomes a row, and the next view follows.
 
-`JobAtWork` plans the job and keeps its rows, in the process of the command; `restore_views` restores and scores, as a
-rule in a worker (`engine.workers`).
+The process of the command keeps the rows; a worker restores and scores, as a rule (`engine.workers`).
 """
 
 from __future__ import annotations
@@ -10,8 +9,8 @@ import importlib
 import os
 import re
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -19,14 +18,13 @@ import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured
-from sucre_bench.engine.preflight import Done
+from sucre_bench.engine.preflight import Planned, plan
 from sucre_bench.engine.score import Scorer, failed_row, row_of_fault, score_rows, scorers
-from sucre_bench.engine.select_views import Task, open_scenes, tasks
-from sucre_bench.engine.workers import Emit
+from sucre_bench.engine.select_views import Task, base_row
+from sucre_bench.engine.workers import Emit, Work
 from sucre_bench.errors import InputError, NotApplicableError, OutputError, PluginError, raise_if_stop
 from sucre_bench.imaging.display import displayed, is_of_scene
 from sucre_bench.jobs.job import Job
-from sucre_bench.loading.shared_pixels import with_shared_pixels
 from sucre_bench.machine import progress
 from sucre_bench.machine.cache import ArrayStore, storing
 from sucre_bench.machine.files import remove
@@ -42,93 +40,81 @@ from sucre_bench.results.table import Part
 from sucre_bench.scene import Scene, View
 
 _FLUSH_S = 0.3  # most seconds until rows are on the disk
+_PIXELS_OF_A_VIEW = 50_000  # of each view, for a scene's percentiles and means
 
 
-class JobAtWork:
-    """A job in the process of its command: which views are to do, and the rows of those that are done.
+class JobAtWork(Work):
+    """A planned job: `work` restores and scores its views in a worker; the other functions keep their rows.
 
     after_view: called when a view is done, computed or not.
     """
 
-    def __init__(self, job: Job, after_view: Callable[[], None] = lambda: None) -> None:
-        self.name = f"{job.dataset.label} / {job.method.label}"
-        self._job, self._after_view = job, after_view
+    def __init__(self, planned: Planned, after_view: Callable[[], None] = lambda: None) -> None:
+        super().__init__(planned.name)
+        self._planned, self._after_view = planned, after_view
+        job = planned.job
         self._part = Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"), _FLUSH_S)
-        self._todo: list[Task] = []
         self._n_done = 0
         self._shown = ExitStack()
 
     def begin(self) -> bool:
-        """Find the views to do; return whether there are any. Raises OutputError if a row cannot be written."""
-        job = self._job
-        try:
-            every = list(tasks(job, [with_shared_pixels(scene) for scene in open_scenes(job.dataset)]))
-            done = Done.of(job)
-        except BaseException as fault:
-            self._part.add([failed_row(job, fault)])
-            self.end()
-            return False
-        todo = [task for task in every if not done.covers(task.base, task.place.restored(job.out, job.method.label))]
-        if is_of_scene(job.method.display):  # one more view changes how all are shown
-            todo = [task for task in every if task.base.scene in {other.base.scene for other in todo}]
-        for _ in range(len(every) - len(todo)):
+        """Show the progress; return whether there are views to do."""
+        job = self._planned.job
+        if self._planned.tasks and base_row(job).code != self._planned.tasks[0].base.code:
+            self._planned = plan(job)  # an earlier job has made files that this one reads
+        n_todo = len(self._planned.todo)
+        for _ in range(len(self._planned.tasks) - n_todo):
             self._after_view()
-        self._todo = todo
-        if todo:
-            what = f"{job.method.label} on {job.dataset.label}"
-            self._advance = self._shown.enter_context(progress.line(what, len(todo)))
-        return bool(todo)
+        if n_todo:
+            line = progress.line(f"{job.method.label} on {job.dataset.label}", n_todo)
+            self._advance = self._shown.enter_context(line)
+        return n_todo > 0
 
     def work(self, emit: Emit) -> None:
-        """Restore and score the views that are left. emit: called with the rows of each."""
-        restore_views(self._job, self._todo, self._n_done, emit)
+        """Restore and score the views that are left. It ends early if this process can open no more files."""
+        job, todo = self._planned.job, self._planned.todo
+        left = todo[self._n_done :]
+        try:
+            with step(f"the start of method '{job.method.label}'"):
+                method, metrics = job.method.make(), scorers(m for m in job.metrics if not m.plugin.is_of_pairs)
+                make_ready(method)
+        except BaseException as fault:
+            whole = failed_row(job, fault)
+            for task in left:
+                emit([replace(whole, scene=task.base.scene, view=task.view.name, data_id=task.base.data_id)])
+            return
+        with ExitStack() as block:
+            if job.shared_pairs:
+                block.enter_context(sharing(pairs_path(job.out) / job.shared_pairs, job.pairs_gb * 2**30))
+            if job.cache_gb and decoded_path(job.out).is_dir():
+                block.enter_context(storing(ArrayStore(decoded_path(job.out), job.cache_gb * 2**30)))
+            block.enter_context(hints_of(job, {task.view.name for task in todo}))
+            over = _scene_colours(job, method, todo) if is_of_scene(job.method.display) else None
+            for task in left:
+                emit(_rows(job, method, metrics, replace(task, base=replace(task.base, time=now())), over))
+                if not _can_open_files():
+                    return
 
     def keep(self, rows: Sequence[Row]) -> None:
-        """Keep the rows of the next view. Raises OutputError if they cannot be written."""
-        self._n_done += 1
+        """Keep the rows of the next view; without rows, write those that have waited. OutputError if that fails."""
+        self._n_done += bool(rows)
         self._part.add(rows)
-        self._advance()
-        self._after_view()
+        if rows:
+            self._advance()
+            self._after_view()
 
     def is_left(self) -> bool:
         """Whether views are left."""
-        return self._n_done < len(self._todo)
-
-    def wait(self) -> None:
-        """Write the rows that have waited."""
-        self._part.add([])
+        return self._n_done < len(self._planned.todo)
 
     def fail(self, fault: Exception) -> None:
         """Give up: the job's row says why."""
-        self._part.add([failed_row(self._job, fault)])
+        self._part.add([failed_row(self._planned.job, fault)])
 
     def end(self) -> None:
         """Write what is not written yet."""
         self._shown.close()
         self._part.flush()
-
-
-def restore_views(job: Job, todo: Sequence[Task], n_done: int, emit: Emit) -> None:
-    """Restore and score views. emit: called with the rows of each but the first n_done, which are done already.
-
-    It returns early if this process can open no more files: the other views are for another process. Raises OutputError
-    if files cannot be written.
-    """
-    try:
-        with step(f"the start of method '{job.method.label}'"):
-            method, metrics = job.method.make(), scorers(m for m in job.metrics if not m.plugin.is_of_pairs)
-            make_ready(method)
-    except BaseException as fault:
-        whole = failed_row(job, fault)
-        for task in todo[n_done:]:
-            emit([replace(whole, scene=task.base.scene, view=task.view.name, data_id=task.base.data_id)])
-        return
-    with _shared_pairs(job), _sharing_decoded(job), hints_of(job, {task.view.name for task in todo}):
-        over = _scene_colours(job, method, todo) if is_of_scene(job.method.display) else None
-        for task in todo[n_done:]:
-            emit(_rows(job, method, metrics, replace(task, base=replace(task.base, time=now())), over))
-            if not _can_open_files():
-                return
 
 
 def _can_open_files() -> bool:
@@ -138,17 +124,6 @@ def _can_open_files() -> bool:
     except OSError:
         return False
     return True
-
-
-def _shared_pairs(job: Job) -> AbstractContextManager[None]:
-    """Where the job's method shares pairs with those of other jobs."""
-    return sharing(pairs_path(job.out) / job.shared_pairs, job.pairs_gb * 2**30) if job.shared_pairs else nullcontext()
-
-
-def _sharing_decoded(job: Job) -> AbstractContextManager[None]:
-    """In this block, share what is decoded, if the job's command made the folder for it."""
-    folder = decoded_path(job.out)
-    return storing(ArrayStore(folder, job.cache_gb * 2**30)) if folder.is_dir() and job.cache_gb else nullcontext()
 
 
 def make_ready(method: Any) -> None:
@@ -182,18 +157,22 @@ def measured_restore(method: Any, scene: Scene, view: View) -> Measured:
 def _rows(
     job: Job, method: Any, metrics: Sequence[Scorer], task: Task, over: Mapping[str, Array] | None = None
 ) -> list[Row]:
-    """Restore, keep and score one view. over: colours of each scene, where all views of a scene are shown alike."""
+    """Restore, store and score one view. over: colours of each scene, where all views of a scene are shown alike."""
+    view, log = task.view, log_path(job.out)
     try:
-        with step(f"view '{task.view.name}' by method '{job.method.label}'"):
+        with step(f"view '{view.name}' by method '{job.method.label}'"):
             measured = _measured(job, method, task, afresh=job.overwrite == "always" and over is None)
-            return _scored(job, metrics, task, measured, None if over is None else over.get(task.base.scene))
+            colours = None if over is None else over.get(task.base.scene)
+            shown, filled = displayed(measured.restoration, job.method.display, view.encoding, colours)
+            write_pictures(job.out, task.place, job.method.label, view, measured.restoration, shown, filled)
+            return score_rows(measured, shown, view, metrics, task.base, log, job.view_timeout_s)
     except OutputError:
         if _can_open_files():
             raise
         no_files = PluginError("no file can be opened after it; see that the method closes its files")
-        return [row_of_fault(task.base, no_files, log_path(job.out), is_said=True)]
+        return [row_of_fault(task.base, no_files, log, is_said=True)]
     except BaseException as fault:
-        return [row_of_fault(task.base, fault, log_path(job.out), is_said=True)]
+        return [row_of_fault(task.base, fault, log, is_said=True)]
 
 
 def _measured(job: Job, method: Any, task: Task, *, afresh: bool) -> Measured:
@@ -223,10 +202,6 @@ def _measured(job: Job, method: Any, task: Task, *, afresh: bool) -> Measured:
     return measured
 
 
-# Pixels of each view that a scene's percentiles and means are taken of.
-_PIXELS_OF_A_VIEW = 50_000
-
-
 def _scene_colours(job: Job, method: Any, todo: Sequence[Task]) -> dict[str, Array]:
     """Restore all views, and return colours (N, 1, 3) of each scene, evenly from its views.
 
@@ -246,47 +221,37 @@ def _scene_colours(job: Job, method: Any, todo: Sequence[Task]) -> dict[str, Arr
     return {scene: np.concatenate(kept)[:, None] for scene, kept in colours.items()}
 
 
-def _scored(
-    job: Job, metrics: Sequence[Scorer], task: Task, measured: Measured, over: Array | None = None
-) -> list[Row]:
-    """Keep the picture, and score it."""
-    restoration, view = measured.restoration, task.view
-    shown, filled = displayed(restoration, job.method.display, view.encoding, over)
-    write_pictures(job.out, task.place, job.method.label, view, restoration, shown, filled)
-    return score_rows(measured, shown, view, metrics, task.base, log_path(job.out), job.view_timeout_s)
-
-
 _NUMBER = re.compile(r"\d+(\.\d+)?")
 
 
 @contextmanager
-def hints_of(job: Job, views: Iterable[str]) -> Iterator[None]:
+def hints_of(job: Job, views: Collection[str]) -> Iterator[None]:
     """Inside, the line "a.png: red: 19% ..." becomes "sucre on demo: a.png: red: 19% ...". Lines about no view stay
     unchanged.
 
     A hint that differs from an earlier one by its numbers alone is only counted, and the count is said at the end.
     "method.physical=true" becomes the word for this method in the command, "sucre.physical=true" or that of its label.
     """
-    where, known = f"{job.method.label} on {job.dataset.label}", set(views)
+    where = f"{job.method.label} on {job.dataset.label}"
     option = re.compile(rf"\b(method|{re.escape(job.method.plugin.name)})\.(?=\w+=)")
-    first: dict[str, str] = {}
-    left_out: dict[str, set[str]] = {}
+    first: dict[str, str] = {}  # the view with the first hint of each kind
+    others: set[str] = set()
 
     def said(text: str) -> str | None:
         view, colon, hint = text.partition(": ")
-        if not colon or view not in known:
+        if not colon or view not in views:
             return text
         kind = _NUMBER.sub("", hint)
-        if kind in first:
-            left_out.setdefault(kind, set()).add(view)
-            return None
-        first[kind] = view
-        return f"{where}: {view}: {option.sub(f'{job.method_word}.', hint)}"
+        if kind not in first:
+            first[kind] = view
+            return f"{where}: {view}: {option.sub(f'{job.method_word}.', hint)}"
+        if view != first[kind]:
+            others.add(view)
+        return None
 
     try:
         with progress.said_through(said):
             yield
     finally:
-        others = {view for kind, of_kind in left_out.items() for view in of_kind - {first[kind]}}
         if others:
             progress.say(f"{where}: {len(others)} more view{'s' * (len(others) > 1)} with such a hint")

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import importlib
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from multiprocessing.connection import wait
-from typing import Protocol
 
-from sucre_bench.errors import Death, DiedError, DiskFullError, PluginError, SucreBenchError
+from sucre_bench.errors import DiedError, DiskFullError, PluginError, SucreBenchError
 from sucre_bench.machine import progress
 from sucre_bench.machine.forked import Forked, can_fork
 from sucre_bench.results.rows import Row
@@ -27,21 +26,37 @@ _SHARED = ("cv2", "numba", "scipy.ndimage", "scipy.optimize", "scipy.sparse.csgr
 Emit = Callable[[Sequence[Row]], None]
 
 
-class Work(Protocol):
-    """What is to be done in a worker. Only `work` runs there, and goes on where the last call of `keep` left it.
+class Work:
+    """What is to be done in a worker. This class is for a function that writes its own results, and gives no rows.
 
-    It may return while something is left, to go on in another worker.
+    Only `work` runs in the worker. It goes on where the last call of `keep` left it, and may return while something is
+    left, to go on in another worker.
     """
 
-    @property
-    def name(self) -> str: ...
-    def begin(self) -> bool: ...
-    def work(self, emit: Emit) -> None: ...
-    def keep(self, rows: Sequence[Row]) -> None: ...
-    def is_left(self) -> bool: ...
-    def wait(self) -> None: ...
-    def fail(self, fault: Exception) -> None: ...
-    def end(self) -> None: ...
+    def __init__(self, name: str, function: Callable[[], None] = lambda: None) -> None:
+        self.name, self._function = name, function
+
+    def begin(self) -> bool:
+        """Begin, and return whether there is anything to do."""
+        return True
+
+    def work(self, emit: Emit) -> None:
+        """Do all of it, or a part. emit: called with the rows of each view."""
+        self._function()
+
+    def keep(self, rows: Sequence[Row]) -> None:
+        """Keep the rows of the next view; without rows, write those that have waited."""
+
+    def is_left(self) -> bool:
+        """Whether there is more to do."""
+        return False
+
+    def fail(self, fault: Exception) -> None:
+        """Give up, and say why."""
+        progress.say(f"failed  {self.name}: {fault}", is_fault=True)
+
+    def end(self) -> None:
+        """Write what is not written yet."""
 
 
 def run_works(works: Iterable[Work], n_workers: int) -> None:
@@ -49,142 +64,96 @@ def run_works(works: Iterable[Work], n_workers: int) -> None:
 
     An OutputError of a work is a line, and the others go on; DiskFullError is raised, for none could write.
     """
-    if n_workers == 0 or not can_fork():
-        for work in works:
-            with _faults_as_lines(work):
-                try:
-                    is_left = work.begin()
-                    while is_left:
-                        work.work(work.keep)
-                        is_left = work.is_left()
-                finally:
-                    work.end()
-        return
     waiting, at_work = deque(works), list[_AtWork]()
+    in_this_process = n_workers == 0 or not can_fork()
     try:
         while waiting or at_work:
-            while waiting and len(at_work) < n_workers:
+            while waiting and len(at_work) < max(1, n_workers):
                 at_work.append(_AtWork(waiting.popleft()))
-            for one in at_work:
-                one.go_on()
-            at_work = [one for one in at_work if one.worker]
-            wait([one.worker.messages for one in at_work if one.worker], _TICK_S)
+            at_work = [one for one in at_work if one.go_on(in_this_process)]
+            if workers := [one.worker.messages for one in at_work if one.worker]:
+                wait(workers, _TICK_S)
             progress.tick()
     finally:
         for one in at_work:
             if one.worker:
                 one.worker.ask_to_stop()
         for one in at_work:
-            one.stop()
-
-
-@contextmanager
-def _faults_as_lines(work: Work) -> Iterator[None]:
-    """Make a line of an error that ends a work; a full disk ends all."""
-    try:
-        yield
-    except DiskFullError:
-        raise
-    except SucreBenchError as fault:
-        progress.say(f"failed  {work.name}: {fault}", is_fault=True)
+            with suppress(SucreBenchError):
+                one.stop()
 
 
 class _AtWork:
-    """A work that has begun, and its worker: None once there is nothing to do."""
+    """A work, and its worker if it has begun."""
 
     def __init__(self, work: Work) -> None:
         self.work = work
         self.worker: Forked | None = None
         self._faults: dict[str, Exception] = {}
-        with _faults_as_lines(work):
-            if work.begin():
-                self._fork()
 
-    def _fork(self) -> None:
+    def go_on(self, in_this_process: bool) -> bool:
+        """Do what can be done now; return whether the work goes on. An error that ends it is a line."""
+        try:
+            if in_this_process:
+                is_left = self.work.begin()
+                while is_left:
+                    self.work.work(self.work.keep)
+                    is_left = self.work.is_left()
+            elif self._serve():
+                return True
+            self.stop()
+        except DiskFullError:
+            raise
+        except SucreBenchError as fault:
+            progress.say(f"failed  {self.work.name}: {fault}", is_fault=True)
+            with suppress(SucreBenchError):
+                self.stop()
+        return False
+
+    def _serve(self) -> bool:
+        """Begin, or take the worker's messages and do what follows of them; return whether there is more to do."""
+        worker = self.worker
+        if worker is None:
+            return self.work.begin() and self._fork()
+        while not worker.has_ended and worker.messages.poll():
+            if rows := worker.receive():
+                self.work.keep(rows[1])
+        step, fault = worker.step, None  # before it hears that it must stop
+        if not worker.has_ended and worker.is_late:
+            text = f"took longer than view_timeout_s={worker.limit_s:g}; give it more time, or smaller images"
+            fault = PluginError(text)
+            self._stop_worker()
+        elif not worker.has_ended:
+            self.work.keep([])
+            return True
+        elif worker.fault:
+            raise worker.fault
+        elif worker.how:
+            fault = DiedError(worker.how, step or self.work.name)
+        if fault is None:
+            return self.work.is_left() and self._fork()
+        if step in self._faults:
+            self.work.fail(fault)
+            return False
+        self._faults[step] = fault  # another worker goes on after the step
+        return self._fork()
+
+    def _fork(self) -> bool:
         for package in _SHARED:
             with suppress(ImportError):
                 importlib.import_module(package)
         self.worker = Forked(lambda send: self.work.work(lambda rows: send("rows", rows)), self._faults)
-
-    def stop(self) -> None:
-        """Stop the worker, and write the rows that are there."""
-        with suppress(SucreBenchError):
-            if self.worker:
-                for message in self.worker.stop():
-                    self.work.keep(message[1])
-        self.worker = None
-        with suppress(SucreBenchError):
-            self.work.end()
-
-    def go_on(self) -> None:
-        """Take the worker's messages, and do what follows of them."""
-        with _faults_as_lines(self.work):
-            try:
-                if self.worker:
-                    self._serve(self.worker)
-            except SucreBenchError:
-                self.stop()
-                raise
-
-    def _serve(self, worker: Forked) -> None:
-        while not worker.has_ended and worker.messages.poll():
-            if rows := worker.receive():
-                self.work.keep(rows[1])
-        if not worker.has_ended and worker.is_late:
-            step, limit_s = worker.step, worker.limit_s  # before it hears that it must stop
-            for message in worker.stop():
-                self.work.keep(message[1])
-            fault = f"took longer than view_timeout_s={limit_s:g}; give it more time, or smaller images"
-            self._go_on_after(step, PluginError(fault))
-        elif not worker.has_ended:
-            self.work.wait()
-        elif worker.fault:
-            raise worker.fault
-        elif worker.how:
-            self._go_on_after(worker.step, DiedError(str(Death(worker.how, worker.step or self.work.name))))
-        elif self.work.is_left():
-            self._fork()
-        else:
-            self.worker = None
-            self.work.end()
-
-    def _go_on_after(self, step: str, fault: Exception) -> None:
-        """Let another worker go on after the step at which one has died, or was late."""
-        if step in self._faults:
-            self.work.fail(fault)
-            self.stop()
-            return
-        self._faults[step] = fault
-        self._fork()
-
-
-class Alone:
-    """Work that writes its own results, and gives no rows."""
-
-    def __init__(self, name: str, work: Callable[[], None]) -> None:
-        self.name, self._work = name, work
-
-    def begin(self) -> bool:
-        """Begin."""
         return True
 
-    def work(self, _: Emit) -> None:
-        """Do all of it."""
-        self._work()
+    def _stop_worker(self) -> None:
+        """Stop the worker, and keep the rows that are there."""
+        for message in self.worker.stop() if self.worker else ():
+            self.work.keep(message[1])
 
-    def keep(self, rows: Sequence[Row]) -> None:
-        """Never called."""
-
-    def is_left(self) -> bool:
-        """Return False."""
-        return False
-
-    def wait(self) -> None:
-        """Nothing waits."""
-
-    def fail(self, fault: Exception) -> None:
-        """Print why it ended."""
-        progress.say(f"failed  {self.name}: {fault}", is_fault=True)
-
-    def end(self) -> None:
-        """End."""
+    def stop(self) -> None:
+        """Stop the worker, and write all rows."""
+        try:
+            self._stop_worker()
+        finally:
+            self.worker = None
+            self.work.end()

@@ -23,7 +23,7 @@ class Reason(Enum):
     ONE_VIEW = "only one view of the scene is restored; two are needed"
     NO_OVERLAP = "no other restored view shows the same points"
     LACK = "needs "  # see `errors.Lack`
-    DIED = "the process died "  # see `errors.Death`
+    DIED = "the process died "  # see `errors.DiedError`
     OTHER = ""
 
     @classmethod

@@ -14,8 +14,9 @@ from support.scenes_to_degrade import NINE, many
 
 from sucre_bench import InputError, plugins
 from sucre_bench.degrade import Degradation, degraded
-from sucre_bench.engine import preflight, sweep
-from sucre_bench.engine.outcome import Outcome
+from sucre_bench.engine import preflight
+from sucre_bench.engine.run import Outcome
+from sucre_bench.engine.run import run as run_jobs
 from sucre_bench.jobs import compose_jobs
 
 
@@ -70,7 +71,7 @@ def run(tmp_path: Path, toys: str):
 
     def run(*overrides: str) -> tuple[Outcome, list[str]]:
         before = len((tmp_path / "log").read_text().split()) if (tmp_path / "log").exists() else 0
-        outcome = sweep.run([*base, "tracking.uri=off", f"out={tmp_path / 'out'}", *overrides], multirun=True)
+        outcome = run_jobs([*base, "tracking.uri=off", f"out={tmp_path / 'out'}", *overrides], multirun=True)
         return outcome, (tmp_path / "log").read_text().split()[before:]
 
     return run
@@ -99,7 +100,7 @@ def test_a_scene_that_lacks_what_is_to_be_degraded_is_refused_before_any_work(to
     base = ["dataset=two_scenes", "method=gain", "metrics=[redness]", f"out={tmp_path}", "tracking.uri=off"]
     for option, lacking in (("depth_holes=0.1", "depth"), ("pose_noise_m=1", "poses")):
         with pytest.raises(preflight.ProblemsError, match=rf"'left' .*{lacking};"):
-            sweep.run([*base, f"degrade.{option}"], multirun=False)
+            run_jobs([*base, f"degrade.{option}"], multirun=False)
 
 
 @pytest.mark.parametrize(

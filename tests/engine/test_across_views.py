@@ -11,7 +11,7 @@ from support.command_line import Started
 from support.toy_runs import calls, run
 
 from sucre_bench import results
-from sucre_bench.engine.outcome import Outcome
+from sucre_bench.engine.run import Outcome
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.results import Reason, brief
 

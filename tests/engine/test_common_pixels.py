@@ -14,7 +14,7 @@ from support.toy_plugins import Toy
 from support.toy_runs import calls
 
 from sucre_bench import compare, results
-from sucre_bench.engine.outcome import Outcome
+from sucre_bench.engine.run import Outcome
 from sucre_bench.errors import DamagedFileError
 from sucre_bench.results.common_scores import COMMON_TABLE, read_common
 

@@ -9,8 +9,7 @@ import pandas as pd
 from support.command_line import Started
 
 from sucre_bench import results
-from sucre_bench.engine import sweep
-from sucre_bench.engine.outcome import Outcome
+from sucre_bench.engine.run import Outcome, run
 
 TIMES = ["seconds", "peak_mb", "time"]
 
@@ -39,7 +38,7 @@ def test_the_same_command_twice_gives_the_same_table_but_for_times(tmp_path: Pat
 
 def toy(out: Path, *overrides: str) -> Outcome:
     base = ["dataset=toy", "dataset.views=7", "dataset.label=toy", "method=gain", "metrics=[psnr,redness]"]
-    return sweep.run([*base, "tracking.uri=off", f"out={out}", *overrides], True)
+    return run([*base, "tracking.uri=off", f"out={out}", *overrides], True)
 
 
 def test_shards_together_are_the_whole(tmp_path: Path, toys: str):
@@ -86,7 +85,7 @@ def test_data_of_a_replicate_are_the_same_for_every_method(tmp_path: Path, toys:
 def test_variants_of_one_sweep_use_the_same_pairs_and_say_what_they_cost(tmp_path: Path, small_demo: list[str]):
     """Paired once, on the disk while the sweep runs; each is told to have taken the time of pairing."""
     words = ["method=sucre,sucre_paper", "metrics=[coverage]", "first=1", "tracking.uri=off", f"out={tmp_path}"]
-    outcome = sweep.run([*small_demo, *words], True)
+    outcome = run([*small_demo, *words], True)
     assert outcome.ok == 2
     told = [json.loads(path.read_text()) for path in (tmp_path / "restored").rglob("*.json")]
     pairing = {one["stage_seconds"]["pair"] for one in told}

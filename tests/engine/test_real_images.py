@@ -11,8 +11,8 @@ import pytest
 from support.places import DATA
 
 import sucre_bench as sb
-from sucre_bench.engine import sweep
-from sucre_bench.engine.outcome import Outcome
+from sucre_bench.engine.run import Outcome
+from sucre_bench.engine.run import run as run_jobs
 from sucre_bench.imaging.chart_patches import measure
 
 # psi-bar of the unrestored photographs, degrees, by chart from near to far.
@@ -23,7 +23,7 @@ def run(folder: str, out: Path, *overrides: str) -> Outcome:
     root = DATA / folder
     if not root.is_dir():
         pytest.skip(f"needs the real scene {folder} in {DATA}")
-    return sweep.run(["dataset=colmap", f"dataset.root={root}", f"out={out}", "tracking.uri=off", *overrides], True)
+    return run_jobs(["dataset=colmap", f"dataset.root={root}", f"out={out}", "tracking.uri=off", *overrides], True)
 
 
 def by_chart(rows: pd.DataFrame, method: str) -> dict[str, list[float]]:

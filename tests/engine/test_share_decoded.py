@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sucre_bench import results
-from sucre_bench.engine import sweep
+from sucre_bench.engine.run import run
 from sucre_bench.loading.view_files import Files
 
 WORDS = ["dataset=photos", "method=underwater,gray_world", "metrics=[negative]", "tracking.uri=off", "report=false"]
@@ -55,7 +55,7 @@ def decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Decoded:
 
 
 def _run(out: Path, photos: Path, *words: str) -> None:
-    assert sweep.run([*WORDS, f"dataset.root={photos}", f"out={out}", *words], multirun=True).exit_code == 0
+    assert run([*WORDS, f"dataset.root={photos}", f"out={out}", *words], multirun=True).exit_code == 0
 
 
 def test_two_methods_decode_an_image_once_with_the_same_scores(tmp_path: Path, photos: Path, decoded: Decoded):

@@ -20,8 +20,9 @@ from support.toy_runs import calls, run
 import sucre_bench as sb
 from sucre_bench import plugins, results
 from sucre_bench.engine import job as job_
-from sucre_bench.engine import preflight, sweep
-from sucre_bench.errors import Death, DiskFullError, Lack, SucreBenchError
+from sucre_bench.engine import preflight
+from sucre_bench.engine.run import run as run_jobs
+from sucre_bench.errors import DiskFullError, Lack, SucreBenchError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.machine.files import not_writable
 from sucre_bench.plugins.registry import find
@@ -316,7 +317,7 @@ def test_results_do_not_depend_on_how_many_jobs_run_at_once(out: Path, words: li
 
 def test_a_launcher_that_is_not_known_here_is_refused_before_any_work(out: Path):
     with pytest.raises(SucreBenchError, match=r"^hydra/launcher .*; give joblib or slurm, or workers="):
-        sweep.run(["dataset=toy", "method=gain", f"out={out}", "hydra/launcher=submitit_local"], True)
+        run_jobs(["dataset=toy", "method=gain", f"out={out}", "hydra/launcher=submitit_local"], True)
     assert not out.exists()
 
 
@@ -424,14 +425,12 @@ def test_a_job_whose_process_dies_is_a_failure(out: Path, toys: str, has_results
         run(out, "method=faulty", "method.fault=none", "method.label='faulty,fault=die'", "views=[v0.png,v2.png]")
     arguments = ["dataset=toy", "method=faulty", "method.fault=die,nan", "metrics=[psnr]", "tracking.uri=off"]
     launcher = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "overwrite=always"]
-    outcome = sweep.run([*arguments, f"out={out}", *launcher, f"plugins=[{toys}]"], True)
+    outcome = run_jobs([*arguments, f"out={out}", *launcher, f"plugins=[{toys}]"], True)
     # The views before and after it, and two views of the other job, whose worker was taken down with it.
     assert (outcome.ok, outcome.cached, outcome.exit_code) == (4, 0, 1)
     (killed,) = (f for f in outcome.failed if "die" in f.where)
     assert killed.view == "v1.png"
-    died = Death.read(killed.reason)
-    assert died is not None
-    assert died.how.startswith("signal 9")
+    assert killed.reason.startswith("the process died (signal 9")
 
 
 def test_a_method_that_is_not_installed_stops_before_any_work(out: Path, tmp_path: Path):

@@ -11,7 +11,7 @@ from support.command_line import Done, Started, run_here, run_program
 from support.places import ROOT, TOYS
 
 from sucre_bench import results
-from sucre_bench.errors import Death
+from sucre_bench.errors import DiedError
 
 PLUGINS = str(TOYS.with_name("hostile_plugins.py"))
 
@@ -64,7 +64,7 @@ def died_at_fine(folder: Path) -> dict[str, str]:
     table = folder / "results" / "scores.parquet"
     rows = pd.read_parquet(table)
     died = rows["view"] == "fine.png"
-    rows.loc[died, ["status", "reason", "value"]] = ["failed", str(Death("signal 11", "method 'actor'")), np.nan]
+    rows.loc[died, ["status", "reason", "value"]] = ["failed", str(DiedError("signal 11", "method 'actor'")), np.nan]
     rows[~died | (rows["metric"] == "seconds")].to_parquet(table)
     return restorations(folder)["time"].to_dict()
 

@@ -12,7 +12,7 @@ from support.places import TOYS
 from support.toy_runs import run
 
 from sucre_bench import InputError, results
-from sucre_bench.engine import sweep
+from sucre_bench.engine.run import run as run_jobs
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.lineup_of_results import line_up_of
@@ -288,7 +288,7 @@ def test_running_the_line_up_of_a_results_folder_gives_the_same_jobs(tmp_path: P
     text = text.replace("  - gain\n", "").replace("bits: [4, null]", "bits: [4]")
     Path("l.yaml").write_text(f"{text}study: {{name: s, metrics: [redness], figures: [scores]}}\n")
     words = ["tracking.uri=off", "report=false", "metrics.redness.factor=2"]
-    outcome = sweep.run(["l.yaml", *words, "out=results", f"plugins=[{TOYS}]"], False)
+    outcome = run_jobs(["l.yaml", *words, "out=results", f"plugins=[{TOYS}]"], False)
     assert not outcome.failed
     first = compose_jobs.jobs(["l.yaml", *words], False).jobs
     found = line_up_of(Path("results"), Path("published"))

@@ -21,8 +21,8 @@ from support.registries import registry
 from sucre_bench import InputError, View, plugins
 from sucre_bench.camera import project, scaled_camera
 from sucre_bench.commands.look import texture
-from sucre_bench.engine import sweep
 from sucre_bench.engine.reopen_results import Frame, revisit
+from sucre_bench.engine.run import run
 from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.programs.texture import Cells, Model, choose_cells, fuse, mean_up, rendered, vantage, write_model
 
@@ -202,7 +202,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     toys = str(TOYS)
     words = ["dataset=toy", "method=gain", "method.gain=1,0.5", f"out={out}", "metrics=[psnr]"]
     with plugins.using(registry()):
-        sweep.run([*words, "tracking.uri=off", "report=false", f"plugins=[{toys}]"], True)
+        run([*words, "tracking.uri=off", "report=false", f"plugins=[{toys}]"], True)
     return out
 
 

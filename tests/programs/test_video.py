@@ -18,8 +18,8 @@ from support.registries import registry
 
 from sucre_bench import Arrays, InputError, View, plugins
 from sucre_bench.commands.look import video
-from sucre_bench.engine import sweep
 from sucre_bench.engine.reopen_results import Frame
+from sucre_bench.engine.run import run
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode, to_8bit
 from sucre_bench.programs.video import composed, flicker, panel_size, write_video
 
@@ -186,9 +186,9 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     toys = str(TOYS)
     words = ["dataset=toy", "method=gain", f"out={out}", "metrics=[psnr]", "tracking.uri=off", "report=false"]
     with plugins.using(registry()):
-        sweep.run([*words, "method.label=same", f"plugins=[{toys}]"], False)
-        sweep.run([*words, "method.label=dark", "method.gain=0.5", "first=2", f"plugins=[{toys}]"], False)
-        sweep.run([*words, "method.gain=0.5,0.8", f"plugins=[{toys}]"], True)
+        run([*words, "method.label=same", f"plugins=[{toys}]"], False)
+        run([*words, "method.label=dark", "method.gain=0.5", "first=2", f"plugins=[{toys}]"], False)
+        run([*words, "method.gain=0.5,0.8", f"plugins=[{toys}]"], True)
     return out
 
 

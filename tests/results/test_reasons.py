@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from sucre_bench import plugins
-from sucre_bench.errors import Death, DiedError, one_line
+from sucre_bench.errors import DiedError, one_line
 from sucre_bench.results import Reason, brief, with_remedy
 from sucre_bench.results.reasons import without_view
 
@@ -54,4 +54,4 @@ def test_who_lacks_depth_or_poses_is_told_the_command_that_makes_them():
 
 
 def test_a_death_is_known_by_its_code():
-    assert Reason.of(one_line(DiedError(str(Death("exit code 7", "method 'a' on view 'b (1).png'"))))) is Reason.DIED
+    assert Reason.of(one_line(DiedError("exit code 7", "method 'a' on view 'b (1).png'"))) is Reason.DIED

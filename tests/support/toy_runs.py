@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sucre_bench.engine import sweep
-from sucre_bench.engine.outcome import Outcome
+from sucre_bench.engine.run import Outcome
+from sucre_bench.engine.run import run as run_jobs
 
 
 def run(out: Path, *overrides: str, multirun: bool = False) -> Outcome:
     base = ["dataset=toy", "method=gain", "metrics=[psnr,redness]", "tracking.uri=off", "workers=0", f"out={out}"]
-    return sweep.run([*base, *overrides], multirun)
+    return run_jobs([*base, *overrides], multirun)
 
 
 def calls(log: Path) -> list[str]:

@@ -11,7 +11,7 @@ import sucre_bench.commands.run
 import sucre_bench.commands.run_summary
 import sucre_bench.compare
 import sucre_bench.engine.job
-import sucre_bench.engine.sweep  # noqa: F401
+import sucre_bench.engine.run  # noqa: F401
 import support.unsynced  # noqa: F401
 from sucre_bench.jobs import compose_jobs
 

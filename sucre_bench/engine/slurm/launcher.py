@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench import results
 from sucre_bench.engine.job import JobAtWork
+from sucre_bench.engine.preflight import plan
 from sucre_bench.engine.score import row_without_value
 from sucre_bench.engine.select_views import base_row
 from sucre_bench.engine.slurm import squeue
@@ -176,7 +177,7 @@ def work(config: str, shared_pairs: str) -> str:
     try:
         with progress_display.plain():
             job = replace(Job.read(config), shared_pairs=shared_pairs)
-            run_works([JobAtWork(job)], job.workers)
+            run_works([JobAtWork(plan(job))], job.workers)
     except _TimeIsUp:
         return WORDS["TIMEOUT"]
     except DiskFullError as fault:

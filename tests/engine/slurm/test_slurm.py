@@ -23,7 +23,7 @@ from support.messages import names
 from support.places import TOYS
 
 from sucre_bench import results
-from sucre_bench.engine import sweep
+from sucre_bench.engine.run import run as run_jobs
 from sucre_bench.engine.slurm import squeue
 from sucre_bench.engine.slurm.waiting import Submitted, wait
 
@@ -196,7 +196,7 @@ def test_a_sweep_survives_what_happens_to_its_jobs_and_the_same_command_does_wha
     assert "16 ok (13 cached), 0 failed" in said
 
     here = [*user.fixed, "dataset.views=16", *events, f"out={tmp_path / 'whole'}"]
-    assert not sweep.run([*here, f"plugins=[{TOYS},{user.plugin}]"], False).failed
+    assert not run_jobs([*here, f"plugins=[{TOYS},{user.plugin}]"], False).failed
     assert told(results.read(user.out)).equals(told(results.read(tmp_path / "whole")))
 
 

@@ -12,8 +12,8 @@ from support.command_line import Started
 
 from sucre_bench import compare, results
 from sucre_bench.commands.run_summary import compared, track
-from sucre_bench.engine import sweep
-from sucre_bench.engine.outcome import Outcome
+from sucre_bench.engine.run import Outcome
+from sucre_bench.engine.run import run as run_jobs
 from sucre_bench.errors import OutputError
 from sucre_bench.reports import mlflow
 from sucre_bench.reports.paper.figures import style
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.usefixtures("toys")
 
 def run_and_track(*overrides: str, multirun: bool = False) -> Outcome:
     """Run and log, as the command line does."""
-    outcome = sweep.run(overrides, multirun)
+    outcome = run_jobs(overrides, multirun)
     track(outcome, compared(outcome))
     return outcome
 
@@ -64,7 +64,7 @@ def test_a_sweep_is_a_parent_run_with_a_child_a_job(tmp_path: Path):
     assert kept.read_bytes() == restored.read_bytes()
     before = kept.read_bytes()
     again = ["dataset=toy", "method=gain", "method.gain=2", "overwrite=always", "metrics=[redness]", f"out={out}"]
-    sweep.run(again, False)
+    run_jobs(again, False)
     assert kept.read_bytes() == before != restored.read_bytes()
     whole = Path(parent.info.artifact_uri.removeprefix("file://")) / "scores.parquet"
     assert len(pd.read_parquet(whole)) == len(outcome.rows)
@@ -197,7 +197,7 @@ def test_a_path_that_mlflow_cannot_take_costs_no_result(tmp_path: Path, capsys: 
 
 def test_what_is_broken_off_is_told_again_and_leaves_nothing_running(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     out, uri = tmp_path / "out", f"sqlite:///{tmp_path / 'mlflow.db'}"
-    sweep.run(["dataset=toy", "method=gain,gain2", "metrics=[redness]", f"out={out}", "tracking.uri=off"], True)
+    run_jobs(["dataset=toy", "method=gain,gain2", "metrics=[redness]", f"out={out}", "tracking.uri=off"], True)
     rows = results.read(out)
     picture = out / "restored/toy/gain/v1.png"
     picture.write_bytes(picture.read_bytes()[:-20])  # costs no more than itself

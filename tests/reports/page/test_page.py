@@ -21,7 +21,7 @@ from support.made_results import DE00, ESTIMATE, PSNR, TRUTH, made_results
 
 from sucre_bench import plugins, results
 from sucre_bench.compare import compare
-from sucre_bench.engine import sweep
+from sucre_bench.engine.run import run
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.words import Rerun
 from sucre_bench.reports import page as report
@@ -94,7 +94,7 @@ def made(out: Path, **how: Any) -> Page:
 
 def ran(out: Path, *overrides: str) -> Page:
     base = ["dataset=toy", "metrics=[redness]", "tracking.uri=off", f"out={out}"]
-    return Page(write_page(out, sweep.run([*base, *overrides], True).rows))
+    return Page(write_page(out, run([*base, *overrides], True).rows))
 
 
 def test_a_run_with_faults_makes_a_page_that_says_what_failed_and_how_it_was_made(toys: str, tmp_path: Path):
@@ -110,7 +110,7 @@ def test_a_run_with_faults_makes_a_page_that_says_what_failed_and_how_it_was_mad
 
 def test_scores_that_many_methods_and_views_lack_stand_together_by_their_reason(toys: str, tmp_path: Path):
     base = ["dataset=toy", "metrics=[psnr,ssim,psi,redness]", "tracking.uri=off", f"out={tmp_path}"]
-    page = Page(write_page(tmp_path, sweep.run([*base, "method=gain,faulty"], True).rows))
+    page = Page(write_page(tmp_path, run([*base, "method=gain,faulty"], True).rows))
     lacking = [line for line in page.text.splitlines() if ": needs charts" in line]
     assert len(lacking) == 1
     assert page.text.count("faulty on toy, v1.png: ValueError: boom") == 1
@@ -344,7 +344,7 @@ def test_rows_that_do_not_tell_their_dataset_have_no_command():
 def test_a_views_command_runs_and_gives_the_same_score(toys: str, tmp_path: Path, bench: Callable[..., Any]):
     out = tmp_path / "first run"
     base = ["dataset=toy", "metrics=[redness]", "metrics.redness.variants=[double]", "tracking.uri=off", f"out='{out}'"]
-    rows = sweep.run([*base, f"plugins=[{toys}]", "method=gain", "method.gain=0.7"], False).rows
+    rows = run([*base, f"plugins=[{toys}]", "method=gain", "method.gain=0.7"], False).rows
     (dataset,) = Page(write_page(out, rows)).datasets
     parts = [dataset["methods"][0]["command"], dataset["views"][1]["words"], dataset["metrics"]]
     said = shlex.split(" ".join(parts))

@@ -1,0 +1,242 @@
+"""Runs a whole command: checks everything first, runs the jobs, merges their rows, and returns the outcome."""
+
+from __future__ import annotations
+
+import shutil
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from sucre_bench import compare, results
+from sucre_bench.arrays import DataFrame
+from sucre_bench.engine.across_views import score_across_views
+from sucre_bench.engine.common_pixels import score_on_common_pixels
+from sucre_bench.engine.job import JobAtWork
+from sucre_bench.engine.preflight import Planned, check, is_for_cluster, workers_at_once
+from sucre_bench.engine.select_views import opening_once
+from sucre_bench.engine.workers import Work, run_works
+from sucre_bench.errors import DiskFullError, SucreBenchError, one_line
+from sucre_bench.jobs import compose_jobs
+from sucre_bench.jobs.compose_jobs import Command
+from sucre_bench.jobs.config_file import config_path, config_text
+from sucre_bench.jobs.lineup_of_results import record_line_up
+from sucre_bench.jobs.run_options import Study, Tracking
+from sucre_bench.machine import progress, progress_display, provenance
+from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.records import keep_traceback, masked
+from sucre_bench.machine.sigterm import terminated_as_interrupt
+from sucre_bench.results.common_scores import read_common
+from sucre_bench.results.layout import decoded_path, log_path, pairs_path
+from sucre_bench.results.rows import restoration_rows, values_of
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Why a view has no result, or not all its scores. where: dataset and method, and the metric if it is at fault."""
+
+    where: str
+    view: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The outcome of a run. The counts are of restorations: one view by one method.
+
+    rows: the score table of the folder, on common pixels where methods fill different ones; stored: the same, each
+    score on its method's own pixels, as it is stored; requested: dataset, method, scene and view of each requested
+    restoration; datasets, methods: labels, in the order of the command; baseline: the method that the others are
+    compared with, empty for the best; crashed: whether a process ended unexpectedly; nothing_scored: whether metrics
+    were requested, and none of them has a value for any view.
+    """
+
+    rows: DataFrame
+    stored: DataFrame
+    requested: frozenset[tuple[str, str, str, str]]
+    out: Path
+    datasets: tuple[str, ...]
+    methods: tuple[str, ...]
+    wants_report: bool
+    study: Study | None
+    baseline: str
+    tracking: Tracking
+    ok: int
+    cached: int
+    failed: tuple[Fault, ...]
+    skipped: tuple[Fault, ...]
+    scores_failed: tuple[Fault, ...]
+    interrupted: bool
+    crashed: bool
+    nothing_scored: bool
+
+    @property
+    def requested_rows(self) -> DataFrame:
+        """Those of `rows` of the requested restorations."""
+        keys = values_of(self.rows, "dataset", "method", "scene", "view")
+        return self.rows[[key in self.requested for key in keys]].reset_index(drop=True)
+
+    @property
+    def exit_code(self) -> int:
+        """0: all is finished; 1: a view or score failed, or nothing was restored or scored; 130: stopped by Ctrl-C."""
+        if self.interrupted:
+            return 130
+        has_fault = self.failed or self.scores_failed or self.crashed
+        return 1 if has_fault or not self.ok or self.nothing_scored else 0
+
+
+def run(overrides: Sequence[str], multirun: bool) -> Outcome:
+    """Run what the overrides ask for.
+
+    Raises ProblemsError before any work when something selected does not exist, cannot be opened or is not installed;
+    OutputError when results cannot be written.
+    """
+    with progress_display.live(), opening_once():
+        command = compose_jobs.jobs(overrides, multirun)
+        planned, first = check(command), command.jobs[0]
+        _write_provenance(command, planned)
+        _share_decoded(planned)
+        rows, interrupted, crashed = None, False, False
+        n_alone = min(1, first.workers)  # what metrics do after all jobs has one worker, too
+        try:
+            with terminated_as_interrupt():
+                crashed = not _run_jobs(command, planned)
+                if not crashed:
+                    run_works([Work("pairs of views", partial(score_across_views, planned))], n_alone)
+                    rows = results.merge(first.out)
+                    on_common_pixels = partial(score_on_common_pixels, planned, rows, first.out)
+                    run_works([Work("common pixels", on_common_pixels)], n_alone)
+        except KeyboardInterrupt:
+            interrupted = True
+        finally:
+            if not crashed:  # else jobs may still be at work on a cluster
+                _remove_shared(command)
+            if rows is None:
+                rows = results.merge(first.out)
+    return _outcome(rows, planned, interrupted, crashed)
+
+
+def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
+    """Write environment.json, config.yaml and lineup.yaml."""
+    first = command.jobs[0]
+    data: dict[str, set[str]] = {}
+    for plan in planned:
+        data.setdefault(plan.job.dataset.label, set()).update(task.base.data_id for task in plan.tasks)
+    words = ["sucre-bench", "run", *(["-m"] if command.is_sweep else []), *command.words]
+    ids = {label: ",".join(sorted(ids)) for label, ids in data.items()}
+    provenance.write(first.out / "environment.json", provenance.environment(words, first.seed, ids))
+    text = config_text(command.jobs, command.words, command.is_sweep)
+    write_atomically(config_path(first.out), masked(text).encode())
+    record_line_up(command.jobs)
+
+
+def _share_decoded(planned: Sequence[Planned]) -> None:
+    """Make the folder that tells jobs to share decoded files, where two restorations read the same view.
+
+    They do by two methods, and by one that reads a target's neighbours. A disk without room for the folder is no fault.
+    """
+    first = planned[0].job
+    read = Counter((plan.job.dataset.label, task.base.scene, task.view.name) for plan in planned for task in plan.todo)
+    reads_neighbours = any("poses" in plan.job.method.plugin.needs and len(plan.todo) > 1 for plan in planned)
+    reads_again = reads_neighbours or max(read.values(), default=0) > 1
+    if first.cache_gb > 0 and (first.cache_keep or reads_again):
+        with suppress(OSError):
+            decoded_path(first.out).mkdir(parents=True, exist_ok=True)
+
+
+def _run_jobs(command: Command, planned: Sequence[Planned]) -> bool:
+    """Run the jobs where the command says, and return whether that went well; their rows say what became of them.
+
+    Raises DiskFullError, without the jobs that are left: none could write.
+    """
+    if not is_for_cluster(command):
+        n_workers = workers_at_once(command)
+        if len(planned) == 1:
+            run_works([JobAtWork(planned[0])], n_workers)
+            return True
+        with progress.line(f"{len(planned)} jobs", sum(len(plan.tasks) for plan in planned)) as after_view:
+            run_works([JobAtWork(plan, after_view) for plan in planned], n_workers)
+        return True
+    from hydra.utils import instantiate
+    from omegaconf import OmegaConf
+
+    settings = OmegaConf.to_container(command.settings.hydra.launcher, resolve=True)
+    try:
+        instantiate(settings, _convert_="all").launch([plan.job for plan in planned if plan.todo])
+    except DiskFullError:
+        raise
+    except Exception as fault:
+        keep_traceback(log_path(command.jobs[0].out), "launcher")
+        reason = one_line(fault) if isinstance(fault, SucreBenchError) else one_line(fault)[:160]
+        progress.say(f"failed  the launcher: {reason}", is_fault=True)
+        return False
+    return True
+
+
+def _remove_shared(command: Command) -> None:
+    """Remove what the jobs of a command shared, decoded files and pairs, and what a killed command left.
+
+    Another command that works in the same results folder makes again what it needs.
+    """
+    job = command.jobs[0]
+    if not job.cache_keep:
+        shutil.rmtree(decoded_path(job.out), ignore_errors=True)
+    if command.shared_pairs:
+        shutil.rmtree(pairs_path(job.out) / command.shared_pairs, ignore_errors=True)
+        with suppress(OSError):  # another command shares there
+            pairs_path(job.out).rmdir()
+
+
+def _outcome(rows: DataFrame, planned: Sequence[Planned], interrupted: bool, crashed: bool) -> Outcome:
+    """Count what became of the requested restorations and scores. rows: the table after the run."""
+    keys = ("dataset", "method", "scene", "view")
+    states = {key[:4]: key[4:] for key in values_of(restoration_rows(rows), *keys, "status", "reason", "time")}
+    metrics: dict[tuple[str, str, str, str], set[str]] = {}  # of each requested restoration
+    n_ok, n_cached = 0, 0
+    failed, skipped = list[Fault](), list[Fault]()
+    for plan in planned:
+        labels, todo = (plan.job.dataset.label, plan.job.method.label), {id(task) for task in plan.todo}
+        for task in plan.tasks:
+            is_cached, view = id(task) not in todo, (task.base.scene, task.view.name)
+            metrics.setdefault((*labels, *view), set()).update(metric.plugin.name for metric in plan.job.metrics)
+            status, reason = "missing", "did not finish"
+            for name in (("", ""), view):  # what became of the whole job, unless there is more of the view
+                state = states.get((*labels, *name))
+                if state and (is_cached or (*name, state[2]) not in plan.before):
+                    status, reason, _ = state
+            fault = Fault(plan.name, task.view.name, reason)
+            if status == "ok":
+                n_ok, n_cached = n_ok + 1, n_cached + is_cached
+            elif status == "skipped":
+                skipped.append(fault)
+            elif status == "failed" or not interrupted:
+                failed.append(fault)
+    first = planned[0].job
+    scores = compare.on_pixels(rows, read_common(first.out))
+    is_of_request = [row[4] in metrics.get(row[:4], ()) for row in values_of(scores, *keys, "metric")]
+    of_request = scores[is_of_request]
+    return Outcome(
+        rows=scores,
+        stored=rows,
+        requested=frozenset(metrics),
+        out=first.out,
+        datasets=tuple(dict.fromkeys(plan.job.dataset.label for plan in planned)),
+        methods=tuple(dict.fromkeys(plan.job.method.label for plan in planned)),
+        wants_report=first.report,
+        study=first.study,
+        baseline=first.baseline,
+        tracking=first.tracking,
+        ok=n_ok,
+        cached=n_cached,
+        failed=tuple(failed),
+        skipped=tuple(skipped),
+        scores_failed=tuple(
+            Fault(f"{r.dataset} / {r.method} / {r.metric}", r.view, r.reason)
+            for r in of_request[of_request["status"] == "failed"].itertuples()
+        ),
+        interrupted=interrupted,
+        crashed=crashed,
+        nothing_scored=any(metrics.values()) and not (of_request["status"] == "ok").any(),
+    )
