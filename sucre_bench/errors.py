@@ -185,6 +185,7 @@ ANY_FAULT = (Exception, SystemExit)
 
 _MOST_CHARACTERS = 2000  # of an exception's text
 
+
 @dataclass(frozen=True)
 class Lack:
     """What a plugin needs and a scene or view lacks. Rows store its text, which begins with the code "needs ..."."""

@@ -34,6 +34,7 @@ pytestmark = pytest.mark.short
 # Of the classes with parameters of their own.
 EXAMPLES: dict[type[SucreBenchError], SucreBenchError] = {
     UnknownPluginError: UnknownPluginError("no method is called 'sucr'", "method"),
+    DiedError: DiedError("exit code 7", "method 'a' on view 'b.png'"),
     NotComparableError: NotComparableError((Refusal("sea", Difference.IMAGES, "a on 2, b on 3"),)),
 }
 
