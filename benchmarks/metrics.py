@@ -22,7 +22,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.engine.score import score_rows, scorers
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.image_files import read_rgb
-from sucre_bench.jobs.metric_words import metric_choices
+from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.results.restorations import Measured
 from sucre_bench.results.rows import Row
 from sucre_bench.scene import Chart, Plane, Restoration, View

@@ -128,7 +128,7 @@ def _common(folders: Sequence[Path], rows: pd.DataFrame) -> pd.DataFrame:
     import pandas as pd
 
     from sucre_bench.engine.common_pixels import score_folders
-    from sucre_bench.jobs.config_file import load_them, unloaded_plugin_files
+    from sucre_bench.jobs.job import load_them, unloaded_plugin_files
     from sucre_bench.machine import progress_display
 
     for folder in folders:

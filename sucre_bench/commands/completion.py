@@ -270,11 +270,10 @@ def _keys(group: str, given: Mapping[str, str]) -> Iterator[tuple[str, str]]:
 def _names(group: str) -> Iterator[tuple[str, str]]:
     """Plugins and presets, or experiments, with what they are."""
     from sucre_bench import plugins
-    from sucre_bench.jobs.catalogue import presets
-    from sucre_bench.jobs.hydra_schema import GROUPS
+    from sucre_bench.jobs.catalogue import GROUPS, presets
 
-    if group in GROUPS:
-        yield from ((name, plugin.summary) for name, plugin in plugins.usable(GROUPS[group]).items())
+    for kind in (kind for kind, folder in GROUPS.items() if folder == group):
+        yield from ((name, plugin.summary) for name, plugin in plugins.usable(kind).items())
     for preset in presets(group):
         yield preset.name, preset.description
 

@@ -86,7 +86,7 @@ def run(
         overrides = (*overrides, f"plugins={value_of([str(Path(file).resolve()) for file in plugin_files])}")
     if cfg:
         from sucre_bench.jobs.compose_jobs import jobs
-        from sucre_bench.jobs.config_file import config_text
+        from sucre_bench.jobs.job import config_text
 
         command = jobs([word for word in overrides if word != "job"], multirun)  # Hydra's own is `--cfg job`
         click.echo(config_text(command.jobs, command.words, command.is_sweep), nl=False)
@@ -147,7 +147,7 @@ def lineup(folder: Path, out: Path | None) -> None:
     and study, are those of the last command. Paths in the file are relative to its folder.
     """
     from sucre_bench import plugins
-    from sucre_bench.jobs.config_file import load_them
+    from sucre_bench.jobs.job import load_them
     from sucre_bench.jobs.lineup_of_results import line_up_of
     from sucre_bench.jobs.words import shell
     from sucre_bench.machine.files import write_atomically

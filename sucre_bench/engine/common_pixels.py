@@ -23,9 +23,8 @@ from sucre_bench.engine.score import Scored, Scorer, scorers, variant_rows
 from sucre_bench.engine.select_views import Task, open_scenes, opening_once, tasks
 from sucre_bench.errors import DamagedFileError, InputError, SucreBenchError, one_line, raise_if_stop
 from sucre_bench.imaging.once import locked
-from sucre_bench.jobs.config_file import config_path, read_config
-from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.metric_words import MetricChoice, metric_choices
+from sucre_bench.jobs.catalogue import MetricChoice, metric_choices
+from sucre_bench.jobs.job import Job, config_path, read_config
 from sucre_bench.machine import progress
 from sucre_bench.machine.records import keep_traceback, now
 from sucre_bench.results.bundle_format import is_bundle

@@ -23,8 +23,7 @@ from sucre_bench.errors import InputError, NotApplicableError, SucreBenchError, 
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.drawing import captioned
 from sucre_bench.imaging.encoding import to_8bit
-from sucre_bench.jobs.catalogue import method_choice, presets
-from sucre_bench.jobs.metric_words import metric_choices
+from sucre_bench.jobs.catalogue import method_choice, metric_choices, presets
 from sucre_bench.machine import progress, progress_display
 from sucre_bench.plugins.options import Choice
 from sucre_bench.results.rows import wide

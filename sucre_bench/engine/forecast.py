@@ -91,10 +91,9 @@ def forecast(overrides: Sequence[str], multirun: bool) -> Forecast:
 def _launched(command: Command) -> Forecast:
     """A forecast of no jobs, with what the command's launcher gives them."""
     empty = Forecast((), 0.0, 0.0)
-    settings = command.settings.hydra.launcher
     if is_for_cluster(command):
-        limits = {name: settings.get(name) for name in ("timeout_min", "mem_gb")}
-        return replace(empty, launcher="slurm", at_once=int(settings.array_parallelism), **limits)
+        limits: dict[str, Any] = {name: command.launcher.get(name) for name in ("timeout_min", "mem_gb")}
+        return replace(empty, launcher="slurm", at_once=int(command.launcher["array_parallelism"]), **limits)
     at_once = workers_at_once(command)
     return replace(empty, launcher="workers" if at_once > 1 else "", at_once=max(1, at_once))
 

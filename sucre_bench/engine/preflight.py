@@ -201,7 +201,7 @@ def _label_option(chosen: Collection[Choice], one: Choice) -> str:
 
 def is_for_cluster(command: Command) -> bool:
     """Whether the jobs are for SLURM, and not for this machine."""
-    return command.is_sweep and "engine.slurm" in str(command.settings.hydra.launcher.get("_target_", ""))
+    return command.is_sweep and "engine.slurm" in command.launcher.get("_target_", "")
 
 
 def workers_at_once(command: Command) -> int:
@@ -209,11 +209,10 @@ def workers_at_once(command: Command) -> int:
 
     Raises InputError for a launcher that is neither joblib's nor this program's.
     """
-    settings, workers = command.settings.hydra.launcher, command.jobs[0].workers
-    target = str(settings.get("_target_", ""))
-    if not command.is_sweep or target.endswith("OneByOne") or not workers or is_for_cluster(command):
+    target, workers = command.launcher.get("_target_", ""), command.jobs[0].workers
+    if not (command.is_sweep and target and workers) or is_for_cluster(command):
         return workers
     if "joblib" not in target:
         raise InputError("not known here", f"hydra/launcher ({target})", "give joblib or slurm, or workers=4")
-    n_jobs = int(settings.get("n_jobs") or 1)
+    n_jobs = int(command.launcher.get("n_jobs") or 1)
     return n_jobs if n_jobs > 0 else max(1, usable_cores() + 1 + n_jobs)

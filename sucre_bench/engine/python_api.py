@@ -16,8 +16,7 @@ from sucre_bench.imaging.display import displayed, is_of_scene
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import SUFFIXES, write_image
 from sucre_bench.jobs import catalogue
-from sucre_bench.jobs.catalogue import method_choice
-from sucre_bench.jobs.metric_words import metric_choices
+from sucre_bench.jobs.catalogue import method_choice, metric_choices
 from sucre_bench.plugins.call_method import shown_with
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.options import Choice, create

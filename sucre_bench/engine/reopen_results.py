@@ -130,7 +130,7 @@ def _only(what: str, known: Sequence[str], given: str, out: Path) -> str:
 
 def _job(out: Path, dataset: str, scene: str) -> Job:
     """A job of the dataset that the results are of, with all its views."""
-    from sucre_bench.jobs.config_file import config_path, read_config
+    from sucre_bench.jobs.job import config_path, read_config
     from sucre_bench.results.rows import unreplicated
 
     _, replicate = unreplicated(scene)

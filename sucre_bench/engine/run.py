@@ -21,7 +21,7 @@ from sucre_bench.engine.workers import Work, run_works
 from sucre_bench.errors import DiskFullError, SucreBenchError, one_line
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.compose_jobs import Command
-from sucre_bench.jobs.config_file import config_path, config_text
+from sucre_bench.jobs.job import config_path, config_text
 from sucre_bench.jobs.lineup_of_results import record_line_up
 from sucre_bench.jobs.run_options import Study, Tracking
 from sucre_bench.machine import progress, progress_display, provenance
@@ -159,12 +159,12 @@ def _run_jobs(command: Command, planned: Sequence[Planned]) -> bool:
         with progress.line(f"{len(planned)} jobs", sum(len(plan.tasks) for plan in planned)) as after_view:
             run_works([JobAtWork(plan, after_view) for plan in planned], n_workers)
         return True
-    from hydra.utils import instantiate
-    from omegaconf import OmegaConf
+    from sucre_bench.engine.slurm.launcher import Launcher
 
-    settings = OmegaConf.to_container(command.settings.hydra.launcher, resolve=True)
     try:
-        instantiate(settings, _convert_="all").launch([plan.job for plan in planned if plan.todo])
+        Launcher(**{name: value for name, value in command.launcher.items() if name != "_target_"}).launch(
+            [plan.job for plan in planned if plan.todo]
+        )
     except DiskFullError:
         raise
     except Exception as fault:

@@ -21,8 +21,8 @@ from sucre_bench.engine.select_views import base_row
 from sucre_bench.errors import NotApplicableError, one_line, raise_if_stop
 from sucre_bench.imaging.once import locked
 from sucre_bench.imaging.resizing import Resizing, resized_picture, resized_restoration, split_variant
+from sucre_bench.jobs.catalogue import MetricChoice
 from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.metric_words import MetricChoice
 from sucre_bench.machine import progress
 from sucre_bench.machine.forked import step
 from sucre_bench.machine.records import keep_traceback

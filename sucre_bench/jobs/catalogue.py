@@ -1,20 +1,31 @@
-"""What can be chosen by name: plugins, the presets of conf/ (methods or metrics with options set), and experiments."""
+"""What can be chosen by name: plugins, the presets of conf/ (methods or metrics with options set), and experiments.
+
+A folder stands for the dataset that recognises it by its files.
+"""
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import Any, get_args
 
 from sucre_bench import plugins
+from sucre_bench.errors import InputError, MissingFileError, UnknownPluginError, unknown_name
+from sucre_bench.imaging.resizing import split_variant
 from sucre_bench.jobs.run_options import CONF_FOLDER
+from sucre_bench.jobs.words import quoted
+from sucre_bench.machine import progress
 from sucre_bench.machine.text_formats import read_yaml
-from sucre_bench.plugins.options import Choice, Option, options_of, plugin_choice
+from sucre_bench.plugins.options import Choice, Option, options_of, plain_value, plugin_choice
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 
 # What the bench adds to the options of a plugin.
 _ADDED: dict[Kind, tuple[str, ...]] = {"dataset": ("label",), "method": ("label", "display"), "metric": ("variants",)}
+# The folder of conf/ with presets for a kind, and the word that chooses some.
+GROUPS: dict[Kind, str] = {"dataset": "dataset", "method": "method", "metric": "metrics"}
+_MOST_FOLDERS = 100  # that are looked into for a hint
+SEED = "${seed}"  # of the run: what a plugin's seed is unless it is given
 
 
 @dataclass(frozen=True)
@@ -27,29 +38,68 @@ class Preset:
     sets: Mapping[str, Any]
 
 
-def presets(group: str) -> list[Preset]:
+@functools.cache  # the files do not change while a command runs
+def presets(group: str) -> tuple[Preset, ...]:
     """Return the presets of a folder of conf/, "experiment" or "method" say, by name."""
-    return [_read(path) for path in sorted((CONF_FOLDER / group).glob("*.yaml"))]
+    made = []
+    for path in sorted((CONF_FOLDER / group).glob("*.yaml")):
+        text = path.read_text(encoding="utf-8")
+        comments = [line[1:].strip() for line in text.splitlines() if line.startswith("#")]
+        sets = read_yaml(text) or {}
+        builds_on = (entry for entry in sets.pop("defaults", ()) if isinstance(entry, str) and entry != "_self_")
+        made.append(Preset(path.stem, comments[0] if comments else "", tuple(builds_on), sets))
+    return tuple(made)
+
+
+def preset_of(kind: Kind, name: str) -> Preset | None:
+    """Return the preset of this name, unless a plugin has it; None where there is none."""
+    known = () if name in plugins.discover(kind) else presets(GROUPS[kind])
+    return next((preset for preset in known if preset.name == name), None)
 
 
 def plugin_of(kind: Kind, name: str) -> Plugin | None:
     """Return the plugin of this name, or that a preset of this name is of; None where there is none."""
     known = plugins.usable(kind)
-    if name not in known and (preset := preset_of(kind, name)):
-        name = next((base for base in preset.builds_on if base in known), name)
-    return known.get(name)
+    preset = preset_of(kind, name)
+    return known.get(next((base for base in preset.builds_on if base in known), name) if preset else name)
 
 
-def preset_of(kind: Kind, name: str) -> Preset | None:
-    """Return the preset of this name, unless a plugin has it; None where there is none."""
-    group = "metrics" if kind == "metric" else kind
-    return None if name in plugins.discover(kind) else next((p for p in presets(group) if p.name == name), None)
+def named(kind: Kind, name: str) -> Plugin:
+    """Return the plugin of this name, or that a preset of this name is of.
+
+    Raises UnknownPluginError with the nearest name, or PluginError with the reason why it cannot be used.
+    """
+    if plugin := plugin_of(kind, name):
+        return plugin
+    if name in plugins.discover(kind):
+        return plugins.find(kind, name)  # raises with the reason
+    if kind == "dataset" and Path(name).exists():
+        remedy = f"sucre-bench run {name}" if Path(name).is_file() else f"dataset=./{name}"
+        fault = f"no dataset is called '{name}', but there is a path of this name"
+        raise UnknownPluginError(fault, kind, f"write {remedy}")
+    raise plugins.unknown(kind, name, {*plugins.discover(kind), *(preset.name for preset in presets(GROUPS[kind]))})
+
+
+@functools.cache
+def default_choice(group: str) -> str:
+    """Return the method, dataset or metrics that a command takes which chooses none."""
+    entries = read_yaml((CONF_FOLDER / "config.yaml").read_text(encoding="utf-8"))["defaults"]
+    return next(str(entry[group]) for entry in entries if group in entry)
+
+
+def configuration(kind: Kind, name: str) -> dict[str, Any]:
+    """Return what a plugin or preset starts from: its name, what the bench adds, and each option that has a default."""
+    plugin, preset = named(kind, name), preset_of(kind, name)
+    added: dict[str, Any] = {"label": None, "display": plugin.display, "variants": list(plugin.default)}
+    options = {o.name: plain_value(o.default) for o in options_of(plugin.cls) if o.default is not MISSING}
+    seed = {"seed": SEED} if "seed" in options else {}
+    sets = preset.sets if preset else {}
+    return {"name": plugin.name, **{name: added[name] for name in _ADDED[kind]}, **options, **seed, **sets}
 
 
 def method_choice(name: str, options: Mapping[str, Any]) -> Choice:
     """Return a method or a preset of conf/ with options (label and display too), as Python takes them."""
-    plugin = plugin_of("method", name) or plugins.find("method", name)  # which says why there is none
-    preset = preset_of("method", name)
+    plugin, preset = named("method", name), preset_of("method", name)
     values = preset.sets if preset else {}
     return plugin_choice("method", {"display": plugin.display, **values, **options, "name": plugin.name})
 
@@ -76,24 +126,116 @@ def given_paths(kind: Kind, name: str, values: Mapping[str, Any]) -> dict[str, s
     return paths
 
 
-def default_choice(group: str) -> str:
-    """Return the method or dataset that a command without `method=` or `dataset=` takes."""
-    defaults = _loaded((CONF_FOLDER / "config.yaml").read_text(encoding="utf-8")).get("defaults") or ()
-    return next((str(entry[group]) for entry in defaults if isinstance(entry, dict) and group in entry), "")
+# -- metrics: "name", "name:variant" or "name:all" -----------------------------------------------------------
 
 
-@functools.cache  # the files do not change while a command runs
-def _read(path: Path) -> Preset:
-    text = path.read_text(encoding="utf-8")
-    comments = [line[1:].strip() for line in text.splitlines() if line.startswith("#")]
-    description = next((comment for comment in comments if not comment.startswith("@")), "")
-    sets = _loaded(text)
-    names = tuple(entry for entry in sets.pop("defaults", None) or () if isinstance(entry, str) and entry != "_self_")
-    return Preset(path.stem, description, names, sets)
+@dataclass(frozen=True)
+class MetricChoice:
+    """A metric and the variants of it to compute."""
+
+    choice: Choice
+    variants: tuple[str, ...]
+
+    @property
+    def plugin(self) -> Plugin:
+        return self.choice.plugin
 
 
-def _loaded(text: str) -> dict[str, Any]:
-    return read_yaml(text) or {}
+def metrics_of(names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Return the configuration of metrics given as "name", "name:variant", "name:all" or a preset of several.
+
+    A bare name means the metric's default variants. A metric that is named itself has no others from a preset.
+    """
+    chosen: dict[str, list[str]] = {}
+    for text in names:
+        name, _, variant = text.partition(":")
+        preset = preset_of("metric", name)
+        for base in preset.builds_on if preset else ():
+            chosen.setdefault(base, [])
+        if not preset:
+            chosen.setdefault(name, []).extend([variant] if variant else named("metric", name).default)
+    made = {name: configuration("metric", name) for name in chosen}
+    return {name: {**made[name], "variants": variants or made[name]["variants"]} for name, variants in chosen.items()}
+
+
+def metric_choices(names: Sequence[str]) -> tuple[MetricChoice, ...]:
+    """Return metrics and their variants, named as `metrics_of` takes them."""
+    return chosen_metrics(metrics_of(names))
+
+
+def chosen_metrics(values: Mapping[str, Any]) -> tuple[MetricChoice, ...]:
+    """Return the metrics and variants of a configuration's `metrics`. Raises InputError if there are none."""
+    chosen = []
+    for given in values.values():
+        choice = plugin_choice("metric", {k: v for k, v in given.items() if k != "variants"})
+        plugin, variants = choice.plugin, []
+        for text in [given["variants"]] if isinstance(given["variants"], str) else given["variants"]:
+            name, resizing = split_variant(text)
+            if name != "all" and name not in plugin.variants:
+                raise unknown_name(plugin.name, name, ("all", *plugin.variants), "variant")
+            if resizing and not plugin.needs <= {"reference"}:
+                fault = f"has no score at another size, it needs {' and '.join(sorted(plugin.needs))}"
+                raise InputError(fault, f"{plugin.name}:{text}", "leave @ and size out")
+            variants += [variant + text[len(name) :] for variant in (plugin.variants if name == "all" else [name])]
+        chosen.append(MetricChoice(choice, tuple(dict.fromkeys(variants))))
+    if not chosen:
+        raise InputError("no metric is chosen; add metrics=[NAME,...], `sucre-bench list metrics` shows what there is")
+    return tuple(chosen)
+
+
+# -- the dataset of a folder ---------------------------------------------------------------------------------
+
+
+def is_path(name: str) -> bool:
+    """Whether a dataset's name is the path of a folder: no plugin's name has a slash or is made of dots."""
+    return "/" in name or "\\" in name or name in (".", "..")
+
+
+def recognised(folder: Path) -> str:
+    """Return the name of the dataset that a folder is, and say which in a line.
+
+    Raises InputError when it is no folder, when no dataset fits, with what was looked for, or when several fit.
+    """
+
+    def typed(path: Path) -> str:
+        return f"dataset={quoted(str(path) if is_path(str(path)) else f'./{path}')}"
+
+    if not folder.is_dir():
+        if folder.exists():
+            raise InputError("is a file", typed(folder), "give its folder")
+        raise MissingFileError("no such folder", typed(folder), "correct the path")
+    fits = _fitting(folder)
+    root = f"dataset.root={quoted(str(folder))}"
+    if len(fits) > 1:
+        either = " or ".join(f"dataset={name} (for {sign})" for name, sign in fits.items())
+        raise InputError("fits several datasets", typed(folder), f"give {root} and {either}")
+    if not fits:
+        below = sorted(path for path in folder.iterdir() if path.is_dir())[:_MOST_FOLDERS]
+        inner = next((path for path in below if _fitting(path)), None)
+        # Datasets with a licence are published data.
+        of_users = (p for p in plugins.usable("dataset").values() if p.signs and not p.licence)
+        looked_for = ", ".join(f"{plugin.signs[0]} ({plugin.name})" for plugin in of_users)
+        remedy = f"give {typed(inner)}" if inner else "name the dataset: dataset=NAME dataset.root=DIR"
+        raise InputError(f"holds none of {looked_for}, and no published dataset", typed(folder), remedy)
+    ((name, sign),) = fits.items()
+    progress.say(f"{folder} is dataset={name} {root}, for it holds {sign}")
+    return name
+
+
+def _fitting(folder: Path) -> dict[str, Path]:
+    """The datasets that fit, each with the file or folder that says so.
+
+    Those with poses go before single images, which lie in many folders.
+    """
+    known, signs = plugins.usable("dataset"), {}
+    for plugin in known.values():
+        there = (path for sign in plugin.signs for path in sorted(folder.glob(sign)))
+        if (path := next(there, None)) is not None:
+            signs[plugin.name] = path.relative_to(folder)
+    return {name: sign for name, sign in signs.items() if "poses" in known[name].has} or signs
+
+
+# -- what lists show -----------------------------------------------------------------------------------------
 
 
 def entries(kind: Kind) -> list[dict[str, Any]]:

@@ -1,64 +1,60 @@
 """From the words of a command to its jobs.
 
-Words and a line-up become the settings of each job (`combinations`). Hydra composes what a dataset and a method start
-from, once for each pair of them; OmegaConf puts each job's values in their place and checks their types. The plugins'
-own fields are the schema (`hydra_schema`), so that a wrong name or type is found before any work.
+Every dataset meets every method. A word that begins with the name or label of one of them, `sucre.physical=true`, is
+for it alone. A word for methods or datasets in general, `method.physical=true`, is for those that have the option.
+A job begins with what its dataset, method and metrics start from, as plain data. The words' values take their places,
+and the types of the plugins' own fields check them (`Job.of`), before any work.
 """
 
 from __future__ import annotations
 
-import copy
-import functools
+import itertools
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sucre_bench import plugins
-from sucre_bench.errors import InputError, SucreBenchError, UnknownPluginError, in_one_line
+from sucre_bench.errors import InputError, SucreBenchError, UnknownPluginError, unknown_name
 from sucre_bench.jobs import mistakes
-from sucre_bench.jobs.combinations import Combination, combinations, parse
-from sucre_bench.jobs.hydra_schema import register
+from sucre_bench.jobs.catalogue import (
+    SEED,
+    configuration,
+    default_choice,
+    is_path,
+    metrics_of,
+    named,
+    option_names,
+    plugin_of,
+    recognised,
+)
 from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.lineup import KINDS, LineUp, Word, read_experiment, read_line_up
-from sucre_bench.jobs.metric_words import chosen_variants, group_names
-from sucre_bench.jobs.run_options import CONF
-from sucre_bench.jobs.words import value_of
+from sucre_bench.jobs.launchers import hydra_words
+from sucre_bench.jobs.lineup import KINDS, Entry, Kind, LineUp, read_experiment, read_line_up
+from sucre_bench.jobs.run_options import RunConfig
+from sucre_bench.jobs.words import Word, first_line, parse
 from sucre_bench.machine.files import expanded
+from sucre_bench.plugins.options import options_of
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import fingerprint
-
-if TYPE_CHECKING:
-    from omegaconf import DictConfig
 
 
 @dataclass(frozen=True)
 class Command:
     """What the words of a command ask for.
 
-    words: the overrides, with ~ expanded; is_sweep: whether Hydra's launcher hands out the jobs; settings: `out` and
-    Hydra's own part, `hydra`, which names the launcher and its options; shared_pairs: the folder where its jobs share
-    pairs, the same for the same words, empty if they share none.
+    words: the overrides, with ~ expanded; is_sweep: whether a launcher hands out the jobs; launcher: its options, its
+    class as `_target_`, empty for this machine; shared_pairs: the folder where its jobs share pairs, the same for the
+    same words, empty if they share none.
     """
 
     jobs: tuple[Job, ...]
     words: tuple[str, ...]
     is_sweep: bool
-    settings: DictConfig
+    launcher: Mapping[str, Any]
     shared_pairs: str
-
-
-@contextmanager
-def _hydra() -> Iterator[None]:
-    from hydra import initialize_config_module
-    from hydra.core.global_hydra import GlobalHydra
-
-    register()
-    GlobalHydra.instance().clear()
-    with initialize_config_module(CONF, version_base="1.3"):
-        yield
 
 
 def jobs(words: Sequence[str], multirun: bool) -> Command:
@@ -67,23 +63,23 @@ def jobs(words: Sequence[str], multirun: bool) -> Command:
     Raises InputError for an unknown name or option (with the nearest known), a wrong type, a word that is no choice,
     a dataset's option without a dataset, two jobs with one label, or a line-up that cannot be read.
     """
-    for word in words:
-        if word.splitlines() not in ([], [word]):
-            raise InputError(f"{in_one_line(word)!r}: holds a line break; give each word in one line")
     words = [_expand_home(text) for text in words]
     files = [word for word in words if mistakes.is_bare(word) and Path(word).suffix.lower() in (".yaml", ".yml")]
     if len(files) > 1:
         raise InputError("a second line-up", files[1], "run one at a time")
     overrides = [word for word in words if word not in files]
-    mistakes.refuse_bare_words(overrides)
+    mistakes.refuse_words(overrides)
     line_up, typed = _with_line_up(expanded(files[0]) if files else None, parse(overrides))
-    mistakes.refuse_options_of_no_dataset(typed, line_up)
-    with _hydra():
-        made, settings, is_sweep = _compose_jobs(typed, line_up, multirun)
+    mistakes.refuse_option_of_no_dataset(typed, line_up)
+    of_hydra = [word for word in typed if "/" in word.key or "@" in word.key or word.head == "hydra"]
+    hydra = hydra_words(of_hydra)
+    is_sweep = multirun or bool(line_up.place) or hydra.is_sweep
+    mistakes.refuse_values(typed, is_sweep)
+    made = _jobs([*parse(hydra.params), *(word for word in typed if word not in of_hydra)], line_up)
     _refuse_same_place(made)
     shared_pairs = f"x{fingerprint({'command': words})[1]}" if _can_share_pairs(made) else ""
-    made = [replace(job, shared_pairs=shared_pairs) for job in made]
-    return Command(tuple(made), tuple(words), is_sweep, settings, shared_pairs)
+    made = [replace(job, shared_pairs=shared_pairs) for job in made] if shared_pairs else made
+    return Command(tuple(made), tuple(words), is_sweep, hydra.launcher(str(made[0].out)), shared_pairs)
 
 
 def _expand_home(override: str) -> str:
@@ -116,104 +112,186 @@ def _with_line_up(file: Path | None, typed: Sequence[Word]) -> tuple[LineUp, lis
     return line_up, [word for word in typed if word.key not in ("experiment", "plugins")]
 
 
-def _compose_jobs(typed: list[Word], line_up: LineUp, multirun: bool) -> tuple[list[Job], DictConfig, bool]:
-    """Return every job that the words and the line-up ask for, the launcher's settings, and whether it is a sweep."""
-    from hydra.types import RunMode
+# -- words and line-ups: which word is for which job -----------------------------------------------------------
 
-    # Hydra's own groups and keys choose what everything else is composed from.
-    own = [word for word in typed if "/" in word.key or "@" in word.key or word.head == "hydra"]
-    others = [word for word in typed if word not in own]
-    groups = [word.text for word in own if word.head != "hydra" or word.key == "hydra.searchpath"]
-    base = functools.cache(_base)
-    settings = copy.deepcopy(base(tuple(groups)))
-    for word in own:
-        if word.text not in groups:
-            _put(settings, word.key, word.values[0], may_be_new=word.is_added)
-    mistakes.refuse_foreign(settings)
-    params = settings.hydra.sweeper.get("params") or {}
-    others = [*parse(f"{key}={value}" for key, value in params.items()), *others]
-    is_sweep = multirun or bool(line_up.place) or settings.hydra.mode == RunMode.MULTIRUN
-    mistakes.refuse_several_values(typed, is_sweep)
+
+@dataclass(frozen=True)
+class _Option:
+    """A word for some datasets or methods. owner: their name or label; empty for all that have the option."""
+
+    kind: Kind
+    owner: str
+    name: str
+    word: Word
+
+    def is_for(self, entry: Entry) -> bool:
+        """Whether a dataset or method has the option, and the word means it."""
+        is_meant = self.owner in ("", entry.name, entry.label)
+        return is_meant and self.name.partition(".")[0] in option_names(self.kind, entry.name)
+
+
+def _jobs(typed: Sequence[Word], line_up: LineUp) -> list[Job]:
+    """What the words and the line-up ask for, a job each. A word prevails over the line-up.
+
+    Raises InputError at the word that is wrong, or at the line-up.
+    """
+    keys: dict[str, str] = {}  # how the user typed a key that a plugin knows by another name
     try:
-        every = combinations(others, line_up)
-    except InputError as fault:
-        raise _at_its_place(fault, {}, line_up, others) from fault
-    made = []
-    for combination in every:
-        try:
-            made.append(_job(combination, groups, base))
-        except SucreBenchError as fault:
-            raise _at_its_place(fault, combination.typed, line_up, others) from fault
-    settings.out = str(made[0].out)
-    return made, settings, is_sweep
+        entries = {kind: _entries(kind, typed, line_up) for kind in KINDS}
+        replaced = {word.key for word in typed}
+        words = [word for word in line_up.words() if not _is_replaced(word, replaced, entries, line_up)]
+        options = [(word, _option(word, entries, line_up)) for word in (*words, *typed) if word.key not in KINDS]
+        made: list[Job] = []
+        for dataset, method in itertools.product(entries["dataset"], entries["method"]):
+            keys.clear()
+            made += _of_pair({"dataset": dataset, "method": method}, options, entries, keys)
+    except SucreBenchError as fault:
+        place = keys.get(fault.place, fault.place)
+        texts = {text for word in typed for text in (word.text, word.key, word.head)}
+        values = (word.text.partition("=")[2] for word in typed if word.key in (*KINDS, "metrics", "views"))
+        chosen = {name for value in values for name in re.findall(r"[^][,'\":]+", value)}
+        is_typed = place in texts | chosen or place.partition("=")[0] in texts or re.split("[.:]", place)[0] in chosen
+        # The names in a line-up were checked when it was read.
+        is_name = isinstance(fault, UnknownPluginError) and (fault.kind != "metric" or "metrics" in texts)
+        fault = InputError(fault.fault, place, fault.remedy)
+        raise (fault if is_typed or is_name or not line_up.place else fault.within(line_up.place)) from None
+    return made
 
 
-def _base(groups: tuple[str, ...]) -> DictConfig:
-    """Compose the configuration of some choices, with Hydra's own part."""
-    import hydra
-    from hydra.errors import HydraException
-    from omegaconf.errors import OmegaConfBaseException
+def _of_pair(
+    pair: Mapping[Kind, Entry],
+    words: Sequence[tuple[Word, _Option | None]],
+    entries: Mapping[Kind, Sequence[Entry]],
+    keys: dict[str, str],
+) -> Iterator[Job]:
+    """The jobs of one dataset and one method: of every combination of the words' values."""
+    chosen: dict[str, Word] = {}
+    swept: list[str] = []
+    for kind, entry in pair.items():
+        chosen |= {word.key: word for word in entry.words(kind)}
+        names = Counter(one.name for one in entries[kind] if not one.label)
+        if not entry.label and names[entry.name] > 1:  # its label names the options that tell it from the others
+            swept += [f"{kind}.{option}" for option in entry.options if option != "degrade"]
+    for word, option in words:
+        key = word.key
+        if option:
+            entry = pair[option.kind]
+            if not option.is_for(entry):
+                continue
+            key = f"{option.kind}.{option.name}"
+            plugin = plugin_of(option.kind, entry.name)
+            keys |= {key: word.key} | ({f"{plugin.name}.{option.name}": word.key} if plugin else {})
+        chosen.pop(key, None)  # the last word counts, in its place
+        chosen[key] = word
+        swept += [key] if word.is_swept else []
+    has_references = any("${" in word.text for word in chosen.values())
+    start = RunConfig.defaults()
+    start |= {str(kind): configuration(kind, entry.name) for kind, entry in pair.items()}
+    method = pair["method"]
+    own_word = method.label if method.label.replace("-", "_").isidentifier() else method.name
+    for given in itertools.product(*(word.values for word in chosen.values())):
+        values = {key: dict(value) if isinstance(value, dict) else value for key, value in start.items()}
+        settings = dict(zip(chosen, given, strict=True))
+        metrics = settings.pop("metrics", [default_choice("metrics")])
+        values["metrics"] = metrics_of(map(str, metrics if isinstance(metrics, list) else [metrics]))
+        for key, value in settings.items():
+            _put(values, key, value)
+        yield replace(Job.of(_filled(values, has_references), swept), method_word=own_word)
 
-    try:
-        return hydra.compose("config", overrides=list(groups), return_hydra_config=True)
-    except (HydraException, OmegaConfBaseException, ValueError, TypeError, AttributeError, KeyError) as fault:
-        raise mistakes.of_composing(fault, parse(groups)) from fault
+
+def _put(values: dict[str, Any], key: str, value: Any) -> None:
+    """Set a value of a configuration. Raises InputError for an unknown key; types are checked later."""
+    *groups, name = key.split(".")
+    node = values
+    for group in groups:
+        if not isinstance(node.get(group), dict):
+            raise unknown_name(key, group, node)
+        node = node[group]
+    if name not in node and groups not in (["dataset"], ["method"]):  # whose options were checked
+        raise unknown_name(key, name, node)
+    node[name] = {**node[name], **value} if isinstance(node.get(name), dict) and isinstance(value, dict) else value
 
 
-def _job(combination: Combination, groups: Sequence[str], base: Any) -> Job:
-    """Put a job's values into what its dataset, method and metrics start from."""
-    from omegaconf import open_dict
-
-    values = dict(combination.values)
-    chosen = [f"dataset={value_of(combination.dataset)}", f"method={value_of(combination.method)}"]
-    variants: dict[str, tuple[Any, bool]] = {}
-    if "metrics" in values:
-        given = values.pop("metrics")[0]
-        names = chosen_variants([str(name) for name in (given if isinstance(given, list) else [given])])
-        chosen.append(f"metrics={value_of(group_names(names))}")
-        variants = {f"metrics.{name}.variants": (chosen_, False) for name, chosen_ in names.items() if chosen_}
-    composed = base((*groups, *chosen))
-    with open_dict(composed):
-        composed.pop("hydra", None)
-    config = copy.deepcopy(composed)
-    for key, (value, may_be_new) in (variants | values).items():
-        _put(config, key, value, may_be_new=may_be_new)
-    return replace(Job.composed(config, combination.swept), method_word=combination.method_word)
-
-
-def _put(config: DictConfig, key: str, value: Any, *, may_be_new: bool) -> None:
-    """Set a value of a configuration. Raises InputError for an unknown key, or a value of another type."""
+def _filled(values: dict[str, Any], has_references: bool) -> dict[str, Any]:
+    """A configuration with the run's seed where a plugin has none of its own, and with each ${...} resolved."""
+    for part in (values["dataset"], values["method"], *values["metrics"].values()):
+        if part.get("seed") == SEED:
+            part["seed"] = values["seed"]
+    uri = values["tracking"]["uri"]
+    values["tracking"]["uri"] = uri.replace("${out}", str(values["out"])) if isinstance(uri, str) else uri
+    if not has_references:
+        return values
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
 
     try:
-        OmegaConf.update(config, key, value, merge=True, force_add=may_be_new)
-    except (OmegaConfBaseException, ValueError, TypeError, AttributeError, KeyError) as fault:
-        raise mistakes.of_value(fault, config, key) from fault
+        resolved = OmegaConf.to_container(OmegaConf.create(values), resolve=True)
+    except OmegaConfBaseException as fault:
+        raise InputError(first_line(fault), fault.full_key or "", "mend the ${...} in it") from fault
+    assert isinstance(resolved, dict)
+    return {str(key): value for key, value in resolved.items()}
 
 
-def _at_its_place(
-    fault: SucreBenchError, typed_keys: Mapping[str, str], line_up: LineUp, typed: Sequence[Word]
-) -> InputError:
-    """The fault with the key as it was typed, or with the line-up that it comes from."""
-    if fault.place in typed_keys:
-        fault = InputError(fault.fault, typed_keys[fault.place], fault.remedy)
-    keys = {word.key for word in typed}
-    # The names in a line-up were checked when it was read.
-    is_typed_name = isinstance(fault, UnknownPluginError) and (fault.kind != "metric" or "metrics" in keys)
-    if _is_typed(fault.place, typed) or is_typed_name or not line_up.place:
-        return InputError(fault.fault, fault.place, fault.remedy)
-    return fault.within(line_up.place)
+def _entries(kind: Kind, typed: Sequence[Word], line_up: LineUp) -> tuple[Entry, ...]:
+    """The datasets or methods: those of the last word that names some, of the line-up, or the default."""
+    words = [word for word in typed if word.key == kind]
+    if not words:
+        return line_up.entries(kind) or (Entry(default_choice(kind)),)
+    entries = []
+    for name in words[-1].values:
+        if isinstance(name, list) or name is None:
+            raise InputError("one name at a time", f"{kind}={name}", f"-m {kind}=a,b runs several")
+        name = str(name)
+        if kind == "dataset" and (is_path(name) or (_lacks_root(name, typed) and Path(name).is_dir())):
+            entries.append(Entry(recognised(Path(name)), {"root": str(Path(name))}))
+        else:
+            named(kind, name)
+            entries.append(Entry(name))
+    return tuple(entries)
 
 
-def _is_typed(place: str, typed: Sequence[Word]) -> bool:
-    """Whether an error's place is a typed word, its key or group, or begins with a name that it chooses: psnr:x."""
-    texts, chosen = set(), set()
-    for word in typed:
-        texts |= {word.text, word.key, word.head}
-        if word.key in (*KINDS, "metrics", "views"):
-            chosen |= set(re.findall(r"[^][,'\":]+", word.text.partition("=")[2]))
-    return place in texts | chosen or place.partition("=")[0] in texts or re.split("[.:]", place)[0] in chosen
+def _lacks_root(dataset: str, typed: Sequence[Word]) -> bool:
+    """Whether a dataset needs a folder that the words do not name: the folder of the same name may be meant."""
+    plugin = plugin_of("dataset", dataset)
+    needs_root = plugin is not None and any(o.name == "root" and o.default is MISSING for o in options_of(plugin.cls))
+    return needs_root and not any(word.key.endswith(".root") for word in typed)
+
+
+def _option(word: Word, entries: Mapping[Kind, Sequence[Entry]], line_up: LineUp) -> _Option | None:
+    """The option that a word is, None for a word for the whole run. InputError for a word that is neither."""
+    meant = _meant(word, entries)
+    fitting = [option for option in meant if any(map(option.is_for, entries[option.kind]))]
+    if len(fitting) > 1:
+        either = " or ".join(f"{option.kind}.{option.name}=" for option in fitting)
+        raise InputError(f"'{word.head}' is a dataset and a method here", word.text, f"write {either}")
+    if fitting:
+        return fitting[0]
+    for option in meant:
+        owners = (entry for entry in entries[option.kind] if option.owner in ("", entry.name, entry.label))
+        raise unknown_name(word.key, option.name, {name for e in owners for name in option_names(option.kind, e.name)})
+    if fault := mistakes.unknown_word(word, entries, line_up):
+        raise fault
+    return None
+
+
+def _meant(word: Word, entries: Mapping[Kind, Sequence[Entry]]) -> list[_Option]:
+    """The options that a word may be: of all datasets or methods, or of those that its first part names."""
+    head, dot, rest = word.key.partition(".")
+    if dot and head in KINDS:
+        return [_Option("dataset" if head == "dataset" else "method", "", rest, word)]
+    named_so = {kind: any(head in (entry.name, entry.label) for entry in entries[kind]) for kind in KINDS}
+    return [_Option(kind, head, rest, word) for kind in KINDS if dot and named_so[kind]]
+
+
+def _is_replaced(word: Word, keys: set[str], entries: Mapping[Kind, Sequence[Entry]], line_up: LineUp) -> bool:
+    """Whether typed words replace a line-up's word: its metrics, or the datasets or methods that have the option."""
+    if word.head == "metrics":
+        return "metrics" in keys
+    meant = [option for option in _meant(word, {kind: line_up.entries(kind) for kind in KINDS}) if option.kind in keys]
+    return bool(meant) and not any(map(meant[0].is_for, entries[meant[0].kind]))
+
+
+# -- what jobs share -------------------------------------------------------------------------------------------
 
 
 def _refuse_same_place(planned: Sequence[Job]) -> None:

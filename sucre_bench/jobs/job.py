@@ -1,24 +1,30 @@
-"""A job: one dataset, one method and metrics, each with its options, read from a configuration."""
+"""A job: one dataset, one method and metrics, each with its options; and `config.yaml`, which stores jobs."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
-from sucre_bench.errors import InputError, MissingFileError, one_line
+from sucre_bench.errors import (
+    DamagedFileError,
+    FileError,
+    InputError,
+    MissingFileError,
+    SucreBenchError,
+    file_error,
+    one_line,
+)
 from sucre_bench.imaging.display import is_of_scene
-from sucre_bench.jobs.metric_words import MetricChoice, chosen_metrics
+from sucre_bench.jobs.catalogue import MetricChoice, chosen_metrics
 from sucre_bench.jobs.run_options import Overwrite, RunConfig, Save, Shard, Study, Tracking
 from sucre_bench.machine.files import expanded, regular
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import Choice, plain_value, plugin_choice, seed_of
-
-if TYPE_CHECKING:
-    from omegaconf import DictConfig
 
 
 @dataclass(frozen=True)
@@ -74,17 +80,6 @@ class Job:
         return replace(self, views=None, every=1, first=None, shard=Shard())
 
     @classmethod
-    def composed(cls, config: DictConfig, swept: Sequence[str] = ()) -> Job:
-        """Read a configuration that Hydra composed. swept: the keys that a sweep varies, see `of`."""
-        from omegaconf.errors import OmegaConfBaseException
-
-        try:
-            values = {str(key): _resolved(config[key]) for key in config if key != "hydra"}
-        except OmegaConfBaseException as fault:
-            raise InputError(str(fault).splitlines()[0], fault.full_key or "", "mend the ${...} in it") from fault
-        return cls.of(values, swept)
-
-    @classmethod
     def read(cls, config: str) -> Job:
         """Read `config` of a job again, in another process say; its plugin files are loaded first."""
         values: dict[str, Any] = read_yaml(config)
@@ -96,70 +91,49 @@ class Job:
     def of(cls, values: Mapping[str, Any], swept: Sequence[str] = ()) -> Job:
         """Read a configuration. swept: the keys that a sweep varies; labels name their values.
 
-        Raises InputError for what its types alone cannot tell.
+        Raises InputError for an option that is unknown, and for a value that is not acceptable.
         """
         run = RunConfig.of(values)
-        chosen = plugin_choice("dataset", run.dataset), plugin_choice("method", run.method)
-        dataset, method = (replace(choice, label=_swept_label(choice, swept)) for choice in chosen)
-        _check_scene_display(method.display, run)
+        dataset, method = plugin_choice("dataset", run.dataset), plugin_choice("method", run.method)
+        dataset, method = _labelled(dataset, swept), _labelled(method, swept)
+        if is_of_scene(method.display) and run.save != "full":
+            fault = f"{method.display} reads all stored restorations of a scene"
+            raise InputError(fault, "method.display", "add save=full")
+        if is_of_scene(method.display) and run.shard.count > 1:
+            fault = f"{method.display} needs all views of a scene in one job"
+            raise InputError(fault, "method.display", "leave out shard.count")
+        plain = dict(values)
         for kind, choice in (("dataset", dataset), ("method", method)):
-            if choice.label != choice.plugin.name:  # `read` knows no sweep
-                values = {**values, kind: {**values[kind], "label": choice.label}}
-        return cls(
-            dataset=replace(dataset, label=run.degrade.labelled(dataset.label), replicate=run.replicate),
-            degrade=run.degrade,
-            replicate=run.replicate,
-            shard=run.shard,
-            method=replace(method, replicate=run.replicate),
-            metrics=chosen_metrics(run.metrics),
-            out=expanded(run.out),
-            views=_view_names(run.views),
-            every=run.every,
-            first=run.first,
-            overwrite=run.overwrite,
-            view_timeout_s=run.view_timeout_s,
-            workers=run.workers,
-            save=run.save,
-            seed=run.seed,
-            report=run.report,
-            study=run.study and replace(run.study, baseline=run.study.baseline or run.baseline),
-            baseline=run.baseline,
-            plugin_files=tuple(map(str, run.plugins)),
-            pairs_gb=run.pairs_gb,
-            cache_gb=run.cache_gb,
-            cache_keep=run.cache_keep,
-            tracking=run.tracking,
-            values=_plain_tree(values),
-        )
+            # A label that says no more than the name stays open: `read` knows no sweep.
+            label = None if choice.label == choice.plugin.name else choice.label
+            plain[kind] = {**values[kind], "label": label, **choice.record}
+        settings = {f.name: getattr(run, f.name) for f in fields(run) if f.name not in ("plugins", "metrics")}
+        settings |= {
+            "dataset": replace(dataset, label=run.degrade.labelled(dataset.label), replicate=run.replicate),
+            "method": replace(method, replicate=run.replicate),
+            "out": expanded(run.out),
+            "views": _view_names(run.views),
+            "study": run.study and replace(run.study, baseline=run.study.baseline or run.baseline),
+        }
+        files = tuple(map(str, run.plugins))
+        return cls(**settings, metrics=chosen_metrics(run.metrics), plugin_files=files, values=_plain(plain))
 
 
-def _swept_label(choice: Choice, swept: Sequence[str]) -> str:
-    """The label of a choice with the swept options: "sucre,pairing=depth". A path counts by its last part."""
+def _labelled(choice: Choice, swept: Sequence[str]) -> Choice:
+    """A choice whose label has the swept options: "sucre,pairing=depth". A path counts by its last part."""
     options, kind = {**choice.options, "display": choice.display}, choice.plugin.kind
-    named = [name for name in options if f"{kind}.{name}" in swept or (name == "seed" and "seed" in swept)]
-    shown = ((name, options[name]) for name in named)
-    parts = [f"{name}={value.name if isinstance(value, Path) else plain_value(value)}" for name, value in shown]
-    return ",".join([choice.label, *(part.replace(" ", "") for part in parts)])
+    parts = [choice.label]
+    for name, value in options.items():
+        if f"{kind}.{name}" in swept or (name == "seed" and "seed" in swept):
+            parts.append(f"{name}={value.name if isinstance(value, Path) else plain_value(value)}".replace(" ", ""))
+    return replace(choice, label=",".join(parts))
 
 
-def _resolved(node: Any) -> Any:
-    from omegaconf import OmegaConf
-
-    return OmegaConf.to_container(node, resolve=True) if OmegaConf.is_config(node) else node
-
-
-def _check_scene_display(display: str, run: RunConfig) -> None:
-    """Raise InputError where views are to be shown alike, and not all restorations will be there."""
-    if is_of_scene(display) and run.save != "full":
-        raise InputError(f"{display} reads all stored restorations of a scene", "method.display", "add save=full")
-    if is_of_scene(display) and run.shard.count > 1:
-        raise InputError(f"{display} needs all views of a scene in one job", "method.display", "leave out shard.count")
-
-
-def _plain_tree(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain_tree(inner) for key, inner in value.items()}
-    return [_plain_tree(inner) for inner in value] if isinstance(value, (list, tuple)) else plain_value(value)
+def _plain(value: Any) -> Any:
+    """A configuration as YAML has it: paths as text, tuples as lists."""
+    if isinstance(value, Mapping):
+        return {key: _plain(inner) for key, inner in value.items()}
+    return [_plain(inner) for inner in value] if isinstance(value, (list, tuple)) else plain_value(value)
 
 
 def _view_names(given: Any) -> tuple[str, ...] | None:
@@ -181,3 +155,77 @@ def _view_names(given: Any) -> tuple[str, ...] | None:
     if not names:
         raise InputError("an empty list", "views", "name some views, or leave views= out for all of them")
     return tuple(names)
+
+
+# -- config.yaml of a results folder: the jobs of the last command that wrote there -------------------------
+
+
+def config_path(out: Path) -> Path:
+    """The file in a results folder."""
+    return out / "config.yaml"
+
+
+def config_text(jobs: Sequence[Job], words: Sequence[str], is_sweep: bool) -> str:
+    """Return the configuration as YAML; of a sweep what its jobs have in common, its words, what differs by job."""
+    import yaml
+
+    if not is_sweep:
+        return jobs[0].config
+    each = [dict(job.values) for job in jobs]
+    shared = {key: value for key, value in each[0].items() if all(one[key] == value for one in each)}
+    differing = [{key: value for key, value in one.items() if key not in shared} for one in each]
+    return str(yaml.safe_dump({**shared, "sweep": list(words), "jobs": differing}, sort_keys=False))
+
+
+def read_config(path: Path) -> Iterator[Job]:
+    """Yield the jobs that a run wrote down. No plugin file that they name is loaded: whoever wrote the folder chose it.
+
+    Raises InputError if the file cannot be read, or if a job needs a plugin that is not loaded.
+    """
+    content = _content(path)
+    each, swept = content.pop("jobs", [{}]), content.pop("swept", ())
+    for one in each:
+        try:
+            job = Job.of({**content, **one}, swept)  # labels of older folders follow from `swept`
+        except SucreBenchError as fault:
+            if files := _unloaded(content):
+                raise InputError(fault.without_remedy, path, load_them(files)) from fault
+            raise
+        yield job
+
+
+def unloaded_plugin_files(out: Path) -> tuple[str, ...]:
+    """Return the plugin files that the configuration of a results folder names, and that are not loaded.
+
+    Empty if it cannot be read.
+    """
+    try:
+        return _unloaded(_content(config_path(out)))
+    except FileError:
+        return ()
+
+
+def load_them(files: Sequence[str]) -> str:
+    """Return the remedy where plugin files of a results folder are not loaded."""
+    return f"add {shlex.join(word for file in files for word in ('--plugin', file))} if you trust that code"
+
+
+def _unloaded(content: dict[str, Any]) -> tuple[str, ...]:
+    files = content.get("plugins")
+    return tuple(str(file) for file in files if not plugins.is_loaded(str(file))) if isinstance(files, list) else ()
+
+
+def _content(path: Path) -> dict[str, Any]:
+    import yaml
+
+    try:
+        content = read_yaml(regular(path).read_text(encoding="utf-8"))
+        if not all(isinstance(one, dict) for one in (content, *content.get("jobs", ()))):
+            raise ValueError("a job is no mapping")
+        return {name: value for name, value in content.items() if name not in ("sweep", "sharing")}
+    except FileError:
+        raise
+    except OSError as fault:
+        raise file_error(path, fault, "repeat the run's command") from fault
+    except (ValueError, AttributeError, TypeError, yaml.YAMLError) as fault:
+        raise DamagedFileError("is no run's configuration", path, "repeat the run's command") from fault

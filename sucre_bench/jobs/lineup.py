@@ -25,10 +25,9 @@ from typing import Any, Literal
 
 from sucre_bench import plugins
 from sucre_bench.errors import InputError, SucreBenchError, did_you_mean, one_line, unknown_name
-from sucre_bench.jobs.catalogue import given_paths, option_names, plugin_of, presets
-from sucre_bench.jobs.recognise_dataset import is_path, recognised
+from sucre_bench.jobs.catalogue import given_paths, is_path, named, option_names, presets, recognised
 from sucre_bench.jobs.run_options import CONF_FOLDER, RunConfig
-from sucre_bench.jobs.words import value_of
+from sucre_bench.jobs.words import Word
 from sucre_bench.machine.files import expanded, fault_of
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import options_of
@@ -39,41 +38,6 @@ KINDS: tuple[Kind, ...] = ("dataset", "method")
 _LISTS = ("datasets", "methods", "metrics", "sweep")
 _SETTINGS = tuple(o.name for o in options_of(RunConfig) if o.name not in ("dataset", "method", "metrics", "tracking"))
 _NOT_SWEPT = ("dataset", "method", "metrics", "hydra", "out", "plugins", "study", "baseline")
-
-
-@dataclass(frozen=True)
-class Word:
-    """A setting, typed or of a line-up.
-
-    key: as given; values: of which each job has one; text: the whole word; is_swept: whether labels name its value;
-    is_added: typed with +, so that the key may be new.
-    """
-
-    key: str
-    values: tuple[Any, ...]
-    text: str
-    is_swept: bool = False
-    is_added: bool = False
-
-    @property
-    def head(self) -> str:
-        """The key up to its first dot."""
-        return self.key.partition(".")[0]
-
-    @classmethod
-    def written(cls, key: str, *values: Any) -> "Word":
-        """Return a line-up's setting, of whose text nothing is interpolated."""
-        text = f"{key}={','.join(map(value_of, values))}"
-        return cls(key, tuple(map(_literal, values)), text, is_swept=len(values) > 1)
-
-
-def _literal(value: Any) -> Any:
-    """A value in which OmegaConf finds nothing to interpolate."""
-    if isinstance(value, list):
-        return [_literal(one) for one in value]
-    if isinstance(value, Mapping):
-        return {key: _literal(one) for key, one in value.items()}
-    return re.sub(r"(\\*)\$\{", r"\1\1\\${", value) if isinstance(value, str) else value
 
 
 @dataclass(frozen=True)
@@ -268,11 +232,7 @@ def _checked_entry(kind: Kind, entry: Entry, folder: Path) -> Entry:
     if kind == "dataset" and is_path(entry.name):
         place = Path(_moved(entry.name, folder))
         entry, root = replace(entry, name=recognised(place)), {"root": str(place)}
-    if plugin_of(kind, entry.name) is None:
-        known = [*plugins.discover(kind), *(preset.name for preset in presets(kind))]
-        if entry.name not in known:
-            raise plugins.unknown(kind, entry.name, known)
-        plugins.find(kind, entry.name)  # raises with the reason why it cannot be used
+    named(kind, entry.name)  # raises for a name that is unknown
     names = [*option_names(kind, entry.name), *(["degrade"] if kind == "dataset" else [])]
     for option in entry.options:
         if option not in names:

@@ -12,10 +12,9 @@ from sucre_bench import results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError
-from sucre_bench.jobs.catalogue import given_paths
+from sucre_bench.jobs.catalogue import MetricChoice, given_paths
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.lineup import Entry, Kind, LineUp, line_up_in
-from sucre_bench.jobs.metric_words import MetricChoice
 from sucre_bench.jobs.run_options import Study
 from sucre_bench.jobs.words import given, undegraded_label
 from sucre_bench.machine.files import write_atomically

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
@@ -11,14 +11,14 @@ from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.resizing import split_variant
-from sucre_bench.plugins.options import check_values, options_of
+from sucre_bench.plugins.options import check_values, converted, options_of, plain_value
+from sucre_bench.plugins.plugin import fits
 from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import COSTS, By
 
 T = TypeVar("T")
 
-CONF = "sucre_bench.conf"
 CONF_FOLDER = Path(__file__).parent.parent / "conf"
 
 
@@ -85,51 +85,41 @@ class Study:
     def of(cls, values: Mapping[str, Any]) -> Study:
         """Read a study from a configuration. InputError for a name that is unknown, with the nearest."""
         given = {name: value for name, value in values.items() if value is not None}
-        check_values("study", options_of(cls), given, "correct the value")
-        lists: dict[str, Any] = {name: _words(name, given[name]) for name in ("metrics", "figures") if name in given}
+        lists: dict[str, Any] = {}
+        for name in {"metrics", "figures"} & given.keys():
+            words = [given[name]] if isinstance(given[name], str) else given[name]
+            if not fits(Sequence[str], words):
+                raise InputError(f"{words!r} is not a list of words", f"study.{name}", f"write study.{name}=[a,b]")
+            lists[name] = tuple(dict.fromkeys(words))
+        check_values("study", options_of(cls), given | lists, "correct the value")
         options: dict[str, Any] = {"name": "", **given, **lists}
         study = cls(**options)
         if not study.name or file_name(study.name) != study.name:
             raise InputError(f"'{study.name}' is no name for files", "study.name", "give study.name=WORD")
         for metric in study.metrics:
-            _check_metric(metric)
+            study._check_metric(metric)
         for figure in study.figures:
-            _known("study.figures", figure, FIGURES, "figure")
-        if study.along:
-            _check_along(study.along)
+            if figure not in FIGURES:
+                raise unknown_name("study.figures", figure, FIGURES, "figure")
+        group, _, option = study.along.partition(".")
+        if study.along and not (option and group in ("degrade", "dataset", "method")):
+            fault = f"'{study.along}' is no option"
+            raise InputError(fault, "study.along", "give degrade.NAME, dataset.NAME or method.NAME")
+        if group == "degrade" and option not in (known := [f.name for f in fields(Degradation)]):
+            raise unknown_name("study.along", option, known, "option of degrade")
         return study
 
-
-def _words(key: str, given: Any) -> tuple[str, ...]:
-    words = [given] if isinstance(given, str) else given
-    if not isinstance(words, (list, tuple)) or not all(isinstance(word, str) for word in words):
-        raise InputError(f"{given!r} is not a list of words", f"study.{key}", f"write study.{key}=[a,b]")
-    return tuple(dict.fromkeys(words))
-
-
-def _check_metric(text: str) -> None:
-    name, _, variant = text.partition(":")
-    if name in COSTS:
-        return
-    try:
-        plugin = plugins.find("metric", name)
-    except InputError as fault:
-        raise fault.within("study.metrics") from fault
-    if variant:
-        _known("study.metrics", split_variant(variant)[0], plugin.variants, f"variant of {name}")
-
-
-def _check_along(along: str) -> None:
-    group, dot, option = along.partition(".")
-    if not (dot and option and group in ("degrade", "dataset", "method")):
-        raise InputError(f"'{along}' is no option", "study.along", "give degrade.NAME, dataset.NAME or method.NAME")
-    if group == "degrade":
-        _known("study.along", option, [f.name for f in fields(Degradation)], "option of degrade")
-
-
-def _known(place: str, name: str, known: Collection[str], what: str) -> None:
-    if name not in known:
-        raise unknown_name(place, name, known, what)
+    @staticmethod
+    def _check_metric(text: str) -> None:
+        name, _, variant = text.partition(":")
+        if name in COSTS:
+            return
+        try:
+            plugin = plugins.find("metric", name)
+        except InputError as fault:
+            raise fault.within("study.metrics") from fault
+        if variant and split_variant(variant)[0] not in plugin.variants:
+            raise unknown_name("study.metrics", variant, plugin.variants, f"variant of {name}")
 
 
 @dataclass
@@ -205,14 +195,23 @@ class RunConfig:
             raise InputError("is empty", "out", "name a folder, for example out=results")
 
     @classmethod
+    def defaults(cls) -> dict[str, Any]:
+        """Return the configuration of a run that is given nothing; the options in a group are a dictionary."""
+        values: dict[str, Any] = {option.name: plain_value(option.default) for option in options_of(cls)}
+        for name, group in (("tracking", Tracking), ("degrade", Degradation), ("shard", Shard)):
+            values[name] = {option.name: plain_value(option.default) for option in options_of(group)}
+        return values | {"study": Study.defaults()}
+
+    @classmethod
     def of(cls, values: Mapping[str, Any]) -> RunConfig:
-        """Read a resolved configuration. Raises InputError for an unknown option, or a value that is not acceptable."""
-        nested: dict[str, Callable[[Any], Any]] = {
-            "tracking": lambda given: Tracking(**given),
-            "degrade": Degradation.of,
-            "shard": lambda given: Shard(**given),
-            "study": lambda given: None if given in (None, Study.defaults()) else Study.of(given),
-        }
-        check_values("", options_of(cls), values, "see `sucre-bench run --help`")
-        options: dict[str, Any] = {k: nested[k](value) if k in nested else value for k, value in values.items()}
+        """Read a configuration. Raises InputError for an unknown option, or a value that is not acceptable."""
+        options = converted(cls, values)
+        check_values("", options_of(cls), options, "see `sucre-bench run --help`")
+        for name, group in (("tracking", Tracking), ("shard", Shard), ("degrade", Degradation)):
+            if name in options:
+                given = converted(group, options[name])
+                check_values(name, options_of(group), given, "see `sucre-bench run --help`")
+                options[name] = group(**given)
+        if options.get("study") is not None:
+            options["study"] = None if options["study"] == Study.defaults() else Study.of(options["study"])
         return cls(**options)

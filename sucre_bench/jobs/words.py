@@ -1,18 +1,104 @@
-"""Words of a command: values in Hydra's grammar, and the command that makes a row again."""
+"""Words of a command: read by Hydra's grammar, written in it, and the command that makes a row again."""
+
+from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, get_args
 
 from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
+from sucre_bench.errors import InputError
 from sucre_bench.plugins.options import options_of, plain_value
 from sucre_bench.plugins.plugin import Kind
 
 # Words that Hydra does not read as text, in any case.
 _NO_TEXT = frozenset({"true", "false", "null", "nan", "inf"})
+
+
+@dataclass(frozen=True)
+class Word:
+    """A setting, typed or of a line-up.
+
+    key: as given; values: of which each job has one; text: the whole word; is_swept: whether labels name its value.
+    """
+
+    key: str
+    values: tuple[Any, ...]
+    text: str
+    is_swept: bool = False
+
+    @property
+    def head(self) -> str:
+        """The key up to its first dot."""
+        return self.key.partition(".")[0]
+
+    @classmethod
+    def written(cls, key: str, *values: Any) -> Word:
+        """Return a line-up's setting, of whose text nothing is interpolated."""
+        text = f"{key}={','.join(map(value_of, values))}"
+        return cls(key, tuple(map(_literal, values)), text, is_swept=len(values) > 1)
+
+
+def _literal(value: Any) -> Any:
+    """A value in which OmegaConf finds nothing to interpolate."""
+    if isinstance(value, list):
+        return [_literal(one) for one in value]
+    if isinstance(value, Mapping):
+        return {key: _literal(one) for key, one in value.items()}
+    return re.sub(r"(\\*)\$\{", r"\1\1\\${", value) if isinstance(value, str) else value
+
+
+def parse(texts: Iterable[str]) -> list[Word]:
+    """Read overrides. Raises InputError for one that Hydra's grammar does not have, with how to write it.
+
+    Names and paths stay as they were typed: Hydra's grammar would make 20261122 of 2026_11_22.
+    """
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.errors import HydraException
+
+    parser, words = OverridesParser.create(), []
+    for text in texts:
+        key, equals, typed = text.partition("=")
+        try:
+            override = parser.parse_override(text)
+            values: list[Any] = [override.value()]
+            if is_swept := override.is_sweep_override():
+                if not override.is_discrete_sweep():
+                    raise InputError("no list of values", text, "list them, or write range(start,stop,step)")
+                values = [parser.parse_override(f"{key}={one}").value() for one in override.sweep_string_iterator()]
+        except HydraException as fault:
+            if equals and key and typed and (typed[0] not in "'\"[{$" or "}" in typed[1:-1]):
+                remedy = f'write "{key}={quoted(typed)}", both kinds'
+                raise InputError("special characters need quotes", text, remedy) from fault
+            raise InputError(first_line(fault), text, "an override reads key=value") from fault
+        if override.is_delete():
+            raise InputError("cannot be left out", text, "give it another value")
+        key = override.get_key_element().lstrip("+")
+        if any(isinstance(value, (bool, int, float)) for value in values) and _is_text(key):
+            parts = typed.split(",") if typed.count(",") + 1 == len(values) else map(str, values)
+            pairs = zip(parts, values, strict=True)
+            values = [part if isinstance(value, (bool, int, float)) else value for part, value in pairs]
+        words.append(Word(key, tuple(values), text, is_swept))
+    return words
+
+
+def _is_text(key: str) -> bool:
+    """Whether an option is a name or a path."""
+    owner, _, name = key.rpartition(".")
+    if not owner:
+        return name in ("out", "baseline")
+    options = (o for kind in ("dataset", "method") for p in plugins.usable(kind).values() for o in options_of(p.cls))
+    return name == "label" or any(o.name == name and Path in (o.type, *get_args(o.type)) for o in options)
+
+
+def first_line(fault: BaseException) -> str:
+    """Return what Hydra or OmegaConf says in its first line with content."""
+    lines = str(fault).strip().splitlines() or [type(fault).__name__]
+    return lines[0].rstrip(".:") if not lines[0].endswith(":") or len(lines) == 1 else lines[1].strip().rstrip(".")
 
 
 def quoted(text: str) -> str:

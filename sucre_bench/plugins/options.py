@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import functools
 import inspect
 import itertools
@@ -10,16 +11,15 @@ import math
 import os
 import textwrap
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from types import UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from sucre_bench.errors import InputError, did_you_mean, unknown_name
 from sucre_bench.imaging.display import check_display
 from sucre_bench.machine.files import expanded, fault_of
-from sucre_bench.plugins.plugin import Kind, Plugin
+from sucre_bench.plugins.plugin import Kind, Plugin, fits
 from sucre_bench.plugins.registry import discover, find
 
 
@@ -109,43 +109,52 @@ def check_values(place: str, options: Iterable[Option], values: Mapping[str, Any
         where = f"{place}.{name}" if place else name
         if name not in known:
             raise unknown_name(where, name, known)
-        if not _fits(known[name].type, value):
-            of = _NOUNS.get(known[name].type, known[name].type)
-            raise InputError(f"{value!r} is not {of}", where, remedy)
-        if not _finite(value):
+        kind = known[name].type
+        if not fits(kind, value):
+            text = f"'{value}'" if isinstance(value, str) else repr(value)
+            raise InputError(f"{text} is not {_NOUNS.get(kind, kind)}", where, remedy)
+        if not all(math.isfinite(one) for one in _each(value) if isinstance(one, float)):
             raise InputError(f"{value} is not a finite number", where, "give one")
         if known[name].is_closed and value not in known[name].choices:
             raise InputError(f"'{value}' is not a choice", where, did_you_mean(str(value), known[name].choices))
 
 
-def _fits(annotation: Any, value: Any) -> bool:
-    """Whether a value may stand where a number, a truth value or text is asked for; other types are not checked."""
-    kinds = [kind for kind in (annotation, *get_args(annotation)) if kind in (bool, int, float, str)]
-    if annotation not in (bool, int, float, str) and get_origin(annotation) not in (Union, UnionType):
-        return True
-    if (
-        not kinds
-        or any(get_origin(kind) is not None for kind in get_args(annotation))
-        or (value is None and type(None) in get_args(annotation))
-        or isinstance(value, Path)
-    ):
-        return True
-    return any(type(value) is kind or (kind is float and type(value) is int) for kind in kinds)
-
-
-def _finite(value: Any) -> bool:
-    """Whether a value is no float, or a finite one; of a list or tuple, each."""
+def _each(value: Any) -> Iterator[Any]:
+    """The numbers and words in a value: those of a list, of lists in it, or the value itself."""
     if isinstance(value, (list, tuple)):
-        return all(_finite(one) for one in value)
-    return not isinstance(value, float) or math.isfinite(value)
+        for one in value:
+            yield from _each(one)
+    else:
+        yield value
 
 
 def typed(annotation: Any, value: Any) -> Any:
-    """Return an option's value as its type: text as a path, a list as a tuple; else as it is."""
-    if isinstance(value, list) and get_origin(annotation) is tuple:
-        return tuple(value)
-    is_path = Path in (annotation, *get_args(annotation))
-    return expanded(value) if is_path and isinstance(value, (str, Path)) else value
+    """Return a value as an option's type has it, if it can be: text as path or number, 2 as 2.0, a list as a tuple."""
+    origin, kinds = get_origin(annotation), (annotation, *get_args(annotation))
+    if origin in (tuple, list) or origin is Sequence:
+        if not isinstance(value, (list, tuple)):
+            return value
+        elements = [typed(kinds[1], one) for one in value]
+        return tuple(elements) if origin is tuple else elements
+    if Path in kinds and isinstance(value, (str, Path)):
+        return expanded(value)
+    if float in kinds and int not in kinds and type(value) is int:
+        return float(value)
+    if fits(annotation, value):
+        return value
+    for kind in (int, float):
+        with contextlib.suppress(ValueError):
+            if kind in kinds and isinstance(value, str):
+                return kind(value)
+    if bool in kinds and isinstance(value, str) and value.lower() in ("true", "false"):
+        return value.lower() == "true"
+    return str(value) if str in kinds and isinstance(value, (int, float)) else value
+
+
+def converted(cls: Any, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of a class's options as their types have them; unknown names and wrong types as they are."""
+    types = {option.name: option.type for option in options_of(cls)}
+    return {name: typed(types[name], value) if name in types else value for name, value in values.items()}
 
 
 def plain_value(value: Any) -> Any:
@@ -225,12 +234,13 @@ def plugin_choice(kind: Kind, values: Any) -> Choice:
     plugin = find(kind, values.pop("name"))
     label, display = values.pop("label", None), values.pop("display", "")
     if kind == "method":
-        _check_display(display)
+        try:
+            check_display(display)
+        except InputError as fault:
+            raise InputError(f"'{display}' is unknown", "method.display", fault.remedy) from fault
     if label and not str(label).strip():
         raise InputError("is blank", f"{kind}.label", "write a name, or leave it out")
-    types = {o.name: o.type for o in options_of(plugin.cls)}
-    given = {name: value for name, value in values.items() if value != "???"}  # OmegaConf's sign for "not given"
-    options = {name: typed(types[name], value) if name in types else value for name, value in given.items()}
+    options = converted(plugin.cls, values)
     check_options(plugin, options)
     return Choice(plugin, str(label or plugin.name), options, display)
 
@@ -241,9 +251,9 @@ def create(plugin: Plugin, values: Mapping[str, Any], out: Path | None = None) -
     A path may be given as text, a tuple as a list. An option that the plugin `reads` must lead to a file or folder.
     out: the folder of results of a command that is about to run; what is to lie in it may be made by an earlier job.
     """
-    check_options(plugin, values)
-    types = {o.name: o.type for o in options_of(plugin.cls)}
-    made = plugin.cls(**{name: typed(types[name], value) for name, value in values.items()})
+    options = converted(plugin.cls, values)
+    check_options(plugin, options)
+    made = plugin.cls(**options)
     _check_paths(plugin, values, out)
     return made
 
@@ -266,20 +276,9 @@ def read_files(plugin: Plugin, values: Mapping[str, Any]) -> Iterator[tuple[Opti
 def _check_paths(plugin: Plugin, values: Mapping[str, Any], out: Path | None) -> None:
     """Raise InputError for the first option that names neither a regular file nor a folder. No file is opened."""
     for option, path in read_files(plugin, values):
-        if out is not None and _may_be_made_in(out, path):
+        is_ours = out is not None and Path(os.path.abspath(path)).is_relative_to(os.path.abspath(out))  # noqa: PTH100
+        if is_ours and not os.path.lexists(path):  # an earlier job may make it
             continue
         if (fault := fault_of(path)) and not path.is_dir():
             words = f", or one of {', '.join(option.choices)}" * bool(option.choices)
             raise InputError(fault, path, f"give a path that exists in {plugin.kind}.{option.name}{words}")
-
-
-def _check_display(display: str) -> None:
-    try:
-        check_display(display)
-    except InputError as fault:
-        raise InputError(f"'{display}' is unknown", "method.display", fault.remedy) from fault
-
-
-def _may_be_made_in(out: Path, path: Path) -> bool:
-    """Whether nothing is there yet, and a path leads into the folder."""
-    return not os.path.lexists(path) and Path(os.path.abspath(path)).is_relative_to(os.path.abspath(out))  # noqa: PTH100

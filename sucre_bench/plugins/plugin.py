@@ -2,9 +2,11 @@
 
 import inspect
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol, get_args
+from pathlib import Path
+from types import UnionType
+from typing import Any, Literal, Protocol, Union, get_args, get_origin
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import Lack
@@ -154,6 +156,23 @@ class Plugin:
     def summary(self) -> str:
         """The first sentence of the class's docstring."""
         return (inspect.getdoc(self.cls) or "").split("\n\n")[0].replace("\n", " ")
+
+
+def fits(annotation: Any, value: Any) -> bool:
+    """Whether a value has the type of an option; any word fits a Literal, and anything fits a type that is no option's.
+
+    True and False are no numbers, and a whole number is a number.
+    """
+    origin, args = get_origin(annotation), get_args(annotation)
+    if origin in (Union, UnionType):
+        return any(fits(one, value) for one in args)
+    if origin in (tuple, list) or origin is Sequence:
+        return isinstance(value, (list, tuple)) and all(fits(args[0], one) for one in value)
+    if annotation is float or annotation is int:
+        return isinstance(value, (int, float) if annotation is float else int) and not isinstance(value, bool)
+    if annotation in (str, Path) or origin is Literal:
+        return isinstance(value, (str, Path))
+    return not isinstance(annotation, type) or annotation not in (bool, type(None)) or isinstance(value, annotation)
 
 
 @dataclass(frozen=True)

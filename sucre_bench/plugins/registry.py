@@ -96,10 +96,6 @@ class Registry:
             raise PluginError(f"{kind} '{name}': cannot be used, {plugin.reason}; mend it or leave it out")
         return plugin
 
-    def set_aside(self, plugin: Plugin, reason: str) -> None:
-        """From now on, treat a plugin as one that cannot be used."""
-        self.discover(plugin.kind)[plugin.name] = Broken(plugin.name, reason)
-
 
 _current: ContextVar[Registry] = ContextVar("registry", default=Registry())  # noqa: B039, one for the whole process
 
@@ -147,11 +143,6 @@ def usable(kind: Kind) -> dict[str, Plugin]:
 def find(kind: Kind, name: str) -> Plugin:
     """Return the plugin of that name. InputError with the nearest name, or PluginError with why it is broken."""
     return current().find(kind, name)
-
-
-def set_aside(plugin: Plugin, reason: str) -> None:
-    """From now on, treat a plugin as one that cannot be used."""
-    current().set_aside(plugin, reason)
 
 
 @functools.cache
@@ -236,18 +227,17 @@ def _unusable(plugin: Plugin) -> str:
         hints = get_type_hints(plugin.cls)
     except ANY_FAULT as fault:
         return f"its annotations do not resolve, {one_line(fault)}"
-    for option in fields(plugin.cls):
-        if option.init and option.name in _RESERVED:
+    for option in (field for field in fields(plugin.cls) if field.init):
+        kind = hints[option.name]
+        if option.name in _RESERVED:
             return f"option '{option.name}' has a reserved name"
-        if option.init and not _is_plain(hints[option.name]):
-            return (
-                f"option '{option.name}' is {hints[option.name]}; use numbers, strings, paths, Literal words or tuples"
-            )
+        if not _is_plain(kind):
+            return f"option '{option.name}' is {kind}; use numbers, strings, paths, Literal words or tuples"
     return ""
 
 
 def _is_plain(annotation: Any) -> bool:
-    """Whether Hydra can hold an option of this type."""
+    """Whether a command can set an option of this type."""
     origin, args = get_origin(annotation), get_args(annotation)
     if origin is Literal:
         return all(isinstance(word, str) for word in args)

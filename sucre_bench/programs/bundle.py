@@ -12,7 +12,7 @@ from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.score import Scored, scorers, variant_rows
 from sucre_bench.errors import ANY_FAULT, InputError, PluginError
-from sucre_bench.jobs.metric_words import metric_choices
+from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.machine import forked, progress
 from sucre_bench.machine.files import fault_of, is_file
 from sucre_bench.machine.provenance import version_of

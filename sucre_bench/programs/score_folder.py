@@ -11,7 +11,7 @@ from sucre_bench.engine.python_api import score
 from sucre_bench.engine.score import row_without_value
 from sucre_bench.errors import InputError, MissingFileError, PluginError
 from sucre_bench.imaging.image_files import SUFFIXES, image_size, is_jpeg, read_rgb
-from sucre_bench.jobs.metric_words import metric_choices
+from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.loading.find_folders import ImageFolder
 from sucre_bench.machine import forked, progress
 from sucre_bench.machine.files import check_folder, fault_of

@@ -8,8 +8,8 @@ from support.messages import names
 
 from sucre_bench import InputError
 from sucre_bench.jobs import compose_jobs
+from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.metric_words import metric_choices
 
 pytestmark = pytest.mark.usefixtures("toys")
 

@@ -134,7 +134,7 @@ def test_a_path_with_a_comma_is_answered_with_its_quotes(tmp_path: Path, monkeyp
 def test_variants_are_chosen_with_the_metrics():
     (one,) = compose_jobs.jobs(["dataset=toy", "method=gain", "metrics=[redness:all,psnr:raw,psnr]"], False).jobs
     chosen = {metric.plugin.name: metric.variants for metric in one.metrics}
-    assert chosen == {"redness": ("plain", "double"), "psnr": ("masked", "raw")}
+    assert chosen == {"redness": ("plain", "double"), "psnr": ("raw", "masked")}
     (one,) = compose_jobs.jobs(["dataset=toy", "method=gain", "metrics=[default,uciqe:matlab]"], False).jobs
     assert {m.plugin.name: m.variants for m in one.metrics}["uciqe"] == ("matlab",)
 
@@ -213,7 +213,7 @@ def test_words_prevail_over_a_line_up(tmp_path: Path):
         ("method: [gain]", {"l.yaml", "method", "'methods'"}),
         ("methods: [gian]", {"l.yaml", "gian", "'gain'"}),
         ("methods: [{name: gain, gian: 2}]", {"l.yaml", "gain.gian", "'gain'"}),
-        ("methods: [{name: gain, gain: much}]", {"l.yaml", "method.gain", "much", "number"}),
+        ("methods: [{name: gain, gain: much}]", {"l.yaml", "gain.gain", "much", "number"}),
         ("methods: [{name: gain, label: a}, {name: halved, label: a}]", {"l.yaml", "2", "label", "'a'"}),
         ("methods: [gain, {name: halved, label: gain}]", {"two", "'toy / gain'"}),
         ("methods: [gain, gain]", {"two", "same", "'toy / gain'"}),
@@ -223,7 +223,7 @@ def test_words_prevail_over_a_line_up(tmp_path: Path):
         ("- datasets", {"l.yaml", "keys"}),
         ("methods: gain: 2", {"l.yaml", "line", "1", "YAML"}),
         ("methods: &all [*all]", {"l.yaml", "YAML", "*all", "alias"}),
-        ("methods: [{name: gain, gain: {a: 1}}]", {"l.yaml", "method.gain"}),
+        ("methods: [{name: gain, gain: {a: 1}}]", {"l.yaml", "gain.gain"}),
         ("study: {name: s, metrcs: [psnr]}\nmethods: [gain]", {"l.yaml", "study.metrcs", "'metrics'"}),
         ("methods: [2]", {"l.yaml", "methods", "2", "name"}),
         ("datasets: [./nowhere]\nmethods: [gain]", {"l.yaml", "dataset=./nowhere", "folder"}),

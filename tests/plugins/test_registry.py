@@ -150,7 +150,6 @@ def test_a_broken_package_is_listed_with_its_reason_and_harms_nobody(tmp_path: P
         ("kernel: 'np.ndarray' = None", {"annotations", "NameError"}),
         ("level: Literal[1, 2] = 1", {"'level'", "typing.Literal[1", "2"}),
         ("label: str = ''", {"'label'", "reserved"}),
-        ("count: int = None", {"odd", "None", "count"}),
     ],
 )
 def test_an_option_that_cannot_be_configured_breaks_only_its_own_plugin(tmp_path: Path, field: str, named: set[str]):
@@ -165,6 +164,15 @@ def test_an_option_that_cannot_be_configured_breaks_only_its_own_plugin(tmp_path
     with pytest.raises(PluginError) as fault:
         find("method", "odd")
     assert named <= names(fault.value)
+
+
+def test_a_default_of_another_type_is_refused_where_the_plugin_is_chosen(tmp_path: Path):
+    path = write(tmp_path, "Odd")
+    path.write_text(path.read_text().replace("    def restore", "    count: int = None\n    def restore"))
+    load_file(path)
+    with pytest.raises(InputError) as fault:
+        jobs(["dataset=demo", "method=odd"], multirun=False)
+    assert {"odd.count", "None", "whole"} <= names(fault.value)
 
 
 def test_two_files_of_one_name_are_two_modules(tmp_path: Path):

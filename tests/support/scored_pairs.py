@@ -11,7 +11,7 @@ from sucre_bench import Scene, results
 from sucre_bench.engine.score import scorers
 from sucre_bench.engine.score_pairs import Entrant, pair_rows
 from sucre_bench.imaging.display import display
-from sucre_bench.jobs.metric_words import metric_choices
+from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.restored_pair import RestoredView
 from sucre_bench.results.rows import Row
 

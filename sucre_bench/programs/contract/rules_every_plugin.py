@@ -1,12 +1,11 @@
 """Rules for every plugin."""
 
-import functools
 from collections.abc import Iterator
-from typing import Any
+from dataclasses import MISSING
 
 from sucre_bench import plugins
 from sucre_bench.plugins.options import options_of
-from sucre_bench.plugins.plugin import Broken, Plugin
+from sucre_bench.plugins.plugin import Plugin, fits
 from sucre_bench.programs.contract.contract import Doubt, Note, Rule, Subject
 
 _SLOW_IMPORT = 1.0  # seconds; `sucre-bench list` imports every plugin and must answer in about one
@@ -44,20 +43,9 @@ def is_attributed(subject: Subject) -> Iterator[str]:
 
 def is_configurable(subject: Subject) -> Iterator[str]:
     """Has options that a command can set."""
-    refused = _refused(tuple(plugin.cls for kind in plugins.KINDS for plugin in plugins.usable(kind).values()))
-    now = plugins.discover(subject.plugin.kind).get(subject.plugin.name)
-    if reason := now.reason if isinstance(now, Broken) else refused.get(subject.plugin.cls):
-        yield f"{reason}; correct the default, or the type"
-
-
-@functools.lru_cache(maxsize=1)  # of all plugins at once, .1 s
-def _refused(known: tuple[type[Any], ...]) -> dict[type[Any], str]:
-    """Why Hydra cannot represent a plugin's options; such plugins are set aside."""
-    from sucre_bench.jobs.hydra_schema import register
-
-    register()
-    now = {cls: plugins.discover(cls.__plugin__.kind).get(cls.__plugin__.name) for cls in known}
-    return {cls: plugin.reason for cls, plugin in now.items() if isinstance(plugin, Broken)}
+    for option in options_of(subject.plugin.cls):
+        if option.default is not MISSING and not fits(option.type, option.default):
+            yield f"{option.name} is {option.default!r}, not {option.type}; correct the default, or the type"
 
 
 def is_installed(subject: Subject) -> Iterator[str]:

@@ -17,7 +17,7 @@ from sucre_bench.engine.score_pairs import Entrant, pair_rows
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.once import locked
-from sucre_bench.jobs.metric_words import MetricChoice
+from sucre_bench.jobs.catalogue import MetricChoice
 from sucre_bench.multiview.common_points import SharedPoints
 from sucre_bench.plugins.options import Choice
 from sucre_bench.plugins.plugin import Plugin

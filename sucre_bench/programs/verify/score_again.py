@@ -14,7 +14,7 @@ from sucre_bench import plugins
 from sucre_bench.engine.score import Scorer, metric_code, score_rows, scorers
 from sucre_bench.errors import ANY_FAULT, SucreBenchError
 from sucre_bench.imaging.encoding import srgb_decode
-from sucre_bench.jobs.metric_words import metric_choices
+from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.machine import forked
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import options_of, typed
