@@ -161,10 +161,9 @@ def _run_jobs(command: Command, planned: Sequence[Planned]) -> bool:
         return True
     from sucre_bench.engine.slurm.launcher import Launcher
 
+    options = {name: value for name, value in command.launcher.items() if name != "_target_"}
     try:
-        Launcher(**{name: value for name, value in command.launcher.items() if name != "_target_"}).launch(
-            [plan.job for plan in planned if plan.todo]
-        )
+        Launcher(**options).launch([plan.job for plan in planned if plan.todo])
     except DiskFullError:
         raise
     except Exception as fault:
