@@ -110,7 +110,7 @@ def hydra_words(words: Sequence[Word]) -> HydraWords:
         if word.head == "hydra":
             try:
                 OmegaConf.update(made, word.key, word.values[0], merge=True, force_add=word.text.startswith("+"))
-            except (OmegaConfBaseException, ValueError, TypeError, AttributeError, KeyError) as fault:
+            except (OmegaConfBaseException, ValueError, TypeError, AttributeError, KeyError, AssertionError) as fault:
                 parent, _, name = word.key.rpartition(".")
                 node = OmegaConf.select(made, parent)
                 if isinstance(node, DictConfig) and name not in node:

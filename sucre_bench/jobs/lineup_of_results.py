@@ -3,7 +3,7 @@
 import itertools
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from sucre_bench.jobs.lineup import Entry, Kind, LineUp, line_up_in
 from sucre_bench.jobs.run_options import Study
 from sucre_bench.jobs.words import given, undegraded_label
 from sucre_bench.machine.files import write_atomically
+from sucre_bench.plugins.options import Choice
 
 # Settings of a command that a line-up has where they are not as by default.
 _SETTINGS: dict[str, Any] = {"views": None, "every": 1, "first": None, "seed": 0, "save": "display", "baseline": ""}
@@ -33,40 +34,44 @@ def record_line_up(jobs: Sequence[Job]) -> None:
 
     Settings such as views and study are those of the last command. A file that is no line-up is replaced.
     """
-    out = jobs[0].out
-    datasets = {job.dataset.label: _dataset_entry(job) for job in jobs}
-    methods = {job.method.label: _entry("method", job.method.record, job.method.label, job.seed) for job in jobs}
-    metrics = {entry.name: entry for job in jobs for choice in job.metrics for entry in _metric(choice)}
-    replicates = {job.replicate for job in jobs}
+    first, out = jobs[0], jobs[0].out
     try:
         older = line_up_in(line_up_path(out))
     except InputError:
         older = LineUp()
-    names = {entry.name.partition(":")[0] for entry in metrics.values()}
-    metrics |= {e.name: e for e in older.metrics if e.name.partition(":")[0] not in names}
+    datasets = {_full_label(entry): entry for entry in older.datasets}
+    methods = {entry.label or entry.name: entry for entry in older.methods}
+    metrics: dict[str, list[Entry]] = {}
+    for job in jobs:
+        label = undegraded_label(job.dataset.label, job.degrade.record, job.dataset.plugin.name)
+        degrade = {"degrade": job.degrade.record} if job.degrade.record else {}
+        datasets[job.dataset.label] = _entry("dataset", job.dataset, label, job, degrade)
+        methods[job.method.label] = _entry("method", job.method, job.method.label, job)
+        metrics |= {metric.plugin.name: list(_metric(metric)) for metric in job.metrics}
+    replicates = {job.replicate for job in jobs}
     replicates |= set(older.sweep.get("replicate", [0] if older.methods else []))
+    settings = {name: getattr(first, name) for name, default in _SETTINGS.items() if getattr(first, name) != default}
+    settings |= {"views": list(first.views)} if first.views is not None else {}
+    settings |= {"plugins": [_relative(file, out) for file in first.plugin_files]} if first.plugin_files else {}
+    if first.study:
+        values = {name: list(v) if isinstance(v, tuple) else v for name, v in vars(first.study).items()}
+        settings["study"] = {name: value for name, value in values.items() if value != Study.defaults()[name]}
     line_up = LineUp(
-        _relabelled({_full_label(entry): entry for entry in older.datasets} | datasets),
-        _relabelled({entry.label or entry.name: entry for entry in older.methods} | methods),
-        tuple(metrics.values()),
+        _labelled(datasets),
+        _labelled(methods),
+        (*itertools.chain(*metrics.values()), *(e for e in older.metrics if e.name.partition(":")[0] not in metrics)),
         {"replicate": sorted(replicates)} if replicates != {0} else {},
-        _settings(jobs[0]),
+        settings,
     )
-    line_up = _with_paths(line_up, lambda path: _relative(path, out))
     text = line_up.as_yaml(f"The line-up that made {out}. To run it: sucre-bench run {line_up_path(out).name}")
     write_atomically(line_up_path(out), text.encode())
 
 
-def _dataset_entry(job: Job) -> Entry:
-    label = undegraded_label(job.dataset.label, job.degrade.record, job.dataset.plugin.name)
-    entry = _entry("dataset", job.dataset.record, label, job.seed)
-    return replace(entry, options={**entry.options, **({"degrade": job.degrade.record} if job.degrade.record else {})})
-
-
-def _entry(kind: Kind, record: Mapping[str, Any], label: str, seed: int) -> Entry:
-    """A dataset or configuration with its label and what is not as by default. seed: of the run."""
-    options = {name: value for name, value in given(kind, record, seed).items() if name != "name"}
-    return Entry(str(record["name"]), {"label": label, **options})
+def _entry(kind: Kind, choice: Choice, label: str, job: Job, more: Mapping[str, Any] | None = None) -> Entry:
+    """A dataset or configuration with its label and what is not as by default, its paths as seen from the folder."""
+    options = {name: value for name, value in given(kind, choice.record, job.seed).items() if name != "name"}
+    entry = Entry(choice.plugin.name, {"label": label, **options, **(more or {})})
+    return _with_paths(kind, entry, lambda path: _relative(path, job.out))
 
 
 def _full_label(entry: Entry) -> str:
@@ -74,7 +79,7 @@ def _full_label(entry: Entry) -> str:
     return Degradation.of(entry.options.get("degrade") or {}).labelled(entry.label or entry.name)
 
 
-def _relabelled(entries: Mapping[str, Entry]) -> tuple[Entry, ...]:
+def _labelled(entries: Mapping[str, Entry]) -> tuple[Entry, ...]:
     """The entries, each with a label unless it has the same without: several of one name would name their options."""
     names = Counter(entry.name for entry in entries.values())
     every = []
@@ -87,59 +92,29 @@ def _relabelled(entries: Mapping[str, Entry]) -> tuple[Entry, ...]:
 
 
 def _metric(choice: MetricChoice) -> Iterator[Entry]:
-    name, record = choice.plugin.name, choice.choice.record
-    options = {key: value for key, value in given("metric", record, 0).items() if key != "name"}
-    if choice.variants == choice.plugin.default or options:
-        variants = {} if choice.variants == choice.plugin.default else {"variants": list(choice.variants)}
-        yield Entry(name, {**variants, **options})
-    elif choice.variants == tuple(choice.plugin.variants):
+    name, variants = choice.plugin.name, choice.variants
+    options = {key: value for key, value in given("metric", choice.choice.record).items() if key != "name"}
+    if variants == choice.plugin.default or options:
+        yield Entry(name, {**({} if variants == choice.plugin.default else {"variants": list(variants)}), **options})
+    elif variants == tuple(choice.plugin.variants):
         yield Entry(f"{name}:all")
     else:
-        yield from (Entry(f"{name}:{variant}") for variant in choice.variants)
+        yield from (Entry(f"{name}:{variant}") for variant in variants)
 
 
-def _settings(job: Job) -> dict[str, Any]:
-    """What a command says of views, draws and files, and its study."""
-    kept = {name: getattr(job, name) for name, default in _SETTINGS.items() if getattr(job, name) != default}
-    if job.views is not None:
-        kept["views"] = list(job.views)
-    if job.plugin_files:
-        kept["plugins"] = list(job.plugin_files)
-    if job.study:
-        values = {name: list(v) if isinstance(v, tuple) else v for name, v in vars(job.study).items()}
-        kept["study"] = {name: value for name, value in values.items() if value != Study.defaults()[name]}
-    return kept
-
-
-# -- paths, as seen from another folder ----------------------------------------------------------------------
-
-
-def _with_paths(line_up: LineUp, seen: Callable[[str], str]) -> LineUp:
-    """The line-up with each relative path changed."""
-
-    def moved(kind: Kind, entry: Entry) -> Entry:
-        options = {**entry.options}
-        options |= {name: seen(path) for name, path in given_paths(kind, entry.name, options).items()}
-        if isinstance(options.get("degrade", {}).get("add_water"), str):
-            options["degrade"] = {**options["degrade"], "add_water": seen(options["degrade"]["add_water"])}
-        return replace(entry, options=options)
-
-    files = [seen(file) for file in line_up.settings.get("plugins", [])]
-    return replace(
-        line_up,
-        datasets=tuple(moved("dataset", entry) for entry in line_up.datasets),
-        methods=tuple(moved("method", entry) for entry in line_up.methods),
-        settings={**line_up.settings, **({"plugins": files} if files else {})},
-    )
+def _with_paths(kind: Kind, entry: Entry, seen: Callable[[str], str]) -> Entry:
+    """The entry with each path as it is seen from another folder."""
+    options = {**entry.options}
+    options |= {name: seen(path) for name, path in given_paths(kind, entry.name, options).items()}
+    if isinstance(options.get("degrade", {}).get("add_water"), str):
+        options["degrade"] = {**options["degrade"], "add_water": seen(options["degrade"]["add_water"])}
+    return replace(entry, options=options)
 
 
 def _relative(path: str, folder: Path) -> str:
     """A path as seen from a folder; absolute where it is absolute and leads out of the folder where we are."""
     is_here = Path(path).is_relative_to(Path.cwd())
     return os.path.relpath(path, folder) if is_here or not Path(path).is_absolute() else path
-
-
-# -- reading it ------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -155,21 +130,29 @@ def line_up_of(out: Path, folder: Path) -> Found:
 
     Raises InputError when the folder has no results, or its runs did not record a line-up.
     """
-    rows = results.read(out)
+    rows = results.restoration_rows(results.read(out))
     if not line_up_path(out).is_file():
         raise InputError("records no line-up", out, "repeat the run's command, which computes nothing again")
     line_up = line_up_in(line_up_path(out))
-    return Found(
-        _with_paths(line_up, lambda path: _relative(os.path.normpath(out / path), folder)),
-        tuple(_notes(line_up, results.restoration_rows(rows))),
+
+    def seen(path: str) -> str:
+        return _relative(os.path.normpath(out / path), folder)
+
+    files = [seen(file) for file in line_up.settings.get("plugins", [])]
+    moved = replace(
+        line_up,
+        datasets=tuple(_with_paths("dataset", entry, seen) for entry in line_up.datasets),
+        methods=tuple(_with_paths("method", entry, seen) for entry in line_up.methods),
+        settings={**line_up.settings, **({"plugins": files} if files else {})},
     )
+    return Found(moved, tuple(_notes(line_up, rows)))
 
 
 def _notes(line_up: LineUp, rows: DataFrame) -> Iterator[str]:
     """Where a run of the line-up would do other than the folder holds."""
     there = set(rows[["dataset", "method"]].itertuples(index=False, name=None))
-    methods: Iterable[str] = (entry.label or entry.name for entry in line_up.methods)
-    for dataset, method in itertools.product(map(_full_label, line_up.datasets), list(methods)):
+    methods = [entry.label or entry.name for entry in line_up.methods]
+    for dataset, method in itertools.product(map(_full_label, line_up.datasets), methods):
         if (dataset, method) not in there:
             yield f"the folder has no results of {method} on {dataset}; the line-up runs it too"
     views = rows.groupby(["dataset", "method"])["view"].agg(frozenset)

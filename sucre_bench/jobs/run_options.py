@@ -207,7 +207,9 @@ class RunConfig:
         """Read a configuration. Raises InputError for an unknown option, or a value that is not acceptable."""
         options = converted(cls, values)
         check_values("", options_of(cls), options, "see `sucre-bench run --help`")
-        for name, group in (("tracking", Tracking), ("shard", Shard), ("degrade", Degradation)):
+        if "degrade" in options:
+            options["degrade"] = Degradation.of(converted(Degradation, options["degrade"]))
+        for name, group in (("tracking", Tracking), ("shard", Shard)):
             if name in options:
                 given = converted(group, options[name])
                 check_values(name, options_of(group), given, "see `sucre-bench run --help`")

@@ -325,6 +325,16 @@ def test_the_line_up_of_a_sweep_keeps_the_labels_of_a_dataset_with_options(tmp_p
     assert [job.dataset.label for job in made] == ["toy", "toy,noise=0.1"]
 
 
+def test_paths_in_the_line_up_of_a_folder_stay_when_another_command_adds_to_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    for words in (["method.log=logs/a"], ["method=halved"]):
+        run(Path("results"), *words)
+    (logged, _) = line_up_of(Path("results"), Path("paper")).line_up.methods
+    assert (logged.name, logged.options["log"]) == ("gain", "../logs/a")
+
+
 def test_a_label_that_a_word_took_out_of_the_run_is_said_to_be_missing(tmp_path: Path):
     with pytest.raises(InputError, match=r"'logged'.*methods"):
         from_file(tmp_path / "l.yaml", LINE_UP.replace("gain2.gain: [3]", ""), "method=halved", "logged.label=other")
