@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,7 +19,9 @@ if TYPE_CHECKING:
     import pandas as pd
     from rich.table import Table
 
-    from sucre_bench.programs.match_published import Candidate, Column, PublishedTable
+    from sucre_bench.programs.match_published import PublishedTable
+
+_MOST_VARIANTS = 10  # that a table shows
 
 
 @click.command()
@@ -144,41 +145,27 @@ def _print_matches(published: PublishedTable, rows: pd.DataFrame, form: str) -> 
 
     matches = [(column, compare(column, rows)) for column in published.columns]
     if form != "terminal":
-        table = pd.DataFrame(
-            {"column": column.header, "metric": column.metric, **asdict(one)}
-            for column, found in matches
-            for one in found
-        )
-        _print_records(table, form)
+        about = [({"column": column.header, "metric": column.metric}, found) for column, found in matches]
+        _print_records(pd.DataFrame({**names, **asdict(one)} for names, found in about for one in found), form)
         return
     for column, found in matches:
-        terminal.out.print(_table(column, found))
+        table = terminal.table([column.metric], ["mean difference", "largest"])
+        table.add_column("at", no_wrap=True)
+        table.add_column("compared", justify="right", no_wrap=True)
+        table.add_column("", no_wrap=True)
+        for one in found[:_MOST_VARIANTS]:
+            note = f"no score of {one.lacking}" if one.lacking else ""
+            figures = (f"{one.mean:.2g}", f"{one.largest:.2g}", one.at, str(one.compared), note)
+            table.add_row(one.variant, *figures, style="green" if one.fits else None)
+        terminal.out.print(table)
         terminal.out.print()
     for column, found in matches:
-        terminal.out.print(_verdict(column, found), soft_wrap=True, highlight=False)
-
-
-def _table(column: Column, candidates: Sequence[Candidate], most: int = 10) -> Table:
-    """Return the nearest variants of a column, a line each."""
-    table = terminal.table([column.metric], ["mean difference", "largest"])
-    table.add_column("at", no_wrap=True)
-    table.add_column("compared", justify="right", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    for one in candidates[:most]:
-        note = f"no score of {one.lacking}" if one.lacking else ""
-        figures = (f"{one.mean:.2g}", f"{one.largest:.2g}", one.at, str(one.compared), note)
-        table.add_row(one.variant, *figures, style="green" if one.fits else None)
-    return table
-
-
-def _verdict(column: Column, candidates: Sequence[Candidate]) -> str:
-    """Return which variants give a column's numbers, as a sentence."""
-    about = f"{column.metric}: column '{column.header}'"
-    if fitting := [one for one in candidates if one.fits]:
-        names = " or ".join(one.variant for one in fitting[:4]) + (" or others" if len(fitting) > 4 else "")
-        return f"{about} is {names}, within {fitting[0].largest:.2g}"
-    if not candidates:
-        return f"{about}: no variant has a score of these images"
-    nearest = candidates[0]
-    off = f"differs by {nearest.mean:.2g} on average and by up to {nearest.largest:.2g}"
-    return f"{about} is none of the public variants; the nearest, {nearest.variant}, {off}"
+        verdict = "no variant has a score of these images"
+        if fitting := [one for one in found if one.fits]:
+            names = " or ".join(one.variant for one in fitting[:4]) + (" or others" if len(fitting) > 4 else "")
+            verdict = f"is {names}, within {fitting[0].largest:.2g}"
+        elif found:
+            off = f"differs by {found[0].mean:.2g} on average and by up to {found[0].largest:.2g}"
+            verdict = f"is none of the public variants; the nearest, {found[0].variant}, {off}"
+        text = f"{column.metric}: column '{column.header}'{'' if found else ':'} {verdict}"
+        terminal.out.print(text, soft_wrap=True, highlight=False)

@@ -6,7 +6,7 @@ import contextlib
 import shlex
 import shutil
 import sys
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -73,8 +73,12 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool) -> None
 
 
 def _line_up(folder: Path, has_code: bool) -> dict[str, str]:
-    """Return the line-up file that runs these results again. If it cannot be made, say why and return none."""
-    from sucre_bench import results
+    """Return the line-up file that runs these results again. If it cannot be made, say why and return none.
+
+    has_code: return also the run's plugin files, by their name in the bundle, or none if one of them cannot be. The
+    results folder names them, so each must have been loaded: else it may be any file of this machine.
+    """
+    from sucre_bench import plugins, results
     from sucre_bench.jobs.lineup_of_results import line_up_of
 
     results.read(folder)  # a folder without results is an error of its own
@@ -84,7 +88,19 @@ def _line_up(folder: Path, has_code: bool) -> dict[str, str]:
         say(f"no lineup.yaml in the bundle: {fault}", "yellow")
         return {}
     given = line_up.settings.get("plugins", [])
-    files = _plugin_files([folder / name for name in given]) if has_code else {}
+    files: dict[str, str] = {}
+    path = folder
+    try:
+        for path in (folder / name for name in given if has_code):
+            if not plugins.is_loaded(path):
+                raise InputError("is not in the bundle", path, f"add --plugin {path} if it is the run's plugin file")
+            if (name := f"plugins/{path.name}") in files:
+                raise InputError("is not in the bundle", path, "another plugin file has its name; rename it, run again")
+            files[name] = regular(path).read_text(encoding="utf-8")
+    except (OSError, InputError, ValueError) as fault:
+        text = f"{path}: cannot be read, {fault}; publish it beside the bundle"
+        say(str(fault) if isinstance(fault, InputError) else text, "yellow")
+        files = {}
     if files:
         line_up = replace(line_up, settings={**line_up.settings, "plugins": list(files)})
     elif given:
@@ -92,30 +108,6 @@ def _line_up(folder: Path, has_code: bool) -> dict[str, str]:
         say(f"note: lineup.yaml needs {', '.join(given)}; {code}", "yellow")
     text = line_up.as_yaml("The line-up that made these results. To run it: sucre-bench run lineup.yaml")
     return {"lineup.yaml": text, **files}
-
-
-def _plugin_files(paths: Iterable[Path]) -> dict[str, str]:
-    """The text of plugin files by their name in the bundle; none if one was not loaded, or two have one name.
-
-    paths: that the results folder names, which may be any file of this machine.
-    """
-    from sucre_bench import plugins
-
-    texts: dict[str, str] = {}
-    for path in paths:
-        name, fault = f"plugins/{path.name}", ""
-        if not plugins.is_loaded(path):
-            fault = f"add --plugin {path} if it is the run's plugin file"
-        elif name in texts:
-            fault = "another plugin file has its name; rename it and run again"
-        try:
-            texts[name] = "" if fault else regular(path).read_text(encoding="utf-8")
-        except (OSError, InputError, ValueError) as unreadable:
-            fault = f"{unreadable}; publish it beside the bundle"
-        if fault:
-            say(f"{path}: is not in the bundle; {fault}", "yellow")
-            return {}
-    return texts
 
 
 # -- verify ------------------------------------------------------------------------------------------------
@@ -188,16 +180,12 @@ def _data_folders(labels: Collection[str], given: Sequence[str]) -> dict[str, Pa
     """
     folders: dict[str, Path] = {}
     for text in given:
-        label, equals, folder = text.rpartition("=")
-        if label in labels:
-            given_folders = {label: Path(folder)}
-        elif equals and not Path(text).is_dir():
+        label, equals, place = text.rpartition("=")
+        if label not in labels and equals and not Path(text).is_dir():
             raise unknown_name("--data", label, labels, "dataset")
-        else:
-            given_folders = dict.fromkeys(labels, Path(text))
-        folders |= given_folders
-        for place in given_folders.values():
-            check_folder(place, "give the folder of the data")
+        folder = Path(place if label in labels else text)
+        check_folder(folder, "give the folder of the data")
+        folders |= dict.fromkeys([label] if label in labels else labels, folder)
     return folders
 
 
@@ -295,15 +283,12 @@ def _entry(path: Path, data: Sequence[str]) -> Entry:
             datasets = set(bundle.rows["dataset"])
             given = [text for text in data if text.rpartition("=")[0] in datasets]
             found = verify(bundle, _data_folders(datasets, given))
-            rows, version = bundle.rows, bundle.version
+            about, rows = (found.id, found.by, bundle.version), bundle.rows
             common = bundle.common if found.holds else None
     except InputError as fault:
         return Entry(path.name, "", "", "", State.DIFFERS, (0, 0), fault.beside(path), None)
+    first, *more = [*found.faults, *(f"{one.method} / {one.view} / {one.metric}" for one in found.differing), ""]
+    fault_text = f"{first} and {len(more) - 1} more" if len(more) > 1 else first
     state = State.VERIFIED if found.is_whole else State.PARTLY if found.n_agree else State.HASHES
-    faults = [*found.faults, *(f"{one.method} / {one.view} / {one.metric}" for one in found.differing)]
-    more = f" and {len(faults) - 1} more" if len(faults) > 1 else ""
-    fault_text = f"{faults[0]}{more}" if faults else ""
     state = state if found.holds else State.DIFFERS
-    return Entry(
-        path.name, found.id, found.by, version, state, (found.n_agree, found.n_scores), fault_text, rows, common
-    )
+    return Entry(path.name, *about, state, (found.n_agree, found.n_scores), fault_text, rows, common)

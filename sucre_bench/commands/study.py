@@ -88,13 +88,13 @@ def study(
         raise click.UsageError("give --methods A,B --out FILE.html to write a page, or --votes FILE... to evaluate")
     else:
         from sucre_bench.machine import progress_display
-        from sucre_bench.programs.people import design, page
+        from sucre_bench.programs.people import design
 
         check_output(out, "page")
         key = design.design(folder, labels_of(methods), dataset, views)
         masks = design.common_masks(folder, key) if pixels == "common" else {}
         with progress_display.live():
-            page.write_page(out, folder, key, question or page.QUESTION, pairs, width, masks)
+            design.write_page(out, folder, key, question or design.QUESTION, pairs, width, masks)
         path, n_views = design.write_key(folder, key), len(key.pictures) // len(key.methods)
         click.echo(f"page     {out}, {out.stat().st_size / 1e6:.1f} MB: {len(key.methods)} methods on {n_views} views")
         if masks:
@@ -160,7 +160,7 @@ def _preferences(found: Evaluated) -> Table:
 def _sentences(found: Evaluated) -> list[str]:
     """What the numbers mean: the lead, over what intervals are, and how far observers agree."""
     from sucre_bench.compare.words import number
-    from sucre_bench.programs.people.bradley_terry import FEWEST_OBSERVERS
+    from sucre_bench.programs.people.statistics import FEWEST_OBSERVERS
 
     people = found.people
     best, next_best = (-people.scores).argsort(kind="stable")[:2].tolist()

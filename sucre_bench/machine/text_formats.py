@@ -63,11 +63,15 @@ def _loader() -> type[Any]:
 def filled_in(package: str, template: str, **values: Any) -> bytes:
     """Return a package's template, filled in with values. It escapes every text that is not Markup.
 
+    In the template, `source(NAME)` is a style or script of the package, and `source_hash(NAME)` its `policy_hash`.
     Raises jinja2.UndefinedError if a value that the template uses is missing.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
 
     pages = Environment(loader=PackageLoader(package, ""), autoescape=True, undefined=StrictUndefined)
+    pages.globals["source"] = lambda name: Markup(source(package, name))
+    pages.globals["source_hash"] = lambda name: policy_hash(source(package, name))
     return pages.get_template(template).render(**values).encode()
 
 

@@ -43,9 +43,16 @@ def scores(folder: Path, metric: str) -> dict[str, float]:
     return values
 
 
-def table(place: Path, headers: str, rows: Sequence[Sequence[object]]) -> str:
-    place.write_text("\n".join([headers, *(",".join(str(cell) for cell in row) for row in rows)]) + "\n")
-    return str(place)
+@pytest.fixture
+def like(bench: Bench, folder: Path, tmp_path: Path) -> Bench:
+    """A command that compares the images with a table, whose headers and rows are given."""
+
+    def compared(headers: str, rows: Sequence[Sequence[object]], *words: str, images: Path = folder) -> Done:
+        lines = [headers, *(",".join(str(cell) for cell in row) for row in rows)]
+        (tmp_path / "t.csv").write_text("\n".join(lines) + "\n")
+        return bench("score", str(images), "--like", str(tmp_path / "t.csv"), "--json", *words)
+
+    return compared
 
 
 def matches(done: Done) -> dict[str, list[dict[str, object]]]:
@@ -57,10 +64,9 @@ def matches(done: Done) -> dict[str, list[dict[str, object]]]:
 
 
 @pytest.mark.parametrize("variant", ["funie", "getuiqm1", "chen", "block8@256-bilinear"])
-def test_the_variant_behind_rounded_numbers_is_named(bench: Bench, folder: Path, tmp_path: Path, variant: str) -> None:
+def test_the_variant_behind_rounded_numbers_is_named(like: Bench, folder: Path, variant: str) -> None:
     rows = [(name, f"{value:.3f}") for name, value in scores(folder, f"uiqm:{variant}").items()]
-    like = table(tmp_path / "t.csv", "Image,UIQM ↑", rows)
-    done = bench("score", str(folder), "--like", like, "--json")
+    done = like("Image,UIQM ↑", rows)
     assert done.returncode == 0, done.stderr
     found = matches(done)["UIQM ↑"]
     assert found[0]["variant"] == variant
@@ -68,54 +74,50 @@ def test_the_variant_behind_rounded_numbers_is_named(bench: Bench, folder: Path,
     assert found[0]["largest"] <= 0.0005
 
 
-def test_a_row_a_method_is_the_mean_of_its_folder(bench: Bench, folder: Path, tmp_path: Path) -> None:
+def test_a_row_a_method_is_the_mean_of_its_folder(like: Bench, folder: Path) -> None:
     values = scores(folder, "uciqe:hue")
-    means = {m: np.mean([v for name, v in values.items() if name.startswith(m)]) for m in ("ours", "theirs")}
-    like = table(
-        tmp_path / "t.csv", "Method,Venue,UCIQE", [("Ours", "TIP", means["ours"]), ("Theirs", "", means["theirs"])]
-    )
-    (found,) = matches(bench("score", str(folder), "--like", like, "--json")).values()
+    ours, theirs = (np.mean([v for name, v in values.items() if name.startswith(m)]) for m in ("ours", "theirs"))
+    (found,) = matches(like("Method,Venue,UCIQE", [("Ours", "TIP", ours), ("Theirs", "", theirs)])).values()
     assert (found[0]["variant"], found[0]["compared"]) == ("hue", 2)
     assert found[0]["largest"] < 1e-9
 
 
-def test_a_table_of_many_methods_serves_for_the_folder_of_one(bench: Bench, folder: Path, tmp_path: Path) -> None:
+def test_a_table_of_many_methods_serves_for_the_folder_of_one(like: Bench, folder: Path) -> None:
     rows = [(*name.split("/"), value) for name, value in scores(folder, "uciqe:hsv").items()]
-    like = table(tmp_path / "t.csv", "method,image,uciqe", rows)
-    done = bench("score", str(folder / "theirs"), "--like", like, "--json")
+    done = like("method,image,uciqe", rows, images=folder / "theirs")
     (found,) = matches(done).values()
     assert (found[0]["variant"], found[0]["compared"]) == ("hsv", 3)
     assert re.search(r"\b3 rows\b", done.stderr)
 
 
-def test_one_number_without_a_name_is_the_mean_of_all(bench: Bench, folder: Path, tmp_path: Path) -> None:
+def test_one_number_without_a_name_is_the_mean_of_all(like: Bench, folder: Path) -> None:
     mean = np.mean(list(scores(folder, "uciqe:centred").values()))
-    done = bench("score", str(folder), "--like", table(tmp_path / "t.csv", "uciqe", [(f"{mean:.5f}",)]), "--json")
-    assert matches(done)["uciqe"][0]["variant"] == "centred"
+    assert matches(like("uciqe", [(f"{mean:.5f}",)]))["uciqe"][0]["variant"] == "centred"
 
 
-def test_numbers_that_no_variant_gives_are_said_to_be_none(bench: Bench, folder: Path, tmp_path: Path) -> None:
-    rows = [(name, value * 1.02) for name, value in scores(folder, "uciqe:matlab").items()]
-    done = bench("score", str(folder), "--like", table(tmp_path / "t.csv", "image,uciqe", rows), "--json")
+def test_numbers_that_no_variant_gives_are_said_to_be_none(like: Bench, folder: Path) -> None:
+    done = like("image,uciqe", [(name, value * 1.02) for name, value in scores(folder, "uciqe:matlab").items()])
     assert done.returncode == 0
     nearest, *others = matches(done)["uciqe"]
     assert nearest["variant"] == "matlab"
     assert not any(record["fits"] for record in (nearest, *others))
 
 
-def test_references_make_columns_of_psnr_and_ssim(bench: Bench, folder: Path, tmp_path: Path) -> None:
-    truth = tmp_path / "truth"
-    truth.mkdir()
-    for n in range(3):
-        cv2.imwrite(str(truth / f"{n}.png"), cv2.imread(str(folder / "ours" / f"{n}.png")) // 2)
-    done = bench("score", str(folder), "--reference", str(truth), "--metrics", "psnr:gray", "--json")
-    rows = [(r["view"], r["value"], 0.5) for r in json.loads(done.stdout)]
-    like = table(tmp_path / "t.csv", "file,PSNR (dB),SSIM", rows)
-    done = bench("score", str(folder), "--reference", str(truth), "--like", like, "--json")
-    found = matches(done)
+def write_truth(folder: Path, *images: np.ndarray) -> str:
+    folder.mkdir()
+    for n, image in enumerate(images):
+        cv2.imwrite(str(folder / f"{n}.png"), image)
+    return str(folder)
+
+
+def test_references_make_columns_of_psnr_and_ssim(bench: Bench, like: Bench, folder: Path, tmp_path: Path) -> None:
+    truth = write_truth(tmp_path / "truth", *(cv2.imread(str(folder / "ours" / f"{n}.png")) // 2 for n in range(3)))
+    done = bench("score", str(folder), "--reference", truth, "--metrics", "psnr:gray", "--json")
+    table = "file,PSNR (dB),SSIM", [(r["view"], r["value"], 0.5) for r in json.loads(done.stdout)]
+    found = matches(like(*table, "--reference", truth))
     assert found["PSNR (dB)"][0]["variant"] == "gray"
     assert not found["SSIM"][0]["fits"]
-    without = bench("score", str(folder), "--like", like)
+    without = like(*table)
     assert without.returncode == 2
     assert "column 'PSNR (dB)' needs reference; give --reference" in without.stderr
 
@@ -124,28 +126,19 @@ def test_u45s_table_is_that_of_matlab_and_its_first_output(bench: Bench) -> None
     place = published("u45_published")
     done = bench("score", str(place / "RED"), "--like", str(place / "published.csv"), "--json")
     best = {column: found[0] for column, found in matches(done).items()}
-    assert {column: one["variant"] for column, one in best.items()} == {
-        "uciqe": "matlab",
-        "uiqm": "matlab-first-output",
-        "uicm": "matlab-first-output",
-        "uiconm": "matlab",
-        "uism": "matlab",
-    }
+    first = "matlab-first-output"
+    expected = {"uciqe": "matlab", "uiqm": first, "uicm": first, "uiconm": "matlab", "uism": "matlab"}
+    assert {column: one["variant"] for column, one in best.items()} == expected
     assert all(one["fits"] for one in best.values())
 
 
 # -- bad input ---------------------------------------------------------------------------------------------------
 
 
-def test_fewer_rows_and_rows_of_other_images_are_warnings(bench: Bench, folder: Path, tmp_path: Path) -> None:
+def test_fewer_rows_and_rows_of_other_images_are_warnings(like: Bench, folder: Path) -> None:
     values = scores(folder, "uciqe:ratio")
-    rows = [
-        ("ours/0.png", values["ours/0.png"]),
-        ("theirs/1.png", values["theirs/1.png"]),
-        ("ours/9.png", 1),
-        ("ours/2", "-"),
-    ]
-    done = bench("score", str(folder), "--like", table(tmp_path / "t.csv", "image,uciqe", rows), "--json")
+    rows = [(name, values[name]) for name in ("ours/0.png", "theirs/1.png")]
+    done = like("image,uciqe", [*rows, ("ours/9.png", 1), ("ours/2", "-")])
     assert done.returncode == 0
     assert re.search(r"\b1 row\b", done.stderr)
     assert "ours/9.png" in done.stderr
@@ -167,9 +160,9 @@ def test_fewer_rows_and_rows_of_other_images_are_warnings(bench: Bench, folder: 
     ],
 )
 def test_a_table_that_cannot_be_compared_is_one_line(
-    bench: Bench, folder: Path, tmp_path: Path, headers: str, rows: list[tuple[object, ...]], named: set[str]
+    like: Bench, tmp_path: Path, headers: str, rows: list[tuple[object, ...]], named: set[str]
 ) -> None:
-    done = bench("score", str(folder), "--like", table(tmp_path / "t.csv", headers, rows))
+    done = like(headers, rows)
     assert done.returncode == 2
     (line,) = done.errors
     assert line.startswith(f"error: {tmp_path / 't.csv'}: ")
@@ -184,28 +177,19 @@ def test_a_missing_or_binary_table_is_one_line(bench: Bench, folder: Path, tmp_p
         assert name in done.stderr
 
 
-def test_an_image_that_cannot_be_read_fails_and_the_others_are_compared(
-    bench: Bench, folder: Path, tmp_path: Path
-) -> None:
+def test_an_image_that_cannot_be_read_fails_and_the_others_are_compared(like: Bench, folder: Path) -> None:
     rows = list(scores(folder, "uciqe:centred").items())
     (folder / "ours" / "0.png").write_bytes(b"not a picture")
-    done = bench("score", str(folder), "--like", table(tmp_path / "t.csv", "image,uciqe", rows), "--json")
+    done = like("image,uciqe", rows)
     assert done.returncode == 1
     assert "0.png: " in done.stderr
     nearest = matches(done)["uciqe"][0]
     assert (nearest["variant"], nearest["compared"], nearest["fits"]) == ("centred", 5, True)
 
 
-def test_a_picture_of_another_size_than_its_reference_fails_and_is_named(
-    bench: Bench, folder: Path, tmp_path: Path
-) -> None:
-    truth = tmp_path / "truth"
-    truth.mkdir()
-    for n in range(3):
-        cv2.imwrite(str(truth / f"{n}.png"), np.full((71, 90 + (n == 1), 3), 99, np.uint8))
-    rows = [(f"ours/{n}.png", 20 + n) for n in range(3)]
-    like = table(tmp_path / "t.csv", "image,psnr", rows)
-    done = bench("score", str(folder), "--reference", str(truth), "--like", like, "--json")
+def test_a_picture_of_another_size_than_its_reference_fails_and_is_named(like: Bench, tmp_path: Path) -> None:
+    truth = write_truth(tmp_path / "truth", *(np.full((71, 90 + (n == 1), 3), 99, np.uint8) for n in range(3)))
+    done = like("image,psnr", [(f"ours/{n}.png", 20 + n) for n in range(3)], "--reference", truth)
     assert done.returncode == 1
     assert re.search(r"1\.png: 90x71, .*91x71", done.stderr)
     assert matches(done)["psnr"][0]["compared"] == 2

@@ -27,14 +27,20 @@ def scores(text: str) -> pd.DataFrame:
     return pd.read_csv(io.StringIO(text), keep_default_na=False)
 
 
+@pytest.fixture
+def psnr(bench, folders):
+    """A command that scores the pictures against the references by PSNR, as CSV."""
+    return lambda *words: bench("score", str(folders[0]), "--reference", str(folders[1]), "--metrics", "psnr", *words)
+
+
 def test_a_folder_is_scored_against_references_of_the_same_names(bench, folders):
     images, truth = folders
     done = bench("score", str(images), "--reference", str(truth), "--metrics", "psnr,ssim", "--format", "csv")
     assert done.returncode == 0
     rows = scores(done.stdout)
-    psnr = rows[rows["metric"] == "psnr"]
-    assert sorted(psnr["view"]) == ["a.png", "sub/b.png"]
-    assert psnr["value"].astype(float).tolist() == pytest.approx([20 * np.log10(255 / 16)] * 2, abs=1e-3)
+    of_psnr = rows[rows["metric"] == "psnr"]
+    assert sorted(of_psnr["view"]) == ["a.png", "sub/b.png"]
+    assert of_psnr["value"].astype(float).tolist() == pytest.approx([20 * np.log10(255 / 16)] * 2, abs=1e-3)
 
 
 def test_without_a_choice_every_variant_of_what_applies_is_scored(bench, folders):
@@ -62,20 +68,20 @@ def test_an_unreadable_image_is_named_and_the_others_are_scored(bench, folders):
     assert (scores(done.stdout)["metric"] == "uciqe").sum() == 2
 
 
-def test_a_missing_reference_is_named_and_the_others_are_scored(bench, folders):
-    images, truth = folders
+def test_a_missing_reference_is_named_and_the_others_are_scored(psnr, folders):
+    _, truth = folders
     (truth / "a.png").unlink()
-    done = bench("score", str(images), "--reference", str(truth), "--metrics", "psnr", "--format", "csv")
+    done = psnr("--format", "csv")
     assert done.returncode == 1
     assert "truth/a.png: " in done.stderr
     assert (scores(done.stdout)["metric"] == "psnr").sum() == 1
 
 
-def test_a_folder_of_other_names_is_one_line(bench, folders):
-    images, truth = folders
+def test_a_folder_of_other_names_is_one_line(psnr, folders):
+    _, truth = folders
     for n, path in enumerate(sorted(truth.rglob("*.png"))):
         path.rename(truth / f"other{n}.png")
-    done = bench("score", str(images), "--reference", str(truth), "--metrics", "psnr")
+    done = psnr()
     assert done.returncode == 2
     assert len(done.errors) == 1
     assert done.errors[0].startswith(f"error: {truth}")
@@ -100,10 +106,10 @@ def test_a_reference_that_may_be_one_of_two_is_asked_for_and_no_empty_table_is_p
     assert "demo/a.jpg or reef/a.jpg" in done.stderr
 
 
-def test_a_reference_in_a_folder_of_another_name_is_another_image(bench, folders, tmp_path: Path):
-    images, truth = folders
+def test_a_reference_in_a_folder_of_another_name_is_another_image(psnr, folders, tmp_path: Path):
+    _, truth = folders
     (truth / "sub").rename(truth / "other")
-    done = bench("score", str(images), "--reference", str(truth), "--metrics", "psnr", "--format", "csv")
+    done = psnr("--format", "csv")
     assert done.returncode == 1
     assert "sub/b.png: " in done.stderr
 
@@ -115,10 +121,10 @@ def test_a_missing_folder_of_references_is_one_line(bench, folders):
     assert done.errors[0].startswith("error: nowhere: ")
 
 
-def test_a_reference_of_another_size_is_named(bench, folders):
-    images, truth = folders
+def test_a_reference_of_another_size_is_named(psnr, folders):
+    _, truth = folders
     cv2.imwrite(str(truth / "a.png"), np.zeros((10, 10, 3), np.uint8))
-    done = bench("score", str(images), "--reference", str(truth), "--metrics", "psnr", "--format", "csv")
+    done = psnr("--format", "csv")
     assert done.returncode == 1
     assert re.search(r"a\.png: 96x64, .*10x10", done.stderr)
 

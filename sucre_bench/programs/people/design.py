@@ -1,9 +1,11 @@
-"""The design of a people's study: its views, its restored images, their order, and the key to each picture's method.
+"""A people's study: its views and restored images, its page, and the key to each picture's method.
 
-The page has pictures under random names and knows no method. The key stays in the results folder, as
-people/<study>.json.
+The page is one file that opens from disk, needs no network and names no method: it has pictures under random names. The
+key stays in the results folder, as people/<study>.json.
 """
 
+import base64
+import io
 import json
 import random
 import re
@@ -12,18 +14,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import combinations
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
+
+import numpy as np
 
 from sucre_bench import results
 from sucre_bench.arrays import Mask, evenly
 from sucre_bench.errors import InputError, MissingFileError, did_you_mean, one_line
+from sucre_bench.imaging.image_files import decode
+from sucre_bench.machine import progress
 from sucre_bench.machine.files import regular, write_atomically
+from sucre_bench.machine.text_formats import filled_in
 from sucre_bench.results import layout
 from sucre_bench.results.common_scores import LEAST_FILLED, common_mask, filled_restorations
 from sucre_bench.results.restorations import stored_mask
 from sucre_bench.results.rows import restorations, row_objects
 
+QUESTION = "Which picture shows the scene better?"
 _FORMAT, _VERSION = "sucre_bench people's study", 1
+_QUALITY = 95  # of JPEG, without loss of colour resolution: about 0.3 MB a picture of 1200 pixels
 
 
 @dataclass(frozen=True)
@@ -84,32 +94,95 @@ def design(folder: Path, methods: Sequence[str], dataset: str = "", views: int =
     return Key(secrets.token_hex(4), wanted[0].dataset, tuple(methods), pictures)
 
 
-def page_order(key: Key, pairs: int) -> dict[str, Any]:
+def common_masks(folder: Path, key: Key) -> dict[tuple[str, str], Mask]:
+    """Return the pixels (H, W) that all methods fill, by scene and view; no entry for a view without holes.
+
+    A study shows only these, so that people judge colours and not holes. Raises InputError if a mask is gone or
+    damaged, if the masks of a view differ in size, or if its methods share less than 1 % of the image.
+    """
+    rows = restorations(results.read(folder))
+    rows = rows[(rows["dataset"] == key.dataset) & rows["method"].isin(key.methods) & (rows["coverage"] < 1)]
+    shown = {(one.scene, one.view) for one in key.pictures.values()}
+    masks: dict[tuple[str, str], dict[str, Mask | None]] = {}
+    for row in row_objects(rows):
+        where, place = (row.scene, row.view), layout.find(key.dataset, row.scene, row.view, folder)
+        if where in shown and place is not None:
+            masks.setdefault(where, {})[row.method] = stored_mask(folder, place, row)
+    made = {where: common_mask(of_view)[0] for where, of_view in masks.items()}
+    for (_, view), mask in made.items():
+        if mask.mean() < LEAST_FILLED:
+            raise InputError(
+                f"{view}: all methods share less than 1 % of the image; leave one out, or use --pixels own"
+            )
+    return made
+
+
+# -- the page ----------------------------------------------------------------------------------------------
+
+
+def write_page(
+    path: Path,
+    folder: Path,
+    key: Key,
+    question: str,
+    pairs: int,
+    width: int,
+    masks: Mapping[tuple[str, str], Mask] = MappingProxyType({}),
+) -> None:
+    """Write the page. pairs: of a sitting; width: most pixels of a picture's width.
+
+    masks: by scene and view, the pixels (H, W) that are shown, of all methods alike; the others are black.
+    Raises InputError if a picture is gone or the pictures of a view differ in size, OutputError if the page cannot be
+    written.
+    """
+    from markupsafe import Markup
+
+    content = Markup(json.dumps(_content(key, pairs)))
+    pictures = _pictures(folder, key, width, masks)
+    write_atomically(
+        path, filled_in(__package__, "page.html.j2", question=question, content=content, pictures=pictures)
+    )
+
+
+def _content(key: Key, pairs: int) -> dict[str, Any]:
     """Return what the page's script reads: pictures by view, methods as numbers in random order, orders of views.
 
     orders: for each pair of methods, the order in which every observer is shown views of it, so that several observers
     judge the same pairs of pictures.
     """
     rng = random.SystemRandom()
-    arms = list(key.methods)
-    rng.shuffle(arms)
-    places = list(dict.fromkeys((one.scene, one.view) for one in key.pictures.values()))
+    arms = rng.sample(key.methods, len(key.methods))
+    places = list({(one.scene, one.view) for one in key.pictures.values()})
     rng.shuffle(places)
-    views: list[list[str]] = [[""] * len(arms) for _ in places]
-    for name, one in key.pictures.items():
-        views[places.index((one.scene, one.view))][arms.index(one.method)] = name
-    possible = len(views) * len(arms) * (len(arms) - 1) // 2
-    orders = {f"{i},{j}": rng.sample(range(len(places)), len(places)) for i, j in combinations(range(len(arms)), 2)}
-    return {"study": key.study, "pairs": min(pairs, possible), "views": views, "orders": orders}
+    by_place = {(one.scene, one.view, one.method): name for name, one in key.pictures.items()}
+    views = [[by_place[*place, arm] for arm in arms] for place in places]
+    between = list(combinations(range(len(arms)), 2))
+    orders = {f"{i},{j}": rng.sample(range(len(places)), len(places)) for i, j in between}
+    return {"study": key.study, "pairs": min(pairs, len(views) * len(between)), "views": views, "orders": orders}
 
 
-def picture_path(folder: Path, key: Key, shown: Shown) -> Path:
-    """Return the file of a picture. Raises InputError if it is gone."""
-    place = layout.find(key.dataset, shown.scene, shown.view, folder)
-    path = place.restored(folder, shown.method) if place else folder / "restored"
-    if not path.is_file():
-        raise MissingFileError(f"the restored image of {shown.view} is gone", path, "repeat the run's command")
-    return path
+def _pictures(folder: Path, key: Key, width: int, masks: Mapping[tuple[str, str], Mask]) -> list[tuple[str, str]]:
+    """The pictures by their names in the page, in the order of these names, as JPEG in base64."""
+    import cv2
+    from PIL import Image
+
+    sizes: dict[tuple[str, str], tuple[int, ...]] = {}
+    made = []
+    for name, shown in progress.track(sorted(key.pictures.items()), "pictures"):
+        place = layout.find(key.dataset, shown.scene, shown.view, folder)
+        path = place.restored(folder, shown.method) if place else folder / "restored"
+        if not path.is_file():
+            raise MissingFileError(f"the restored image of {shown.view} is gone", path, "repeat the run's command")
+        image = decode(path, cv2.IMREAD_COLOR)[..., ::-1]
+        if sizes.setdefault((shown.scene, shown.view), image.shape) != image.shape:
+            raise InputError(f"{path}: is not of the size of the other methods' pictures; run this method again")
+        if (mask := masks.get((shown.scene, shown.view))) is not None:
+            image = np.where(mask[..., None], image, np.uint8(0))
+        picture, jpeg = Image.fromarray(np.ascontiguousarray(image)), io.BytesIO()
+        picture.thumbnail((width, 10 * width), Image.Resampling.LANCZOS)
+        picture.save(jpeg, "JPEG", quality=_QUALITY, subsampling=0)
+        made.append((name, base64.b64encode(jpeg.getvalue()).decode()))
+    return made
 
 
 # -- the key as a file -------------------------------------------------------------------------------------
@@ -140,26 +213,3 @@ def keys(folder: Path) -> dict[str, Key]:
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as fault:
             raise InputError(f"{path}: is no key of a study ({one_line(fault)}); restore a copy of it") from fault
     return found
-
-
-def common_masks(folder: Path, key: Key) -> dict[tuple[str, str], Mask]:
-    """Return the pixels (H, W) that all methods fill, by scene and view; no entry for a view without holes.
-
-    A study shows only these, so that people judge colours and not holes. Raises InputError if a mask is gone or
-    damaged, if the masks of a view differ in size, or if its methods share less than 1 % of the image.
-    """
-    rows = restorations(results.read(folder))
-    rows = rows[(rows["dataset"] == key.dataset) & rows["method"].isin(key.methods) & (rows["coverage"] < 1)]
-    shown = {(one.scene, one.view) for one in key.pictures.values()}
-    masks: dict[tuple[str, str], dict[str, Mask | None]] = {}
-    for row in row_objects(rows):
-        where, place = (row.scene, row.view), layout.find(key.dataset, row.scene, row.view, folder)
-        if where in shown and place is not None:
-            masks.setdefault(where, {})[row.method] = stored_mask(folder, place, row)
-    made = {where: common_mask(of_view)[0] for where, of_view in masks.items()}
-    for (_, view), mask in made.items():
-        if mask.mean() < LEAST_FILLED:
-            raise InputError(
-                f"{view}: all methods share less than 1 % of the image; leave one out, or use --pixels own"
-            )
-    return made

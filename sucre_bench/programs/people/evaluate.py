@@ -10,8 +10,15 @@ from sucre_bench import results
 from sucre_bench.errors import InputError
 from sucre_bench.machine.records import now
 from sucre_bench.programs.people import design
-from sucre_bench.programs.people.agreement import Agreement, MetricAgreement, metric_agreement, observer_agreement
-from sucre_bench.programs.people.bradley_terry import Preferences, preferences, pseudo_values
+from sucre_bench.programs.people.statistics import (
+    Agreement,
+    MetricAgreement,
+    Preferences,
+    metric_agreement,
+    observer_agreement,
+    preferences,
+    pseudo_values,
+)
 from sucre_bench.programs.people.votes import Numbered, as_numbers, read_votes
 from sucre_bench.results.rows import COSTS, PREFERENCE, restorations, row_objects
 

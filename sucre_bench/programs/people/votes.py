@@ -11,8 +11,8 @@ import numpy as np
 
 from sucre_bench.errors import InputError
 from sucre_bench.machine.files import regular
-from sucre_bench.programs.people.bradley_terry import Numbers, Votes
 from sucre_bench.programs.people.design import Key, Shown
+from sucre_bench.programs.people.statistics import Numbers, Votes
 
 _FORMAT = ("sucre_bench votes", 1)
 _MOST_BYTES = 16 << 20

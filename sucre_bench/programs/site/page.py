@@ -7,29 +7,23 @@ from typing import Any
 from sucre_bench.compare import Column
 from sucre_bench.compare.words import left_out, legend, shown, title
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.text_formats import filled_in, policy_hash, source
+from sucre_bench.machine.text_formats import filled_in
 from sucre_bench.programs.site.board import Board, Line, Table
 
 
 def write_page(folder: Path, board: Board, heading: str) -> Path:
     """Write ``folder/index.html`` and return its path. Raises OutputError if it cannot be written."""
-    from markupsafe import Markup
-
-    style = source(__package__, "page.css")
     page = filled_in(
         __package__,
         "page.html.j2",
         heading=heading,
-        style=Markup(style),
-        style_hash=policy_hash(style),
         entries=board.entries,
         blocks=[_block(table) for table in board.tables],
         overview=list(_overview(board.tables)),
         datasets=list(dict.fromkeys(table.dataset for table in board.tables)),
     )
-    path = folder / "index.html"
-    write_atomically(path, page)
-    return path
+    write_atomically(folder / "index.html", page)
+    return folder / "index.html"
 
 
 def _block(table: Table) -> dict[str, Any]:

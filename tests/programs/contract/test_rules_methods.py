@@ -31,141 +31,59 @@ def test_what_keeps_the_contract_is_found_to_keep_it(tmp_path: Path, needs: str,
     assert broken(tmp_path, "method", METHOD, body, needs=needs) == {}
 
 
+# By rule: what a method's restore() does between GOOD and the return of `image`, and the words of the breach.
+BREACHES: list[tuple[str, str, set[str]]] = [
+    ("colours_what_is_valid", "image = image / view.rgb.max(axis=2, keepdims=True)", {"black", "colour"}),
+    ("colours_what_is_valid", "image = image / view.rgb.max()", {"RuntimeWarning", "SolveError"}),
+    ("colours_what_is_valid", "image[0, 0, 0] = np.nan", {"NaN", "channels"}),
+    ("colours_what_is_valid", "image = image[::2]", {"(24, 64, 3)", "(48, 64, 3)"}),
+    ("colours_what_is_valid", "view.rgb[:] = 0", {"input", "tried.py", "copy"}),
+    ("colours_what_is_valid", "raise KeyError('x')", {"KeyError", "'x'", "SolveError"}),
+    ("leaves_no_holes", "image[~view.valid] = np.nan", {"960", "depth"}),
+    ("leaves_its_input", "view.rgb.setflags(write=True)\nview.rgb[0] = 0", {"rgb", "far.png", "view.rgb.copy"}),
+    ("is_deterministic", "image *= np.random.rand(*image.shape[:2], 1)", {"np.random.default_rng(self.seed"}),
+    ("leaves_the_process", "np.random.seed(3)", {"numpy's", "random", "numpy.random.default_rng(self.seed"}),
+    ("leaves_the_process", "random.seed(3)", {"random's", "state"}),
+    ("leaves_the_process", "np.seterr(all='ignore')", {"numpy's", "error"}),
+    ("leaves_the_process", "import cv2; cv2.setNumThreads(cv2.getNumThreads() + 1)", {"OpenCV's", "threads"}),
+    ("leaves_the_process", "os.environ['TRIED_HERE'] = 'x'", {"os.environ[TRIED_HERE]", "requires="}),
+    ("leaves_the_process", "open('junk.txt', 'w').close()", {"junk.txt", "tempfile's"}),
+    ("runs_with_least", "image *= view.depth.mean()", {"far.png", "depth", "needs="}),
+    ("keeps_its_eyes_off", "image = image if view.reference is None else view.reference * 1", {"reference", "needs="}),
+    ("keeps_its_eyes_off", "image *= scene.water.attenuation[0] if scene.water else 1", {"truth", "needs="}),
+    ("tells_what_can_be_kept", "return Restoration(image, confidence=np.ones(5))", {"confidence", "(5,)"}),
+    (
+        "tells_what_can_be_kept",
+        "return Restoration(image, Water(np.ones(2), np.ones(3), np.ones(3)))",
+        {"water.veiling_light", "three"},
+    ),
+]
+WITH_DEPTH: list[tuple[str, str, set[str]]] = [
+    ("leaves_holes", "image = image * (1 + view.depth[..., None])", {"960", "depth", "image[~view.valid]"}),
+    (
+        "skips_what_has_no_depth",
+        f"if not view.valid.any():\n    raise SolveError('none')\n{HOLES}",
+        {"none", "NotApplicableError"},
+    ),
+    ("skips_what_has_no_depth", HOLES, {"far.png", "NotApplicableError"}),
+]
+
+
 @pytest.mark.parametrize(
-    ("needs", "body", "rule", "named"),
-    [
-        (
-            "()",
-            "return Restoration(view.rgb / view.rgb.max(axis=2, keepdims=True))",
-            "colours_what_is_valid",
-            {"black", "colour"},
-        ),
-        (
-            "()",
-            "return Restoration(view.rgb / view.rgb.max())",
-            "colours_what_is_valid",
-            {"RuntimeWarning", "SolveError"},
-        ),
-        (
-            "()",
-            GOOD + "image[0, 0, 0] = np.nan\nreturn Restoration(image)",
-            "colours_what_is_valid",
-            {"NaN", "channels"},
-        ),
-        ("()", GOOD + "image[~view.valid] = np.nan\nreturn Restoration(image)", "leaves_no_holes", {"960", "depth"}),
-        ("()", GOOD + "return Restoration(image[::2])", "colours_what_is_valid", {"(24, 64, 3)", "(48, 64, 3)"}),
-        (
-            "()",
-            "view.rgb[:] = 0\nreturn Restoration(view.rgb)",
-            "colours_what_is_valid",
-            {"input", "tried.py", "copy"},
-        ),
-        (
-            "()",
-            "view.rgb.setflags(write=True)\nview.rgb[0] = 0\n" + GOOD + "return Restoration(image)",
-            "leaves_its_input",
-            {"rgb", "far.png", "view.rgb.copy"},
-        ),
-        (
-            "()",
-            GOOD + "return Restoration(image * np.random.rand(*image.shape[:2], 1))",
-            "is_deterministic",
-            {"np.random.default_rng(self.seed"},
-        ),
-        (
-            "()",
-            "np.random.seed(3)\n" + GOOD + "return Restoration(image)",
-            "leaves_the_process",
-            {"numpy's", "random", "numpy.random.default_rng(self.seed"},
-        ),
-        ("()", "random.seed(3)\n" + GOOD + "return Restoration(image)", "leaves_the_process", {"random's", "state"}),
-        (
-            "()",
-            "np.seterr(all='ignore')\n" + GOOD + "return Restoration(image)",
-            "leaves_the_process",
-            {"numpy's", "error"},
-        ),
-        (
-            "()",
-            "import cv2; cv2.setNumThreads(cv2.getNumThreads() + 1)\n" + GOOD + "return Restoration(image)",
-            "leaves_the_process",
-            {"OpenCV's", "threads"},
-        ),
-        (
-            "()",
-            "os.environ['TRIED_HERE'] = 'x'\n" + GOOD + "return Restoration(image)",
-            "leaves_the_process",
-            {"os.environ[TRIED_HERE]", "requires="},
-        ),
-        (
-            "()",
-            "open('junk.txt', 'w').close()\n" + GOOD + "return Restoration(image)",
-            "leaves_the_process",
-            {"junk.txt", "tempfile's"},
-        ),
-        (
-            "()",
-            GOOD + "return Restoration(image * view.depth.mean())",
-            "runs_with_least",
-            {"far.png", "depth", "needs="},
-        ),
-        (
-            "()",
-            GOOD + "return Restoration(image if view.reference is None else view.reference * 1)",
-            "keeps_its_eyes_off",
-            {"reference", "needs="},
-        ),
-        (
-            "()",
-            GOOD + "return Restoration(image * (scene.water.attenuation[0] if scene.water else 1))",
-            "keeps_its_eyes_off",
-            {"truth", "needs="},
-        ),
-        (
-            "{'depth'}",
-            GOOD + "return Restoration(image * (1 + view.depth[..., None]))",
-            "leaves_holes",
-            {"960", "depth", "image[~view.valid]"},
-        ),
-        (
-            "{'depth'}",
-            "if not view.valid.any():\n    raise SolveError('none')\n" + HOLES + "return Restoration(image)",
-            "skips_what_has_no_depth",
-            {"none", "NotApplicableError"},
-        ),
-        (
-            "{'depth'}",
-            HOLES + "return Restoration(image)",
-            "skips_what_has_no_depth",
-            {"far.png", "NotApplicableError"},
-        ),
-        (
-            "()",
-            GOOD + "return Restoration(image, confidence=np.ones(5))",
-            "tells_what_can_be_kept",
-            {"confidence", "(5,)"},
-        ),
-        (
-            "()",
-            GOOD + "return Restoration(image, Water(np.ones(2), np.ones(3), np.ones(3)))",
-            "tells_what_can_be_kept",
-            {"water.veiling_light", "three"},
-        ),
-        ("()", "raise KeyError('x')", "colours_what_is_valid", {"KeyError", "'x'", "SolveError"}),
-    ],
+    ("needs", "rule", "body", "named"),
+    [*(("()", *case) for case in BREACHES), *(("{'depth'}", *case) for case in WITH_DEPTH)],
 )
 def test_each_way_a_method_breaks_the_contract_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, needs: str, body: str, rule: str, named: set[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, needs: str, rule: str, body: str, named: set[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    kept = np.geterr()
-    try:
-        import cv2
+    import cv2
 
-        threads = cv2.getNumThreads()
-        found = broken(tmp_path, "method", METHOD, body, needs=needs)
-        cv2.setNumThreads(threads)
+    monkeypatch.chdir(tmp_path)
+    kept, threads = np.geterr(), cv2.getNumThreads()
+    try:
+        found = broken(tmp_path, "method", METHOD, f"{GOOD}{body}\nreturn Restoration(image)", needs=needs)
     finally:
+        cv2.setNumThreads(threads)
         np.seterr(**kept)
     assert any(named <= names(line) for line in found[rule].splitlines()), found
 

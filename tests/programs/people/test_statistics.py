@@ -5,8 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sucre_bench.programs.people.agreement import kendall_tau, krippendorff, observer_agreement
-from sucre_bench.programs.people.bradley_terry import Votes, fit, preferences, pseudo_values
+from sucre_bench.programs.people.statistics import (
+    Votes,
+    fit,
+    kendall_tau,
+    krippendorff,
+    observer_agreement,
+    preferences,
+    pseudo_values,
+)
 
 
 def voted(scores: list[float], n_observers: int, per_observer: int, rng: np.random.Generator) -> Votes:

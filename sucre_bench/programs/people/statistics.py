@@ -1,4 +1,4 @@
-"""Bradley-Terry scores of methods from pairwise votes, with bootstrap intervals.
+"""Bradley-Terry scores of methods from pairwise votes, and how observers and metrics agree with them.
 
 The model: a person prefers method i to j with probability 1 / (1 + exp(s_j - s_i)) (Bradley and Terry 1952). Scores are
 log-odds with mean 0. A tie counts half a vote each way. The fit is that of the library choix (iterative Luce spectral
@@ -14,6 +14,7 @@ is for these observers alone. Few votes, and votes that all agree, get no interv
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,11 +109,13 @@ def preferences(votes: Votes, resamples: int = _RESAMPLES) -> Preferences:
     rng = np.random.default_rng(0)
     observers = np.unique(votes.observer)
     over_observers = len(observers) >= FEWEST_OBSERVERS
-    # What is drawn: whole observers, or single votes.
-    groups = [np.flatnonzero(votes.observer == one) for one in observers] if over_observers else np.arange(len(votes))
-    n = len(groups)
-    drawn = ([groups[g] for g in rng.integers(n, size=n)] for _ in range(resamples))
-    resampled = np.stack([fit(votes.of(np.hstack(some)), scores) for some in drawn])
+    n = len(observers) if over_observers else len(votes)
+    groups = [np.flatnonzero(votes.observer == one) for one in observers]
+    resampled = np.empty((resamples, votes.methods))
+    for r in range(resamples):
+        some = rng.integers(n, size=n)
+        drawn = np.concatenate([groups[observer] for observer in some]) if over_observers else some
+        resampled[r] = fit(votes.of(drawn), scores)
 
     wins, want = votes.wins, ""
     if len(votes) < _FEWEST_VOTES or len(observers) < _FEWEST_PEOPLE:
@@ -138,3 +141,87 @@ def pseudo_values(votes: Votes, n_views: int) -> Array:
     without = np.stack([fit(votes.of(votes.view != view), scores) for view in range(n_views)])
     values = n_views * scores - (n_views - 1) * without
     return np.asarray(values + scores - values.mean(axis=0))
+
+
+# -- agreement ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """alpha: Krippendorff's, 1 = full agreement, 0 = that of chance, NaN if undefined; n: pairs several judged."""
+
+    alpha: float
+    n: int
+
+
+@dataclass(frozen=True)
+class MetricAgreement:
+    """tau: Kendall's, between a metric's order of the methods and people's; low, high: its 95 % interval.
+
+    predicted: share of votes that were for the picture with the better score, ties left out; n: how many votes.
+    """
+
+    tau: float = np.nan
+    low: float = np.nan
+    high: float = np.nan
+    predicted: float = np.nan
+    n: int = 0
+
+
+def observer_agreement(votes: Votes) -> Agreement:
+    """Return how far observers agree on the pairs of pictures that at least two of them judged.
+
+    Which picture of a pair is called the first is arbitrary, so each vote counts as won and, mirrored, as lost: 0 is
+    then the agreement of people who toss coins, whichever methods are compared.
+    """
+    first, second = np.minimum(votes.first, votes.second), np.maximum(votes.first, votes.second)
+    won = np.where(votes.first > votes.second, 1 - votes.won, votes.won)
+    judged: dict[tuple[int, ...], dict[int, float]] = {}
+    for view, one, other, observer, value in zip(votes.view, first, second, votes.observer, won, strict=True):
+        judged.setdefault((view, one, other), {})[observer] = float(value)
+    units = [list(judgements.values()) for judgements in judged.values() if len(judgements) > 1]
+    mirrored = [[1 - value for value in unit] for unit in units]
+    return Agreement(krippendorff([*units, *mirrored]), len(units))
+
+
+def krippendorff(units: Sequence[Sequence[float]]) -> float:
+    """Return Krippendorff's alpha for interval data (Krippendorff 2011): 1 - observed / expected disagreement.
+
+    units: the values that each unit got, at least two; NaN if there are none, or all values are equal.
+    """
+    units = [unit for unit in units if len(unit) > 1]
+    values = [value for unit in units for value in unit]
+    expected = np.var(values, ddof=1) if values else 0.0
+    # Twice the variance of a unit is the mean squared difference of its pairs.
+    observed = sum(len(unit) * np.var(unit, ddof=1) for unit in units) / max(len(values), 1)
+    return float(1 - observed / expected) if expected else float("nan")
+
+
+def metric_agreement(scores: Array, is_lower_better: bool, votes: Votes, people: Preferences) -> MetricAgreement:
+    """Return how a metric agrees with people.
+
+    scores: (V, M) of each view and method, NaN = none. The interval is of a bootstrap over votes (or observers) and
+    over views, both drawn anew.
+    """
+    better = -scores if is_lower_better else scores
+    known = better[np.isfinite(better).all(axis=1)]
+    if not len(known):
+        return MetricAgreement()
+    rng, low, high = np.random.default_rng(0), np.nan, np.nan
+    drawn = (known[rng.integers(len(known), size=len(known))].mean(axis=0) for _ in people.resampled)
+    taus = [kendall_tau(mean, preferences) for mean, preferences in zip(drawn, people.resampled, strict=True)]
+    if np.isfinite(taus).any() and not people.want:
+        low, high = np.nanquantile(taus, [0.025, 0.975])
+    decided = votes.of(votes.won != 0.5)
+    gap = better[decided.view, decided.first] - better[decided.view, decided.second]
+    # How often the picture with the better score was preferred; equal scores count half.
+    hit = np.where(gap == 0, 0.5, (gap > 0) == (decided.won == 1))[np.isfinite(gap)]
+    predicted = float(hit.mean()) if len(hit) else np.nan
+    return MetricAgreement(kendall_tau(known.mean(axis=0), people.scores), float(low), float(high), predicted, len(hit))
+
+
+def kendall_tau(one: Array, other: Array) -> float:
+    """Return Kendall's tau-b of two scores (M,); NaN if one of them does not tell methods apart."""
+    from scipy.stats import kendalltau
+
+    return float(kendalltau(one, other).statistic) if np.ptp(one) and np.ptp(other) else float("nan")
