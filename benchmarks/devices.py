@@ -17,7 +17,7 @@ from solvers import fastest
 
 import sucre_bench as sb
 from sucre_bench.errors import InputError
-from sucre_bench.machine.cores import usable_cores
+from sucre_bench.machine.compute import usable_cores
 from sucre_bench.methods.sucre.solvers import Solution, solve_adam, solve_exact, start_of
 from sucre_bench.multiview.observe import observe
 from sucre_bench.scene import Scene

@@ -19,8 +19,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.encoding import srgb_encode, to_8bit
 from sucre_bench.imaging.once import coloured_pixels, locked
 from sucre_bench.imaging.resizing import Resizing, resized
-from sucre_bench.machine.compile_loops import compiled
-from sucre_bench.machine.cores import usable_cores
+from sucre_bench.machine.compute import compiled, usable_cores
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 

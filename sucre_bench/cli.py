@@ -8,7 +8,7 @@ from typing import NamedTuple
 import click
 
 from sucre_bench.errors import SucreBenchError, did_you_mean
-from sucre_bench.machine.children import isolated_children
+from sucre_bench.machine.processes import isolated_children
 from sucre_bench.machine.terminal import escaped_output, say
 
 _BROKEN_PIPE = 141  # what a shell says of a process that SIGPIPE ended

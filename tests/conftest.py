@@ -29,7 +29,7 @@ from support.places import TOYS
 from support.registries import registry
 
 from sucre_bench import plugins
-from sucre_bench.machine.cores import usable_cores
+from sucre_bench.machine.compute import usable_cores
 
 gc.disable()  # until all tests are collected: what is imported stays
 

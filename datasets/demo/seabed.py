@@ -8,7 +8,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.datasets.demo.terrain import Grid, Noise, Terrain, Texture, height_at, make_texture, smoothstep
 from sucre_bench.imaging.chart_kinds import KINDS
-from sucre_bench.machine.cores import usable_cores
+from sucre_bench.machine.compute import usable_cores
 
 # The colour charts: boards that stand on the seabed, painted with the reference colours of their kind.
 

@@ -17,8 +17,7 @@ from threading import Thread
 from typing import IO
 
 from sucre_bench.errors import InputError
-from sucre_bench.machine.children import environment_of_programs
-from sucre_bench.machine.sigterm import interrupts_held_back
+from sucre_bench.machine.processes import environment_of_programs, interrupts_held_back
 
 _KEPT_BYTES = 16_384
 _GRACE_S = 3.0
@@ -128,7 +127,7 @@ def _end_group(process: subprocess.Popen[bytes]) -> None:
         with suppress(ProcessLookupError, PermissionError):  # a group that has ended, or is another user's
             os.killpg(process.pid, signal.SIGTERM)
             deadline = time.perf_counter() + _GRACE_S
-            while _is_alive(process.pid) and time.perf_counter() < deadline and not held.numbers:
+            while _is_alive(process.pid) and time.perf_counter() < deadline and not held:
                 time.sleep(0.01)
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()

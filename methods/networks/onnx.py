@@ -13,7 +13,7 @@ import numpy as np
 from sucre_bench import Restoration, Scene, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, did_you_mean, one_line
-from sucre_bench.machine.cores import Device, usable_cores
+from sucre_bench.machine.compute import Device, usable_cores
 from sucre_bench.methods.networks.run_torch import check_file
 from sucre_bench.methods.networks.sizes import resized, restored_at, tiled
 from sucre_bench.plugins.ranges import check_ranges

@@ -15,7 +15,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import FileError, InputError, MissingFileError
-from sucre_bench.machine.cores import Device
+from sucre_bench.machine.compute import Device
 from sucre_bench.machine.files import regular
 
 if TYPE_CHECKING:

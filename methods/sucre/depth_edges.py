@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench.arrays import Array, Mask
-from sucre_bench.machine.compile_loops import compiled
+from sucre_bench.machine.compute import compiled
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 
 # Half a window, of means and of sides, as a share of the image's width; at least so many pixels.

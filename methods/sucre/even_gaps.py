@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import Array, Indices, Mask
-from sucre_bench.machine.compile_loops import compiled
+from sucre_bench.machine.compute import compiled
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.multiview.observations import Observations
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import NotApplicableError, SolveError
-from sucre_bench.machine.cores import Device
+from sucre_bench.machine.compute import Device
 from sucre_bench.methods.sucre.diagnostics import CHANNELS, ROUNDING, WaterUncertainty, uncertainty_of
 from sucre_bench.methods.sucre.kernels import Kernel, opened
 from sucre_bench.methods.sucre.kernels.choose_backend import Backend

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from sucre_bench import InputError
-from sucre_bench.machine.cores import Device
+from sucre_bench.machine.compute import Device
 from sucre_bench.methods.sucre.kernels.choose_backend import Backend
 
 

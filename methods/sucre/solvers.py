@@ -16,7 +16,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import SolveError
-from sucre_bench.machine.cores import Device
+from sucre_bench.machine.compute import Device
 from sucre_bench.machine.progress import track
 from sucre_bench.methods.sucre.diagnostics import WaterUncertainty, for_known_water, rescaled_to_noise, uncertainty_of
 from sucre_bench.methods.sucre.kernels import Kernel, opened

@@ -8,7 +8,7 @@ from typing import Literal
 
 from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.imaging.fill import FillOption
-from sucre_bench.machine.cores import Device
+from sucre_bench.machine.compute import Device
 
 CITES = (
     "Boittiaux, Marxer, Dune, Arnaubec, Ferrera & Hugel 2024, SUCRe: Leveraging Scene Structure for Underwater "

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.machine.cores import Device
+from sucre_bench.machine.compute import Device
 from sucre_bench.methods.sucre.diagnostics import is_determined
 from sucre_bench.methods.sucre.kernels.choose_backend import Backend
 from sucre_bench.methods.sucre.light_and_water import ObservationsByPixel, promised_noise

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from sucre_bench.camera import Camera
-from sucre_bench.machine.cores import Device
+from sucre_bench.machine.compute import Device
 from sucre_bench.methods.sucre.depth_edges import Target, corrected_edges
 from sucre_bench.methods.sucre.even_gaps import even_deviation
 from sucre_bench.methods.sucre.kernels import opened

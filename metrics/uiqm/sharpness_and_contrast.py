@@ -10,7 +10,7 @@ from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.encoding import eight_bit
 from sucre_bench.imaging.once import once
-from sucre_bench.machine.compile_loops import compiled
+from sucre_bench.machine.compute import compiled
 
 Plane = npt.NDArray[np.uint8]
 

@@ -97,14 +97,14 @@ def compare(
     """
     from sucre_bench import compare, plugins
     from sucre_bench.compare.words import left_out
-    from sucre_bench.machine import progress_display
+    from sucre_bench.machine import progress
 
     for file in plugin_files:
         plugins.load_file(file)
     gates = [compare.Gate.read(text) for text in limits]
     if gates and not baseline:
         raise click.UsageError("--fail-below: needs --baseline METHOD, which the others are compared with")
-    with progress_display.live():
+    with progress.live():
         rows = compare.load(folders)
     compare.refuse(rows, metrics, common)
     rows = compare.on_pixels(rows, _common(folders, rows)) if pixels == "common" else rows
@@ -129,12 +129,12 @@ def _common(folders: Sequence[Path], rows: pd.DataFrame) -> pd.DataFrame:
 
     from sucre_bench.engine.common_pixels import score_folders
     from sucre_bench.jobs.job import load_them, unloaded_plugin_files
-    from sucre_bench.machine import progress_display
+    from sucre_bench.machine import progress
 
     for folder in folders:
         if files := unloaded_plugin_files(folder):
             say(f"note: {folder}: its plugin files are not loaded; {load_them(files)}", "yellow")
-    with progress_display.live():
+    with progress.live():
         made = score_folders(folders, rows)
     tables = [table for table in (known, made) if len(table)]
     return pd.concat(tables, ignore_index=True) if tables else known

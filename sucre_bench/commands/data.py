@@ -65,7 +65,7 @@ def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet
     from sucre_bench.engine.select_views import select
     from sucre_bench.errors import InputError
     from sucre_bench.loading.view_files import source_files
-    from sucre_bench.machine import progress_display
+    from sucre_bench.machine import progress
     from sucre_bench.machine.files import write_atomically
     from sucre_bench.programs.describe import description
 
@@ -73,7 +73,7 @@ def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet
         check_output(sheet, "contact sheet")
     refuse_options(words, "describe")
     overrides = [word if "=" in word else f"dataset={word}" for word in words]
-    with progress_display.live():
+    with progress.live():
         selections = select(overrides)
         sheets = [] if no_sheet else _sheets(sheet, [selection.scene.name for selection in selections])
         inputs = [file for selection in selections for view in selection.views for file in source_files(view)]
@@ -233,14 +233,14 @@ def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, po
     """
     import webbrowser
 
-    from sucre_bench.machine import progress_display
+    from sucre_bench.machine import progress
     from sucre_bench.programs.charts import open_session
 
-    with progress_display.live():
+    with progress.live():
         session = open_session.open_session(words, kind, "colmap")  # for images without dataset=
         session.prepare()
     if accept:
-        with progress_display.live():
+        with progress.live():
             accepted, doubtful = session.accept()
         for proposal, fault in doubtful:
             click.echo(f"left  {proposal.view}, {proposal.chart.name}: {fault}")

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sucre_bench.commands.shared_options import check_output, labels_of, plugin_option, scene_options
-from sucre_bench.machine.records import json_text
-from sucre_bench.machine.text_formats import counted
+from sucre_bench.machine.text_formats import counted, json_text
 
 if TYPE_CHECKING:
     from sucre_bench.programs.video import Flicker
@@ -81,7 +80,7 @@ def texture(
     """
     from sucre_bench.engine.reopen_results import INPUT, revisit
     from sucre_bench.loading.view_files import source_files
-    from sucre_bench.machine import progress_display
+    from sucre_bench.machine import progress
     from sucre_bench.programs.texture import choose_cells, fuse, mean_up, write_model
 
     check_output(out, "surface")
@@ -89,7 +88,7 @@ def texture(
         check_output(picture, "picture")
     started = time.perf_counter()
     triangles = mesh or out.suffix.lower() == ".glb"
-    with progress_display.live():
+    with progress.live():
         found = revisit(results, [method], dataset, scene)
         if picture is not None:
             check_output(picture, "picture", (file for frame in found.frames for file in source_files(frame.view)))
@@ -147,7 +146,7 @@ def video(
     """
     from sucre_bench.engine.reopen_results import revisit
     from sucre_bench.errors import InputError
-    from sucre_bench.machine import progress_display, terminal
+    from sucre_bench.machine import progress, terminal
     from sucre_bench.machine.files import write_atomically
     from sucre_bench.programs.video import FORMULAE, composed, flicker, panel_size, write_video
 
@@ -157,7 +156,7 @@ def video(
     labels = labels_of(methods)
     if not labels:
         raise InputError("--methods: no label; give labels with commas between them")
-    with progress_display.live():
+    with progress.live():
         found = revisit(results, labels, dataset, scene)
         size = panel_size(found.frames[0], height)
         count = write_video(out, composed(found.frames, labels, size, fps, split), fps)
@@ -203,8 +202,8 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
     The command logs only rows that mlflow does not have yet.
     """
     from sucre_bench import compare, results
-    from sucre_bench.machine import progress_display
-    from sucre_bench.machine.records import masked
+    from sucre_bench.machine import progress
+    from sucre_bench.machine.text_formats import masked
     from sucre_bench.reports import mlflow
     from sucre_bench.results.common_scores import read_common
 
@@ -214,7 +213,7 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
         mlflow.check_port(port)
     rows = results.read(folder)
     comparisons = compare.compare(compare.on_pixels(rows, read_common(folder)))
-    with progress_display.live():
+    with progress.live():
         new = mlflow.log(folder, rows, comparisons, uri, experiment)
     page = mlflow.runs_page(uri, experiment, port) if ui else ""
     click.echo(f"mlflow   {masked(uri)}, experiment {experiment}: {counted(new, 'new run')}")

@@ -110,8 +110,8 @@ def prepare(
     give another. If you stop prepare, the same command continues.
     """
     from sucre_bench.jobs.words import quoted
-    from sucre_bench.machine import progress_display
-    from sucre_bench.machine.sigterm import terminated_as_interrupt
+    from sucre_bench.machine import progress
+    from sucre_bench.machine.processes import terminated_as_interrupt
     from sucre_bench.programs.prepare import pipeline
     from sucre_bench.programs.prepare.registered_photos import load_pycolmap
     from sucre_bench.programs.prepare.scale import Known, Length
@@ -123,7 +123,7 @@ def prepare(
         depth_track,
     )
     load_pycolmap()  # before the next line, for it makes a kill dump its stack
-    with progress_display.live(), terminated_as_interrupt():
+    with progress.live(), terminated_as_interrupt():
         try:
             done = pipeline.prepare(photos, out, Options(**options), known, again)
         except KeyboardInterrupt:

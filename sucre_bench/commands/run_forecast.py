@@ -9,7 +9,7 @@ from rich.table import Table
 from sucre_bench.engine.forecast import Expected, Forecast
 from sucre_bench.machine import terminal
 from sucre_bench.machine.measured_rates import rates_path
-from sucre_bench.machine.time_left import duration
+from sucre_bench.machine.progress import duration
 
 
 def show(found: Forecast) -> None:

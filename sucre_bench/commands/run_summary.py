@@ -17,8 +17,8 @@ from sucre_bench import compare, results
 from sucre_bench.compare.terminal_table import as_blocks
 from sucre_bench.engine.run import Outcome
 from sucre_bench.errors import SucreBenchError
-from sucre_bench.machine import progress, progress_display, terminal
-from sucre_bench.machine.records import masked
+from sucre_bench.machine import progress, terminal
+from sucre_bench.machine.text_formats import masked
 from sucre_bench.reports import mlflow, paper
 from sucre_bench.reports import page as report
 from sucre_bench.reports.paper import Written
@@ -147,7 +147,7 @@ def track(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
     uri, experiment = outcome.tracking.uri, outcome.tracking.experiment
     if uri == "off" or mlflow.is_logged(outcome.out, uri, experiment):
         return
-    with progress_display.live():
+    with progress.live():
         progress.say(f"mlflow   logging in {masked(uri)}; all results are written already")
         try:
             mlflow.log(outcome.out, outcome.stored, comparisons, uri, experiment)

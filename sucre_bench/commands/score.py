@@ -72,7 +72,7 @@ def score(
 
     The command scores every pixel, black ones too. `sucre-bench run` leaves out pixels that have no colour.
     """
-    from sucre_bench.machine import progress_display
+    from sucre_bench.machine import progress
     from sucre_bench.machine.files import write_atomically
     from sucre_bench.programs import match_published, score_folder
     from sucre_bench.results.reasons import Reason, brief
@@ -89,7 +89,7 @@ def score(
         for warning in published.warnings:
             say(warning, "yellow")
     # What a metric prints is not part of the table.
-    with contextlib.redirect_stdout(sys.stderr), progress_display.live():
+    with contextlib.redirect_stdout(sys.stderr), progress.live():
         rows = score_folder.score_folder(images, reference, names)
     if file:
         write_atomically(file, csv_text(rows).encode())

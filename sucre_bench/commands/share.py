@@ -54,11 +54,11 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool) -> None
     The command prints an id that stands for every hash in the file. Print the id in your paper. The same results always
     give the same bytes and the same id.
     """
-    from sucre_bench.machine import progress_display
+    from sucre_bench.machine import progress
     from sucre_bench.programs.bundle import bundle_results
 
     check_output(file, "bundle")
-    with progress_display.live():
+    with progress.live():
         made = bundle_results(folder, file, pictures, by, _line_up(folder, code))
     size = file.stat().st_size
     click.echo(f"bundle   {file}, {f'{size / 1e6:.1f} MB' if size >= 1e6 else f'{size / 1e3:.0f} kB'}")
@@ -138,11 +138,11 @@ def verify(file: Path, data: Sequence[str], wanted: str, tolerance: float, as_js
 
     Exit codes: 0, nothing differs; 1, something differs; 2, the file is no bundle.
     """
-    from sucre_bench.machine import progress_display
+    from sucre_bench.machine import progress
     from sucre_bench.programs.verify import verify_bundle
     from sucre_bench.results.bundle_format import open_bundle
 
-    with contextlib.redirect_stdout(sys.stderr), progress_display.live(), open_bundle(file) as bundle:
+    with contextlib.redirect_stdout(sys.stderr), progress.live(), open_bundle(file) as bundle:
         datasets = set(bundle.rows["dataset"])
         found = verify_bundle.verify(bundle, _data_folders(datasets, data), tolerance)
     is_other = bool(wanted) and wanted.strip().lower() != found.id
@@ -240,7 +240,7 @@ def site(bundles: Path, out: Path, heading: str, data: Sequence[str]) -> None:
 
     Exit codes: 0, all bundles are in tables; 1, a bundle differs; 2, the folder has no bundle.
     """
-    from sucre_bench.machine import progress_display
+    from sucre_bench.machine import progress
     from sucre_bench.programs.site.board import State, board
     from sucre_bench.programs.site.page import write_page
 
@@ -253,7 +253,7 @@ def site(bundles: Path, out: Path, heading: str, data: Sequence[str]) -> None:
     if not paths:
         raise InputError(f"{bundles}: holds no bundle; give a folder of files that `sucre-bench bundle` wrote")
     check_output(out / "index.html", "page")
-    with progress_display.live():
+    with progress.live():
         entries = [_entry(path, data) for path in paths]
         made = board(entries)
     known = sorted({str(name) for entry in entries if entry.rows is not None for name in entry.rows["dataset"]})

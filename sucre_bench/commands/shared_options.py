@@ -11,7 +11,7 @@ import click
 
 from sucre_bench.errors import InputError, NotAFileError
 from sucre_bench.machine.files import is_file, regular
-from sucre_bench.machine.records import json_text
+from sucre_bench.machine.text_formats import json_text
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 

@@ -87,13 +87,13 @@ def study(
     elif out is None:
         raise click.UsageError("give --methods A,B --out FILE.html to write a page, or --votes FILE... to evaluate")
     else:
-        from sucre_bench.machine import progress_display
+        from sucre_bench.machine import progress
         from sucre_bench.programs.people import design
 
         check_output(out, "page")
         key = design.design(folder, labels_of(methods), dataset, views)
         masks = design.common_masks(folder, key) if pixels == "common" else {}
-        with progress_display.live():
+        with progress.live():
             design.write_page(out, folder, key, question or design.QUESTION, pairs, width, masks)
         path, n_views = design.write_key(folder, key), len(key.pictures) // len(key.methods)
         click.echo(f"page     {out}, {out.stat().st_size / 1e6:.1f} MB: {len(key.methods)} methods on {n_views} views")

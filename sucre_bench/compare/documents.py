@@ -12,7 +12,7 @@ from sucre_bench.compare.answer import deciding
 from sucre_bench.compare.model import says_filled
 from sucre_bench.compare.terminal_table import blocks
 from sucre_bench.compare.words import left_out, legend, shown, title
-from sucre_bench.machine.records import json_text
+from sucre_bench.machine.text_formats import json_text
 from sucre_bench.results.rows import csv_text
 
 _PAGE = 108  # characters that fit beside each other on a page of two columns, about 500 points

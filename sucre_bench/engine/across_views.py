@@ -24,7 +24,7 @@ from sucre_bench.engine.select_views import Task, open_scenes, tasks
 from sucre_bench.errors import MissingFileError
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
-from sucre_bench.machine.records import now
+from sucre_bench.machine.text_formats import now
 from sucre_bench.restored_pair import RestoredView
 from sucre_bench.results.layout import log_path
 from sucre_bench.results.restorations import PictureOnly

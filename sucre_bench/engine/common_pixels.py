@@ -26,7 +26,7 @@ from sucre_bench.imaging.once import locked
 from sucre_bench.jobs.catalogue import MetricChoice, metric_choices
 from sucre_bench.jobs.job import Job, config_path, read_config
 from sucre_bench.machine import progress
-from sucre_bench.machine.records import keep_traceback, now
+from sucre_bench.machine.text_formats import keep_traceback, now
 from sucre_bench.results.bundle_format import is_bundle
 from sucre_bench.results.common_scores import (
     COMMON_PIXELS,

@@ -24,7 +24,7 @@ from sucre_bench.imaging.display import display
 from sucre_bench.imaging.drawing import captioned
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.jobs.catalogue import method_choice, metric_choices, presets
-from sucre_bench.machine import progress, progress_display
+from sucre_bench.machine import progress
 from sucre_bench.plugins.options import Choice
 from sucre_bench.results.rows import wide
 from sucre_bench.scene import Scene, View
@@ -155,7 +155,7 @@ def compare_methods(
     metric_choices(metrics)  # raises for a mistyped name, before any view is restored
     tables, held = [results.frame([])], dict[tuple[str, str], Source]()
     is_shown = sys.stderr.isatty() if show_progress is None else show_progress
-    with progress_display.live() if is_shown and not progress.is_watched() else contextlib.nullcontext():
+    with progress.live() if is_shown and not progress.is_watched() else contextlib.nullcontext():
         for label, method in progress.track(list(made.items()), f"methods on {scene.name}"):
             for view in progress.track(chosen, label):
                 rows, restored = _one(scene, view, label, method, metrics)

@@ -24,7 +24,7 @@ from sucre_bench.imaging.image_files import encode_png
 from sucre_bench.jobs import compose_jobs as config
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job
-from sucre_bench.machine import progress_display
+from sucre_bench.machine import progress
 from sucre_bench.machine.measured_rates import MeasuredRates, Rates, rates_path
 from sucre_bench.multiview.pairing import lift, visible_pixels
 from sucre_bench.results.rows import fingerprint
@@ -78,7 +78,7 @@ def forecast(overrides: Sequence[str], multirun: bool) -> Forecast:
 
     Raises what the command raises before any work.
     """
-    with progress_display.live():
+    with progress.live():
         command = config.jobs(list(overrides), multirun)
         planned = check(command)
     started = time.perf_counter()

@@ -27,10 +27,10 @@ from sucre_bench.imaging.display import displayed, is_of_scene
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
 from sucre_bench.machine.cache import ArrayStore, storing
+from sucre_bench.machine.compute import PeakMemory
 from sucre_bench.machine.files import remove
-from sucre_bench.machine.forked import step
-from sucre_bench.machine.peak_memory import PeakMemory
-from sucre_bench.machine.records import now
+from sucre_bench.machine.processes import step
+from sucre_bench.machine.text_formats import now
 from sucre_bench.multiview.stored_pairs import sharing
 from sucre_bench.plugins.call_method import restored, shown_with, with_truth
 from sucre_bench.results.layout import decoded_path, file_name, log_path, pairs_path

@@ -24,10 +24,10 @@ from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import config_path, config_text
 from sucre_bench.jobs.lineup_of_results import record_line_up
 from sucre_bench.jobs.run_options import Study, Tracking
-from sucre_bench.machine import progress, progress_display, provenance
+from sucre_bench.machine import progress, provenance
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.records import keep_traceback, masked
-from sucre_bench.machine.sigterm import terminated_as_interrupt
+from sucre_bench.machine.processes import terminated_as_interrupt
+from sucre_bench.machine.text_formats import keep_traceback, masked
 from sucre_bench.results.common_scores import read_common
 from sucre_bench.results.layout import decoded_path, log_path, pairs_path
 from sucre_bench.results.rows import restoration_rows, values_of
@@ -93,7 +93,7 @@ def run(overrides: Sequence[str], multirun: bool) -> Outcome:
     Raises ProblemsError before any work when something selected does not exist, cannot be opened or is not installed;
     OutputError when results cannot be written.
     """
-    with progress_display.live(), opening_once():
+    with progress.live(), opening_once():
         command = compose_jobs.jobs(overrides, multirun)
         planned, first = check(command), command.jobs[0]
         _write_provenance(command, planned)

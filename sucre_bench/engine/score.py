@@ -24,8 +24,8 @@ from sucre_bench.imaging.resizing import Resizing, resized_picture, resized_rest
 from sucre_bench.jobs.catalogue import MetricChoice
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
-from sucre_bench.machine.forked import step
-from sucre_bench.machine.records import keep_traceback
+from sucre_bench.machine.processes import step
+from sucre_bench.machine.text_formats import keep_traceback
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.plugin import Metric, Plugin
 from sucre_bench.results.layout import log_path

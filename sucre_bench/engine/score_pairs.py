@@ -14,7 +14,7 @@ from cachetools import LRUCache, cached
 from sucre_bench import plugins
 from sucre_bench.engine.score import Scorer, kept_reason, row_without_value, score_code
 from sucre_bench.errors import NotApplicableError, one_line
-from sucre_bench.machine.forked import step
+from sucre_bench.machine.processes import step
 from sucre_bench.multiview.common_points import SharedPoints
 from sucre_bench.restored_pair import RestoredPair, RestoredView
 from sucre_bench.results.reasons import Reason

@@ -15,7 +15,7 @@ from multiprocessing.connection import wait
 
 from sucre_bench.errors import DiedError, DiskFullError, PluginError, SucreBenchError
 from sucre_bench.machine import progress
-from sucre_bench.machine.forked import Forked, can_fork
+from sucre_bench.machine.processes import Forked, can_fork
 from sucre_bench.results.rows import Row
 
 _TICK_S = 0.1
@@ -73,7 +73,7 @@ def run_works(works: Iterable[Work], n_workers: int) -> None:
             at_work = [one for one in at_work if one.go_on(in_this_process)]
             if workers := [one.worker.messages for one in at_work if one.worker]:
                 wait(workers, _TICK_S)
-            progress.tick()
+            progress.show("tick")
     finally:
         for one in at_work:
             if one.worker:

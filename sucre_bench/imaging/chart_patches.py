@@ -23,7 +23,7 @@ from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_kinds import ChartKind, Patch, chart_kind
 from sucre_bench.imaging.once import locked, once
-from sucre_bench.machine.compile_loops import compiled
+from sucre_bench.machine.compute import compiled
 from sucre_bench.scene import Chart
 
 

@@ -33,7 +33,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.once import locked
 from sucre_bench.imaging.percentiles import channel_percentiles
-from sucre_bench.machine.compile_loops import compiled
+from sucre_bench.machine.compute import compiled
 from sucre_bench.scene import Encoding, Restoration, Water
 
 _Kind = Literal["none", "gray-world", "white", "stretch", "black-white", "veil"]

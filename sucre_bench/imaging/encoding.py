@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.imaging.once import locked, once
-from sucre_bench.machine.compile_loops import compiled
+from sucre_bench.machine.compute import compiled
 from sucre_bench.scene import Encoding
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.imaging.once import locked
-from sucre_bench.machine.compile_loops import compiled
+from sucre_bench.machine.compute import compiled
 
 _BINS = 1 << 16  # floats that share their upper 16 bits differ by less than 1 %
 

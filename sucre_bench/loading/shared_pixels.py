@@ -9,8 +9,8 @@ import numpy.typing as npt
 from sucre_bench.arrays import Array
 from sucre_bench.loading.view_files import Files
 from sucre_bench.machine import cache
-from sucre_bench.machine.code_digests import engine_hash
-from sucre_bench.machine.compile_loops import compiled
+from sucre_bench.machine.compute import compiled
+from sucre_bench.machine.provenance import engine_hash
 from sucre_bench.scene import Plane, Scene
 
 _FULL = np.float32(255)

@@ -21,17 +21,11 @@ from sucre_bench.errors import (
     NotAFolderError,
     OutputError,
 )
-from sucre_bench.machine.sigterm import interrupts_held_back
+from sucre_bench.machine.processes import interrupts_held_back
 
 _UNFINISHED = ".writing-"
 _DAY_S = 86_400
-_KINDS = {
-    stat.S_IFDIR: "a folder",
-    stat.S_IFIFO: "a named pipe",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-}
+_KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket"}
 
 
 def expanded(path: str | Path) -> Path:
@@ -39,9 +33,31 @@ def expanded(path: str | Path) -> Path:
     return Path(os.path.expanduser(path))  # noqa: PTH111 - pathlib's raises RuntimeError there
 
 
-def is_file(path: Path) -> bool:
-    """Whether a path leads to a regular file; False also for a name that no file system has."""
-    return not fault_of(path)
+def user_cache() -> Path:
+    """Return the folder of this user's cache: what it holds can be made again."""
+    from platformdirs import user_cache_path
+
+    return user_cache_path("sucre_bench", appauthor=False)
+
+
+def regular(path: Path) -> Path:
+    """Return a path that leads to a regular file, for reading: a pipe or a device would perhaps never end.
+
+    Raises FileNotFoundError if nothing is there, NotAFileError for anything but a file, and ForbiddenFileError if the
+    system does not say what it is. Nothing is opened.
+    """
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        raise
+    except PermissionError as fault:
+        raise ForbiddenFileError(f"cannot be read, {fault.strerror}", path, "let this user read it") from fault
+    except (OSError, ValueError) as fault:  # a name that no file system has, a link to itself
+        said = f"cannot be read, {getattr(fault, 'strerror', fault)}"
+        raise NotAFileError(said, path, "give another file") from fault
+    if not stat.S_ISREG(mode):
+        raise NotAFileError(f"is {_KINDS.get(stat.S_IFMT(mode), 'a device')}", path, "give a file")
+    return path
 
 
 def fault_of(path: Path) -> str:
@@ -55,40 +71,17 @@ def fault_of(path: Path) -> str:
     return ""
 
 
-def regular(path: Path) -> Path:
-    """Return a path that leads to a regular file, for reading: a pipe or a device would perhaps never end.
-
-    Raises FileNotFoundError if nothing is there, NotAFileError for anything but a file, and ForbiddenFileError if the
-    system does not say what it is. Nothing is opened.
-    """
-    try:
-        state = path.stat()
-    except FileNotFoundError:
-        raise
-    except (OSError, ValueError) as fault:  # a name that no file system has, a link to itself
-        said = f"cannot be read, {getattr(fault, 'strerror', fault)}"
-        if isinstance(fault, PermissionError):
-            raise ForbiddenFileError(said, path, "let this user read it") from fault
-        raise NotAFileError(said, path, "give another file") from fault
-    if not stat.S_ISREG(state.st_mode):
-        raise NotAFileError(f"is {_KINDS.get(stat.S_IFMT(state.st_mode), 'no file')}", path, "give a file")
-    if state.st_dev in _kernel_devices():
-        raise NotAFileError("is a file of the kernel", path, "give a file on a disk")
-    return path
+def is_file(path: Path) -> bool:
+    """Whether a path leads to a regular file; False also for a name that no file system has."""
+    return not fault_of(path)
 
 
 def check_folder(path: Path, remedy: str) -> None:
     """Raise MissingFileError if nothing is there, NotAFolderError if it is no folder."""
+    if not path.exists():
+        raise MissingFileError("no such folder", path, remedy)
     if not path.is_dir():
-        is_file = path.exists()
-        kind, fault = (NotAFolderError, "is a file, not a folder") if is_file else (MissingFileError, "no such folder")
-        raise kind(fault, path, remedy)
-
-
-@functools.cache
-def _kernel_devices() -> frozenset[int]:
-    """The devices of /proc and /sys: their files look regular, and reading some never ends."""
-    return frozenset(folder.stat().st_dev for folder in (Path("/proc"), Path("/sys")) if folder.is_mount())
+        raise NotAFolderError("is a file, not a folder", path, remedy)
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -106,33 +99,36 @@ def open_atomically(path: Path) -> Iterator[IO[bytes]]:
 
     Raises OutputError if the disk is full, the place cannot be written to, or something is there that is no file.
     """
+    unfinished = ""
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
             raise OutputError("is a device or a pipe, no file", path, "choose another place")
         path.parent.mkdir(parents=True, exist_ok=True)
         _remove_leftovers(path.parent.absolute())
-        unfinished = ""
-        try:
-            with interrupts_held_back():
-                unfinished, file = _new_file(path.parent)
-            with file:
-                yield file
-                file.flush()
-                os.fsync(file.fileno())
-                os.fchmod(file.fileno(), 0o644)
-                Path(unfinished).replace(path)
-        except BaseException:
-            with interrupts_held_back():
-                if unfinished:
-                    Path(unfinished).unlink(missing_ok=True)
-            raise
-    except OSError as fault:
-        raise not_writable(path, fault) from fault
+        with interrupts_held_back():
+            descriptor, unfinished = tempfile.mkstemp(dir=path.parent, prefix=_UNFINISHED)
+        with os.fdopen(descriptor, "wb") as file:
+            yield file
+            file.flush()
+            os.fsync(descriptor)
+            os.fchmod(descriptor, 0o644)
+            Path(unfinished).replace(path)
+    except BaseException as fault:
+        with interrupts_held_back():
+            if unfinished:
+                Path(unfinished).unlink(missing_ok=True)
+        if isinstance(fault, OSError):
+            raise not_writable(path, fault) from fault
+        raise
 
 
-def _new_file(folder: Path) -> tuple[str, IO[bytes]]:
-    descriptor, name = tempfile.mkstemp(dir=folder, prefix=_UNFINISHED)
-    return name, os.fdopen(descriptor, "wb")
+@functools.cache
+def _remove_leftovers(folder: Path) -> None:
+    """Remove the unfinished files of processes that were killed a day ago or earlier, once in a process."""
+    for path in folder.glob(f"{_UNFINISHED}*"):
+        with contextlib.suppress(OSError):
+            if time.time() - path.stat().st_mtime > _DAY_S:
+                path.unlink()
 
 
 @contextlib.contextmanager
@@ -155,22 +151,6 @@ def remove(path: Path) -> None:
         path.unlink(missing_ok=True)
     except OSError as fault:
         raise not_writable(path, fault) from fault
-
-
-@functools.cache
-def _remove_leftovers(folder: Path) -> None:
-    """Remove the unfinished files of processes that were killed a day ago or earlier, once in a process."""
-    for path in folder.glob(f"{_UNFINISHED}*"):
-        with contextlib.suppress(OSError):
-            if time.time() - path.stat().st_mtime > _DAY_S:
-                path.unlink()
-
-
-def user_cache() -> Path:
-    """Return the folder of this user's cache: what it holds can be made again."""
-    from platformdirs import user_cache_path
-
-    return user_cache_path("sucre_bench", appauthor=False)
 
 
 def is_want_of_room(fault: OSError) -> bool:

@@ -1,33 +1,30 @@
-"""Progress that a plugin reports and the command line shows.
+"""Progress that work reports, and its display on stderr: bars with the time left in a terminal, plain lines elsewhere.
 
-``for x in track(items, "pairing")`` costs nothing without a watcher. The command line installs one; a script or a test
-has none.
+``for x in track(items, "pairing")`` costs nothing without a watcher. The command line installs one with `live`; a
+script or a test has none.
 """
 
+import itertools
+import os
+import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol, TypeVar
+from typing import Any, TypeVar
+
+from sucre_bench.machine import terminal
 
 T = TypeVar("T")
 
-
-class Watcher(Protocol):
-    """Shows progress: `started` begins a line, `advanced` moves it on, `finished` ends it, `said` prints text.
-
-    `tick` draws anew what changes with time.
-    """
-
-    def started(self, what: str, total: int | None) -> int: ...
-    def advanced(self, line: int) -> None: ...
-    def finished(self, line: int) -> None: ...
-    def said(self, text: str, is_fault: bool) -> None: ...
-    def tick(self) -> None: ...
-
+# Called with an event and its values: "started" number what total, "advanced" number, "finished" number,
+# "said" text is_fault, or "tick". The number names a line of progress, also among those of other processes.
+Watcher = Callable[..., None]
 
 _watcher: ContextVar[Watcher | None] = ContextVar("watcher", default=None)
+_numbers = itertools.count()
 
 
 @contextmanager
@@ -40,38 +37,22 @@ def watched_by(watcher: Watcher) -> Iterator[None]:
         _watcher.reset(token)
 
 
-@dataclass(frozen=True)
-class _Through:
-    """A watcher that shows what `change` makes of each text, and nothing for None."""
-
-    inner: Watcher
-    change: Callable[[str], str | None]
-
-    def started(self, what: str, total: int | None) -> int:
-        return self.inner.started(what, total)
-
-    def advanced(self, line: int) -> None:
-        self.inner.advanced(line)
-
-    def finished(self, line: int) -> None:
-        self.inner.finished(line)
-
-    def said(self, text: str, is_fault: bool) -> None:
-        if (changed := self.change(text)) is not None:
-            self.inner.said(changed, is_fault)
-
-    def tick(self) -> None:
-        self.inner.tick()
-
-
 @contextmanager
 def said_through(change: Callable[[str], str | None]) -> Iterator[None]:
     """Inside, `say` prints what `change` makes of each text; nothing where it returns None."""
-    watcher = _watcher.get()
-    if watcher is None:
+    outer = _watcher.get()
+    if outer is None:
         yield
         return
-    with watched_by(_Through(watcher, change)):
+
+    def changed(event: str, *values: Any) -> None:
+        text = change(values[0]) if event == "said" else None
+        if text is not None:
+            outer(event, text, *values[1:])
+        elif event != "said":
+            outer(event, *values)
+
+    with watched_by(changed):
         yield
 
 
@@ -80,32 +61,30 @@ def is_watched() -> bool:
     return _watcher.get() is not None
 
 
+def show(event: str, *values: Any) -> None:
+    """Pass an event to the watcher, if there is one."""
+    if watcher := _watcher.get():
+        watcher(event, *values)
+
+
 def say(text: str, is_fault: bool = False) -> None:
     """Print a line at once, if progress is shown. is_fault: it says that something failed; it is red."""
-    watcher = _watcher.get()
-    if watcher is not None:
-        watcher.said(text, is_fault)
-
-
-def tick() -> None:
-    """Draw progress anew: whoever waits for another process calls this about ten times a second."""
-    watcher = _watcher.get()
-    if watcher is not None:
-        watcher.tick()
+    show("said", text, is_fault)
 
 
 @contextmanager
 def line(what: str, total: int | None) -> Iterator[Callable[[], None]]:
-    """Show a line of work during this block. Call the function it yields once for each step done."""
+    """Show a line of work during this block. Call the function it yields once for each step done, from any thread."""
     watcher = _watcher.get()
     if watcher is None:
         yield lambda: None
         return
-    number = watcher.started(what, total)
+    number = f"{os.getpid()}-{next(_numbers)}"
+    watcher("started", number, what, total)
     try:
-        yield partial(watcher.advanced, number)
+        yield partial(watcher, "advanced", number)
     finally:
-        watcher.finished(number)
+        watcher("finished", number)
 
 
 def track(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
@@ -121,3 +100,116 @@ def track(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T
         for item in items:
             yield item
             step()
+
+
+# -- display ---------------------------------------------------------------------------------------------
+
+# A step that is done sooner was stored before: it says nothing of those to come.
+_WORK_S = 1e-3
+_PLAIN_S = 10.0  # between the lines of one work in a log
+_WORTH_A_LINE_S = 1.0
+_DRAWN_S = 0.1
+
+
+@dataclass
+class Pace:
+    """Steps that are done of a total, and the time left.
+
+    started: when the work began, in seconds of the clock that `advance` gets. The first step takes imports and
+    compilers besides, so the second is the first to count.
+    """
+
+    total: int | None
+    started: float
+    done: int = 0
+    _counted: int = -1
+    _first: float = 0.0
+    _last: float | None = None
+
+    def advance(self, now: float) -> None:
+        """Count a step that is done."""
+        self.done += 1
+        took = now - (self.started if self._last is None else self._last)
+        self._last = now
+        if took >= _WORK_S:
+            self._counted += 1
+            self._first = self._first if self._counted else now
+
+    @property
+    def left_s(self) -> float | None:
+        """Seconds that the remaining steps will take at the pace so far; None while it is unknown."""
+        if not self.total or self._counted < 1 or self._last is None:
+            return None
+        return (self._last - self._first) / self._counted * (self.total - self.done)
+
+
+def duration(seconds: float) -> str:
+    """Return seconds as text with its unit, two digits or so.
+
+    >>> [duration(s) for s in (0.4, 59, 600, 5000, 200000)]
+    ['1 s', '59 s', '10 min', '1 h 23 min', '55 h 33 min']
+    """
+    if seconds < 90:
+        return f"{max(1, round(seconds))} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
+
+
+@dataclass
+class _Line:
+    what: str
+    task: Any
+    pace: Pace
+    told: float  # when it was last printed as a plain line
+
+
+class _Display:
+    """A watcher that draws rich's bars, those of inner work below those of outer work. Disabled bars become lines."""
+
+    def __init__(self, bars: Any) -> None:
+        self._bars, self._drawn = bars, 0.0
+        self._lines: dict[str, _Line] = {}
+
+    def __call__(self, event: str, *values: Any) -> None:
+        now, is_plain = time.monotonic(), self._bars.disable
+        if event == "said":
+            terminal.say(values[0], "red" if values[1] else "")
+        elif event == "started":
+            number, what, total = values
+            task = self._bars.add_task("  " * len(self._lines) + what, total=total, left="")
+            self._lines[number] = _Line(what, task, Pace(total, now), now)
+        elif event == "advanced":
+            line = self._lines[values[0]]
+            line.pace.advance(now)
+            left = "" if line.pace.left_s is None else f"about {duration(line.pace.left_s)} left"
+            self._bars.update(line.task, advance=1, left=left)
+            if is_plain and line.pace.total and now - line.told > _PLAIN_S:
+                line.told = now
+                terminal.err.print(f"{line.what}: {line.pace.done}/{line.pace.total}{left and f', {left}'}")
+        elif event == "finished":
+            line = self._lines.pop(values[0])
+            self._bars.remove_task(line.task)
+            if is_plain and not self._lines and (took := now - line.pace.started) > _WORTH_A_LINE_S:
+                terminal.err.print(f"{line.what}: {line.pace.done} done in {took:.1f} s")
+        if now - self._drawn >= _DRAWN_S:  # no thread draws: this process forks others
+            self._bars.refresh()
+            self._drawn = now
+
+
+@contextmanager
+def live(plain: bool = False) -> Iterator[None]:
+    """Show the progress of this block: bars in a terminal, lines elsewhere. plain: lines everywhere."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=30),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[left]}"),
+    )
+    is_plain = plain or not sys.stderr.isatty() or terminal.err.is_dumb_terminal
+    bars = Progress(*columns, console=terminal.err, auto_refresh=False, disable=is_plain)
+    with bars, watched_by(_Display(bars)):
+        yield

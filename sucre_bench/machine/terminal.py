@@ -16,7 +16,7 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-from sucre_bench.machine.records import masked
+from sucre_bench.machine.text_formats import masked
 
 # C0 and C1 but tab and newline; what reverses the direction of text; halves of characters, which no output encodes.
 _UNSAFE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")

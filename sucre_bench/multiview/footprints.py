@@ -31,8 +31,7 @@ from sucre_bench.arrays import Array, Indices, Mask, evenly
 from sucre_bench.camera import relative_pose
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.encoding import srgb_decode
-from sucre_bench.machine.compile_loops import compiled
-from sucre_bench.machine.cores import usable_cores
+from sucre_bench.machine.compute import compiled, usable_cores
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 from sucre_bench.multiview.observe import Kept, rays_at
 from sucre_bench.multiview.pairing import Matches, Rule, Surface, lift, match, own_matches

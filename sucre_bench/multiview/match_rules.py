@@ -22,7 +22,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Indices, Mask
 from sucre_bench.camera import Camera
-from sucre_bench.machine.compile_loops import compiled
+from sucre_bench.machine.compute import compiled
 
 _CHUNK = 2048
 

@@ -23,8 +23,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Indices
 from sucre_bench.imaging.once import locked
-from sucre_bench.machine.compile_loops import compiled
-from sucre_bench.machine.cores import usable_cores
+from sucre_bench.machine.compute import compiled, usable_cores
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,8 +26,7 @@ from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, NotApplicableError, SolveError, did_you_mean
 from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.imaging.once import locked
-from sucre_bench.machine.compile_loops import compiled
-from sucre_bench.machine.cores import usable_cores
+from sucre_bench.machine.compute import compiled, usable_cores
 from sucre_bench.machine.progress import say, track
 from sucre_bench.multiview.observations import Observations, Seen, Spool, arrange, compact, in_memory, new_file
 from sucre_bench.multiview.pairing import Matches, Rule, Surface, lift, match, own_matches, visible_pixels

@@ -24,9 +24,9 @@ import numpy as np
 
 from sucre_bench.errors import ANY_FAULT, InputError
 from sucre_bench.machine.cache import get_or_make
-from sucre_bench.machine.code_digests import engine_hash
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.progress import say
+from sucre_bench.machine.provenance import engine_hash
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import Options, observe
 from sucre_bench.scene import Scene, View

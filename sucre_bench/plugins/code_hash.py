@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from sucre_bench.machine.code_digests import hash_of
+from sucre_bench.machine.provenance import hash_of
 from sucre_bench.plugins.plugin import Plugin
 
 

@@ -13,7 +13,7 @@ from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.score import Scored, scorers, variant_rows
 from sucre_bench.errors import ANY_FAULT, InputError, PluginError
 from sucre_bench.jobs.catalogue import metric_choices
-from sucre_bench.machine import forked, progress
+from sucre_bench.machine import processes, progress
 from sucre_bench.machine.files import fault_of, is_file
 from sucre_bench.machine.provenance import version_of
 from sucre_bench.results import layout
@@ -129,6 +129,6 @@ def _needs_unrounded(metric: str, variant: str) -> bool:
         return not np.array_equal(values[0], values[1], equal_nan=True)
 
     try:
-        return forked.call(changes, "mend the metric") if scorer.plugin.is_foreign else changes()
+        return processes.call(changes, "mend the metric") if scorer.plugin.is_foreign else changes()
     except PluginError:
         return True

@@ -18,8 +18,8 @@ from typing import Literal
 
 from sucre_bench import plugins
 from sucre_bench.machine import provenance
-from sucre_bench.machine.children import python
-from sucre_bench.machine.cores import usable_cores
+from sucre_bench.machine.compute import usable_cores
+from sucre_bench.machine.processes import python
 from sucre_bench.plugins.plugin import Broken
 
 # Shared libraries that open3d's wheel expects of the system, and the Debian/Ubuntu packages that bring them.

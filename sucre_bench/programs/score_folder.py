@@ -13,7 +13,7 @@ from sucre_bench.errors import InputError, MissingFileError, PluginError
 from sucre_bench.imaging.image_files import SUFFIXES, image_size, is_jpeg, read_rgb
 from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.loading.find_folders import ImageFolder
-from sucre_bench.machine import forked, progress
+from sucre_bench.machine import processes, progress
 from sucre_bench.machine.files import check_folder, fault_of
 from sucre_bench.results.rows import restorations
 from sucre_bench.scene import Plane, Restoration, View
@@ -60,7 +60,7 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
                 raise InputError(f"{path}: {sizes[0]}, but its reference is {sizes[1]}; give one of the same size")
             picture = Restoration(view.rgb, info={"method": label})
             work = functools.partial(score, picture, view, names)
-            tables.append(forked.call(work, "mend the metric, or leave it out") if is_foreign else work())
+            tables.append(processes.call(work, "mend the metric, or leave it out") if is_foreign else work())
         except (InputError, PluginError) as fault:
             failed = row_without_value(results.Row(method=label, view=name), "failed", str(fault))
             tables.append(results.frame([failed]))

@@ -12,7 +12,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Literal
 
 from sucre_bench.arrays import DataFrame
-from sucre_bench.machine.records import now
+from sucre_bench.machine.text_formats import now
 
 if TYPE_CHECKING:
     import pyarrow

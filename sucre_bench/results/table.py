@@ -5,7 +5,7 @@ joins the parts into ``scores.parquet``. Readers see table and parts together, s
 written.
 
 Of two rows for one score the one with the later `time` counts. Reading moves this process's clock beyond the newest row
-(`machine.records.now`), so a computer whose clock was set back still writes rows that count.
+(`machine.text_formats.now`), so a computer whose clock was set back still writes rows that count.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from sucre_bench.errors import (
 )
 from sucre_bench.machine.cache import waited_lock
 from sucre_bench.machine.files import not_writable, regular, write_atomically
-from sucre_bench.machine.records import not_before
+from sucre_bench.machine.text_formats import not_before
 from sucre_bench.results.rows import COLUMNS, KEYS, NUMBERS, RESTORATION, Row, Status, as_arrow, frame
 
 if TYPE_CHECKING:

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.miniatures.flsea import BENT, FRAMES, POINT, REPORT, K, spot, write_dive
-from support.spots import HEIGHT, WIDTH, Saying, centre, check_message, cut, disk_depth
+from support.spots import HEIGHT, WIDTH, centre, check_message, cut, disk_depth
+from support.watching import Lines
 
 from sucre_bench.camera import unproject
 from sucre_bench.datasets.flsea import Flsea
@@ -63,13 +64,13 @@ def test_without_undistortion_views_are_as_stored_and_have_no_camera(tmp_path: P
 
 
 def test_views_without_a_calibration_in_sight_are_said_to_be_distorted(tmp_path: Path) -> None:
-    dive, said = write_dive(tmp_path), list[str]()
-    with watched_by(Saying(said)):
+    dive, said = write_dive(tmp_path), Lines()
+    with watched_by(said):
         load(tmp_path)
         load(dive, undistort=False)
-        assert not said
+        assert not said.lines
         load(dive)
-    assert [text.split(":")[0] for text in said] == [str(dive)]
+    assert [text.split(":")[0] for text in said.lines] == [str(dive)]
     assert "distorted" in said[0]
 
 

@@ -26,7 +26,6 @@ from support.spots import (
     POINT,
     WIDTH,
     Change,
-    Saying,
     check_both,
     check_message,
     check_scene_fault,
@@ -37,6 +36,7 @@ from support.spots import (
     seen,
     write_spot,
 )
+from support.watching import Lines
 
 from sucre_bench.datasets.metashape import Metashape
 from sucre_bench.errors import InputError
@@ -176,12 +176,12 @@ def test_each_component_is_a_scene(tmp_path: Path) -> None:
         '<camera id="1" sensor_id="0" component_id="0"', '<camera id="1" sensor_id="0" component_id="1"'
     )
     (tmp_path / "cameras.xml").write_text(text)
-    said: list[str] = []
-    with watched_by(Saying(said)):
+    said = Lines()
+    with watched_by(said):
         one, two = Metashape(root=tmp_path).scenes()
     assert (one.name, two.name) == (f"{tmp_path.name}/Component 1", f"{tmp_path.name}/Component 2")
-    assert any("Component 2 " in text for text in said), "its lengths are not metres, which is said"
-    assert any("2 of 5 cameras" in text for text in said)
+    assert any("Component 2 " in text for text in said.lines), "its lengths are not metres, which is said"
+    assert any("2 of 5 cameras" in text for text in said.lines)
 
 
 # -- faults ------------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from support.colmap_folder import write_dive
 from support.command_line import PROGRAM, run_program
 from support.places import ROOT
 
-from sucre_bench.machine.children import environment_of_programs, isolated_children
+from sucre_bench.machine.processes import environment_of_programs, isolated_children
 
 # Commands that start other processes, each in a process of its own.
 STARTING = {
@@ -50,7 +50,7 @@ _ONE_PROCESS = """
 import sys
 from sucre_bench.cli import cli
 from sucre_bench.errors import SucreBenchError
-from sucre_bench.machine.children import isolated_children
+from sucre_bench.machine.processes import isolated_children
 for words in sys.argv[1:]:
     try:
         with isolated_children():

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from sucre_bench.machine import code_digests
+from sucre_bench.machine import provenance
 
 pytestmark = pytest.mark.short
 
 
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(code_digests, "user_cache", lambda: tmp_path / "cache")
+    monkeypatch.setattr(provenance, "user_cache", lambda: tmp_path / "cache")
     return tmp_path / "cache"
 
 
@@ -34,15 +34,15 @@ def write(file: Path, text: str, changed: float = 1000) -> None:
 
 
 def hash_in_new_process(place: Path) -> str:
-    code_digests._statements.cache_clear()  # noqa: SLF001 - what another process does not have
-    return code_digests.hash_of((place,))
+    provenance._statements.cache_clear()  # noqa: SLF001 - what another process does not have
+    return provenance.hash_of((place,))
 
 
 def unread(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise AssertionError("a file is parsed again")
 
-    monkeypatch.setattr(code_digests.ast, "parse", refuse)
+    monkeypatch.setattr(provenance.ast, "parse", refuse)
 
 
 def test_a_later_process_takes_what_an_earlier_one_found(cache: Path, code: Path, monkeypatch: pytest.MonkeyPatch):
@@ -78,5 +78,5 @@ def test_a_damaged_cache_is_made_again(cache: Path, code: Path, monkeypatch: pyt
 
 def test_without_a_place_to_write_to_code_is_read(cache: Path, code: Path, monkeypatch: pytest.MonkeyPatch):
     first = hash_in_new_process(code)
-    monkeypatch.setattr(code_digests, "user_cache", lambda: Path("/proc/none"))
+    monkeypatch.setattr(provenance, "user_cache", lambda: Path("/proc/none"))
     assert hash_in_new_process(code) == first

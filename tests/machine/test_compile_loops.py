@@ -8,11 +8,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from sucre_bench.machine.compile_loops import compiled
+from sucre_bench.machine.compute import compiled
 
 _SCRIPT = """
 import sys
-from sucre_bench.machine.compile_loops import compiled
+from sucre_bench.machine.compute import compiled
 from loops import double
 assert compiled(double)(2) == 4
 assert "torch" not in sys.modules

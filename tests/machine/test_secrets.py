@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from sucre_bench.machine.records import masked
+from sucre_bench.machine.text_formats import masked
 
 
 @pytest.mark.parametrize(

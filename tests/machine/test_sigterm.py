@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from sucre_bench.machine import files
-from sucre_bench.machine.sigterm import interrupts_held_back
+from sucre_bench.machine.processes import interrupts_held_back
 
 pytestmark = pytest.mark.short
 
@@ -19,7 +19,7 @@ def test_an_interrupt_that_is_held_back_takes_effect_at_the_end_of_the_block():
     def block() -> None:
         with interrupts_held_back() as held:
             signal.raise_signal(signal.SIGINT)
-            seen.extend(held.numbers)
+            seen.extend(held)
 
     with pytest.raises(KeyboardInterrupt):
         block()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sucre_bench.machine.time_left import Pace
+from sucre_bench.machine.progress import Pace
 
 pytestmark = pytest.mark.short
 

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from support.made_scene import make_camera, make_pose, make_scene
 from support.places import DATA
+from support.watching import Lines
 
 from sucre_bench import Arrays, InputError, SolveError, View
 from sucre_bench.machine.progress import watched_by
@@ -120,25 +121,11 @@ def test_a_target_without_any_depth_is_an_error_that_says_so() -> None:
 
 
 def test_pairing_reports_its_progress_view_by_view() -> None:
-    class Watcher:
-        told: list[tuple[str, int | None]] = []
-        steps = 0
-
-        def started(self, what: str, total: int | None) -> int:
-            self.told.append((what, total))
-            return 0
-
-        def advanced(self, line: int) -> None:
-            self.steps += 1
-
-        def finished(self, line: int) -> None:
-            pass
-
-    watcher = Watcher()
+    watcher = Lines()
     with watched_by(watcher):
         observe(TARGET, SCENE.views)
-    assert watcher.told == [("pairing", 4)]
-    assert watcher.steps == 4
+    assert list(watcher.works.values()) == [("pairing", 4)]
+    assert watcher.steps["pairing"] == 4
 
 
 def flat_view(name: str, paint: Callable[[np.ndarray, np.ndarray], np.ndarray], at: float, encoding: str = "gamma"):
@@ -338,19 +325,13 @@ def test_work_runs_only_a_little_ahead_of_what_is_taken(monkeypatch: pytest.Monk
     views = [replace(TARGET, name=f"{k}.png", pixels=Watched(TARGET.pixels)) for k in range(50)]
     begun: list[int] = []  # views, each time that one more is taken
 
-    class Slow:
-        def started(self, what: str, total: int | None) -> int:
-            return 0
-
-        def advanced(self, line: int) -> None:
+    def slow(event: str, *_: object) -> None:
+        if event == "advanced":
             if len(begun) < 3:
                 time.sleep(0.05)  # for the threads to run on, if they may
             begun.append(sum("rgb" in view.pixels.loaded for view in views))
 
-        def finished(self, line: int) -> None: ...
-        def said(self, text: str, is_fault: bool) -> None: ...
-
-    with watched_by(Slow()):
+    with watched_by(slow):
         observe(views[0], views)
     assert len(begun) == 50
     assert all(n <= taken + 3 for taken, n in enumerate(begun, 1))

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.made_scene import make_scene
+from support.watching import Lines
 
 from sucre_bench import Arrays, InputError, Scene, SolveError
 from sucre_bench.machine.progress import watched_by
@@ -216,24 +217,12 @@ def test_two_at_once_pair_once_and_both_are_served(tmp_path: Path) -> None:
 
 
 def test_a_scene_without_an_id_is_not_kept_and_that_is_said_once(tmp_path: Path) -> None:
-    class Listener:
-        texts: list[str] = []
-
-        def started(self, what: str, total: int | None) -> int:
-            return 0
-
-        def advanced(self, line: int) -> None: ...
-        def finished(self, line: int) -> None: ...
-
-        def said(self, text: str, is_fault: bool) -> None:
-            self.texts.append(text)
-
     scene = replace(counted_scene(data_id=""), name="nameless")  # said once a scene: no other test has this name
-    listener = Listener()
+    listener = Lines()
     with watched_by(listener):
         for _ in range(2):
             assert len(paired(scene, scene["a.png"], tmp_path)) > 0
-    (said,) = listener.texts
+    (said,) = listener.lines
     assert said.startswith("nameless: ")
     assert "data_id" in said
     assert not list(tmp_path.iterdir())

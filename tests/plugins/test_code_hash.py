@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from sucre_bench.machine import code_digests
+from sucre_bench.machine import provenance
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.registry import find, load_file
 
@@ -52,12 +52,10 @@ def test_it_follows_files_and_what_is_in_folders_wherever_they_lie(tmp_path: Pat
 def test_it_follows_the_libraries_that_compute(monkeypatch: pytest.MonkeyPatch):
     """Of a method's own libraries and of the engine's; what only draws or logs does not count."""
     gray_world, sucre = find("method", "gray_world"), find("method", "sucre")
-    installed = code_digests.version_of
+    installed = provenance.version_of
 
     def with_other(name: str):
-        monkeypatch.setattr(
-            code_digests, "version_of", lambda package: "0.0" if package == name else installed(package)
-        )
+        monkeypatch.setattr(provenance, "version_of", lambda package: "0.0" if package == name else installed(package))
         return source_hash(gray_world), source_hash(sucre)
 
     before = with_other("")
@@ -97,7 +95,7 @@ print(source_hash(find("method", "sucre")))
 
 def test_only_what_code_does_counts(tmp_path: Path):
     """Stored results outlive a better comment, a better docstring and a module moved; not a changed constant."""
-    house = Path(code_digests.__file__).parent.parent.parent
+    house = Path(provenance.__file__).parent.parent.parent
     for name in ("sucre_bench", "methods", "datasets", "metrics", "conf"):
         shutil.copytree(house / name, tmp_path / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
 

@@ -75,22 +75,6 @@ def check_both(a: View, b: View, tolerance: float = 0.1, point: np.ndarray | Non
         np.testing.assert_allclose(project(camera_b, carried[:3])[0], centre(other.rgb), atol=2 * tolerance)
 
 
-class Saying:
-    """A watcher that keeps every line."""
-
-    def __init__(self, said: list[str]) -> None:
-        self._kept = said
-
-    def said(self, text: str, is_fault: bool) -> None:
-        self._kept.append(text)
-
-    def started(self, what: str, total: int | None) -> int:
-        return 0
-
-    def advanced(self, line: int) -> None: ...
-    def finished(self, line: int) -> None: ...
-
-
 def check_message(message: str, *parts: str) -> None:
     """One line, "place: fault; remedy", that holds these parts."""
     assert "\n" not in message

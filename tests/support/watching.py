@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import threading
+from collections import Counter
 
 
 class Lines:
-    """Keeps every line. has_one: set when there is one."""
+    """Keeps every line that is said, and counts the steps of each line of work. has_one: set when a line is said."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
         self.has_one = threading.Event()
+        self.works: dict[str, tuple[str, int | None]] = {}
+        self.steps: Counter[str] = Counter()
 
-    def started(self, what: str, total: int | None) -> int:
-        return 0
-
-    def advanced(self, line: int) -> None: ...
-
-    def finished(self, line: int) -> None: ...
-
-    def tick(self) -> None: ...
-
-    def said(self, text: str, is_fault: bool) -> None:
-        self.lines.append(text)
-        self.has_one.set()
+    def __call__(self, event: str, *values: object) -> None:
+        if event == "said":
+            self.lines.append(str(values[0]))
+            self.has_one.set()
+        elif event == "started":
+            number, what, total = values
+            self.works[str(number)] = str(what), total if isinstance(total, int) else None
+        elif event == "advanced":
+            self.steps[self.works[str(values[0])][0]] += 1

@@ -11,7 +11,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.machine.cores import usable_cores
+from sucre_bench.machine.compute import usable_cores
 from sucre_bench.methods.sucre.kernels.formulas import Block, blocks
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem

@@ -4,7 +4,7 @@ import os
 from typing import Literal
 
 from sucre_bench.errors import InputError
-from sucre_bench.machine.cores import Device
+from sucre_bench.machine.compute import Device
 
 Backend = Literal["auto", "numba", "torch", "jax", "numpy"]
 _PREALLOCATE = "XLA_PYTHON_CLIENT_PREALLOCATE"

@@ -25,7 +25,7 @@ import numba
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.machine.cores import usable_cores
+from sucre_bench.machine.compute import usable_cores
 from sucre_bench.methods.sucre.kernels.formulas import DARKEST, WALL, Block, blocks
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem

@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager
 from typing import Protocol
 
 from sucre_bench.arrays import Array
-from sucre_bench.machine.cores import Device
+from sucre_bench.machine.compute import Device
 from sucre_bench.methods.sucre.kernels.choose_backend import Backend, backend_for
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem

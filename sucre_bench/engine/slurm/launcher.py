@@ -25,7 +25,7 @@ from sucre_bench.engine.slurm.waiting import WORDS, Submitted, Teller, wait
 from sucre_bench.engine.workers import run_works
 from sucre_bench.errors import DiskFullError, InputError, PluginError, StopRequest, one_line
 from sucre_bench.jobs.job import Job
-from sucre_bench.machine import progress, progress_display
+from sucre_bench.machine import progress
 from sucre_bench.results.layout import file_name
 
 if TYPE_CHECKING:
@@ -175,7 +175,7 @@ def work(config: str, shared_pairs: str) -> str:
     signal.signal(getattr(signal, f"SIG{JobEnvironment.USR_SIG}"), time_is_up)
     signal.signal(signal.SIGTERM, terminated)
     try:
-        with progress_display.plain():
+        with progress.live(plain=True):
             job = replace(Job.read(config), shared_pairs=shared_pairs)
             run_works([JobAtWork(plan(job))], job.workers)
     except _TimeIsUp:

@@ -25,7 +25,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import ANY_FAULT, PluginError, one_line
-from sucre_bench.machine.children import python
+from sucre_bench.machine.processes import python
 from sucre_bench.programs.contract.contract import Doubt, Subject
 from sucre_bench.programs.contract.made_scenes import TARGET, submerged
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from sucre_bench import results
 from sucre_bench.errors import InputError
-from sucre_bench.machine.records import now
+from sucre_bench.machine.text_formats import now
 from sucre_bench.programs.people import design
 from sucre_bench.programs.people.statistics import (
     Agreement,

@@ -12,7 +12,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.camera import scaled_camera
 from sucre_bench.imaging.image_files import decode, write_png
-from sucre_bench.machine.cores import usable_cores
+from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import say, track
 from sucre_bench.programs.prepare.options import Surface

@@ -16,8 +16,8 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from sucre_bench.errors import InputError
-from sucre_bench.machine import forked
-from sucre_bench.machine.cores import usable_cores
+from sucre_bench.machine import processes
+from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import line, say, track
 from sucre_bench.programs.prepare.options import CameraModel, Cameras, Matching
@@ -100,7 +100,7 @@ def map_photos(photos: Sequence[Photo], folder: Path, rules: Rules) -> Mapped:
         if best is not None:
             placed = f"{len(best.registered)} of {len(photos) - len(best.damaged)} photos are placed"
             say(f"{placed}; trying again for faint features")
-        mapped = forked.call(partial(_attempt, photos, folder / attempt.name, rules, attempt), _REMEDY)
+        mapped = processes.call(partial(_attempt, photos, folder / attempt.name, rules, attempt), _REMEDY)
         if best is None or len(mapped.registered) > len(best.registered):
             best = mapped
         readable = len(photos) - len(best.damaged)
@@ -128,11 +128,11 @@ def _attempt(photos: Sequence[Photo], folder: Path, rules: Rules, attempt: _Atte
     if len(photos) < 2:
         return Mapped(folder, (), attempt.name, {}, damaged, ())
     database = folder / "database.db"
-    with forked.step("COLMAP's search for features"):
+    with processes.step("COLMAP's search for features"):
         _find_features(pycolmap, database, photos, folder, rules, attempt)
-    with forked.step("COLMAP's matching"):
+    with processes.step("COLMAP's matching"):
         _match(pycolmap, database, photos, folder, rules, attempt)
-    with forked.step("COLMAP's reconstruction"):
+    with processes.step("COLMAP's reconstruction"):
         models = _map(pycolmap, database, folder, len(photos), attempt)
     model = folder / "model"
     model.mkdir(exist_ok=True)

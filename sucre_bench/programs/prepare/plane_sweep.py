@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, depth_at, moved, pixel_rays, project, relative_pose
-from sucre_bench.machine.compile_loops import compiled
+from sucre_bench.machine.compute import compiled
 from sucre_bench.programs.prepare.registered_photos import Shot
 
 _WINDOW = (7, 7)  # pixels

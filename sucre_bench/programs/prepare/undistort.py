@@ -13,7 +13,7 @@ from sucre_bench.camera import Camera
 from sucre_bench.imaging.image_files import decode, write_png
 from sucre_bench.loading.colmap_model import Posed, read_model
 from sucre_bench.loading.lens import Lens
-from sucre_bench.machine.cores import usable_cores
+from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.progress import track
 from sucre_bench.programs.prepare.photos import Photo, read_photo
 from sucre_bench.programs.prepare.registered_photos import load_pycolmap

@@ -15,7 +15,7 @@ from sucre_bench.engine.score import Scorer, metric_code, score_rows, scorers
 from sucre_bench.errors import ANY_FAULT, SucreBenchError
 from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.jobs.catalogue import metric_choices
-from sucre_bench.machine import forked
+from sucre_bench.machine import processes
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import options_of, typed
 from sucre_bench.plugins.plugin import Plugin
@@ -88,7 +88,7 @@ class _Apart:
         self._metric = metric
 
     def score(self, *scored: Any) -> list[Score]:
-        return forked.call(lambda: list(self._metric.score(*scored)), "mend the metric")
+        return processes.call(lambda: list(self._metric.score(*scored)), "mend the metric")
 
 
 def scores_of(restoration: Restoration, shown: np.ndarray, view: View, chosen: Sequence[Scorer]) -> dict[Key, Row]:

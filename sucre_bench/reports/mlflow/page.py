@@ -69,7 +69,7 @@ def open_ui(uri: str, port: int, ready: Callable[[], None]) -> int:
 
     ready: called when the page can be opened.
     """
-    from sucre_bench.machine.sigterm import terminated_as_interrupt
+    from sucre_bench.machine.processes import terminated_as_interrupt
 
     store = resolved(uri) if ":" in uri else str(Path(uri).resolve())  # seen from here, not from the server's folder
     settings = {

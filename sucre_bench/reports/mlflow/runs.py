@@ -18,7 +18,7 @@ from sucre_bench.compare.documents import as_text
 from sucre_bench.errors import InputError
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import regular
-from sucre_bench.machine.records import masked
+from sucre_bench.machine.text_formats import masked
 from sucre_bench.reports.mlflow.page import VIEW_TAG, view_of
 from sucre_bench.reports.mlflow.store import connect, remember, said_of
 from sucre_bench.reports.paper.figures import style

@@ -18,7 +18,7 @@ from sucre_bench.errors import InputError, OutputError, SucreBenchError, one_lin
 from sucre_bench.machine.cache import get_or_make, waited_lock
 from sucre_bench.machine.files import regular, user_cache, write_atomically
 from sucre_bench.machine.provenance import version_of
-from sucre_bench.machine.records import masked
+from sucre_bench.machine.text_formats import masked
 from sucre_bench.results import TABLE
 from sucre_bench.results.rows import fingerprint
 

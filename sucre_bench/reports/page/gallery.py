@@ -21,7 +21,7 @@ import numpy.typing as npt
 from sucre_bench.arrays import Mask, Picture, coloured
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import decode, encode_png
-from sucre_bench.machine.cores import usable_cores
+from sucre_bench.machine.compute import usable_cores
 from sucre_bench.results.restorations import read_full_arrays, read_mask
 
 # (most pictures of a page, their width in pixels), widest first.

@@ -20,8 +20,7 @@ from sucre_bench.compare.words import NUMBERS, number, title
 from sucre_bench.jobs.words import shell
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.records import masked
-from sucre_bench.machine.text_formats import filled_in, policy_hash, read_yaml, source
+from sucre_bench.machine.text_formats import filled_in, masked, policy_hash, read_yaml, source
 from sucre_bench.reports.page import plots
 from sucre_bench.reports.page.dataset_content import Section, cells, key_of
 from sucre_bench.reports.page.gallery import WIDTHS, Gallery, Widths

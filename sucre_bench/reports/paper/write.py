@@ -13,7 +13,7 @@ from sucre_bench.compare.words import verdict_text
 from sucre_bench.errors import ANY_FAULT, InputError, NotApplicableError, OutputError, one_line
 from sucre_bench.jobs.run_options import Study
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.records import keep_traceback
+from sucre_bench.machine.text_formats import keep_traceback
 from sucre_bench.reports.paper import figures
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.paper.follow_option import records

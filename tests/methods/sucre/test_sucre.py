@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from support.made_scene import WATER, make_scene
 from support.messages import names
+from support.watching import Lines
 
 from sucre_bench import Arrays, InputError, Scene, SolveError, Water
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
@@ -345,28 +346,14 @@ def test_one_view_alone_fails_with_what_to_do_and_is_restored_in_a_given_water()
 
 
 def test_limits_of_the_water_are_said_while_it_runs() -> None:
-    class Watcher:
-        def __init__(self) -> None:
-            self.told: list[str] = []
-
-        def started(self, what: str, total: int | None) -> int:
-            return 0
-
-        def advanced(self, line: int) -> None: ...
-
-        def finished(self, line: int) -> None: ...
-
-        def said(self, text: str, is_fault: bool) -> None:
-            self.told.append(text)
-
     def without_red(rgb: np.ndarray) -> np.ndarray:
         return rgb * [0, 1, 1]
 
-    scene, watcher = with_images(without_red), Watcher()
+    scene, watcher = with_images(without_red), Lines()
     with watched_by(watcher):
         result = Sucre().restore(scene, scene["a.png"])
-    assert any(text.startswith("a.png: red: ") for text in watcher.told)
-    assert watcher.told == [f"a.png: {limit}" for limit in result.info["limits"]]
+    assert any(text.startswith("a.png: red: ") for text in watcher.lines)
+    assert watcher.lines == [f"a.png: {limit}" for limit in result.info["limits"]]
     assert (result.image[result.valid][:, 0] == 0).all()
 
 

@@ -6,7 +6,6 @@ import json
 import shutil
 import subprocess
 import sys
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -235,22 +234,6 @@ def test_equal_photos_give_an_equal_model(tmp_path: Path):
     assert models[0] == models[1]
 
 
-class _Steps(Lines):
-    """Counts the steps of each line."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.texts: list[str] = []
-        self.steps: Counter[str] = Counter()
-
-    def started(self, what: str, total: int | None) -> int:
-        self.texts.append(what)
-        return len(self.texts) - 1
-
-    def advanced(self, line: int) -> None:
-        self.steps[self.texts[line]] += 1
-
-
 def test_progress_counts_each_photo_once_where_mapping_begins_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     import pycolmap
 
@@ -265,7 +248,7 @@ def test_progress_counts_each_photo_once_where_mapping_begins_again(tmp_path: Pa
     for i, pose in enumerate(POSES[:4]):
         write(tmp_path / "photos" / f"{i}.png", photograph(pose))
     photos, _ = find_photos(tmp_path / "photos", None, 0, tmp_path / "out")
-    with progress.watched_by(steps := _Steps()):
+    with progress.watched_by(steps := Lines()):
         mapped = mapping.map_photos(photos, tmp_path / "out", mapping.Rules("auto", "SIMPLE_RADIAL", "single"))
     assert steps.steps["placing photos"] == len(mapped.registered) == 4
 

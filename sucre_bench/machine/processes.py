@@ -1,7 +1,7 @@
-"""Work in a process forked from this one, which watches it, and goes on if it dies.
+"""Processes: the signals that end them, what they may import, and work in a process forked from this one.
 
-The child begins with all that this process has imported and opened, after a few milliseconds. It leads a process group
-of its own, and dies with its parent. Its progress and what it prints appear as if this process did the work.
+A forked process begins with all that this one has imported and opened, after a few milliseconds. It leads a process
+group of its own, and dies with its parent. Its progress and what it prints appear as if this process did the work.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import io
 import os
-import pickle
 import signal
 import sys
 import threading
@@ -17,17 +16,88 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from multiprocessing import Pipe
+from multiprocessing import Pipe, get_context
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NoReturn, TypeVar
+from typing import Any, TypeVar
 
 from sucre_bench.errors import PluginError, one_line
 from sucre_bench.machine import progress
 
 T = TypeVar("T")
 Send = Callable[..., None]
+
+# -- signals -----------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def terminated_as_interrupt() -> Iterator[None]:
+    """Let SIGTERM end this block like Ctrl-C, so that finished work is kept and merged."""
+    if threading.current_thread() is not threading.main_thread():  # it alone may set handlers
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def interrupts_held_back() -> Iterator[list[int]]:
+    """Hold Ctrl-C and SIGTERM back in this block, which must be short: they take effect at its end.
+
+    Yields the list of the signals that came. So nothing that the block starts or creates is left without somebody who
+    ends or removes it.
+    """
+    held: list[int] = []
+    if threading.current_thread() is not threading.main_thread():  # signals interrupt the main thread alone
+        yield held
+        return
+    stops = (signal.SIGINT, signal.SIGTERM)
+    before = {stop: signal.signal(stop, lambda number, _: held.append(number)) for stop in stops}
+    try:
+        yield held
+    finally:
+        for stop, handler in before.items():
+            signal.signal(stop, handler or signal.SIG_DFL)
+        for number in dict.fromkeys(held):
+            signal.raise_signal(number)
+
+
+# -- what child processes import ---------------------------------------------------------------------------
+
+_SAFE_PATH = "PYTHONSAFEPATH"
+_OURS = "sucre-bench"  # any word switches it on; this one says who did
+
+
+def python(*arguments: str) -> list[str]:
+    """Return the command line of this Python that does not import from the current folder."""
+    return [sys.executable, "-P", *arguments]
+
+
+@contextmanager
+def isolated_children() -> Iterator[None]:
+    """Let no Python that is started in this block import from the current folder, libraries' worker processes included.
+
+    Without it, `python -m` and `python -c` find a `json.py` of the current folder before Python's own.
+    """
+    before = os.environ.get(_SAFE_PATH)
+    os.environ[_SAFE_PATH] = before or _OURS
+    try:
+        yield
+    finally:
+        if not before:
+            os.environ.pop(_SAFE_PATH, None)
+
+
+def environment_of_programs() -> dict[str, str]:
+    """Return the environment for a program of the user's, which may import what lies beside it."""
+    return {name: value for name, value in os.environ.items() if (name, value) != (_SAFE_PATH, _OURS)}
+
+
+# -- forked processes --------------------------------------------------------------------------------------
 
 _GRACE_S = 5.0  # for a child that is asked to stop: a program that it runs gets three of them
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
@@ -81,19 +151,13 @@ class Forked:
         self.fault: BaseException | None = None
         self.limit_s: float | None = None
         self._started, self._stop_at = 0.0, float("inf")
-        self._lines: dict[int, Any] = {}  # of progress: how each goes on here
-        self._status: int | None = None
+        self._lines: set[str] = set()  # of progress that are not finished
         self.messages, sending = Pipe(duplex=False)
-        parent, libc = os.getpid(), ctypes.CDLL(None)
+        given = (work, faults, self.messages, sending, os.getpid(), ctypes.CDLL(None))
+        self._process = get_context("fork").Process(target=_work_in_child, args=given)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # idle threads of BLAS count as threads
-            self._pid = os.fork()
-        if not self._pid:
-            libc.prctl(_DIE_WITH_PARENT, signal.SIGKILL)
-            if os.getppid() == parent:
-                self.messages.close()
-                _work_in_child(work, sending, faults)
-            os._exit(1)
+            self._process.start()
         sending.close()
 
     @property
@@ -105,15 +169,19 @@ class Forked:
         """Take a message that is there; return it if it is one of the work's own."""
         try:
             name, *values = self.messages.recv()
-        except (EOFError, OSError, pickle.UnpicklingError):
-            self._wait(1.0)
-            self._end("it closed the files of others" if self._status is None else _how(self._status))
+        except (EOFError, OSError):
+            self._process.join(1.0)
+            code = self._process.exitcode or 0
+            memory = ", perhaps for want of memory" if code == -signal.SIGKILL else ""
+            self._end(f"exit code {code}" if code >= 0 else f"signal {-code}{memory}")
             return None
         if name == "step":
             self.step, self.limit_s = values
             self._started = time.monotonic()
         elif name == "progress":
-            self._show(*values)
+            if values[0] in ("started", "finished"):
+                self._lines ^= {values[1]}
+            progress.show(*values)
         elif name == "printed":
             getattr(sys, values[0]).write(values[1])
         elif name in ("result", "fault"):
@@ -126,7 +194,7 @@ class Forked:
     def ask_to_stop(self) -> None:
         """Let the work end as at Ctrl-C."""
         self._stop_at = time.monotonic() + _GRACE_S
-        self._signal(signal.SIGTERM)
+        self._process.terminate()
 
     def stop(self) -> list[tuple[Any, ...]]:
         """End the child and what it has started: SIGTERM, unless it has it, and SIGKILL 5 s later.
@@ -141,7 +209,7 @@ class Forked:
                 if wait([self.messages], 0.02) and (message := self.receive()):
                     messages.append(message)
             except KeyboardInterrupt:
-                self._signal(signal.SIGTERM)
+                self._process.terminate()
         self._end()
         return messages
 
@@ -150,57 +218,14 @@ class Forked:
         if self.has_ended:
             return
         self.has_ended, self.how = True, how
+        assert self._process.pid
         with suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._pid, signal.SIGKILL)
-        self._signal(signal.SIGKILL)
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.kill()
+        self._process.join()
         self.messages.close()
-        for line in self._lines.values():
-            line.__exit__(None, None, None)
-        if self._status is None:
-            self._status = os.waitstatus_to_exitcode(os.waitpid(self._pid, 0)[1])
-
-    def _show(self, name: str, *values: Any) -> None:
-        """Show progress of the child as that of this process."""
-        if name == "said":
-            progress.say(*values)
-        elif name == "started":
-            number, what, total = values
-            line = self._lines[number] = _Line(what, total)
-            line.__enter__()
-        elif name == "advanced":
-            self._lines[values[0]].advance()
-        else:
-            self._lines.pop(values[0]).__exit__(None, None, None)
-
-    def _signal(self, number: signal.Signals) -> None:
-        if self._status is None:
-            with suppress(ProcessLookupError):
-                os.kill(self._pid, number)
-
-    def _wait(self, seconds: float) -> None:
-        """Wait for the child's end, for some seconds."""
-        until = time.monotonic() + seconds
-        while self._status is None:
-            pid, status = os.waitpid(self._pid, os.WNOHANG)
-            if pid:
-                self._status = os.waitstatus_to_exitcode(status)
-            elif time.monotonic() >= until:
-                return
-            else:
-                time.sleep(0.01)
-
-
-class _Line:
-    """A line of progress that a child reports."""
-
-    def __init__(self, what: str, total: int | None) -> None:
-        self._line = progress.line(what, total)
-
-    def __enter__(self) -> None:
-        self.advance = self._line.__enter__()
-
-    def __exit__(self, *fault: Any) -> None:
-        self._line.__exit__(*fault)
+        for number in self._lines:
+            progress.show("finished", number)
 
 
 def call(work: Callable[[], T], remedy: str) -> T:
@@ -216,10 +241,9 @@ def call(work: Callable[[], T], remedy: str) -> T:
         while not child.has_ended:
             if wait([child.messages], 0.1):
                 child.receive()
-            progress.tick()
+            progress.show("tick")
     finally:
-        if not child.has_ended:
-            child.stop()
+        child.stop()
     if child.fault:
         raise child.fault
     if child.how:
@@ -228,30 +252,35 @@ def call(work: Callable[[], T], remedy: str) -> T:
     return result
 
 
-def _how(status: int) -> str:
-    """Say how a process ended that did not end well. status: its exit code, or minus the signal's number."""
-    if status >= 0:
-        return f"exit code {status}"
-    return f"signal {-status}{', perhaps for want of memory' if -status == signal.SIGKILL else ''}"
-
-
-def _work_in_child(work: Callable[[Send], Any], messages: Connection, faults: Mapping[str, Exception]) -> NoReturn:
+def _work_in_child(
+    work: Callable[[Send], Any],
+    faults: Mapping[str, Exception],
+    receiving: Connection,
+    messages: Connection,
+    parent: int,
+    libc: ctypes.CDLL,
+) -> None:
     global _reporting
     lock = threading.Lock()  # for what threads print
 
     def send(*message: object) -> None:
-        content = pickle.dumps(message)
         with lock:
-            messages.send_bytes(content)
+            messages.send(message)
 
+    libc.prctl(_DIE_WITH_PARENT, signal.SIGKILL)
     try:
+        if os.getppid() != parent:
+            os._exit(1)
+        receiving.close()
         os.setpgid(0, 0)  # a terminal's Ctrl-C is for the parent
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.default_int_handler)
         os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-        sys.stdout, sys.stderr = (_stream(send, number) for number in (1, 2))
+        for number, name in ((1, "stdout"), (2, "stderr")):
+            raw = io.BufferedWriter(_ToParent(send, number, name))
+            setattr(sys, name, io.TextIOWrapper(raw, "utf-8", "backslashreplace", line_buffering=True))
         _reporting = send, faults, str(Path.cwd()), ""
-        with progress.watched_by(_Reports(send)):
+        with progress.watched_by(lambda *event: send("progress", *event)):
             result = work(send)
         for stream in (sys.stdout, sys.stderr):
             with suppress(ValueError):  # a plugin has closed it
@@ -266,35 +295,11 @@ def _work_in_child(work: Callable[[Send], Any], messages: Connection, faults: Ma
     os._exit(0)
 
 
-class _Reports:
-    """A `progress.Watcher` that reports to the parent."""
-
-    def __init__(self, send: Send) -> None:
-        self._send, self._count = send, 0
-
-    def started(self, what: str, total: int | None) -> int:
-        self._count += 1
-        self._send("progress", "started", self._count, what, total)
-        return self._count
-
-    def advanced(self, line: int) -> None:
-        self._send("progress", "advanced", line)
-
-    def finished(self, line: int) -> None:
-        self._send("progress", "finished", line)
-
-    def said(self, text: str, is_fault: bool) -> None:
-        self._send("progress", "said", text, is_fault)
-
-    def tick(self) -> None:
-        pass
-
-
 class _ToParent(io.RawIOBase):
     """Sends what is written to the parent, which may be drawing in the same terminal."""
 
-    def __init__(self, send: Send, number: int) -> None:
-        self._send, self._number = send, number
+    def __init__(self, send: Send, number: int, name: str) -> None:
+        self._send, self._number, self._name = send, number, name
 
     def writable(self) -> bool:
         return True
@@ -303,10 +308,5 @@ class _ToParent(io.RawIOBase):
         return self._number
 
     def write(self, content: Any) -> int:
-        self._send("printed", ("stdout", "stderr")[self._number - 1], bytes(content).decode("utf-8", "replace"))
+        self._send("printed", self._name, bytes(content).decode("utf-8", "replace"))
         return len(content)
-
-
-def _stream(send: Send, number: int) -> io.TextIOWrapper:
-    raw = io.BufferedWriter(_ToParent(send, number))
-    return io.TextIOWrapper(raw, "utf-8", "backslashreplace", line_buffering=True)
