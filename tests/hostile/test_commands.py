@@ -41,11 +41,6 @@ CASES: dict[str, tuple[str, int, str]] = {
     "a file as results folder": (f"{RUN} out=dive/images/a.png", 2, r"a\.png: .*file; "),
     "a results folder below a file": (f"{RUN} out=dive/images/a.png/x", 2, r"a\.png: .*file; "),
     "a results folder of the kernel": (f"{RUN} out=/proc/x", 2, r"/proc/x.*; "),
-    "a file of the kernel as table": (
-        "score dive/images --like /proc/kmsg",
-        2,
-        r"/proc/kmsg: .*kernel",
-    ),
     "a water that is not there": (
         f"{RUN_SUCRE} method.water=none.json",
         2,

@@ -48,7 +48,6 @@ IMAGES: dict[str, tuple[str, Callable[[Path], None], str]] = {
     "one pixel": (".png", bad.written(one_pixel(".png")), "is 1x1"),
     "nothing": (".png", bad.written(b""), "cannot be read"),
     "a device": (".png", bad.device, "is a device"),
-    "a file of the kernel": (".png", lambda path: path.symlink_to("/proc/kmsg"), "is a file of the kernel"),
     "a pipe": (".png", bad.pipe, "is a named pipe"),
     "a socket": (".png", bad.bound_socket, "is a socket"),
     "a folder": (".png", Path.mkdir, "is a folder"),
