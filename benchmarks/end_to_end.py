@@ -27,8 +27,7 @@ from pairing import landings
 import sucre_bench as sb
 from metrics import CHARTS, DEFAULT, EVERY, of, picture, scored
 from sucre_bench.camera import Camera
-from sucre_bench.loading.shared_pixels import with_shared_pixels
-from sucre_bench.loading.view_files import Files
+from sucre_bench.loading.view_files import Files, with_shared_pixels
 from sucre_bench.machine.cache import ArrayStore, storing
 from sucre_bench.multiview.observe import observe
 from sucre_bench.results.rows import Row

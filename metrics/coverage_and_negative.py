@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench.arrays import Array
-from sucre_bench.imaging.once import coloured_pixels
+from sucre_bench.arrays import Array, coloured_pixels
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 

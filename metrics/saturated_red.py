@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench.arrays import Array, Mask
+from sucre_bench.arrays import Array, Mask, coloured_pixels
 from sucre_bench.imaging.chart_patches import chart_mask
-from sucre_bench.imaging.once import coloured_pixels
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 

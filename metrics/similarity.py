@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Mask
+from sucre_bench.arrays import Array, Mask, coloured_pixels, locked
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.encoding import srgb_encode, to_8bit
-from sucre_bench.imaging.once import coloured_pixels, locked
 from sucre_bench.imaging.resizing import Resizing, resized
 from sucre_bench.machine.compute import compiled, usable_cores
 from sucre_bench.plugins.decorators import metric

@@ -237,12 +237,7 @@ def in_one_line(text: object) -> str:
 
 def one_line(fault: BaseException) -> str:
     """Return an exception as one line: its text, after its type unless it is an error of sucre_bench."""
-    try:
-        text = " ".join(str(fault).split())
-    except BaseException as second:  # a plugin's exception may hold any code
-        if isinstance(second, KeyboardInterrupt):
-            raise
-        text = f"(its text cannot be had: {type(second).__name__})"
+    text = in_one_line(fault)
     text = text if len(text) <= _MOST_CHARACTERS else f"{text[:_MOST_CHARACTERS]}..."
     if isinstance(fault, SucreBenchError):
         return text

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sucre_bench.arrays import Array, Indices
+from sucre_bench.arrays import Array, Indices, locked
 from sucre_bench.scene import View
 
 
@@ -27,18 +27,13 @@ class RestoredView:
     @cached_property
     def shown(self) -> Array:
         """(H, W, 3) float32 in [0, 1], gamma-encoded, NaN = no colour: the restored image. A stored one has 8 bits."""
-        return _locked(self.read_shown())
+        return locked(self.read_shown())
 
     @cached_property
     def image(self) -> Array | None:
         """(H, W, 3) float32 in the view's encoding, NaN = no colour: J. None unless the run had save=full."""
         image = self.read_image()
-        return None if image is None else _locked(image)
-
-
-def _locked(image: Array) -> Array:
-    image.setflags(write=False)  # so that no metric changes the input of the next
-    return image
+        return None if image is None else locked(image)
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
@@ -93,21 +88,20 @@ class RestoredPair:
         Both are NaN for a patch if less than 3/4 of its pixels have a colour in one of the images.
         """
         points = self.points
-        first = _means(here, points.here, points.here_patch, len(points))
-        second = _means(there, points.there, points.there_patch, len(points))
+        first = self._means(here, points.here, points.here_patch)
+        second = self._means(there, points.there, points.there_patch)
         absent = np.isnan(first).any(axis=1) | np.isnan(second).any(axis=1)
         first[absent] = second[absent] = np.nan
         return first, second
 
+    def _means(self, image: Array, pixels: Indices, patch: Indices) -> Array:
+        n, colours = len(self.points), image.reshape(-1, 3)[pixels]
+        known = np.isfinite(colours).all(axis=1)
+        patches = patch[known]
+        counted = np.bincount(patches, minlength=n)
+        sums = np.stack([np.bincount(patches, column, n) for column in colours[known].T], axis=1)
+        enough = counted >= np.maximum(1, _LEAST * np.bincount(patch, minlength=n))
+        return np.where(enough[:, None], sums / np.maximum(counted, 1)[:, None], np.nan)
+
 
 _LEAST = 0.75  # of a patch's pixels
-
-
-def _means(image: Array, pixels: Indices, patch: Indices, n: int) -> Array:
-    colours = image.reshape(-1, 3)[pixels]
-    known = np.isfinite(colours).all(axis=1)
-    patches = patch[known]
-    counted = np.bincount(patches, minlength=n)
-    sums = np.stack([np.bincount(patches, column, n) for column in colours[known].T], axis=1)
-    enough = counted >= np.maximum(1, _LEAST * np.bincount(patch, minlength=n))
-    return np.where(enough[:, None], sums / np.maximum(counted, 1)[:, None], np.nan)

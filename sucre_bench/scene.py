@@ -255,11 +255,10 @@ class View:
         return np.ones(self.rgb.shape[:2], dtype=bool) if depth is None else np.asarray(depth > 0)
 
 
-def _size(plane: Array | None) -> int:
-    return _LEAST_KEPT_BYTES if plane is None else max(plane.nbytes, _LEAST_KEPT_BYTES)
-
-
-@cached(LRUCache(_KEPT_BYTES, getsizeof=_size), lock=threading.Lock())
+@cached(
+    LRUCache(_KEPT_BYTES, getsizeof=lambda plane: max(0 if plane is None else plane.nbytes, _LEAST_KEPT_BYTES)),
+    lock=threading.Lock(),
+)
 def _plane(pixels: Pixels, plane: Plane) -> Array | None:
     values = pixels.load(plane)
     if values is not None and plane == "depth" and not hasattr(pixels, "levels"):  # no distance: unknown
@@ -313,23 +312,17 @@ class Scene:
         for view in self.views:
             if view.name == name:
                 return view
-        raise InputError(f"{self.name}: no view named '{name}'; {_few(name, [v.name for v in self.views])}")
+        names = [view.name for view in self.views]
+        hint = did_you_mean(name, names)
+        if len(names) > 12:  # a dive has thousands of names
+            hint = f"{hint.split('known:')[0]}the scene has {len(names)} views, {names[0]} to {names[-1]}"
+        raise InputError(f"{self.name}: no view named '{name}'; {hint}")
 
     def __iter__(self) -> Iterator[View]:
         return iter(self.views)
 
     def __len__(self) -> int:
         return len(self.views)
-
-
-def _few(name: str, names: list[str]) -> str:
-    """A dive has thousands of names: list them only when that fits on the line."""
-    return (
-        did_you_mean(name, names)
-        if len(names) <= 12
-        else did_you_mean(name, names).split("known:")[0]
-        + (f"the scene has {len(names)} views, {names[0]} to {names[-1]}")
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,12 +14,11 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Mask
+from sucre_bench.arrays import Array, Mask, locked, once
 from sucre_bench.camera import depth_at, moved, project, relative_pose, unproject
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
-from sucre_bench.imaging.once import locked, once
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.restored_pair import CommonPoints, RestoredPair
 from sucre_bench.scene import Encoding, Score, View

@@ -6,10 +6,9 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Mask
+from sucre_bench.arrays import Array, Mask, once
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.encoding import eight_bit
-from sucre_bench.imaging.once import once
 from sucre_bench.machine.compute import compiled
 
 Plane = npt.NDArray[np.uint8]

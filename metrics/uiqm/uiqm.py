@@ -30,10 +30,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Mask
+from sucre_bench.arrays import Array, Mask, locked, once
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.encoding import eight_bit, palette
-from sucre_bench.imaging.once import locked, once
 from sucre_bench.imaging.percentiles import ValueCounts
 from sucre_bench.metrics.uiqm.sharpness_and_contrast import (
     Contrast,

@@ -9,7 +9,6 @@ other views.
 
 import dataclasses
 import hashlib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -111,61 +110,58 @@ class _Degraded:
 
     def load(self, plane: Plane) -> Array | None:
         """Return a degraded plane. Raises InputError if there is no image to add water to."""
-        match plane:
-            case "rgb":
-                return self._rgb()
-            case "depth":
-                return self._depth()
-            case "reference":
-                return self._scaled(self._dry() if self.degradation.water else self.view.pixels.load("reference"))
-
-    def _rgb(self) -> Array | None:
-        d, encoding = self.degradation, self.view.encoding
-        image = self._wet() if d.water else self.view.pixels.load("rgb")
-        if image is None:
+        d, source = self.degradation, self.view.pixels
+        if plane == "rgb" and d.water:
+            values: Array | None = self._wet(d.water)
+        else:
+            values = self._dry() if plane == "reference" and d.water else source.load(plane)
+        if values is None:
             return None
-        if d.blur_px:
-            image = blurred(image, d.blur_px, encoding)
-        image = self._scaled(image)
-        assert image is not None
-        if d.noise:
-            image = noisy_image(image, d.noise, self._rng("noise"))
-        if d.bits is not None:
-            image = quantised(image, d.bits)
-        if d.jpeg_quality is not None:
-            image = through_jpeg(image, d.jpeg_quality, encoding)
-        return image
+        if plane == "rgb" and d.blur_px:
+            values = blurred(values, d.blur_px, self.view.encoding)
+        values = values if d.scale == 1 else shrunk(values, d.scale)
+        if plane == "reference":
+            return values
+        return self._as_read(values) if plane == "rgb" else self._as_measured(values)
 
-    def _depth(self) -> Array | None:
-        d, depth = self.degradation, self._scaled(self.view.pixels.load("depth"))
-        if depth is not None and d.depth_noise:
-            depth = noisy_depth(depth, d.depth_noise, d.depth_noise_px, self._rng("depth_noise"))
-        if depth is not None and d.depth_holes:
-            depth = with_holes(depth, d.depth_holes, d.depth_hole_px, self._rng("depth_holes"))
+    def _as_read(self, image: Array) -> Array:
+        """The image after the camera's sensor and file."""
+        d = self.degradation
+        if d.noise:  # independent in every pixel and channel
+            noise = self._rng("noise").standard_normal(image.shape, dtype=np.float32)
+            image = np.asarray((image + np.float32(d.noise) * noise).clip(0, 1))
+        if d.bits is not None:  # 2^bits levels, 0 and 1 among them
+            top = np.float32(2**d.bits - 1)
+            image = np.asarray(np.rint(image.clip(0, 1) * top) / top)
+        return image if d.jpeg_quality is None else through_jpeg(image, d.jpeg_quality, self.view.encoding)
+
+    def _as_measured(self, depth: Array) -> Array:
+        """The depth with noise and holes; 0 = unknown stays."""
+        d, shape = self.degradation, (depth.shape[0], depth.shape[1])
+        if d.depth_noise:
+            field = random_field(self._rng("depth_noise"), shape, d.depth_noise_px)
+            depth = np.asarray((depth * (1 + d.depth_noise * field)).clip(0), dtype=np.float32)
+        if d.depth_holes and (known := depth > 0).any():  # where a random field is lowest
+            field = random_field(self._rng("depth_holes"), shape, d.depth_hole_px)
+            depth = np.where(field < np.quantile(field[known], d.depth_holes), np.float32(0), depth)
         return depth
 
     def _dry(self) -> Array:
         """The image without water: the reference if the scene has references, else the image."""
         dry = self.view.pixels.load("reference" if self.has_references else "rgb")
         if dry is None:
-            raise InputError(
-                "has no reference to add water to, but other views have one", self.view.name, "leave the view out"
-            )
+            fault = "has no reference to add water to, but other views have one"
+            raise InputError(fault, self.view.name, "leave the view out")
         return dry
 
-    def _wet(self) -> Array:
-        depth, water, camera = self.view.pixels.load("depth"), self.degradation.water, self.view.camera
+    def _wet(self, water: Water) -> Array:
+        depth, camera = self.view.pixels.load("depth"), self.view.camera
         if depth is None or not (depth > 0).any():
             raise InputError("has no depth, which added water needs", self.view.name, "leave the view out")
-        assert water is not None
         if (water.encoding or self.view.encoding) != self.view.encoding:
             fault = f"degrade.add_water has the encoding {water.encoding}, the view {self.view.encoding}"
             raise InputError(fault, self.view.name, "give water of the view's encoding")
         return under_water(self._dry(), depth if camera is None else distance_map(camera, depth), water)
-
-    def _scaled(self, plane: Array | None) -> Array | None:
-        scale = self.degradation.scale
-        return plane if plane is None or scale == 1 else shrunk(plane, scale)
 
     def _rng(self, what: str) -> np.random.Generator:
         return generator(self.degradation.seed, self.scene, self.view.name, what)
@@ -191,24 +187,6 @@ def random_field(rng: np.random.Generator, shape: tuple[int, int], grain_px: flo
         spectrum = fourier_gaussian(scipy.fft.rfft2(field), grain_px, n=shape[1])
         field = scipy.fft.irfft2(spectrum, s=shape).astype(np.float32)
     return np.asarray(field / np.sqrt(np.mean(field**2, dtype=np.float64)), dtype=np.float32)
-
-
-def noisy_depth(depth: Array, relative_sd: float, grain_px: float, rng: np.random.Generator) -> Array:
-    """Return depth d (1 + sd n), (H, W) float32 metres, n a Gaussian random field; negative values become 0.
-
-    depth: (H, W) metres, 0 = unknown, which stays; grain_px: see `random_field`.
-    """
-    field = random_field(rng, (depth.shape[0], depth.shape[1]), grain_px)
-    return np.asarray((depth * (1 + relative_sd * field)).clip(0), dtype=np.float32)
-
-
-def with_holes(depth: Array, share: float, grain_px: float, rng: np.random.Generator) -> Array:
-    """Return depth (H, W) with holes: a share of its known pixels, where a random field is lowest."""
-    field, known = random_field(rng, (depth.shape[0], depth.shape[1]), grain_px), depth > 0
-    if not known.any():
-        return depth
-    lost = field < np.quantile(field[known], share)
-    return np.where(lost, np.float32(0), depth)
 
 
 def noisy_pose(cam_from_world: Array, sd_m: float, sd_deg: float, rng: np.random.Generator) -> Array:
@@ -247,18 +225,6 @@ def shrunk(plane: Array, scale: float) -> Array:
     return np.asarray(cv2.resize(plane, size, interpolation=how))
 
 
-def noisy_image(image: Array, sd: float, rng: np.random.Generator) -> Array:
-    """Return an image with Gaussian noise, independent in every pixel and channel, of stored intensities; clipped."""
-    noise = rng.standard_normal(image.shape, dtype=np.float32)
-    return np.asarray((image + np.float32(sd) * noise).clip(0, 1))
-
-
-def quantised(image: Array, bits: int) -> Array:
-    """Return an image whose stored intensities are rounded to 2^bits levels, 0 and 1 among them."""
-    top = np.float32(2**bits - 1)
-    return np.asarray(np.rint(image.clip(0, 1) * top) / top)
-
-
 def through_jpeg(image: Array, quality: int, encoding: Encoding) -> Array:
     """Return an image after storage in an 8-bit JPEG file (libjpeg's quality, 4:2:0).
 
@@ -293,32 +259,21 @@ def under_water(image: Array, z: Array, water: Water) -> Array:
 
 
 def around(scene: Scene, target: View, degradation: Degradation) -> Scene:
-    """Return a scene with only the views that `within` and `keep` leave around a target."""
+    """Return a scene with only the views that `within` and `keep` leave around a target, in capture order.
+
+    With the same seed, a smaller `keep` gives a subset of a larger one.
+    """
     if not degradation.chooses_views:
         return scene
-    names = [view.name for view in scene.views]
-    rng = generator(degradation.seed, scene.name, target.name, "keep")
-    kept = kept_views(names, target.name, degradation.within, degradation.keep, rng)
-    if len(kept) == len(names):
-        return scene
-    views = [scene.views[place] for place in kept]
-    return dataclasses.replace(
-        scene, views=views, data_id=hashed(scene.data_id, "views", [view.name for view in views])
-    )
-
-
-def kept_views(
-    names: Sequence[str], target: str, within: int | None, keep: int | None, rng: np.random.Generator
-) -> list[int]:
-    """Return the places of the remaining views in capture order, with the target's.
-
-    names: of all views in capture order; within: frames that remain before and after the target; keep: number of views
-    that remain of those, drawn at random, the target included. With the same seed, a smaller `keep` gives a subset of a
-    larger one.
-    """
-    at = names.index(target)
-    first, last = (0, len(names) - 1) if within is None else (at - within, at + within)
-    others = [place for place in range(max(0, first), min(len(names), last + 1)) if place != at]
+    within, keep = degradation.within, degradation.keep
+    at = [view.name for view in scene.views].index(target.name)
+    first, last = (0, len(scene) - 1) if within is None else (max(0, at - within), min(len(scene) - 1, at + within))
+    others = [place for place in range(first, last + 1) if place != at]
     if keep is not None:
+        rng = generator(degradation.seed, scene.name, target.name, "keep")
         others = [others[n] for n in rng.permutation(len(others))[: keep - 1]]
-    return sorted([at, *others])
+    if len(others) == len(scene) - 1:
+        return scene
+    views = [scene.views[place] for place in sorted([at, *others])]
+    data_id = hashed(scene.data_id, "views", [view.name for view in views])
+    return dataclasses.replace(scene, views=views, data_id=data_id)

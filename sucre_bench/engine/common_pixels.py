@@ -17,12 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from sucre_bench import results
-from sucre_bench.arrays import Array, DataFrame, Mask, Picture
+from sucre_bench.arrays import Array, DataFrame, Mask, Picture, locked
 from sucre_bench.engine.preflight import Planned
 from sucre_bench.engine.score import Scored, Scorer, scorers, variant_rows
 from sucre_bench.engine.select_views import Task, open_scenes, opening_once, tasks
 from sucre_bench.errors import DamagedFileError, InputError, SucreBenchError, one_line, raise_if_stop
-from sucre_bench.imaging.once import locked
 from sucre_bench.jobs.catalogue import MetricChoice, metric_choices
 from sucre_bench.jobs.job import Job, config_path, read_config
 from sucre_bench.machine import progress

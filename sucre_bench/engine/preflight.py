@@ -15,7 +15,7 @@ from sucre_bench.errors import InputError, MissingFileError, SucreBenchError, di
 from sucre_bench.imaging.display import is_of_scene
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job
-from sucre_bench.loading.shared_pixels import with_shared_pixels
+from sucre_bench.loading.view_files import with_shared_pixels
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.plugins.options import Choice
 from sucre_bench.results.layout import file_name

@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 
 from sucre_bench import plugins
-from sucre_bench.arrays import Array, coloured
+from sucre_bench.arrays import Array, coloured, locked
 from sucre_bench.engine.select_views import base_row
 from sucre_bench.errors import NotApplicableError, one_line, raise_if_stop
-from sucre_bench.imaging.once import locked
 from sucre_bench.imaging.resizing import Resizing, resized_picture, resized_restoration, split_variant
 from sucre_bench.jobs.catalogue import MetricChoice
 from sucre_bench.jobs.job import Job

@@ -19,10 +19,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Mask
+from sucre_bench.arrays import Array, Mask, locked, once
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_kinds import ChartKind, Patch, chart_kind
-from sucre_bench.imaging.once import locked, once
 from sucre_bench.machine.compute import compiled
 from sucre_bench.scene import Chart
 

@@ -28,10 +28,9 @@ from typing import Literal
 
 import numpy as np
 
-from sucre_bench.arrays import Array, coloured
+from sucre_bench.arrays import Array, coloured, locked
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
-from sucre_bench.imaging.once import locked
 from sucre_bench.imaging.percentiles import channel_percentiles
 from sucre_bench.machine.compute import compiled
 from sucre_bench.scene import Encoding, Restoration, Water

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Mask
-from sucre_bench.imaging.once import locked, once
+from sucre_bench.arrays import Array, Mask, locked, once
 from sucre_bench.machine.compute import compiled
 from sucre_bench.scene import Encoding
 

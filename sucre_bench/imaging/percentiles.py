@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Mask
-from sucre_bench.imaging.once import locked
+from sucre_bench.arrays import Array, Mask, locked
 from sucre_bench.machine.compute import compiled
 
 _BINS = 1 << 16  # floats that share their upper 16 bits differ by less than 1 %

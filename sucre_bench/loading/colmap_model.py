@@ -9,6 +9,7 @@ Source of the format: https://colmap.github.io/format.html
 
 import math
 import mmap
+import os
 import shlex
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -162,49 +163,37 @@ def _rows(path: Path, read: Callable[[Path], Iterator[_Row]]) -> Iterator[_Row]:
 # -- binary: little-endian, no padding ---------------------------------------------------------------------
 
 
-class _Cursor:
-    """A position in a binary file, which advances as values are read."""
+def _opened(path: Path) -> mmap.mmap:
+    with regular(path).open("rb") as file:
+        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
-    def __init__(self, path: Path) -> None:
-        with regular(path).open("rb") as file:
-            self._data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-        self._at = 0
 
-    def take(self, layout: str) -> tuple[Any, ...]:
-        values = struct.unpack_from("<" + layout, self._data, self._at)
-        self._at += struct.calcsize("<" + layout)
-        return values
-
-    def take_text(self) -> str:
-        end = self._data.find(b"\0", self._at)
-        if end < 0:
-            raise ValueError("a name does not end")
-        text = self._data[self._at : end].decode()
-        self._at = end + 1
-        return text
-
-    def skip(self, size: int) -> None:
-        self._at += size
-        if self._at > len(self._data):
-            raise ValueError("the points of an image break off")
+def _taken(data: mmap.mmap, layout: str) -> tuple[Any, ...]:
+    return struct.unpack(f"<{layout}", data.read(struct.calcsize(f"<{layout}")))
 
 
 def _binary_cameras(path: Path) -> Iterator[_CameraRow]:
-    cursor = _Cursor(path)
-    for _ in range(cursor.take("Q")[0]):
-        number, code, width, height = cursor.take("IiQQ")
+    data = _opened(path)
+    for _ in range(_taken(data, "Q")[0]):
+        number, code, width, height = _taken(data, "IiQQ")
         if not 0 <= code < len(_CAMERA_MODELS):
             raise ValueError(f"camera model {code} is unknown")
         model = _CAMERA_MODELS[code]
-        yield number, model, width, height, cursor.take(f"{_PARAMETERS.get(model, 0)}d")
+        yield number, model, width, height, _taken(data, f"{_PARAMETERS.get(model, 0)}d")
 
 
 def _binary_images(path: Path) -> Iterator[_ImageRow]:
-    cursor = _Cursor(path)
-    for _ in range(cursor.take("Q")[0]):
-        _, *pose, camera = cursor.take("I7dI")
-        name = cursor.take_text()
-        cursor.skip(24 * cursor.take("Q")[0])  # x, y (2 d) and the 3-D point's id (Q)
+    data = _opened(path)
+    for _ in range(_taken(data, "Q")[0]):
+        _, *pose, camera = _taken(data, "I7dI")
+        length = data.find(b"\0", data.tell()) - data.tell()
+        if length < 0:
+            raise ValueError("a name does not end")
+        name = data.read(length + 1)[:-1].decode()
+        size = 24 * _taken(data, "Q")[0]  # of its points: x, y (2 d) and the 3-D point's id (Q)
+        if size > len(data) - data.tell():
+            raise ValueError("the points of an image break off")
+        data.seek(size, os.SEEK_CUR)
         yield tuple(pose), camera, name
 
 
@@ -256,18 +245,25 @@ def registered_scene(
     Raises MissingFileError if no image exists. A fault in the files of one view becomes a fault of that view.
     """
     paths = {posed.name: image_of(posed.name) for posed in model}
-    missing = _missing(paths)
+    missing = {name: fault for name, path in paths.items() if (fault := fault_of(path))}
+    of = f"of the model's {len(paths)} images"
+    if len(missing) == len(paths):
+        raise MissingFileError(f"none {of} is there", next(iter(paths.values())), "copy them there")
+    not_there = {
+        name: f"{paths[name]}: {why} ({len(missing)} {of} are missing); copy it there" for name, why in missing.items()
+    }
     sizes = {
         posed.name: image_size(paths[posed.name]) or (posed.camera.width, posed.camera.height)
         for posed in track(model, "image sizes")
     }
     found, ambiguous = find_depths(depths, list(paths))
     seen = {} if charts is None else read_charts(charts, sizes)
-    faults: dict[Plane, Mapping[str, str]] = {"rgb": missing, "depth": ambiguous}
+    faults: dict[Plane, Mapping[str, str]] = {"rgb": not_there, "depth": ambiguous}
 
-    def photograph(posed: Posed) -> Photograph:
+    views = []
+    for posed in model:
         name = posed.name
-        return Photograph(
+        photograph = Photograph(
             name,
             paths[name],
             posed.lens or straight_lens(posed.camera),
@@ -279,18 +275,7 @@ def registered_scene(
             size=sizes[name],
             faults={plane: of_plane[name] for plane, of_plane in faults.items() if name in of_plane},
         )
-
-    views = [view_of(photograph(posed), image_scale, encoding) for posed in model]
+        views.append(view_of(photograph, image_scale, encoding))
     optional = {"depth": found or ambiguous, "reference": references, "charts": seen}
     has = frozenset({"poses", *(what for what, there in optional.items() if there)})
     return Scene(name, views, has, data_id=data_id_of(views))
-
-
-def _missing(paths: Mapping[str, Path]) -> dict[str, str]:
-    """Return the fault of each image that is not there, by name. Raises MissingFileError if none is."""
-    faults = {name: fault for name, path in paths.items() if (fault := fault_of(path))}
-    if len(faults) == len(paths):
-        first = next(iter(paths.values()))
-        raise MissingFileError(f"none of the model's {len(paths)} images is there", first, "copy them there")
-    of = f"{len(faults)} of the model's {len(paths)} images are missing"
-    return {name: f"{paths[name]}: {fault} ({of}); copy it there" for name, fault in faults.items()}

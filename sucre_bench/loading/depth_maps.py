@@ -38,7 +38,10 @@ def find_depths(folder: Path, names: Sequence[str]) -> tuple[dict[str, Path], di
     claims: dict[str, list[tuple[int, str]]] = defaultdict(list)  # the file -> who may own it, how closely named
     nearest: dict[str, str] = {}
     for name in names:
-        for rank, stem in enumerate(_stems(name)):
+        path = PurePosixPath(name)
+        places = dict.fromkeys((path.parent, PurePosixPath()))
+        stems = (f"depth_{path.stem}", f"depth{path.stem}", path.stem)  # the closest name first
+        for rank, stem in enumerate(str(place / stem) for place in places for stem in stems):
             if stem in there:
                 claims[stem].append((rank, name))
                 nearest.setdefault(name, stem)
@@ -61,13 +64,6 @@ def find_depths(folder: Path, names: Sequence[str]) -> tuple[dict[str, Path], di
         else:
             found[name] = folder / files[0]
     return found, faults
-
-
-def _stems(name: str) -> list[str]:
-    """Possible paths of an image's depth map without suffix, the closest name first."""
-    path = PurePosixPath(name)
-    places = [path.parent] if path.parent == PurePosixPath() else [path.parent, PurePosixPath()]
-    return [str(place / stem) for place in places for stem in (f"depth_{path.stem}", f"depth{path.stem}", path.stem)]
 
 
 def read_depth(path: Path) -> Array:

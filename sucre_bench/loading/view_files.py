@@ -1,14 +1,19 @@
-"""Views whose pixels are in files: photographs with lens and pose, decoded on demand, and their data_id."""
+"""Views whose pixels are in files: photographs with lens and pose, decoded on demand, and their data_id.
+
+A run decodes a file once: its processes, methods and targets map the pixels from a store, see `with_shared_pixels`.
+"""
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, Picture
 from sucre_bench.camera import Camera, scaled_camera
 from sucre_bench.errors import InputError, check_number
 from sucre_bench.imaging.chart_kinds import kind_id
@@ -16,9 +21,12 @@ from sucre_bench.imaging.chart_patches import scaled_chart
 from sucre_bench.imaging.image_files import check_pixels, image_size, is_jpeg, read_rgb, same_shape
 from sucre_bench.loading.depth_maps import check_header, fitted, read_depth
 from sucre_bench.loading.lens import Lens
+from sucre_bench.machine import cache
+from sucre_bench.machine.compute import compiled
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
-from sucre_bench.scene import Chart, Encoding, Plane, View
+from sucre_bench.machine.provenance import engine_hash
+from sucre_bench.scene import Chart, Encoding, Plane, Scene, View
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,41 +132,25 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
     undistorted = None if straight is None else (straight.width, straight.height)
     # If the header cannot be read, decoding gives the reason.
     size = photograph.size or image_size(image) or undistorted or (1, 1)
-    if fault := _fault_of_size(image, size, undistorted):
-        faults.setdefault("rgb", fault)
+    try:
+        if undistorted is not None and not same_shape(size, undistorted):
+            fault = f"is {size[0]}x{size[1]}, its camera {undistorted[0]}x{undistorted[1]}"
+            raise InputError(fault, image, "use the images that its camera was found for, uncropped")
+        check_pixels(image, size)
+    except InputError as wrong_size:
+        faults.setdefault("rgb", str(wrong_size))
         size = undistorted or (1, 1)  # what else is read of the view must not take on a forged size
     width, height = (max(1, round(side * image_scale)) for side in size)
     camera = None if straight is None else scaled_camera(straight, size, image_scale)
     bent = lens if distorts else None
     read, depth_lens = photograph.read_depth, photograph.depth_lens if photograph.depth is not None else None
     if depth_lens is not None and camera is not None:
-        read = _Resampled(read, depth_lens, camera)
-    files = Files(
-        image,
-        (width, height),
-        photograph.depth,
-        photograph.reference,
-        read_depth=read,
-        lens=bent,
-        depth_lens=depth_lens,
-        read_image=photograph.read_image,
-        faults=faults,
-    )
+        read = partial(_resampled, read, depth_lens, camera)
+    planes = (image, (width, height), photograph.depth, photograph.reference)
+    files = Files(*planes, read, bent, depth_lens, photograph.read_image, faults)
     place = f"{photograph.charts_file or image}: {photograph.name}"
     charts = tuple(_seen(chart, place, size, bent, (width, height)) for chart in photograph.charts)
     return View(photograph.name, files, camera, photograph.cam_from_world, charts, encoding)
-
-
-def _fault_of_size(image: Path, size: tuple[int, int], camera: tuple[int, int] | None) -> str:
-    """Why an image of a size (width, height) cannot be that of a camera of another; empty if it can."""
-    if camera is not None and not same_shape(size, camera):
-        fault = f"is {size[0]}x{size[1]}, its camera {camera[0]}x{camera[1]}"
-        return f"{image}: {fault}; use the images that its camera was found for, uncropped"
-    try:
-        check_pixels(image, size)
-    except InputError as fault_of_pixels:
-        return str(fault_of_pixels)
-    return ""
 
 
 def _seen(chart: Chart, place: str, size: tuple[int, int], lens: Lens | None, target: tuple[int, int]) -> Chart:
@@ -173,23 +165,15 @@ def _seen(chart: Chart, place: str, size: tuple[int, int], lens: Lens | None, ta
     return scaled_chart(Chart(chart.name, chart.kind, corners), undistorted, target)
 
 
-@dataclass(frozen=True, eq=False)
-class _Resampled:
-    """Reads a depth map of one lens as that of another camera with the same pose."""
-
-    read: Callable[[Path], Array]
-    lens: Lens
-    camera: Camera
-
-    def __call__(self, path: Path) -> Array:
-        metres = self.read(path)
-        height, width = metres.shape
-        of, to = self.lens.camera, self.camera
-        if not same_shape((width, height), (of.width, of.height)):
-            fault = f"is {width}x{height}, a size that cannot match its camera's {of.width}x{of.height}"
-            raise InputError(fault, path, "make it again of this camera")
-        # Nearest: no depth lies between a diver and the seabed behind.
-        return self.lens.resampled(metres, to, nearest=True)
+def _resampled(read: Callable[[Path], Array], lens: Lens, camera: Camera, path: Path) -> Array:
+    """Read a depth map of one lens as that of another camera with the same pose."""
+    metres = read(path)
+    height, width = metres.shape
+    if not same_shape((width, height), (lens.camera.width, lens.camera.height)):
+        fault = f"is {width}x{height}, a size that cannot match its camera's {lens.camera.width}x{lens.camera.height}"
+        raise InputError(fault, path, "make it again of this camera")
+    # Nearest: no depth lies between a diver and the seabed behind.
+    return lens.resampled(metres, camera, nearest=True)
 
 
 def is_rigid(transform: Array) -> bool:
@@ -262,3 +246,70 @@ class ImageScaleOption:
 
     def __post_init__(self: Any) -> None:
         check_number(f"{type(self).__plugin__.name}.image_scale", self.image_scale, "(0, 1]")
+
+
+# -- pixels that the processes of a run share ---------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class SharedPixels:
+    """Decoded files, which a store holds while one is in use (`machine.cache.storing`).
+
+    files: what is decoded; key: of the view in the store, the same for the same data and code. Images whose values are
+    the levels of 8 bits are stored as these, a quarter of the size; what `load` returns is equal to the last bit.
+    """
+
+    files: Files
+    key: str
+
+    @property
+    def is_jpeg(self) -> bool:
+        """Whether the image is a JPEG file."""
+        return self.files.is_jpeg
+
+    def load(self, plane: Plane) -> Array | None:
+        """Return a plane; of depth maps, the file's mapped values. Raises InputError for a file that is unreadable."""
+        if (values := self._stored(plane)) is None:
+            return self.files.load(plane)
+        return values.astype(np.float32) / np.iinfo(np.uint8).max if values.dtype == np.uint8 else values
+
+    def levels(self) -> Picture | None:
+        """Return the image (H, W, 3) as mapped 8-bit levels; None without a store, or if it has other values."""
+        values = self._stored("rgb")
+        return values if values is not None and values.dtype == np.uint8 else None
+
+    def _stored(self, plane: Plane) -> npt.NDArray[Any] | None:
+        store = cache.current()
+        if store is None or (plane != "rgb" and getattr(self.files, plane) is None):
+            return None
+
+        def decoded() -> npt.NDArray[Any]:
+            values = self.files.load(plane)
+            assert values is not None
+            levels = np.empty(values.shape if plane != "depth" else 0, dtype=np.uint8)
+            flat = np.ascontiguousarray(values).reshape(-1)
+            is_exact = plane != "depth" and compiled(_to_levels)(flat, levels.reshape(-1), np.float32(255))
+            return levels if is_exact else values
+
+        return store.get(f"{self.key} {plane}", decoded)
+
+
+def with_shared_pixels(scene: Scene) -> Scene:
+    """Return a scene whose files are decoded once a run. One without a data_id cannot be known again, and stays."""
+    if not scene.data_id:
+        return scene
+    key, views = f"{engine_hash()} {scene.data_id}", list(scene.views)
+    for i, view in enumerate(views):
+        if isinstance(view.pixels, Files):
+            views[i] = replace(view, pixels=SharedPixels(view.pixels, f"{key} {view.name}"))
+    return replace(scene, views=views)
+
+
+def _to_levels(values: Array, levels: npt.NDArray[np.uint8], full: np.float32) -> bool:
+    half, exact = np.float32(0.5), True
+    for i in range(len(values)):
+        value = values[i]
+        level = np.uint8(value * full + half) if value >= 0 and value <= 1 else np.uint8(0)
+        levels[i] = level
+        exact &= np.float32(level) / full == value
+    return exact

@@ -112,14 +112,11 @@ class SharedPoints:
         """The surface of a view's patches, at most 4,000 of them, evenly spread; None as in `surface_of`."""
         if place not in self._surfaces:
             surface = surface_of(self._views[place])
-            self._surfaces[place] = surface and _thinned(surface)
+            if surface is not None:
+                patch = _patch_of(surface.pixels, surface.camera.width)
+                surface = surface.only(surface.pixels[np.isin(patch, _filled(patch, _TRIED))])
+            self._surfaces[place] = surface
         return self._surfaces[place]
-
-
-def _thinned(surface: Surface) -> Surface:
-    patch = _patch_of(surface.pixels, surface.camera.width)
-    chosen = _filled(patch, _TRIED)
-    return surface.only(surface.pixels[np.isin(patch, chosen)])
 
 
 def _patch_of(pixels: Indices, width: int) -> Indices:

@@ -27,7 +27,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sucre_bench.arrays import Array, Indices, Mask, evenly
+from sucre_bench.arrays import Array, Indices, Mask, evenly, locked
 from sucre_bench.camera import relative_pose
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.encoding import srgb_decode
@@ -94,13 +94,13 @@ def matched_footprints(
     if all(view.name != target.name for view in chosen):
         chosen = [target, *chosen]
     k = _K_JPEG if any(view.is_jpeg for view in chosen) else _K
-    planes = _Planes.of(target, surface)
+    steps = _steps_on_planes(target, surface)
     place = np.full(surface.camera.width * surface.camera.height, -1, dtype=np.int32)
     place[surface.pixels] = np.arange(len(surface.pixels))
 
     def land(view: View) -> _Landing | None:
         with suppress(InputError):  # pairing has told about damaged files
-            return _land(view, target, surface, planes, place, rule, tolerance)
+            return _land(view, target, surface, steps, place, rule, tolerance)
         return None
 
     def colours(landing: _Landing) -> Seen:
@@ -115,39 +115,30 @@ def matched_footprints(
     return observations.take(np.arange(observations.n_repeated))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Planes:
-    """The surface at P points, in the target camera's frame.
+def _steps_on_planes(target: View, surface: Surface) -> list[Array]:
+    """Return the steps on the surface at P points that lead to the next pixel to the right and below: each (3, P).
 
-    right, down: (3, P) metres, the steps on its plane that lead to the next pixel to the right and below.
+    They are metres in the target camera's frame. A plane is fitted to the inverse depth around each point; inverse
+    depth is linear in the image on any plane.
     """
-
-    right: Array
-    down: Array
-
-    @staticmethod
-    def of(target: View, surface: Surface) -> _Planes:
-        """Fit a plane to the inverse depth around each point; inverse depth is linear in the image on any plane."""
-        height, width = target.depth.shape
-        y, x = np.divmod(surface.pixels.astype(np.int64), width)
-        step = np.arange(-_HALF, _HALF + 1)
-        v, u = (grid.ravel() for grid in np.meshgrid(step, step, indexing="ij"))
-        inside = (x >= _HALF) & (x < width - _HALF) & (y >= _HALF) & (y < height - _HALF)
-        around = target.depth[(y[:, None] + v).clip(0, height - 1), (x[:, None] + u).clip(0, width - 1)]
-        known = inside & (around > 0).all(axis=1)
-        here = 1 / surface.points[2].astype(np.float64)
-        inverse = np.where(known[:, None], 1 / np.where(around > 0, around, 1), here[:, None])  # (P, 25)
-        squares = float((u * u).sum())
-        slope = np.stack([inverse @ u, inverse @ v]) / squares  # (2, P) of 1 / depth, a pixel
-        plane = inverse.mean(axis=1)[:, None] + slope[0][:, None] * u + slope[1][:, None] * v
-        rough = np.sqrt(((inverse - plane) ** 2).mean(axis=1)) > _ROUGH * here
-        slope[:, rough] = 0
-        K_inv = np.linalg.inv(surface.camera.K)
-        depth = surface.points[2].astype(np.float64)
-        sides = [  # X = K^-1 (u, v, 1) d, and d' = -d^2 (1 / d)'
-            K_inv[:, axis, None] * depth - surface.points * (depth * slope[axis]) for axis in range(2)
-        ]
-        return _Planes(*sides)
+    height, width = target.depth.shape
+    y, x = np.divmod(surface.pixels.astype(np.int64), width)
+    step = np.arange(-_HALF, _HALF + 1)
+    v, u = (grid.ravel() for grid in np.meshgrid(step, step, indexing="ij"))
+    inside = (x >= _HALF) & (x < width - _HALF) & (y >= _HALF) & (y < height - _HALF)
+    around = target.depth[(y[:, None] + v).clip(0, height - 1), (x[:, None] + u).clip(0, width - 1)]
+    known = inside & (around > 0).all(axis=1)
+    here = 1 / surface.points[2].astype(np.float64)
+    inverse = np.where(known[:, None], 1 / np.where(around > 0, around, 1), here[:, None])  # (P, 25)
+    squares = float((u * u).sum())
+    slope = np.stack([inverse @ u, inverse @ v]) / squares  # (2, P) of 1 / depth, a pixel
+    plane = inverse.mean(axis=1)[:, None] + slope[0][:, None] * u + slope[1][:, None] * v
+    rough = np.sqrt(((inverse - plane) ** 2).mean(axis=1)) > _ROUGH * here
+    slope[:, rough] = 0
+    K_inv = np.linalg.inv(surface.camera.K)
+    depth = surface.points[2].astype(np.float64)
+    # X = K^-1 (u, v, 1) d, and d' = -d^2 (1 / d)'
+    return [K_inv[:, axis, None] * depth - surface.points * (depth * slope[axis]) for axis in range(2)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,7 +163,7 @@ class _Landing:
 
 
 def _land(
-    view: View, target: View, surface: Surface, planes: _Planes, place: Indices, rule: Rule, tolerance: float
+    view: View, target: View, surface: Surface, sides: Sequence[Array], place: Indices, rule: Rule, tolerance: float
 ) -> _Landing | None:
     is_target = view.name == target.name
     matches = own_matches(surface) if is_target else match(surface, view, rule, tolerance)
@@ -183,7 +174,7 @@ def _land(
     points = pose[:3, :3] @ surface.points[:, places] + pose[:3, 3:]
     at = (view.camera.K @ points / points[2])[:2]
     # d (X / Z) = (dX - X / Z dZ) / Z
-    steps = np.stack([pose[:3, :3] @ side[:, places] for side in (planes.right, planes.down)], axis=-1)  # (3, M, 2)
+    steps = np.stack([pose[:3, :3] @ side[:, places] for side in sides], axis=-1)  # (3, M, 2)
     rays = points[:2] / points[2]
     A = np.einsum("ij,jmk->mik", view.camera.K[:2, :2], (steps[:2] - rays[:, :, None] * steps[2]) / points[2][:, None])
     is_seen = np.abs(np.linalg.det(A)) > 1e-6  # a plane seen from its edge has no area
@@ -214,7 +205,8 @@ def _seen(landing: _Landing, common: Array, k: float, encoding: Kept, with_ray: 
     rgb = srgb_decode(view.rgb) if encoding == "linear" and view.encoding == "gamma" else view.rgb
     colour, share = np.full((len(S), 3), np.nan, dtype=np.float32), np.zeros(len(S), dtype=np.float32)
     levels = np.maximum(np.floor(np.log2(np.maximum(least / _ENOUGH, 1)) / 2), 0).astype(np.int64)
-    uncut = np.where(_is_cut_off(view.rgb), 0, view.depth)
+    white = view.rgb >= _WHITE
+    uncut = np.where((white & (white.mean(axis=(0, 1)) < _MOSTLY)).any(axis=2), 0, view.depth)
     for level, image, depth in _smaller(rgb, uncut, int(levels.max(initial=0))):
         here = np.flatnonzero(levels == level)
         if not len(here):
@@ -222,18 +214,14 @@ def _seen(landing: _Landing, common: Array, k: float, encoding: Kept, with_ray: 
         block = 2**level
         spread = S[here] / block**2 - (1 - 1 / block**2) * _SQUARE * np.eye(2)
         places = landing.at[here] / block, landing.depth[here], landing.slope[here] * block
-        colour[here], share[here] = _means(image, depth, *places, np.linalg.inv(spread))
+        means, used = np.empty((len(here), 3), np.float32), np.empty(len(here), np.float32)
+        compiled(_average)(locked(image), locked(depth), *places, np.linalg.inv(spread), means, used)
+        colour[here], share[here] = means, used
     enough = (share >= _SHARE) & np.isfinite(colour).all(axis=1)
     kept = landing.only(enough)
     matches = replace(kept.matches, at=kept.at.astype(np.float32))
     ray = rays_at(matches, view.camera) if with_ray and view.camera is not None else None
     return Seen(view.name, matches.pixels, matches.distance, colour[enough], ray)
-
-
-def _is_cut_off(rgb: Array) -> Mask:
-    """Return the pixels (H, W) that are white in a channel; not those of a channel that is mostly white."""
-    white = rgb >= _WHITE
-    return np.asarray((white & (white.mean(axis=(0, 1)) < _MOSTLY)).any(axis=2))
 
 
 def _smaller(rgb: Array, depth: Array, last: int) -> Iterator[tuple[int, Array, Array]]:
@@ -251,26 +239,13 @@ def _smaller(rgb: Array, depth: Array, last: int) -> Iterator[tuple[int, Array, 
         yield level, image, np.where(whole, near.mean(axis=(1, 3)), 0).astype(np.float32)
 
 
-def _means(rgb: Array, depth: Array, at: Array, Z: Array, slope: Array, precision: Array) -> tuple[Array, Array]:
-    """Return Gaussian means (M, 3) of an image around places `at`, and the share (M,) of each window that they used.
-
-    precision: (M, 2, 2), the inverse covariance. Pixels off the plane Z + slope (x - at) do not count.
-    """
-    means, share = np.empty((len(at), 3), np.float32), np.empty(len(at), np.float32)
-    # images that are smaller than the file's could be written to: another type, for which it would compile again
-    compiled(_average)(_locked(rgb), _locked(depth), at, Z, slope, precision, means, share)
-    return means, share
-
-
-def _locked(values: Array) -> Array:
-    seen = values.view()
-    seen.flags.writeable = False
-    return seen
-
-
 def _average(
     rgb: Array, depth: Array, at: Array, Z: Array, slope: Array, precision: Array, means: Array, share: Array
 ) -> None:
+    """Write Gaussian means (M, 3) of an image around places `at`, and the share (M,) of each window that they used.
+
+    precision: (M, 2, 2), the inverse covariance. Pixels off the plane Z + slope (x - at) do not count.
+    """
     rows, columns = depth.shape
     reach = _REACH * _REACH
     for i in range(len(at)):

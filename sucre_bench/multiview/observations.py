@@ -15,14 +15,12 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Indices
-from sucre_bench.imaging.once import locked
+from sucre_bench.arrays import Array, Indices, locked
 from sucre_bench.machine.compute import compiled, usable_cores
 
 
@@ -150,24 +148,20 @@ def compact(colour: Array) -> npt.NDArray[Any]:
     return colour
 
 
-def in_memory(name: str, shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
-    """Return an uninitialised array; `arrange` takes this or another function for it."""
-    return np.empty(shape, dtype)
-
-
 def arrange(
     shape: tuple[int, int],
     seen: list[Seen],
     *,
     with_view: bool = False,
     free: bool = False,
-    empty: Callable[[str, tuple[int, ...], npt.DTypeLike], npt.NDArray[Any]] = in_memory,
+    empty: Callable[[str, tuple[int, ...], npt.DTypeLike], npt.NDArray[Any]] | None = None,
 ) -> Observations:
     """Lay out the observations of a target of this shape (H, W); a pixel's slots follow the order of views.
 
     free: empty `seen` on the way, to free its memory while the result's is filled; empty: makes the arrays with a value
-    an observation, from a field's name, a shape and a type.
+    an observation, from a field's name, a shape and a type; None makes them in memory.
     """
+    empty = empty or (lambda _, shape, dtype: np.empty(shape, dtype))
     slots = Slots(shape[0] * shape[1], (one.pixels for one in seen))
     n = len(slots)
     finest = np.result_type(np.uint8, *(one.colour.dtype if one.colour.dtype.kind == "u" else "f4" for one in seen))
@@ -178,22 +172,17 @@ def arrange(
     parts = seen if free else list(seen)
     for index in range(len(parts)):
         one = parts.pop(0)
-        colours, with_places = _refined(one.colour, finest), with_view or ray is not None
+        colours, with_places = one.colour, with_view or ray is not None
+        if colours.dtype != finest and finest == np.uint16:
+            colours = colours.astype(np.uint16) * 257  # 65535 / 255
+        elif colours.dtype != finest:
+            colours = (colours / np.float32(_full_scale(colours.dtype))).astype(finest)
         at = slots.fill(one.pixels, one.distance, colours, distance, colour, with_places)
         if view is not None:
             view[at] = index
         if ray is not None:
             ray[:, at] = one.ray
     return Observations(shape, names, slots.pixels, slots.counts, slots.starts, distance, colour, view=view, ray=ray)
-
-
-def _refined(colour: npt.NDArray[Any], finest: np.dtype[Any]) -> npt.NDArray[Any]:
-    """Colours on the scale of another type, at least as fine."""
-    if colour.dtype == finest:
-        return colour
-    if finest == np.uint16:
-        return colour.astype(np.uint16) * 257  # 65535 / 255
-    return (colour / np.float32(_full_scale(colour.dtype))).astype(finest)
 
 
 # Observations that are worth a thread.
@@ -311,13 +300,11 @@ class Spool:
     """The observations of several views in an unnamed file, which is removed when nothing uses it any more."""
 
     def __init__(self, folder: Path) -> None:
-        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115, closed on exit
+        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115, see close
         self._parts: list[tuple[str, dict[str, tuple[int, np.dtype[Any], tuple[int, ...]]]]] = []
 
-    def __enter__(self) -> Spool:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, fault: BaseException | None, at: TracebackType | None) -> None:
+    def close(self) -> None:
+        """Give the file up."""
         self._file.close()
 
     def append(self, seen: Seen) -> None:

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypedDict, TypeVar, get_args
@@ -21,14 +21,13 @@ import numpy as np
 import numpy.typing as npt
 import psutil
 
-from sucre_bench.arrays import Array, Indices, Mask
+from sucre_bench.arrays import Array, Indices, Mask, locked
 from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, NotApplicableError, SolveError, did_you_mean
 from sucre_bench.imaging.encoding import srgb_decode
-from sucre_bench.imaging.once import locked
 from sucre_bench.machine.compute import compiled, usable_cores
 from sucre_bench.machine.progress import say, track
-from sucre_bench.multiview.observations import Observations, Seen, Spool, arrange, compact, in_memory, new_file
+from sucre_bench.multiview.observations import Observations, Seen, Spool, arrange, compact, new_file
 from sucre_bench.multiview.pairing import Matches, Rule, Surface, lift, match, own_matches, visible_pixels
 from sucre_bench.scene import View
 
@@ -86,18 +85,30 @@ def observe(
     surface = lift(target)
     if not len(surface.pixels):
         raise NotApplicableError(f"{target.name}: no pixel has depth; check its depth map, 0 means unknown")
-    tried, most = _may_show(surface, target, views)
+    if all(view.name != target.name for view in views):
+        views = [target, *views]
+    visible = visible_pixels(surface, views)
+    chosen = [k for k, view in enumerate(views) if visible[k] > 0 or view.name == target.name]
+    tried, most = [views[k] for k in chosen], np.cumsum(visible[chosen])  # observations of the first k + 1, at most
     shape = (surface.camera.height, surface.camera.width)
     how = (rule, tolerance, encoding, with_ray)
     see = partial(_see, surface, target.name, MIN_SHARE * shape[0] * shape[1], how)
+    seen: list[Seen] = []
+    unreadable: list[str] = []
     with ExitStack() as stack:
-        spool = stack.enter_context(Spool(folder)) if folder is not None else None
+        spool = stack.enter_context(closing(Spool(folder))) if folder is not None else None
         outcomes = stack.enter_context(closing(_in_order(see, tried)))
-        seen: list[Seen] = []
-        reading = _Reading(target.name)
         held = _Held(target.name, with_view, int(most[-1]))
         for k, view in enumerate(track(tried, "pairing")):
-            one = reading.result(view, next(outcomes))
+            try:
+                one, seconds = next(outcomes).result()
+            except InputError as fault:
+                if view.name == target.name:
+                    raise
+                unreadable.append(str(fault))
+                say(f"{target.name}: leaves out {view.name}: {fault}")
+                continue
+            read_s += seconds
             if one is not None and spool is not None:
                 spool.append(one)
             elif one is not None:
@@ -107,41 +118,9 @@ def observe(
             seen = spool.parts()
     if not seen:
         raise SolveError(f"{target.name}: no pixel has both depth and colour; check its image for NaN")
-    empty = in_memory if folder is None else partial(new_file, folder)
+    empty = None if folder is None else partial(new_file, folder)
     observations = arrange(shape, seen, with_view=with_view, free=True, empty=empty)
-    pair_s = time.perf_counter() - began
-    return replace(observations, unreadable=tuple(reading.unreadable), read_s=read_s + reading.seconds, pair_s=pair_s)
-
-
-def _may_show(surface: Surface, target: View, views: Sequence[View]) -> tuple[list[View], Indices]:
-    """Return the views that may show the target, itself among them, and the most observations of the first k + 1."""
-    if all(view.name != target.name for view in views):
-        views = [target, *views]
-    most = visible_pixels(surface, views)
-    chosen = [k for k, view in enumerate(views) if most[k] > 0 or view.name == target.name]
-    return [views[k] for k in chosen], np.cumsum(most[chosen])
-
-
-@dataclass(slots=True)
-class _Reading:
-    """The views whose files cannot be read, and the seconds spent reading those of the others."""
-
-    target: str
-    unreadable: list[str] = field(default_factory=list)
-    seconds: float = 0.0
-
-    def result(self, view: View, outcome: Future[tuple[Seen | None, float]]) -> Seen | None:
-        """Return the observations in a view, None if there are none. Raises InputError if the target is unreadable."""
-        try:
-            seen, seconds = outcome.result()
-        except InputError as fault:
-            if view.name == self.target:
-                raise
-            self.unreadable.append(str(fault))
-            say(f"{self.target}: leaves out {view.name}: {fault}")
-            return None
-        self.seconds += seconds
-        return seen
+    return replace(observations, unreadable=tuple(unreadable), read_s=read_s, pair_s=time.perf_counter() - began)
 
 
 def _check(rule: str, tolerance: float, encoding: str) -> None:
@@ -183,22 +162,20 @@ def _see(
     matches = own_matches(surface) if view.name == target else match(surface, view, rule, tolerance)
     if matches is None or len(matches.pixels) <= least:
         return None, read_s
-    rgb, seconds = _timed(lambda: _image(view, rule, encoding))
+    began = time.perf_counter()
+    # Where no colour is computed of the image, its mapped 8-bit levels will do.
+    levels = view.levels if rule == "mutual" and encoding == "view" else None
+    rgb = view.rgb if levels is None else levels
+    read_s += time.perf_counter() - began
     assert view.camera is not None
     if rgb.shape[:2] != (view.camera.height, view.camera.width):
         sizes = f"{rgb.shape[1]}x{rgb.shape[0]}, the camera's {view.camera.width}x{view.camera.height}"
         raise InputError(f"the image is {sizes}", view.name, "use the images that the cameras belong to")
     matches, colour = colours_at(matches, rgb, encoding == "linear" and view.encoding == "gamma")
     if not len(colour):
-        return None, read_s + seconds
+        return None, read_s
     ray = rays_at(matches, view.camera) if with_ray else None
-    return Seen(view.name, matches.pixels, matches.distance, colour, ray), read_s + seconds
-
-
-def _image(view: View, rule: Rule, encoding: Kept) -> npt.NDArray[Any]:
-    """The image, as mapped 8-bit levels where they are there and no colour is computed of them."""
-    levels = view.levels if rule == "mutual" and encoding == "view" else None
-    return view.rgb if levels is None else levels
+    return Seen(view.name, matches.pixels, matches.distance, colour, ray), read_s
 
 
 @dataclass(slots=True)

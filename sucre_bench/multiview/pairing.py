@@ -9,7 +9,7 @@ other arithmetic is float32 in the camera's frame.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -96,24 +96,21 @@ def lift(view: View, tile_px: int = _TILE_PX) -> Surface:
     d = depth.ravel()[pixels]
     starts = np.append(0, np.cumsum(sizes[sizes > 0]))
     left, top = np.array(corners)[sizes > 0].T
+    points = []  # K^-1 (u + .5, v + .5, 1) d of the pixels' centres
+    for of_u, of_v, of_one in np.linalg.inv(view.camera.K):
+        along_x = (of_u * (np.arange(width) + 0.5) + of_one).astype(np.float32)
+        along_y = (of_v * (np.arange(height) + 0.5)).astype(np.float32)
+        points.append(((along_x + along_y[:, None]) * depth).ravel()[pixels])
     boxes = np.stack([left, top, left + tile_px, top + tile_px])
     return Surface(
         view.camera,
         view.cam_from_world,
         pixels,
-        np.stack([plane.ravel()[pixels] for plane in _points(view.camera, depth)]),
+        np.stack(points),
         starts,
         _frustum_pieces(view.camera, boxes, d, starts[:-1]),
         _frustum_pieces(view.camera, np.array([[0], [0], [width], [height]]), d, starts[:1]),
     )
-
-
-def _points(camera: Camera, depth: Array) -> Iterator[Array]:
-    """The coordinates X, Y, Z (H, W) float32 of the pixels' centres: K^-1 (u + .5, v + .5, 1) d."""
-    for of_u, of_v, of_one in np.linalg.inv(camera.K):
-        along_x = (of_u * (np.arange(camera.width) + 0.5) + of_one).astype(np.float32)
-        along_y = (of_v * (np.arange(camera.height) + 0.5)).astype(np.float32)
-        yield (along_x + along_y[:, None]) * depth
 
 
 def _depth(view: View, camera: Camera) -> Array:

@@ -12,19 +12,18 @@ import functools
 import hashlib
 import inspect
 import json
-import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Any, BinaryIO, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
-from sucre_bench.errors import ANY_FAULT, InputError
+from sucre_bench.errors import ANY_FAULT, InputError, OutputError
 from sucre_bench.machine.cache import get_or_make
-from sucre_bench.machine.files import expanded
+from sucre_bench.machine.files import expanded, open_atomically, write_atomically
 from sucre_bench.machine.progress import say
 from sucre_bench.machine.provenance import engine_hash
 from sucre_bench.multiview.observations import Observations
@@ -83,10 +82,15 @@ def paired(scene: Scene, target: View, folder: Path | None = None, **options: Un
         return observe(target, scene.views, **options)
     with_view, options = bool(options.get("with_view")), {**options, "with_view": True}  # one entry serves both
     entry = expanded(folder) / f"{Path(target.name).stem}-{_key(scene, target, options)}"
+
+    def read(entry: Path) -> Observations | None:
+        stored = _read(entry)
+        return None if stored is None or stored.unreadable else stored  # a file may be readable now
+
     try:
-        kept = get_or_make(entry, _read_whole, lambda work: _make(work, scene, target, options))
-    except OSError as fault:
-        reason = fault.strerror or fault
+        kept = get_or_make(entry, read, lambda work: _make(work, scene, target, options))
+    except (OSError, OutputError) as fault:
+        reason = fault.fault if isinstance(fault, OutputError) else fault.strerror or fault
         raise InputError(f"cannot keep observations there, {reason}", entry.parent, "name another folder") from fault
     return kept if with_view else dataclasses.replace(kept, view=None)
 
@@ -110,31 +114,17 @@ def _make(work: Path, scene: Scene, target: View, options: Options) -> Observati
     work.mkdir()
     made = observe(target, scene.views, folder=work, **options)
     for name in _PER_PIXEL:
-        with (work / f"{name}.npy").open("wb") as file:
+        with open_atomically(work / f"{name}.npy") as file:
             np.save(file, getattr(made, name))
-            _to_disk(file)
     for name in _PER_OBSERVATION:
         if isinstance(values := getattr(made, name), np.memmap):
             values.flush()  # else a crash of the machine could leave zeros in a file of full length
     meta = {"shape": made.shape, "views": made.views, "unreadable": made.unreadable, "pair_s": made.pair_s}
     arrays = {name: _layout(getattr(made, name)) for name in (*_PER_PIXEL, *_PER_OBSERVATION)}
-    with (work / "meta.json").open("wb") as file:
-        file.write(json.dumps({**meta, "arrays": arrays}).encode())
-        _to_disk(file)
+    write_atomically(work / "meta.json", json.dumps({**meta, "arrays": arrays}).encode())
     stored = _read(work)
     assert stored is not None
     return dataclasses.replace(stored, read_s=made.read_s)
-
-
-def _read_whole(entry: Path) -> Observations | None:
-    """An entry's observations; None also if a view could not be read, which may be readable now."""
-    stored = _read(entry)
-    return None if stored is None or stored.unreadable else stored
-
-
-def _to_disk(file: BinaryIO) -> None:
-    file.flush()
-    os.fsync(file.fileno())
 
 
 def _is_whole(kept: Observations) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sucre_bench.imaging.once import locked, once
+from sucre_bench.arrays import locked, once
 
 CALLS: list[float] = []
 

@@ -12,8 +12,7 @@ from sucre_bench import Arrays, View
 from sucre_bench.camera import Camera
 from sucre_bench.degrade import degraded
 from sucre_bench.errors import InputError
-from sucre_bench.loading.shared_pixels import with_shared_pixels
-from sucre_bench.loading.view_files import Files
+from sucre_bench.loading.view_files import Files, with_shared_pixels
 from sucre_bench.machine.cache import ArrayStore, storing
 from sucre_bench.multiview.observe import Options, observe
 from sucre_bench.scene import Scene

@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, locked
 from sucre_bench.engine.score import score_rows, scorers
 from sucre_bench.engine.score_pairs import Entrant, pair_rows
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.display import display
-from sucre_bench.imaging.once import locked
 from sucre_bench.jobs.catalogue import MetricChoice
 from sucre_bench.multiview.common_points import SharedPoints
 from sucre_bench.plugins.options import Choice
@@ -201,7 +200,7 @@ def _on_view(metric: Any) -> tuple[list[np.ndarray], Sequence[Callable[[str], It
     image = view.rgb.copy()
     shown = display(image, "none")
     restoration, shared = Restoration(image, WATER, info={"true_water": WATER}), locked(shown)
-    # Of a read-only picture metrics may remember what they compute, see `imaging.once`.
+    # Of a read-only picture metrics may remember what they compute, see `arrays.once`.
     calls = [functools.partial(metric.score, restoration, picture, view) for picture in (shown, shared, shared)]
     return [image, shown, *(np.asarray(p) for p in (view.rgb, view.depth, view.reference))], calls
 
