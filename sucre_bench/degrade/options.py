@@ -29,8 +29,16 @@ def read_water(given: Any, place: str = _PLACE) -> Water:
         encoding = given.encoding
         parts = [given.veiling_light, given.attenuation, given.backscatter]
     elif isinstance(given, (str, Path)):
-        place = str(expanded(given))
-        return read_water(_from_file(Path(place)), place)
+        from sucre_bench.results import water_file
+
+        path, remedy = expanded(given), 'write {"B": [r, g, b], "beta": ..., "gamma": ...}'
+        try:
+            water = water_file.read_water(path)
+        except FileNotFoundError:
+            raise MissingFileError("no such file", path, remedy) from None
+        if water is None:
+            raise InputError("no B, beta and gamma in it", path, remedy)
+        return read_water(water, str(path))
     elif np.shape(given) == (9,):
         parts = [given[0:3], given[3:6], given[6:9]]
     try:
@@ -45,19 +53,6 @@ def read_water(given: Any, place: str = _PLACE) -> Water:
         raise InputError("no water has these values", place, "B is in [0, 1], beta and gamma are at least 0 per metre")
     B, beta, gamma = numbers
     return Water(B, beta, gamma, encoding)
-
-
-def _from_file(path: Path) -> Water:
-    from sucre_bench.results.water_file import read_water as in_file
-
-    remedy = 'write {"B": [r, g, b], "beta": ..., "gamma": ...}'
-    try:
-        water = in_file(path)
-    except FileNotFoundError:
-        raise MissingFileError("no such file", path, remedy) from None
-    if water is None:
-        raise InputError("no B, beta and gamma in it", path, remedy)
-    return water
 
 
 _VERSION = 1  # increase this when equal degradations give other data than before

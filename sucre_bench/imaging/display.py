@@ -111,20 +111,16 @@ def display(
     by_veil = chosen.kind == "veil" or (chosen.is_veil_first and is_linear_veil and _gains(water) is not None)
     if chosen.is_of_scene and over is None:
         raise InputError(f"display '{how}': needs all views of the scene; use `sucre-bench run` with save=full")
-    if chosen.kind == "none" and encoding == "gamma" and not by_veil and _is_shown_as_it_is(image):
-        return image
+    may_stay = chosen.kind == "none" and encoding == "gamma" and not by_veil and image.dtype == np.float32
+    if may_stay and image.size and image.min() >= 0 and image.max() <= 1:
+        return image  # nothing to clip, no NaN: no picture of 12 megapixels is copied
     over = image if over is None else over
     if (chosen.is_linear or by_veil) and encoding == "gamma":
         image, over, encoding = _by_rows(srgb_decode, image), _by_rows(srgb_decode, over), "linear"
     shown = np.empty(image.shape, dtype=np.float32)
-    limits = _veil_limits(over, water) if by_veil else _limits(over, chosen)
+    limits = _limits(over, chosen, _gains(water) if by_veil else None)
     compiled(_rescale)(locked(image), *limits, shown)
     return _by_rows(srgb_encode, shown) if encoding == "linear" else shown
-
-
-def _is_shown_as_it_is(image: Array) -> bool:
-    """Whether there is nothing to clip: then no picture of 12 megapixels is copied. NaN passes no comparison."""
-    return bool(image.dtype == np.float32 and image.size and image.min() >= 0 and image.max() <= 1)
 
 
 def displayed(
@@ -159,31 +155,26 @@ def _gains(water: Water | None) -> Array | None:
     return np.asarray(veil.mean() / veil)
 
 
-def _veil_limits(image: Array, water: Water | None) -> tuple[Array, Array]:
-    """Return no offset, and the divisors (3,) of "linear-white-veil"."""
-    gain = _gains(water)
-    if gain is None:
-        raise InputError("display 'linear-white-veil': the method estimates no veil; use white-99 or stretch-1-99")
-    valid = coloured(image)
-    top = float(np.percentile(image[valid] * gain, 99)) if valid.any() else 1.0
-    return np.zeros(3), np.asarray((top if top > 1e-6 else 1.0) / gain)
-
-
-def _limits(image: Array, chosen: Normalisation) -> tuple[Array, Array]:
-    """Return what to subtract from each channel (3,), and what to divide it by then."""
+def _limits(image: Array, chosen: Normalisation, veil_gains: Array | None) -> tuple[Array, Array]:
+    """Return what to subtract from each channel (3,), and what to divide it by then. veil_gains: (3,) of the veil."""
     nothing, one = np.zeros(3), np.ones(3)
     valid = coloured(image)
+    if veil_gains is not None:
+        top = float(np.percentile(image[valid] * veil_gains, 99)) if valid.any() else 1.0
+        return nothing, np.asarray((top if top > 1e-6 else 1.0) / veil_gains)
+    if chosen.kind == "veil":
+        raise InputError("display 'linear-white-veil': the method estimates no veil; use white-99 or stretch-1-99")
     if chosen.kind == "none" or not valid.any():
         return nothing, one
     if chosen.kind == "black-white":
-        (top,) = channel_percentiles(image, [chosen.high], valid)
+        (white,) = channel_percentiles(image, [chosen.high], valid)
         lowest = float(np.percentile(image[valid], chosen.low))
-        return np.full(3, lowest), np.where(top - lowest > 1e-6, top - lowest, 1)
+        return np.full(3, lowest), np.where(white - lowest > 1e-6, white - lowest, 1)
     if chosen.kind == "gray-world":
         return nothing, 1 / _gain_of_means(np.array([image[valid, c].mean(dtype=np.float64) for c in range(3)]))
     if chosen.kind == "white":
-        (top,) = channel_percentiles(image, [chosen.high], valid)
-        return nothing, np.where(top > 1e-6, top, 1)
+        (white,) = channel_percentiles(image, [chosen.high], valid)
+        return nothing, np.where(white > 1e-6, white, 1)
     low, high = channel_percentiles(image, [chosen.low, chosen.high], valid)
     flat = high - low < 1e-6
     return np.where(flat, 0, low), np.where(flat, 1, high - low)

@@ -176,7 +176,20 @@ def _filtered(guide: Array, plane: Array, radius: int, eps: float) -> Array:
         offset = mean_plane - slope * mean
         return np.asarray(box_mean(slope, radius) * guide + box_mean(offset, radius))
     covariance = box_mean(guide * plane[..., None], radius) - mean * mean_plane[..., None]
-    slope = _solved(_windows(guide, mean, radius, eps), covariance)
+    # Each window's covariance of the guide's channels, eps on its diagonal: a b c, b d e, c e f. Each pixel's system is
+    # solved by the adjugate: a plane of 24 megapixels has as many of them.
+    a, b, c, d, e, f = (
+        (box_mean(guide[..., i] * guide[..., j], radius) - mean[..., i] * mean[..., j] + eps * (i == j)).astype(
+            np.float64
+        )
+        for i in range(3)
+        for j in range(i, 3)
+    )
+    (A, B, C), (D, E), F = (d * f - e * e, c * e - b * f, b * e - c * d), (a * f - c * c, b * c - a * e), a * d - b * b
+    determinant = a * A + b * B + c * C
+    x, y, z = (covariance[..., k] for k in range(3))
+    rows = (A * x + B * y + C * z, B * x + D * y + E * z, C * x + E * y + F * z)
+    slope = np.stack([(row / determinant).astype(np.float32) for row in rows], axis=-1)
     offset = mean_plane - (slope * mean).sum(axis=-1)
     return (box_mean(slope, radius) * guide).sum(axis=-1) + box_mean(offset, radius)
 
@@ -187,35 +200,12 @@ def box_mean(image: Array, radius: int) -> Array:
 
     size, outside = (2 * radius + 1, 2 * radius + 1), cv2.BORDER_CONSTANT
     total = cv2.boxFilter(np.ascontiguousarray(image), cv2.CV_32F, size, normalize=False, borderType=outside)
-    height, width = (_counts(n, radius) for n in image.shape[:2])
-    count = height[:, None] * width
+    places = (np.arange(side) for side in image.shape[:2])
+    rows, columns = (
+        (np.minimum(at + radius, len(at) - 1) - np.maximum(at - radius, 0) + 1).astype(np.float32) for at in places
+    )
+    count = rows[:, None] * columns
     return np.asarray(total / (count if image.ndim == 2 else count[..., None]))
-
-
-def _counts(length: int, radius: int) -> Array:
-    """How many of a line's pixels the window of each one holds (length,)."""
-    at = np.arange(length)
-    return (np.minimum(at + radius, length - 1) - np.maximum(at - radius, 0) + 1).astype(np.float32)
-
-
-def _windows(guide: Array, mean: Array, radius: int, eps: float) -> dict[tuple[int, int], Array]:
-    """The upper half of each window's covariance of the guide's channels, eps added on its diagonal."""
-    pairs = [(i, j) for i in range(3) for j in range(i, 3)]
-    return {
-        (i, j): box_mean(guide[..., i] * guide[..., j], radius) - mean[..., i] * mean[..., j] + eps * (i == j)
-        for i, j in pairs
-    }
-
-
-def _solved(window: dict[tuple[int, int], Array], right: Array) -> Array:
-    """Solve each pixel's symmetric 3 x 3 system by its adjugate: a plane of 24 megapixels has as many of them."""
-    a, b, c, d, e, f = (window[k].astype(np.float64) for k in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
-    adjugate = ((d * f - e * e, c * e - b * f, b * e - c * d), (a * f - c * c, b * c - a * e), (a * d - b * b,))
-    determinant = a * adjugate[0][0] + b * adjugate[0][1] + c * adjugate[0][2]
-    x, y, z = (right[..., k] for k in range(3))
-    (A, B, C), (D, E), (F,) = adjugate
-    rows = (A * x + B * y + C * z, B * x + D * y + E * z, C * x + E * y + F * z)
-    return np.stack([(row / determinant).astype(np.float32) for row in rows], axis=-1)
 
 
 def blended(images: Sequence[Array], weights: Iterable[Array], levels: int) -> Array:
@@ -238,7 +228,7 @@ def blended(images: Sequence[Array], weights: Iterable[Array], levels: int) -> A
     result = sums.pop()
     while sums:
         finer = sums.pop()
-        result = finer + _enlarged(result, finer.shape)
+        result = finer + np.asarray(cv2.pyrUp(result, dstsize=(finer.shape[1], finer.shape[0])))
     return result
 
 
@@ -253,14 +243,6 @@ def _bands(image: Array, levels: int) -> Iterator[Array]:
 
     for _ in range(levels - 1):
         coarse: Array = np.asarray(cv2.pyrDown(image))
-        yield image - _enlarged(coarse, image.shape)
+        yield image - np.asarray(cv2.pyrUp(coarse, dstsize=(image.shape[1], image.shape[0])))
         image = coarse
     yield image
-
-
-def _enlarged(coarse: Array, shape: tuple[int, ...]) -> Array:
-    """Enlarge a level to the size of the next finer one. The caller gives this size, because half of an odd size was
-    rounded up."""
-    import cv2
-
-    return np.asarray(cv2.pyrUp(coarse, dstsize=(shape[1], shape[0])))

@@ -151,7 +151,10 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
     check_pixels(place, header.size)
     if header.has_more:
         raise InputError("holds several pictures", place, "save the wanted one as a file of its own")
-    wants_colours = bool(flags & cv2.IMREAD_COLOR)  # a bit that is set in IMREAD_UNCHANGED, too
+    stored, wants_colours = (
+        np.frombuffer(data, np.uint8),
+        bool(flags & cv2.IMREAD_COLOR),
+    )  # IMREAD_UNCHANGED has it, too
     try:
         if data.startswith(_JPEG):  # OpenCV may fill up a cut JPEG with gray, Pillow does not
             with _pillow().open(io.BytesIO(data)) as image:
@@ -160,10 +163,11 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
                 return values[..., ::-1] if wants_colours else values
         if data.startswith(b"\x89PNG") and b"IEND" not in data[-4096:]:
             raise ValueError("cut short")
+        decoded: Any = None
         if wants_colours and flags != cv2.IMREAD_UNCHANGED and header.is_changed:
-            decoded = _colours_as_stored(data, flags, place, header)
-        else:
-            decoded = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+            decoded = _tiff_colours(data, place) if header.is_tiff else cv2.imdecode(stored, cv2.IMREAD_UNCHANGED)
+            decoded = _without_alpha(decoded, place, flags) if header.is_tiff or decoded.shape[2:] == (4,) else None
+        decoded = cv2.imdecode(stored, flags) if decoded is None else decoded
         if decoded is None:
             raise ValueError("damaged")
     except InputError:
@@ -173,32 +177,8 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
     return np.asarray(decoded)
 
 
-def _colours_as_stored(data: bytes, flags: int, place: str, header: "_Header") -> Any:
-    """BGR, without the alpha that OpenCV would multiply by, of 8 bits unless the flags allow more; None if unreadable.
-
-    Raises InputError for a TIFF of a form that tifffile does not read.
-    """
-    import cv2
-
-    if header.is_tiff:
-        stored = _tiff_colours(data, place)
-    else:
-        stored = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED))
-        if stored.shape[2:] != (4,):
-            return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    bgr, alpha = stored[..., :3], stored[..., 3:]
-    if not flags & cv2.IMREAD_ANYDEPTH:
-        return (bgr >> 8).astype(np.uint8) if bgr.dtype == np.uint16 else bgr
-    if alpha.dtype.kind == "u" and (n := int((alpha < np.iinfo(alpha.dtype).max).sum())):
-        fault = f"{n} pixels of {Path(place).name} are transparent, and read with the colours stored there"
-        _say_once_a_folder(Path(place), "alpha", f"{fault}; save it without transparency if these are not right")
-    return bgr
-
-
 def _tiff_colours(data: bytes, place: str) -> npt.NDArray[Any]:
-    """A TIFF's (H, W, 3 or 4): BGR as it is stored, and its alpha if it has one."""
-    import cv2
-
+    """A TIFF's (H, W, 3 or 4): BGR as it is stored, and its alpha if it has one. Raises InputError if it has none."""
     with _tiff_file(io.BytesIO(data)) as file:
         page = file.pages.first
         check_pixels(place, page.shape, channels=4)
@@ -208,14 +188,23 @@ def _tiff_colours(data: bytes, place: str) -> npt.NDArray[Any]:
             values = values.reshape(page.imagelength, page.imagewidth, page.samplesperpixel)
             n = _COLOURS[page.photometric]
         except Exception as fault:  # a compression that needs another package, LZW say, or a damaged file
-            stored = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED))
-            is_bgra = page.planarconfig != _PLANES and stored.shape == (page.imagelength, page.imagewidth, 4)
-            if is_bgra and (stored.dtype == np.uint16 or stored[..., 3].min() == 255):
-                return stored
             form = "has transparency or planes in a form that cannot be read"
             raise InputError(form, place, "save it without transparency, or as PNG") from fault
         alpha = [i for i, kind in enumerate(page.extrasamples, n) if kind in _ALPHA][:1]
         return values[..., ([2, 1, 0] if n == 3 else [0, 0, 0]) + alpha]
+
+
+def _without_alpha(stored: npt.NDArray[Any], place: str, flags: int) -> npt.NDArray[Any]:
+    """BGR without the alpha that OpenCV would multiply by, of 8 bits unless the flags allow more."""
+    import cv2
+
+    bgr, alpha = stored[..., :3], stored[..., 3:]
+    if not flags & cv2.IMREAD_ANYDEPTH:
+        return (bgr >> 8).astype(np.uint8) if bgr.dtype == np.uint16 else bgr
+    if alpha.dtype.kind == "u" and (n := int((alpha < np.iinfo(alpha.dtype).max).sum())):
+        fault = f"{n} pixels of {Path(place).name} are transparent, and read with the colours stored there"
+        _say_once_a_folder(Path(place), "alpha", f"{fault}; save it without transparency if these are not right")
+    return bgr
 
 
 _said: set[tuple[Path, str]] = set()
@@ -256,27 +245,23 @@ def _header(file: IO[bytes]) -> _Header | None:
     try:
         is_tiff = file.read(2) in (b"II", b"MM")
         file.seek(0)
-        if is_tiff:  # not by Pillow, which does not know 16-bit colour there
-            with _tiff_file(file) as tiff:
-                return _header_of_tiff(tiff)
-        with _pillow().open(file) as image:
-            has_more = image.format in _ANIMATED and getattr(image, "n_frames", 1) > 1
-            has_alpha = "A" in image.mode or "transparency" in image.info
-            return _Header(image.size, 1, has_more, False, has_alpha)
+        if not is_tiff:
+            with _pillow().open(file) as image:
+                has_more = image.format in _ANIMATED and getattr(image, "n_frames", 1) > 1
+                has_alpha = "A" in image.mode or "transparency" in image.info
+                return _Header(image.size, 1, has_more, False, has_alpha)
+        with _tiff_file(file) as tiff:  # not by Pillow, which does not know 16-bit colour there
+            first, *others = itertools.islice(tiff.pages, 100)
+            width, height = first.imagewidth, first.imagelength
+            has_more = bool(others and first.subfiletype & _REDUCED_OR_MASK) or any(
+                not (page.subfiletype & _REDUCED_OR_MASK or (page.imagewidth < width and page.imagelength < height))
+                for page in others
+            )
+            is_changed = any(kind in _ALPHA for kind in first.extrasamples)
+            is_changed |= first.samplesperpixel > 1 and first.planarconfig == _PLANES
+            return _Header((width, height), 1 + len(others), has_more, True, is_changed)
     except Exception:  # of any kind: each format has its own
         return None
-
-
-def _header_of_tiff(tiff: Any) -> _Header:
-    first, *others = itertools.islice(tiff.pages, 100)
-    has_more = bool(others and first.subfiletype & _REDUCED_OR_MASK)
-    for page in others:
-        is_smaller = page.imagewidth < first.imagewidth and page.imagelength < first.imagelength
-        has_more |= not (is_smaller or page.subfiletype & _REDUCED_OR_MASK)
-    has_alpha = any(kind in _ALPHA for kind in first.extrasamples)
-    has_planes = first.samplesperpixel > 1 and first.planarconfig == _PLANES
-    size = first.imagewidth, first.imagelength
-    return _Header(size, 1 + len(others), has_more, True, has_alpha or has_planes)
 
 
 def _tiff_file(file: IO[bytes]) -> Any:

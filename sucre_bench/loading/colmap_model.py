@@ -71,7 +71,13 @@ def read_model(sparse: Path, images: Path, distorted: bool = False) -> list[Pose
     there is no model, if it cannot be read or is empty, if a camera is distorted and not accepted, of an unknown model,
     or cannot be undistorted, or if an image name occurs twice or leaves the folder.
     """
-    cameras_file, images_file = _find(sparse)
+    places = [(folder, suffix) for folder in (sparse, sparse / "0") for suffix in (".bin", ".txt")]
+    pairs = ((folder / f"cameras{suffix}", folder / f"images{suffix}") for folder, suffix in places)
+    found = next((pair for pair in pairs if pair[0].is_file() and pair[1].is_file()), None)
+    if found is None:
+        kind, fault = (InputError, "holds no COLMAP model") if sparse.is_dir() else (MissingFileError, "no such folder")
+        raise kind(fault, sparse, "put cameras.bin and images.bin (or .txt) there or set dataset.sparse=DIR")
+    cameras_file, images_file = found
     paths = {"image": images, "input": cameras_file.parent, "output": sparse.parent / "undistorted"}
     given = " ".join(f"--{name}_path {shlex.quote(str(path))}" for name, path in paths.items())
     undistort = f"colmap image_undistorter {given} --output_type COLMAP"
@@ -103,8 +109,13 @@ def _read_cameras(file: Path, distorted: bool, undistort: str) -> dict[int, tupl
         if model not in (_PARAMETERS if distorted else _PINHOLE):
             usable = "of these distortions none is known here" if distorted else "only pinhole cameras can be used"
             raise InputError(f"{place} is {model}, {usable}; undistort: {undistort}")
-        inner = 3 if model in _ONE_FOCAL else 4
-        camera = Camera(_intrinsics(parameters, inner, width, height, place), width, height)
+        inner = 3 if model in _ONE_FOCAL else 4  # focal length, or both, and principal point
+        focal_x, focal_y, x, y = parameters[:4] if inner == 4 else (parameters[0], *parameters[:3])
+        if not (min(width, height, focal_x, focal_y) > 0 and all(map(math.isfinite, parameters))):
+            raise InputError(
+                f"{place} is {width}x{height} with parameters {parameters}, which no camera has; {_REMEDY}"
+            )
+        camera = Camera(np.array([[focal_x, 0, x], [0, focal_y, y], [0, 0, 1]], dtype=np.float64), width, height)
         lens = Lens(camera, "fisheye" if "FISHEYE" in model else "perspective", parameters[inner:])
         if model in _PINHOLE:
             cameras[number] = (camera, None)
@@ -113,25 +124,6 @@ def _read_cameras(file: Path, distorted: bool, undistort: str) -> dict[int, tupl
         else:
             cameras[number] = (lens.pinhole, lens)
     return cameras
-
-
-def _find(sparse: Path) -> tuple[Path, Path]:
-    for folder in (sparse, sparse / "0"):
-        for suffix in (".bin", ".txt"):
-            both = folder / f"cameras{suffix}", folder / f"images{suffix}"
-            if all(path.is_file() for path in both):
-                return both
-    kind, fault = (InputError, "holds no COLMAP model") if sparse.is_dir() else (MissingFileError, "no such folder")
-    raise kind(fault, sparse, "put cameras.bin and images.bin (or .txt) there or set dataset.sparse=DIR")
-
-
-def _intrinsics(parameters: tuple[float, ...], inner: int, width: int, height: int, place: str) -> Array:
-    """K of a camera whose first `inner` parameters are its focal length, or both, and its principal point."""
-    focal_x, focal_y, x, y = parameters[:4] if inner == 4 else (parameters[0], *parameters[:3])
-    fine = width > 0 and height > 0 and focal_x > 0 and focal_y > 0 and all(map(math.isfinite, parameters))
-    if not fine:
-        raise InputError(f"{place} is {width}x{height} with parameters {parameters}, which no camera has; {_REMEDY}")
-    return np.array([[focal_x, 0, x], [0, focal_y, y], [0, 0, 1]], dtype=np.float64)
 
 
 def _rigid(pose: tuple[float, ...], place: str) -> Array:

@@ -38,9 +38,9 @@ def find_depths(folder: Path, names: Sequence[str]) -> tuple[dict[str, Path], di
     claims: dict[str, list[tuple[int, str]]] = defaultdict(list)  # the file -> who may own it, how closely named
     nearest: dict[str, str] = {}
     for name in names:
-        path = PurePosixPath(name)
-        places = dict.fromkeys((path.parent, PurePosixPath()))
-        stems = (f"depth_{path.stem}", f"depth{path.stem}", path.stem)  # the closest name first
+        image = PurePosixPath(name)
+        places = dict.fromkeys((image.parent, PurePosixPath()))
+        stems = (f"depth_{image.stem}", f"depth{image.stem}", image.stem)  # the closest name first
         for rank, stem in enumerate(str(place / stem) for place in places for stem in stems):
             if stem in there:
                 claims[stem].append((rank, name))

@@ -135,9 +135,16 @@ class ArrayStore:
                 return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
             return made[0]
 
+        def read(path: Path) -> Values | None:
+            with suppress(OSError, ValueError, EOFError):
+                values = np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
+                os.utime(path)
+                return values
+            return None
+
         lock = self.folder / f"{int(name[:8], 16) % _N_LOCKS}.lock"
         try:
-            return get_or_make(self.folder / f"{name}.npy", _mapped, write, lock, silent_s=-1)
+            return get_or_make(self.folder / f"{name}.npy", read, write, lock, silent_s=-1)
         except OSError:  # the disk is full, or no place to write to
             return made[0] if made else make()
 
@@ -154,16 +161,6 @@ class ArrayStore:
                 return
             file.unlink(missing_ok=True)
             filled -= size
-
-
-def _mapped(path: Path) -> Values | None:
-    """The array in a file; None if there is none, or it is damaged."""
-    try:
-        values = np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
-        os.utime(path)
-    except (OSError, ValueError, EOFError):
-        return None
-    return values
 
 
 # One for the process: threads ask for arrays too.
