@@ -254,18 +254,18 @@ def registered_scene(
 
     views = []
     for posed in model:
-        name = posed.name
+        image = posed.name
         photograph = Photograph(
-            name,
-            paths[name],
+            image,
+            paths[image],
             posed.lens or straight_lens(posed.camera),
             scaled_pose(posed.cam_from_world, metres_per_unit),
-            found.get(name),
-            reference=(references or {}).get(name),
-            charts=seen.get(name, ()),
+            found.get(image),
+            reference=(references or {}).get(image),
+            charts=seen.get(image, ()),
             charts_file=charts,
-            size=sizes[name],
-            faults={plane: of_plane[name] for plane, of_plane in faults.items() if name in of_plane},
+            size=sizes[image],
+            faults={plane: of_plane[image] for plane, of_plane in faults.items() if image in of_plane},
         )
         views.append(view_of(photograph, image_scale, encoding))
     optional = {"depth": found or ambiguous, "reference": references, "charts": seen}
