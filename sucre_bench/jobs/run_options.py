@@ -46,7 +46,7 @@ class Shard:
         return items[n * self.index // self.count : n * (self.index + 1) // self.count]
 
 
-# Each is a module of `reports.paper.figures`.
+# Each is a function in `reports.paper`.
 Figure = Literal[
     "against", "between_views", "charts", "hue", "pictures", "residuals", "scaling", "scores", "seams", "swatches",
     "water",
@@ -61,7 +61,7 @@ class Study:
     name: of its files; metrics: "name" or "name:variant", in the order of the table's columns, all when empty; along:
     the option whose values the study follows, "degrade.NAME", "dataset.NAME" or "method.NAME"; axis: what figures call
     it, with its unit, its name when empty; baseline: the method that the others are measured against, the best when
-    empty; figures: modules of `reports.paper.figures`; spread: tables show standard deviations too; svg: figures are
+    empty; figures: functions in `reports.paper`; spread: tables show standard deviations too; svg: figures are
     written as .svg too; by: "view" or "region" adds a table for each.
     """
 

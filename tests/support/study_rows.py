@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sucre_bench.reports.paper import Study
-from sucre_bench.reports.paper import follow_option as along
+from sucre_bench.reports.paper import Study, style, write_study
+from sucre_bench.reports.paper import study_results as along
 from sucre_bench.results.rows import Row, frame
 
 ROW = Row(scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", code="c", data_id="d")
@@ -48,6 +48,12 @@ def noisy(values: Mapping[Any, Mapping[str, list[float]]], option: str = "depth_
 def followed(rows: pd.DataFrame, option: str, **study: Any) -> along.Along:
     (one,) = along.along(rows, Study(name="s", along=option, **study))
     return one
+
+
+def drawn(name: str, rows: pd.DataFrame, out: Path = Path("nowhere"), **study: Any) -> dict[str, Any]:
+    """The figures of one kind, by the ends of their files' names."""
+    with style.look():
+        return dict(write_study.drawn(name, along.StudyResults(Study("s", **study), rows, out)))
 
 
 def words(one: along.Along) -> list[str]:

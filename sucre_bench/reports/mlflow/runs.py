@@ -13,26 +13,26 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame
-from sucre_bench.compare import Comparison
+from sucre_bench.compare import Column, Comparison
+from sucre_bench.compare.answer import deciding
 from sucre_bench.compare.documents import as_text
 from sucre_bench.errors import InputError
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.text_formats import masked
-from sucre_bench.reports.mlflow.page import VIEW_TAG, view_of
-from sucre_bench.reports.mlflow.store import connect, remember, said_of
-from sucre_bench.reports.paper.figures import style
+from sucre_bench.reports.mlflow.store import VIEW_TAG, connect, one_line_for, remember
+from sucre_bench.reports.paper import style
 from sucre_bench.results import layout
 from sucre_bench.results.rows import restoration_rows, restorations
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
-    from mlflow.entities import Metric
 
-_LONGEST_PARAM = 6000
+_LONGEST_PARAM, _LONGEST_NOTE = 6000, 7500
 _MOST_PICTURES = 40  # of a run, evenly chosen; all whole pictures are among its artifacts
 _PICTURE_SIZE = (640, 640)
 _MOST_RUNS = 50_000  # that mlflow returns of a search
+_GROUPS = ("dataset", "degrade")  # of options, beside those of the method
 
 
 def log(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], uri: str, experiment: str) -> int:
@@ -41,13 +41,13 @@ def log(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], uri: str,
     Child runs whose rows are logged already stay as they are. Raises InputError for a store that mlflow cannot use,
     OutputError where mlflow fails.
     """
-    with said_of(uri):
-        folder = _Folder(*connect(uri, experiment), out)
-        named = rows[rows["method"] != ""]
-        jobs = [of_job for _, of_job in named.groupby(["dataset", "method"], sort=False)]
-        new = [of_job for of_job in jobs if not folder.has(of_job)]
+    with one_line_for(uri):
+        client, number = connect(uri, experiment)
+        jobs = [of_job for _, of_job in rows[rows["method"] != ""].groupby(["dataset", "method"], sort=False)]
+        new = [job for job in jobs if not client.search_runs([number], f"tags.rows = '{_hash(job)}'", max_results=1)]
         if new:
-            folder.log_command(rows, new, comparisons)
+            client.set_experiment_tag(number, VIEW_TAG, _view(comparisons))
+            _Folder(client, number, out).log(rows, len(jobs), new, comparisons)
         remember(out, uri, experiment)
         return len(new)
 
@@ -60,42 +60,38 @@ class _Folder:
     experiment: str
     out: Path
 
-    def has(self, rows: DataFrame) -> bool:
-        """Whether a run of these very rows is whole."""
-        return bool(self.client.search_runs([self.experiment], f"tags.rows = '{_hash(rows)}'", max_results=1))
-
-    def log_command(self, rows: DataFrame, new: Sequence[DataFrame], comparisons: Sequence[Comparison]) -> None:
+    def log(self, rows: DataFrame, n_jobs: int, new: Sequence[DataFrame], comparisons: Sequence[Comparison]) -> None:
         """The parent run, and a child for each of the new jobs."""
-        older = self._latest()
-        self.client.set_experiment_tag(self.experiment, VIEW_TAG, view_of(comparisons))
+        older = self.client.search_runs([self.experiment], "tags.latest = 'yes'", max_results=_MOST_RUNS)
         environment = provenance.read(self.out / "environment.json") or {}
         tags = {
-            "jobs": str(len(rows.loc[rows["method"] != "", ["dataset", "method"]].drop_duplicates())),
+            "jobs": str(n_jobs),
             "mlflow.source.git.commit": environment.get("git_commit"),
             "command": masked(" ".join(environment.get("command", []))),
             "sucre_bench": environment.get("sucre_bench"),
         }
         note = as_text(comparisons, "md") if (rows["status"] == "ok").any() else ""
-        if len(note) >= 7500:
+        if len(note) >= _LONGEST_NOTE:
             note = "Too many tables to show here; they are in scores.parquet."
         with self._run(self.out.resolve().name, rows, tags, note) as parent:
             for name in ("config.yaml", "environment.json"):
                 if (self.out / name).is_file():
                     self.client.log_artifact(parent, str(self.out / name))
             for name in ("tables", "figures"):
-                self._log_folder(parent, self.out / name, name)
-            self._mark(parent, older.get(("", ""), []))
+                if (self.out / name).is_dir():
+                    self.client.log_artifacts(parent, str(self.out / name), name)
+            self._mark_latest(parent, older, "", "")
             for of_job in new:
                 self._log_job(parent, of_job, older)
 
-    def _log_job(self, parent: str, rows: DataFrame, older: Mapping[tuple[str, str], list[str]]) -> None:
+    def _log_job(self, parent: str, rows: DataFrame, older: Sequence[Any]) -> None:
         """One dataset and method as a child run: parameters, means and per-view steps, table, restored pictures."""
         dataset, method = rows["dataset"].iloc[0], rows["method"].iloc[0]
         options = json.loads(rows["options"].iloc[-1])
         statuses = set(restoration_rows(rows)["status"])
         tags = {
             "mlflow.parentRunId": parent,
-            "mlflow.runColor": style.colour(method),
+            "mlflow.runColor": style.own_look(method).colour,
             "dataset": dataset,
             "method": method,
             "plugin": str(options.get("name", "")),
@@ -104,13 +100,20 @@ class _Folder:
             "device": ",".join(sorted(set(rows["device"]) - {""})),
             "status": "failed" if "failed" in statuses else "skipped" if statuses == {"skipped"} else "ok",
         }
-        with self._run(f"{method} on {dataset}", rows, tags, _about(options, rows)) as run:
-            self._log_values(run, options, rows)
-            self._log_folder(
-                run, self.out / "restored" / layout.file_name(dataset) / layout.file_name(method), "restored"
-            )
-            self._log_pictures(run, rows)
-            self._mark(run, older.get((dataset, method), []))
+        views = rows.loc[rows["view"] != "", ["scene", "view"]].drop_duplicates().sort_values(["scene", "view"])
+        # A view's step in mlflow's curves and pictures, alike for all methods of a dataset.
+        steps = {view: step for step, view in enumerate(views.itertuples(index=False, name=None))}
+        plugin = plugins.usable("method").get(tags["plugin"])
+        reasons = rows.loc[rows["status"] == "failed", "reason"].drop_duplicates().head(5)
+        note = [f"**{method}** on **{dataset}**, views: {len(views)}."]
+        note += [*([plugin.summary, plugin.cites] if plugin else []), *(f"failed: `{reason}`" for reason in reasons)]
+        restored = self.out / "restored" / layout.file_name(dataset) / layout.file_name(method)
+        with self._run(f"{method} on {dataset}", rows, tags, "\n\n".join(filter(None, note))) as run:
+            self._log_values(run, options, rows, steps)
+            if restored.is_dir():
+                self.client.log_artifacts(run, str(restored), "restored")
+            self._log_pictures(run, rows, steps)
+            self._mark_latest(run, older, dataset, method)
             self.client.set_tag(run, "rows", _hash(rows))  # last: a run that was cut off before is not taken for whole
 
     @contextmanager
@@ -131,28 +134,19 @@ class _Folder:
         failed = (rows["status"] == "failed").any()
         self.client.set_terminated(run, "FAILED" if failed else "FINISHED", _stamp(rows["time"].max()))
 
-    def _latest(self) -> dict[tuple[str, str], list[str]]:
-        """The newest runs of this folder by dataset and method, both empty for its parent run."""
-        found: dict[tuple[str, str], list[str]] = {}
-        for run in self.client.search_runs([self.experiment], "tags.latest = 'yes'", max_results=_MOST_RUNS):
-            tags = run.data.tags
-            if tags.get("out") == str(self.out.resolve()):
-                found.setdefault((tags.get("dataset", ""), tags.get("method", "")), []).append(run.info.run_id)
-        return found
-
-    def _mark(self, run: str, older: Sequence[str]) -> None:
-        """Mark a run as the newest of its dataset and method, and older runs as not."""
+    def _mark_latest(self, run: str, older: Sequence[Any], dataset: str, method: str) -> None:
+        """Mark a run as the newest of its dataset and method in this folder (of parents both ""), older ones as not."""
+        key = {"out": str(self.out.resolve()), "dataset": dataset, "method": method}
         self.client.set_tag(run, "latest", "yes")
         for other in older:
-            self.client.set_tag(other, "latest", "no")
+            if all(other.data.tags.get(tag, "") == value for tag, value in key.items()):
+                self.client.set_tag(other.info.run_id, "latest", "no")
 
-    def _log_folder(self, run: str, folder: Path, name: str) -> None:
-        if folder.is_dir():
-            self.client.log_artifacts(run, str(folder), name)
-
-    def _log_values(self, run: str, options: Mapping[str, Any], rows: DataFrame) -> None:
-        """Parameters, means over views, and every view's value as a step, in as few requests as may be."""
-        from mlflow.entities import Param
+    def _log_values(
+        self, run: str, options: Mapping[str, Any], rows: DataFrame, steps: Mapping[tuple[str, str], int]
+    ) -> None:
+        """Parameters, means over views, every view's value as a step, and how many views ended how."""
+        from mlflow.entities import Metric, Param
 
         params = {f"method.{name}": value for name, value in options.items() if name not in (*_GROUPS, "replicate")}
         for group in _GROUPS:
@@ -160,18 +154,28 @@ class _Folder:
         replicates = sorted({results.unreplicated(scene)[1] for scene in rows["scene"].unique()})
         if replicates not in ([0], []):
             params["replicates"] = ",".join(map(str, replicates))
-        metrics, texts = list(_metrics(rows)), {name: _text(value)[:_LONGEST_PARAM] for name, value in params.items()}
-        listed = [Param(name, text) for name, text in texts.items()]
-        for start in range(0, len(metrics), 1000):
+        texts = {name: v if isinstance(v, str) else json.dumps(v, default=str) for name, v in params.items()}
+        listed = [Param(name, text[:_LONGEST_PARAM]) for name, text in texts.items()]
+
+        ok = rows[(rows["status"] == "ok") & ~rows["region"].str.contains("/", regex=False)]
+        ok = ok[ok["value"].abs() < float("inf")]
+        metrics, end = [], _stamp(rows["time"].max())
+        for (metric, variant), scores in ok.groupby(["metric", "variant"], sort=False):
+            name, when = f"{metric}.{variant}", _stamp(scores["time"].max())
+            by_view = scores.groupby(["scene", "view"])["value"].mean()
+            metrics.append(Metric(name, float(by_view.mean()), when, 0))
+            metrics += [Metric(f"views/{name}", float(value), when, steps[view]) for view, value in by_view.items()]
+        ended = restoration_rows(rows).drop_duplicates(["scene", "view"])["status"]
+        metrics += [Metric(f"views_{how}", float((ended == how).sum()), end, 0) for how in ("ok", "failed", "skipped")]
+        for start in range(0, len(metrics), 1000):  # the most of one request
             self.client.log_batch(run, metrics=metrics[start : start + 1000])
         for start in range(0, len(listed), 100):
             self.client.log_batch(run, params=listed[start : start + 100])
 
-    def _log_pictures(self, run: str, rows: DataFrame) -> None:
+    def _log_pictures(self, run: str, rows: DataFrame, steps: Mapping[tuple[str, str], int]) -> None:
         """Small pictures by step, which mlflow's chart view shows side by side for the runs that are selected."""
         from PIL import Image
 
-        steps = _steps(rows)
         every = -(-len(steps) // _MOST_PICTURES)
         for row in restorations(rows).itertuples():
             step = steps[str(row.scene), str(row.view)]
@@ -188,45 +192,25 @@ class _Folder:
             self.client.log_image(run, small, key="restored", step=step, timestamp=when, synchronous=True)
 
 
-_GROUPS = ("dataset", "degrade")  # of options, beside those of the method
+def _view(comparisons: Sequence[Comparison]) -> str:
+    """What mlflow's page shows first: the newest run of each method and the columns that decide, best first.
 
+    It is what mlflow's own button "share" writes, as JSON.
+    """
 
-def _metrics(rows: DataFrame) -> Iterator[Metric]:
-    """Means over views, each view's value as a step, and how many views ended how."""
-    from mlflow.entities import Metric
+    def key(column: Column) -> str:
+        return f"metrics.`{column.metric}.{column.variant}`"
 
-    ok = rows[(rows["status"] == "ok") & ~rows["region"].str.contains("/", regex=False)]
-    ok = ok[ok["value"].notna() & ~ok["value"].isin([float("inf"), float("-inf")])]
-    steps = _steps(rows)
-    for (metric, variant), scores in ok.groupby(["metric", "variant"], sort=False):
-        name, when = f"{metric}.{variant}", _stamp(scores["time"].max())
-        by_view = scores.groupby(["scene", "view"])["value"].mean()
-        yield Metric(name, float(by_view.mean()), when, 0)
-        for view, value in by_view.items():
-            yield Metric(f"views/{name}", float(value), when, steps[view])
-    views = restoration_rows(rows).drop_duplicates(["scene", "view"])
-    for status in ("ok", "failed", "skipped"):
-        yield Metric(f"views_{status}", float((views["status"] == status).sum()), _stamp(rows["time"].max()), 0)
-
-
-def _steps(rows: DataFrame) -> dict[tuple[str, str], int]:
-    """Each view's step in mlflow's curves and pictures, in order of name, alike for all methods of a dataset."""
-    views = rows[rows["view"] != ""]
-    return {view: step for step, view in enumerate(sorted(set(zip(views["scene"], views["view"], strict=True))))}
-
-
-def _about(options: Mapping[str, Any], rows: DataFrame) -> str:
-    """The description of a child run on mlflow's page."""
-    views = rows.loc[rows["view"] != "", ["scene", "view"]].drop_duplicates()
-    head = f"**{rows['method'].iloc[0]}** on **{rows['dataset'].iloc[0]}**, views: {len(views)}."
-    plugin = plugins.usable("method").get(str(options.get("name", "")))
-    reasons = rows.loc[rows["status"] == "failed", "reason"].drop_duplicates().head(5)
-    parts = [head, *([plugin.summary, plugin.cites] if plugin else []), *(f"failed: `{reason}`" for reason in reasons)]
-    return "\n\n".join(part for part in parts if part)
-
-
-def _text(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value, default=str)
+    chosen = [deciding(comparison) for comparison in comparisons]
+    keys = list(dict.fromkeys(key(column) for each in chosen for column in each.columns))
+    state: dict[str, Any] = {
+        "selectedColumns": keys,
+        "columnOrder": ["attributes.`Run Name`", *keys],
+        "searchFilter": "tags.latest = 'yes' and tags.method LIKE '%'",
+    }
+    if main := next((each.main for each in chosen if each.main), None):
+        state |= {"orderByKey": key(main), "orderByAsc": main.better == "lower"}
+    return json.dumps(state)
 
 
 def _stamp(time: str) -> int:

@@ -1,4 +1,7 @@
-"""The store of mlflow's runs: made quickly, checked before mlflow opens it, asked only if there is something new."""
+"""The store of mlflow's runs: made quickly, checked before mlflow opens it, asked only if there is something new.
+
+And mlflow's own page, served on this machine and opened on a table of methods with the columns that decide.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,13 @@ import hashlib
 import json
 import logging
 import os
+import socket
 import sqlite3
+import subprocess
+import sys
 import tempfile
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from textwrap import shorten
@@ -16,7 +23,8 @@ from typing import TYPE_CHECKING
 
 from sucre_bench.errors import InputError, OutputError, SucreBenchError, one_line
 from sucre_bench.machine.cache import get_or_make, waited_lock
-from sucre_bench.machine.files import regular, user_cache, write_atomically
+from sucre_bench.machine.files import regular, temporary_folder, user_cache, write_atomically
+from sucre_bench.machine.processes import terminated_as_interrupt
 from sucre_bench.machine.provenance import version_of
 from sucre_bench.machine.text_formats import masked
 from sucre_bench.results import TABLE
@@ -24,6 +32,12 @@ from sucre_bench.results.rows import fingerprint
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
+
+# mlflow's page reads what it shows first from this tag of the experiment, if its address names the key.
+_VIEW_KEY = "sucre_bench"
+VIEW_TAG = f"mlflow.sharedViewState.{_VIEW_KEY}"
+
+_HOST = "127.0.0.1"
 
 _PATIENCE_S = 600  # for other processes that open the same store
 _SQLITE_PATIENCE_S = 10
@@ -72,15 +86,22 @@ def connect(uri: str, experiment: str) -> tuple[MlflowClient, str]:
         if path is not None:
             if not path.exists() or not path.stat().st_size:
                 with suppress(OSError, sqlite3.Error):  # else mlflow makes its own
-                    write_atomically(path, _empty_store())
-            _check(path)
+                    kept = user_cache() / f"mlflow-{version_of('mlflow')}.db"
+                    write_atomically(path, get_or_make(kept, _read_store, _make_store))
+            try:
+                with closing(sqlite3.connect(path, timeout=_SQLITE_PATIENCE_S, isolation_level=None)) as opened:
+                    opened.execute("BEGIN IMMEDIATE")
+                    opened.execute("ROLLBACK")
+            except sqlite3.Error as fault:
+                remedy = "move it away, or give another URI"
+                raise InputError(f"mlflow cannot use this store, {fault}", path, remedy) from None
         client = _client(uri)
         there = client.get_experiment_by_name(experiment)
         return client, there.experiment_id if there else client.create_experiment(experiment, artifacts, _ABOUT)
 
 
 @contextmanager
-def said_of(uri: str) -> Iterator[None]:
+def one_line_for(uri: str) -> Iterator[None]:
     """Raise what mlflow raises in this block as OutputError: one line, without passwords."""
     try:
         yield
@@ -93,11 +114,8 @@ def said_of(uri: str) -> Iterator[None]:
 
 def _client(uri: str) -> MlflowClient:
     """A client without telemetry, with few retries, and without lines of its own."""
-    for name, value in (
-        ("DISABLE_TELEMETRY", "true"),
-        ("HTTP_REQUEST_MAX_RETRIES", "1"),
-        ("HTTP_REQUEST_TIMEOUT", "10"),
-    ):
+    settings = {"DISABLE_TELEMETRY": "true", "HTTP_REQUEST_MAX_RETRIES": "1", "HTTP_REQUEST_TIMEOUT": "10"}
+    for name, value in settings.items():
         os.environ.setdefault(f"MLFLOW_{name}", value)
     logging.getLogger("alembic").setLevel(logging.WARNING)  # it tells of every migration of a new store
     logging.getLogger("mlflow.store.db.utils").setLevel(logging.ERROR)
@@ -108,31 +126,18 @@ def _client(uri: str) -> MlflowClient:
     return MlflowClient(tracking_uri=uri)
 
 
-def _check(store: Path) -> None:
-    try:
-        with closing(sqlite3.connect(store, timeout=_SQLITE_PATIENCE_S, isolation_level=None)) as opened:
-            opened.execute("BEGIN IMMEDIATE")
-            opened.execute("ROLLBACK")
-    except sqlite3.Error as fault:
-        remedy = "move it away, or give another URI"
-        raise InputError(f"mlflow cannot use this store, {fault}", store, remedy) from None
-
-
-def _empty_store() -> bytes:
+def _make_store(path: Path) -> bytes:
     """An empty store. mlflow makes one by more than fifty migrations, which takes seconds: once on a machine."""
+    # Without the experiment whose artifacts would lie where it was made: mlflow makes its own in any store without.
+    _client(f"{_SQLITE}{path}").search_experiments()
+    with closing(sqlite3.connect(path)) as opened:
+        opened.execute("DELETE FROM experiments")
+        opened.commit()
+    return path.read_bytes()
 
-    def make(path: Path) -> bytes:
-        # Without the experiment whose artifacts would lie where it was made: mlflow makes its own in any store without.
-        _client(f"{_SQLITE}{path}").search_experiments()
-        with closing(sqlite3.connect(path)) as opened:
-            opened.execute("DELETE FROM experiments")
-            opened.commit()
-        return path.read_bytes()
 
-    def read(path: Path) -> bytes | None:
-        return path.read_bytes() if path.is_file() else None
-
-    return get_or_make(user_cache() / f"mlflow-{version_of('mlflow')}.db", read, make)
+def _read_store(path: Path) -> bytes | None:
+    return path.read_bytes() if path.is_file() else None
 
 
 # -- what is logged already -------------------------------------------------------------------------------------------
@@ -168,3 +173,58 @@ def _digest(out: Path) -> str:
     with suppress(OSError), (out / TABLE).open("rb") as table:
         return hashlib.file_digest(table, "blake2b").hexdigest()[:32]
     return ""
+
+
+# -- mlflow's page ----------------------------------------------------------------------------------------------------
+
+
+def runs_page(uri: str, experiment: str, port: int) -> str:
+    """Return the address of an experiment's runs: on the page that `open_ui` serves, or on the server of the URI."""
+    place = uri.rstrip("/") if uri.startswith(("http://", "https://")) else f"http://{_HOST}:{port}"
+    with one_line_for(uri):
+        runs = f"{place}/#/experiments/{connect(uri, experiment)[1]}/runs"
+    return f"{runs}?viewStateShareKey={_VIEW_KEY}&workflowType=machine_learning"
+
+
+def check_port(port: int) -> None:
+    """Raise InputError if a port of this machine cannot be served."""
+    try:
+        socket.create_server((_HOST, port)).close()
+    except OSError as fault:
+        raise InputError(f"--port {port}: {fault.strerror}; give another, for example --port {port + 1}") from None
+
+
+def open_ui(uri: str, port: int, ready: Callable[[], None]) -> int:
+    """Serve mlflow's page on this machine alone until it is stopped, and return its exit status.
+
+    ready: called when the page can be opened.
+    """
+    store = resolved(uri) if ":" in uri else str(Path(uri).resolve())  # seen from here, not from the server's folder
+    settings = {
+        "MLFLOW_BACKEND_STORE_URI": store,  # not as arguments, which all users of the machine can read
+        "MLFLOW_REGISTRY_STORE_URI": store,
+        "MLFLOW_DISABLE_TELEMETRY": "true",
+        "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false",
+        "PYTHONWARNINGS": "ignore",
+    }
+    words = [sys.executable, "-m", "mlflow", "ui", "--host", _HOST, "--port", str(port)]
+    words += ["--uvicorn-opts", "--log-level warning"]
+    with (
+        temporary_folder() as empty,  # mlflow's server puts the current folder first where it looks for modules
+        subprocess.Popen(words, cwd=empty, env={**os.environ, **settings}, stdout=subprocess.DEVNULL) as server,
+    ):
+        try:
+            with terminated_as_interrupt():
+                while server.poll() is None and not _answers(port):
+                    time.sleep(0.2)
+                if server.poll() is None:
+                    ready()
+                return server.wait()
+        finally:  # a kill of ours alone would leave it running
+            server.terminate()
+
+
+def _answers(port: int) -> bool:
+    with suppress(OSError), socket.create_connection((_HOST, port), timeout=5):
+        return True
+    return False

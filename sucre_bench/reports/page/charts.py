@@ -2,9 +2,8 @@
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from sucre_bench.arrays import DataFrame, evenly
@@ -12,185 +11,178 @@ from sucre_bench.compare import Column
 from sucre_bench.compare.words import number, title
 from sucre_bench.reports.metric_roles import metrics_of, roles
 from sucre_bench.reports.page import plots
-from sucre_bench.reports.page.plots import Choice
+from sucre_bench.reports.page.plots import Choice, key_of
+from sucre_bench.results.rows import values_of
 
-Scores = dict[str, list[Any]]  # by "metric:variant", a value a method, None where it has none
+Scores = Mapping[str, Mapping[str, float | None]]  # by "metric:variant" and method; None: infinite
 
 _MOST_SWATCHES = 40  # charts whose patches the page shows
 
 
 @dataclass(frozen=True)
 class Chart:
-    """A chart of a view. view: as the page calls it; scores: of the whole chart; patches: of each patch, by name."""
+    """A chart of a view.
+
+    view: as the page calls it; distance: in metres, the same for every method; whole: its own scores; patches: those
+    of each patch, by name, in order of number.
+    """
 
     view: str
     name: str
-    scores: Scores = field(default_factory=dict)
-    patches: dict[str, Scores] = field(default_factory=dict)
-
-    @property
-    def title(self) -> str:
-        """View, chart and distance."""
-        away = "" if self.distance is None else f"{number(self.distance)} m"
-        return " · ".join(filter(None, [self.view, self.name, away]))
-
-    @cached_property
-    def distance(self) -> float | None:
-        """In metres; of the view, so the same for every method."""
-        keys = [key for key in self.scores if _role(key) == "chart-distance"]
-        return _first(value for key in keys for value in self.scores[key])
-
-    @property
-    def ordered(self) -> list[str]:
-        """The names of its patches, by their number."""
-        return sorted(self.patches, key=_place)
+    distance: float | None
+    whole: Scores
+    patches: Mapping[str, Scores]
 
 
-@dataclass(frozen=True)
-class Charts:
-    """The charts of a dataset. methods: their labels, each with its place among all of the page."""
+def chart_content(
+    rows: DataFrame, columns: Sequence[Column], methods: Mapping[str, int], names: Mapping[tuple[str, str], str]
+) -> dict[str, list[Choice]]:
+    """Return the lists of swatches, errors over distance, and hues over distance that the page offers of a dataset.
 
-    charts: Sequence[Chart]
-    columns: Sequence[Column]
-    methods: Mapping[str, int]
-
-    def swatches(self) -> list[Choice]:
-        """Return a table for each chart and colour difference: each patch in every method's picture."""
-        of_patches = [
-            c for c in self._measures() if any(_key(c) in p for one in self.charts for p in one.patches.values())
-        ]
-        measures = [c for c in of_patches if _role(_key(c)) == "colour-difference"] or of_patches[:1]
-        shown = [self.charts[k] for k in evenly(len(self.charts), _MOST_SWATCHES)]
-        several = len(measures) > 1
-        return [
-            Choice(f"{one.title}{f', {c.metric} ({c.variant})' * several}", table=self._patches(one, c))
-            for c in measures
-            for one in shown
-        ]
-
-    def _patches(self, chart: Chart, column: Column) -> dict[str, Any]:
-        patches = [chart.patches[name] for name in chart.ordered]
-        expected = [_colour(scores, "-expected") for scores in patches]
-        rows = [
-            {
-                "label": name,
-                "mean": _number(_at(chart.scores.get(_key(column)), at)),
-                "patches": [
-                    {"measured": _colour(p, "", at), "value": _number(_at(p.get(_key(column)), at))} for p in patches
-                ],
-            }
-            for at, name in enumerate(self.methods)
-        ]
-        names = [_words(name) for name in chart.ordered]
-        return {"names": names, "expected": expected, "rows": rows, "metric": column.metric, "unit": title(column)}
-
-    def distances(self) -> list[Choice]:
-        """Return each score of charts over their distance, as plot and in numbers."""
-        near_first = sorted((one for one in self.charts if one.distance is not None), key=lambda one: one.distance or 0)
-        made = []
-        for column in self._measures():
-            key = _key(column)
-            lines = []
-            for at, (name, place) in enumerate(self.methods.items()):
-                known = [one for one in near_first if _at(one.scores.get(key), at) is not None]
-                words = [plots.text(f"{one.view} · {one.name}") for one in known]
-                hover = f"%{{text}}<br>%{{x:.2f}} m, %{{y:.3g}} {column.unit}"
-                values = [one.scores[key][at] for one in known]
-                lines.append(plots.line(name, place, [one.distance for one in known], values, hover, text=words))
-            x, y = {"title": {"text": "distance of the chart, m"}}, {"title": {"text": title(column)}}
-            names = plots.legend(list(self.methods))
-            figures = [plots.figure(lines, x, y | {"rangemode": "tozero"}, **names)] if near_first else []
-            scored = [one for one in self.charts if key in one.scores]
-            rows = [(one.view, one.name, one.distance, one.scores[key]) for one in scored]
-            made.append(Choice(title(column), figures, {"rows": rows}))
-        return made
-
-    def hues(self) -> list[Choice]:
-        """Return the hue of every patch over distance, for each kind of chart and way of measuring hue."""
-        keys = dict.fromkeys(key for one in self.charts for patch in one.patches.values() for key in patch)
-        hues = [key for key in keys if _role(key) == "patch-hue" and not key.endswith("-expected")]
-        kinds: dict[tuple[str, ...], list[Chart]] = defaultdict(list)
-        for one in sorted(self.charts, key=lambda one: one.distance or 0):
-            if one.patches and one.distance is not None:
-                kinds[tuple(one.ordered)].append(one)
-        return [
-            Choice(f"{key.partition(':')[2]}, {', '.join(dict.fromkeys(one.name for one in alike))}", figures)
-            for key in hues
-            for patches, alike in kinds.items()
-            if (
-                figures := [
-                    self._hue(key, patch, alike) for patch in patches if any(key in c.patches[patch] for c in alike)
-                ]
-            )
-        ]
-
-    def _hue(self, key: str, patch: str, charts: Sequence[Chart]) -> plots.Figure:
-        """The hue of one patch; hues stand within half a turn of the expected one."""
-        scores = [one.patches[patch] for one in charts]
-        expected = _first(value for own in scores for value in own.get(f"{key}-expected", []))
-        colour = next((made for own in scores if (made := _colour(own, "-expected"))), "")
-        lines = []
-        for at, (name, place) in enumerate(self.methods.items()):
-            known = [
-                (one.distance, value) for one in charts if (value := _at(one.patches[patch].get(key), at)) is not None
-            ]
-            turned = [v if expected is None else expected + (v - expected + 180) % 360 - 180 for _, v in known]
-            small = {"marker": plots.look(place) | {"size": 5}}
-            lines.append(plots.line(name, place, [d for d, _ in known], turned, "%{x:.2f} m, %{y:.0f}°", **small))
-        return plots.hue(_words(patch), colour, lines, expected)
-
-    def _measures(self) -> list[Column]:
-        return [
-            c
-            for c in self.columns
-            if c.of == "chart" and c.directed and any(_key(c) in one.scores for one in self.charts)
-        ]
+    methods: labels, each with its place among all of the page; names: what the page calls each view, by scene and view.
+    """
+    charts = _read(rows, methods, names)
+    keys = {key for chart in charts for key in chart.whole}
+    measures = [c for c in columns if c.of == "chart" and c.directed and key_of(c) in keys]
+    near_first = sorted((chart for chart in charts if chart.distance is not None), key=lambda one: one.distance or 0)
+    return {
+        "swatches": _swatches(charts, measures, list(methods)),
+        "distances": [_distances(charts, near_first, column, methods) for column in measures],
+        "hues": _hues(near_first, methods),
+    }
 
 
-def read_charts(rows: DataFrame, methods: Mapping[str, int], names: Mapping[tuple[str, str], str]) -> list[Chart]:
-    """Return the charts of a dataset's rows. names: what the page calls each view, by scene and view."""
-    at = {name: n for n, name in enumerate(methods)}
-    ok = rows[(rows["status"] == "ok") & rows["method"].isin(at)]
-    of_charts = ok[(ok["region"] != "image") & ~ok["region"].str.startswith("image/")]
-    made: dict[tuple[str, str, str], Chart] = {}
-    columns = ["scene", "view", "region", "metric", "variant", "method", "value"]
-    for scene, view, region, metric, variant, method, value in of_charts[columns].itertuples(index=False, name=None):
+def _read(rows: DataFrame, methods: Iterable[str], names: Mapping[tuple[str, str], str]) -> list[Chart]:
+    """The charts of a dataset's rows, in the order of the views."""
+    ok = rows[(rows["status"] == "ok") & rows["method"].isin(list(methods))]
+    ok = ok[(ok["region"] != "image") & ~ok["region"].str.startswith("image/")]
+    scores: dict[Any, Any] = defaultdict(lambda: defaultdict(lambda: defaultdict(dict)))
+    for *view, region, metric, variant, method, value in values_of(
+        ok, "scene", "view", "region", "metric", "variant", "method", "value"
+    ):
         name, _, patch = region.partition("/")
-        chart = made.setdefault((scene, view, name), Chart(names[scene, view], name))
-        scores = chart.patches.setdefault(patch, {}) if patch else chart.scores
-        finite = value if math.isfinite(value) else None
-        scores.setdefault(f"{metric}:{variant}", [None] * len(at))[at[method]] = finite
-    order = list(names)
-    return [made[key] for key in sorted(made, key=lambda key: order.index(key[:2]))]
+        scores[*view, name][patch][f"{metric}:{variant}"][method] = value if math.isfinite(value) else None
+    order, known, charts = {view: n for n, view in enumerate(names)}, roles(), []
+    for scene, view, name in sorted(scores, key=lambda key: order[key[:2]]):
+        patches = scores[scene, view, name]
+        whole = patches.pop("", {})
+        away = [key for key in whole if known.get(key.partition(":")[0]) == "chart-distance"]
+        distance = _first(value for key in away for value in whole[key].values())
+        by_number = {patch: patches[patch] for patch in sorted(patches, key=_place)}
+        charts.append(Chart(names[scene, view], name, distance, whole, by_number))
+    return charts
 
 
-def _colour(scores: Scores, what: str, at: int | None = None) -> str:
+def _swatches(charts: Sequence[Chart], measures: Sequence[Column], methods: Sequence[str]) -> list[Choice]:
+    """A table for each chart and colour difference: each patch in every method's picture."""
+    keys = {key for chart in charts for scores in chart.patches.values() for key in scores}
+    of_patches = [column for column in measures if key_of(column) in keys]
+    painted = [column for column in of_patches if roles().get(column.metric) == "colour-difference"] or of_patches[:1]
+    choices = []
+    for column in painted:
+        key = key_of(column)
+        for chart in (charts[k] for k in evenly(len(charts), _MOST_SWATCHES)):
+            table = [
+                {
+                    "label": name,
+                    "mean": _number(chart.whole, key, name),
+                    "patches": [
+                        {"measured": _colour(scores, "", name), "value": _number(scores, key, name)}
+                        for scores in chart.patches.values()
+                    ],
+                }
+                for name in methods
+            ]
+            away = "" if chart.distance is None else f"{number(chart.distance)} m"
+            words = " · ".join(filter(None, [chart.view, chart.name, away]))
+            shown = {
+                "names": list(map(_words, chart.patches)),
+                "expected": [_colour(scores, "-expected") for scores in chart.patches.values()],
+                "rows": table,
+                "metric": column.metric,
+                "unit": title(column),
+            }
+            choices.append(Choice(f"{words}, {column.metric} ({column.variant})" if painted[1:] else words, (), shown))
+    return choices
+
+
+def _distances(
+    charts: Sequence[Chart], near_first: Sequence[Chart], column: Column, methods: Mapping[str, int]
+) -> Choice:
+    """A score of charts over their distance, as plot and in numbers."""
+    key, lines = key_of(column), []
+    for name, place in methods.items():
+        known = [(chart, value) for chart in near_first if (value := _at(chart.whole, key, name)) is not None]
+        words = [plots.text(f"{chart.view} · {chart.name}") for chart, _ in known]
+        hover = f"%{{text}}<br>%{{x:.2f}} m, %{{y:.3g}} {column.unit}"
+        x, y = [chart.distance for chart, _ in known], [value for _, value in known]
+        lines.append(plots.line(name, place, x, y, hover, text=words))
+    axes = {"title": {"text": "distance of the chart, m"}}, {"title": {"text": title(column)}, "rangemode": "tozero"}
+    figures = [plots.figure(lines, *axes, **plots.legend(list(methods)))] if near_first else []
+    table = [
+        (chart.view, chart.name, chart.distance, [_at(chart.whole, key, name) for name in methods])
+        for chart in charts
+        if key in chart.whole
+    ]
+    return Choice(title(column), figures, {"rows": table})
+
+
+def _hues(near_first: Sequence[Chart], methods: Mapping[str, int]) -> list[Choice]:
+    """The hue of every patch over distance, for each way of measuring hue and each kind of chart."""
+    keys = dict.fromkeys(key for chart in near_first for scores in chart.patches.values() for key in scores)
+    hues = [key for key in keys if key.partition(":")[0] in metrics_of("patch-hue") and not key.endswith("-expected")]
+    kinds: dict[tuple[str, ...], list[Chart]] = defaultdict(list)
+    for chart in near_first:
+        kinds[tuple(chart.patches)].append(chart)
+    choices = []
+    for key in hues:
+        for patches, charts in kinds.items():
+            measured = [patch for patch in patches if any(key in chart.patches[patch] for chart in charts)]
+            if measured:
+                words = f"{key.partition(':')[2]}, {', '.join(dict.fromkeys(chart.name for chart in charts))}"
+                choices.append(Choice(words, [_hue(key, patch, charts, methods) for patch in measured]))
+    return choices
+
+
+def _hue(key: str, patch: str, charts: Sequence[Chart], methods: Mapping[str, int]) -> plots.Figure:
+    """The hue of one patch over distance; hues stand within half a turn of the expected one, in degrees."""
+    scores = [chart.patches[patch] for chart in charts]
+    expected = _first(value for of_chart in scores for value in of_chart.get(f"{key}-expected", {}).values())
+    lines = []
+    for name, place in methods.items():
+        known = [(chart.distance, _at(of_chart, key, name)) for chart, of_chart in zip(charts, scores, strict=True)]
+        x, y = [away for away, hue in known if hue is not None], [hue for _, hue in known if hue is not None]
+        turned = y if expected is None else [expected + (hue - expected + 180) % 360 - 180 for hue in y]
+        small = {"marker": plots.look(place) | {"size": 5}}
+        lines.append(plots.line(name, place, x, turned, "%{x:.2f} m, %{y:.0f}°", **small))
+    colour = next(filter(None, (_colour(of_chart, "-expected") for of_chart in scores)), "")
+    square = f'<span style="color:{colour}">■</span> ' if colour else ""
+    dotted = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": expected, "y1": expected}
+    shapes = [] if expected is None else [dotted | {"line": {"color": "--ink", "width": 1, "dash": "dot"}}]
+    layout = {"margin": {"l": 40, "r": 8, "t": 26, "b": 26}, "shapes": shapes}
+    heading = plots.heading(square + plots.text(_words(patch)))
+    return plots.figure(lines, {}, {"nticks": 5}, 190, title=heading, **layout)
+
+
+def _colour(scores: Scores, what: str, method: str = "") -> str:
     """A patch's colour as a style sheet has it: as measured in a method's picture, or "-expected" of it; else ""."""
     metric = next(iter(metrics_of("patch-colour")), "")
-    rgb = [scores.get(f"{metric}:{channel}{what}", []) for channel in ("red", "green", "blue")]
-    values = [_first(channel) if at is None else _at(channel, at) for channel in rgb]
-    if any(value is None for value in values):
-        return ""
-    return "rgb({} {} {})".format(*(round(255 * float(value)) for value in values if value is not None))
+    by_channel = [scores.get(f"{metric}:{channel}{what}", {}) for channel in ("red", "green", "blue")]
+    rgb = [channel.get(method) if method else _first(channel.values()) for channel in by_channel]
+    shown = [str(round(255 * value)) for value in rgb if value is not None]
+    return f"rgb({' '.join(shown)})" if len(shown) == 3 else ""
 
 
-def _role(key: str) -> str:
-    return roles().get(key.partition(":")[0], "")
-
-
-def _key(column: Column) -> str:
-    return f"{column.metric}:{column.variant}"
-
-
-def _first(values: Any) -> Any:
+def _first(values: Iterable[float | None]) -> float | None:
     return next((value for value in values if value is not None), None)
 
 
-def _at(values: Sequence[Any] | None, at: int) -> Any:
-    return values[at] if values else None
+def _at(scores: Scores, key: str, method: str) -> float | None:
+    return scores.get(key, {}).get(method)
 
 
-def _number(value: float | None) -> str:
+def _number(scores: Scores, key: str, method: str) -> str:
+    value = _at(scores, key, method)
     return "" if value is None else number(value)
 
 

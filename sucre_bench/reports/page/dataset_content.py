@@ -3,7 +3,7 @@
 import json
 import math
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,9 +18,9 @@ from sucre_bench.errors import InputError
 from sucre_bench.jobs.words import Rerun, metric_words, shell, value_of
 from sucre_bench.reports.metric_roles import metrics_of
 from sucre_bench.reports.page import plots
-from sucre_bench.reports.page.charts import Charts, read_charts
+from sucre_bench.reports.page.charts import chart_content
 from sucre_bench.reports.page.gallery import Gallery
-from sucre_bench.reports.page.plots import CHANNELS, PARAMETERS, Choice
+from sucre_bench.reports.page.plots import CHANNELS, PARAMETERS, Choice, key_of
 from sucre_bench.results import layout
 from sucre_bench.results.restorations import FILES, read_record
 from sucre_bench.results.rows import RESTORATION, restoration_rows, tuples
@@ -29,12 +29,8 @@ _WATER = ("B", "beta", "gamma")
 _LONGEST_VALUE = 600  # characters of a value in a method's record
 _MOST_NAMED = 100  # views in one command
 _VIEW = ["scene", "view"]
+_OF_COLUMN = ("metric", "variant", "unit", "better", "ranked", "directed")  # what the script reads of a column
 _WHISKER = 84  # pixels, of an interval that is drawn in a cell
-
-
-def key_of(column: Column) -> str:
-    """The name of a score on the page."""
-    return f"{column.metric}:{column.variant}"
 
 
 def heading(column: Column) -> dict[str, Any]:
@@ -54,39 +50,35 @@ def cells(table: Comparison, column: Column) -> list[dict[str, Any] | None]:
     known = [cell for name in table.methods if (cell := table.cells.get((name, column)))]
     ends = [end for cell in known for end in (cell.low, cell.mean, cell.high) if math.isfinite(end)]
     low, high = min(ends, default=0.0), max(ends, default=0.0)
-    return [_cell(table, name, column, low, high) for name in table.methods]
-
-
-def _cell(table: Comparison, name: str, column: Column, low: float, high: float) -> dict[str, Any] | None:
-    cell, marks = table.cells.get((name, column)), shown(table, name, column)
-    if cell is None:
-        return None
-    has_interval = math.isfinite(cell.low) and math.isfinite(cell.high) and cell.high > cell.low
-    interval = f"{number(cell.low)} to {number(cell.high)}" if has_interval else ""
-    is_tie = bool(marks.mark)
-    spread = f" ± {number(cell.std)}" if math.isfinite(cell.std) else ""
-    said = [
-        f"{title(column)}: {number(cell.mean)}{spread}",
-        interval and f"95 % interval {interval}",
-        "the difference from the best may be chance" if is_tie else "",
-        f"lacks {cell.holes} that others have" if cell.holes else "",
-    ]
-    draws = interval and high > low and not column.has_few_views  # whose intervals are rough
-    places = (
-        [round(4 + (_WHISKER - 8) * (end - low) / (high - low), 1) for end in (cell.low, cell.mean, cell.high)]
-        if draws
-        else []
-    )
-    return {
-        "value": cell.mean,
-        "text": number(cell.mean),
-        "look": marks.look,
-        "is_tie": is_tie,
-        "holes": marks.holes,
-        "interval": interval if draws else "",
-        "whisker": places,
-        "title": "; ".join(filter(None, said)),
-    }
+    made: list[dict[str, Any] | None] = []
+    for name in table.methods:
+        cell, marks = table.cells.get((name, column)), shown(table, name, column)
+        if cell is None:
+            made.append(None)
+            continue
+        has_interval = math.isfinite(cell.low) and math.isfinite(cell.high) and cell.high > cell.low
+        interval = f"{number(cell.low)} to {number(cell.high)}" if has_interval else ""
+        said = [
+            f"{title(column)}: {number(cell.mean)}{f' ± {number(cell.std)}' if math.isfinite(cell.std) else ''}",
+            interval and f"95 % interval {interval}",
+            "the difference from the best may be chance" if marks.mark else "",
+            f"lacks {cell.holes} that others have" if cell.holes else "",
+        ]
+        draws = interval and high > low and not column.has_few_views  # whose intervals are rough
+        whisker = [4 + (_WHISKER - 8) * (end - low) / (high - low) for end in (cell.low, cell.mean, cell.high) if draws]
+        made.append(
+            {
+                "value": cell.mean,
+                "text": number(cell.mean),
+                "look": marks.look,
+                "is_tie": bool(marks.mark),
+                "holes": marks.holes,
+                "interval": interval if draws else "",
+                "whisker": [round(place, 1) for place in whisker],
+                "title": "; ".join(filter(None, said)),
+            }
+        )
+    return made
 
 
 @dataclass(frozen=True)
@@ -106,7 +98,7 @@ class Section:
 
     def content(self) -> dict[str, Any]:
         """Return what the template shows of the dataset, and under "data" what the script reads."""
-        charts = Charts(read_charts(self.rows, self._methods, self._names), self.table.columns, self._methods)
+        methods = {name: self.places[name] for name in self.table.methods}
         scene = "" if self._has_scenes else next(iter({*self.rows["scene"]} - {""}), "")
         enough = any(column.n_units and not column.has_few_views for column in self.table.columns)
         lines = answer(self.table, self._deciding)
@@ -123,10 +115,8 @@ class Section:
             "rows": self._rows(),
             "note": ". ".join([legend(self.table, intervals=enough), *left_out(self.table)]),
             "costs": self._costs(),
-            "swatches": charts.swatches(),
-            "distances": charts.distances(),
-            "hues": charts.hues(),
-            "charts": list(self._methods),
+            **chart_content(self.rows, self.table.columns, methods, self._names),
+            "charts": list(methods),
             "waters": self._waters(),
             "commands": [self._command(name) for name in self.table.methods],
             "data": self._data(),
@@ -147,23 +137,15 @@ class Section:
         first = self._deciding.columns
         return (*first, *(column for column in self.table.columns if column not in first))
 
-    @property
-    def _methods(self) -> dict[str, int]:
-        return {name: self.places[name] for name in self.table.methods}
-
     # -- the table -------------------------------------------------------------------------------------------
 
     def _rows(self) -> list[dict[str, Any]]:
         """The table's rows: by the main score, the photograph below the methods."""
         columns = [cells(self.table, column) for column in self._columns]
+        photographs, names = self.table.photographs, self.table.methods
         rows = [
-            {
-                "label": name,
-                "place": self.places[name],
-                "photograph": name in self.table.photographs,
-                "cells": of_method,
-            }
-            for name, *of_method in zip(self.table.methods, *columns, strict=True)
+            {"label": name, "place": self.places[name], "photograph": name in photographs, "cells": of_method}
+            for name, *of_method in zip(names, *columns, strict=True)
         ]
         return sorted(rows, key=lambda row: (row["photograph"], self._rank(row["label"])))
 
@@ -175,15 +157,14 @@ class Section:
         return cell.mean if self._main.better == "lower" else -cell.mean
 
     def _costs(self) -> list[Choice]:
-        seconds = next((c for c in self.table.columns if (c.metric, c.variant) == (RESTORATION, "wall")), None)
-        ranked = [column for column in self._columns if column.directed] if seconds else []
-        made = [(title(c), plots.cost(self.table, c, seconds, self.places)) for c in ranked if seconds]
+        seconds = [column for column in self.table.columns if (column.metric, column.variant) == (RESTORATION, "wall")]
+        directed = [column for column in self._columns if column.directed and seconds]
+        made = [(title(column), plots.cost(self.table, column, seconds[0], self.places)) for column in directed]
         return [Choice(name, [figure]) for name, figure in made if figure]
 
     def _command(self, name: str) -> dict[str, Any]:
-        of_method = self.rows[self.rows["method"] == name]
         rerun = self._rerun(name)
-        views = sorted(set(of_method["view"].unique()) - {""})
+        views = sorted(set(self.rows.loc[self.rows["method"] == name, "view"].unique()) - {""})
         asked = shell([f"views={value_of(views)}"]) if 0 < len(views) <= _MOST_NAMED else ""  # a line has room for few
         said = shell(rerun.words())
         command = " ".join(filter(None, [said, asked, self._metric_words])) if said else ""
@@ -211,18 +192,7 @@ class Section:
             "main": key_of(self._main) if self._main else "",
             "first": min(self.table.restorers or self.table.methods, key=self._rank, default=""),
             "photographs": list(self.table.photographs),
-            "columns": [
-                {
-                    "key": key_of(c),
-                    "metric": c.metric,
-                    "variant": c.variant,
-                    "unit": c.unit,
-                    "better": c.better,
-                    "ranked": c.ranked,
-                    "directed": c.directed,
-                }
-                for c in self._columns
-            ],
+            "columns": [{"key": key_of(c)} | {name: getattr(c, name) for name in _OF_COLUMN} for c in self._columns],
             "methods": [
                 {"label": name, "place": self.places[name], "given": rerun.given(), "command": shell(rerun.words())}
                 for name, rerun in methods
@@ -245,95 +215,71 @@ class Section:
     @cached_property
     def _views(self) -> list[dict[str, Any]]:
         """The views; of as many as may be, spread evenly, the page keeps the pictures."""
-        restored: dict[tuple[str, str], dict[str, Any]] = defaultdict(dict)
-        for row in tuples(restoration_rows(self.rows)):
-            restored[row.scene, row.view][row.method] = row
-        values, share, made = self._values(), self.gallery.share, []
+        restored = {(row.scene, row.view, row.method): row for row in tuples(restoration_rows(self.rows))}
+        ok = self.rows[(self.rows["status"] == "ok") & ~self.rows["region"].str.contains("/", regex=False)]
+        by = [*_VIEW, "method", "metric", "variant"]
+        means = ok.groupby(by, sort=False)[["value", "coverage"]].mean()  # of charts their mean
+        scores: dict[Any, dict[str, tuple[float, float]]] = defaultdict(dict)
+        for (*place_and_method, metric, variant), value, coverage in means.itertuples(name=None):
+            scores[tuple(place_and_method)][f"{metric}:{variant}"] = (value, coverage)
+        share, picture, made = self.gallery.share, self.gallery.picture, []
         for n, ((scene, view), name) in enumerate(self._names.items()):
             kept = int((n + 1) * share) > int(n * share)
             place = layout.find(self.table.title, scene, view, self.out)
             results = [
-                self._result(place, restored[scene, view].get(method), values[scene, view][method], kept, method)
+                self._result(place, restored.get((scene, view, method)), scores[scene, view, method], kept)
                 for method in self.table.methods
             ]
             made.append(
                 {
                     "name": name,
                     "words": shell([f"views={value_of([view])}"]),
-                    "original": self.gallery.picture(place.original(self.out), kept) if place else None,
-                    "reference": self.gallery.picture(place.reference(self.out), kept) if place else None,
+                    "original": picture(place.original(self.out), kept) if place else None,
+                    "reference": picture(place.reference(self.out), kept) if place else None,
                     "truth": next((r["truth"] for r in results if r.get("truth")), None),
                     "results": results,
                 }
             )
         return made
 
-    def _values(self) -> Mapping[tuple[str, str], Mapping[str, Mapping[str, tuple[float, float]]]]:
-        """Of each view and method, each score and its coverage: of charts their mean."""
-        ok = self.rows[(self.rows["status"] == "ok") & ~self.rows["region"].str.contains("/", regex=False)]
-        by = [*_VIEW, "method", "metric", "variant"]
-        means = ok.groupby(by, sort=False)[["value", "coverage"]].mean()
-        made: dict[tuple[str, str], dict[str, dict[str, tuple[float, float]]]] = defaultdict(lambda: defaultdict(dict))
-        for (scene, view, method, metric, variant), *score in means.itertuples(name=None):
-            made[scene, view][method][f"{metric}:{variant}"] = (score[0], score[1])
-        return made
-
     def _result(
-        self, place: layout.Place | None, row: Any, scores: Mapping[str, tuple[float, float]], kept: bool, name: str
+        self, place: layout.Place | None, row: Any, scores: Mapping[str, tuple[float, float]], kept: bool
     ) -> dict[str, Any]:
-        if row is None:
-            return {"status": "not run", "reason": ""}
-        if row.status != "ok":
-            return {"status": row.status, "reason": row.reason}
-        record = _record(row, self.out)
-        mask = place.mask(self.out, name) if place and row.coverage < 1 else None
+        """What the script reads of a method's restoration of a view. scores: by their key, each with its coverage."""
+        if row is None or row.status != "ok":
+            return {"status": row.status, "reason": row.reason} if row else {"status": "not run", "reason": ""}
+        try:
+            record = read_record(row, self.out)
+        except InputError:  # damaged; the page shows the rest
+            record = {}
+        mask = place.mask(self.out, row.method) if place and row.coverage < 1 else None
         whole = {*metrics_of("coverage"), *COSTS}  # scores that ignore coverage
-        of_water = {k: record.get(k) for k in (*_WATER, "encoding", "standard_error")}
+        partly = {key: share for key, (_, share) in scores.items() if share < 1 and key.partition(":")[0] not in whole}
+        parameters = [record[name] for name in _WATER if isinstance(record.get(name), list)]
+        has_water = any(isinstance(x, (int, float)) for parameter in parameters for x in parameter)
+        shown = {k: v for k, v in record.items() if k not in (*_WATER, "encoding", "true_water", FILES)}
         return {
             "status": "ok",
-            "picture": self.gallery.picture(place.restored(self.out, name), kept, mask) if place else None,
+            "picture": self.gallery.picture(place.restored(self.out, row.method), kept, mask) if place else None,
             "coverage": row.coverage,
             "scores": {f"{FILLED}:image": row.coverage} | {key: value for key, (value, _) in scores.items()},
-            "covers": {
-                key: share for key, (_, share) in scores.items() if share < 1 and key.partition(":")[0] not in whole
-            },
-            "water": of_water if _has_water(record) else None,
+            "covers": partly,
+            "water": {k: record.get(k) for k in (*_WATER, "encoding", "standard_error")} if has_water else None,
             "truth": record.get("true_water"),
-            "record": {
-                k: v
-                for k, v in record.items()
-                if k not in (*_WATER, "encoding", "true_water", FILES) and len(json.dumps(v)) <= _LONGEST_VALUE
-            },
+            "record": {k: v for k, v in shown.items() if len(json.dumps(v)) <= _LONGEST_VALUE},
         }
 
     # -- their water -----------------------------------------------------------------------------------------
 
     def _waters(self) -> list[Choice]:
         """A choice for each method that estimates the water; the first has the numbers of all below."""
-        views = self._views
-        estimating = [at for at in range(len(self.table.methods)) if any(v["results"][at].get("water") for v in views)]
-        rows = [row for view in views for row in self._water_rows(view)]
-        names = self.table.methods
+        names, views, rows = self.table.methods, self._views, []
+        for view in views:
+            waters = [view["truth"], *(result.get("water") for result in view["results"])]
+            for name, water in zip(("true", *names), waters, strict=True):
+                if water:
+                    values = [plots.of_water(water, key, c) for key, *_ in PARAMETERS for c in range(len(CHANNELS))]
+                    encoding = water.get("encoding") or ""
+                    rows.append({"view": view["name"], "method": name, "values": values, "encoding": encoding})
+        estimating = [at for at in range(len(names)) if any(view["results"][at].get("water") for view in views)]
         return [Choice(names[at], plots.waters(views, at), rows if at == estimating[0] else None) for at in estimating]
-
-    def _water_rows(self, view: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-        found = [("true", view["truth"])]
-        found += [(name, one.get("water")) for name, one in zip(self.table.methods, view["results"], strict=True)]
-        for name, water in found:
-            if water:
-                values = [plots.of_water(water, key, c) for key, *_ in PARAMETERS for c in range(len(CHANNELS))]
-                yield {"view": view["name"], "method": name, "values": values, "encoding": water.get("encoding") or ""}
-
-
-def _record(row: Any, out: Path) -> Mapping[str, Any]:
-    """A method's record of its work; empty if the file is damaged, so that the page shows the rest."""
-    try:
-        record = read_record(row, out)
-    except InputError:
-        return {}
-    return record if isinstance(record, dict) else {}
-
-
-def _has_water(record: Mapping[str, Any]) -> bool:
-    values = [value for name in _WATER if isinstance(value := record.get(name), list)]
-    return any(isinstance(x, (int, float)) for value in values for x in value)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,9 +16,8 @@ from typing import Any
 from urllib.parse import quote
 
 import numpy as np
-import numpy.typing as npt
 
-from sucre_bench.arrays import Mask, Picture, coloured
+from sucre_bench.arrays import Picture, coloured
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import decode, encode_png
 from sucre_bench.machine.compute import usable_cores
@@ -31,67 +30,8 @@ Widths = Sequence[tuple[int, int]]
 # 40 full-HD views stays below 40 MB, and no page goes beyond it.
 WIDTHS: Widths = ((600, 960), (1400, 560))
 
-Image = npt.NDArray[np.uint8]
-
 _MAP_WIDTH = 480
 _QUALITY = 75
-
-
-class Gallery:
-    """Collects pictures while sections are made, and encodes them meanwhile.
-
-    out: the run's folder; planned: how many pictures there may be, from which their size follows by
-    `widths`.
-    """
-
-    def __init__(self, out: Path, planned: int, widths: Widths = WIDTHS) -> None:
-        self._out = out
-        self.width = next((width for most, width in widths if planned <= most), widths[-1][1])
-        self.share = min(1.0, widths[-1][0] / max(planned, 1))  # of the views that keep their pictures in the page
-        self._pool = ThreadPoolExecutor(usable_cores())
-        self._encoded: list[Future[list[Block]]] = []
-
-    def picture(self, path: Path, kept: bool, mask: Path | None = None) -> dict[str, Any] | None:
-        """Return what the page needs to show a picture; None where there is none.
-
-        kept: whether the page holds a thumbnail of it; mask: where the mask is stored of a picture with holes.
-        """
-        if not path.is_file():
-            return None
-        link = "../" + quote("/".join(path.relative_to(self._out).parts))
-        if not kept:
-            return {"link": link}
-        name = f"p{len(self._encoded)}"
-        self._encoded.append(self._pool.submit(_blocks, name, path, self.width, mask))
-        return {"id": name, "link": link}
-
-    def blocks(self) -> Iterator[Block]:
-        """Yield everything that was collected, in order, as it is ready."""
-        for encoded in self._encoded:
-            yield from encoded.result()
-        self._pool.shutdown()
-
-
-def _blocks(name: str, path: Path, width: int, mask: Path | None) -> list[Block]:
-    import cv2
-
-    try:
-        image = decode(path, cv2.IMREAD_COLOR)
-    except InputError:  # the page says that there is no picture
-        return []
-    small = webp(narrowed(image, width))
-    arrays = read_full_arrays(path.with_suffix(".npz"), "confidence") if path.suffix == ".png" else {}
-    holes = None if mask is None else ~_filled(mask, path, image)
-    return [Block(name, "image/webp", small), *maps(name, holes, image, arrays.get("confidence"))]
-
-
-def _filled(mask: Path, path: Path, image: Picture) -> Mask:
-    """The pixels (H, W) with a colour: by the mask, else by the stored arrays, else all that are not black."""
-    try:
-        return read_mask(mask)
-    except InputError:
-        kept = read_full_arrays(path.with_suffix(".npz"), "image").get("image")
-        return np.asarray(image.any(axis=-1)) if kept is None else coloured(kept)
 
 
 @dataclass(frozen=True)
@@ -104,46 +44,89 @@ class Block:
     about: dict[str, str] = field(default_factory=dict)
 
 
-def maps(name: str, holes: Mask | None, image: Picture, confidence: Any) -> Iterable[Block]:
-    """Yield the map of a restoration's holes (H, W), and that of its confidence (H, W), unless they are None.
+class Gallery:
+    """Collects pictures while sections are made, and encodes them meanwhile.
 
-    image: the stored picture; where a hole is not black, `fill=true` guessed its colour.
+    out: the run's folder; planned: how many pictures there may be, from which their size follows by
+    `widths`.
     """
-    if holes is not None:
-        fits = holes.shape == image.shape[:2]  # something else may have changed the stored picture
-        yield _holes(name, holes, fits and bool(image[holes].any()))
-    if confidence is not None:
-        yield from _confidence(name, confidence)
+
+    def __init__(self, out: Path, planned: int, widths: Widths = WIDTHS) -> None:
+        self._out = out
+        self._width = next((width for most, width in widths if planned <= most), widths[-1][1])
+        self.share = min(1.0, widths[-1][0] / max(planned, 1))  # of the views that keep their pictures in the page
+        self._pool = ThreadPoolExecutor(usable_cores())
+        self._encoded: list[Future[list[Block]]] = []
+
+    def picture(self, path: Path, kept: bool, mask: Path | None = None) -> dict[str, Any] | None:
+        """Return what the page needs to show a picture; None where there is none.
+
+        kept: whether the page holds a thumbnail of it; mask: where the mask is stored of a picture with holes.
+        """
+        if not path.is_file():
+            return None
+        link = {"link": "../" + quote("/".join(path.relative_to(self._out).parts))}
+        if not kept:
+            return link
+        name = f"p{len(self._encoded)}"
+        self._encoded.append(self._pool.submit(_blocks, name, path, self._width, mask))
+        return {"id": name} | link
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield everything that was collected, in order, as it is ready."""
+        for encoded in self._encoded:
+            yield from encoded.result()
+        self._pool.shutdown()
 
 
-def _holes(name: str, holes: Mask, has_guesses: bool) -> Block:
-    """Holes as stripes over the picture, which the style sheet lets shine through."""
-    share = narrowed(holes.astype(np.uint8) * 255, _MAP_WIDTH)
+def _blocks(name: str, path: Path, width: int, mask: Path | None) -> list[Block]:
+    """The thumbnail of a picture, and the maps of its holes and its confidence, where it has some."""
+    import cv2
+
+    try:
+        image = decode(path, cv2.IMREAD_COLOR)
+    except InputError:  # the page says that there is no picture
+        return []
+    blocks = [Block(name, "image/webp", _webp(_narrowed(image, width)))]
+    if mask is not None:
+        blocks.append(_holes(name, mask, path, image))
+    arrays = read_full_arrays(path.with_suffix(".npz"), "confidence") if path.suffix == ".png" else {}
+    if (confidence := arrays.get("confidence")) is not None and np.isfinite(confidence).any():
+        # From dark (small) to bright, between the percentiles 2 and 98.
+        known = np.isfinite(confidence)
+        low, high = np.percentile(confidence[known], [2, 98])
+        scaled = (np.where(known, confidence, low) - low) / (high - low if high > low else 1)
+        small = _narrowed((scaled.clip(0, 1) * 255).astype(np.uint8), _MAP_WIDTH)
+        painted = cv2.applyColorMap(small, cv2.COLORMAP_VIRIDIS)
+        painted[_narrowed(known.astype(np.uint8) * 255, _MAP_WIDTH) < 128] = 0
+        about = {"low": f"{low:.3g}", "high": f"{high:.3g}"}
+        blocks.append(Block(f"{name}-confidence", "image/webp", _webp(painted), about))
+    return blocks
+
+
+def _holes(name: str, mask: Path, path: Path, image: Picture) -> Block:
+    """Holes as stripes over the picture, which the style sheet lets shine through.
+
+    A hole is what the mask says, else what has no colour in the stored array, else what is black. If holes are not
+    black, `fill=true` guessed their colours.
+    """
+    try:
+        filled = read_mask(mask)
+    except InputError:
+        kept = read_full_arrays(path.with_suffix(".npz"), "image").get("image")
+        filled = np.asarray(image.any(axis=-1)) if kept is None else coloured(kept)
+    share = _narrowed((~filled).astype(np.uint8) * 255, _MAP_WIDTH)
     v, u = np.indices(share.shape)
-    mark: Image = np.zeros((*share.shape, 4), dtype=np.uint8)
+    mark = np.zeros((*share.shape, 4), dtype=np.uint8)
     mark[share > 127] = (90, 0, 150, 255)
     mark[(share > 127) & ((u + v) // 5 % 2 == 0)] = (220, 80, 255, 255)
-    about = {"guesses": f"{holes.mean():.6f}"} if has_guesses else {}
+    fits = filled.shape == image.shape[:2]  # something else may have changed the stored picture
+    about = {"guesses": f"{1 - filled.mean():.6f}"} if fits and image[~filled].any() else {}
     return Block(f"{name}-holes", "image/png", base64.b64encode(encode_png(mark)).decode(), about)
 
 
-def _confidence(name: str, values: npt.NDArray[np.float32]) -> Iterator[Block]:
-    """A map from dark (small) to bright, between the percentiles 2 and 98."""
-    import cv2
-
-    known = np.isfinite(values)
-    if not known.any():
-        return
-    low, high = (float(x) for x in np.percentile(values[known], [2, 98]))
-    scaled = (np.where(known, values, low) - low) / (high - low if high > low else 1)
-    painted = cv2.applyColorMap(narrowed((scaled.clip(0, 1) * 255).astype(np.uint8), _MAP_WIDTH), cv2.COLORMAP_VIRIDIS)
-    painted[narrowed(known.astype(np.uint8) * 255, _MAP_WIDTH) < 128] = 0
-    data = webp(painted)
-    yield Block(f"{name}-confidence", "image/webp", data, {"low": f"{low:.3g}", "high": f"{high:.3g}"})
-
-
-def narrowed(image: Any, width: int) -> Any:
-    """Return an image shrunk to a width in pixels, if it is wider."""
+def _narrowed(image: Any, width: int) -> Any:
+    """An image shrunk to a width in pixels, if it is wider."""
     import cv2
 
     if image.shape[1] <= width:
@@ -152,10 +135,10 @@ def narrowed(image: Any, width: int) -> Any:
     return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
 
 
-def webp(image: Any) -> str:
-    """Return an image, BGR, as WebP in base64. Method 2 takes half the time of the default 4, for 5 % more bytes."""
-    from PIL import Image as Pillow
+def _webp(image: Picture) -> str:
+    """An image, BGR, as WebP in base64. Method 2 takes half the time of the default 4, for 5 % more bytes."""
+    from PIL import Image
 
     buffer = io.BytesIO()
-    Pillow.fromarray(image[..., ::-1]).save(buffer, "WEBP", quality=_QUALITY, method=2)
+    Image.fromarray(image[..., ::-1]).save(buffer, "WEBP", quality=_QUALITY, method=2)
     return base64.b64encode(buffer.getvalue()).decode()

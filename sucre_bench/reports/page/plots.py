@@ -25,7 +25,7 @@ PARAMETERS = (
 
 _SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x", "star", "hexagon")
 _MOST_NAMED = 6  # names beside points: more would cover each other
-_TALL, _SHORT = 400, 190
+_TALL = 400
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,11 @@ class Choice:
     name: str
     figures: Sequence[Figure] = ()
     table: Any = None
+
+
+def key_of(column: Column) -> str:
+    """The name of a score on the page."""
+    return f"{column.metric}:{column.variant}"
 
 
 def figure(traces: Sequence[Figure], x: Figure, y: Figure, height: int = _TALL, **layout: Any) -> Figure:
@@ -140,28 +145,33 @@ def waters(views: Sequence[Mapping[str, Any]], method: int) -> list[Figure]:
 
     views: as the page has them; method: whose water, by its place.
     """
-    return [_water(views, method, key, words, unit) for key, _, words, unit in PARAMETERS]
-
-
-def _water(views: Sequence[Mapping[str, Any]], method: int, key: str, words: str, unit: str) -> Figure:
     names = [text(view["name"]) for view in views]
     estimates = [view["results"][method].get("water") or {} for view in views]
-    traces: list[Figure] = []
-    for c, (channel, colour) in enumerate(CHANNELS.items()):
-        drawn = {"x": names, "line": {"color": colour, "width": 1.5}}
-        errors = [of_water(water.get("standard_error") or {}, key, c) for water in estimates]
-        bars = {"type": "data", "array": [error or 0 for error in errors], "thickness": 1, "width": 2}
-        of_channel = {"name": channel, "y": [of_water(water, key, c) for water in estimates], "mode": "lines+markers"}
-        of_channel["hovertemplate"] = f"%{{x}}<br>{channel} %{{y:.3g}} {unit}<extra></extra>"
-        traces.append(drawn | of_channel | ({"error_y": bars} if any(errors) else {}))
-        truth = [of_water(view["truth"] or {}, key, c) for view in views]
-        if any(value is not None for value in truth):
-            dotted = {"color": colour, "width": 1.7, "dash": "dot"}
-            traces.append(drawn | {"name": "true", "y": truth, "mode": "lines", "line": dotted})
-    label = f"{words}, {unit}" if unit else words
-    x = {"type": "category", "showticklabels": False, "title": {"text": "views in order", "standoff": 6}}
-    margin = {"l": 46, "r": 12, "t": 30, "b": 40}
-    return figure(traces, x, {"rangemode": "tozero"}, 280, title=_heading(label), margin=margin)
+    made = []
+    for key, _, words, unit in PARAMETERS:
+        traces: list[Figure] = []
+        for c, (channel, colour) in enumerate(CHANNELS.items()):
+            errors = [of_water(water.get("standard_error") or {}, key, c) for water in estimates]
+            bars = {"type": "data", "array": [error or 0 for error in errors], "thickness": 1, "width": 2}
+            traces.append(
+                {
+                    "name": channel,
+                    "x": names,
+                    "y": [of_water(water, key, c) for water in estimates],
+                    "mode": "lines+markers",
+                    "line": {"color": colour, "width": 1.5},
+                    "hovertemplate": f"%{{x}}<br>{channel} %{{y:.3g}} {unit}<extra></extra>",
+                }
+                | ({"error_y": bars} if any(errors) else {})
+            )
+            truth = [of_water(view["truth"] or {}, key, c) for view in views]
+            if any(value is not None for value in truth):
+                dotted = {"color": colour, "width": 1.7, "dash": "dot"}
+                traces.append({"name": "true", "x": names, "y": truth, "mode": "lines", "line": dotted})
+        x = {"type": "category", "showticklabels": False, "title": {"text": "views in order", "standoff": 6}}
+        label, margin = f"{words}, {unit}" if unit else words, {"l": 46, "r": 12, "t": 30, "b": 40}
+        made.append(figure(traces, x, {"rangemode": "tozero"}, 280, title=heading(label), margin=margin))
+    return made
 
 
 def of_water(water: Mapping[str, Any], key: str, channel: int) -> Any:
@@ -170,18 +180,6 @@ def of_water(water: Mapping[str, Any], key: str, channel: int) -> Any:
     return values[channel] if isinstance(values, list) and len(values) > channel else None
 
 
-def _heading(label: str) -> Figure:
+def heading(label: str) -> Figure:
+    """Return the title of a small plot, above its left end."""
     return {"text": label, "x": 0, "xref": "paper", "y": 1, "yref": "container", "yanchor": "top", "font": {"size": 13}}
-
-
-def hue(label: str, colour: str, lines: Sequence[Figure], expected: float | None) -> Figure:
-    """Return the hue of one patch over distance.
-
-    label: of the patch; colour: the expected one; expected: its hue in degrees.
-    """
-    square = f'<span style="color:{colour}">■</span> ' if colour else ""
-    dotted = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": expected, "y1": expected}
-    shapes = [] if expected is None else [dotted | {"line": {"color": "--ink", "width": 1, "dash": "dot"}}]
-    margin = {"l": 40, "r": 8, "t": 26, "b": 26}
-    heading = _heading(square + text(label))
-    return figure(lines, {}, {"nticks": 5}, _SHORT, title=heading, margin=margin, shapes=shapes)

@@ -22,10 +22,10 @@ from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.text_formats import filled_in, masked, policy_hash, read_yaml, source
 from sucre_bench.reports.page import plots
-from sucre_bench.reports.page.dataset_content import Section, cells, key_of
+from sucre_bench.reports.page.dataset_content import Section, cells
 from sucre_bench.reports.page.gallery import WIDTHS, Gallery, Widths
-from sucre_bench.reports.page.plots import CHANNELS, PARAMETERS, Choice
-from sucre_bench.reports.paper.figures import style
+from sucre_bench.reports.page.plots import CHANNELS, PARAMETERS, Choice, key_of
+from sucre_bench.reports.paper import style
 from sucre_bench.results import layout, restoration_rows, with_remedy
 from sucre_bench.results.reasons import unscored, without_view
 from sucre_bench.results.rows import RESTORATION, restorations
@@ -45,8 +45,10 @@ def write(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], widths:
     """
     from markupsafe import Markup
 
-    gallery = Gallery(out, _most_pictures(rows), widths)
-    config = _read(out / "config.yaml")
+    views = rows.loc[rows["view"] != "", ["dataset", "scene", "view"]].drop_duplicates()
+    gallery = Gallery(out, 2 * len(views) + len(restorations(rows)), widths)
+    path = out / "config.yaml"
+    config = masked(path.read_text(encoding="utf-8", errors="replace")) if path.is_file() else ""
     places = {name: n for n, name in enumerate(dict.fromkeys(m for table in comparisons for m in table.methods))}
     plugins = _plugins(config)
     datasets = [
@@ -85,12 +87,6 @@ def write(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], widths:
     path = out / "report" / "index.html"
     write_atomically(path, page)
     return path
-
-
-def _most_pictures(rows: DataFrame) -> int:
-    """How many pictures the views and their restorations may have."""
-    views = rows.loc[rows["view"] != "", ["dataset", "scene", "view"]].drop_duplicates()
-    return 2 * len(views) + len(restorations(rows))
 
 
 def _sweep(tables: Sequence[Comparison], datasets: Sequence[Any], places: Mapping[str, int]) -> list[Choice]:
@@ -153,10 +149,6 @@ def _plugins(config: str) -> tuple[str, ...]:
     except (yaml.YAMLError, AttributeError):
         return ()
     return tuple(map(str, found or ()))
-
-
-def _read(path: Path) -> str:
-    return masked(path.read_text(encoding="utf-8", errors="replace")) if path.is_file() else ""
 
 
 def _json(value: Any) -> str:

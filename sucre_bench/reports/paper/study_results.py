@@ -1,15 +1,35 @@
-"""The rows of a study, with its comparisons: each is computed once, for all tables and figures."""
+"""The rows of a study with its comparisons, each computed once for all tables and figures.
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+`along` follows scores through the values of one option: how much worse with fewer frames, noisier depth, other water.
+The value of a row is read from the row's options of dataset, degradation and method, never from labels. Everything is
+compared on the images that all methods have at all values. Differences are paired: of a method to itself at the
+undegraded value (or the first), and of the methods to a baseline at each value.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from sucre_bench.arrays import DataFrame
-from sucre_bench.compare import By, Comparison, against, compare, only
-from sucre_bench.compare.compare_rows import asked_for
+from sucre_bench.compare import By, Cell, Column, Comparison, Note, against, compare, only
+from sucre_bench.compare.compare_rows import asked_for, without_replicates
+from sucre_bench.degrade.options import VIEWS, Degradation, read_water
+from sucre_bench.errors import InputError, NotApplicableError, did_you_mean
 from sucre_bench.jobs.run_options import Study
-from sucre_bench.reports.paper.follow_option import Along, along
+from sucre_bench.results.table import is_fresh
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# What a figure's function yields: words for the file's name (may be empty), and the figure, or why there is none.
+Drawn: TypeAlias = "tuple[Sequence[str], Figure | NotApplicableError]"
 
 
 @dataclass(frozen=True)
@@ -50,5 +70,169 @@ class StudyResults:
         return along(self.rows, self.study)
 
     def _compare(self, by: By) -> list[Comparison]:
-        order: Sequence[str] = list(dict.fromkeys(self.rows["method"]))
+        order = list(dict.fromkeys(self.rows["method"]))
         return [only(table, self.study.metrics) for table in compare(self.rows, self.study.metrics, by, order)]
+
+
+@dataclass(frozen=True)
+class Value:
+    """A value of the option.
+
+    word: as tables have it; number: None where it is none; is_given: whether anything is done; full: as rows have it.
+    """
+
+    word: str
+    number: float | None
+    is_given: bool = True
+    full: str = ""
+
+
+@dataclass(frozen=True)
+class Along:
+    """One dataset's scores along an option.
+
+    axis: what figures call the option; values: in their natural order; lines: what tables call a method at a value;
+    scores: a line a value and method; changes: the same lines against the same method at `reference`; leads: the same
+    lines against the baseline at the same value, None without one.
+    """
+
+    title: str
+    option: str
+    axis: str
+    values: tuple[Value, ...]
+    reference: Value
+    methods: tuple[str, ...]
+    lines: Mapping[tuple[Value, str], str]
+    scores: Comparison
+    changes: Comparison | None
+    leads: Comparison | None
+
+    @property
+    def comparisons(self) -> list[Comparison]:
+        """The tables there are."""
+        return [table for table in (self.scores, self.changes, self.leads) if table is not None]
+
+    def records(self) -> Iterator[dict[str, Any]]:
+        """Yield what is known of each value, method and score, for CSV; differences are of the score, in its unit."""
+        for (value, method), line in self.lines.items():
+            for column in self.scores.columns:
+                if not (cell := self.scores.cells.get((line, column))):
+                    continue
+                differences: dict[str, float] = {}
+                for name, table in (("change", self.changes), ("lead", self.leads)):
+                    other = table.cells.get((line, column)) if table else None
+                    ends = other.change if other else (math.nan,) * 3
+                    differences |= dict(zip((name, f"{name}_low", f"{name}_high"), ends, strict=True))
+                yield {
+                    "dataset": self.title,
+                    self.option: value.word,
+                    "method": method,
+                    **{name: getattr(column, name) for name in ("metric", "variant", "unit", "better")},
+                    **{name: getattr(cell, name) for name in ("mean", "std", "low", "high", "holes")},
+                    **differences,
+                    **{name: getattr(column, name) for name in ("n_units", "n_views", "n_scenes")},
+                }
+
+
+def along(rows: DataFrame, study: Study) -> list[Along]:
+    """Group rows by dataset, without the followed option in its label, and tabulate scores per value of the option.
+
+    rows: their order sets the order of methods, and of values that are not numbers.
+    Raises NotApplicableError where no row says a value.
+    """
+    group, _, name = study.along.partition(".")
+    parts = {text: _part(json.loads(text), group) for text in rows["options"].unique()}
+    values = {text: _value_in(part, group, name) for text, part in parts.items()}
+    if not any(values.values()):
+        known = {key for part in parts.values() for key in part}
+        raise NotApplicableError(f"no {group} here has an option '{name}'; {did_you_mean(name, known)}")
+    full: dict[str, set[str]] = {}
+    for value in filter(None, values.values()):
+        full.setdefault(value.word, set()).add(value.full)
+    values = {  # different values have different words
+        text: replace(value, word=value.full) if value and len(full[value.word]) > 1 else value
+        for text, value in values.items()
+    }
+    label = "method" if group == "method" else "dataset"
+    plain = {
+        text: ",".join(part for part in text.split(",") if not part.startswith(f"{name}="))
+        for text in rows[label].unique()
+    }
+    # Degraded copies have other data_ids by design: only outdated rows keep theirs.
+    rows = without_replicates(rows.assign(data_id=rows["data_id"].mask(is_fresh(rows), "")))
+    rows = rows.assign(_value=rows["options"].map(values), **{label: rows[label].map(plain)})
+    lacking = rows.loc[rows["_value"].isna(), label].unique()
+    notes = tuple(Note("no option", (str(each),), option=name) for each in lacking)
+    rows = rows[rows["_value"].notna()]
+    if group == "dataset" and (rows.groupby("_value", sort=False)["scene"].nunique() == 1).all():
+        rows = rows.assign(scene="")  # a scene may be called after the value: views are told apart by name
+    wanted, followed = {metric.partition(":")[0] for metric in study.metrics}, []
+    for title, of_dataset in rows.groupby("dataset", sort=False):
+        scored = {*of_dataset.loc[of_dataset["status"] == "ok", "metric"]}
+        if scored and wanted <= scored:
+            followed.append(_along(str(title), of_dataset, name, study, notes))
+    if not followed:
+        raise NotApplicableError(f"no scores of {', '.join(study.metrics) or 'anything'}")
+    return followed
+
+
+def _part(options: dict[str, Any], group: str) -> dict[str, Any]:
+    """A row's options of its dataset, degradation or method."""
+    part = options if group == "method" else options.get(group, {})
+    return {key: value for key, value in part.items() if key not in ("dataset", "degrade", "replicate", "name")}
+
+
+def _value_in(part: dict[str, Any], group: str, name: str) -> Value | None:
+    """The value of an option; None if dataset or method have no such option. A water's number is its mean attenuation.
+
+    That number is in 1/m. What a degradation does not say has its default.
+    """
+    value, is_given = part.get(name), part.get(name) is not None
+    if group == "degrade" and not is_given:
+        value = next(f.default for f in fields(Degradation) if f.name == name)
+    elif name not in part:
+        return None
+    full = json.dumps(value)
+    if value is None:
+        return Value("all" if name in VIEWS else "none", None, False, full)
+    if name == "add_water":
+        with contextlib.suppress(InputError):  # its file may be gone
+            value = float(read_water(value).attenuation.mean())
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return Value(f"{value:.4g}" if isinstance(value, float) else str(value), float(value), is_given, full)
+    word = "_".join(map(str, value)) if isinstance(value, list) else PurePath(str(value)).name
+    return Value(word, None, is_given, full)
+
+
+def _along(title: str, rows: DataFrame, option: str, study: Study, notes: tuple[Note, ...]) -> Along:
+    values: list[Value] = list(rows["_value"].unique())
+    if all(value.number is not None for value in values if value.is_given):
+        # What is not degraded is without limit; words stay as they came.
+        values.sort(key=lambda value: math.inf if value.number is None else value.number)
+    methods = tuple(dict.fromkeys(rows["method"]))
+    reference = next((value for value in values if not value.is_given), values[0])
+    lines = {(value, method): f"{option}={value.word} · {method}" for value in values for method in methods}
+    named = [lines[key] for key in zip(rows["_value"], rows["method"], strict=True)]
+    (scores,) = compare(rows.assign(method=named), study.metrics, order=list(lines.values()))
+    scores = only(replace(scores, notes=(*scores.notes, *notes)), study.metrics)
+    changes = leads = None
+    if len(values) > 1:
+        each = [([lines[v, m] for v in values], lines[reference, m]) for m in methods]
+        changes = _against(scores, each, f"the same method at {option}={reference.word}")
+    if study.baseline in methods:
+        each = [([lines[v, m] for m in methods], lines[v, study.baseline]) for v in values]
+        leads = _against(scores, each, f"{study.baseline} at the same {option}")
+    axis = study.axis or option
+    return Along(title, option, axis, tuple(values), reference, methods, lines, scores, changes, leads)
+
+
+def _against(scores: Comparison, each: Sequence[tuple[Sequence[str], str]], baseline: str) -> Comparison | None:
+    """One table of several, each with its own baseline, which is left out. each: lines, and the baseline's line."""
+    cells: dict[tuple[str, Column], Cell] = {}
+    for lines, reference in each:
+        made = against(scores, reference, lines).cells
+        cells |= {(line, c): cell for (line, c), cell in made.items() if line != reference and (reference, c) in made}
+    lines = tuple(line for line in scores.methods if any(line == known for known, _ in cells))
+    kept = tuple(c for c in scores.columns if any(c == known for _, known in cells))
+    title = f"{scores.title}, against {baseline}"
+    return Comparison(title, lines, kept, cells, baseline=baseline) if cells else None

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,29 +11,21 @@ import pandas as pd
 import pytest
 import yaml
 from PIL import Image
+from support.study_rows import drawn, row
 
 import sucre_bench
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.cielab import colour_science
-from sucre_bench.reports.paper import Study
-from sucre_bench.reports.paper.figures import against, pictures, scores, style
-from sucre_bench.reports.paper.follow_option import Value
-from sucre_bench.reports.paper.study_results import StudyResults
+from sucre_bench.reports.paper import style
+from sucre_bench.reports.paper.scores import positions
+from sucre_bench.reports.paper.study_results import Value
 from sucre_bench.results.rows import Row, frame
 
-ROW = Row(
-    dataset="sea", scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", code="c", data_id="d",
-    time="2026-01-01",
-)  # fmt: skip
 NAMES = [f"method_{n}" for n in range(60)]
 
 
 def table(values: dict[str, Sequence[float]], **about: Any) -> list[Row]:
-    return [
-        replace(ROW, method=m, view=f"v{n}.png", value=v, **about)
-        for m, own in values.items()
-        for n, v in enumerate(own)
-    ]
+    return [row(m, f"v{n}.png", v, **about) for m, own in values.items() for n, v in enumerate(own)]
 
 
 # -- style -------------------------------------------------------------------------------------------------
@@ -42,7 +33,7 @@ def table(values: dict[str, Sequence[float]], **about: Any) -> list[Row]:
 
 def test_a_method_has_one_colour_and_marker_whatever_stands_beside_it():
     """Only methods that would share a colour give way, and to nobody else's cost."""
-    own = {name: style.Look(style.colour(name), style.marker(name)) for name in NAMES}
+    own = {name: style.own_look(name) for name in NAMES}
     assert all(style.looks([name]) == {name: own[name]} for name in NAMES)
     wanted = [own[name].colour for name in NAMES[:12]]
     for name, look in style.looks(NAMES[:12]).items():
@@ -54,7 +45,7 @@ def test_methods_that_are_compared_most_never_give_way():
     table1 = Path(sucre_bench.__file__).parent / "conf/experiment/table1.yaml"
     methods = yaml.safe_load(table1.read_text())["methods"]
     assert len(methods) == 20
-    assert {name: own.colour for name, own in style.looks(methods).items()} == {m: style.colour(m) for m in methods}
+    assert all(own.colour == style.own_look(name).colour for name, own in style.looks(methods).items())
 
 
 def test_the_order_of_methods_changes_no_look():
@@ -118,15 +109,10 @@ def test_the_look_leaves_no_trace():
 # -- scores ------------------------------------------------------------------------------------------------
 
 
-def drawn(module: Any, rows: pd.DataFrame, out: Path = Path(), **study: Any) -> dict[str, Any]:
-    with style.look():
-        return dict(module.draw(StudyResults(Study(name="s", **study), rows, out)))
-
-
 def test_methods_are_sorted_by_their_mean_and_ties_are_hollow():
     noise = np.random.default_rng(0).normal(0, 1, 8)
     values = {"low": 10 + noise, "top": 20 + noise, "near": 19.9 + noise[::-1]}
-    (figure,) = drawn(scores, frame(table(values))).values()
+    (figure,) = drawn("scores", frame(table(values))).values()
     (panel,) = figure.axes
     assert [tick.get_text() for tick in panel.get_yticklabels()] == ["top", "near", "low"]
     dots = [line for line in panel.lines if len(line.get_xdata()) == 1]
@@ -139,7 +125,7 @@ def test_methods_are_sorted_by_their_mean_and_ties_are_hollow():
 
 
 def test_of_errors_the_least_is_on_top():
-    (figure,) = drawn(scores, frame(table({"a": [9, 8], "b": [1, 2]}, metric="psi", better="lower"))).values()
+    (figure,) = drawn("scores", frame(table({"a": [9, 8], "b": [1, 2]}, metric="psi", better="lower"))).values()
     assert [tick.get_text() for tick in figure.axes[0].get_yticklabels()] == ["b", "a"]
 
 
@@ -150,7 +136,7 @@ def test_only_scores_that_tell_methods_apart_have_panels_and_costs_that_are_aske
     rows = frame([*table(values), *same, *table(values, metric="hue", better="none"), *table(values, **cost)])
 
     def shown(**study: Any) -> list[str]:
-        (figure,) = drawn(scores, rows, **study).values()
+        (figure,) = drawn("scores", rows, **study).values()
         return [panel.get_xlabel().split()[0] for panel in figure.axes if panel.get_visible()]
 
     assert shown() == ["psnr"]
@@ -159,18 +145,17 @@ def test_only_scores_that_tell_methods_apart_have_panels_and_costs_that_are_aske
 
 def test_panels_that_do_not_fit_go_on_another_page():
     names = [f"m{n}" for n in range(30)]
-    rows = frame(
-        [row for v in "abcdef" for row in table({name: [n, n + 1] for n, name in enumerate(names)}, variant=v)]
-    )
-    pages = drawn(scores, rows)
+    values = {name: [n, n + 1] for n, name in enumerate(names)}
+    rows = frame([each for variant in "abcdef" for each in table(values, variant=variant)])
+    pages = drawn("scores", rows)
     assert list(pages) == ["1", "2", "3"]
     assert all(figure.get_figheight() <= 9.5 for figure in pages.values())
 
 
 def test_nothing_restored_is_nothing_to_draw():
-    rows = frame([replace(ROW, method="a", view="v", status="failed")])
+    rows = frame([row("a", "v", np.nan)])
     with pytest.raises(NotApplicableError):
-        drawn(scores, rows)
+        drawn("scores", rows)
 
 
 # -- against a value ---------------------------------------------------------------------------------------
@@ -181,54 +166,53 @@ def values(*numbers: float | None) -> list[Value]:
 
 
 def test_values_lie_where_their_numbers_are_and_the_unlimited_one_step_beyond():
-    assert against.positions(values(1, 2, 4, None)) == ([1, 2, 4, 6], False)
-    assert against.positions(values(50, 500, 3000, None)) == ([50, 500, 3000, 18000], True)
-    assert against.positions(values(0, 0.01, 0.1)) == ([0, 0.01, 0.1], False)  # nought is on no logarithmic axis
+    assert positions(values(1, 2, 4, None)) == ([1, 2, 4, 6], False)
+    assert positions(values(50, 500, 3000, None)) == ([50, 500, 3000, 18000], True)
+    assert positions(values(0, 0.01, 0.1)) == ([0, 0.01, 0.1], False)  # nought is on no logarithmic axis
 
 
 def test_words_stand_side_by_side():
     words = [Value("clear", None), Value("turbid", None), Value("none", None, False)]
-    assert against.positions(words) == ([0, 1, 2], False)
+    assert positions(words) == ([0, 1, 2], False)
 
 
 def test_lines_go_through_the_means_and_bands_through_the_intervals():
-    said = {"": '{"name": "a"}', ",within=2": '{"name": "a", "degrade": {"within": 2}}'}
     rows = frame(
         [
-            replace(row, dataset=f"sea{label}", options=options, value=row.value - 3 * bool(label))
-            for label, options in said.items()
-            for row in table({"a": [20, 24, 28], "b": [10, 14, 18]})
+            *table({"a": [20, 24, 28], "b": [10, 14, 18]}),
+            *table({"a": [17, 21, 25], "b": [7, 11, 15]}, degrade={"within": 2}),
         ]
     )
-    (figure,) = drawn(against, rows, along="degrade.within").values()
+    (figure,) = drawn("against", rows, along="degrade.within").values()
     (panel,) = figure.axes
     assert [tick.get_text() for tick in panel.get_xticklabels()] == ["2", "all"]
     assert {line.get_label(): list(line.get_ydata()) for line in panel.lines} == {"a": [21, 24], "b": [11, 14]}
     low, high = (f(panel.collections[0].get_paths()[0].vertices[:, 1]) for f in (np.min, np.max))
     assert low < 21 - 4 / np.sqrt(3)
     assert high > 24 + 4 / np.sqrt(3)
-    assert panel.get_xlabel() == "within"
-    (named,) = drawn(against, rows, along="degrade.within", axis="frames before and after").values()
-    assert "frames" in named.axes[0].get_xlabel()
+    assert figure.get_supxlabel() == "within"
+    (named,) = drawn("against", rows, along="degrade.within", axis="frames before and after").values()
+    assert "frames" in named.get_supxlabel()
 
 
 def test_without_an_option_or_with_one_value_there_is_nothing_to_draw_against():
     rows = frame(table({"a": [20, 24]}))
     with pytest.raises(NotApplicableError, match=r"study\.along"):
-        drawn(against, rows)
-    (reason,) = drawn(against, rows, along="degrade.within").values()
+        drawn("against", rows)
+    (reason,) = drawn("against", rows, along="degrade.within").values()
     assert "within" in str(reason)
 
 
 def test_a_dataset_with_nothing_to_draw_against_says_why_and_costs_no_other():
-    said = {"": '{"name": "a"}', ",within=2": '{"name": "a", "degrade": {"within": 2}}'}
-    scored = {("sea", ""): 20, ("sea", ",within=2"): 20, ("lake", ""): 20, ("lake", ",within=2"): 18}
+    scored = {("sea", None): 20, ("sea", 2): 20, ("lake", None): 20, ("lake", 2): 18}
     rows = [
-        row
-        for (name, degraded), value in scored.items()
-        for row in table({"a": [value, value + 4]}, dataset=name + degraded, options=said[degraded])
+        each
+        for (name, within), value in scored.items()
+        for each in table(
+            {"a": [value, value + 4]}, dataset={"name": name}, degrade={"within": within} if within else {}
+        )
     ]
-    found = drawn(against, frame(rows), along="degrade.within")
+    found = drawn("against", frame(rows), along="degrade.within")
     assert {name: type(figure).__name__ for name, figure in found.items()} == {
         "sea": "NotApplicableError",
         "lake": "Figure",
@@ -267,20 +251,20 @@ def grays(figure: Any) -> list[list[int | None]]:
 def test_each_picture_stands_by_its_view_and_method(tmp_path: Path):
     rows = kept(tmp_path, 2, ["b", "a"])
     (tmp_path / "restored/sea/a/v1.png").unlink()
-    (figure,) = drawn(pictures, rows, tmp_path).values()
+    (figure,) = drawn("pictures", rows, tmp_path).values()
     assert grays(figure) == [[10, 100, 110, 200], [11, 101, None, 201]]
     heads = [panel.get_title() for panel in figure.axes[:4]]
     assert heads == ["input", "b", "a", "reference"]
 
 
 def test_at_most_four_views_evenly_spread(tmp_path: Path):
-    (figure,) = drawn(pictures, kept(tmp_path, 10, ["a"]), tmp_path).values()
+    (figure,) = drawn("pictures", kept(tmp_path, 10, ["a"]), tmp_path).values()
     assert [row[0] for row in grays(figure)] == [10, 13, 16, 19]
 
 
 def test_many_methods_go_on_in_further_figures(tmp_path: Path):
     names = [f"m{n}" for n in range(8)]
-    pages = drawn(pictures, kept(tmp_path, 1, names), tmp_path)
+    pages = drawn("pictures", kept(tmp_path, 1, names), tmp_path)
     assert {page: grays(figure) for page, figure in pages.items()} == {
         "1": [[10, 100, 110, 120, 130, 200]],
         "2": [[10, 140, 150, 160, 170, 200]],
@@ -288,9 +272,9 @@ def test_many_methods_go_on_in_further_figures(tmp_path: Path):
 
 
 def test_pages_are_as_few_and_as_equal_as_can_be():
-    assert [len(page) for page in pictures.pages([str(n) for n in range(18)], 7)] == [6, 6, 6]
-    assert [len(page) for page in pictures.pages([str(n) for n in range(8)], 7)] == [4, 4]
-    assert pictures.pages(["a"], 7) == [["a"]]
+    assert [len(page) for _, page in style.pages(range(18), 7)] == [6, 6, 6]
+    assert dict(style.pages("abcdefgh", 7)) == {"1": list("abcd"), "2": list("efgh")}
+    assert dict(style.pages(["a"], 7)) == {"": ["a"]}
 
 
 def test_pictures_of_another_shape_are_cropped_about_their_middle(tmp_path: Path):
@@ -298,7 +282,7 @@ def test_pictures_of_another_shape_are_cropped_about_their_middle(tmp_path: Path
     tall = np.zeros((60, 40, 3), np.uint8)
     tall[20:40] = 250  # the middle 20 rows
     Image.fromarray(tall).save(tmp_path / "restored/sea/a/v1.png")
-    (figure,) = drawn(pictures, rows, tmp_path).values()
+    (figure,) = drawn("pictures", rows, tmp_path).values()
     (image,) = (p.images[0].get_array() for p in figure.axes if p.images and p.images[0].get_array().max() == 250)
     assert image.shape == (20, 40, 3)
     assert (image == 250).all()
@@ -311,7 +295,7 @@ def test_pictures_of_repetitions_and_runs_without_any_are_not_drawn(tmp_path: Pa
         (tmp_path / tree / "replicate=1").mkdir()
         for path in list((tmp_path / tree).glob("v0.*")):
             (tmp_path / tree / "replicate=1" / path.name).write_bytes(path.read_bytes())
-    (figure,) = drawn(pictures, pd.concat([rows, again]), tmp_path).values()
+    (figure,) = drawn("pictures", pd.concat([rows, again]), tmp_path).values()
     assert len(grays(figure)) == 1
     with pytest.raises(NotApplicableError, match="no pictures"):
-        drawn(pictures, rows, tmp_path / "elsewhere")
+        drawn("pictures", rows, tmp_path / "elsewhere")

@@ -12,19 +12,16 @@ import pandas as pd
 import pytest
 from support.made_observations import made, parameters
 from support.made_scene import WATER
+from support.study_rows import drawn
 
 from sucre_bench.errors import InputError, NotApplicableError
 from sucre_bench.methods.sucre.residuals import residuals
 from sucre_bench.methods.sucre.solvers import colours_for_water
-from sucre_bench.reports.paper import Study
-from sucre_bench.reports.paper.figures import between_views, scaling, seams
-from sucre_bench.reports.paper.figures import residuals as residuals_figure
-from sucre_bench.reports.paper.study_results import StudyResults
+from sucre_bench.reports.paper import fits
 from sucre_bench.results.layout import Place
 from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import Row, frame
 
-STUDY = Study("trial")
 WATER_ROWS = np.stack([WATER.veiling_light, WATER.attenuation, WATER.backscatter])
 
 
@@ -59,14 +56,10 @@ def fitted(tmp_path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
     return frame([row()]), info
 
 
-def drawn(rows: pd.DataFrame, out: Path) -> dict[str, Any]:
-    return dict(residuals_figure.draw(StudyResults(STUDY, rows, out)))
-
-
 def test_residuals_are_drawn_as_four_figures_of_three_channels(
     fitted: tuple[pd.DataFrame, dict[str, Any]], tmp_path: Path
 ) -> None:
-    figures = drawn(fitted[0], tmp_path)
+    figures = drawn("residuals", fitted[0], tmp_path)
     assert list(figures) == [f"{what}-made-m-a" for what in ("histogram", "normal", "fits", "distance")]
     for figure in figures.values():
         assert [axis.get_title() for axis in figure.axes] == ["red", "green", "blue"]
@@ -75,7 +68,7 @@ def test_residuals_are_drawn_as_four_figures_of_three_channels(
 def test_the_histogram_holds_all_and_its_normal_curve_has_area_1(
     fitted: tuple[pd.DataFrame, dict[str, Any]], tmp_path: Path
 ) -> None:
-    axis = drawn(fitted[0], tmp_path)["histogram-made-m-a"].axes[1]
+    axis = drawn("residuals", fitted[0], tmp_path)["histogram-made-m-a"].axes[1]
     values, edges, _ = axis.patches[0].get_data()
     assert (values * np.diff(edges)).sum() == pytest.approx(1)
     x, y = axis.lines[0].get_data()
@@ -88,7 +81,7 @@ def test_the_normal_plot_holds_the_quantiles_and_their_line(
     fitted: tuple[pd.DataFrame, dict[str, Any]], tmp_path: Path
 ) -> None:
     rows, info = fitted
-    for c, axis in enumerate(drawn(rows, tmp_path)["normal-made-m-a"].axes):
+    for c, axis in enumerate(drawn("residuals", rows, tmp_path)["normal-made-m-a"].axes):
         line, points = axis.lines
         np.testing.assert_array_equal(points.get_ydata(), info["residuals"]["normal"]["quantiles"][c])
         x, y = line.get_data()
@@ -99,7 +92,7 @@ def test_the_density_has_residuals_upwards_and_fits_to_the_right(
     fitted: tuple[pd.DataFrame, dict[str, Any]], tmp_path: Path
 ) -> None:
     rows, info = fitted
-    axis = drawn(rows, tmp_path)["fits-made-m-a"].axes[2]
+    axis = drawn("residuals", rows, tmp_path)["fits-made-m-a"].axes[2]
     known = info["residuals"]["against_fit"]["blue"]
     (mesh,) = axis.collections
     np.testing.assert_array_equal(mesh.get_array().filled(0), np.transpose(known["counts"]))
@@ -109,7 +102,7 @@ def test_the_density_has_residuals_upwards_and_fits_to_the_right(
 
 
 def test_curves_over_distance_are_the_models(fitted: tuple[pd.DataFrame, dict[str, Any]], tmp_path: Path) -> None:
-    axis = drawn(fitted[0], tmp_path)["distance-made-m-a"].axes[0]
+    axis = drawn("residuals", fitted[0], tmp_path)["distance-made-m-a"].axes[0]
     dotted = [line for line in axis.lines if line.get_linestyle() == ":"]
     B, beta, gamma = WATER_ROWS[:, 0]
     assert len(dotted) == 6
@@ -125,7 +118,7 @@ def test_of_many_views_those_with_most_observations_are_drawn(
     rows = [row(view=f"{k}.png") for k in range(4)]
     for k, one in enumerate(rows):
         keep(tmp_path, one, fitted[1] | {"n_observations": [5, 70, 6, 80][k]})
-    figures = drawn(frame(rows), tmp_path)
+    figures = drawn("residuals", frame(rows), tmp_path)
     assert [name for name in figures if name.startswith("normal")] == ["normal-made-m-3", "normal-made-m-1"]
 
 
@@ -133,7 +126,7 @@ def test_of_many_views_those_with_most_observations_are_drawn(
 def test_without_residuals_the_figure_says_what_to_do(info: dict[str, Any], tmp_path: Path) -> None:
     keep(tmp_path, row(), info)
     with pytest.raises(NotApplicableError, match=r"method\.residuals=true"):
-        drawn(frame([row()]), tmp_path)
+        drawn("residuals", frame([row()]), tmp_path)
 
 
 def test_a_damaged_file_is_named(tmp_path: Path) -> None:
@@ -153,14 +146,14 @@ def timed(out: Path, n: float, seconds: float, **about: Any) -> list[Row]:
 
 def test_a_line_of_seconds_over_observations_is_found() -> None:
     n = np.geomspace(1e4, 1e7, 12)
-    a, b, error = scaling.line(n, (0.5 + 3e-6 * n) * np.tile([1.02, 0.98], 6))
+    a, b, error = fits.line(n, (0.5 + 3e-6 * n) * np.tile([1.02, 0.98], 6))
     assert (a, b) == pytest.approx((0.5, 3e-6), rel=0.05)
     assert 0 < error < 0.05 * b
 
 
 def test_a_line_never_starts_below_zero() -> None:
     n = np.geomspace(1e4, 1e6, 8)
-    a, b, _ = scaling.line(n, 1e-6 * n * (n / 1e6) ** 0.2)
+    a, b, _ = fits.line(n, 1e-6 * n * (n / 1e6) ** 0.2)
     assert a == 0
     assert b > 0
 
@@ -168,7 +161,7 @@ def test_a_line_never_starts_below_zero() -> None:
 def test_scaling_draws_each_restoration_once_and_names_its_slope(tmp_path: Path) -> None:
     n = np.geomspace(1e5, 4e6, 6)
     rows = [r for k in n for r in timed(tmp_path, k, 0.1 + 2e-6 * k * (1 + 0.01 * np.sin(k)))]
-    ((suffix, figure),) = scaling.draw(StudyResults(STUDY, frame(rows), tmp_path))
+    ((suffix, figure),) = drawn("scaling", frame(rows), tmp_path).items()
     assert suffix == ""
     assert [axis.get_title() for axis in figure.axes] == ["whole restoration", "pairing", "solving"]
     points = next(line for line in figure.axes[0].lines if line.get_linestyle() == "None")
@@ -182,7 +175,7 @@ def test_scaling_draws_each_restoration_once_and_names_its_slope(tmp_path: Path)
 def test_without_counts_scaling_says_what_is_missing(tmp_path: Path) -> None:
     rows = frame([r for r in timed(tmp_path, 1e5, 1.0) if r.metric == "seconds"])
     with pytest.raises(NotApplicableError, match=r"add metrics=.observations"):
-        list(scaling.draw(StudyResults(STUDY, rows, tmp_path)))
+        drawn("scaling", rows, tmp_path)
 
 
 @pytest.fixture
@@ -202,7 +195,7 @@ def stitched(tmp_path: Path) -> pd.DataFrame:
 
 
 def test_seams_are_drawn_beside_the_photograph_with_the_worst_enlarged(stitched: pd.DataFrame, tmp_path: Path) -> None:
-    ((suffix, figure),) = seams.draw(StudyResults(STUDY, stitched, tmp_path))
+    ((suffix, figure),) = drawn("seams", stitched, tmp_path).items()
     assert suffix == "made-a"
     axes = np.array(figure.axes[:6]).reshape(3, 2)
     assert [axis.get_title() for axis in axes[0]] == ["photograph\n", "seam\nseams 3.00%"]
@@ -217,7 +210,7 @@ def test_where_no_method_changed_the_photograph_there_is_nothing_to_draw(
     stitched: pd.DataFrame, tmp_path: Path
 ) -> None:
     with pytest.raises(NotApplicableError, match="seams"):
-        list(seams.draw(StudyResults(STUDY, stitched[stitched["method"] == "same"], tmp_path)))
+        drawn("seams", stitched[stitched["method"] == "same"], tmp_path)
 
 
 def test_a_points_change_of_colour_is_drawn_over_the_difference_of_distance(tmp_path: Path) -> None:
@@ -230,10 +223,10 @@ def test_a_points_change_of_colour_is_drawn_over_the_difference_of_distance(tmp_
         for view, add in (("a.png", -0.5), ("b.png", 0.5))
         for region, value in scores.items()
     )
-    ((suffix, figure),) = between_views.draw(StudyResults(STUDY, rows, tmp_path))
+    ((suffix, figure),) = drawn("between_views", rows).items()
     assert suffix == ""
     lines = {line.get_label(): line.get_xydata() for line in figure.axes[0].get_lines()}
     assert lines["flat"].tolist() == [[0.125, 1], [0.375, 2], [1.5, 4]]
     assert lines["worse"][:, 1].tolist() == [2, 3, 5]
     with pytest.raises(NotApplicableError, match="consistency"):
-        list(between_views.draw(StudyResults(STUDY, rows[rows["region"] == "image"], tmp_path)))
+        drawn("between_views", rows[rows["region"] == "image"])

@@ -1,10 +1,14 @@
 """A study's files: ``tables/NAME.{md,tex,csv}`` and ``figures/NAME-FIGURE[-SUFFIX].{png,pdf}``."""
 
+from __future__ import annotations
+
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import Comparison, verdicts
@@ -14,12 +18,22 @@ from sucre_bench.errors import ANY_FAULT, InputError, NotApplicableError, Output
 from sucre_bench.jobs.run_options import Study
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.text_formats import keep_traceback
-from sucre_bench.reports.paper import figures
-from sucre_bench.reports.paper.figures import style
-from sucre_bench.reports.paper.follow_option import records
-from sucre_bench.reports.paper.study_results import StudyResults
+from sucre_bench.reports.paper import style
+from sucre_bench.reports.paper.study_results import Drawn, StudyResults
 from sucre_bench.results.layout import file_name, log_path
 from sucre_bench.results.rows import csv_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Where each figure is: a function of its name, which yields `Drawn` inside `style.look()`. It reads only the study's
+# results and the files of the results folder.
+MODULES = {
+    **dict.fromkeys(("scores", "against"), "scores"),
+    **dict.fromkeys(("charts", "between_views", "swatches", "hue"), "charts"),
+    **dict.fromkeys(("pictures", "seams"), "pictures"),
+    **dict.fromkeys(("residuals", "scaling", "water"), "fits"),
+}
 
 
 @dataclass(frozen=True)
@@ -46,13 +60,16 @@ def write(
     nothing else. Raises OutputError where files cannot be written.
     """
     notes: list[str] = []
-    rows = _in_order(rows, methods, datasets)
     paths: list[Path] = []
+    rows = by_time = rows.sort_values("time", kind="stable")
+    for column, given in (("method", methods), ("dataset", datasets)):
+        order = list(dict.fromkeys([*given, *by_time[column]]))
+        rows = rows.iloc[rows[column].map(order.index).argsort(kind="stable")]
     if not (rows["status"] == "ok").any():
         notes.append(f"{study.name}: nothing was restored, so there is nothing to show")
     else:
         named, study = study.metrics, _applicable(study, rows, notes)
-        results = StudyResults(study, rows, out, tuple(comparisons))
+        results = StudyResults(study, rows.reset_index(drop=True), out, tuple(comparisons))
         with _noting(f"{study.name}: tables", out, notes):
             if named and not study.metrics:
                 raise NotApplicableError("no requested metric has a score")
@@ -61,14 +78,31 @@ def write(
                 write_atomically(path, content.encode())
                 paths.append(path)
         for name in study.figures:
-            with _noting(f"{study.name}-{name}", out, notes), style.look():
-                paths += _figures(name, results, notes)
+            whole = f"{study.name}-{name}"
+            with _noting(whole, out, notes), style.look():
+                for suffix, figure in drawn(name, results):
+                    with _noting(whole, out, notes):
+                        if isinstance(figure, NotApplicableError):
+                            raise figure
+                        stem = "-".join(filter(None, [whole, suffix and file_name(suffix)]))
+                        paths += style.save(figure, out / "figures" / stem, study.svg)
     # Nothing of an earlier time may say otherwise.
     patterns = [f"tables/{study.name}.*"]
     patterns += [f"figures/{study.name}-{name}{end}" for name in study.figures for end in (".*", "-*")]
     for old in {path for pattern in patterns for path in out.glob(pattern)} - {*paths}:
         old.unlink()
     return Written(tuple(paths), tuple(notes))
+
+
+def drawn(name: str, results: StudyResults) -> Iterator[tuple[str, Figure | NotApplicableError]]:
+    """Yield the figures of one kind, each with the end of its file's name, or why a dataset has none.
+
+    Raises NotApplicableError ("why; what to do") if there is nothing to draw at all.
+    """
+    draw: Callable[[StudyResults], Iterator[Drawn]]
+    draw = getattr(import_module(f"{__package__}.{MODULES[name]}"), name)
+    for words, figure in draw(results):
+        yield "-".join(filter(None, words)), figure
 
 
 @contextmanager
@@ -83,16 +117,6 @@ def _noting(what: str, out: Path, notes: list[str]) -> Iterator[None]:
     except ANY_FAULT as fault:
         keep_traceback(log_path(out), what)
         notes.append(f"{what}: failed, {one_line(fault)}; the traceback is in {log_path(out)}")
-
-
-def _in_order(rows: DataFrame, methods: Sequence[str], datasets: Sequence[str]) -> DataFrame:
-    """Rows so that what comes first is first named."""
-    by_time = rows.sort_values("time", kind="stable")
-    for column, given in (("method", methods), ("dataset", datasets)):
-        order = {label: n for n, label in enumerate(dict.fromkeys([*given, *by_time[column]]))}
-        by_time = by_time.assign(**{f"_{column}": by_time[column].map(order)})
-    ordered = by_time.sort_values(["_dataset", "_method"], kind="stable")
-    return ordered.drop(columns=["_dataset", "_method"]).reset_index(drop=True)
 
 
 def _applicable(study: Study, rows: DataFrame, notes: list[str]) -> Study:
@@ -115,9 +139,9 @@ def _tables(results: StudyResults) -> Iterator[tuple[str, str]]:
 
     study = results.study
     if study.along:
-        tables = [table for one in results.followed for table in one.comparisons]
+        tables = [table for each in results.followed for table in each.comparisons]
         sentences = ""  # the tables against a baseline have the differences
-        csv = csv_text(pd.DataFrame([record for one in results.followed for record in records(one)]))
+        csv = csv_text(pd.DataFrame([record for each in results.followed for record in each.records()]))
     else:
         tables = results.comparisons
         sentences = "".join(f"- {verdict_text(table, each)}\n" for table in tables for each in verdicts(table))
@@ -129,15 +153,3 @@ def _tables(results: StudyResults) -> Iterator[tuple[str, str]]:
     yield "md", as_text(tables, "md", study.spread) + (f"\n{sentences}" if sentences else "")
     yield "tex", as_text(tables, "latex", study.spread)
     yield "csv", csv
-
-
-def _figures(name: str, results: StudyResults, notes: list[str]) -> Iterator[Path]:
-    """Draw one figure, and yield the files of its pages."""
-    study = results.study
-    whole = f"{study.name}-{name}"
-    for suffix, figure in figures.find(name)(results):
-        if isinstance(figure, NotApplicableError):
-            notes.append(f"{whole}: not made, {one_line(figure)}")
-            continue
-        stem = "-".join(filter(None, [whole, file_name(suffix) if suffix else ""]))
-        yield from style.save(figure, results.out / "figures" / stem, study.svg)

@@ -1,4 +1,4 @@
-"""The style of figures: sizes of paper columns, type, and a colour and a marker for each method.
+"""The style of figures: sizes of paper columns, type, panels, and a colour and a marker for each method.
 
 A method's colour is found from its label alone, so that it has the same one in every figure, run and study; where two
 methods of one figure would share it, `looks` gives one of them the next. The palette begins with the seven colours of
@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+import numpy as np
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.machine.files import write_atomically
@@ -24,6 +25,8 @@ from sucre_bench.results.layout import file_name
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+T = TypeVar("T")
 
 # Width in inches of one column, and of both, of a two-column paper.
 WIDTH = {1: 3.35, 2: 6.9}
@@ -41,10 +44,11 @@ _SALT = (102074354).to_bytes(4, "little")
 _STYLE: Any = {
     "font.size": 7,
     "axes.labelsize": 7,
-    "axes.titlesize": 8,
+    "axes.titlesize": 7,
     "xtick.labelsize": 7,
     "ytick.labelsize": 7,
     "legend.fontsize": 7,
+    "figure.labelsize": 7,
     "figure.titlesize": 8,
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same everywhere
     "axes.linewidth": 0.6,
@@ -69,47 +73,38 @@ _STYLE: Any = {
 }
 
 
-@dataclass(frozen=True)
-class Look:
+class Look(NamedTuple):
     """How a method is drawn. colour: as #RRGGBB; marker: one of matplotlib's."""
 
     colour: str
     marker: str
 
 
-@contextmanager
-def look() -> Iterator[None]:
+def look() -> AbstractContextManager[None]:
     """Switch the style on, for what is drawn inside."""
     import matplotlib
 
-    with matplotlib.rc_context(_STYLE):
-        yield
+    return matplotlib.rc_context(_STYLE)
 
 
-def colour(method: str) -> str:
-    """Return a method's colour as #RRGGBB, the same wherever its label is."""
-    return PALETTE[_place(method) % len(PALETTE)]
-
-
-def marker(method: str) -> str:
-    """Return a method's marker, the same wherever its label is."""
-    return MARKERS[_place(method) // len(PALETTE) % len(MARKERS)]
+def own_look(method: str) -> Look:
+    """Return a method's own colour and marker, which it has wherever no other method of a figure wants that colour."""
+    place = int.from_bytes(hashlib.blake2b(method.encode(), digest_size=8, salt=_SALT).digest(), "little")
+    return Look(PALETTE[place % len(PALETTE)], MARKERS[place // len(PALETTE) % len(MARKERS)])
 
 
 def looks(methods: Iterable[str]) -> dict[str, Look]:
     """Return how each of a figure's methods is drawn: no two alike, and no two of one colour while there are enough."""
     methods = list(dict.fromkeys(methods))
     found: dict[str, Look] = {}
-    for method in sorted(methods):  # whatever order a figure has them in; first those that can have what is theirs
-        if colour(method) not in {look.colour for look in found.values()}:
-            found[method] = Look(colour(method), marker(method))
+    for method in sorted(methods):  # whatever order a figure has them in; first those that can have their own
+        if own_look(method).colour not in {look.colour for look in found.values()}:
+            found[method] = own_look(method)
     for method in sorted(set(methods) - set(found)):
-        used = [look.colour for look in found.values()]
-        least = min(map(used.count, PALETTE))
-        free = next(other for other in _from(PALETTE, colour(method)) if used.count(other) == least)
-        taken = {look.marker for look in found.values() if look.colour == free}
-        signs = _from(MARKERS, marker(method))
-        found[method] = Look(free, next((sign for sign in signs if sign not in taken), signs[0]))
+        own, used = own_look(method), [*found.values()]
+        colour = min(_from(PALETTE, own.colour), key=[look.colour for look in used].count)
+        taken = [look.marker for look in used if look.colour == colour]
+        found[method] = Look(colour, min(_from(MARKERS, own.marker), key=taken.count))
     return {method: found[method] for method in methods}
 
 
@@ -117,10 +112,6 @@ def _from(cycle: tuple[str, ...], first: str) -> tuple[str, ...]:
     """All of them, beginning at one."""
     start = cycle.index(first)
     return cycle[start:] + cycle[:start]
-
-
-def _place(method: str) -> int:
-    return int.from_bytes(hashlib.blake2b(method.encode(), digest_size=8, salt=_SALT).digest(), "little")
 
 
 def figure(
@@ -137,16 +128,28 @@ def figure(
         return made, made.subplots(nrows, ncols, squeeze=False, **subplots)
 
 
-def grid(count: int, width: int, top: float, each: float, **subplots: Any) -> tuple[Figure, Any]:
-    """Return a figure of `count` panels, `width` of them side by side, and its axes: those beyond are hidden.
+def grid(count: int, width: int, top: float, each: float, **subplots: Any) -> tuple[Figure, list[Axes]]:
+    """Return a figure, and its panels row by row, at most `width` of them side by side.
 
-    top, each: inches above the panels, and of each row of panels; subplots: see `figure`.
+    The lowest panel of each column has the labels of its x axis. top, each: inches above the panels, and of each row
+    of panels; subplots: see `figure`.
     """
+    width = min(count, width)
     n_rows = -(-count // width)
     made, axes = figure(min(width, 2), top + each * n_rows, n_rows, width, **subplots)
-    for panel in axes.flat[count:]:
-        panel.set_visible(False)
-    return made, axes
+    for n, panel in enumerate(axes.flat):
+        panel.set_visible(n < count)
+        if "sharex" in subplots:
+            panel.tick_params(labelbottom=n + width >= count)
+    return made, list(axes.flat[:count])
+
+
+def caption(figure: Figure, below: str, named: Axes) -> None:
+    """Write what the x axes of all panels show, and above the panels the names of what one of them shows."""
+    figure.supxlabel(below)
+    handles, labels = named.get_legend_handles_labels()
+    most = 5 if figure.get_figwidth() > WIDTH[1] else 3
+    figure.legend(handles, labels, loc="outside upper center", ncols=min(most, len(labels)))
 
 
 def each_dataset(rows: DataFrame) -> Iterator[tuple[str, DataFrame]]:
@@ -156,10 +159,14 @@ def each_dataset(rows: DataFrame) -> Iterator[tuple[str, DataFrame]]:
         yield file_name(dataset) if len(datasets) > 1 else "", rows[rows["dataset"] == dataset]
 
 
-def legend_above(figure: Figure, axes: Axes, columns: int) -> None:
-    """Name what one panel shows, for all of them, above."""
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=min(columns, len(labels)))
+def pages(items: Sequence[T], most: int) -> Iterator[tuple[str, list[T]]]:
+    """Yield items in as few pages of at most so many as there can be, as equal as may be, each with its number.
+
+    The number of a page is empty if it is the only one.
+    """
+    n = -(-len(items) // most)
+    for number, part in enumerate(np.array_split(np.arange(len(items)), n), 1):
+        yield str(number) if n > 1 else "", [items[k] for k in part]
 
 
 def save(figure: Figure, path: Path, svg: bool = False) -> list[Path]:

@@ -1,0 +1,264 @@
+"""The figures of fits: residuals and scaling of restorations by SUCRe, water (estimated water of all views)."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.ticker import EngFormatter, LogLocator
+
+from sucre_bench.arrays import Array, DataFrame, evenly
+from sucre_bench.compare.words import number
+from sucre_bench.errors import NotApplicableError
+from sucre_bench.reports.metric_roles import adding, beside, scores_of
+from sucre_bench.reports.paper import style
+from sucre_bench.reports.paper.study_results import Drawn, StudyResults
+from sucre_bench.results.layout import file_name
+from sucre_bench.results.restorations import read_record
+from sucre_bench.results.rows import KEYS, restorations
+
+# Of residuals: views drawn of each dataset and method; points, and colours of the model's curves, over distance; and
+# how many standard deviations a histogram shows.
+_VIEWS, _POINTS, _CURVES, _REACH = 2, 12, 6, 5
+
+# Of scaling: what the table of times has of each restoration, and the panels' titles.
+_STAGES = {"seconds": "whole restoration", "pair": "pairing", "solve": "solving"}
+
+# The fewest points a line is drawn through, and the least ratio of their observations.
+_FEWEST, _SPREAD = 4, 2.0
+
+# Rounds of the fit, and the least time that a line may give, in seconds.
+_ROUNDS, _LEAST_S = 10, 1e-4
+_LABELLED = 50  # greatest over least number up to which the axis has 2 and 5 beside powers of ten
+
+# Of water: parameter, as variants begin with it; its name in a run's records, and as an axis says it.
+_PARAMETERS = {
+    "veiling_light": ("B", "veiling light $B$"),
+    "attenuation": ("beta", "attenuation $\\beta$ (1/m)"),
+    "backscatter": ("gamma", "backscatter $\\gamma$ (1/m)"),
+}
+_MARKERS = {"red": "o", "green": "s", "blue": "^"}
+_VIEW = ["dataset", "scene", "view"]
+_METHODS = 4
+
+
+def residuals(results: StudyResults) -> Iterator[Drawn]:
+    """Draw residuals of a least-squares fit, as in the appendices of the SUCRe paper: four figures for a restoration.
+
+    histogram: residuals, and the normal distribution of their mean and standard deviation; normal: their quantiles over
+    those of a normal distribution, and the line through the quartiles; fits: residuals over fitted intensities, as a
+    density with the running median and the range of the middle 68 %; distance: points seen from many distances, and
+    what the model makes of points of several colours. Red, green and blue stand side by side.
+
+    All is drawn from what methods record as "residuals" (`sucre` and `sucre_paper` with residuals=true). Of each
+    dataset and method, the two views with most observations are drawn.
+    """
+    is_drawn = False
+    for (dataset, method), of_method in restorations(results.rows).groupby(["dataset", "method"], sort=False):
+        recorded = [(row.view, read_record(row, results.out)) for row in of_method.itertuples()]
+        recorded = [(view, record) for view, record in recorded if record.get("residuals", {}).get("tracks")]
+        recorded.sort(key=lambda each: -each[1].get("n_observations", 0))
+        for view, record in recorded[:_VIEWS]:
+            is_drawn, title = True, f"{view} of {dataset}, {method}"
+            words = file_name(f"{dataset}-{method}-{Path(view).stem}")
+            count = f"residuals of {record['residuals']['observations']:,} observations"
+            for kind, about, x, y, draw in (
+                ("histogram", count, "residual, intensity", "density", _histogram),
+                ("normal", "normal plots", "normal quantile", "residual, intensity", _normal),
+                ("fits", "residuals over fits", "fitted intensity", "residual, intensity", _fits),
+                ("distance", "points over distance, and the model (dotted)", "distance, m", "intensity", _distance),
+            ):
+                figure, axes = style.figure(2, 2.2, ncols=3, sharey=kind == "normal")
+                figure.suptitle(f"{title}: {about}")
+                for channel, (panel, (name, colour)) in enumerate(zip(axes[0], style.CHANNELS.items(), strict=True)):
+                    panel.set(title=name, xlabel=x)
+                    panel.locator_params(axis="x", nbins=5)
+                    draw(panel, record, channel, colour)
+                axes[0, 0].set_ylabel(y)
+                yield (kind, words), figure
+    if not is_drawn:
+        raise NotApplicableError("no record has residuals; run sucre or sucre_paper with method.residuals=true")
+
+
+def _histogram(panel: Axes, record: Mapping[str, Any], channel: int, colour: str) -> None:
+    left = record["residuals"]
+    counts, width = np.array(left["histogram"]["counts"][channel]), left["histogram"]["width"]
+    edges = (np.arange(len(counts) + 1) - len(counts) / 2) * width
+    total = counts.sum() + left["histogram"]["beyond"][channel]
+    mean, std = left["mean"][channel], max(left["std"][channel], width / 10)
+    panel.stairs(counts / (total * width), edges, fill=True, color=colour, alpha=0.5)
+    at = np.linspace(-_REACH * std, _REACH * std, 201)
+    normal = np.exp(-(((at - mean) / std) ** 2) / 2) / (std * np.sqrt(2 * np.pi))
+    panel.plot(at, normal, "k--", linewidth=0.9)
+    panel.set_xlim(float(at[0]), float(at[-1]))
+    panel.set_ylim(top=1.3 * panel.get_ylim()[1])  # room for words
+    names = {"std": "std", "robust_std": "robust std", "skew": "skew", "kurtosis": "exc. kurtosis"}
+    moments = {label: left[name][channel] for name, label in names.items()}
+    words = "\n".join(f"{label} {value:.3g}" for label, value in moments.items() if value is not None)
+    panel.text(0.98, 0.96, words, transform=panel.transAxes, ha="right", va="top", fontsize="small")
+
+
+def _normal(panel: Axes, record: Mapping[str, Any], channel: int, colour: str) -> None:
+    normal = record["residuals"]["normal"]
+    z, quantiles = np.array(normal["z"]), np.array(normal["quantiles"][channel])
+    low, high = np.interp((-0.6745, 0.6745), z, quantiles)
+    panel.plot(z, (low + high) / 2 + z * (high - low) / 1.349, "k--", linewidth=0.9)
+    panel.plot(z, quantiles, ".", color=colour, markersize=2.5)
+
+
+def _fits(panel: Axes, record: Mapping[str, Any], channel: int, colour: str) -> None:
+    of_channel = record["residuals"]["against_fit"][list(style.CHANNELS)[channel]]
+    counts = np.array(of_channel["counts"], dtype=float).T
+    (low, high), (first, last) = of_channel["residual"], of_channel["fit"]
+    heights, fits = np.linspace(low, high, counts.shape[0] + 1), np.linspace(first, last, counts.shape[1] + 1)
+    norm, shown = LogNorm(1, max(counts.max(), 2)), np.ma.masked_equal(counts, 0)
+    panel.pcolormesh(fits, heights, shown, norm=norm, cmap="Greys", rasterized=True)
+    middle = (fits[:-1] + fits[1:]) / 2
+    low, median, high = (np.array(of_channel[name], dtype=float) for name in ("low", "median", "high"))
+    panel.plot(middle, median, color=colour)
+    panel.plot(middle, low, middle, high, color=colour, linewidth=0.7, linestyle="--")
+    panel.axhline(0, color="k", linewidth=0.5)
+
+
+def _distance(panel: Axes, record: Mapping[str, Any], channel: int, colour: str) -> None:
+    """Points over distance, and the image formation model (SUCRe, eq. 2)."""
+    points = record["residuals"]["tracks"]
+    chosen = [points[k] for k in evenly(len(points), _POINTS)]
+    for point in chosen:
+        drawn: Any = {"color": colour, "alpha": 0.5, "linewidth": 0.7, "markersize": 2}
+        panel.plot(point["distance"], point["intensity"][channel], ".-", **drawn)
+    distances = np.concatenate([point["distance"] for point in chosen])
+    z = np.linspace(distances.min(), distances.max(), 100)
+    B, beta, gamma = (record[name][channel] for name in ("B", "beta", "gamma"))
+    colours = [point["J"][channel] for point in chosen]
+    for J in np.linspace(min(colours), max(colours), _CURVES):
+        panel.plot(z, J * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z)), "k:", linewidth=0.9)
+
+
+def scaling(results: StudyResults) -> Iterator[Drawn]:
+    """Draw time over observations (SUCRe, supplementary material, Processing time), whole, and by stage if recorded.
+
+    Each point is a restoration. The lines are t = a + b n, found by least squares of the relative error, so that small
+    and large n count alike; the legend has b, in seconds for a million observations, where it is twice its standard
+    error. Axes are logarithmic, on which such a line bends towards a where n is small. Variants that share what they
+    pair show the same points for pairing; reading files, and degrading what is read, is part of it.
+    """
+    import pandas as pd
+
+    counts = scores_of(results.rows, "observations")
+    table = beside(restorations(results.rows), counts[counts["variant"] == "all"], "n", KEYS)
+    table = table[table["n"] > 0]
+    if table.empty:
+        raise NotApplicableError(f"no restoration has a number of observations; {adding('observations')}")
+    records = [read_record(row, results.out).get("stage_seconds", {}) for row in table.itertuples()]
+    stages = pd.DataFrame(records, table.index, ["pair", "solve"], dtype=float)
+    table = table[["method", "n"]].assign(seconds=table["value"], pair=stages["pair"], solve=stages["solve"])
+    shown = {stage: title for stage, title in _STAGES.items() if table[stage].notna().any()}
+    figure, axes = style.figure(2, 2.8 if len(shown) > 1 else 2.6, ncols=len(shown), sharey=True)
+    looks = style.looks(table["method"])
+    for panel, (stage, title) in zip(axes[0], shown.items(), strict=True):
+        for method, of_method in table[table[stage] > 0].groupby("method", sort=False):
+            _times(panel, str(method), of_method["n"].to_numpy(), of_method[stage].to_numpy(), looks[str(method)])
+        panel.set(title=title, xlabel="observations", xscale="log", yscale="log")
+        panel.xaxis.set_major_formatter(EngFormatter(sep=""))
+        panel.xaxis.set_minor_locator(LogLocator(subs=(2, 5)))
+        few = table["n"].max() < _LABELLED * table["n"].min()
+        panel.xaxis.set_minor_formatter(EngFormatter(sep="") if few else "")
+        panel.legend(loc="upper left", bbox_to_anchor=(0, -0.22), borderaxespad=0)
+    axes[0, 0].set_ylabel("seconds")
+    yield (), figure
+
+
+def _times(panel: Axes, method: str, n: Array, seconds: Array, look: style.Look) -> None:
+    label = method
+    if len(n) >= _FEWEST and n.max() > _SPREAD * n.min():
+        a, b, error = line(n, seconds)
+        at = np.geomspace(n.min(), n.max(), 50)
+        if b > 0:  # falling times have other causes than observations
+            panel.plot(at, a + b * at, color=look.colour, linewidth=0.9)
+        if b > 2 * error:
+            label = f"{method}: {b * 1e6:.2g} ± {error * 1e6:.1g} s per million"
+    panel.plot(n, seconds, look.marker, color=look.colour, markersize=3, alpha=0.7, label=label)
+
+
+def line(n: Array, seconds: Array) -> tuple[float, float, float]:
+    """Return a and b of t = a + b n, in seconds and seconds an observation, and the standard error of b.
+
+    Least squares, each error relative to the line's own time, in a few rounds; a is not below 0.
+    """
+
+    def fitted(columns: Array) -> tuple[Array, Array, Array]:
+        """Coefficients, what is left relative to the fit, and the inverse of the normal equations."""
+        expected = seconds
+        for _ in range(_ROUNDS):
+            scaled = columns / expected[:, None]
+            inverse = np.linalg.inv(scaled.T @ scaled)
+            coefficients = inverse @ scaled.T @ (seconds / expected)
+            left = seconds / expected - scaled @ coefficients
+            expected = np.maximum(columns @ coefficients, _LEAST_S)
+        return coefficients, left, inverse
+
+    coefficients, left, inverse = fitted(np.stack([np.ones(len(n)), n], axis=1))
+    if coefficients[0] < 0:
+        coefficients, left, inverse = fitted(n[:, None])
+    variance = float(left @ left) / max(len(n) - len(inverse), 1)
+    a = float(coefficients[0]) if len(coefficients) > 1 else 0.0
+    return a, float(coefficients[-1]), float(np.sqrt(variance * inverse[-1, -1]))
+
+
+def water(results: StudyResults) -> Iterator[Drawn]:
+    """Draw estimated water over the variance of distances (SUCRe, fig. "Distance map variance vs. parameters").
+
+    A row a parameter, a column a method, at most four a figure; a dot a view and channel; dashed, the true water where
+    the run's records know it. On top, the scatter of each channel over the views: standard deviation by mean. Views of
+    one water that disagree at the left and agree at the right are the paper's case. Needs metrics of the roles
+    water-parameters and distance-variance. Yields a figure per dataset and page of methods.
+    """
+    estimates = scores_of(results.rows, "water-parameters")
+    estimates = beside(estimates, scores_of(results.rows, "distance-variance"), "variance", _VIEW)
+    if estimates.empty:
+        remedy = f"{adding('water-parameters', 'distance-variance')}, with a method that estimates water, on images"
+        raise NotApplicableError(f"no water beside a variance of distances; {remedy} with depth")
+    for name, of_dataset in style.each_dataset(estimates):
+        for page, methods in style.pages(list(dict.fromkeys(of_dataset["method"])), _METHODS):
+            figure, axes = style.figure(2, 4.8, len(_PARAMETERS), len(methods), sharex=True, sharey="row")
+            for column, method in zip(axes.T, methods, strict=True):
+                of_method = of_dataset[of_dataset["method"] == method]
+                truth = _truth(of_method, results.out)
+                for panel, (parameter, (symbol, _)) in zip(column, _PARAMETERS.items(), strict=True):
+                    _parameter(panel, of_method, parameter, truth.get(symbol, ()))
+                column[0].set_title(method)
+                if truth and "true" not in axes[0, 0].get_legend_handles_labels()[1]:
+                    axes[0, 0].plot([], [], "--", color="#666666", linewidth=0.8, label="true")
+            for row, (_, label) in zip(axes, _PARAMETERS.values(), strict=True):
+                row[0].set_ylabel(label)
+                low, high = row[0].get_ylim()
+                row[0].set_ylim(low, high + 0.15 * (high - low))  # room for the numbers
+            style.caption(figure, "variance of the view's distances (m²)", axes[0, 0])
+            yield (name, page), figure
+
+
+def _parameter(panel: Axes, estimates: DataFrame, parameter: str, truth: Sequence[float]) -> None:
+    for place, (channel, marker) in enumerate(_MARKERS.items()):
+        of_channel, colour = estimates[estimates["variant"] == f"{parameter}-{channel}"], style.CHANNELS[channel]
+        dots: Any = {"color": colour, "marker": marker, "label": channel}
+        panel.scatter(of_channel["variance"], of_channel["value"], s=9, linewidths=0, **dots)
+        if truth:
+            panel.axhline(truth[place], color=colour, linewidth=0.8, linestyle="--", zorder=0)
+        if len(of_channel) > 1 and (mean := of_channel["value"].mean()):
+            percent = number(round(100 * of_channel["value"].std() / abs(mean), 3))
+            where: Any = {"ha": "center", "va": "top", "transform": panel.transAxes}
+            panel.text(0.19 + 0.31 * place, 1, f"{percent} %", color=colour, **where)
+
+
+def _truth(estimates: DataFrame, out: Path) -> dict[str, Any]:
+    """The true water of a method's views, by B, beta and gamma, from what the run kept beside its pictures.
+
+    Empty where it is not known, where scenes differ in it, and where it explains other intensities than the estimate.
+    """
+    first = [read_record(row, out) for row in estimates.drop_duplicates(["dataset", "scene"]).itertuples()]
+    true = [record.get("true_water") or {} for record in first]
+    fits = all(t and t["encoding"] == record.get("encoding") for t, record in zip(true, first, strict=True))
+    return true[0] if fits and all(t == true[0] for t in true) else {}
