@@ -3,7 +3,6 @@
 import os
 import sys
 from importlib import import_module
-from typing import NamedTuple
 
 import click
 
@@ -25,7 +24,7 @@ def main() -> None:
 def _ended() -> int:
     """Run the command line, write out what it printed, and return its exit code."""
     if os.environ.get("_SUCRE_BENCH_COMPLETE"):  # a shell asks
-        import_module(_COMMANDS["completion"].module).install()
+        import_module("sucre_bench.commands.completion").install()
     try:
         status = _status()
         sys.stdout.flush()
@@ -78,50 +77,40 @@ def _fault(text: str, status: int) -> int:
     return status
 
 
-class _Command(NamedTuple):
-    """A command's line in --help, and the module that holds it."""
-
-    help: str
-    module: str
-
-
-def _in(module: str, help: str) -> _Command:
-    return _Command(help, f"sucre_bench.commands.{module}")
-
-
-# The table of contents of --help. A command is imported when it is called: its line of help stands here.
-SECTIONS: dict[str, dict[str, _Command]] = {
+# The table of contents of --help: each command with its module and its line of help. Its module is imported when it is
+# called.
+SECTIONS: dict[str, dict[str, tuple[str, str]]] = {
     "Restore and compare": {
-        "run": _in("run", "Restore views of a dataset with methods, and score them."),
-        "lineup": _in("run", "Write the line-up of a results folder, to run it again."),
-        "compare": _in("compare", "Compare methods: one table, and who leads."),
-        "score": _in("score", "Score a folder of images with any published metric."),
+        "run": ("run", "Restore views of a dataset with methods, and score them."),
+        "lineup": ("run", "Write the line-up of a results folder, to run it again."),
+        "compare": ("compare", "Compare methods: one table, and who leads."),
+        "score": ("score", "Score a folder of images with any published metric."),
     },
     "Your own data": {
-        "prepare": _in("prepare", "Make a scene of photos: cameras, depth maps."),
-        "describe": _in("data", "Describe what a dataset holds, and list its faults."),
-        "charts": _in("data", "Mark colour charts on a page in your browser."),
+        "prepare": ("prepare", "Make a scene of photos: cameras, depth maps."),
+        "describe": ("data", "Describe what a dataset holds, and list its faults."),
+        "charts": ("data", "Mark colour charts on a page in your browser."),
     },
     "Look at results": {
-        "report": _in("look", "Write the page of a results folder: tables, pictures."),
-        "texture": _in("look", "Write a scene as points or a mesh in restored colours."),
-        "video": _in("look", "Write a video of the views before and after."),
-        "study": _in("study", "Ask people which restored images they prefer."),
-        "track": _in("look", "Log a results folder in mlflow, and open its page."),
+        "report": ("look", "Write the page of a results folder: tables, pictures."),
+        "texture": ("look", "Write a scene as points or a mesh in restored colours."),
+        "video": ("look", "Write a video of the views before and after."),
+        "study": ("study", "Ask people which restored images they prefer."),
+        "track": ("look", "Log a results folder in mlflow, and open its page."),
     },
     "Share results": {
-        "bundle": _in("share", "Write a results folder as one file, with hashes."),
-        "verify": _in("share", "Check a bundle: hashes, data, scores."),
-        "site": _in("share", "Write a lab's board: a page over many bundles."),
+        "bundle": ("share", "Write a results folder as one file, with hashes."),
+        "verify": ("share", "Check a bundle: hashes, data, scores."),
+        "site": ("share", "Write a lab's board: a page over many bundles."),
     },
     "Extend": {
-        "list": _in("extend", "List plugins, their options, and whether they run here."),
-        "new": _in("extend", "Write a working plugin to start from, and its test."),
-        "check": _in("extend", "Check whether a plugin keeps the contract."),
+        "list": ("extend", "List plugins, their options, and whether they run here."),
+        "new": ("extend", "Write a working plugin to start from, and its test."),
+        "check": ("extend", "Check whether a plugin keeps the contract."),
     },
     "This machine": {
-        "doctor": _in("doctor", "List what works on this machine, and what is missing."),
-        "completion": _in("completion", "Print the script for <TAB> completion in your shell."),
+        "doctor": ("doctor", "List what works on this machine, and what is missing."),
+        "completion": ("completion", "Print the script for <TAB> completion in your shell."),
     },
 }
 _COMMANDS = {name: command for section in SECTIONS.values() for name, command in section.items()}
@@ -136,7 +125,8 @@ class _LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _COMMANDS:
             return None
-        command = getattr(import_module(_COMMANDS[cmd_name].module), "list_" if cmd_name == "list" else cmd_name)
+        module = import_module(f"sucre_bench.commands.{_COMMANDS[cmd_name][0]}")
+        command = getattr(module, "list_" if cmd_name == "list" else cmd_name)
         assert isinstance(command, click.Command)
         return command
 
@@ -151,7 +141,7 @@ class _LazyGroup(click.Group):
         width = max(map(len, _COMMANDS))
         for title, commands in SECTIONS.items():
             with formatter.section(title):
-                formatter.write_dl([(name.ljust(width), command.help) for name, command in commands.items()])
+                formatter.write_dl([(name.ljust(width), text) for name, (_, text) in commands.items()])
 
 
 @click.group(

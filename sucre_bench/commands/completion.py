@@ -7,6 +7,7 @@ behind "method=", and complete no path behind "=". The words of `run` (key=value
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import shlex
@@ -172,7 +173,8 @@ def complete_words(ctx: click.Context, param: click.Parameter, incomplete: str) 
         return list(_starting(incomplete, _keys(key.rpartition(".")[0], given)))
     if key in ("dataset", "method", "experiment", "metrics", "baseline"):
         return list(_named(key, value, given))
-    head, option = f"{key}=", _option(key, given)
+    group, _, name = key.rpartition(".")
+    head, option = f"{key}=", next((option for option in _options(group, given) if option.name == name), None)
     words = _VALUES.get(key, ()) if option is None else _words_of(option)
     opening, before_last, last = _parts(value)
     found = list(_starting(last, ((word, "") for word in words), f"{head}{opening}{before_last}"))
@@ -280,28 +282,18 @@ def _names(group: str) -> Iterator[tuple[str, str]]:
 
 def _chosen(kind: Literal["dataset", "method"], given: Mapping[str, str]) -> dict[str, str]:
     """What words or a line-up choose, else what runs by default: names, and labels of a line-up, each with its name."""
+    from sucre_bench.errors import SucreBenchError
     from sucre_bench.jobs.catalogue import default_choice
+    from sucre_bench.jobs.lineup import line_up_in
 
     if kind in given:
         return {name: name for name in given[kind].split(",")}
-    in_file = _names_in(Path(given[""]), kind) if "" in given else {}
-    return in_file or {default_choice(kind): default_choice(kind)}
-
-
-def _names_in(line_up: Path, kind: str) -> dict[str, str]:
-    """The names and labels of a line-up's datasets or methods, each with the name; none where it cannot be read."""
-    import yaml
-
-    from sucre_bench.errors import InputError
-    from sucre_bench.machine.files import regular
-    from sucre_bench.machine.text_formats import read_yaml
-
-    try:
-        entries = read_yaml(regular(line_up).read_text(encoding="utf-8"))[f"{kind}s"]
-        said = [entry if isinstance(entry, dict) else {"name": entry} for entry in entries]
-        return {str(one[key]): str(one["name"]) for one in said for key in ("name", "label") if key in one}
-    except (OSError, InputError, ValueError, TypeError, KeyError, RecursionError, yaml.YAMLError):
-        return {}
+    entries = {}
+    if "" in given:
+        with contextlib.suppress(SucreBenchError):
+            line_up = line_up_in(Path(given[""])).entries(kind)
+            entries = {name: entry.name for entry in line_up for name in (entry.name, entry.label) if name}
+    return entries or {default_choice(kind): default_choice(kind)}
 
 
 def _options(group: str, given: Mapping[str, str]) -> tuple[Option, ...]:
@@ -324,11 +316,6 @@ def _options(group: str, given: Mapping[str, str]) -> tuple[Option, ...]:
         owners = [plugin_of(kind, name) for kind in KINDS if (name := _chosen(kind, given).get(group, ""))]
     every = (option for plugin in owners if plugin for option in options_of(plugin.cls))
     return tuple({option.name: option for option in every}.values())
-
-
-def _option(key: str, given: Mapping[str, str]) -> Option | None:
-    group, _, name = key.rpartition(".")
-    return next((option for option in _options(group, given) if option.name == name), None)
 
 
 def _words_of(option: Option) -> list[str]:

@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterator, Sequence
 
 import click
-from rich.table import Table
 
 from sucre_bench.engine.forecast import Expected, Forecast
 from sucre_bench.machine import terminal
@@ -14,18 +13,21 @@ from sucre_bench.machine.progress import duration
 
 def show(found: Forecast) -> None:
     """Print a line for each dataset and method, their sum, and what the numbers rest on."""
-    groups = _by_names(found.jobs)
+    groups: dict[tuple[str, str], list[Expected]] = {}  # with several jobs if the views are parted, or repeated
+    for job in found.jobs:
+        groups.setdefault((job.dataset, job.method), []).append(job)
     has_parts = len(groups) < len(found.jobs)
-    columns = (*(("jobs",) if has_parts else ()), "views", "stored", "to do", "time", "memory", "disk")
-    table = Table(box=None, pad_edge=False)
-    for name in ("dataset", "method", *columns):
-        table.add_column(name, justify="left" if name in ("dataset", "method") else "right")
-    for (dataset, method), jobs in groups.items():
-        table.add_row(dataset, method, *([str(len(jobs))] if has_parts else []), *_numbers(_sum(jobs)))
-    if len(groups) > 1:
-        count = [str(len(found.jobs))] if has_parts else []
-        table.add_row("all", "", *count, *_numbers(_sum(found.jobs)), style="bold")
-    terminal.out.print(f"What the run would do, {_where(found)}")
+    numbers = (*(("jobs",) if has_parts else ()), "views", "stored", "to do", "time", "memory", "disk")
+    table = terminal.table(("dataset", "method"), numbers)
+    for (dataset, method), jobs in (groups | ({("all", ""): list(found.jobs)} if len(groups) > 1 else {})).items():
+        count = [str(len(jobs))] if has_parts else []
+        table.add_row(dataset, method, *count, *_numbers(_sum(jobs)), style="" if method else "bold")
+    where = "one job after the other on this machine"
+    if found.launcher:
+        at_once = f", at most {found.at_once} jobs at once" if found.at_once else ""
+        name = "SLURM" if found.launcher == "slurm" else found.launcher
+        where = f"by {name}{at_once}; time is the sum of all jobs"
+    terminal.out.print(f"What the run would do, {where}")
     terminal.out.print(table)
     for (dataset, method), jobs in groups.items():
         if reason := next((job.reason for job in jobs if job.reason), ""):
@@ -35,21 +37,6 @@ def show(found: Forecast) -> None:
     if found.cache_mb and any(job.views > job.stored for job in found.jobs):
         click.echo(f"while it runs  up to {_size(found.cache_mb)} of disk for decoded images (cache_gb)")
     click.echo(f"estimated from one small view by each method; rates are kept in {rates_path()}")
-
-
-def _by_names(jobs: Sequence[Expected]) -> dict[tuple[str, str], list[Expected]]:
-    """The jobs of each dataset and method: several if the views are parted, or repeated."""
-    groups: dict[tuple[str, str], list[Expected]] = {}
-    for job in jobs:
-        groups.setdefault((job.dataset, job.method), []).append(job)
-    return groups
-
-
-def _where(found: Forecast) -> str:
-    if not found.launcher:
-        return "one job after the other on this machine"
-    at_once = f", at most {found.at_once} jobs at once" if found.at_once else ""
-    return f"by {'SLURM' if found.launcher == 'slurm' else found.launcher}{at_once}; time is the sum of all jobs"
 
 
 def _side_by_side(found: Forecast) -> Iterator[str]:

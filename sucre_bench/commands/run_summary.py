@@ -47,21 +47,15 @@ def as_object(outcome: Outcome, comparisons: Sequence[Comparison]) -> dict[str, 
     The counts are of restorations; paths are as given in out=, null where nothing was written.
     """
     study, page = _written(outcome, comparisons)
+    kinds = ("failed", "skipped", "scores_failed")
+    faults = {name: [asdict(fault) for fault in getattr(outcome, name)] for name in kinds}
+    counts = ("exit_code", "ok", "cached", "interrupted", "crashed", "nothing_scored", "datasets", "methods")
     return {
-        "exit_code": outcome.exit_code,
-        "ok": outcome.ok,
-        "cached": outcome.cached,
-        "failed": [asdict(fault) for fault in outcome.failed],
-        "skipped": [asdict(fault) for fault in outcome.skipped],
-        "scores_failed": [asdict(fault) for fault in outcome.scores_failed],
-        "interrupted": outcome.interrupted,
-        "crashed": outcome.crashed,
-        "nothing_scored": outcome.nothing_scored,
-        "datasets": list(outcome.datasets),
-        "methods": list(outcome.methods),
+        **{name: getattr(outcome, name) for name in counts},
+        **faults,
         "out": str(outcome.out),
         "table": str(outcome.out / results.TABLE) if len(outcome.rows) else None,
-        "log": str(log_path(outcome.out)) if _has_faults(outcome) else None,
+        "log": str(log_path(outcome.out)) if outcome.failed or outcome.scores_failed else None,
         "page": None if page is None else str(page),
         "study": [str(path) for path in study.paths],
         "notes": list(study.notes),
@@ -91,20 +85,16 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
     made = f" ({outcome.cached} cached)" if outcome.cached else ""
     scores = f", {len(outcome.scores_failed)} scores failed" if outcome.scores_failed else ""
     click.echo(f"{outcome.ok} ok{made}, {len(outcome.failed)} failed, {len(outcome.skipped)} skipped{scores}")
-    if _has_faults(outcome):
+    if outcome.failed or outcome.scores_failed:
         click.echo(f"log      {log_path(outcome.out)}")
     click.echo(f"results  {outcome.out}")
     for note in study.notes:
         _say(note, "yellow")
     for folder, paths in itertools.groupby(study.paths, lambda path: path.parent):
-        click.echo(f"{folder.name:9}{_place(folder, [*paths])}")
+        first, *others = paths
+        click.echo(f"{folder.name:9}{f'{folder}{os.sep} ({1 + len(others)} files)' if others else first}")
     if page is not None:
         click.echo(f"page     {page}")
-
-
-def _place(folder: Path, files: Sequence[Path]) -> str:
-    """Where files are: the path of one, or the folder and the number of several."""
-    return str(files[0]) if len(files) == 1 else f"{folder}{os.sep} ({len(files)} files)"
 
 
 def _written(outcome: Outcome, comparisons: Sequence[Comparison]) -> tuple[Written, Path | None]:
@@ -112,10 +102,6 @@ def _written(outcome: Outcome, comparisons: Sequence[Comparison]) -> tuple[Writt
     study = write_study(outcome, comparisons)
     wanted = outcome.wants_report and len(outcome.rows)
     return study, report.write(outcome.out, outcome.rows, comparisons) if wanted else None
-
-
-def _has_faults(outcome: Outcome) -> bool:
-    return bool(outcome.failed or outcome.scores_failed)
 
 
 def _say(text: str, style: str) -> None:

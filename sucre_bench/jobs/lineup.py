@@ -31,6 +31,7 @@ from sucre_bench.jobs.words import Word
 from sucre_bench.machine.files import expanded, fault_of
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import options_of
+from sucre_bench.plugins.plugin import fits
 
 Kind = Literal["dataset", "method"]
 KINDS: tuple[Kind, ...] = ("dataset", "method")
@@ -131,15 +132,27 @@ def read_experiment(name: str) -> LineUp:
     known = [preset.name for preset in presets("experiment")]
     if name not in known:
         raise InputError(f"no experiment is called '{name}'; {did_you_mean(name, known)}")
-    path = CONF_FOLDER / "experiment" / f"{name}.yaml"
-    return replace(_checked(read_content(path), path), place=f"experiment={name}")
+    return replace(read_line_up(CONF_FOLDER / "experiment" / f"{name}.yaml"), place=f"experiment={name}")
 
 
 def read_line_up(path: Path) -> LineUp:
     """Return a line-up, with the plugin files it names loaded. Raises InputError for what is wrong with it."""
-    content = read_content(path)
+    line_up, folder = line_up_in(path), path.parent
     try:
-        return _checked(content, path)
+        files = line_up.settings.get("plugins", [])
+        files = [files] if isinstance(files, str) else files
+        if not fits(list[str], files):
+            raise InputError(f"{files!r} is no list of files", "plugins", "write plugins: [FILE, ...]")
+        files = [str(Path(_moved(file, folder)).resolve()) for file in files]
+        for file in files:
+            plugins.load_file(file)
+        settings = {key: _settled(key, v, folder) for key, v in line_up.settings.items() if key != "plugins"}
+        return replace(
+            line_up,
+            datasets=tuple(_checked("dataset", entry, folder) for entry in line_up.datasets),
+            methods=tuple(_checked("method", entry, folder) for entry in line_up.methods),
+            settings=settings | ({"plugins": files} if files else {}),
+        )
     except SucreBenchError as fault:
         raise fault.within(path) from fault
 
@@ -147,31 +160,13 @@ def read_line_up(path: Path) -> LineUp:
 def line_up_in(path: Path) -> LineUp:
     """Return the line-up of a file as it stands there: names and options are not checked, no plugin file is loaded."""
     content = read_content(path)
-    entries = {
-        key: tuple(_entry(key, one) for one in _list(key, content)) for key in ("datasets", "methods", "metrics")
-    }
-    return LineUp(
-        **entries,
-        sweep=_sweep(content.get("sweep") or {}),
-        settings={key: content[key] for key in _SETTINGS if content.get(key) is not None},
-        place=str(path),
-    )
-
-
-def _checked(content: Mapping[str, Any], path: Path) -> LineUp:
+    try:
+        entries = {key: tuple(_entries(key, content)) for key in ("datasets", "methods", "metrics")}
+        sweep = _sweep(content.get("sweep") or {})
+    except InputError as fault:
+        raise fault.within(path) from fault
     settings = {key: content[key] for key in _SETTINGS if content.get(key) is not None}
-    folder = path.parent
-    for file in (files := _plugin_files(settings.pop("plugins", []), folder)):
-        plugins.load_file(file)
-    return LineUp(
-        datasets=_entries("dataset", content, folder),
-        methods=_entries("method", content, folder),
-        metrics=tuple(_entry("metrics", given) for given in _list("metrics", content)),
-        sweep=_sweep(content.get("sweep") or {}),
-        settings={key: _settled(key, value, folder) for key, value in settings.items()}
-        | ({"plugins": files} if files else {}),
-        place=str(path),
-    )
+    return LineUp(**entries, sweep=sweep, settings=settings, place=str(path))
 
 
 def read_content(path: Path) -> dict[str, Any]:
@@ -197,36 +192,26 @@ def read_content(path: Path) -> dict[str, Any]:
     return content
 
 
-def _list(key: str, content: Mapping[str, Any]) -> Sequence[Any]:
-    given = content.get(key)
-    if given is None and key not in content:
-        return ()
+def _entries(key: str, content: Mapping[str, Any]) -> Iterator[Entry]:
+    """The entries of a list as they stand in the file: a name, or a name with options."""
+    given = content.get(key, ())
     given = [given] if isinstance(given, (str, dict)) else given
-    if not isinstance(given, list) or not given:
+    if key in content and not (isinstance(given, list) and given):
         raise InputError("is no list of names", key, f"write {key}: [NAME, ...]")
-    return given
-
-
-def _entry(key: str, given: Any) -> Entry:
-    """An entry as it stands in the file: a name, or a name with options."""
-    if isinstance(given, dict) and isinstance(name := given.get("name"), str):
-        return Entry(name, {str(option): value for option, value in given.items() if option != "name"})
-    if isinstance(given, str):
-        return Entry(given)
-    raise InputError(f"{given!r} has no name", key, "write NAME, or {name: NAME, OPTION: VALUE}")
-
-
-def _entries(kind: Kind, content: Mapping[str, Any], folder: Path) -> tuple[Entry, ...]:
-    key = f"{kind}s"
-    entries = [_checked_entry(kind, _entry(key, given), folder) for given in _list(key, content)]
-    labelled = Counter((entry.label, repr(entry.options.get("degrade"))) for entry in entries if entry.label)
-    for (label, _), times in labelled.items():
-        if times > 1:
+    labels: Counter[tuple[str, str]] = Counter()
+    for one in given:
+        options = {"name": one} if isinstance(one, str) else one
+        if not (isinstance(options, dict) and isinstance(options.get("name"), str)):
+            raise InputError(f"{one!r} has no name", key, "write NAME, or {name: NAME, OPTION: VALUE}")
+        entry = Entry(options["name"], {str(name): value for name, value in options.items() if name != "name"})
+        labels[entry.label, repr(entry.options.get("degrade"))] += 1
+        yield entry
+    for (label, _), times in labels.items():
+        if label and times > 1:
             raise InputError(f"{times} have the label '{label}'", key, "give each a label of its own")
-    return tuple(entries)
 
 
-def _checked_entry(kind: Kind, entry: Entry, folder: Path) -> Entry:
+def _checked(kind: Kind, entry: Entry, folder: Path) -> Entry:
     """The entry with its paths as seen from here. Raises InputError for an unknown name or option."""
     root: Mapping[str, Any] = {}
     if kind == "dataset" and is_path(entry.name):
@@ -254,13 +239,6 @@ def _sweep(given: Any) -> dict[str, list[Any]]:
         if not isinstance(values, list) or not values:
             raise InputError("is no list of values", f"sweep.{key}", f"write {key}: [VALUE, ...]")
     return {str(key): values for key, values in given.items()}
-
-
-def _plugin_files(given: Any, folder: Path) -> list[str]:
-    files = [given] if isinstance(given, str) else given
-    if not isinstance(files, list) or not all(isinstance(file, str) for file in files):
-        raise InputError(f"{given!r} is no list of files", "plugins", "write plugins: [FILE, ...]")
-    return [str(Path(_moved(file, folder)).resolve()) for file in files]
 
 
 def _settled(key: str, value: Any, folder: Path) -> Any:

@@ -69,8 +69,8 @@ def record_line_up(jobs: Sequence[Job]) -> None:
 
 def _entry(kind: Kind, choice: Choice, label: str, job: Job, more: Mapping[str, Any] | None = None) -> Entry:
     """A dataset or configuration with its label and what is not as by default, its paths as seen from the folder."""
-    options = {name: value for name, value in given(kind, choice.record, job.seed).items() if name != "name"}
-    entry = Entry(choice.plugin.name, {"label": label, **options, **(more or {})})
+    options = {"label": label, **given(kind, choice.record, job.seed), **(more or {})}
+    entry = Entry(choice.plugin.name, options)
     return _with_paths(kind, entry, lambda path: _relative(path, job.out))
 
 
@@ -93,7 +93,7 @@ def _labelled(entries: Mapping[str, Entry]) -> tuple[Entry, ...]:
 
 def _metric(choice: MetricChoice) -> Iterator[Entry]:
     name, variants = choice.plugin.name, choice.variants
-    options = {key: value for key, value in given("metric", choice.choice.record).items() if key != "name"}
+    options = given("metric", choice.choice.record)
     if variants == choice.plugin.default or options:
         yield Entry(name, {**({} if variants == choice.plugin.default else {"variants": list(variants)}), **options})
     elif variants == tuple(choice.plugin.variants):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
@@ -152,10 +152,15 @@ class Rerun:
         dataset: Mapping[str, Any] = self.options.get("dataset") or {}
         if "name" not in dataset or "name" not in self.options:
             return []
+        degrade = self.options.get("degrade") or {}
         said = ["sucre-bench", "run", *(word for file in self.files for word in ("--plugin", file))]
-        said += self._choice("dataset", dataset, undegraded_label(self.dataset, self._degrade, str(dataset["name"])))
-        said += [f"degrade.{name}={value_of(value)}" for name, value in self._degrade.items()]
-        said += self._choice("method", self.method_record, self.method)
+        labels = {"dataset": undegraded_label(self.dataset, degrade, str(dataset["name"])), "method": self.method}
+        kinds: dict[Kind, Mapping[str, Any]] = {"dataset": dataset, "method": self.method_record}
+        for kind, record in kinds.items():
+            changed = given(kind, record) | ({} if labels[kind] == record["name"] else {"label": labels[kind]})
+            said += [f"{kind}={value_of(record['name'])}"]
+            said += [f"{kind}.{name}={value_of(value)}" for name, value in changed.items()]
+            said += [f"degrade.{name}={value_of(value)}" for name, value in degrade.items() if kind == "dataset"]
         if replicate := self.options.get("replicate"):
             said.append(f"replicate={replicate}")
         if self.seed and "seed" not in self.options:
@@ -169,33 +174,18 @@ class Rerun:
 
     def given(self) -> dict[str, Any]:
         """The method's options that are not as they are by default."""
-        return {k: v for k, v in given("method", self.method_record).items() if k != "name"}
-
-    @property
-    def _degrade(self) -> Mapping[str, Any]:
-        return self.options.get("degrade") or {}
-
-    @staticmethod
-    def _choice(kind: Kind, record: Mapping[str, Any], label: str) -> Iterator[str]:
-        yield f"{kind}={value_of(record['name'])}"
-        for name, value in given(kind, record).items():
-            if name != "name":
-                yield f"{kind}.{name}={value_of(value)}"
-        if label != record["name"]:
-            yield f"{kind}.label={value_of(label)}"
+        return given("method", self.method_record)
 
 
 def given(kind: Kind, record: Mapping[str, Any], seed: int = 0) -> dict[str, Any]:
-    """Return what differs in a record from the plugin's defaults; everything where the plugin is not there to be asked.
+    """Return the options that differ from the plugin's defaults; all of them where the plugin is not there to be asked.
 
     seed: the run's, which a plugin has that was given none.
     """
     plugin = plugins.usable(kind).get(str(record.get("name")))
-    if plugin is None:
-        return dict(record)
-    defaults: dict[str, Any] = {option.name: option.default for option in options_of(plugin.cls)}
-    defaults |= {"seed": seed, "display": plugin.display}  # of the run, unless it is given
-    return {name: value for name, value in record.items() if plain_value(defaults.get(name, ...)) != value}
+    defaults: dict[str, Any] = {option.name: option.default for option in options_of(plugin.cls)} if plugin else {}
+    defaults |= {"seed": seed, "display": plugin.display} if plugin else {}  # of the run, unless it is given
+    return {name: v for name, v in record.items() if name != "name" and plain_value(defaults.get(name, ...)) != v}
 
 
 def metric_words(metric: str, variants: Collection[str]) -> list[str]:
