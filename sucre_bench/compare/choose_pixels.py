@@ -47,7 +47,7 @@ def on_pixels(rows: DataFrame, common: DataFrame, pixels: Pixels = "common") -> 
     rows = _without_little(rows, whole)
     states = _states(whole[whole["coverage"] >= LEAST_FILLED], common)
     scored = rows[scores_of_pixels(rows) & (rows["status"] == "ok")]
-    scored = scored[[place in states for place in _places(scored)]]
+    scored = scored.loc[[place in states for place in _places(scored)]]
     return _replaced(rows, scored, common, states) if len(scored) else rows
 
 

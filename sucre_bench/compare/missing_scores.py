@@ -185,7 +185,7 @@ def pixel_notes(rows: DataFrame, columns: Iterable[Column]) -> Iterator[Note]:
     whole = restorations(fresh)
     of_any = {(name, p.default[0]) for name, p in plugins.usable("metric").items() if p.role == "negative"}
     negative = fresh[(fresh["status"] == "ok") & (fresh["view"] != "")]
-    negative = negative[[pair in of_any for pair in values_of(negative, "metric", "variant")]]
+    negative = negative.loc[[pair in of_any for pair in values_of(negative, "metric", "variant")]]
     for kind, of, shares in (
         ("holes", whole, 1 - whole["coverage"]),
         ("negative colours", negative, negative["value"]),

@@ -284,7 +284,7 @@ def _replaced(before: DataFrame, made: Mapping[ViewKey, Sequence[CommonRow]]) ->
     """The table with the new rows of some views."""
     import pandas as pd
 
-    kept = before[[key not in made for key in values_of(before, *_VIEW)]]
+    kept = before.loc[[key not in made for key in values_of(before, *_VIEW)]]
     new = common_frame(row for rows in made.values() for row in rows)
     return pd.concat([table for table in (kept, new) if len(table)] or [new], ignore_index=True)
 

@@ -76,7 +76,7 @@ class Outcome:
     def requested_rows(self) -> DataFrame:
         """Those of `rows` of the requested restorations."""
         keys = values_of(self.rows, "dataset", "method", "scene", "view")
-        return self.rows[[key in self.requested for key in keys]].reset_index(drop=True)
+        return self.rows.loc[[key in self.requested for key in keys]].reset_index(drop=True)
 
     @property
     def exit_code(self) -> int:

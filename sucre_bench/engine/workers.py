@@ -15,13 +15,14 @@ from multiprocessing.connection import wait
 
 from sucre_bench.errors import DiedError, DiskFullError, PluginError, SucreBenchError
 from sucre_bench.machine import progress
+from sucre_bench.machine.compute import start_compiler
 from sucre_bench.machine.processes import Forked, can_fork
 from sucre_bench.results.rows import Row
 
 _TICK_S = 0.1
 # Nearly every worker needs these: imported before the fork, they cost CPU time once. They start no threads but those of
 # OpenBLAS, which is made for forks.
-_SHARED = ("cv2", "numba", "scipy.ndimage", "scipy.optimize", "scipy.sparse.csgraph", "scipy.spatial")
+_SHARED = ("cv2", "scipy.ndimage", "scipy.optimize", "scipy.sparse.csgraph", "scipy.spatial")
 
 Emit = Callable[[Sequence[Row]], None]
 
@@ -142,6 +143,7 @@ class _AtWork:
         for package in _SHARED:
             with suppress(ImportError):
                 importlib.import_module(package)
+        start_compiler()
         self.worker = Forked(lambda send: self.work.work(lambda rows: send("rows", rows)), self._faults)
         return True
 

@@ -40,6 +40,15 @@ def compiled(loop: Callable[..., Any]) -> Callable[..., Any]:
     return made
 
 
+def start_compiler() -> None:
+    """Start numba, for the processes that are forked from this one: it would take each of them half a second."""
+    compiled(_nothing)()
+
+
+def _nothing() -> None:
+    pass
+
+
 @functools.cache
 def _announce_compiling() -> None:
     """Let numba report when it compiles for the first time."""
