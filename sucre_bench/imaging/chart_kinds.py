@@ -110,21 +110,11 @@ def _numbers(at: str, row: dict[str, str], columns: tuple[str, ...]) -> Iterator
         yield value
 
 
-def _patches(
-    names: list[str], boxes: list[tuple[float, float, float, float]], lab: Array, srgb: Array | None = None
-) -> tuple[Patch, ...]:
-    srgb = srgb_of_lab_d50(lab) if srgb is None else srgb
-    chromatic = np.hypot(lab[:, 1], lab[:, 2]) >= _CHROMATIC
-    rows = zip(names, boxes, srgb, lab, chromatic, strict=True)
-    return tuple(
-        Patch(name, number, box, _triple(rgb), _triple(Lab), bool(colour))
-        for number, (name, box, rgb, Lab, colour) in enumerate(rows, 1)
-    )
-
-
-def _triple(values: Array) -> Triple:
-    one, two, three = (float(value) for value in values)
-    return one, two, three
+def _patches(names: Sequence[str], boxes: Sequence[Box], lab: Array, srgb: Array | None = None) -> tuple[Patch, ...]:
+    chromatic = (np.hypot(lab[:, 1], lab[:, 2]) >= _CHROMATIC).tolist()
+    colours = (srgb_of_lab_d50(lab) if srgb is None else srgb).tolist()
+    rows = zip(names, boxes, map(tuple, colours), map(tuple, lab.tolist()), chromatic, strict=True)
+    return tuple(Patch(name, number, *row) for number, (name, *row) in enumerate(rows, 1))
 
 
 _SG = "colorchecker_sg"
@@ -234,39 +224,32 @@ _COLORCHECKER = (
 )
 
 
-def _kind(
+def _grid(
     name: str,
     colours: Sequence[tuple[str, Triple, Triple]],
     columns: Sequence[tuple[float, float]],
     rows: Sequence[tuple[float, float]],
-    gray_row: int,
     size: tuple[float, float],
 ) -> ChartKind:
-    """Lay a table of colours out on a grid of columns (x0, x1) and rows (y0, y1), one row of which is gray."""
-    patches = []
-    for i, (patch, srgb, lab) in enumerate(colours):
-        row, column = divmod(i, len(columns))
-        (x0, x1), (y0, y1) = columns[column], rows[row]
-        red, green, blue = (v / 255 for v in srgb)
-        patches.append(Patch(patch, i + 1, (x0, y0, x1, y1), (red, green, blue), lab, row != gray_row))
-    return ChartKind(name, tuple(patches), *size)
+    """Lay a table of colours (name, sRGB of 0 to 255, Lab) out on a grid of columns (x0, x1) and rows (y0, y1)."""
+    names, srgb, lab = zip(*colours, strict=True)
+    boxes = [(x0, y0, x1, y1) for y0, y1 in rows for x0, x1 in columns]
+    return ChartKind(name, _patches(names, boxes, np.array(lab, np.float64), np.array(srgb) / 255), *size)
 
 
 KINDS: dict[str, ChartKind] = {
-    "dgk": _kind(
+    "dgk": _grid(
         "dgk",
         _DGK,
         columns=[(0.045 + 0.157 * k, 0.185 + 0.157 * k) for k in range(6)],  # measured on a rectified image
         rows=[(0.05, 0.48), (0.51, 0.71), (0.75, 0.95)],
-        gray_row=0,
         size=(6, 4),
     ),
-    "colorchecker24": _kind(
+    "colorchecker24": _grid(
         "colorchecker24",
         _COLORCHECKER,
         columns=[(46 * k / 270, (46 * k + 40) / 270) for k in range(6)],  # patches of 40 mm, 6 mm apart
         rows=[(46 * k / 178, (46 * k + 40) / 178) for k in range(4)],
-        gray_row=3,
         size=(270, 178),
     ),
 }

@@ -79,11 +79,6 @@ out = _Console(highlight=False, soft_wrap=not sys.stdout.isatty())
 err = _Console(stderr=True, highlight=False, soft_wrap=not sys.stderr.isatty())
 
 
-def has_styles() -> bool:
-    """Whether text on stdout may be styled."""
-    return out.is_terminal and not out.is_dumb_terminal and not out.no_color
-
-
 def table(left: Collection[str], right: Collection[str]) -> Table:
     """Return an empty table without lines, its columns in this order: of words, left-aligned, then of numbers."""
     made = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 2, 0, 0))
