@@ -8,8 +8,9 @@ own ones.
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
+
+import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame, Series
@@ -44,39 +45,20 @@ def on_pixels(rows: DataFrame, common: DataFrame, pixels: Pixels = "common") -> 
     if not (whole["coverage"] < 1).any():  # no method leaves a hole, in data old or new
         return rows
     whole = restorations(rows[is_fresh(rows)])
-    rows = _without_little(rows, whole)
-    states = _states(whole[whole["coverage"] >= LEAST_FILLED], common)
     scored = rows[scores_of_pixels(rows) & (rows["status"] == "ok")]
-    scored = scored.loc[[place in states for place in _places(scored)]]
+    is_little = whole["coverage"] < LEAST_FILLED
+    some = {*values_of(whole[~is_little], *_VIEW)}  # a method that fills less has no score of such a view
+    little = {which for which in values_of(whole[is_little], *_VIEW, "method") if which[:3] in some}
+    is_lost = [which in little for which in values_of(scored, *_VIEW, "method")]
+    if any(is_lost):
+        lost, scored = scored.index[is_lost], scored[np.logical_not(is_lost)]
+        rows.loc[lost, _RESULT] = [math.nan, 0, 0.0, "skipped", Reason.FILLS_LITTLE.value]
+    states = _states(whole[~is_little], common)
+    scored = scored.loc[[place in states for place in values_of(scored, *_VIEW)]]
     return _replaced(rows, scored, common, states) if len(scored) else rows
 
 
-def _without_little(rows: DataFrame, restorations: DataFrame) -> DataFrame:
-    """Leave methods without a score of views that they fill next to nothing of, if others fill more."""
-    is_little = restorations["coverage"] < LEAST_FILLED
-    some = set(_places(restorations[~is_little]))
-    little = restorations[is_little]
-    pairs = {(place, name) for place, name in zip(_places(little), little["method"], strict=True) if place in some}
-    if not pairs:
-        return rows
-    scores = rows[scores_of_pixels(rows) & (rows["status"] == "ok")]
-    lost = [pair in pairs for pair in zip(_places(scores), scores["method"], strict=True)]
-    rows.loc[scores.index[lost], _RESULT] = [math.nan, 0, 0.0, "skipped", Reason.FILLS_LITTLE.value]
-    return rows
-
-
-def _places(rows: DataFrame) -> list[_Place]:
-    """The view of each row."""
-    return [*values_of(rows, *_VIEW)]
-
-
-def of_pixels(metrics: Series) -> Series:
-    """Return which metrics rank pictures by their pixels; one that is not installed does not."""
-    return metrics.isin({name for name, plugin in plugins.usable("metric").items() if plugin.is_of_pixels})
-
-
-@dataclass(frozen=True)
-class _State:
+class _State(NamedTuple):
     """What is known of a view whose methods fill different pixels.
 
     kind: "common", "none" or "unknown" of `sucre_bench.results.common_scores.Kind`; pixels: hash of the common mask;
@@ -89,35 +71,25 @@ class _State:
     reason: str = ""
 
 
-def _states(restorations: DataFrame, common: DataFrame) -> dict[_Place, _State]:
-    """The views whose methods fill different pixels."""
-    filled = restorations.groupby(_VIEW)["coverage"].agg(["min", "max", "size"])
-    filled = filled[(filled["min"] < 1) & (filled["size"] > 1)]
-    known = _known(restorations, common)
-    states = {}
-    for place, low, high, _ in filled.itertuples(name=None):
-        if place in known:
-            states[place] = known[place]
-        elif high - low > LEAST_DIFFERENCE:
-            states[place] = _State("unknown", reason=NOT_SCORED)
-    return {place: state for place, state in states.items() if state.kind != "equal"}
+def _states(whole: DataFrame, common: DataFrame) -> dict[_Place, _State]:
+    """The views whose methods fill different pixels. whole: their restorations.
 
-
-def _known(restorations: DataFrame, common: DataFrame) -> dict[_Place, _State]:
-    """The state of each view in the table of common scores. It counts only if it covers all methods and their newest
-    results."""
-    of_views = common[common["metric"] == COMMON_PIXELS]
-    if of_views.empty:
-        return {}
-    by_view = restorations.groupby(_VIEW)
-    methods, newest = by_view["method"].agg(set).to_dict(), by_view["time"].max().to_dict()
-    columns = [*_VIEW, "variant", "pixels", "value", "reason", "methods", "time"]
-    known = {}
-    for *view, kind, pixels, share, reason, names, time in of_views[columns].itertuples(index=False, name=None):
-        place = (view[0], view[1], view[2])
-        if place in methods and methods[place] <= set(json.loads(names)) and newest[place] <= time:
-            known[place] = _State(kind, pixels, share, reason)
-    return known
+    A view in the table of common scores counts only if it covers all methods and their newest results.
+    """
+    rows = common[common["metric"] == COMMON_PIXELS]
+    columns = ("variant", "pixels", "value", "reason", "methods", "time")
+    known = dict(zip(values_of(rows, *_VIEW), values_of(rows, *columns), strict=True))
+    coverage = ("coverage", "min"), ("coverage", "max")
+    filled = whole.groupby(_VIEW).agg(low=coverage[0], high=coverage[1], methods=("method", set), last=("time", "max"))
+    states: dict[_Place, _State] = {}
+    for place, low, high, methods, last in filled[filled["low"] < 1].itertuples(name=None):
+        *found, names, time = known.get(place, ("unknown", "", math.nan, "", "[]", ""))
+        state = _State(*found)
+        if not methods <= set(json.loads(names)) or last > time:
+            state = _State("unknown" if high - low > LEAST_DIFFERENCE else "equal", reason=NOT_SCORED)
+        if state.kind != "equal" and len(methods) > 1:
+            states[place] = state
+    return states
 
 
 def _replaced(rows: DataFrame, scored: DataFrame, common: DataFrame, states: Mapping[_Place, _State]) -> DataFrame:
@@ -127,7 +99,7 @@ def _replaced(rows: DataFrame, scored: DataFrame, common: DataFrame, states: Map
     """
     import pandas as pd
 
-    of = [states[place] for place in _places(scored)]
+    of = [states[place] for place in values_of(scored, *_VIEW)]
     scored = scored.assign(_mask=[state.pixels for state in of], _kind=[state.kind for state in of])
     found = common[common["metric"] != COMMON_PIXELS].rename(columns={"pixels": "_mask"})
     found = found[[*_KEY, *_RESULT]].drop_duplicates(_KEY, keep="last")
@@ -151,5 +123,9 @@ def _replaced(rows: DataFrame, scored: DataFrame, common: DataFrame, states: Map
 
 
 def scores_of_pixels(rows: DataFrame) -> Series:
-    """Return which rows are scores of whole images by such metrics."""
-    return of_pixels(rows["metric"]) & (rows["region"] == "image")
+    """Return which rows are scores of whole images by metrics that rank pictures by their pixels.
+
+    A metric that is not installed does not.
+    """
+    known = [name for name, plugin in plugins.usable("metric").items() if plugin.is_of_pixels]
+    return rows["metric"].isin(known) & (rows["region"] == "image")

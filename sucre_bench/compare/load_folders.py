@@ -33,14 +33,17 @@ def load(folders: Iterable[str | Path]) -> DataFrame:
     folders = [Path(f) for f in folders]
     rows = pd.concat([_rows(Path(f)).assign(_folder=str(f)) for f in folders], ignore_index=True)
     if len(folders) > 1:
-        _refuse_several(
-            rows[rows["scene"] != ""], ["dataset", "scene"], "data_id", "the data differ between these runs"
-        )
         coded = rows.assign(_code=rows["code"].str.split(".").str[0])
-        _refuse_several(coded, ["dataset", "method"], "options_id", "these folders mean different options by it")
-        _refuse_several(
-            coded, ["dataset", "method"], "_code", "these folders hold it from different versions of its code"
-        )
+        of_method, of_scene = ["dataset", "method"], ["dataset", "scene"]
+        for group, column, fault in (
+            (of_scene, "data_id", "the data differ between these runs"),
+            (of_method, "options_id", "these folders mean different options by it"),
+            (of_method, "_code", "these folders hold it from different versions of its code"),
+        ):
+            several = (coded if group is of_method else rows[rows["scene"] != ""]).groupby(group)[column].nunique()
+            if (several > 1).any():
+                names = " / ".join(several[several > 1].index[0])
+                raise InputError(f"{names}: {fault}; run it again, or give it another label")
         _say_differing(rows)
     rows = rows.assign(_ok=rows["status"] == "ok").sort_values(["_ok", "time"], kind="stable")
     return rows.drop_duplicates(_SCORE, keep="last").drop(columns=["_ok", "_folder"]).sort_index(ignore_index=True)
@@ -77,22 +80,12 @@ def _rows(place: Path) -> DataFrame:
         return bundle.rows
 
 
-def _refuse_several(rows: DataFrame, group: list[str], column: str, fault: str) -> None:
-    several = rows.groupby(group)[column].nunique()
-    if (several > 1).any():
-        names = " / ".join(several[several > 1].index[0])
-        raise InputError(f"{names}: {fault}; run it again, or give it another label")
-
-
 def names_of(names: Sequence[str]) -> str:
     """Return names as words: "a, b and c"."""
     return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
 T = TypeVar("T")
-
-
-_Image = tuple[str, str]  # scene (with or without its replicate), view
 
 
 class Difference(Enum):
@@ -150,64 +143,34 @@ def refusals(rows: DataFrame, metrics: Sequence[str] = (), common: bool = False)
 def _images(rows: DataFrame, common: bool) -> Iterator[_Fault]:
     """Methods that ran on different images or replicates. Failed images count as run; a job that failed ran on all."""
     whole = set(rows.loc[rows["view"] == "", "method"])
-    per_view = rows[~rows["method"].isin(whole)].drop_duplicates(["method", "scene", "view"])
-    images = {
-        str(name): frozenset(values_of(of_method, "scene", "view"))
+    per_view = rows.loc[~rows["method"].isin(whole), ["method", "scene", "view"]].drop_duplicates()
+    split = {scene: results.unreplicated(scene) for scene in per_view["scene"].unique()}
+    images: dict[str, frozenset[tuple[str, int, str]]] = {
+        str(name): frozenset((*split[scene], view) for scene, view in values_of(of_method, "scene", "view"))
         for name, of_method in per_view.groupby("method", sort=False)
     }
-    alike = _inverted(images)
-    if len(alike) < 2:
+    if len(_alike(images)) < 2 or ((shared := frozenset.intersection(*images.values())) and common):
         return
-    shared = frozenset.intersection(*alike)
-    if common and shared:
+    n = len({(scene, view) for scene, _, view in shared})
+    share = f", or --common compares them on the {n} images they share" if n else ", for they share none"
+    plain = {name: frozenset((scene, view) for scene, _, view in of_method) for name, of_method in images.items()}
+    anywhere = frozenset[tuple[str, str]]().union(*plain.values())
+    if len(alike := _alike(plain)) > 1:
+        counts = ", ".join(f"{names_of(names)} on {len(views)}" for views, names in alike.items())
+        lacking, views = next((name, views) for name, views in plain.items() if views != anywhere)
+        scene, view = min(anywhere - views)
+        example = f"{scene}/{view}" if len({name for name, _ in anywhere}) > 1 else view
+        text = f"images: {counts} ({lacking} not on {example}); run them on the same ones{share}"
+        yield Difference.IMAGES, f"methods ran on different {text}"
         return
-    n = len(_unreplicated(shared))
-    plain = _inverted({name: _unreplicated(of_method) for name, of_method in images.items()})
-    if len(plain) < 2:
-        share = f", or --common compares them on the {n} images they share" if n else ", for they share none"
-        text = f"methods ran on different replicates: {_replicates(alike)}; run the same ones{share}"
-        yield Difference.REPLICATES, text
-        return
-    counts = ", ".join(f"{names_of(names)} on {len(views)}" for views, names in plain.items())
-    anywhere = frozenset[_Image]().union(*plain)
-    lacking, views = next((names[0], views) for views, names in plain.items() if views != anywhere)
-    scene, example = min(anywhere - views)
-    if len({name for name, _ in anywhere}) > 1:
-        example = f"{scene}/{example}"
-    share = f", or --common compares them on the {n} they share" if n else ", for they share none"
-    text = f"methods ran on different images: {counts} ({lacking} not on {example}); run them on the same ones{share}"
-    yield Difference.IMAGES, text
-
-
-def _unreplicated(images: Iterable[_Image]) -> frozenset[_Image]:
-    """The images that replicates are of."""
-    images = list(images)
-    names = {scene: results.unreplicated(scene)[0] for scene in {scene for scene, _ in images}}
-    return frozenset((names[scene], view) for scene, view in images)
-
-
-def _replicates(alike: Mapping[frozenset[_Image], Sequence[str]]) -> str:
-    """Which replicates the methods have of the first image of which they have different ones."""
-    anywhere = frozenset[_Image]().union(*alike)
-    scene, view = min(_unreplicated(anywhere - frozenset.intersection(*alike)))
-    known = [(name, results.unreplicated(name)) for name in {name for name, _ in anywhere}]
-    of_scene = sorted((number, name) for name, (plain, number) in known if plain == scene)
-    have = {
-        name: tuple(number for number, replicate in of_scene if (replicate, view) in shown)
-        for shown, names in alike.items()
-        for name in names
+    scene, _, view = min(image for of_method in images.values() for image in of_method - shared)
+    replicates = {
+        name: tuple(sorted(number for plain, number, of in of_method if (plain, of) == (scene, view)))
+        for name, of_method in images.items()
     }
-    by_numbers: dict[tuple[int, ...], list[str]] = {}
-    for name, numbers in have.items():
-        by_numbers.setdefault(numbers, []).append(name)
-    (first, names), *others = by_numbers.items()
-    has = "has" if len(names) == 1 else "have"
-    parts = [f"{names_of(names)} {has} replicate{'s' * (len(first) > 1)} {_listed(first)} of {scene}/{view}"]
-    return ", ".join([*parts, *(f"{names_of(names)} {_listed(numbers)}" for numbers, names in others)])
-
-
-def _listed(numbers: Iterable[int]) -> str:
-    return ", ".join(map(str, numbers))
+    have = (f"{names_of(names)} {', '.join(map(str, numbers))}" for numbers, names in _alike(replicates).items())
+    text = f"replicates of {scene}/{view}: {'; '.join(have)}; run the same ones{share}"
+    yield Difference.REPLICATES, f"methods ran on different {text}"
 
 
 def _variants(rows: DataFrame) -> Iterator[_Fault]:
@@ -216,7 +179,7 @@ def _variants(rows: DataFrame) -> Iterator[_Fault]:
         variants = {
             str(name): frozenset(scores["variant"].unique()) for name, scores in of_metric.groupby("method", sort=False)
         }
-        for (first, names), (second, others) in combinations(_inverted(variants).items(), 2):
+        for (first, names), (second, others) in combinations(_alike(variants).items(), 2):
             if not first & second:
                 yield (
                     Difference.VARIANTS,
@@ -264,9 +227,9 @@ def _normalisations(rows: DataFrame) -> Iterator[_Fault]:
             )
 
 
-def _inverted(sets: Mapping[str, frozenset[T]]) -> dict[frozenset[T], list[str]]:
-    """Return the methods with equal sets, by set."""
-    alike: dict[frozenset[T], list[str]] = {}
-    for name, members in sets.items():
-        alike.setdefault(members, []).append(name)
+def _alike(values: Mapping[str, T]) -> dict[T, list[str]]:
+    """Return the methods with equal values, by value."""
+    alike: dict[T, list[str]] = {}
+    for name, value in values.items():
+        alike.setdefault(value, []).append(name)
     return alike

@@ -65,13 +65,13 @@ def test_methods_that_ran_on_the_same_replicates_are_compared():
 def test_methods_that_ran_on_different_replicates_are_refused_and_the_difference_said():
     rows = [*repeated("gray_world", 0, 1, 2), *repeated("underwater", 5)]
     for common in (False, True):
-        names = r"^sea: .* gray_world .* 0, 1, 2 of reef/a\.png, underwater 5; (?!.*--common)"
+        names = r"^sea: .* reef/a\.png: gray_world 0, 1, 2; underwater 5; (?!.*--common)"
         refused(rows, Difference.REPLICATES, names, common=common)
 
 
 def test_replicates_in_common_are_compared_where_that_is_wanted():
     rows = [*repeated("a", 0, 1, 2), *repeated("b", 0, 2), *repeated("c", 0, 2)]
-    refused(rows, Difference.REPLICATES, r"^sea: .* a .* 0, 1, 2 of reef/a\.png, b and c 0, 2; .* --common .* 4 ")
+    refused(rows, Difference.REPLICATES, r"^sea: .* reef/a\.png: a 0, 1, 2; b and c 0, 2; .* --common .* 4 ")
     compare.refuse(frame(rows), common=True)
 
 
