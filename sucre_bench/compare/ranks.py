@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
@@ -24,7 +24,6 @@ from sucre_bench.compare.model import (
     Cell,
     Column,
     ColumnScores,
-    Difference,
     may_be_chance,
 )
 from sucre_bench.compare.words import standard_deviation
@@ -112,7 +111,12 @@ def cells(column: Column, measured: ColumnScores, apart: Collection[str] = ()) -
     apart: methods that are not compared, unless all are: their cells have no place.
     """
     size = _size(measured.views)  # scores that cancel out leave rounding errors, far below their size
-    mean, low, high = (_known(one, size) for one in (means(measured.views), *_interval(column, measured)))
+    mean = means(measured.views)
+    low = high = np.full_like(mean, np.nan)
+    if measured.independent is not None:  # within the range of the metric: with few views intervals would leave it
+        low, high = mean_intervals(measured.independent)
+        low, high = np.maximum(low, column.range[0]), np.minimum(high, column.range[1])
+    mean, low, high = (_known(one, size) for one in (mean, low, high))
     made = [
         Cell(float(mean[m]), float(measured.std[m]), float(low[m]), float(high[m]), int(measured.holes[m]))
         for m in range(len(mean))
@@ -127,24 +131,39 @@ def cells(column: Column, measured: ColumnScores, apart: Collection[str] = ()) -
 
 
 def _ranked(column: Column, measured: ColumnScores, made: Sequence[Cell]) -> list[Cell]:
-    views, sign = measured.views, _sign(column)
+    """Compare pairs of methods [i, j]; those of the best are judged by its leads."""
+    views, sign, methods = measured.views, _sign(column), len(made)
     size = _size(views)
-    pairs = _Pairs.of(means(views) * sign, size, measured.independent)
-    places, ranks, wins = pairs.places(), pairs.ranks(), _best_in(views * sign, size)
-    best = int(np.argmin(places))
-    behind = [pairs.difference(best, m) for m in range(len(made))]
-    return [
-        replace(
-            cell,
-            place=int(places[m]),
-            rank=int(ranks[m]) if column.ranked else int(places[m]),
-            tie=bool(column.ranked and places[m] > 1 and may_be_chance(behind[m])),
-            behind=behind[m],
-            wins=float(wins[m]),
-            effect=_effect(_less(views[:, best], views[:, m], size[[best, m]].max()) * sign) if m != best else np.nan,
+    sizes, worse = np.maximum(size, size[:, None]), means(views) * sign
+    gap, half = _less(worse, worse[:, None], sizes), np.full_like(sizes, np.nan)  # how far j is behind i; half interval
+    places = 1 + (gap > 0).sum(axis=0)
+    best, wins = int(np.argmin(places)), _best_in(views * sign, size)
+    if measured.independent is not None:
+        np.fill_diagonal(half, np.where(np.isfinite(worse), 0.0, np.nan))
+        if pairs := list(combinations(range(methods), 2)):
+            i, j = np.transpose(pairs)
+            half[i, j] = half[j, i] = differences(measured.independent, pairs)
+            others = np.arange(methods) != best
+            half[best, others] = half[others, best] = leads(measured.independent, best)[others]
+    low, high = _known(gap - half, sizes), _known(gap + half, sizes)
+    is_surely_behind = (gap > 0) & ~((low <= 0) & (high >= 0))  # by the mean where chance is not known
+    ranks = 1 + is_surely_behind.sum(axis=0)
+    ranked = []
+    for m, cell in enumerate(made):
+        behind = float(gap[best, m]), float(low[best, m]), float(high[best, m])
+        lead = _less(views[:, best], views[:, m], size[[best, m]].max()) * sign
+        ranked.append(
+            replace(
+                cell,
+                place=int(places[m]),
+                rank=int(ranks[m]) if column.ranked else int(places[m]),
+                tie=bool(column.ranked and places[m] > 1 and may_be_chance(behind)),
+                behind=behind,
+                wins=float(wins[m]),
+                effect=_effect(lead) if m != best else np.nan,
+            )
         )
-        for m, cell in enumerate(made)
-    ]
+    return ranked
 
 
 def against(column: Column, measured: ColumnScores, cells: Sequence[Cell], baseline: int) -> list[Cell]:
@@ -167,7 +186,8 @@ def against(column: Column, measured: ColumnScores, cells: Sequence[Cell], basel
         if m == baseline:
             made.append(replace(cell, change=NO_DIFFERENCE, wins=np.nan, effect=np.nan))
             continue
-        change = _difference(gap[m], half[m], size[m])
+        low, high = (_known(gap[m] + end, size[m]) for end in (-half[m], half[m]))
+        change = float(gap[m]), float(low), float(high)
         wins = float((lead[:, m] > 0).sum() + 0.5 * (lead[:, m] == 0).sum())
         made.append(replace(cell, change=change, wins=wins, effect=_effect(lead[:, m])))
     return made
@@ -176,14 +196,6 @@ def against(column: Column, measured: ColumnScores, cells: Sequence[Cell], basel
 def _sign(column: Column) -> int:
     """What turns scores into numbers of which the best is the smallest."""
     return -1 if column.better == "higher" else 1
-
-
-def _interval(column: Column, measured: ColumnScores) -> tuple[Array, Array]:
-    """The 95 % interval of each mean, within the range of the metric: with few views it would leave that."""
-    if measured.independent is None:
-        return (np.full(len(measured.methods), np.nan),) * 2
-    low, high = mean_intervals(measured.independent)
-    return np.maximum(low, column.range[0]), np.minimum(high, column.range[1])
 
 
 def _size(views: Array) -> Array:
@@ -201,53 +213,6 @@ def _less(values: Array, others: Array | float, size: Array | float) -> Array:
     """Differences of scores of a size; 0 between equals, be they infinite."""
     with np.errstate(invalid="ignore"):
         return np.where(values == others, 0.0, _known(values - others, size))
-
-
-def _difference(gap: float, half: float, size: float) -> Difference:
-    ends = _known(np.array([gap, gap - half, gap + half]), size)
-    return float(ends[0]), float(ends[1]), float(ends[2])
-
-
-@dataclass(frozen=True)
-class _Pairs:
-    """Pairs of methods [i, j]; those of the best are judged by its leads.
-
-    gap: (M, M), how far method j is behind method i; half: (M, M), half of the interval, NaN without one; size: (M, M),
-    of the larger scores.
-    """
-
-    gap: Array
-    half: Array
-    size: Array
-
-    @classmethod
-    def of(cls, worse: Array, size: Array, independent: Units | None) -> _Pairs:
-        """worse: (M,) means, the best the smallest; size: (M,) of the methods' scores."""
-        sizes = np.maximum(size, size[:, None])
-        gap, half = _less(worse, worse[:, None], sizes), np.full_like(sizes, np.nan)
-        if independent is not None:
-            np.fill_diagonal(half, np.where(np.isfinite(worse), 0.0, np.nan))
-            if pairs := list(combinations(range(len(worse)), 2)):
-                i, j = np.transpose(pairs)
-                half[i, j] = half[j, i] = differences(independent, pairs)
-                best = int(np.argmin((gap > 0).sum(axis=0)))
-                others = np.arange(len(worse)) != best
-                half[best, others] = half[others, best] = leads(independent, best)[others]
-        return cls(gap, half, sizes)
-
-    def difference(self, i: int, j: int) -> Difference:
-        """How far method j is behind method i, with its interval."""
-        return _difference(self.gap[i, j], self.half[i, j], self.size[i, j])
-
-    def places(self) -> Array:
-        """1 + how many methods have the better mean."""
-        return np.asarray(1 + (self.gap > 0).sum(axis=0))
-
-    def ranks(self) -> Array:
-        """1 + how many methods are better by more than chance; by their mean where chance is not known."""
-        methods = range(len(self.gap))
-        surely = [[self.gap[i, j] > 0 and not may_be_chance(self.difference(i, j)) for j in methods] for i in methods]
-        return np.asarray(1 + np.sum(surely, axis=0))
 
 
 def _best_in(worse: Array, size: Array) -> Array:
