@@ -7,7 +7,6 @@ import click
 
 from sucre_bench.engine.forecast import Expected, Forecast
 from sucre_bench.machine import terminal
-from sucre_bench.machine.measured_rates import rates_path
 from sucre_bench.machine.progress import duration
 
 
@@ -34,9 +33,7 @@ def show(found: Forecast) -> None:
             click.echo(f"not estimated  {dataset} / {method}: {reason}")
     for line in _side_by_side(found):
         click.echo(line)
-    if found.cache_mb and any(job.views > job.stored for job in found.jobs):
-        click.echo(f"while it runs  up to {_size(found.cache_mb)} of disk for decoded images (cache_gb)")
-    click.echo(f"estimated from one small view by each method; rates are kept in {rates_path()}")
+    click.echo("estimated from the stored views of each method")
 
 
 def _side_by_side(found: Forecast) -> Iterator[str]:

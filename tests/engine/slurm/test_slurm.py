@@ -24,8 +24,7 @@ from support.places import TOYS
 
 from sucre_bench import results
 from sucre_bench.engine.run import run as run_jobs
-from sucre_bench.engine.slurm import squeue
-from sucre_bench.engine.slurm.waiting import Submitted, wait
+from sucre_bench.engine.slurm import Submitted, job_states, largest_array, wait
 
 BENCH = str(Path(sys.executable).with_name("sucre-bench"))
 PATIENCE_S = 600  # for a busy machine
@@ -259,7 +258,7 @@ OFTEN = {"look_s": 0.01, "ask_s": 0.0}
 @pytest.fixture
 def job(tmp_path: Path) -> Submitted:
     (tmp_path / "log").write_text("one\nexecve(): python: No such file or directory\n\n")
-    return Submitted("7_1", tmp_path / "result.pkl", tmp_path / "out", tmp_path / "log")
+    return Submitted("7_1", tmp_path / "result.pkl", tmp_path / "log")
 
 
 def answers(*states: str | None, then: Callable[[], object] = lambda: None) -> Callable[[], dict[str, str] | None]:
@@ -293,7 +292,7 @@ def test_a_job_that_ended_without_a_result_is_lost(job: Submitted, states: list[
     ((ended, fault),) = wait([job], answers(*states), latency_s=0.05, **OFTEN)
     assert ended is job
     assert named <= names(fault)
-    assert fault.endswith(f"; log: {job.stderr}")
+    assert fault.endswith(f"; log: {job.log}")
 
 
 @pytest.mark.parametrize(
@@ -334,7 +333,7 @@ def test_a_damaged_result_is_a_fault(job: Submitted):
 def test_the_size_of_arrays_is_the_clusters(cluster: dict[str, str], monkeypatch: pytest.MonkeyPatch):
     for name, value in cluster.items():
         monkeypatch.setenv(name, value)
-    assert squeue.largest_array() == ARRAY
+    assert largest_array() == ARRAY
     monkeypatch.setenv("PATH", "")
-    assert squeue.largest_array() == 1001
-    assert squeue.states() is None
+    assert largest_array() == 1001
+    assert job_states() is None
