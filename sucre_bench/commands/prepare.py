@@ -6,7 +6,7 @@ from typing import Any, get_args
 
 import click
 
-from sucre_bench.programs.prepare.options import CameraModel, Cameras, Matching, Options, Surface
+from sucre_bench.programs.prepare import CameraModel, Cameras, Matching, Options, Surface
 
 _DEFAULT = Options()
 _MOST_NAMED = 5  # left-out photos of a kind that are named
@@ -113,15 +113,10 @@ def prepare(
     from sucre_bench.machine import progress
     from sucre_bench.machine.processes import terminated_as_interrupt
     from sucre_bench.programs.prepare import pipeline
-    from sucre_bench.programs.prepare.registered_photos import load_pycolmap
-    from sucre_bench.programs.prepare.scale import Known, Length
+    from sucre_bench.programs.prepare.scale import known_scale
+    from sucre_bench.programs.prepare.shots import load_pycolmap
 
-    known = Known(
-        factor,
-        tuple(distances),
-        tuple(Length(name, ((x, y), (x2, y2)), metres) for name, x, y, x2, y2, metres in lengths),
-        depth_track,
-    )
+    known = known_scale(factor, distances, lengths, depth_track)
     load_pycolmap()  # before the next line, for it makes a kill dump its stack
     with progress.live(), terminated_as_interrupt():
         try:

@@ -18,13 +18,14 @@ Pairs without a common point count for gain alone.
 """
 
 import contextlib
+import itertools
 import math
 import os
 import tempfile
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -70,32 +71,21 @@ def composed(
     The input comes first. With `split`, each method's panel shows the input left of a moving divider instead.
     Views of another shape are fitted into `size` (width, height). Raises InputError for an unreadable picture.
     """
-    for k, frame in enumerate(track(frames, "video")):
-        given = _fitted(frame.picture(INPUT), size)
-        made = {method: _fitted(frame.picture(method), size) for method in methods}
-        if split:
-            swing = math.cos(2 * math.pi * k / fps / _SWEEP_SECONDS)
-            at = round(size[0] * (0.5 - _REACH * swing))
-            panels = [_split(given, picture, at, method) for method, picture in made.items()]
-        else:
-            panels = [captioned(picture, name) for name, picture in {INPUT: given, **made}.items()]
-        gap = np.zeros((size[1], _GAP, 3), np.uint8)
-        yield np.hstack([part for panel in panels for part in (gap, panel)][1:])
-
-
-def _fitted(picture: Picture, size: tuple[int, int]) -> Picture:
-    """A picture scaled to fit a panel, black beside it."""
     from PIL import Image, ImageOps
 
-    return np.asarray(ImageOps.pad(Image.fromarray(picture), size))
-
-
-def _split(given: Picture, made: Picture, at: int, method: str) -> Picture:
-    """The input left of a column, the restored image right of it; each name stays on its side."""
-    panel = captioned(made, method, right=True)
-    panel[:, :at] = captioned(given, INPUT)[:, :at]
-    panel[:, max(0, at - _LINE // 2) : at + _LINE // 2] = 255
-    return panel
+    for k, frame in enumerate(track(frames, "video")):
+        pictures = {name: Image.fromarray(frame.picture(name)) for name in (INPUT, *methods)}
+        fitted = {name: np.asarray(ImageOps.pad(picture, size)) for name, picture in pictures.items()}
+        if split:
+            at = round(size[0] * (0.5 - _REACH * math.cos(2 * math.pi * k / fps / _SWEEP_SECONDS)))
+            panels = [captioned(fitted[method], method, right=True) for method in methods]
+            for panel in panels:  # each name stays on its side
+                panel[:, :at] = captioned(fitted[INPUT], INPUT)[:, :at]
+                panel[:, max(0, at - _LINE // 2) : at + _LINE // 2] = 255
+        else:
+            panels = [captioned(picture, name) for name, picture in fitted.items()]
+        gap = np.zeros((size[1], _GAP, 3), np.uint8)
+        yield np.hstack([part for panel in panels for part in (gap, panel)][1:])
 
 
 def write_video(path: Path, pictures: Iterable[Picture], fps: float) -> int:
@@ -105,24 +95,20 @@ def write_video(path: Path, pictures: Iterable[Picture], fps: float) -> int:
     """
     import cv2
 
-    writer: Any = None
-    count = 0
+    writer, code, count = cv2.VideoWriter(), cv2.VideoWriter.fourcc(*"vp09"), 0
     with tempfile.TemporaryDirectory(prefix="sucre-bench-") as folder:
         file = Path(folder) / f"video{path.suffix.lower()}"
         try:
-            for picture in pictures:
-                if writer is None:
-                    size = (picture.shape[1], picture.shape[0])
+            for count, picture in enumerate(pictures, 1):
+                if count == 1:
                     with _quiet():
-                        writer = cv2.VideoWriter(str(file), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"vp09"), fps, size)
+                        writer.open(str(file), cv2.CAP_FFMPEG, code, fps, picture.shape[1::-1])
                     if not writer.isOpened():
                         remedy = "install opencv-python-headless from PyPI"
                         raise OutputError("this OpenCV cannot write VP9", path, remedy)
                 writer.write(np.ascontiguousarray(picture[..., ::-1]))
-                count += 1
         finally:
-            if writer is not None:
-                writer.release()
+            writer.release()
         write_atomically(path, file.read_bytes())
     return count
 
@@ -155,23 +141,31 @@ def flicker(frames: Sequence[Frame], methods: Sequence[str]) -> dict[str, dict[s
 
     Left out are variants that no pair of views has, for example "points" without depth or poses.
     """
+    from scipy.stats import t
+
     labels = (INPUT, *methods)
-    found: dict[str, dict[str, list[float]]] = {label: {name: [] for name in FORMULAE} for label in labels}
-    before: tuple[View, dict[str, Picture]] | None = None
-    for frame in track(frames, "flicker"):
-        now = frame.view, {label: frame.picture(label) for label in labels}
-        if before is not None:
-            for label, name, value in (*_gain_changes(before[1], now[1]), *_point_differences(*before, *now)):
-                found[label][name].append(value)
-        before = now
-    return {
-        label: {name: _mean(values) for name, values in by_statistic.items() if values}
-        for label, by_statistic in found.items()
-    }
+    values: dict[tuple[str, str], list[float]] = defaultdict(list)
+    seen = ((frame.view, {name: frame.picture(name) for name in labels}) for frame in track(frames, "flicker"))
+    for before, now in itertools.pairwise(seen):
+        for method in methods:
+            change = float(np.abs(np.subtract(*(_gain(p[method], p[INPUT]) for _, p in (before, now)))).mean())
+            if np.isfinite(change):
+                values[method, "gain"].append(change)
+        for key, difference in _point_differences(*before, *now):
+            values[key].append(difference)
+
+    def mean(of_pairs: Sequence[float]) -> Flicker:
+        n, middle = len(of_pairs), float(np.mean(of_pairs))
+        if n < 2:
+            return Flicker(middle, np.nan, np.nan, n)
+        half = float(t.ppf(0.975, n - 1) * np.std(of_pairs, ddof=1) / np.sqrt(n))
+        return Flicker(middle, max(0.0, middle - half), middle + half, n)  # flicker is not negative
+
+    return {label: {name: mean(values[label, name]) for name in FORMULAE if values[label, name]} for label in labels}
 
 
-def gain_of(restored: Picture, given: Picture) -> Array:
-    """Return ln(mean restored / mean input) (3,) in linear light over restored pixels; NaN where there are none."""
+def _gain(restored: Picture, given: Picture) -> Array:
+    """ln(mean restored / mean input) (3,) in linear light over restored pixels; NaN where there are none."""
     coloured = restored.any(axis=-1)
     if not coloured.any():
         return np.full(3, np.nan)
@@ -179,17 +173,9 @@ def gain_of(restored: Picture, given: Picture) -> Array:
     return np.asarray(np.log(means[0] / means[1]))
 
 
-def _gain_changes(before: Mapping[str, Picture], now: Mapping[str, Picture]) -> Iterator[tuple[str, str, float]]:
-    for method in now:
-        if method != INPUT:
-            change = float(np.abs(gain_of(now[method], now[INPUT]) - gain_of(before[method], before[INPUT])).mean())
-            if np.isfinite(change):
-                yield method, "gain", change
-
-
 def _point_differences(
     view: View, pictures: Mapping[str, Picture], following: View, following_pictures: Mapping[str, Picture]
-) -> Iterator[tuple[str, str, float]]:
+) -> Iterator[tuple[tuple[str, str], float]]:
     """Colour differences of points that both views show and that have colours in all their pictures."""
     matches = matched(surface_of(view), following)
     if matches is None:
@@ -203,16 +189,6 @@ def _point_differences(
     for name in here:
         colours = lab_d50(here[name][chosen] / 255)
         difference = float(ciede2000(colours, lab_d50(there[name][chosen] / 255)).mean())
-        yield name, "points", difference
+        yield (name, "points"), difference
         if between_points := contrast(colours):
-            yield name, "relative", difference / between_points
-
-
-def _mean(values: Sequence[float]) -> Flicker:
-    from scipy.stats import t
-
-    n, mean = len(values), float(np.mean(values))
-    if n < 2:
-        return Flicker(mean, np.nan, np.nan, n)
-    half = float(t.ppf(0.975, n - 1) * np.std(values, ddof=1) / np.sqrt(n))
-    return Flicker(mean, max(0.0, mean - half), mean + half, n)  # flicker is not negative
+            yield (name, "relative"), difference / between_points

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.programs.prepare.registered_photos import Shot
+from sucre_bench.programs.prepare.shots import Shot
 from support.photographed_valley import (
     CAMERA,
 )

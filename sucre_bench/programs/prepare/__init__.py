@@ -2,3 +2,31 @@
 
 In: photos and one known length. Out: undistorted images, a COLMAP model, depth maps, a page and prepare.json.
 """
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+Matching = Literal["auto", "exhaustive", "sequential"]
+CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"]
+Cameras = Literal["single", "folder", "image"]
+Surface = Literal["auto", "dense", "sparse"]
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """The options of `prepare`.
+
+    masks: folder of masks, white where a photo is used; matching: pairs of photos, by their number if "auto"; camera:
+    COLMAP's camera model; cameras: photos that share one; max_size: longest side in pixels that photos are shrunk to,
+    0: not at all; surface: plane sweep or relief of the sparse points, by number if "auto"; depth_size: longest side in
+    pixels of swept images.
+    """
+
+    masks: Path | None = None
+    matching: Matching = "auto"
+    camera: CameraModel = "SIMPLE_RADIAL"
+    cameras: Cameras = "single"
+    max_size: int = 0
+    surface: Surface = "auto"
+    depth_size: int = 800

@@ -9,33 +9,31 @@ import itertools
 import json
 import shutil
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, NamedTuple
 
 from sucre_bench.errors import InputError
 from sucre_bench.machine import processes
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import line, say, track
-from sucre_bench.programs.prepare.options import CameraModel, Cameras, Matching
+from sucre_bench.programs.prepare import CameraModel, Cameras, Matching
 from sucre_bench.programs.prepare.photos import Photo, write_gray
-from sucre_bench.programs.prepare.registered_photos import load_pycolmap
+from sucre_bench.programs.prepare.shots import load_pycolmap
 
 _MOST_EXHAUSTIVE = 80  # photos: 3,160 pairs, about ten minutes on two cores
-_NEIGHBOURS = 10
+_SEQUENTIAL = (*range(1, 11), *(2**power for power in range(4, 20)))  # steps: ten neighbours, then to close loops
 _ENOUGH = 0.9  # share of the photos placed from which no second attempt follows
 _GUIDED_PAIRS = 10  # guided matching finds three times the matches in faint water, at about ten seconds a pair
-_RECORD = "model.json"
 # COLMAP ends the process where it cannot write or allocate.
 _REMEDY = "see that the disk has room and the memory suffices (--max-size), and repeat the command"
 PAIRS_A_STEP = 64  # of the progress bar; a command that is stopped loses no more than a step
 
 
-@dataclass(frozen=True, slots=True)
-class Rules:
+class Rules(NamedTuple):
     """matching: which pairs; camera: COLMAP's model; cameras: which photos share one."""
 
     matching: Matching
@@ -43,8 +41,7 @@ class Rules:
     cameras: Cameras
 
 
-@dataclass(frozen=True, slots=True)
-class _Attempt:
+class _Attempt(NamedTuple):
     """Settings of an attempt. peak: least contrast of a feature."""
 
     name: str
@@ -66,27 +63,17 @@ class Mapped:
     sizes of all separate models."""
 
     model: Path
-    registered: tuple[str, ...]
+    registered: list[str]
     attempt: str
     best_matches: dict[str, tuple[int, str]]
     damaged: dict[str, str]
-    groups: tuple[int, ...]
-
-    def write(self, folder: Path) -> None:
-        """Write it into the folder that holds the model; the folder may be moved."""
-        values = {**asdict(self), "model": self.model.relative_to(folder).as_posix()}
-        write_atomically(folder / _RECORD, json.dumps(values).encode())
+    groups: list[int]
 
 
-def read_mapped(folder: Path) -> Mapped | None:
-    """Return what `Mapped.write` stored in a folder; None if there is nothing."""
-    file = folder / _RECORD
-    if not file.is_file():
-        return None
-    known: dict[str, Any] = json.loads(file.read_bytes())
-    known |= {name: tuple(known[name]) for name in ("registered", "groups")}
-    known["best_matches"] = {name: (count, other) for name, (count, other) in known["best_matches"].items()}
-    return Mapped(**{**known, "model": folder / known["model"]})
+def _stored(folder: Path) -> Mapped | None:
+    """What an attempt has left in its folder, which may have been moved; None if it has not ended."""
+    file = folder / "model.json"
+    return Mapped(**json.loads(file.read_bytes()) | {"model": folder / "model"}) if file.is_file() else None
 
 
 def map_photos(photos: Sequence[Photo], folder: Path, rules: Rules) -> Mapped:
@@ -96,11 +83,15 @@ def map_photos(photos: Sequence[Photo], folder: Path, rules: Rules) -> Mapped:
     photos can be related.
     """
     best: Mapped | None = None
+    readable = len(photos)
     for attempt in _ATTEMPTS:
-        if best is not None:
-            placed = f"{len(best.registered)} of {len(photos) - len(best.damaged)} photos are placed"
-            say(f"{placed}; trying again for faint features")
-        mapped = processes.call(partial(_attempt, photos, folder / attempt.name, rules, attempt), _REMEDY)
+        mapped = _stored(folder / attempt.name)
+        if mapped is None:
+            if best is not None:
+                say(f"{len(best.registered)} of {readable} photos are placed; trying again for faint features")
+            processes.call(partial(_attempt, photos, folder / attempt.name, rules, attempt), _REMEDY)
+            mapped = _stored(folder / attempt.name)
+            assert mapped is not None
         if best is None or len(mapped.registered) > len(best.registered):
             best = mapped
         readable = len(photos) - len(best.damaged)
@@ -111,128 +102,98 @@ def map_photos(photos: Sequence[Photo], folder: Path, rules: Rules) -> Mapped:
         count, pair = max((n, (name, other)) for name, (n, other) in best.best_matches.items())
         got = f"the best pair, {pair[0]} and {pair[1]}, has {count} matches" if count else "no two photos match at all"
         fault = f"no two photos could be related: {got}, at least {_ATTEMPTS[-1].start_inliers} are needed"
-        remedy = "take photos that share more than half of what they show, from places well apart"
-        raise InputError(f"{photos[0].path.parent}: {fault}; {remedy}, or add more")
+        remedy = "take photos that share more than half of what they show, from places well apart, or add more"
+        raise InputError(fault, photos[0].path.parent, remedy)
     return best
 
 
-def _attempt(photos: Sequence[Photo], folder: Path, rules: Rules, attempt: _Attempt) -> Mapped:
-    before = read_mapped(folder)
-    if before is not None:
-        return before
+def _attempt(photos: Sequence[Photo], folder: Path, rules: Rules, attempt: _Attempt) -> None:
+    """Leave a model and its record in the folder."""
     pycolmap = load_pycolmap()
     pycolmap.set_random_seed(0)
     folder.mkdir(parents=True, exist_ok=True)
     damaged = write_gray(photos, folder, attempt.longest)
     photos = [photo for photo in photos if photo.name not in damaged]
-    if len(photos) < 2:
-        return Mapped(folder, (), attempt.name, {}, damaged, ())
-    database = folder / "database.db"
-    with processes.step("COLMAP's search for features"):
-        _find_features(pycolmap, database, photos, folder, rules, attempt)
-    with processes.step("COLMAP's matching"):
-        _match(pycolmap, database, photos, folder, rules, attempt)
-    with processes.step("COLMAP's reconstruction"):
-        models = _map(pycolmap, database, folder, len(photos), attempt)
-    model = folder / "model"
-    model.mkdir(exist_ok=True)
-    names: tuple[str, ...] = ()
-    if models:
-        _to_photos(models[0], {photo.key: photo for photo in photos})
-        names = tuple(sorted(models[0].image(number).name for number in models[0].reg_image_ids()))
-        models[0].write_binary(model)
-    matches = _best_matches(pycolmap, database, photos, names)
-    mapped = Mapped(model, names, attempt.name, matches, damaged, tuple(m.num_reg_images() for m in models))
-    mapped.write(folder)
-    shutil.rmtree(folder / "gray")
-    return mapped
+    model, models = folder / "model", []
+    names: list[str] = []
+    matches: dict[str, tuple[int, str]] = {}
+    if len(photos) >= 2:
+        database = folder / "database.db"
+        with processes.step("COLMAP's search for features"):
+            _find_features(database, photos, rules, attempt)
+        with processes.step("COLMAP's matching"):
+            _match(database, [photo.key for photo in photos], rules, attempt)
+        with processes.step("COLMAP's reconstruction"):
+            models = _map(database, len(photos), attempt)
+        if models:
+            _to_photos(models[0], {photo.key: photo for photo in photos})
+            names = sorted(models[0].image(number).name for number in models[0].reg_image_ids())
+            model.mkdir(exist_ok=True)
+            models[0].write_binary(model)
+        matches = _best_matches(database, photos, names)
+    mapped = Mapped(model, names, attempt.name, matches, damaged, [m.num_reg_images() for m in models])
+    write_atomically(folder / "model.json", json.dumps(asdict(mapped), default=str).encode())
+    shutil.rmtree(folder / "gray", ignore_errors=True)
 
 
-def _find_features(
-    pycolmap: Any, database: Path, photos: Sequence[Photo], folder: Path, rules: Rules, attempt: _Attempt
-) -> None:
-    """Fill the database with photos and cameras, one after the other, and with features, on all processors.
+def _find_features(database: Path, photos: Sequence[Photo], rules: Rules, attempt: _Attempt) -> None:
+    """Fill the database with photos and cameras, in order, and then with features, on all processors.
 
-    The first pass only fixes the order: photos get their numbers as they finish, and other numbers give other models.
     Features that an earlier command found stay.
     """
-    reader = pycolmap.ImageReaderOptions()
+    pycolmap, folder = load_pycolmap(), database.parent
+    reader, options = pycolmap.ImageReaderOptions(), pycolmap.FeatureExtractionOptions()
     reader.camera_model = rules.camera
     if photos[0].mask is not None:
         reader.mask_path = folder / "masks"
-    quick, real = pycolmap.FeatureExtractionOptions(), pycolmap.FeatureExtractionOptions()
-    quick.use_gpu, quick.max_image_size, quick.sift.max_num_features = False, 32, 1
-    real.use_gpu, real.max_image_size, real.sift.peak_threshold = False, attempt.longest, attempt.peak
+    options.use_gpu, options.max_image_size, options.sift.peak_threshold = False, attempt.longest, attempt.peak
 
-    def extract(names: list[str], options: Any) -> None:
-        mode, device = pycolmap.CameraMode.SINGLE, pycolmap.Device.cpu
-        pycolmap.extract_features(database, folder / "gray", names, mode, reader, options, device)
-
-    groups, listed = _sharing(photos, rules.cameras), folder / "listed"
-    if not listed.is_file():
+    groups = defaultdict(list)  # that share a camera; photos of different sizes never do
+    for photo in photos:
+        parent = str(PurePosixPath(photo.output).parent)
+        by = {"single": "", "folder": parent, "image": photo.output}[rules.cameras]
+        groups[by, photo.size].append(photo.key)
+    listed, mode = folder / "listed", pycolmap.CameraMode.SINGLE
+    if not listed.is_file():  # else photos would be numbered as they finish; other numbers give other models
         for old in folder.glob(f"{database.name}*"):
             old.unlink()
-        new = reader.existing_camera_id
-        for shared in groups:
-            reader.existing_camera_id = new
-            for photo in shared:
-                extract([photo.key], quick)
-                reader.existing_camera_id = _camera_of(pycolmap, database, shared[0])
-        with pycolmap.Database.open(database) as opened:
-            opened.clear_keypoints()
-            opened.clear_descriptors()
+        pycolmap.Database.open(database).close()  # makes the file
+        for names in groups.values():
+            pycolmap.import_images(database, folder / "gray", mode, names, reader)
         listed.touch()
-    batch = usable_cores()
     with line("finding features", len(photos)) as step:
-        for shared in groups:
-            reader.existing_camera_id = _camera_of(pycolmap, database, shared[0])
-            for start in range(0, len(shared), batch):
-                extract([photo.key for photo in shared[start : start + batch]], real)  # except those that have features
-                for _ in shared[start : start + batch]:
+        for names in groups.values():
+            for batch in _batches(names, usable_cores()):  # except those that have features
+                pycolmap.extract_features(database, folder / "gray", batch, mode, reader, options, pycolmap.Device.cpu)
+                for _ in batch:
                     step()
 
 
-def _camera_of(pycolmap: Any, database: Path, photo: Photo) -> int:
-    with pycolmap.Database.open(database) as opened:
-        return int(opened.read_image_with_name(photo.key).camera_id)
+def _batches(items: Sequence[Any], size: int) -> list[Sequence[Any]]:
+    return [items[start : start + size] for start in range(0, len(items), size)]
 
 
-def _sharing(photos: Sequence[Photo], cameras: Cameras) -> list[list[Photo]]:
-    """The groups of photos that share a camera; photos of different sizes never do."""
-    groups = defaultdict(list)
-    for photo in photos:
-        shared_by = {"single": "", "folder": str(PurePosixPath(photo.output).parent), "image": photo.output}[cameras]
-        groups[shared_by, photo.size].append(photo)
-    return list(groups.values())
-
-
-def _match(
-    pycolmap: Any, database: Path, photos: Sequence[Photo], folder: Path, rules: Rules, attempt: _Attempt
-) -> None:
-    names = [photo.key for photo in photos]
-    exhaustive = rules.matching == "exhaustive" or (rules.matching == "auto" and len(names) <= _MOST_EXHAUSTIVE)
-    pairs = list(itertools.combinations(names, 2)) if exhaustive else list(_sequential(names))
+def _match(database: Path, names: Sequence[str], rules: Rules, attempt: _Attempt) -> None:
+    """Match pairs of photos: all, or each with those that follow it by certain steps."""
+    pycolmap = load_pycolmap()
+    pairs = list(itertools.combinations(names, 2))
+    if rules.matching == "sequential" or (rules.matching == "auto" and len(names) > _MOST_EXHAUSTIVE):
+        starts = enumerate(names)
+        pairs = [(name, names[i + step]) for i, name in starts for step in _SEQUENTIAL if i + step < len(names)]
     matching, verification = pycolmap.FeatureMatchingOptions(), pycolmap.TwoViewGeometryOptions()
     matching.use_gpu, matching.guided_matching = False, attempt.guided and len(pairs) <= _GUIDED_PAIRS
     matching.num_threads = 1  # with more, one run in a hundred found other matches
     verification.ransac.random_seed = 0
     listed = pycolmap.ImportedPairingOptions()
-    listed.match_list_path = folder / "pairs.txt"
-    batches = [pairs[start : start + PAIRS_A_STEP] for start in range(0, len(pairs), PAIRS_A_STEP)]
-    for batch in track(batches, "matching"):  # COLMAP skips the pairs that are in the database
+    listed.match_list_path = database.parent / "pairs.txt"
+    for batch in track(_batches(pairs, PAIRS_A_STEP), "matching"):  # COLMAP skips the pairs that are in the database
         listed.match_list_path.write_text("".join(f"{one} {other}\n" for one, other in batch))
         pycolmap.match_image_pairs(database, matching, listed, verification, pycolmap.Device.cpu)
 
 
-def _sequential(names: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Every photo with the next ten, and with those 16, 32, 64 ... later, to close the loop of a track."""
-    steps = [*range(1, _NEIGHBOURS + 1), *(2**power for power in range(4, 20))]
-    for start, name in enumerate(names):
-        yield from ((name, names[start + step]) for step in steps if start + step < len(names))
-
-
-def _map(pycolmap: Any, database: Path, folder: Path, count: int, attempt: _Attempt) -> list[Any]:
-    """All models, the one with the most photos first."""
+def _map(database: Path, count: int, attempt: _Attempt) -> list[Any]:
+    """All models, the one with the most photos first. count: number of photos."""
+    pycolmap, folder = load_pycolmap(), database.parent
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed, options.min_model_size, options.extract_colors = 0, 2, False
     options.num_threads = 1  # with more threads the order of sums, and so the result, differs from run to run
@@ -277,9 +238,9 @@ def _to_photos(model: Any, photos: dict[str, Photo]) -> None:
         image.name = photo.output
 
 
-def _best_matches(
-    pycolmap: Any, database: Path, photos: Sequence[Photo], placed: Sequence[str]
-) -> dict[str, tuple[int, str]]:
+def _best_matches(database: Path, photos: Sequence[Photo], placed: Sequence[str]) -> dict[str, tuple[int, str]]:
+    """By photo, the most matches with a placed one (with any if none is placed), and the name of that."""
+    pycolmap = load_pycolmap()
     among = {photo.name for photo in photos if not placed or photo.output in placed}
     best = {photo.name: (0, "") for photo in photos}
     name_of = {photo.key: photo.name for photo in photos}

@@ -1,7 +1,7 @@
 """Finds and checks photos, and prepares them for feature detection."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.errors import InputError, MissingFileError
-from sucre_bench.imaging.image_files import SUFFIXES, decode, image_size, same_shape, write_png
-from sucre_bench.loading.find_folders import walk
-from sucre_bench.machine.files import check_folder, regular
+from sucre_bench.imaging.image_files import decode, image_size, same_shape, write_png
+from sucre_bench.loading.image_folder import image_names
+from sucre_bench.machine.files import check_folder
 from sucre_bench.machine.progress import track
 
 
@@ -42,9 +42,9 @@ def find_photos(folder: Path, masks: Path | None, max_size: int, leave_out: Path
     Raises InputError if there are fewer than two photos, or if a mask is missing or has another shape.
     """
     check_folder(folder, "give the one that holds the photos")
-    names = sorted(
-        name for name in _files(folder, (leave_out, *([masks] if masks else []))) if name.lower().endswith(SUFFIXES)
-    )
+    names = image_names(folder, subfolders=True, but=leave_out)
+    if masks is not None and folder.resolve() in masks.resolve().parents:
+        names = [name for name in names if masks.resolve() not in (folder / name).resolve().parents]
     shared = Counter(PurePosixPath(name).with_suffix("") for name in names)
     photos: list[Photo] = []
     damaged: dict[str, str] = {}
@@ -52,46 +52,37 @@ def find_photos(folder: Path, masks: Path | None, max_size: int, leave_out: Path
         path, pure = folder / name, PurePosixPath(name)
         size = image_size(path)
         if size is None:
-            damaged[name] = _damage_of_header(path)
+            damaged[name] = _damage(path)
             continue
         shrink = min(1.0, max_size / max(size)) if max_size else 1.0
         output = f"{name}.png" if shared[pure.with_suffix("")] > 1 else pure.with_suffix(".png").as_posix()
-        mask = None if masks is None else _mask(masks, pure, size)
+        mask = None if masks is None else _find_mask(masks, pure, size)
         stamps = [(p.stat().st_size, p.stat().st_mtime_ns) for p in (path, mask) if p is not None]
         used = (max(1, round(size[0] * shrink)), max(1, round(size[1] * shrink)))
         photos.append(Photo(name, f"{len(photos):06d}.png", path, used, output, mask, (name, used, *stamps)))
     if len(photos) < 2:  # then decode every file: a valid header may have no picture
-        raise too_few(folder, len(names), damaged | {p.name: why for p in photos if (why := _damage(p))})
+        raise too_few(folder, len(names), damaged | {p.name: why for p in photos if (why := _damage(p.path))})
     return photos, damaged
 
 
 def too_few(folder: Path, files: int, damaged: Mapping[str, str]) -> InputError:
     """Return the error for a folder with fewer than two readable photos; it names the unreadable files."""
-    left = files - len(damaged)
-    what = "holds one photo" if left else "holds no photos"
+    what = "holds one photo" if files > len(damaged) else "holds no photos"
     if damaged:
         reasons = [f"{name} {why.partition('; ')[0]}" for name, why in sorted(damaged.items())]
         more = f"; and {len(reasons) - 4} more" if len(reasons) > 4 else ""
         what = f"{what} that can be read ({'; '.join(reasons[:4])}{more})"
-    return InputError(f"{folder}: {what}; put two or more .jpg, .png or .tif of one place there")
+    return InputError(what, folder, "put two or more .jpg, .png or .tif of one place there")
 
 
-def _files(folder: Path, leave_out: Iterable[Path]) -> list[str]:
-    found, resolved = [], {path.resolve() for path in leave_out}
-    for place, below, files in walk(folder):
-        below[:] = [name for name in below if not name.startswith(".") and (place / name).resolve() not in resolved]
-        found += [(place / name).relative_to(folder).as_posix() for name in files if not name.startswith(".")]
-    return found
-
-
-def _mask(masks: Path, name: PurePosixPath, size: tuple[int, int]) -> Path:
+def _find_mask(masks: Path, name: PurePosixPath, size: tuple[int, int]) -> Path:
     """COLMAP names the mask of a.jpg a.jpg.png; most other tools a.png."""
     for file in (masks / f"{name}.png", masks / name.with_suffix(".png")):
         if file.is_file():
             found = image_size(file)
             if found is not None and not same_shape(found, size):
                 fault = f"is {found[0]}x{found[1]}, its photo {size[0]}x{size[1]}"
-                raise InputError(f"{file}: {fault}; make the mask in the photo's shape")
+                raise InputError(fault, file, "make the mask in the photo's shape")
             return file
     remedy = "make a mask for every photo, white where it is to be used"
     raise MissingFileError("is not there", masks / f"{name}.png", remedy)
@@ -101,30 +92,33 @@ def read_photo(photo: Photo) -> npt.NDArray[Any]:
     """Return a photo (H, W, 3) BGR uint8 or uint16 at its size of use. Raises InputError if unreadable."""
     import cv2
 
-    stored = decode(photo.path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
-    if stored.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"is {stored.dtype}", photo.path, "save it with 8 or 16 bits a channel")
+    stored = _stored(photo.path)
     return stored if stored.shape[1::-1] == photo.size else cv2.resize(stored, photo.size, interpolation=cv2.INTER_AREA)
 
 
-def _damage_of_header(path: Path) -> str:
-    """Why the header of a photo cannot be read, and the remedy."""
-    try:
-        with regular(path).open("rb"):
-            return "cannot be read, damaged or not an image; copy it again"
-    except OSError as fault:
-        return f"cannot be read, {fault.strerror}; let this user read it"
-    except InputError as fault:
-        return fault.beside(path)
+def _stored(path: Path) -> npt.NDArray[Any]:
+    import cv2
+
+    stored = decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+    if stored.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"is {stored.dtype}", path, "save it with 8 or 16 bits a channel")
+    return stored
 
 
-def _damage(photo: Photo) -> str:
+def _damage(path: Path) -> str:
     """Why a photo cannot be read, and the remedy; empty if it can."""
     try:
-        read_photo(photo)
+        _stored(path)
     except InputError as fault:
-        return fault.beside(photo.path)
+        return fault.beside(path)
     return ""
+
+
+def read_mask(path: Path, size: tuple[int, int]) -> npt.NDArray[Any]:
+    """Return a mask (H, W) uint8, white where the picture is used, at a size (width, height)."""
+    import cv2
+
+    return np.asarray(cv2.resize(decode(path, cv2.IMREAD_GRAYSCALE), size, interpolation=cv2.INTER_NEAREST))
 
 
 def write_gray(photos: Sequence[Photo], folder: Path, longest: int) -> dict[str, str]:
@@ -150,7 +144,6 @@ def write_gray(photos: Sequence[Photo], folder: Path, longest: int) -> dict[str,
         shrink = min(1.0, longest / max(photo.size))
         size = (round(photo.size[0] * shrink), round(photo.size[1] * shrink))
         if photo.mask is not None:
-            mask = cv2.resize(decode(photo.mask, cv2.IMREAD_GRAYSCALE), size, interpolation=cv2.INTER_NEAREST)
-            write_png(folder / "masks" / f"{photo.key}.png", mask)
+            write_png(folder / "masks" / f"{photo.key}.png", read_mask(photo.mask, size))
         write_png(target, cv2.resize(gray, size, interpolation=cv2.INTER_AREA))
     return damaged

@@ -4,51 +4,60 @@ import errno
 import hashlib
 import json
 import shutil
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sucre_bench.errors import InputError, OutputError, SucreBenchError
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import say
-from sucre_bench.programs.prepare.make_depth_maps import depth_maps, is_dense
-from sucre_bench.programs.prepare.mapping import Mapped, Rules, map_photos, read_mapped
-from sucre_bench.programs.prepare.options import Options
+from sucre_bench.programs.prepare import Options
+from sucre_bench.programs.prepare.depth_maps import depth_maps
+from sucre_bench.programs.prepare.mapping import Mapped, Rules, map_photos
 from sucre_bench.programs.prepare.photos import Photo, find_photos, too_few
-from sucre_bench.programs.prepare.prepare_json import Prepared, given, read_record, settled_by
-from sucre_bench.programs.prepare.registered_photos import read_shots
+from sucre_bench.programs.prepare.result import Prepared, read_record, write_result
 from sucre_bench.programs.prepare.scale import Known, Scale, find_scale
-from sucre_bench.programs.prepare.undistort import undistort
-from sucre_bench.programs.prepare.write_scene import write_scene
+from sucre_bench.programs.prepare.shots import read_shots, undistort
+
+_MOST_DENSE = 500  # photos: about an hour of plane sweeps on two cores
 
 
-@dataclass(frozen=True, slots=True)
-class Stage:
-    """A stage's folder. key: a hash of its inputs and of the stages before it."""
+class _Stage(NamedTuple):
+    """A stage's folder, a hash of its inputs and of the stages before it, and the file that marks it as done."""
 
     folder: Path
     key: str
-
-    @property
-    def done(self) -> bool:
-        """Whether its result exists."""
-        return (self.folder / "done").is_file()
-
-    def finish(self) -> None:
-        """Mark the stage as done."""
-        write_atomically(self.folder / "done", b"")
+    done: Path
 
 
-def stage(work: Path, name: str, *depends: object) -> Stage:
-    """Return the stage of that name under `work`; its files for other inputs or options are removed."""
+def _stage(work: Path, name: str, *depends: object, outdated: Iterable[Path] = ()) -> _Stage:
+    """Return the stage of that name under `work`. When its inputs change, its files for others are removed.
+
+    outdated: other files of the stage, for which the same holds.
+    """
     key = hashlib.blake2b(repr(depends).encode(), digest_size=6).hexdigest()
     folder = work / f"{name}-{key}"
-    for old in work.glob(f"{name}-*"):
-        if old != folder:
-            shutil.rmtree(old)
-    folder.mkdir(parents=True, exist_ok=True)
-    return Stage(folder, key)
+    if not folder.is_dir():
+        for old in (*work.glob(f"{name}-*"), *outdated):
+            shutil.rmtree(old, ignore_errors=True)
+        folder.mkdir(parents=True)
+    return _Stage(folder, key, folder / "done")
+
+
+@contextmanager
+def _full_disk_named(out: Path) -> Iterator[None]:
+    """Raise OutputError in place of what any library raises when the disk is full."""
+    try:
+        yield
+    except SucreBenchError:
+        raise
+    except Exception as fault:
+        full = isinstance(fault, OSError) and fault.errno in (errno.ENOSPC, errno.EDQUOT)
+        if full or (out.exists() and shutil.disk_usage(out).free < 1 << 20):
+            raise OutputError("the disk is full", out, "free some space and repeat the command") from fault
+        raise
 
 
 def prepare(
@@ -56,132 +65,124 @@ def prepare(
 ) -> Prepared:
     """Turn a folder of photos into images, a model and depth maps below `out`; finished stages are not repeated.
 
-    known: without it the scale of an earlier command stays; again: replace an `out` that was made with other options.
+    known: see `known_scale`; without it the scale of an earlier command stays; again: replace an `out` that was made
+    with other options.
     Raises InputError if photos or options are unusable, OutputError if `out` cannot be written.
     """
-    try:
-        return _prepare(folder, out, options or Options(), known or Known(), again)
-    except SucreBenchError:
-        raise
-    except Exception as fault:  # also write errors of libraries
-        full = isinstance(fault, OSError) and fault.errno in (errno.ENOSPC, errno.EDQUOT)
-        if full or (out.exists() and shutil.disk_usage(out).free < 1 << 20):
-            raise OutputError(f"{out}: the disk is full; free some space and repeat the command") from fault
-        raise
+    with _full_disk_named(out):
+        return _prepare(folder, out, options or Options(), known or {}, again)
 
 
 def _prepare(folder: Path, out: Path, options: Options, known: Known, again: bool) -> Prepared:
-    work = out / ".prepare"
-    _check_folders(folder, out)
+    work, images = out / ".prepare", out / "images"
+    _check_out(folder, out)
     photos, damaged = find_photos(folder, options.masks, options.max_size, out)
     before = read_record(out)
-    _check_options(work, _asked(folder, options), again)
+    values = asdict(options) | {"masks": options.masks and options.masks.resolve()}
+    asked = json.loads(json.dumps({"photos": folder.resolve(), **values}, default=str))
+    _check_asked(work / "options.json", asked, again)
 
     rules = Rules(options.matching, options.camera, options.cameras)
-    mapping = stage(work, "model", [photo.stamp for photo in photos], rules)
-    if damaged and read_mapped(mapping.folder) is None:  # before mapping, which may take long
+    mapping = _stage(work, "model", [photo.stamp for photo in photos], rules)
+    if damaged and not mapping.done.is_file():  # before mapping, which may take long
         say(f"{len(damaged)} of {len(photos) + len(damaged)} photos are damaged, {min(damaged)} among them")
-    mapped = _model(photos, mapping.folder, out, rules)
+    mapped = map_photos(photos, mapping.folder, rules)
     if not mapped.registered:
         raise too_few(folder, len(photos) + len(damaged), damaged | mapped.damaged)
+    if not mapping.done.is_file():
+        mapping.done.touch()
     damaged |= mapped.damaged
 
-    straight = stage(work, "images", mapping.key)
+    straight = _stage(work, "images", mapping.key, outdated=[images, out / "depths", out / "sparse"])
     pinhole, masks = straight.folder / "sparse", straight.folder / "masks"
-    if not (straight.done and all((out / "images" / name).is_file() for name in mapped.registered)):
-        undistort({photo.output: photo for photo in photos}, mapped.model, out / "images", masks, pinhole)
-        straight.finish()
+    if not (straight.done.is_file() and all((images / name).is_file() for name in mapped.registered)):
+        undistort({photo.output: photo for photo in photos}, mapped.model, images, masks, pinhole)
+        straight.done.touch()
 
-    dense = is_dense(options.surface, len(mapped.registered))
-    surface = stage(work, "sweeps", straight.key, options.depth_size if dense else 0)
+    is_dense = options.surface == "dense" or (options.surface == "auto" and len(mapped.registered) <= _MOST_DENSE)
+    longest = options.depth_size if is_dense else None
+    surface = _stage(work, "sweeps", straight.key, longest or 0)
     keys = mapping.key, surface.key
-    settled = settled_by(before, known, keys)
-    if before is not None and settled.scale is not None:
-        done = stage(work, "result", surface.key, settled.scale, sorted(damaged)).done
-        if done and before.is_whole:
-            return replace(before, is_new=False, is_kept=settled.is_kept)
+    scale, known, is_kept, warnings = settled_scale(before, known, keys)
+    if before is not None and scale is not None and before.is_whole:
+        result = _stage(work, "result", surface.key, scale, sorted(damaged))
+        if result.done.is_file():
+            return replace(before, is_new=False, is_kept=is_kept)
 
     shots = read_shots(pinhole)
-    longest = options.depth_size if dense else None
-    made_from, maps = depth_maps(shots, out / "images", masks, surface.folder, longest)
-    output_of, placed = {photo.name: photo.output for photo in photos}, {shot.name: shot for shot in shots}
-    scale = settled.scale or find_scale(settled.known, shots, output_of, lambda name: maps(placed[name]))
-    warnings = (*settled.warnings, *_warnings(mapped, scale))
-    made = Prepared(
-        out, (), damaged, _unplaced(photos, mapped), scale, given(settled.known), warnings, keys, True, settled.is_kept
-    )
-    result = stage(work, "result", surface.key, scale, sorted(damaged))
-    made = write_scene(made, pinhole, mapped, shots, maps, made_from, _asked(folder, options), result.folder)
-    result.finish()
+    made_from, maps = depth_maps(shots, images, masks, surface.folder, longest)
+    scale = scale or find_scale(known, shots, {photo.name: photo.output for photo in photos}, maps)
+    warnings += _warnings(mapped, scale)
+    made = Prepared(out, (), damaged, _unplaced(photos, mapped), scale, known, warnings, keys, True, is_kept)
+    result = _stage(work, "result", surface.key, scale, sorted(damaged))
+    result.done.unlink(missing_ok=True)
+    made = write_result(made, pinhole, mapped, shots, (made_from, maps), asked, result.folder)
+    result.done.touch()
     return made
 
 
-def _check_folders(folder: Path, out: Path) -> None:
+def _check_out(folder: Path, out: Path) -> None:
     if out.exists() and not out.is_dir():
-        raise OutputError(f"{out}: is a file; name a folder to write into")
+        raise OutputError("is a file", out, "name a folder to write into")
     if folder.resolve() == out.resolve() or out.resolve() in folder.resolve().parents:
-        raise InputError(f"{out}: holds the photos themselves; name another folder to write into")
+        raise InputError("holds the photos themselves", out, "name another folder to write into")
     if out.is_dir() and any(out.iterdir()) and not (out / ".prepare").is_dir():
         gone = " and no .prepare/ to go on from" if read_record(out) else ""
-        raise InputError(f"{out}: holds other files already{gone}; name a new folder")
+        raise InputError(f"holds other files already{gone}", out, "name a new folder")
 
 
-def _asked(folder: Path, options: Options) -> dict[str, Any]:
-    """Photos and options as plain data for JSON."""
-    values = {"photos": folder.resolve(), **asdict(options)}
-    values["masks"] = options.masks and options.masks.resolve()
-    return {name: str(value) if isinstance(value, Path) else value for name, value in values.items()}
-
-
-def _check_options(work: Path, asked: Mapping[str, Any], again: bool) -> None:
+def _check_asked(file: Path, asked: Mapping[str, Any], again: bool) -> None:
     """Refuse to replace a result made with other options by accident; the scale may always change."""
-    file = work / "options.json"
-    before = json.loads(file.read_text()) if file.is_file() else {}
-    if before == asked:
-        return
+    before = json.loads(file.read_text()) if file.is_file() else asked
     for name, value in asked.items():
-        if before and not again and before.get(name) != value:
-            was = f"was prepared with {name}={before.get(name)}, not {value}"
-            raise InputError(f"{work.parent}: {was}; name another folder, or add --again to make it anew")
-    for made in ("images", "depths", "sparse"):
-        shutil.rmtree(work.parent / made, ignore_errors=True)
-    for old in work.glob("images-*"):
-        shutil.rmtree(old)
-    write_atomically(file, json.dumps(asked, indent=1).encode())
+        if not again and before.get(name) != value:
+            fault = f"was prepared with {name}={before.get(name)}, not {value}"
+            raise InputError(fault, file.parent.parent, "name another folder, or add --again to make it anew")
+    if before != asked or not file.is_file():
+        write_atomically(file, json.dumps(asked, indent=1).encode())
 
 
-def _model(photos: Sequence[Photo], folder: Path, out: Path, rules: Rules) -> Mapped:
-    """The model of an earlier command, or a new one."""
-    before = read_mapped(folder)
-    if before is not None:
-        return before
-    made = map_photos(photos, folder, rules)
-    if made.registered:
-        for name in ("images", "depths"):  # of another model
-            shutil.rmtree(out / name, ignore_errors=True)
-    made.write(folder)
-    return made
+def settled_scale(
+    before: Prepared | None, known: Known, keys: tuple[str, str]
+) -> tuple[Scale | None, Known, bool, tuple[str, ...]]:
+    """Return the scale, None if it has to be found from what is known; that; whether it is an earlier one; warnings.
+
+    before: an earlier result in the same folder; keys: those of the result to be made. A newly given scale counts
+    first. Else the scale of the same model is valid. For another model the distances and the depth track stay valid; a
+    factor and the pixels of lengths do not.
+    """
+    if before is None or (known and (known != before.known or keys != before.keys)):
+        return None, known, False, ()
+    if known:
+        return before.scale, known, False, ()
+    if keys[0] == before.keys[0]:
+        return before.scale, before.known, before.scale.is_metric, ()
+    if "distances" in before.known or "depth_track" in before.known:
+        return None, before.known, True, ()
+    old = f"the scale of before ({before.scale.note}) was of another model; give it again"
+    return None, known, False, (old,) if before.scale.is_metric else ()
 
 
 def _unplaced(photos: Sequence[Photo], mapped: Mapped) -> dict[str, str]:
     """Photos that the model lacks, each with its best matches and the remedy."""
-    told = {}
+    unplaced = {}
     for photo in photos:
         if photo.output not in mapped.registered and photo.name not in mapped.damaged:
             count, other = mapped.best_matches.get(photo.name, (0, ""))
             best = f"{count} matches at best, with {other}" if count else "no matches with those placed"
-            told[photo.name] = f"no place found, {best}; add photos between it and the others, or mask what moves"
-    return told
+            remedy = "add photos between it and the others, or mask what moves"
+            unplaced[photo.name] = f"no place found, {best}; {remedy}"
+    return unplaced
 
 
-def _warnings(mapped: Mapped, scale: Scale) -> list[str]:
-    warnings = []
+def _warnings(mapped: Mapped, scale: Scale) -> tuple[str, ...]:
+    groups, metres = "", ""
     if len(mapped.groups) > 1 and mapped.groups[1] > 2:
         sizes = " and ".join(map(str, mapped.groups))
-        warnings.append(f"the photos fall into groups of {sizes} that share no views; only the first is used")
+        groups = f"the photos fall into groups of {sizes} that share no views; only the first is used"
     if not scale.is_metric:
-        warnings.append(
+        metres = (
             "the scale is arbitrary: depths are not metres, and a beta or gamma fitted on them is per unit, not"
             " 1/m; restored colours do not depend on it. For metres give --distance, --length, --depth-track or --scale"
         )
-    return warnings
+    return tuple(filter(None, (groups, metres)))

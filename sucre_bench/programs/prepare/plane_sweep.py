@@ -8,7 +8,6 @@ its gain and veil are even over a window. A depth counts if the depths of other 
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +16,10 @@ import numpy.typing as npt
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, depth_at, moved, pixel_rays, project, relative_pose
 from sucre_bench.machine.compute import compiled
-from sucre_bench.programs.prepare.registered_photos import Shot
+from sucre_bench.programs.prepare.shots import Shot
 
+_TELLING_ANGLE = np.deg2rad(5.0)  # degrees: depth is well determined; more only changes the appearance
+_WIDEST_ANGLE = np.deg2rad(45.0)
 _WINDOW = (7, 7)  # pixels
 _LEAST_LIKENESS = 0.5
 _LEAST_VARIANCE = 0.6**2  # standard deviation of 8-bit gray levels in a window; below it is rounding
@@ -28,48 +29,41 @@ _FEWEST_PLANES = 16
 _AGREEMENT = 0.01  # relative difference of depths
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Planes:
-    """slope: (3,) g, so that g . (x, y, 1) is an inverse depth at a pixel; offsets: (K,) equally spaced k dw."""
+def neighbours(shots: Sequence[Shot], most: int) -> list[list[int]]:
+    """Return, for each photo, the indices of the photos that determine its depths best, the best first.
 
-    slope: Array
-    offsets: Array
-
-
-class _Best(NamedTuple):
-    """The best of a sweep so far, each (H, W): numba takes this as a tuple of arrays.
-
-    first, second: the two best correlations on this plane; previous: the score of the plane before; best: the best
-    score; at: its plane; before, after: the scores of the planes next to that.
+    A common point counts by the angle it is seen under, up to 5 degrees in full, beyond 45 not at all.
     """
+    from scipy.sparse import csc_array
 
-    first: Array
-    second: Array
-    previous: Array
-    best: Array
-    at: npt.NDArray[np.int16]
-    before: Array
-    after: Array
-
-    @classmethod
-    def of(cls, shape: tuple[int, int]) -> "_Best":
-        """Return the state before the first plane."""
-        first, second, previous, best, before, after = (np.full(shape, -1, dtype=np.float32) for _ in range(6))
-        return cls(first, second, previous, best, np.zeros(shape, dtype=np.int16), before, after)
-
-
-class _Moments(NamedTuple):
-    """What a source's correlation needs, each (H, W): its gray levels, and over a window their mean, their mean square,
-    and their mean product with the photo's."""
-
-    warped: Array
-    mean: Array
-    square: Array
-    product: Array
+    firsts = [np.unique(shot.point_ids, return_index=True)[1] for shot in shots]
+    seen = [shot.point_ids[first] for shot, first in zip(shots, firsts, strict=True)]
+    known, columns = np.unique(np.concatenate(seen), return_inverse=True)
+    by = np.repeat(np.arange(len(shots)), [len(first) for first in firsts])
+    seers = csc_array((np.ones(len(by)), (by, columns)), shape=(len(shots), len(known)))  # a column a point
+    centres = np.array([shot.centre for shot in shots])
+    best = []
+    for i, (shot, first) in enumerate(zip(shots, firsts, strict=True)):
+        of_points = seers[:, columns[by == i]]
+        others = of_points.indices  # who sees which point
+        points = np.repeat(shot.points[first], np.diff(of_points.indptr), axis=0)
+        rays = [centres[i] - points, centres[others] - points]
+        lengths = [np.maximum(np.linalg.norm(ray, axis=1), 1e-12) for ray in rays]
+        angles = np.arccos(np.clip((rays[0] * rays[1]).sum(axis=1) / (lengths[0] * lengths[1]), -1, 1))
+        weight = np.minimum(angles / _TELLING_ANGLE, 1) * (angles < _WIDEST_ANGLE) * (others != i)
+        # A photo from half or twice the distance shows the same ground with other detail.
+        nearness = np.exp(-(np.log(lengths[0] / lengths[1]) ** 2) / (2 * np.log(2) ** 2))
+        score = np.bincount(others, weight * nearness, minlength=len(shots))
+        order = np.argsort(-score, kind="stable")
+        best.append(order[score[order] > 0][:most].tolist())
+    return best
 
 
-def planes_of(shot: Shot, sources: Sequence[Shot]) -> Planes:
-    """Return the planes to sweep for a photo: parallel to its sparse points, over their range with a margin."""
+def planes_of(shot: Shot, sources: Sequence[Shot]) -> tuple[Array, Array]:
+    """Return the planes to sweep for a photo: parallel to its sparse points, over their range with a margin.
+
+    slope: (3,) g, so that g . (x, y, 1) is an inverse depth at a pixel; offsets: (K,) equally spaced k dw.
+    """
     xy, depth = shot.seen_points()
     w = 1 / depth
     slope = _slope(xy, w, shot.camera)
@@ -79,7 +73,7 @@ def planes_of(shot: Shot, sources: Sequence[Shot]) -> Planes:
     low, high = low - margin, high + margin
     step = _STEP_PX / max(_motion(shot, source) for source in sources)
     count = int(np.clip(np.ceil((high - low) / step), _FEWEST_PLANES, _MOST_PLANES))
-    return Planes(slope, np.linspace(low, high, count))
+    return slope, np.linspace(low, high, count)
 
 
 def _slope(xy: Array, w: Array, camera: Camera) -> Array:
@@ -109,10 +103,29 @@ def _motion(shot: Shot, source: Shot) -> float:
     return float(np.quantile(speed, 0.95)) if len(speed) else 1e-9
 
 
-def sweep(shot: Shot, gray: Array, sources: Sequence[Shot], grays: Sequence[Array], planes: Planes) -> Array:
+class _Best(NamedTuple):
+    """The best of a sweep so far, each (H, W): numba takes this as a tuple of arrays.
+
+    first, second: the two best correlations on this plane; previous: the score of the plane before; best: the best
+    score; before, after: the scores of the planes next to the best one; at: that plane.
+    """
+
+    first: Array
+    second: Array
+    previous: Array
+    best: Array
+    before: Array
+    after: Array
+    at: npt.NDArray[np.int16]
+
+
+def sweep(
+    shot: Shot, gray: Array, sources: Sequence[Shot], grays: Sequence[Array], slope: Array, offsets: Array
+) -> Array:
     """Return planar depth (H, W) float32 in the model's unit, 0 = not found.
 
-    gray, grays: (H, W) float32, 1 to 256, of the photo and of its sources, 0 where masked out, at their cameras' sizes.
+    gray, grays: (H, W) float32, 1 to 256, of the photo and of its sources, 0 where masked out, at their cameras' sizes;
+    slope, offsets: the planes, see `planes_of`.
     """
     import cv2
 
@@ -121,30 +134,44 @@ def sweep(shot: Shot, gray: Array, sources: Sequence[Shot], grays: Sequence[Arra
     telling = (variance > _LEAST_VARIANCE) & (gray > 0)
     deviation = np.sqrt(np.maximum(variance, _LEAST_VARIANCE))
 
-    best = _Best.of((gray.shape[0], gray.shape[1]))
+    scores = [np.full(gray.shape, -1, dtype=np.float32) for _ in range(6)]
+    best = _Best._make([*scores, np.zeros(gray.shape, dtype=np.int16)])
     product, square = np.empty_like(gray), np.empty_like(gray)
     compare, decide = compiled(_compare), compiled(_decide)
-    for k, offset in enumerate(planes.offsets):
-        plane = planes.slope + np.array([0, 0, offset])
+    for k, offset in enumerate(offsets):
+        plane = slope + np.array([0, 0, offset])
         for source, other in zip(sources, grays, strict=True):
             warped = _warped(shot, source, other, plane)
             cv2.multiply(gray, warped, product)
             cv2.multiply(warped, warped, square)
-            means: list[Array] = [np.asarray(cv2.blur(image, _WINDOW)) for image in (warped, square, product)]
-            compare(best, mean, deviation, _Moments(warped, *means), _LEAST_VARIANCE)
+            means = tuple(np.asarray(cv2.blur(image, _WINDOW)) for image in (warped, square, product))
+            compare(best.first, best.second, mean, deviation, warped, *means, _LEAST_VARIANCE)
         # The better half of the photos counts, two of four, so that a blocked view does not decide.
         decide(k, len(sources) > 2, best)
-    return _depth(shot.camera, planes, best) * telling
+    return _depth(shot.camera, slope, offsets, best) * telling
 
 
-def _compare(state: _Best, mean: Array, deviation: Array, there: _Moments, least_variance: float) -> None:
-    """Compute a source's correlation at every pixel, and store the best two."""
-    first, second, warped = state.first, state.second, there.warped
+def _compare(
+    first: Array,
+    second: Array,
+    mean: Array,
+    deviation: Array,
+    warped: Array,
+    mean_there: Array,
+    square_there: Array,
+    product: Array,
+    least_variance: float,
+) -> None:
+    """Compute a source's correlation at every pixel, and store the best two.
+
+    mean_there, square_there, product: means over a window of the source's gray levels, of their squares, and of their
+    products with the photo's.
+    """
     for y in range(first.shape[0]):
         for x in range(first.shape[1]):
-            variance = there.square[y, x] - there.mean[y, x] * there.mean[y, x]
+            variance = square_there[y, x] - mean_there[y, x] * mean_there[y, x]
             if warped[y, x] > 0 and variance > least_variance:
-                score = (there.product[y, x] - mean[y, x] * there.mean[y, x]) / (deviation[y, x] * math.sqrt(variance))
+                score = (product[y, x] - mean[y, x] * mean_there[y, x]) / (deviation[y, x] * math.sqrt(variance))
                 if score > first[y, x]:
                     second[y, x] = first[y, x]
                     first[y, x] = score
@@ -154,7 +181,7 @@ def _compare(state: _Best, mean: Array, deviation: Array, there: _Moments, least
 
 def _decide(k: int, two: bool, state: _Best) -> None:
     """Take the plane where it is the best so far, with the scores of its neighbours; reset for the next plane."""
-    first, second, previous, best, at, before, after = state
+    first, second, previous, best, before, after, at = state
     for y in range(first.shape[0]):
         for x in range(first.shape[1]):
             score = 0.5 * (first[y, x] + second[y, x]) if two else first[y, x]
@@ -183,15 +210,15 @@ def _warped(shot: Shot, source: Shot, gray: Array, plane: Array) -> Array:
     return np.asarray(cv2.warpPerspective(gray, H, size, flags=flags))
 
 
-def _depth(camera: Camera, planes: Planes, state: _Best) -> Array:
+def _depth(camera: Camera, slope: Array, offsets: Array, state: _Best) -> Array:
     """Turn the best plane of each pixel into depth, refined between planes by a parabola through three scores."""
     best, at, before, after = state.best, state.at, state.before, state.after
     curvature = before - 2 * best + after
-    inner = (at > 0) & (at < len(planes.offsets) - 1) & (curvature < 0) & (before > -1) & (after > -1)
+    inner = (at > 0) & (at < len(offsets) - 1) & (curvature < 0) & (before > -1) & (after > -1)
     between = np.where(inner, 0.5 * (before - after) / np.where(inner, curvature, -1), 0)
     u, v = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
-    step = planes.offsets[1] - planes.offsets[0]
-    w = planes.slope[0] * u + planes.slope[1] * v + planes.slope[2] + planes.offsets[0] + step * (at + between)
+    step = offsets[1] - offsets[0]
+    w = slope[0] * u + slope[1] * v + slope[2] + offsets[0] + step * (at + between)
     found = inner & (best > _LEAST_LIKENESS) & (w > 0)
     return np.where(found, 1 / np.where(found, w, 1), 0).astype(np.float32)
 

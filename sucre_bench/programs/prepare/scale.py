@@ -5,55 +5,60 @@ cameras, a visible length, or the depth below the surface of each photo.
 """
 
 import csv
+import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import DamagedFileError, InputError, file_error
 from sucre_bench.machine.files import regular
-from sucre_bench.programs.prepare.registered_photos import Shot
+from sucre_bench.programs.prepare.shots import Shot
 
 _USUAL_DEPTH = 3.0  # the median depth if no scale is known
 _LARGEST_ERROR = 0.1  # greatest relative value of two standard errors of a scale from a depth track
 
-
-@dataclass(frozen=True, slots=True)
-class Length:
-    """Two pixels (x, y) of an undistorted image, and the distance of their points in metres."""
-
-    photo: str
-    ends: tuple[tuple[float, float], tuple[float, float]]
-    metres: float
+# What is known of the scale, as prepare.json holds it: one entry of those that `known_scale` makes, or none.
+Known = Mapping[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
-class Known:
-    """What is known of the scale: one of these at most.
+def known_scale(
+    factor: float | None = None,
+    distances: Sequence[tuple[str, str, float]] = (),
+    lengths: Sequence[tuple[str, float, float, float, float, float]] = (),
+    depth_track: Path | None = None,
+) -> Known:
+    """Return what is known of the scale as plain data, a depth track with its hash.
 
-    factor: metres per unit; distances: two photos and the metres between their
-    cameras; lengths; depth_track: CSV file of image,depth with metres below the surface.
-
+    factor: metres per unit; distances: two photos and the metres between their cameras; lengths: an undistorted image,
+    x, y, x, y of two of its pixels, and the metres between their points; depth_track: CSV file of image,depth with
+    metres below the surface.
     Raises InputError if more than one is given, or if a length is not above 0.
     """
-
-    factor: float | None = None
-    distances: tuple[tuple[str, str, float], ...] = ()
-    lengths: tuple[Length, ...] = ()
-    depth_track: Path | None = None
-
-    def __post_init__(self) -> None:
-        given = [self.factor is not None, bool(self.distances), bool(self.lengths), self.depth_track is not None]
-        if sum(given) > 1:
-            raise InputError("scale: more than one of --scale, --distance, --length, --depth-track; give one of them")
-        metres = [("--scale", self.factor)] if self.factor is not None else []
-        metres += [("--distance", m) for *_, m in self.distances] + [("--length", v.metres) for v in self.lengths]
-        for option, value in metres:
-            if not (math.isfinite(value) and value > 0):
-                raise InputError(f"{option}: {value:g} is not above 0; give metres")
+    metres = [("--scale", factor)] if factor is not None else []
+    metres += [("--distance", m) for *_, m in distances] + [("--length", m) for *_, m in lengths]
+    for option, value in metres:
+        if not (math.isfinite(value) and value > 0):
+            raise InputError(f"{value:g} is not above 0", option, "give metres")
+    known: dict[str, Any] = {"factor": factor} if factor is not None else {}
+    if distances:
+        known["distances"] = [list(distance) for distance in distances]
+    if lengths:
+        known["lengths"] = [
+            {"photo": photo, "ends": [[x, y], [x2, y2]], "metres": m} for photo, x, y, x2, y2, m in lengths
+        ]
+    if depth_track is not None:
+        content = depth_track.read_bytes() if depth_track.is_file() else b""
+        hashed = hashlib.blake2b(content, digest_size=6).hexdigest()
+        known["depth_track"] = {"file": str(depth_track.resolve()), "hash": hashed}
+    if len(known) > 1:
+        fault = "more than one of --scale, --distance, --length, --depth-track"
+        raise InputError(fault, "scale", "give one of them")
+    return known
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,92 +75,81 @@ class Scale:
 
 
 def find_scale(
-    known: Known, shots: Sequence[Shot], output_of: Mapping[str, str], depth_of: Callable[[str], Array]
+    known: Known, shots: Sequence[Shot], output_of: Mapping[str, str], depth_of: Callable[[Shot], Array]
 ) -> Scale:
-    """Return the scale. output_of: output names by photo; depth_of: an image's depth map (H, W), in the model's unit.
+    """Return the scale. output_of: output names by photo; depth_of: a shot's depth map (H, W), in the model's unit.
 
     Raises InputError if a photo is unknown or not registered, or if the input does not determine a scale.
     """
     by_name = {shot.name: shot for shot in shots}
+    placed = {photo: by_name[output] for photo, output in output_of.items() if output in by_name}
 
-    def placed(photo: str, option: str) -> Shot:
-        output = output_of.get(photo, photo)
-        if output not in by_name:
-            fault = "was not placed" if photo in output_of else "is not a photo of these"
-            remedy = _remedy(photo, [name for name, output in output_of.items() if output in by_name])
-            raise InputError(f"{option}: {photo} {fault}; {remedy}")
-        return by_name[output]
+    def find(photo: str, option: str) -> Shot:
+        if photo in placed or photo in by_name:
+            return placed[photo] if photo in placed else by_name[photo]
+        # Names of a series are too alike for did-you-mean, but the same file may be in another folder or format.
+        stem = PurePosixPath(photo).stem.lower()
+        same = [p for p in placed if p != photo and PurePosixPath(p).stem.lower() == stem]
+        remedy = f"did you mean '{same[0]}'?" if same else f"name one that was, like {', '.join(list(placed)[:3])}"
+        fault = "was not placed" if photo in output_of else "is not a photo of these"
+        raise InputError(f"{photo} {fault}", option, remedy)
 
-    if known.factor is not None:
-        return Scale(known.factor, is_metric=True, note=f"given, {known.factor:g} m per unit")
-    if known.distances:
-        pairs = [(placed(a, "--distance"), placed(b, "--distance"), m) for a, b, m in known.distances]
-        return _ratio(
-            [float(np.linalg.norm(a.centre - b.centre)) for a, b, _ in pairs], [m for *_, m in pairs], "--distance"
-        )
-    if known.lengths:
-        units = [_length(placed(length.photo, "--length"), length, depth_of) for length in known.lengths]
-        return _ratio(units, [length.metres for length in known.lengths], "--length")
-    if known.depth_track is not None:
-        track = _read_track(known.depth_track)
-        measured = {photo: output for photo, output in output_of.items() if photo in track and output in by_name}
-        centres = np.array([by_name[output].centre for output in measured.values()]).reshape(-1, 3)
-        return _from_depths(centres, np.array([track[photo] for photo in measured]), known.depth_track)
+    match known:
+        case {"factor": factor}:
+            return Scale(factor, is_metric=True, note=f"given, {factor:g} m per unit")
+        case {"distances": distances}:
+            pairs = [(find(a, "--distance"), find(b, "--distance")) for a, b, _ in distances]
+            units = [float(np.linalg.norm(a.centre - b.centre)) for a, b in pairs]
+            return _ratio(units, [metres for *_, metres in distances], "--distance")
+        case {"lengths": lengths}:
+            units = [_length(find(length["photo"], "--length"), length, depth_of) for length in lengths]
+            return _ratio(units, [length["metres"] for length in lengths], "--length")
+        case {"depth_track": {"file": file}}:
+            return _from_track(Path(file), placed)
     depths = np.concatenate([shot.seen_points()[1] for shot in shots])
     return Scale(_USUAL_DEPTH / float(np.median(depths)), False, f"arbitrary: median depth set to {_USUAL_DEPTH:g}")
-
-
-def _remedy(photo: str, placed: Sequence[str]) -> str:
-    """Suggest the same file in another folder or format: the names of a series are too alike for did-you-mean."""
-    same = [p for p in placed if PurePosixPath(p).stem.lower() == PurePosixPath(photo).stem.lower()]
-    if same and photo not in same:
-        return f"did you mean '{same[0]}'?"
-    return f"name one that was, like {', '.join(placed[:3])}"
 
 
 def _ratio(units: Sequence[float], metres: Sequence[float], option: str) -> Scale:
     """The factor that fits several lengths best, each with the same relative error."""
     if min(units) <= 1e-9:
-        raise InputError(f"{option}: the two are at the same place; give two that are apart")
+        raise InputError("the two are at the same place", option, "give two that are apart")
     factors = np.array(metres) / np.array(units)
     factor = float(np.exp(np.log(factors).mean()))
     spread = f"; they differ by up to {100 * (factors.max() / factors.min() - 1):.1f} %" if len(factors) > 1 else ""
     return Scale(factor, True, f"from {len(factors)} x {option}: {factor:.4g} m per unit{spread}")
 
 
-def _length(shot: Shot, length: Length, depth_of: Callable[[str], Array]) -> float:
+def _length(shot: Shot, length: Mapping[str, Any], depth_of: Callable[[Shot], Array]) -> float:
     """The distance of two points in the model's unit, by the depth map around their pixels."""
-    depth, ends = depth_of(shot.name), []
-    for x, y in length.ends:
+    depth, ends = depth_of(shot), []
+    for x, y in length["ends"]:
         column, row = int(x), int(y)
         around = depth[max(0, row - 3) : row + 4, max(0, column - 3) : column + 4]
         if not (0 <= x < shot.camera.width and 0 <= y < shot.camera.height) or not (around > 0).any():
-            raise InputError(
-                f"--length: {length.photo} has no depth at {x:g},{y:g}; choose a point with texture near it"
-            )
+            fault = f"{length['photo']} has no depth at {x:g},{y:g}"
+            raise InputError(fault, "--length", "choose a point with texture near it")
         ends.append(np.linalg.inv(shot.camera.K) @ (x, y, 1) * np.median(around[around > 0]))
     return float(np.linalg.norm(ends[0] - ends[1]))
 
 
-def _read_track(path: Path) -> dict[str, float]:
-    try:
-        with regular(path).open(newline="", encoding="utf-8-sig") as file:
-            return {row["image"].strip(): float(row["depth"]) for row in csv.DictReader(file)}
-    except OSError as fault:
-        raise file_error(path, fault, "give a CSV file of image,depth") from fault
-    except (KeyError, ValueError, TypeError, AttributeError) as fault:
-        raise DamagedFileError(
-            f"is not a table of image,depth in metres ({fault})", path, "write that header"
-        ) from fault
-
-
-def _from_depths(centres: Array, depths: Array, path: Path) -> Scale:
-    """Fit depth = v . C + c: v has the direction of gravity and the length of metres per unit.
+def _from_track(path: Path, placed: Mapping[str, Shot]) -> Scale:
+    """Fit depth = v . C + c to the depths of a file: v has the direction of gravity and the length of metres per unit.
 
     The track must not lie in a plane: else a part of v, and so its length, is unknown.
     """
-    if len(depths) < 6:
-        raise InputError(f"{path}: names {len(depths)} of the placed photos; give depths of six or more")
+    try:
+        with regular(path).open(newline="", encoding="utf-8-sig") as file:
+            track = {row["image"].strip(): float(row["depth"]) for row in csv.DictReader(file)}
+    except OSError as fault:
+        raise file_error(path, fault, "give a CSV file of image,depth") from fault
+    except (KeyError, ValueError, TypeError, AttributeError) as fault:
+        what = f"is not a table of image,depth in metres ({fault})"
+        raise DamagedFileError(what, path, "write that header") from fault
+    shots = {photo: shot for photo, shot in placed.items() if photo in track}
+    if len(shots) < 6:
+        raise InputError(f"names {len(shots)} of the placed photos", path, "give depths of six or more")
+    centres, depths = np.array([s.centre for s in shots.values()]), np.array([track[photo] for photo in shots])
     design = np.column_stack([centres - centres.mean(axis=0), np.ones(len(depths))])
     solution, _, rank, _ = np.linalg.lstsq(design, depths, rcond=None)
     rest = depths - design @ solution
@@ -169,8 +163,8 @@ def _from_depths(centres: Array, depths: Array, path: Path) -> Scale:
         # Any error of v across its direction makes it longer.
         error += float(noise * np.trace(np.linalg.inv(design.T @ design)[:3, :3])) / (2 * factor**2)
     if 2 * error > _LARGEST_ERROR:
-        fault = "the cameras move too little up, down and sideways for their depths to tell the scale"
-        raise InputError(f"{path}: {fault} ({100 * min(error, 9.99):.0f} % standard error); know a length instead")
+        what = "the cameras move too little up, down and sideways for their depths to tell the scale"
+        raise InputError(f"{what} ({100 * min(error, 9.99):.0f} % standard error)", path, "know a length instead")
     accuracy = f"{100 * error:.1f} % standard error, rest {rest.std():.3f} m"
     note = f"from the depths of {len(depths)} photos: {factor:.4g} m per unit, {accuracy}"
     return Scale(factor, True, note)

@@ -15,21 +15,20 @@ from support.photographed_valley import (
 
 from sucre_bench.camera import depth_at, pixel_rays
 from sucre_bench.loading.depth_maps import read_depth
-from sucre_bench.programs.prepare.make_depth_maps import without_small_holes, write_depth
-from sucre_bench.programs.prepare.registered_photos import neighbours
-from sucre_bench.programs.prepare.relief import relief_of
+from sucre_bench.programs.prepare.depth_maps import relief, without_small_holes, write_depth
+from sucre_bench.programs.prepare.plane_sweep import neighbours
 
 
 def test_the_relief_of_points_on_a_plane_is_that_plane():
     shots = make_shots(np.array([[0.3, -0.2, 0.1]]))
     rays = pixel_rays(CAMERA)
     truth = (2 + 0.03 - 0.1) / (1 - rays[..., 0] / 10)  # z = 2 + x / 10, from the camera's place
-    depth = relief_of(shots).depth(shots[0])
+    depth = relief(shots)(shots[0])
     assert (depth > 0).mean() > 0.95
     assert depth[depth > 0] == pytest.approx(truth[depth > 0], rel=1e-5)
     odd = shots[0].points.copy()
     odd[7, 2] -= 1  # one wrong point makes no spike
-    spiked = relief_of([replace(shots[0], points=odd)]).depth(shots[0])
+    spiked = relief([replace(shots[0], points=odd)])(shots[0])
     assert spiked[spiked > 0] == pytest.approx(truth[spiked > 0], rel=1e-5)
 
 

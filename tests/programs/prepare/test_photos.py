@@ -15,7 +15,7 @@ from support.photographed_valley import (
 )
 
 from sucre_bench.errors import InputError
-from sucre_bench.programs.prepare.options import Options
+from sucre_bench.programs.prepare import Options
 from sucre_bench.programs.prepare.photos import find_photos
 from sucre_bench.programs.prepare.pipeline import prepare
 

@@ -37,20 +37,17 @@ from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine import progress
-from sucre_bench.programs.prepare import mapping, write_scene
-from sucre_bench.programs.prepare.options import Options
+from sucre_bench.programs.prepare import Options, mapping, result
 from sucre_bench.programs.prepare.photos import find_photos
-from sucre_bench.programs.prepare.pipeline import prepare
-from sucre_bench.programs.prepare.prepare_json import Prepared, Settled, given, read_record, settled_by
-from sucre_bench.programs.prepare.registered_photos import read_shots
-from sucre_bench.programs.prepare.scale import Known, Length
-from sucre_bench.programs.prepare.undistort import write_pinhole
-from sucre_bench.programs.prepare.write_scene import quality_of
+from sucre_bench.programs.prepare.pipeline import prepare, settled_scale
+from sucre_bench.programs.prepare.result import Prepared, quality_of, read_record
+from sucre_bench.programs.prepare.scale import known_scale
+from sucre_bench.programs.prepare.shots import read_shots, write_pinhole
 
 
 @pytest.fixture(scope="module")
 def prepared(photos: Path) -> Prepared:
-    known = Known(distances=((NAMES[0], NAMES[3], float(np.linalg.norm(PLACES[3]))),))
+    known = known_scale(distances=[(NAMES[0], NAMES[3], float(np.linalg.norm(PLACES[3])))])
     return prepare(photos / "photos", photos / "out", Options(masks=photos / "masks"), known)
 
 
@@ -103,7 +100,7 @@ def test_a_second_run_computes_nothing_again_and_may_change_the_scale(prepared: 
         photos / "photos",
         prepared.out,
         Options(masks=photos / "masks"),
-        Known(factor=2 * prepared.scale.metres_per_unit),
+        known_scale(factor=2 * prepared.scale.metres_per_unit),
     )
     assert {path: path.stat().st_mtime_ns for path in made} == before
     assert read_depth(prepared.out / "depths" / "dive 1" / "depth_photo 0.png") == pytest.approx(2 * depth, abs=0.0021)
@@ -185,21 +182,20 @@ def test_without_a_scale_the_one_of_before_is_kept_and_nothing_is_done_twice(
 
 
 def test_a_scale_outlives_its_model_where_it_can(prepared: Prepared):
-    lengths = Known(lengths=(Length("0.png", ((1.5, 2.0), (3.0, 4.0)), 0.25),))
+    lengths = known_scale(lengths=[("0.png", 1.5, 2.0, 3.0, 4.0, 0.25)])
     other = ("another", "model")
-    metric = prepared.scale
-    for known in (lengths, Known(factor=2.0), Known(distances=(("a", "b", 3.0),))):
-        before = replace(prepared, known=json.loads(json.dumps(given(known))))
-        assert settled_by(before, Known(), prepared.keys) == Settled(metric, known, True)
-        assert settled_by(before, known, prepared.keys).scale == metric
-        assert settled_by(before, Known(factor=3.0), prepared.keys) == Settled(None, Known(factor=3.0))
-        moved = settled_by(before, Known(), other)
-        assert moved.scale is None
-        if known.distances:
-            assert (moved.known, moved.is_kept, moved.warnings) == (known, True, ())
+    metric, new = prepared.scale, known_scale(factor=3.0)
+    for known in (lengths, known_scale(factor=2.0), known_scale(distances=[("a", "b", 3.0)])):
+        before = replace(prepared, known=json.loads(json.dumps(known)))
+        assert settled_scale(before, {}, prepared.keys) == (metric, known, True, ())
+        assert settled_scale(before, known, prepared.keys)[0] == metric
+        assert settled_scale(before, new, prepared.keys) == (None, new, False, ())
+        moved = settled_scale(before, {}, other)
+        if "distances" in known:
+            assert moved == (None, known, True, ())
         else:
-            assert (moved.known, moved.is_kept) == (Known(), False)
-            assert len(moved.warnings) == 1
+            assert moved[:3] == (None, {}, False)
+            assert len(moved[3]) == 1
 
 
 def test_the_record_holds_values_as_they_are(prepared: Prepared):
@@ -212,7 +208,7 @@ def test_the_record_holds_values_as_they_are(prepared: Prepared):
     assert camera["params"][3] == pytest.approx(DISTORTION[0], abs=0.03)
     assert read_record(prepared.out) is not None
     with pytest.raises(InputError, match=r"--length: -1 "):
-        Known(lengths=(Length("a", ((0, 0), (1, 1)), -1.0),))
+        known_scale(lengths=[("a", 0, 0, 1, 1, -1.0)])
 
 
 def test_the_command_imports_nothing_heavy():
@@ -286,7 +282,7 @@ def test_a_command_stopped_in_features_or_matches_goes_on_and_finds_the_same(
     rules = mapping.Rules("auto", "SIMPLE_RADIAL", "single")
     straight = mapping.map_photos(photos, tmp_path / "one", rules)
     counts = []
-    for name, calls in (("extract_features", 4 + 2), ("extract_features", 1), ("match_image_pairs", 1)):
+    for name, calls in (("extract_features", 2), ("extract_features", 1), ("match_image_pairs", 1)):
         with monkeypatch.context() as stop:
             stop.setattr(pycolmap, name, _stopping(getattr(pycolmap, name), calls))
             with pytest.raises(_StoppedError):
@@ -320,7 +316,7 @@ def test_a_command_stopped_while_writing_leaves_one_scale(
     before, scale_before, _ = given_again(prepared, photos, out)
     line = [str(photos / "photos"), str(out), "--masks", str(photos / "masks"), "--scale", "7"]
     with monkeypatch.context() as stop:
-        stop.setattr(write_scene, "write_depth", _stopping(write_scene.write_depth, 3))
+        stop.setattr(result, "write_depth", _stopping(result.write_depth, 3))
         with pytest.raises(_StoppedError):
             CliRunner().invoke(command, line, catch_exceptions=False)
     view = next(iter(sb.load_scenes("colmap", root=out)))[NAMES[1]]

@@ -1,0 +1,234 @@
+"""The result below OUT: the model, depth maps, the page, and prepare.json."""
+
+import base64
+import importlib.metadata
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from sucre_bench.arrays import Array
+from sucre_bench.camera import depth_at
+from sucre_bench.errors import InputError
+from sucre_bench.imaging.drawing import depth_colours
+from sucre_bench.imaging.image_files import decode
+from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.progress import track
+from sucre_bench.machine.text_formats import filled_in
+from sucre_bench.programs.prepare.depth_maps import DepthMaps, write_depth
+from sucre_bench.programs.prepare.mapping import Mapped
+from sucre_bench.programs.prepare.scale import Known, Scale
+from sucre_bench.programs.prepare.shots import Shot, load_pycolmap
+
+_FILE = "prepare.json"
+_MODEL = ("sparse/cameras.bin", "sparse/images.bin", "sparse/points3D.bin")
+_PACKAGES = ("sucre-bench", "pycolmap", "opencv-python-headless", "open3d", "numpy")
+_THUMBNAIL = 420  # pixels wide
+_MOST_SHOWN = 100  # images on the page
+_ATTEMPTS = {"usual": "first", "faint": "second"}  # as the page calls them
+_MILD_COVERAGE, _MILD_ERROR = 0.1, 0.02  # the page marks worse values
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """The quality of one image.
+
+    points: sparse points seen; reprojection_px: their mean distance from where they were found, in
+    pixels of the undistorted image, NaN without points; coverage: share of pixels with depth; depth_error: median
+    relative difference of the depth map from the sparse points, NaN if none has both; nearest_m, farthest_m: 1 and
+    99 % of depths.
+    """
+
+    name: str
+    points: int
+    reprojection_px: float
+    coverage: float
+    depth_error: float
+    nearest_m: float
+    farthest_m: float
+
+    @property
+    def is_poor(self) -> bool:
+        """Whether to check the image before using it."""
+        return self.coverage < _MILD_COVERAGE or not self.depth_error <= _MILD_ERROR
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """The result of `prepare`.
+
+    out: its folder; qualities: figures of its images; damaged, unplaced: photos left out, with reason and remedy;
+    scale; known: what the scale was found from; warnings; keys: of the model and of the depth maps' stage, which decide
+    whether a scale and a length are still valid; is_new: False if nothing had to be done; is_kept: whether the scale is
+    that of an earlier command.
+    """
+
+    out: Path
+    qualities: tuple[Quality, ...]
+    damaged: dict[str, str]
+    unplaced: dict[str, str]
+    scale: Scale
+    known: Known
+    warnings: tuple[str, ...]
+    keys: tuple[str, str]
+    is_new: bool = True
+    is_kept: bool = False
+
+    @property
+    def photos(self) -> int:
+        """The number of photos."""
+        return len(self.qualities) + len(self.damaged) + len(self.unplaced)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether all its files exist; a depth map may have any of its formats."""
+        depths = (PurePosixPath("depths", q.name) for q in self.qualities if q.coverage)
+        stems = (self.out / depth.with_name(f"depth_{depth.stem}") for depth in depths)
+        files = (*_MODEL, "quality.html", *(f"images/{q.name}" for q in self.qualities))
+        return all((self.out / file).is_file() for file in files) and all(
+            any(stem.with_name(stem.name + suffix).is_file() for suffix in (".png", ".tif")) for stem in stems
+        )
+
+
+def read_record(out: Path) -> Prepared | None:
+    """Return the result that prepare.json tells of; None if there is none. Raises InputError if it cannot be read."""
+    file = out / _FILE
+    if not file.is_file():
+        return None
+    try:
+        record = json.loads(file.read_bytes())
+        scale = dict(record["scale"])
+        known = scale.pop("known")
+        rows: list[dict[str, Any]] = record["images"]
+        rows = [{k: float("nan") if v is None else v for k, v in row.items()} for row in rows]
+        qualities = tuple(Quality(**row) for row in rows)
+        keys = record["made_of"]["model"], record["made_of"]["depths"]
+        damaged, unplaced, warnings = dict(record["damaged"]), dict(record["unplaced"]), tuple(record["warnings"])
+        return Prepared(out, qualities, damaged, unplaced, Scale(**scale), dict(known), warnings, keys)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as fault:
+        remedy = "remove it, and give the scale again if one was given"
+        raise InputError("is not what prepare wrote", file, remedy) from fault
+
+
+def write_result(
+    made: Prepared,
+    pinhole: Path,
+    mapped: Mapped,
+    shots: Sequence[Shot],
+    surface: tuple[str, DepthMaps],
+    asked: Mapping[str, Any],
+    aside: Path,
+) -> Prepared:
+    """Write the result in metres, or in units if the scale is arbitrary, and return it with its figures.
+
+    pinhole: the model of the undistorted images; surface: what the depth maps are made from, and these; asked: photos
+    and options; aside: a folder on the same disk. Model and depth maps are written there and moved together, so that a
+    stop in between cannot leave them at two scales.
+    """
+    pycolmap, out, factor = load_pycolmap(), made.out, made.scale.metres_per_unit
+    model = pycolmap.Reconstruction(pinhole)
+    model.transform(pycolmap.Sim3d(factor, pycolmap.Rotation3d(), np.zeros(3)))
+    for folder in ("sparse", "depths"):
+        shutil.rmtree(aside / folder, ignore_errors=True)
+        (aside / folder).mkdir()
+    model.write_binary(aside / "sparse")
+
+    made_from, maps = surface
+    near, far = np.quantile(np.concatenate([shot.seen_points()[1] for shot in shots]), [0.02, 0.98])
+    on_page = shots[:: -(-len(shots) // _MOST_SHOWN)]  # all, or evenly chosen ones of a long dive
+    pictures, qualities = {}, []
+    for shot in track(shots, "depth maps"):
+        depth = maps(shot)
+        write_depth(aside / "depths", shot.name, depth * np.float32(factor))
+        qualities.append(quality_of(shot, depth, factor))
+        if shot in on_page:
+            pictures[shot.name] = _thumbnails(out / "images" / shot.name, depth, (near, far))
+    made = replace(made, qualities=tuple(qualities))
+    for folder in ("sparse", "depths"):
+        old = aside / f"old-{folder}"
+        shutil.rmtree(old, ignore_errors=True)
+        if (out / folder).exists():
+            (out / folder).rename(old)
+        (aside / folder).rename(out / folder)
+        shutil.rmtree(old, ignore_errors=True)
+
+    seen = [(q.reprojection_px, q.points) for q in qualities if q.points]
+    error = np.average([px for px, _ in seen], weights=[count for _, count in seen])
+    facts = {
+        "photos placed": f"{len(shots)} of {made.photos}, in the {_ATTEMPTS[mapped.attempt]} attempt",
+        "sparse points": f"{model.num_points3D()}, each seen by {model.compute_mean_track_length():.1f} photos",
+        "reprojection error": f"{error:.2f} px",
+        "pixels with depth": f"{100 * np.mean([q.coverage for q in qualities]):.0f} %",
+        "depth against sparse points": f"{100 * np.nanmedian([q.depth_error for q in qualities]):.2f} % (median)",
+        "surface": made_from,
+        "scale": made.scale.note,
+    }
+    unit, title = "m" if made.scale.is_metric else "no unit", out.resolve().name
+    page = {"title": title, "unit": unit, "made": made, "facts": facts, "pictures": pictures}
+    write_atomically(out / "quality.html", filled_in(__package__, "quality.html.j2", **page))
+    _write_record(made, asked, facts, pycolmap.Reconstruction(mapped.model).cameras)
+    return made
+
+
+def _write_record(made: Prepared, asked: Mapping[str, Any], facts: Any, cameras: Mapping[int, Any]) -> None:
+    """Write prepare.json. cameras: of the distorted photos; `order` names their params in COLMAP's order."""
+    record = {
+        "photos": asked["photos"],
+        "options": {name: value for name, value in asked.items() if name != "photos"},
+        "facts": facts,
+        "cameras": {
+            str(number): {
+                "model": camera.model.name,
+                "width": camera.width,
+                "height": camera.height,
+                "order": [name.strip() for name in camera.params_info.split(",")],
+                "params": [float(value) for value in camera.params],
+            }
+            for number, camera in cameras.items()
+        },
+        "versions": {name: importlib.metadata.version(name) for name in _PACKAGES},
+        "scale": {**asdict(made.scale), "known": made.known},
+        "damaged": made.damaged,
+        "unplaced": made.unplaced,
+        "warnings": list(made.warnings),
+        "images": [{k: None if v != v else v for k, v in asdict(q).items()} for q in made.qualities],
+        "made_of": dict(zip(("model", "depths"), made.keys, strict=True)),
+    }
+    write_atomically(made.out / _FILE, (json.dumps(record, indent=1, ensure_ascii=False) + "\n").encode())
+
+
+def quality_of(shot: Shot, depth: Array, metres_per_unit: float) -> Quality:
+    """Return the figures of an image. depth: (H, W) in the model's unit, as the shot's points are."""
+    xy, z = shot.seen_points()
+    off = np.linalg.norm(xy - shot.xy, axis=1)
+    off = off[np.isfinite(off)]
+    there = depth_at(depth, xy)
+    error = np.abs(there[there > 0] / z[there > 0] - 1)
+    filled = depth[depth > 0]
+    near, far = np.quantile(filled, [0.01, 0.99]) * metres_per_unit if len(filled) else (np.nan, np.nan)
+    return Quality(
+        shot.name,
+        len(z),
+        float(off.mean()) if len(off) else float("nan"),
+        float((depth > 0).mean()),
+        float(np.median(error)) if len(error) else float("nan"),
+        float(near),
+        float(far),
+    )
+
+
+def _thumbnails(image: Path, depth: Array, bounds: tuple[float, float]) -> list[str]:
+    """Return an image and its depth map, coloured between bounds (near, far; black: none), as data URIs."""
+    import cv2
+
+    stored = decode(image, cv2.IMREAD_COLOR)
+    size = (_THUMBNAIL, max(1, round(stored.shape[0] * _THUMBNAIL / stored.shape[1])))
+    small = cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT)
+    coloured = depth_colours(np.asarray(small), *bounds, unknown=0)[..., ::-1]
+    pictures = (cv2.resize(stored, size, interpolation=cv2.INTER_AREA), coloured)
+    encoded = [cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 82])[1] for picture in pictures]
+    return [f"data:image/jpeg;base64,{base64.b64encode(jpeg.tobytes()).decode()}" for jpeg in encoded]
