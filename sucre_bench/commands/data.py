@@ -115,8 +115,9 @@ def _show(one: Described) -> None:
     _print_table([head.format(unit=one.unit) for head in _HEADS], rows)
     if len(one.facts) > _ROWS:
         click.echo(f"... and {len(one.facts) - _ROWS} more views; --json has them all")
-    for low, high, share in zip(one.edges, one.edges[1:], one.counts, strict=False):
-        click.echo(f"{low:7.2f} to {high:6.2f} {one.unit}  {share:4.0%} {'#' * round(60 * share / max(one.counts))}")
+    edges, shares = one.histogram()
+    for low, high, share in zip(edges, edges[1:], shares, strict=False):
+        click.echo(f"{low:7.2f} to {high:6.2f} {one.unit}  {share:4.0%} {'#' * round(60 * share / max(shares))}")
     for fault in one.faults:
         terminal.out.print(Text(f"wrong    {fault}", style="yellow"), soft_wrap=True)
     things = {0: "nothing", 1: "1 thing"}.get(len(one.faults), f"{len(one.faults)} things")

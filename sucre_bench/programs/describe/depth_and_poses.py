@@ -46,7 +46,7 @@ Mistake = Literal["distance for depth", "inverted poses", "OpenGL poses", "unit 
 
 def overlaps(looks: Sequence[Look]) -> list[Overlap]:
     """Return the overlap of up to 40 views, evenly chosen, with all others; views need pose and depth."""
-    views = _placed(looks)
+    views = placed(looks)
     return [_overlap(views[k], views) for k in track(evenly(len(views), _MOST_TARGETS), "overlaps")]
 
 
@@ -55,7 +55,7 @@ def suspect(looks: Sequence[Look]) -> tuple[Mistake, str, str] | None:
 
     Without it at least half as many points more must agree, and at least a tenth of all.
     """
-    views = _placed(looks)
+    views = placed(looks)
     targets = evenly(len(views), _MOST_TARGETS)
     targets = targets[:: max(1, len(targets) // 8)]
     pairs = [(k, j) for k in targets for j in range(max(0, k - 2), min(len(views), k + 3)) if j != k]
@@ -75,8 +75,8 @@ def suspect(looks: Sequence[Look]) -> tuple[Mistake, str, str] | None:
     return mistake, f"{what}: {agreeing}", remedy
 
 
-def _placed(looks: Sequence[Look]) -> list[View]:
-    """Reduced views with camera, pose and depth."""
+def placed(looks: Sequence[Look]) -> list[View]:
+    """Return the reduced views that have camera, pose and depth."""
     return [view for look in looks if (view := look.small) is not None]
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from sucre_bench.arrays import Array, evenly
 from sucre_bench.camera import project
 from sucre_bench.multiview.pairing import lift, visible_pixels
-from sucre_bench.programs.describe.depth_and_poses import into, some_points
+from sucre_bench.programs.describe.depth_and_poses import into, placed, some_points
 from sucre_bench.programs.describe.view_facts import Look
 from sucre_bench.scene import View
 
@@ -81,15 +81,32 @@ class NoExposure(enum.Enum):
 
 def estimate_exposure(looks: Sequence[Look]) -> Exposure | NoExposure:
     """Return the exposure of the largest group of views that see points at like distances; why not if no two do."""
-    views = [view for look in looks if look.picture is not None and (view := look.small) is not None]
-    if len(views) < 2:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    views = placed([look for look in looks if look.picture is not None])
+    n = len(views)
+    if n < 2:
         return NoExposure.FEW_VIEWS
-    tried = [pair for k in evenly(len(views), _TARGETS) for pair in _pairs_of(k, views)]
-    pairs = [pair for pair in tried if isinstance(pair, _Pair)]
+    pairs: list[_Pair] = []
+    why = NoExposure.NO_OVERLAP
+    for k in evenly(n, _TARGETS):
+        most, n_before = visible_pixels(lift(views[k]), views), len(pairs)
+        nearest_first = sorted((j for j in range(n) if j != k and most[j]), key=lambda j: abs(j - k))
+        for j in nearest_first[: 3 * _PARTNERS]:
+            pair = _pair(k, j, views)
+            if isinstance(pair, _Pair):
+                pairs.append(pair)
+            elif pair is NoExposure.UNLIKE:
+                why = pair
+            if len(pairs) - n_before == _PARTNERS:
+                break
     if not pairs:
-        return NoExposure.UNLIKE if NoExposure.UNLIKE in tried else NoExposure.NO_OVERLAP
+        return why
     falloff, slope, least = _light(pairs)
-    group = _largest_group(pairs, len(views))
+    ends = np.array([(pair.first, pair.second) for pair in pairs]).T
+    _, labels = connected_components(coo_array((np.ones(len(pairs)), tuple(ends)), shape=(n, n)), directed=False)
+    group = np.flatnonzero(labels == np.bincount(labels).argmax()).tolist()  # the largest
     within = [pair for pair in pairs if pair.first in group]
     between, errors, A = np.empty(len(within)), np.empty(len(within)), np.zeros((len(within), len(group)))
     for row, pair in enumerate(within):  # log of the second view's gain over the first's, from the most equal distances
@@ -151,20 +168,6 @@ def _regressed(x: Array, y: Array, start: Array) -> Array:
     return found
 
 
-def _pairs_of(k: int, views: Sequence[View]) -> list[_Pair | NoExposure]:
-    """Return the pairs of a view with others that may see it, the nearest in the order of the scene first; or why not.
-
-    At most `_PARTNERS` are pairs.
-    """
-    most = visible_pixels(lift(views[k]), views)
-    others = sorted((j for j in range(len(views)) if j != k and most[j]), key=lambda j: abs(j - k))
-    tried: list[_Pair | NoExposure] = []
-    for j in others[: 3 * _PARTNERS]:
-        if sum(isinstance(pair, _Pair) for pair in tried) < _PARTNERS:
-            tried.append(_pair(k, j, views))
-    return tried
-
-
 def _pair(first: int, second: int, views: Sequence[View]) -> _Pair | NoExposure:
     view, other = views[first], views[second]
     v, u, points = some_points(view, _POINTS)
@@ -186,13 +189,3 @@ def _pair(first: int, second: int, views: Sequence[View]) -> _Pair | NoExposure:
     terms = np.stack([x, y, x * x, x * y, y * y], axis=-1)
     columns = np.column_stack([terms[:, 1] - terms[:, 0], further[seen]])
     return _Pair(first, second, np.log(I_other[seen].astype(np.float64) / I[seen]), terms, columns)
-
-
-def _largest_group(pairs: Sequence[_Pair], n: int) -> list[int]:
-    """Return the places of the views of the largest group that pairs connect, rising."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    first, second = (np.array([getattr(pair, name) for pair in pairs]) for name in ("first", "second"))
-    _, labels = connected_components(coo_array((np.ones(len(pairs)), (first, second)), shape=(n, n)), directed=False)
-    return [int(k) for k in np.flatnonzero(labels == np.bincount(labels).argmax())]

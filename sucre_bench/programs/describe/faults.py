@@ -50,7 +50,14 @@ def find_faults(
 
     unit: of distances.
     """
-    of_views = (*_images(facts), *_depth(facts, unit), *_twins(looks), *_charts(facts))
+    remedy = "mark it again with `sucre-bench charts`"
+    charts = [
+        Fault("chart", f"{chart.name}: {chart.fault}", remedy, (view.name,))
+        for view in facts
+        for chart in view.charts
+        if chart.fault
+    ]
+    of_views = (*_images(facts), *_depth(facts, unit), *_twins(looks), *charts)
     return [*_files(facts), *_geometry(looks, overlaps), *of_views]
 
 
@@ -88,11 +95,12 @@ def _geometry(looks: Sequence[Look], overlaps: Sequence[Overlap]) -> Iterator[Fa
     if suspicion is not None:
         yield Fault(*suspicion)
     elif typical > _DISAGREES:
-        what = (
-            f"depth differs by {typical:.1%} (median) where views overlap" if known else "views see nothing in common"
-        )
-        kind: Kind = "depth differs" if known else "nothing in common"
-        yield Fault(kind, what, "check that depth maps and poses are of one reconstruction, and their scale")
+        differs = f"depth differs by {typical:.1%} (median) where views overlap"
+        remedy = "check that depth maps and poses are of one reconstruction, and their scale"
+        if known:
+            yield Fault("depth differs", differs, remedy)
+        else:
+            yield Fault("nothing in common", "views see nothing in common", remedy)
     worse = [o for o in overlaps if o.disagreement is not None and o.disagreement > max(_DISAGREES, 3 * typical)]
     if worse:
         names = tuple(o.view for o in worse)
@@ -146,8 +154,9 @@ def _twins(looks: Sequence[Look]) -> Iterator[Fault]:
         yield Fault("twins" if both else "twin pictures", what, "keep one", (first, *group))
     for first, group in maps.items():
         if pictures.get(first) != group:
-            what = f"the same depth map {_times(group)}"
-            yield Fault("twin depth maps", what, "give each image its own", (first, *group))
+            yield Fault(
+                "twin depth maps", f"the same depth map {_times(group)}", "give each image its own", (first, *group)
+            )
 
 
 def _times(group: Sequence[str]) -> str:
@@ -158,36 +167,23 @@ def _same_pictures(looks: Sequence[Look]) -> dict[str, list[str]]:
     """The first of each and its copies; compared at 16 x 16 pixels."""
     import cv2
 
-    shown = [(look.view.name, look.picture) for look in looks if look.picture is not None]
-    shown = [(name, picture) for name, picture in shown if picture.std() > 255 * _FLAT]
-    tiny = np.array(
-        [cv2.resize(picture.astype(np.float32), (16, 16), interpolation=cv2.INTER_AREA).ravel() for _, picture in shown]
-    )
-    found = defaultdict(list)
+    seen = [look for look in looks if look.picture is not None and look.picture.std() > 255 * _FLAT]
+    shown = [look.picture.astype(np.float32) for look in seen if look.picture is not None]
+    tiny = np.array([cv2.resize(picture, (16, 16), interpolation=cv2.INTER_AREA).ravel() for picture in shown])
+    copies = defaultdict(list)
     for k in range(1, len(tiny)):
         same = np.flatnonzero(np.abs(tiny[:k] - tiny[k]).mean(axis=1) < _SAME)
         if same.size:
-            found[shown[same[0]][0]].append(shown[k][0])
-    return dict(found)
+            copies[seen[same[0]].view.name].append(seen[k].view.name)
+    return copies
 
 
 def _same_maps(looks: Sequence[Look]) -> dict[str, list[str]]:
-    first: dict[bytes, str] = {}
-    found = defaultdict(list)
+    names = defaultdict(list)
     for look in looks:
         if look.depth is not None and np.ptp(look.depth) > 0:
-            other = first.setdefault(look.depth.tobytes(), look.view.name)
-            if other != look.view.name:
-                found[other].append(look.view.name)
-    return dict(found)
-
-
-def _charts(facts: Sequence[ViewFacts]) -> Iterator[Fault]:
-    for view in facts:
-        for chart in view.charts:
-            if chart.fault:
-                what, remedy = f"{chart.name}: {chart.fault}", "mark it again with `sucre-bench charts`"
-                yield Fault("chart", what, remedy, (view.name,))
+            names[look.depth.tobytes()].append(look.view.name)
+    return {first: others for first, *others in names.values() if others}
 
 
 def _where(kind: Kind, facts: Sequence[ViewFacts], what: str, remedy: str) -> Iterator[Fault]:
