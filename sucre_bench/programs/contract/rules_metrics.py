@@ -5,7 +5,7 @@ A metric scores one restored view, or pairs of them. `_rows` tries either kind o
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -182,7 +182,20 @@ def _pair_scores(metric: Any, pair: RestoredPair, variant: str) -> list[Score]:
 
 def leaves_all_as_it_was(subject: Subject) -> Iterator[str]:
     """Gives the same score twice, and changes neither its input nor the process."""
-    planes, attempts = (_on_pair if subject.plugin.is_of_pairs else _on_view)(subject.make())
+    metric, planes = subject.make(), list[Any]()
+    attempts: list[Callable[[str], Iterable[Score]]]
+    if subject.plugin.is_of_pairs:
+        pair = _pair(submerged())
+        planes += [pair.points.here, pair.points.there, pair.points.distance]
+        views, attempts = [pair.here.view], [functools.partial(_pair_scores, metric, pair)] * 2
+    else:
+        views = [charted()[TARGET]]
+        image = views[0].rgb.copy()
+        shown, restoration = display(image, "none"), Restoration(image, WATER, info={"true_water": WATER})
+        shared = locked(shown)  # of a read-only picture metrics may remember what they compute, see `arrays.once`
+        attempts = [functools.partial(metric.score, restoration, one, views[0]) for one in (shown, shared, shared)]
+        planes += [image, shown]
+    planes += [np.asarray(plane) for view in views for plane in (view.rgb, view.depth, view.reference)]
     kept = [plane.copy() for plane in planes]
     with watched() as changes:
         for variant in subject.plugin.variants:
@@ -192,25 +205,6 @@ def leaves_all_as_it_was(subject: Subject) -> Iterator[str]:
     yield from changes
     if any(not np.array_equal(now, was, equal_nan=True) for now, was in zip(planes, kept, strict=True)):
         yield "writes into what it is given; work on a copy"
-
-
-def _on_view(metric: Any) -> tuple[list[np.ndarray], Sequence[Callable[[str], Iterable[Score]]]]:
-    """Return the arrays that a metric of one view gets, and three calls by variant that must give the same scores."""
-    view = charted()[TARGET]
-    image = view.rgb.copy()
-    shown = display(image, "none")
-    restoration, shared = Restoration(image, WATER, info={"true_water": WATER}), locked(shown)
-    # Of a read-only picture metrics may remember what they compute, see `arrays.once`.
-    calls = [functools.partial(metric.score, restoration, picture, view) for picture in (shown, shared, shared)]
-    return [image, shown, *(np.asarray(p) for p in (view.rgb, view.depth, view.reference))], calls
-
-
-def _on_pair(metric: Any) -> tuple[list[np.ndarray], Sequence[Callable[[str], Iterable[Score]]]]:
-    """Return the arrays that a metric of pairs gets, and two calls by variant that must give the same scores."""
-    pair = _pair(submerged())
-    points = [pair.points.here, pair.points.there, pair.points.distance]
-    planes = [*points, pair.here.view.rgb, pair.here.view.depth]  # what is restored is read-only
-    return planes, [functools.partial(_pair_scores, metric, pair)] * 2
 
 
 def bears_linear_images(subject: Subject) -> Iterator[str]:

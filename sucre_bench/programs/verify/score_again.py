@@ -18,7 +18,6 @@ from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.machine import processes
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import options_of, typed
-from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.bundle_format import Bundle
 from sucre_bench.results.restorations import Measured
 from sucre_bench.results.rows import Row
@@ -99,17 +98,6 @@ def scores_of(restoration: Restoration, shown: np.ndarray, view: View, chosen: S
     return {(row.metric, row.variant, row.region): row for row in rows}
 
 
-def does_agree(stored: float, value: float, plugin: Plugin, size: float, tolerance: float, reach: float = 0.0) -> bool:
-    """Whether two scores differ by no more than a share of their size, and than the reach of rounding.
-
-    size: the median size of the column; it stands for that of a score near zero.
-    """
-    if not (math.isfinite(stored) and math.isfinite(value)):
-        return stored == value or math.isinf(reach)
-    size = plugin.period / 2 if math.isfinite(plugin.period) else max(abs(stored), size)
-    return _difference(stored, value, plugin.period) <= tolerance * size + reach + 1e-9
-
-
 def _difference(one: float, other: float, period: float) -> float:
     apart = abs(one - other)
     return min(apart % period, period - apart % period) if math.isfinite(period) else apart
@@ -132,7 +120,19 @@ class Pictured:
         """Its scores."""
         return scores_of(self.restoration, self.restoration.image, self.view, self.scorers)
 
-    def reach(self, scorer: Scorer, key: Key) -> float:
+    def agrees(self, scorer: Scorer, key: Key, stored: float, size: float, tolerance: float) -> bool:
+        """Whether a stored score differs from the one of the picture by no more than a share of it and rounding.
+
+        size: the median size of the column; it stands for that of a score near zero.
+        """
+        row, period = self.rows[key], scorer.plugin.period
+        if row.status == "ok" and math.isfinite(stored):
+            near = tolerance * (period / 2 if math.isfinite(period) else max(abs(stored), size)) + 1e-9
+            apart = _difference(stored, row.value, period)
+            return apart <= near or apart <= near + self._reach(scorer, key)
+        return stored == row.value or math.isinf(self._reach(scorer, key))
+
+    def _reach(self, scorer: Scorer, key: Key) -> float:
         """Return how far rounding may have moved a score of chart patches from the one of the picture.
 
         Rounding moves the median of a patch by half a step of 8 bits at most, so the unrounded median is in a cube

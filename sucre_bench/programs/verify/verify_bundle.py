@@ -21,7 +21,7 @@ from sucre_bench.machine import progress
 from sucre_bench.plugins.call_method import with_truth
 from sucre_bench.programs.verify import TOLERANCE
 from sucre_bench.programs.verify.open_data import Scenes, open_data
-from sucre_bench.programs.verify.score_again import Key, Pictured, does_agree, metrics_of
+from sucre_bench.programs.verify.score_again import Pictured, metrics_of
 from sucre_bench.results.bundle_format import COMMON, SCORES, Bundle
 from sucre_bench.results.common_scores import COMMON_PIXELS, common_frame, common_mask, filled_restorations, kind_of
 from sucre_bench.results.layout import possible_places
@@ -305,43 +305,31 @@ class _Check:
     def _judge(self, score: Any, scorer: Scorer, pictured: Pictured, doubt: str) -> None:
         """Count a score as agreeing, differing or not checked. doubt: why a difference would prove nothing."""
         outcome, key = self._outcome, (score.metric, score.variant, score.region)
-        again, value = pictured.rows.get(key), math.nan
-        is_equal = False
-        if again is not None:
-            value = again.value if again.status == "ok" else math.nan
-            is_equal = self._agrees(score.value, scorer, pictured, key)
+        again, size = pictured.rows.get(key), self._sizes.get(key[:2], 0.0)
+        is_equal = again is not None and pictured.agrees(scorer, key, score.value, size, self._tolerance)
+        metric = (*key[:2], scorer.code)
         if again is None or not (again.status == "ok" or is_equal):  # nothing comes out now
             alone = again or pictured.rows.get((score.metric, score.variant, "image"))
             if alone is not None and alone.status == "skipped" and Reason.of(alone.reason) is Reason.LACK:
                 outcome.unchecked[f"{score.metric} {brief(alone.reason)} of the data"] += 1
                 outcome.needs_data = True
                 return
-        elif self._needs_unrounded(scorer, pictured, key):
-            outcome.unchecked[f"{score.metric} needs the restoration before it was rounded"] += 1
-            return
-        elif doubt and not is_equal:
-            outcome.unchecked[doubt] += 1
-            outcome.needs_data |= doubt != _LOOK_ALIKE
-            return
-        elif score.code.partition(".")[2] != scorer.code and score.metric not in outcome.other_versions:
-            outcome.other_versions.append(score.metric)
+        else:
+            if metric not in self._unrounded:
+                self._unrounded[metric] = pictured.needs_unrounded(scorer, key)
+            if self._unrounded[metric]:
+                outcome.unchecked[f"{score.metric} needs the restoration before it was rounded"] += 1
+                return
+            if doubt and not is_equal:
+                outcome.unchecked[doubt] += 1
+                outcome.needs_data |= doubt != _LOOK_ALIKE
+                return
+            if score.code.partition(".")[2] != scorer.code and score.metric not in outcome.other_versions:
+                outcome.other_versions.append(score.metric)
         if is_equal:
             outcome.n_agree += 1
             return
         names = (score.dataset, score.method, score.scene, score.view, *key)
         pixels: Pixels = "common" if hasattr(score, "pixels") else "own"
+        value = again.value if again and again.status == "ok" else math.nan
         outcome.differing.append(DifferingScore(*names, pixels, float(score.value), value))
-
-    def _agrees(self, stored: float, scorer: Scorer, pictured: Pictured, key: Key) -> bool:
-        """Whether a score is as it comes out again, as far as pictures of 8 bits can tell."""
-        again, size = pictured.rows[key], self._sizes.get(key[:2], 0.0)
-        if again.status == "ok" and does_agree(stored, again.value, scorer.plugin, size, self._tolerance):
-            return True
-        reach = pictured.reach(scorer, key)
-        return does_agree(stored, again.value, scorer.plugin, size, self._tolerance, reach)
-
-    def _needs_unrounded(self, scorer: Scorer, pictured: Pictured, key: Key) -> bool:
-        metric = (*key[:2], scorer.code)
-        if metric not in self._unrounded:
-            self._unrounded[metric] = pictured.needs_unrounded(scorer, key)
-        return self._unrounded[metric]

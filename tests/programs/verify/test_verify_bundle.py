@@ -20,6 +20,7 @@ import pytest
 from support.colmap_folder import picture, write_dive, write_image
 from support.command_line import PROGRAM, run_here
 
+QUIET = ("tracking.uri=off", "report=false")
 MADE = ("dataset=demo", "dataset.width=160", "dataset.height=120", "dataset.views=2")
 
 HALF = """
@@ -42,7 +43,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run in which one method leaves holes, and the data it is of."""
     place = tmp_path_factory.mktemp("run")
     (place / "half.py").write_text(HALF)
-    words = (*MADE, "method=gray_world,half", "metrics=[psnr,uciqe,coverage,negative]", "tracking.uri=off")
+    words = (*MADE, "method=gray_world,half", "metrics=[psnr,uciqe,coverage,negative]", *QUIET)
     done = run_here(place, "run", "-m", "--plugin", "half.py", *words, "out=results", "dataset.root=dive")
     assert done.returncode == 0, done.stderr
     for pictures in ("none", "restored", "all"):
@@ -118,10 +119,27 @@ from sucre_bench import Score, metric
 @dataclass(frozen=True)
 class Fragile:
     def score(self, restoration, shown, view, variant):
-        if len(view.rgb) == 32:
-            DOES
+        DOES
         yield Score(1.0)
 """
+
+
+@pytest.fixture(scope="module")
+def fragile(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Scores by a metric that was whole then."""
+    place = tmp_path_factory.mktemp("fragile")
+    (place / "fragile.py").write_text(FRAGILE.replace("DOES", "pass"))
+    words = (*MADE, "method=gray_world", "metrics=[fragile,uciqe]", *QUIET)
+    assert run_here(place, "run", "--plugin", "fragile.py", *words, "out=results").returncode == 0
+    assert run_here(place, "bundle", "results", "b.zip", "--pictures", "restored").returncode == 0
+    return place
+
+
+def with_fragile(place: Path, does: str, *words: str | Path) -> subprocess.CompletedProcess[str]:
+    """Run a command, as a process of its own, with the metric as it is now."""
+    (place / "fragile.py").write_text(FRAGILE.replace("DOES", does))
+    command = [PROGRAM, *words, "--plugin", place / "fragile.py"]
+    return subprocess.run(command, cwd=place, check=False, capture_output=True, text=True)
 
 
 @pytest.mark.parametrize(
@@ -129,32 +147,15 @@ class Fragile:
     [("1 / 0", True), ("os._exit(3)", True), ("yield Score(float('nan'))", False)],
     ids=["raises", "dies", "nan"],
 )
-def test_a_metric_that_cannot_be_tried_costs_no_bundle(folder: Path, tmp_path: Path, does: str, is_lost: bool):
-    (tmp_path / "fragile.py").write_text(FRAGILE.replace("DOES", does))
-    words = (*MADE, "method=gray_world", "metrics=[fragile]", "tracking.uri=off", "report=false")
-    assert run_here(tmp_path, "run", "--plugin", "fragile.py", *words, "out=results").returncode == 0
-    command = [PROGRAM, "bundle", "results", "b.zip", "--pictures", "restored", "--plugin", "fragile.py"]
-    done = subprocess.run(command, cwd=tmp_path, check=False, capture_output=True, text=True)
+def test_a_metric_that_cannot_be_tried_costs_no_bundle(fragile: Path, tmp_path: Path, does: str, is_lost: bool):
+    done = with_fragile(tmp_path, does, "bundle", fragile / "results", "b.zip", "--pictures", "restored")
     assert (done.returncode, (tmp_path / "b.zip").is_file()) == (0, True), done.stderr
     assert bool(re.search(r"2 of fragile:", done.stderr)) == is_lost
 
 
-def test_a_metric_that_ends_its_process_costs_only_its_own_scores(bench, tmp_path: Path):
-    """It differs here, like one that raises; the scores of the others are computed again."""
-    (tmp_path / "fragile.py").write_text(FRAGILE.replace("DOES", "pass"))
-    words = (*MADE, "method=gray_world", "metrics=[fragile,uciqe]", "tracking.uri=off", "report=false")
-    assert bench("run", "--plugin", "fragile.py", *words, "out=results").returncode == 0
-    assert bench("bundle", "results", "b.zip", "--pictures", "restored").returncode == 0
-    (tmp_path / "here").mkdir()
-    here = tmp_path / "here" / "fragile.py"
-    here.write_text(FRAGILE.replace("if len(view.rgb) == 32:", "if True:").replace("DOES", "os._exit(3)"))
-    done = subprocess.run(
-        [PROGRAM, "verify", "b.zip", "--plugin", here, "--json"],
-        cwd=tmp_path,
-        check=False,
-        capture_output=True,
-        text=True,
-    )
+def test_a_metric_that_ends_its_process_costs_only_its_own_scores(fragile: Path, tmp_path: Path):
+    """They differ here, as if it raised an error; the scores of the others are computed again."""
+    done = with_fragile(tmp_path, "os._exit(3)", "verify", fragile / "b.zip", "--json")
     found = json.loads(done.stdout)
     assert (done.returncode, found["n_agree"]) == (1, 2)
     assert [one["metric"] for one in found["differing"]] == ["fragile"] * 2
@@ -164,7 +165,7 @@ def test_a_metric_that_ends_its_process_costs_only_its_own_scores(bench, tmp_pat
 def charted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Scores of single patches, of which each has few pixels, and of hues near 0 and near gray."""
     place = tmp_path_factory.mktemp("charted")
-    words = (*MADE, "method=gray_world,seathru", "metrics=[psi,de00,hue:all,water]", "tracking.uri=off", "report=false")
+    words = (*MADE, "method=gray_world,seathru", "metrics=[psi,de00,hue:all,water]", *QUIET)
     assert run_here(place, "run", "-m", *words, "out=results").returncode == 0
     assert run_here(place, "bundle", "results", "b.zip", "--pictures", "restored").returncode == 0
     (place / "empty").mkdir()
@@ -277,7 +278,7 @@ def test_a_tolerance_lets_scores_differ(bench, bundles: Path):
 
 def test_data_that_changed_since_are_named(bench, tmp_path: Path):
     write_dive(tmp_path / "dive", ("a.png", "b.png"))
-    words = ("dataset=colmap", "dataset.root=dive", "method=gray_world", "metrics=[uciqe]", "tracking.uri=off")
+    words = ("dataset=colmap", "dataset.root=dive", "method=gray_world", "metrics=[uciqe]", *QUIET)
     assert bench("run", *words, "out=results").returncode == 0
     assert bench("bundle", "results", "b.zip", "--pictures", "restored").returncode == 0
     (tmp_path / "dive").rename(tmp_path / "moved")
@@ -351,9 +352,7 @@ def test_a_bundle_with_code_can_be_unpacked_and_run(bench, folder: Path, tmp_pat
     with zipfile.ZipFile(tmp_path / "code.zip") as archive:
         archive.extractall(tmp_path / "unpacked")
     assert verified(bench, "code.zip")[0] == 0
-    run = run_here(
-        tmp_path / "unpacked", "run", "lineup.yaml", "out=again", "dataset=demo", "first=1", "tracking.uri=off"
-    )
+    run = run_here(tmp_path / "unpacked", "run", "lineup.yaml", "out=again", "dataset=demo", "first=1", *QUIET)
     assert run.returncode == 0, run.stderr
     assert "half" in run.stdout
 
