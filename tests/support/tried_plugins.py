@@ -77,13 +77,12 @@ def write(folder: Path, template: str, body: str, **filled: Any) -> Path:
 def broken(folder: Path, kind: plugins.Kind, template: str, body: str, **filled: Any) -> dict[str, str]:
     """The breaches by the name of their rule, a line each; why a rule could not be checked."""
     load_file(write(folder, template, body, **filled))
-    plugin = plugins.find(kind, "tried")
-    subject = Subject(plugin, {"root": write_dive(folder)} if kind == "dataset" else {})
-    said = {
-        one.name: "\n".join([*(f.text for f in one.findings if f.level == "breach"), *filter(None, [one.skipped])])
-        for one in check(subject, lasting=False)
-    }
-    return {name: text for name, text in said.items() if text}
+    subject = Subject(plugins.find(kind, "tried"), {"root": write_dive(folder)} if kind == "dataset" else {})
+    said: dict[str, str] = {}
+    for one in check(subject, lasting=False):
+        lines = [text for level, text in one.findings if level == "breach"] + [one.skipped] * bool(one.skipped)
+        said |= {one.name: "\n".join(lines)} if lines else {}
+    return said
 
 
 GOOD = "image = view.rgb * np.float32(self.gain)\n"

@@ -20,7 +20,9 @@ from typing import Any, Literal, NamedTuple
 from sucre_bench import plugins
 from sucre_bench.errors import ANY_FAULT, InputError, NotApplicableError, SucreBenchError, one_line
 from sucre_bench.plugins.options import create, options_of
-from sucre_bench.plugins.plugin import KINDS, Kind, Plugin
+from sucre_bench.plugins.plugin import KINDS, Kind, Plugin, fits
+
+_SLOW_IMPORT = 1.0  # seconds; `sucre-bench list` imports every plugin and must answer in about one
 
 Level = Literal["breach", "doubt", "note"]
 Status = Literal["kept", "broken", "doubtful", "skipped"]
@@ -134,13 +136,14 @@ def check(subject: Subject, lasting: bool = True) -> Iterator[Outcome]:
 
     lasting: include the rules that start processes or use a whole dataset, which take seconds.
     """
-    from sucre_bench.programs.contract import rules_datasets, rules_every_plugin, rules_methods, rules_metrics
+    from sucre_bench.programs.contract import rules_datasets, rules_methods, rules_metrics
 
     of_kind = {"method": rules_methods, "dataset": rules_datasets, "metric": rules_metrics}[subject.plugin.kind]
-    at_rest = (*rules_every_plugin.rules(subject.plugin), rules_datasets.names_what_is_missing)
-    slow = (rules_every_plugin.imports_lightly, rules_methods.is_the_same_elsewhere, rules_methods.restores_a_scene)
-    obstacle = subject.obstacle
-    for rule in (*rules_every_plugin.rules(subject.plugin), *of_kind.rules(subject.plugin)):
+    attributed = [] if subject.plugin.kind == "metric" else [is_attributed]
+    of_all: list[Rule] = [is_described, *attributed, is_configurable, is_installed, imports_lightly]
+    at_rest, obstacle = (*of_all, rules_datasets.names_what_is_missing), subject.obstacle
+    slow = (imports_lightly, rules_methods.is_the_same_elsewhere, rules_methods.restores_a_scene)
+    for rule in (*of_all, *of_kind.rules(subject.plugin)):
         if lasting or rule not in slow:
             yield check_rule(subject, rule, "" if rule in at_rest else obstacle)
 
@@ -200,3 +203,57 @@ def raised(subject: Subject, fault: BaseException) -> str:
     if "read-only" in said:
         return f"writes into its input{where}; work on a copy, image = view.rgb.copy()"
     return f"raises {said}{where}; mend it, or raise SolveError or NotApplicableError with a reason"
+
+
+# -- rules for every plugin, none of which runs it -------------------------------------------------------------------
+
+
+def is_described(subject: Subject) -> Iterator[str]:
+    """Is described, with the meaning of each option."""
+    plugin, name = subject.plugin, subject.plugin.cls.__name__
+    if plugin.cls.__doc__ is None or plugin.summary.startswith(f"{name}("):  # what dataclass generates
+        yield f"{name} has no docstring; its first paragraph is what `sucre-bench list` says"
+    elif not plugin.summary.endswith("."):
+        yield "the first paragraph of its docstring is no sentence; end it with a full stop"
+    for option in options_of(plugin.cls):
+        if not option.help:
+            yield f"option '{option.name}' is not explained; write a string below the field"
+    for variant, said in plugin.variants.items():
+        if not said:
+            yield f"variant '{variant}' is not explained; say in variants= what sets it apart"
+
+
+def is_attributed(subject: Subject) -> Iterator[str]:
+    """Names its publication and its licence."""
+    plugin = subject.plugin
+    if plugin.kind == "dataset" and not (plugin.source or plugin.licence):
+        yield Doubt('neither source nor licence; tell where the data are from, @dataset(source="...", licence="...")')
+    if plugin.kind == "method" and not (plugin.cites or plugin.licence):
+        yield Doubt('neither cites nor licence; @method(cites="Author Year, title", licence="...") credits its authors')
+
+
+def is_configurable(subject: Subject) -> Iterator[str]:
+    """Has options that a command can set."""
+    for option in options_of(subject.plugin.cls):
+        if option.default is not MISSING and not fits(option.type, option.default):
+            yield f"{option.name} is {option.default!r}, not {option.type}; correct the default, or the type"
+
+
+def is_installed(subject: Subject) -> Iterator[str]:
+    """Is installed with all that it requires."""
+    if line := plugins.missing_packages(subject.plugin):
+        yield f"packages are missing; {line}"
+
+
+def imports_lightly(subject: Subject) -> Iterator[str]:
+    """Is imported quickly, and changes nothing by that."""
+    from sucre_bench.programs.contract.side_effects import in_fresh_process
+
+    (there,) = in_fresh_process((subject,))
+    for package in there.heavy:
+        yield f"imports {package} at once; import it in the function that uses it, and add it to requires="
+    for name in there.changed:
+        yield f"its import changes {name}; leave that to whoever runs it"
+    if there.seconds > _SLOW_IMPORT and not there.heavy:
+        yield f"takes {there.seconds:.1f} s to import; move slow work into the functions that need it"
+    yield Note(f"{there.seconds:.2f} s")

@@ -79,7 +79,7 @@ def _plane_faults(view: View) -> Iterator[str]:
     if rgb is None or rgb.ndim != 3 or rgb.shape[2] != 3:
         yield f"rgb is {None if rgb is None else rgb.shape}; every view has (H, W, 3)"
         return
-    for name, image in {"rgb": rgb, "reference": rgb if reference is None else reference}.items():
+    for name, image in {"rgb": rgb, **({} if reference is None else {"reference": reference})}.items():
         if image.dtype != np.float32:
             yield f"{name} is {image.dtype}; give float32"
         if not np.isfinite(image).all():

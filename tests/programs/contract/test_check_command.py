@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 from support.messages import names
 from support.places import TOYS
-from support.tried_plugins import HEAD, JUDGED, METHOD, METRIC, write
+from support.tried_plugins import JUDGED, METHOD, METRIC, write
 
 from sucre_bench import InputError, PluginError
 from sucre_bench.commands.extend import check as command
@@ -46,14 +46,10 @@ def test_the_command_takes_options_and_gives_json(tmp_path: Path) -> None:
 
 
 def test_the_command_imports_in_another_process_and_tries_a_dataset(tmp_path: Path) -> None:
-    (tmp_path / "heavy.py").write_text(
-        "import scipy.linalg, os\nos.environ['HEAVY_HERE'] = '1'\n"
-        + HEAD
-        + METHOD.format(needs="()", body="return Restoration(view.rgb)")
-    )
-    toys = TOYS
-    load_file(toys)
-    done = run(str(tmp_path / "heavy.py"), "--on", "toy")
+    path = write(tmp_path, METHOD, "return Restoration(view.rgb)", needs="()")
+    path.write_text(f"import scipy.linalg, os\nos.environ['HEAVY_HERE'] = '1'\n{path.read_text()}")
+    load_file(TOYS)
+    done = run(str(path), "--on", "toy")
     assert "imports scipy " in done.stdout
     assert "os.environ[HEAVY_HERE]" in done.stdout
     assert re.search("✓ .*another process", done.stdout)
@@ -88,12 +84,8 @@ def test_the_command_refuses_what_is_not_there(arguments: tuple[str, ...], named
 
 def test_a_name_that_two_kinds_have_is_asked_about(tmp_path: Path) -> None:
     path = write(tmp_path, METHOD, "return Restoration(view.rgb)", needs="()")
-    path.write_text(
-        path.read_text()
-        + METRIC.format(needs=JUDGED, better="lower", body="")
-        .replace("Tried", "Tried2 ")
-        .replace("@metric(", '@metric(name="tried", ')
-    )
+    metric = METRIC.format(needs=JUDGED, better="lower", body="").replace("Tried", "Tried2 ")
+    path.write_text(path.read_text() + metric.replace("@metric(", '@metric(name="tried", '))
     load_file(path)
     assert re.search("method.*metric; .*--kind method", str(run("tried").exception))
     done = run(str(path), "--quick")

@@ -34,14 +34,9 @@ def new(*arguments: str) -> Result:
 
 
 def pytest_in(folder: Path, *arguments: str, **environment: str) -> str:
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:dash", "-W", "error", *arguments],
-        cwd=folder,
-        env={"PATH": "", **environment},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:dash", "-W", "error", *arguments]
+    env = {"PATH": "", **environment}
+    done = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
     return done.stdout
 

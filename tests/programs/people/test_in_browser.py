@@ -23,20 +23,14 @@ SCORES = {"gain,gain=0.5": -2.5, "gain,gain=0.75": 0.0, "gain,gain=1.0": 2.5}  #
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("study")
-    words = [
-        "dataset=toy",
-        "dataset.views=12",
-        "method.gain=0.5,0.75,1.0",
-        "out=results",
-    ]
-    done = run_here(place, "run", "-m", "--plugin", str(TOYS), "method=gain", "metrics=[redness]", *words,
-                    "tracking.uri=off", "report=false")  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    labels = ",".join(SCORES)
-    done = run_here(
-        place, "study", "results", "--methods", labels, "--out", "study.html", "--question", "<b>Better?</b>"
-    )
-    assert done.returncode == 0, done.stderr
+    made = ("dataset=toy", "dataset.views=12", "method=gain", "method.gain=0.5,0.75,1.0", "metrics=[redness]")
+    asked = ("--methods", ",".join(SCORES), "--out", "study.html", "--question", "<b>Better?</b>")
+    for words in (
+        ("run", "-m", "--plugin", str(TOYS), *made, "out=results", "tracking.uri=off", "report=false"),
+        ("study", "results", *asked),
+    ):
+        done = run_here(place, *words)
+        assert done.returncode == 0, done.stderr
     return place
 
 

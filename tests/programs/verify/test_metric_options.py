@@ -30,44 +30,36 @@ class Bright:
 """
 
 
+MADE = ("dataset=demo", "dataset.width=160", "dataset.height=120", "dataset.views=2", "metrics=[bright]")
+RUNS = [
+    ("results", "gray_world", "above=0.5"),
+    ("results", "underwater", "above=0.6"),  # the folder has scores with both thresholds
+    ("other", "underwater", "table=table.txt"),
+]
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One method's scores with a threshold, then another method's with another: the folder has both."""
+    """Bundles of scores that were made with options."""
     place = tmp_path_factory.mktemp("options")
     (place / "bright.py").write_text(BRIGHT)
-    made = ("dataset=demo", "dataset.width=160", "dataset.height=120", "dataset.views=2", "tracking.uri=off")
-    words = ("--plugin", "bright.py", *made, "metrics=[bright]", "report=false", "out=results")
-    for method, above in (("gray_world", 0.5), ("underwater", 0.6)):
-        done = run_here(place, "run", *words, f"method={method}", f"metrics.bright.above={above}")
+    (place / "table.txt").write_text("")
+    for out, method, option in RUNS:
+        words = (*MADE, f"method={method}", f"metrics.bright.{option}", "tracking.uri=off", "report=false")
+        done = run_here(place, "run", "--plugin", "bright.py", *words, f"out={out}")
         assert done.returncode == 0, done.stderr
-    done = run_here(place, "bundle", "results", "b.zip", "--pictures", "restored")
-    assert done.returncode == 0, done.stderr
+    for out in ("results", "other"):
+        assert run_here(place, "bundle", out, f"{out}.zip", "--pictures", "restored").returncode == 0
     return place
 
 
-def test_options_of_the_last_run_are_used(bench: Callable[..., Any], folder: Path):
-    done = bench("verify", str(folder / "b.zip"), "--plugin", str(folder / "bright.py"), "--json")
+@pytest.mark.parametrize(("bundle", "n_agree", "reason"), [("results", 2, "bright"), ("other", 0, "bright .*file")])
+def test_options_of_the_last_run_are_used_but_no_file_is_opened(
+    bench: Callable[..., Any], folder: Path, bundle: str, n_agree: int, reason: str
+):
+    """Those of the earlier run are in no file, and no default takes their place."""
+    done = bench("verify", str(folder / f"{bundle}.zip"), "--plugin", str(folder / "bright.py"), "--json")
     found = json.loads(done.stdout)
-    assert (done.returncode, found["n_agree"], found["differing"]) == (0, 2, [])
-    (reason,) = found["unchecked"]
-    assert "bright" in reason, "those of the earlier run are in no file, and no default takes their place"
-
-
-def test_a_file_that_an_option_names_is_not_opened(bench: Callable[..., Any], folder: Path, tmp_path: Path):
-    (tmp_path / "table.txt").write_text("")
-    words = ("--plugin", str(folder / "bright.py"), "dataset=demo", "dataset.width=160", "dataset.height=120")
-    words = (
-        *words,
-        "first=1",
-        "method=underwater",
-        "metrics=[bright]",
-        f"metrics.bright.table={tmp_path / 'table.txt'}",
-    )
-    done = bench("run", *words, "tracking.uri=off", "report=false", "out=other")
-    assert done.returncode == 0, done.stderr
-    assert bench("bundle", "other", "c.zip", "--pictures", "restored").returncode == 0
-    done = bench("verify", "c.zip", "--plugin", str(folder / "bright.py"), "--json")
-    found = json.loads(done.stdout)
-    (reason,) = found["unchecked"]
-    assert found["n_agree"] == 0
-    assert re.search("bright .*file", reason)
+    assert (done.returncode, found["n_agree"], found["differing"]) == (0, n_agree, [])
+    (said,) = found["unchecked"]
+    assert re.search(reason, said)
