@@ -22,30 +22,34 @@ from sucre_bench.machine.compute import compiled, usable_cores
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 
-# The sums behind PSNR and SSIM over two images, a band of rows at a time.
-
 Image = npt.NDArray[Any]
 RADIUS = 5  # the widest window reaches so far
 _BAND, _TILE = 128, 512  # rows a thread takes at a time; columns whose sums stay in the processor's cache
 
 
 def squared_error(one: Image, other: Image, mask: Mask) -> float:
-    """Return the sum over pixels in the mask (H, W) of the squared differences of images (H, W, 3).
+    """Return the sum over pixels in the mask (H, W) of the squared differences of images (H, W, C).
 
     What is not finite in `one` counts as 0.
     """
-    return float(compiled(_squared_error)(locked(one), locked(other), mask))
+    rows = (locked(image.reshape(len(mask), -1)) for image in (one, other))
+    return float(compiled(_squared_error)(*rows, mask))
 
 
 def _squared_error(one: Image, other: Image, mask: Mask) -> float:
-    height, width, channels = one.shape
-    sums = np.zeros(width)  # a sum for each column, so that the loop over columns becomes vector code
+    """Of images (H, W * C)."""
+    height, length = one.shape
+    channels = length // mask.shape[1]
+    counts = np.ones(length, np.bool_)
+    sums = np.zeros(length)  # a sum for each column, so that the loop over columns becomes vector code
     for row in range(height):
-        for channel in range(channels):
-            for column in range(width):
-                value = np.float64(one[row, column, channel])
-                error = (value if value - value == 0 else 0.0) - np.float64(other[row, column, channel])
-                sums[column] += error * error if mask[row, column] else 0.0
+        for column in range(mask.shape[1]):
+            for channel in range(channels):
+                counts[column * channels + channel] = mask[row, column]
+        for i in range(length):
+            value = np.float64(one[row, i])
+            error = (value if value - value == 0 else 0.0) - np.float64(other[row, i])
+            sums[i] += error * error if counts[i] else 0.0
     return sums.sum()
 
 
@@ -58,35 +62,26 @@ def mean_ssim(one: Image, other: Image, weights: Array, norm: float, whole: Mask
     (mu_s^2 - mu_d^2) / 2, mu_x^2 + mu_y^2 = (mu_s^2 + mu_d^2) / 2, likewise for the variances. They are filtered in
     float32, less a typical value of s and d near by, so that the variances lose no digits.
     """
-    bands = [(start, min(start + _BAND, len(whole))) for start in range(0, len(whole), _BAND)]
-    work = [(channel, band) for channel in range(one.shape[-1]) for band in bands]
+    height, _, channels = one.shape
+    bands = [(c, row, min(row + _BAND, height)) for c in range(channels) for row in range(0, height, _BAND)]
     loop, one, other = compiled(_ssim_of_rows), locked(one), locked(other)
     rounded = weights.astype(np.float32)
     rounded[RADIUS] += np.float32(1 - rounded.sum(dtype=np.float64))  # what rounding took from the sum
 
-    def of_band(what: tuple[int, tuple[int, int]]) -> float:
-        channel, (start, end) = what
-        return float(loop(one, other, channel, start, end, rounded, np.float32(norm), whole))
-
     with ThreadPoolExecutor(usable_cores()) as pool:
-        total = sum(pool.map(of_band, work))  # in order: the same sum however many threads there are
-    return total / (int(np.count_nonzero(whole)) * one.shape[-1])
+        sums = pool.map(lambda rows: loop(one, other, rows, rounded, np.float32(norm), whole), bands)
+        total = float(sum(sums))  # in order: the same sum however many threads there are
+    return total / (int(np.count_nonzero(whole)) * channels)
 
 
 def _ssim_of_rows(
-    one: Image,
-    other: Image,
-    channel: int,
-    start: int,
-    end: int,
-    weights: npt.NDArray[np.float32],
-    norm: np.float32,
-    whole: Mask,
+    one: Image, other: Image, rows: tuple[int, int, int], weights: Image, norm: np.float32, whole: Mask
 ) -> float:
-    """The sum over window centres in rows start to end.
+    """The sum over window centres. rows: a channel, and its first row and the end.
 
     Rows beyond the image repeat its first or last: their weight is 0, or the window is not whole.
     """
+    channel, start, end = rows
     height, width, _ = one.shape
     zero = np.float32(0)
     c1, c2 = np.float32(2 * 0.01**2), np.float32(2 * 0.03**2)
@@ -118,14 +113,8 @@ def _ssim_of_rows(
             for k in range(4):
                 v, h = line[k], ring[row % 11, k]
                 for i in range(n):
-                    h[i] = (
-                        w5 * v[i + 5]
-                        + w4 * (v[i + 4] + v[i + 6])
-                        + w3 * (v[i + 3] + v[i + 7])
-                        + w2 * (v[i + 2] + v[i + 8])
-                        + w1 * (v[i + 1] + v[i + 9])
-                        + w0 * (v[i] + v[i + 10])
-                    )
+                    near = w5 * v[i + 5] + w4 * (v[i + 4] + v[i + 6]) + w3 * (v[i + 3] + v[i + 7])
+                    h[i] = near + w2 * (v[i + 2] + v[i + 8]) + w1 * (v[i + 1] + v[i + 9]) + w0 * (v[i] + v[i + 10])
             centre = row - RADIUS
             if centre < start:
                 continue
@@ -136,21 +125,14 @@ def _ssim_of_rows(
                 a6, a7, a8 = ring[(row + 7) % 11, k], ring[(row + 8) % 11, k], ring[(row + 9) % 11, k]
                 a9, a10 = ring[(row + 10) % 11, k], ring[row % 11, k]
                 for i in range(n):
-                    v[i] = (
-                        w5 * a5[i]
-                        + w4 * (a4[i] + a6[i])
-                        + w3 * (a3[i] + a7[i])
-                        + w2 * (a2[i] + a8[i])
-                        + w1 * (a1[i] + a9[i])
-                        + w0 * (a0[i] + a10[i])
-                    )
-            counted = whole[centre, left : left + n]
+                    near = w5 * a5[i] + w4 * (a4[i] + a6[i]) + w3 * (a3[i] + a7[i])
+                    v[i] = near + w2 * (a2[i] + a8[i]) + w1 * (a1[i] + a9[i]) + w0 * (a0[i] + a10[i])
             for i in range(n):
                 s, d = line[0, i], line[1, i]
                 of_s, of_d = (line[2, i] - s * s) * norm, (line[3, i] - d * d) * norm
                 s, d = (s + s0) * (s + s0), (d + d0) * (d + d0)
                 ssim = (s - d + c1) * (of_s - of_d + c2) / ((s + d + c1) * (of_s + of_d + c2))
-                sums[i] += np.float64(ssim) if counted[i] else 0.0
+                sums[i] += np.float64(ssim) if whole[centre, left + i] else 0.0
     return sums.sum()
 
 
@@ -290,4 +272,5 @@ def _luma_8bit(image: npt.NDArray[Any]) -> Array:
 
 
 def _score(value: float, mask: Mask) -> Score:
-    return Score(value, n_pixels=int(mask.sum()), coverage=float(mask.mean()))
+    n = int(np.count_nonzero(mask))
+    return Score(value, n_pixels=n, coverage=n / mask.size)
