@@ -53,14 +53,13 @@ class Option:
 
 
 def options_of(cls: Any) -> tuple[Option, ...]:
-    """Return a plugin class's fields."""
+    """Return a plugin class's fields; those that plugins share come last."""
     return _options_of(cls)
 
 
 @functools.cache  # asked for with every score
 def _options_of(cls: Any) -> tuple[Option, ...]:
     hints = get_type_hints(cls)
-    # Those that plugins share come last.
     given = sorted((f for f in fields(cls) if f.init), key=lambda f: bool(f.kw_only))
     defaults = (f.default if f.default_factory is MISSING else f.default_factory() for f in given)
     return tuple(Option(f.name, hints[f.name], default, cls) for f, default in zip(given, defaults, strict=True))
@@ -113,19 +112,11 @@ def check_values(place: str, options: Iterable[Option], values: Mapping[str, Any
         if not fits(kind, value):
             text = f"'{value}'" if isinstance(value, str) else repr(value)
             raise InputError(f"{text} is not {_NOUNS.get(kind, kind)}", where, remedy)
-        if not all(math.isfinite(one) for one in _each(value) if isinstance(one, float)):
+        each = value if isinstance(value, (list, tuple)) else [value]
+        if not all(math.isfinite(one) for one in each if isinstance(one, float)):
             raise InputError(f"{value} is not a finite number", where, "give one")
         if known[name].is_closed and value not in known[name].choices:
             raise InputError(f"'{value}' is not a choice", where, did_you_mean(str(value), known[name].choices))
-
-
-def _each(value: Any) -> Iterator[Any]:
-    """The numbers and words in a value: those of a list, of lists in it, or the value itself."""
-    if isinstance(value, (list, tuple)):
-        for one in value:
-            yield from _each(one)
-    else:
-        yield value
 
 
 def typed(annotation: Any, value: Any) -> Any:
@@ -248,13 +239,19 @@ def plugin_choice(kind: Kind, values: Any) -> Choice:
 def create(plugin: Plugin, values: Mapping[str, Any], out: Path | None = None) -> Any:
     """Make the plugin with these options. Raises what `check_options` and the plugin's own __post_init__ raise.
 
-    A path may be given as text, a tuple as a list. An option that the plugin `reads` must lead to a file or folder.
+    A path may be given as text, a tuple as a list. An option that the plugin `reads` must lead to a file or folder;
+    none is opened.
     out: the folder of results of a command that is about to run; what is to lie in it may be made by an earlier job.
     """
     options = converted(plugin.cls, values)
     check_options(plugin, options)
     made = plugin.cls(**options)
-    _check_paths(plugin, values, out)
+    for option, path in read_files(plugin, values):
+        is_ours = out is not None and Path(os.path.abspath(path)).is_relative_to(os.path.abspath(out))  # noqa: PTH100
+        may_be_made = is_ours and not os.path.lexists(path)
+        if not may_be_made and (fault := fault_of(path)) and not path.is_dir():
+            words = f", or one of {', '.join(option.choices)}" * bool(option.choices)
+            raise InputError(fault, path, f"give a path that exists in {plugin.kind}.{option.name}{words}")
     return made
 
 
@@ -271,14 +268,3 @@ def read_files(plugin: Plugin, values: Mapping[str, Any]) -> Iterator[tuple[Opti
     given = list(given_to_read(plugin, values))
     methods = discover("method") if given else {}
     yield from ((option, expanded(value)) for option, value in given if value not in methods)
-
-
-def _check_paths(plugin: Plugin, values: Mapping[str, Any], out: Path | None) -> None:
-    """Raise InputError for the first option that names neither a regular file nor a folder. No file is opened."""
-    for option, path in read_files(plugin, values):
-        is_ours = out is not None and Path(os.path.abspath(path)).is_relative_to(os.path.abspath(out))  # noqa: PTH100
-        if is_ours and not os.path.lexists(path):  # an earlier job may make it
-            continue
-        if (fault := fault_of(path)) and not path.is_dir():
-            words = f", or one of {', '.join(option.choices)}" * bool(option.choices)
-            raise InputError(fault, path, f"give a path that exists in {plugin.kind}.{option.name}{words}")

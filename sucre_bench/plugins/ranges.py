@@ -15,29 +15,13 @@ def check_ranges(options: Any, place: str | None = None, /, **ranges: str) -> No
     """
     types = {option.name: option.type for option in options_of(type(options))}
     for option, interval in ranges.items():
-        value, kind = getattr(options, option), types[option]
-        if not _fits(value, kind, interval):
+        value, kinds = getattr(options, option), (types[option], *get_args(types[option]))
+        is_whole, is_many, is_optional = float not in kinds, get_origin(kinds[0]) is tuple, type(None) in kinds
+        each = value if is_many and isinstance(value, (tuple, list)) else [value]
+        if is_many != (each is value) or not all(is_number_in(interval, one, is_whole) for one in each):
+            if value is None and is_optional:
+                continue
             before = type(options).__plugin__.name if place is None else place
-            name = f"{before}.{option}" if before else option
-            raise InputError(f"{value!r}", name, f"give {_noun(kind)} in {interval}{' or none' * _is_optional(kind)}")
-
-
-def _fits(value: Any, kind: Any, interval: str) -> bool:
-    if get_origin(kind) is tuple:
-        return isinstance(value, (tuple, list)) and all(_fits(one, get_args(kind)[0], interval) for one in value)
-    if value is None:
-        return _is_optional(kind)
-    return is_number_in(interval, value, _is_whole(kind))
-
-
-def _noun(kind: Any) -> str:
-    noun = "whole number" if _is_whole(kind) else "number"
-    return f"{noun}s" if get_origin(kind) is tuple else f"a {noun}"
-
-
-def _is_whole(kind: Any) -> bool:
-    return float not in (kind, *get_args(kind))
-
-
-def _is_optional(kind: Any) -> bool:
-    return type(None) in get_args(kind)
+            noun = ("" if is_many else "a ") + ("whole number" if is_whole else "number") + "s" * is_many
+            fault, remedy = f"{value!r}", f"give {noun} in {interval}{' or none' * is_optional}"
+            raise InputError(fault, f"{before}.{option}" if before else option, remedy)

@@ -58,22 +58,21 @@ class Registry:
 
     def discover(self, kind: Kind) -> dict[str, Plugin | Broken]:
         """Return every plugin of a kind by name, sorted; those that do not import or share a name are `Broken`."""
-        if kind not in self._known:
-            self._known[kind] = self._find_all(kind)
-        return self._known[kind]
-
-    def _find_all(self, kind: Kind) -> dict[str, Plugin | Broken]:
+        if kind in self._known:
+            return self._known[kind]
         found: dict[str, Plugin | Broken] = {}
         for entry in self._everywhere(kind):
-            if isinstance(entry, Plugin) and entry.kind != kind:
-                continue
-            if isinstance(entry, Plugin) and (fault := _unusable(entry)):
-                entry = Broken(entry.name, fault)
+            if isinstance(entry, Plugin):
+                if entry.kind != kind:
+                    continue
+                if fault := _unusable(entry):
+                    entry = Broken(entry.name, fault)
             other = found.get(entry.name)
             if other is not None and _where(other) != _where(entry):
                 entry = Broken(entry.name, f"two {kind}s have this name, in {_where(other)} and {_where(entry)}")
             found[entry.name] = entry
-        return dict(sorted(found.items()))
+        self._known[kind] = dict(sorted(found.items()))
+        return self._known[kind]
 
     def _everywhere(self, kind: Kind) -> Iterator[Plugin | Broken]:
         package = importlib.import_module(f"sucre_bench.{kind}s")
@@ -169,16 +168,10 @@ def _module_of(path: Path) -> ModuleType:
         del sys.modules[module.__name__]
         raise PluginError(f"does not import, {one_line(fault)}", path, "mend the file") from fault
     if not _plugins_in(module):
-        raise PluginError("holds no plugin", path, _remedy(module))
+        places = sorted({_where(cls.__dict__["__plugin__"]) for cls in _decorated(module)})
+        remedy = "decorate a class with @method, @dataset or @metric"
+        raise PluginError("holds no plugin", path, f"give {places[0]}, from which it imports one" if places else remedy)
     return module
-
-
-def _remedy(module: ModuleType) -> str:
-    """What to do where a plugin file holds no plugin: give the file from which it imports one, or write one."""
-    places = sorted({_where(cls.__dict__["__plugin__"]) for cls in _decorated(module)})
-    if places:
-        return f"give {places[0]}, from which it imports one"
-    return "decorate a class with @method, @dataset or @metric"
 
 
 def _try(name: str, load: Callable[[], Any]) -> list[Plugin | Broken]:
@@ -192,23 +185,22 @@ def _try(name: str, load: Callable[[], Any]) -> list[Plugin | Broken]:
 
 
 def _plugins_in(module: ModuleType) -> list[Plugin]:
-    """The plugins that a module defines; of an `__init__.py` also those that it imports from its folder."""
-    return [cls.__dict__["__plugin__"] for cls in _decorated(module) if _is_part(cls, module)]
+    """The plugins that a module defines; of an `__init__.py` also those that it imports from its folder.
+
+    A package that is loaded by its path has another name than the one by which its `__init__.py` imports from it.
+    """
+    found = []
+    folders = [Path(folder).resolve() for folder in getattr(module, "__path__", ())]
+    for cls in _decorated(module):
+        plugin: Plugin = cls.__dict__["__plugin__"]
+        is_of_module = cls.__module__ == module.__name__ or cls.__module__.startswith(f"{module.__name__}.")
+        if is_of_module or any(Path(_where(plugin)).is_relative_to(folder) for folder in folders):
+            found.append(plugin)
+    return found
 
 
 def _decorated(module: ModuleType) -> list[type]:
     return [cls for cls in vars(module).values() if isinstance(cls, type) and "__plugin__" in vars(cls)]
-
-
-def _is_part(cls: type, module: ModuleType) -> bool:
-    """Whether a class stands in a module or, of a package, in its folder.
-
-    A package that is loaded by its path has another name than the one by which its `__init__.py` imports from it.
-    """
-    if cls.__module__ == module.__name__ or cls.__module__.startswith(f"{module.__name__}."):
-        return True
-    folders = [Path(folder).resolve() for folder in getattr(module, "__path__", ())]
-    return any(Path(_where(cls.__dict__["__plugin__"])).is_relative_to(folder) for folder in folders)
 
 
 def unknown(kind: str, name: str, known: Iterable[str], give: str = "--plugin ") -> UnknownPluginError:
