@@ -31,7 +31,7 @@ def dive(tmp_path: Path) -> Path:
 
 def run(bench, dive: Path, *overrides: str):
     base = ["run", "-m", "dataset=colmap", f"dataset.root={dive}", METHODS, "metrics=[uciqe]", "tracking.uri=off"]
-    return bench(*base, "out=results", *overrides)
+    return bench(*base, "out=results", "workers=0", "report=false", *overrides)
 
 
 def cut(path: Path) -> None:
@@ -75,7 +75,7 @@ def test_a_fault_of_one_view_is_said_and_the_other_views_go_on(bench, tmp_path: 
     dive = write_dive(tmp_path / "dive", ("a.png", *(f"{name}.png" for name in bad), "c.png"))
     for name, spoil in zip(bad, [fault[2] for fault in FAULTS], strict=True):
         spoil(dive / "images" / f"{name}.png", dive / "depths" / f"depth_{name}.png")
-    done = run(bench, dive)
+    done = run(bench, dive, "report=true")
     rows = results.read(tmp_path / "results")
     whole = rows[rows["metric"] == "seconds"].set_index(["method", "view"])
     page = html.unescape((tmp_path / "results" / "report" / "index.html").read_text())
@@ -148,7 +148,7 @@ def test_a_scene_without_depth_skips_what_needs_it_with_the_reason(bench, tmp_pa
 
 @pytest.mark.parametrize(("metrics", "code"), [("[psnr]", 1), ("[psnr,uciqe]", 0)])
 def test_a_run_that_can_score_nothing_names_what_the_dataset_lacks(bench, dive: Path, metrics: str, code: int):
-    done = run(bench, dive, "report=false", "views=[a.png]", "method=gray_world", f"metrics={metrics}")
+    done = run(bench, dive, "views=[a.png]", "method=gray_world", f"metrics={metrics}")
     assert done.returncode == code
     (line,) = [line for line in done.stdout.splitlines() if line.startswith("not scored")]
     assert {"psnr:", "reference,", "colmap"} <= set(line.split())

@@ -127,26 +127,27 @@ def test_completion_imports_nothing_heavy():
     assert not heavy & set(done.stderr.split())
 
 
-# Bash hands over what it takes for the word, which begins behind "=" and ":"; COMPREPLY stands in its place.
-@pytest.mark.parametrize(
-    ("line", "word", "reply"),
-    [
-        ("sucre-bench run method=gray_w", "gray_w", "gray_world"),
-        ("sucre-bench run meth", "meth", "method= method."),
-        ("sucre-bench run method.pairing=", "", "mutual depth"),
-        ("sucre-bench run metrics=[psi,psn", "[psi,psn", "[psi,psnr]"),
-        ("sucre-bench run 'metrics=[psn", "'metrics=[psn", "metrics=[psnr]"),
-        ("sucre-bench score x --metrics ssim:al", "al", "all"),
-    ],
-)
-def test_bash_gets_what_stands_for_its_word(line: str, word: str, reply: str):
+def test_bash_gets_what_stands_for_its_word():
+    """Bash hands over what it takes for the word, which begins behind "=" and ":"; COMPREPLY stands in its place."""
+    replies = {
+        ("sucre-bench run method=gray_w", "gray_w"): "gray_world",
+        ("sucre-bench run meth", "meth"): "method= method.",
+        ("sucre-bench run method.pairing=", ""): "mutual depth",
+        ("sucre-bench run metrics=[psi,psn", "[psi,psn"): "[psi,psnr]",
+        ("sucre-bench run 'metrics=[psn", "'metrics=[psn"): "metrics=[psnr]",
+        ("sucre-bench score x --metrics ssim:al", "al"): "all",
+    }
     code = """source <(sucre-bench completion bash)
-        COMP_LINE=$1 COMP_POINT=${#1}
-        _sucre_bench_completion sucre-bench "$2" before
-        echo "${COMPREPLY[*]}" """
+        while (( $# )); do
+            COMP_LINE=$1 COMP_POINT=${#1}
+            _sucre_bench_completion sucre-bench "$2" before
+            echo "${COMPREPLY[*]}"
+            shift 2
+        done"""
     env = {**os.environ, "PATH": f"{FOLDER}:{os.environ['PATH']}"}
-    done = subprocess.run(["bash", "-c", code, "bash", line, word], capture_output=True, text=True, env=env, check=True)
-    assert (done.stdout.strip(), done.stderr) == (reply, "")
+    command = ["bash", "-c", code, "bash", *(text for words in replies for text in words)]
+    done = subprocess.run(command, capture_output=True, text=True, env=env, check=True)
+    assert (done.stdout.splitlines(), done.stderr) == ([*replies.values()], "")
 
 
 SHELLS = {

@@ -33,9 +33,10 @@ def test_help_fits_the_terminal(name: str, command: click.Command, width: int):
 def test_help_begins_with_examples_that_name_real_options(
     name: str, command: click.Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    write_line_ups(tmp_path)
-    write_dive(tmp_path / "dive")
-    monkeypatch.chdir(tmp_path)
+    if name in ("", "run"):
+        write_line_ups(tmp_path)
+        write_dive(tmp_path / "dive")
+        monkeypatch.chdir(tmp_path)
     text = command.help or ""
     lines = [line.strip() for line in text.split("\b")[1].split("\n\n")[0].splitlines()]
     examples = [line for line in lines if line.startswith("sucre-bench ")]

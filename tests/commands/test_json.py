@@ -28,7 +28,8 @@ def test_run_tells_a_program_all_in_one_object(bench, toys: str, tmp_path: Path)
 
 
 def test_json_is_asked_for_alike(bench, toys: str):
-    bench("run", "--plugin", toys, "dataset=toy", "method=gain", "metrics=[redness]", "tracking.uri=off", "out=results")
+    bench("run", "--plugin", toys, "dataset=toy", "method=gain", "metrics=[redness]", "tracking.uri=off", "out=results",
+          "workers=0", "report=false")  # fmt: skip
     by_name = bench("compare", "results", "--json").stdout
     assert json.loads(by_name)
     assert by_name == bench("compare", "results", "--format", "json").stdout

@@ -287,7 +287,7 @@ def test_running_the_line_up_of_a_results_folder_gives_the_same_jobs(tmp_path: P
     text = LINE_UP.replace("gain2.gain: [3]", "replicate: [0, 1]").replace("every: 2", "first: 2\nseed: 3")
     text = text.replace("  - gain\n", "").replace("bits: [4, null]", "bits: [4]")
     Path("l.yaml").write_text(f"{text}study: {{name: s, metrics: [redness], figures: [scores]}}\n")
-    words = ["tracking.uri=off", "report=false", "metrics.redness.factor=2"]
+    words = ["tracking.uri=off", "report=false", "workers=0", "metrics.redness.factor=2"]
     outcome = run_jobs(["l.yaml", *words, "out=results", f"plugins=[{TOYS}]"], False)
     assert not outcome.failed
     first = compose_jobs.jobs(["l.yaml", *words], False).jobs
@@ -342,7 +342,7 @@ def test_a_label_that_a_word_took_out_of_the_run_is_said_to_be_missing(tmp_path:
 
 def test_other_options_for_a_label_of_a_line_up_are_answered_with_a_word_that_works(bench, tmp_path: Path):
     (tmp_path / "l.yaml").write_text("datasets: [toy]\nmethods: [gain, {name: halved, label: half}]\nmetrics: [psnr]")
-    words = ("run", "--plugin", str(TOYS), "l.yaml", "out=results", "tracking.uri=off", "report=false")
+    words = ("run", "--plugin", str(TOYS), "l.yaml", "out=results", "tracking.uri=off", "report=false", "workers=0")
     assert bench(*words).returncode == 0
     refused = bench(*words, "half.display=white-99")
     assert (refused.returncode, "half.label=..." in refused.stderr) == (2, True)
@@ -359,8 +359,7 @@ def test_the_command_writes_a_file_that_runs(bench, tmp_path: Path):
     run(tmp_path / "results", "method=gain,halved", multirun=True)
     done = bench("lineup", "results", "--plugin", str(TOYS))
     assert (done.returncode, done.errors) == (0, [])
-    again = bench(
-        "run", "--plugin", str(TOYS), "results/lineup.yaml", "out=results", "tracking.uri=off", "report=false"
-    )
+    words = ("out=results", "tracking.uri=off", "report=false", "workers=0")
+    again = bench("run", "--plugin", str(TOYS), "results/lineup.yaml", *words)
     assert "6 ok (6 cached)" in again.stdout
     assert bench("lineup", "results", "--out", "-", "--plugin", str(TOYS)).stdout.startswith("#")
