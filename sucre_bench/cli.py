@@ -55,7 +55,10 @@ def _status() -> int:
         say(str(stopped.__cause__ or stopped) or "stopped", "yellow")  # click makes an Abort of an interrupt
         return 130
     except Exception as fault:
-        if _is_of_interrupt(fault):  # of which a library made another error
+        cause: BaseException | None = fault
+        while cause and not isinstance(cause, KeyboardInterrupt):
+            cause = cause.__cause__ or cause.__context__
+        if cause:  # a library made another error of an interrupt
             say("stopped", "yellow")
             return 130
         if not isinstance(fault, OSError) or fault.filename is None:
@@ -63,12 +66,6 @@ def _status() -> int:
         reason = fault.strerror or type(fault).__name__  # of a path that no file system has, say
         return _fault(f"{os.fsdecode(fault.filename)}: {reason}; give another path, or make this one usable", 2)
     return 0
-
-
-def _is_of_interrupt(fault: BaseException | None) -> bool:
-    while fault and not isinstance(fault, KeyboardInterrupt):
-        fault = fault.__cause__ or fault.__context__
-    return fault is not None
 
 
 def _fault(text: str, status: int) -> int:

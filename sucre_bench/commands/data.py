@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from sucre_bench.programs.describe.description import Described
     from sucre_bench.programs.describe.exposure import Exposure, NoExposure
     from sucre_bench.programs.describe.view_facts import ViewFacts
-    from sucre_bench.scene import Water
 
 
 _ROWS = 30  # of the table of views
@@ -130,12 +129,14 @@ def _facts(one: Described) -> dict[str, str]:
     encodings = " and ".join(sorted({view.encoding for view in one.facts}))
     focals = sorted({view.focal for view in one.facts if view.focal})
     has = ", ".join(one.has) or "images alone"
+    true = one.water
+    water = {"B": true.veiling_light, "beta": true.attenuation, "gamma": true.backscatter}.items() if true else ()
     facts = {
         "scene": f"{one.name} of {one.dataset}: {len(one.facts)} of {one.n_views} views; has {has}",
         "images": f"{', '.join(f'{n} of {size}' for size, n in sizes.most_common(3))}, {encodings}",
         "cameras": f"{len(focals)}, focal {', '.join(f'{fx:.0f}' for fx, _ in focals[:3])} px" if focals else "none",
         "travel": _travel(one.facts, one.unit),
-        "water": "not known" if one.water is None else _water(one.water),
+        "water": ", ".join(f"{name} {' '.join(f'{v:.3g}' for v in values)}" for name, values in water) or "not known",
         "exposure": _exposure(one.exposure),
     }
     if one.scale is not None:
@@ -199,11 +200,6 @@ def _exposure(exposure: Exposure | NoExposure) -> str:
     if exposure.differs:
         return f"{gains}; they differ: method=sucre method.exposure=per_view fits them"
     return f"{gains}; no difference beyond chance"
-
-
-def _water(water: Water) -> str:
-    parts = (("B", water.veiling_light), ("beta", water.attenuation), ("gamma", water.backscatter))
-    return ", ".join(f"{name} {' '.join(f'{v:.3g}' for v in values)}" for name, values in parts)
 
 
 @click.command(context_settings={"ignore_unknown_options": True})

@@ -71,21 +71,19 @@ def refuse_options(words: Sequence[str], command: str) -> None:
 
     What is a key of `sucre-bench run` is answered with the word to write.
     """
+    from sucre_bench.jobs.run_options import RunConfig
+    from sucre_bench.plugins.options import options_of
+
     for place, word in enumerate(words):
         if word.startswith("-"):
             name, equals, value = word.lstrip("-").partition("=")
             following = words[place + 1 : place + 2]
             if not equals and following and not following[0].startswith("-") and "=" not in following[0]:
                 word, value = f"{word} {following[0]}", following[0]
-            remedy = f"write {name}={value or 'VALUE'}" if _is_key(name) else f"see sucre-bench {command} --help"
+            known = {"experiment", *(option.name for option in options_of(RunConfig))}
+            is_key = name.partition(".")[0] in known
+            remedy = f"write {name}={value or 'VALUE'}" if is_key else f"see sucre-bench {command} --help"
             raise click.UsageError(f"no option {word}; {remedy}")
-
-
-def _is_key(name: str) -> bool:
-    from sucre_bench.jobs.run_options import RunConfig
-    from sucre_bench.plugins.options import options_of
-
-    return name.partition(".")[0] in {"experiment", *(option.name for option in options_of(RunConfig))}
 
 
 def labels_of(text: str) -> list[str]:

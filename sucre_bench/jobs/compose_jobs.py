@@ -63,7 +63,9 @@ def jobs(words: Sequence[str], multirun: bool) -> Command:
     Raises InputError for an unknown name or option (with the nearest known), a wrong type, a word that is no choice,
     a dataset's option without a dataset, two jobs with one label, or a line-up that cannot be read.
     """
-    words = [_expand_home(text) for text in words]
+    # A leading ~ of a value is expanded here; the shell does so only at the start of a word.
+    parts = [(word, word.partition("=")[0], word.partition("=")[2].strip("'\"")) for word in words]
+    words = [f"{key}='{expanded(value)}'" if value.startswith("~/") else word for word, key, value in parts]
     files = [word for word in words if mistakes.is_bare(word) and Path(word).suffix.lower() in (".yaml", ".yml")]
     if len(files) > 1:
         raise InputError("a second line-up", files[1], "run one at a time")
@@ -77,16 +79,12 @@ def jobs(words: Sequence[str], multirun: bool) -> Command:
     mistakes.refuse_values(typed, is_sweep)
     made = _jobs([*parse(hydra.params), *(word for word in typed if word not in of_hydra)], line_up)
     _refuse_same_place(made)
-    shared_pairs = f"x{fingerprint({'command': words})[1]}" if _can_share_pairs(made) else ""
+    pairing = [job for job in made if "poses" in job.method.plugin.needs and job.pairs_gb > 0]
+    views = {(job.dataset.label, job.replicate, job.shard.index, job.shard.count) for job in pairing}
+    # Jobs with methods of several views share pairs where they work on the same views.
+    shared_pairs = f"x{fingerprint({'command': words})[1]}" if len(views) < len(pairing) else ""
     made = [replace(job, shared_pairs=shared_pairs) for job in made] if shared_pairs else made
     return Command(tuple(made), tuple(words), is_sweep, hydra.launcher(str(made[0].out)), shared_pairs)
-
-
-def _expand_home(override: str) -> str:
-    """Expand a leading ~ of the value; the shell does so only at the start of a word."""
-    key, equals, value = override.partition("=")
-    bare = value.strip("'\"")
-    return f"{key}='{expanded(bare)}'" if equals and bare.startswith("~/") else override
 
 
 def _with_line_up(file: Path | None, typed: Sequence[Word]) -> tuple[LineUp, list[Word]]:
@@ -242,19 +240,16 @@ def _entries(kind: Kind, typed: Sequence[Word], line_up: LineUp) -> tuple[Entry,
         if isinstance(name, list) or name is None:
             raise InputError("one name at a time", f"{kind}={name}", f"-m {kind}=a,b runs several")
         name = str(name)
-        if kind == "dataset" and (is_path(name) or (_lacks_root(name, typed) and Path(name).is_dir())):
+        plugin = plugin_of(kind, name)
+        needs_root = any(o.name == "root" and o.default is MISSING for o in options_of(plugin.cls)) if plugin else False
+        # A folder with the name of a dataset is meant where nothing else names the data.
+        lacks_root = needs_root and not any(word.key.endswith(".root") for word in typed)
+        if kind == "dataset" and (is_path(name) or (lacks_root and Path(name).is_dir())):
             entries.append(Entry(recognised(Path(name)), {"root": str(Path(name))}))
         else:
             named(kind, name)
             entries.append(Entry(name))
     return tuple(entries)
-
-
-def _lacks_root(dataset: str, typed: Sequence[Word]) -> bool:
-    """Whether a dataset needs a folder that the words do not name: the folder of the same name may be meant."""
-    plugin = plugin_of("dataset", dataset)
-    needs_root = plugin is not None and any(o.name == "root" and o.default is MISSING for o in options_of(plugin.cls))
-    return needs_root and not any(word.key.endswith(".root") for word in typed)
 
 
 def _option(word: Word, entries: Mapping[Kind, Sequence[Entry]], line_up: LineUp) -> _Option | None:
@@ -291,9 +286,6 @@ def _is_replaced(word: Word, keys: set[str], entries: Mapping[Kind, Sequence[Ent
     return bool(meant) and not any(map(meant[0].is_for, entries[meant[0].kind]))
 
 
-# -- what jobs share -------------------------------------------------------------------------------------------
-
-
 def _refuse_same_place(planned: Sequence[Job]) -> None:
     """Raise InputError if two jobs would write to one place."""
     seen: dict[tuple[str, str, int, int, int], Job] = {}
@@ -306,10 +298,3 @@ def _refuse_same_place(planned: Sequence[Job]) -> None:
                 of = "method" if other.dataset == job.dataset else "dataset"
                 raise InputError(f"two jobs of this sweep would both be '{name}'; tell them apart with {of}.label=...")
             raise InputError(f"two jobs of this sweep are the same, '{name}'; sweep over datasets, methods or options")
-
-
-def _can_share_pairs(planned: Sequence[Job]) -> bool:
-    """Whether several jobs with methods of several views work on the same views, and may share pairs."""
-    pairing = [job for job in planned if "poses" in job.method.plugin.needs and job.pairs_gb > 0]
-    views = [(job.dataset.label, job.replicate, job.shard.index, job.shard.count) for job in pairing]
-    return len(set(views)) < len(views)
