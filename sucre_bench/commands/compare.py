@@ -142,15 +142,16 @@ def _common(folders: Sequence[Path], rows: pd.DataFrame) -> pd.DataFrame:
 
 def _print(compared: Sequence[Comparison], folders: Sequence[Path], how: Any, wanted: tuple[bool, ...]) -> None:
     """Print the tables. wanted: standard deviations, intervals, all metrics, chosen metrics."""
+    spread, intervals, all_metrics, metrics = wanted
+    if how != "terminal":
+        from sucre_bench.compare.documents import as_text
+
+        click.echo(as_text(compared, how, spread), nl=False)
+        return
     from sucre_bench.compare.answer import decisive
-    from sucre_bench.compare.documents import as_text
     from sucre_bench.compare.terminal_table import as_blocks, as_table
     from sucre_bench.machine import terminal
 
-    spread, intervals, all_metrics, metrics = wanted
-    if how != "terminal":
-        click.echo(as_text(compared, how, spread), nl=False)
-        return
     width = terminal.out.width
     if not (intervals or all_metrics or spread):
         for block in as_blocks(compared, width, metrics):

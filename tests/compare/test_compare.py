@@ -121,9 +121,11 @@ def test_one_view_gives_no_interval():
     assert not cell.tie
 
 
-def test_an_unknown_metric_gets_the_nearest_name():
+def test_an_unknown_metric_or_baseline_gets_the_nearest_name():
     with pytest.raises(InputError, match=r"'psrn'.*'psnr'"):
         compare.compare(frame([ROW]), ["psrn"])
+    with pytest.raises(InputError, match=r"'sucr'.*'sucre'"):
+        compare.compare(rows_of({"sucre": [1], "underwater": [2]}), baseline="sucr")
 
 
 def test_rows_come_in_the_order_they_were_run():
@@ -152,19 +154,16 @@ def test_by_view_ranks_methods_within_each_view():
     assert (cells(first)["a"].rank, cells(second)["a"].rank) == (1, 2)
 
 
-def test_folders_of_different_data_are_not_compared(tmp_path):
-    for name, data in (("one", "d1"), ("two", "d2")):
-        (tmp_path / name).mkdir()
-        frame([replace(ROW, method=name, data_id=data)]).to_parquet(tmp_path / name / "scores.parquet")
-    with pytest.raises(InputError, match=r"^sea / reef: "):
-        compare.load([tmp_path / "one", tmp_path / "two"])
-
-
-def test_one_label_for_two_configurations_is_not_compared(tmp_path):
+@pytest.mark.parametrize(
+    ("of_folder", "named"),
+    [(lambda name: {"method": name, "data_id": name}, r"^sea / reef: "), (lambda name: {"options_id": name}, "options"),
+     (lambda name: {"code": name}, r"^sea / m: .*code")],
+)  # fmt: skip
+def test_folders_of_other_data_options_or_code_are_not_compared(tmp_path, of_folder, named: str):
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
-        frame([replace(ROW, options_id=name)]).to_parquet(tmp_path / name / "scores.parquet")
-    with pytest.raises(InputError, match=r"^sea / m: .*options"):
+        frame([replace(ROW, **of_folder(name))]).to_parquet(tmp_path / name / "scores.parquet")
+    with pytest.raises(InputError, match=named):
         compare.load([tmp_path / "one", tmp_path / "two"])
 
 
@@ -231,11 +230,6 @@ def test_against_a_baseline_differences_are_paired_and_signed_as_the_score_is(be
     assert np.isnan(cells(comparison)["base"].change).all()
     swapped = cells(compare.compare(rows_of(scores, better=better), baseline="m")[0])["base"].change
     assert swapped == pytest.approx((-change, -high, -low))
-
-
-def test_an_unknown_baseline_gets_the_nearest_name():
-    with pytest.raises(InputError, match=r"'sucr'.*'sucre'"):
-        compare.compare(rows_of({"sucre": [1], "underwater": [2]}), baseline="sucr")
 
 
 def test_a_baseline_that_did_not_run_on_a_dataset_is_said():

@@ -143,13 +143,17 @@ def test_latex_compiles_as_is(baseline: str, tmp_path: Path):
     assert (tmp_path / "paper.pdf").stat().st_size > 10_000
 
 
-def test_latex_sets_no_more_columns_beside_each_other_than_a_page_holds():
+def of_nine_metrics() -> compare.Comparison:
     rows = [
         replace(ROW, method=m, metric=f"metric{n}", view=f"v{v}", value=float(n + v))
         for m, n, v in itertools.product(("one", "two"), range(9), range(3))
     ]
     (comparison,) = compare.compare(frame(rows))
-    text = as_text([comparison], "latex")
+    return comparison
+
+
+def test_latex_sets_no_more_columns_beside_each_other_than_a_page_holds():
+    text = as_text([of_nine_metrics()], "latex")
     tabulars = re.findall(r"\\begin\{tabular\}\{(l?r+)\}(.*?)\\end\{tabular\}", text, re.S)
     assert 1 < len(tabulars) < 9
     assert sum(len(columns) - 1 for columns, _ in tabulars) == 9
@@ -181,12 +185,7 @@ def test_parts_of_cells_stand_below_each_other():
 
 @pytest.mark.parametrize("width", [60, 80, 140])
 def test_a_table_fits_the_terminal(width: int):
-    rows = [
-        replace(ROW, method=m, metric=f"metric{n}", view=f"v{v}", value=float(n + v))
-        for m, n, v in itertools.product(("one", "two"), range(9), range(3))
-    ]
-    (comparison,) = compare.compare(frame(rows))
-    lines = terminal(comparison, width).splitlines()
+    lines = terminal(of_nine_metrics(), width).splitlines()
     assert max(map(len, lines)) <= width
     assert all(f"metric{n} ↑ dB" in "".join(lines) for n in range(9))
 

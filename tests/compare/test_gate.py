@@ -87,11 +87,11 @@ def test_names_that_are_not_there_are_refused(text: str):
         gated(table(new=STEADY), [Gate.read(text)], "old")
 
 
-def test_the_exit_code_tells(bench, toys: str, tmp_path: Path):
-    for label, gain in (("old", 3.0), ("new", 1.0)):
-        words = ("dataset=toy", "method=gain", f"method.gain={gain}", f"method.label={label}", "metrics=[redness]")
-        assert bench("run", "--plugin", toys, *words, "tracking.uri=off", "out=results").returncode == 0
-    done = bench("compare", "results", "--baseline", "old", "--fail-below", "redness=-0.01", "--json")
-    assert (done.returncode, "redness" in done.stderr, done.stdout[0]) == (1, True, "[")
-    assert bench("compare", "results", "--baseline", "old", "--fail-below", "redness=-9").returncode == 0
-    assert bench("compare", "results", "--fail-below", "redness=-9").returncode == 2
+def test_the_exit_code_tells(bench, tmp_path: Path):
+    rows = table(new=STEADY)
+    rows[rows["metric"] != "error"].to_parquet(tmp_path / "scores.parquet")
+    words = ("compare", str(tmp_path), "--fail-below")
+    done = bench(*words, "psnr=-0.5", "--baseline", "old", "--json")
+    assert (done.returncode, "psnr" in done.stderr, done.stdout[0]) == (1, True, "[")
+    assert bench(*words, "psnr=-9", "--baseline", "old").returncode == 0
+    assert bench(*words, "psnr=-9").returncode == 2

@@ -75,13 +75,6 @@ def test_replicates_in_common_are_compared_where_that_is_wanted():
     compare.refuse(frame(rows), common=True)
 
 
-def test_the_command_refuses_different_replicates(tmp_path):
-    frame([*repeated("a", 0), *repeated("b", 1)]).to_parquet(tmp_path / "scores.parquet")
-    done = CliRunner().invoke(cli, ["compare", str(tmp_path)])
-    assert isinstance(done.exception, NotComparableError)
-    assert [refusal.difference for refusal in done.exception.refusals] == [Difference.REPLICATES]
-
-
 def test_other_datasets_are_other_tables():
     compare.refuse(frame([*run_of("a"), *run_of("b", "ab", dataset="lake")]))
 
@@ -92,15 +85,13 @@ def test_methods_scored_in_different_variants_only_are_refused():
     compare.refuse(frame([*rows, replace(rows[1], variant="x")]))
 
 
-def test_scores_of_different_versions_of_a_metric_are_refused():
-    rows = [*run_of("a", code="r.one", time="2026-01-01"), *run_of("b", code="s.two", time="2026-01-02")]
-    refused(rows, Difference.VERSIONS, r"psnr \(masked\): a .* b; .* a ")
+@pytest.mark.parametrize(
+    ("one", "other", "why"), [("one", "two", Difference.VERSIONS), ("one-x", "one-y", Difference.OPTIONS)]
+)
+def test_scores_of_different_versions_or_options_of_a_metric_are_refused(one: str, other: str, why: Difference):
+    rows = [*run_of("a", code=f"r.{one}", time="2026-01-01"), *run_of("b", code=f"s.{other}", time="2026-01-02")]
+    refused(rows, why, r"psnr \(masked\): a .* b; .* a ")
     compare.refuse(frame([*run_of("a", code="r.one"), *run_of("b", code="s.one")]))
-
-
-def test_scores_of_different_options_of_a_metric_are_refused():
-    rows = [*run_of("a", code="r.one-x", time="2026-01-01"), *run_of("b", code="s.one-y", time="2026-01-02")]
-    refused(rows, Difference.OPTIONS, r"psnr \(masked\): a .* b; .* a ")
 
 
 def test_metrics_that_are_not_asked_for_refuse_nothing():

@@ -122,6 +122,20 @@ def test_a_picture_alone_is_ranked_beside_a_score_that_knows_the_true_colours():
     assert block.names == ["clever", "plain"]
 
 
+def test_a_table_says_that_the_data_lack_a_truth_only_if_metrics_looked_for_it():
+    """Metrics of a reference and of charts were run, and neither is there; else the metrics are named as the reason."""
+    rows = [replace(UCIQE, method=m, view=f"v{v}", value=float(v)) for m in "ab" for v in range(3)]
+    lacks = [
+        replace(row, metric=metric, status="skipped", reason=f"needs {of}")
+        for row in rows
+        for metric, of in (("psnr", "reference"), ("neutral", "charts"))
+    ]
+    asked = [row for row in lacks if row.metric == "psnr"]
+    said = [printed(compare.compare(frame(rows + more))).text for more in ([], asked, lacks)]
+    assert [": these numbers do not show" in text for text in said] == [True] * 3
+    assert ["No chart and no reference" in text for text in said] == [False, False, True]
+
+
 def test_many_datasets_without_a_reference_name_no_best_method():
     block = printed(compared({"uciqe": MANY["uciqe"]}, datasets=("sea1", "sea2", "sea3", "sea4")))
     assert block.heads == ["sea1", "sea2", "sea3", "sea4"]
