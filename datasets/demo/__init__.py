@@ -1,5 +1,76 @@
 """The built-in dataset: a made underwater scene with known truth, made once and stored in the cache folder."""
 
-from sucre_bench.datasets.demo.demo import Demo
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
-__all__ = ["Demo"]
+from sucre_bench.datasets.demo.render import WATERS, Preset
+from sucre_bench.errors import InputError
+from sucre_bench.plugins.decorators import dataset
+from sucre_bench.scene import Scene
+
+
+@dataset(
+    requires=("cv2", "open3d", "platformdirs", "scipy"),
+    licence="MIT, made by sucre_bench",
+    source="made on this machine when first asked for",
+    has=("poses", "depth", "reference", "charts", "truth"),
+)
+@dataclass(frozen=True)
+class Demo:
+    """A made seabed with colour charts, surveyed from 8 m down to 1.5 m, in water of a known colour.
+
+    The reference images show the same scene without water, in even light. The images follow SUCRe's model exactly,
+    apart from noise and 8 bits. "deep_sea" is different: there the only light is a lamp on the camera, I = l (J a + b).
+    l is the lobe of the lamp, and the distance in a and b includes the way from the lamp to the seabed. The true water
+    of such a scene is the one in that equation, which no method without a model of the lamp should be expected to find.
+    A pixel of the reference is the mean of 3 x 3 samples over its own area on the ground, so far pixels have less
+    contrast than near ones, as in a photograph.
+    """
+
+    water: Preset = "coastal"
+    """The water: "clear" (blue ocean), "coastal" (blue-green), "turbid" (green), or "deep_sea" (lit by a lamp)."""
+    views: int = 16
+    """How many views, from the farthest to the nearest; at least 2."""
+    width: int = 640
+    """Width of the images in pixels; at least 64."""
+    height: int = 480
+    """Height of the images in pixels; at least 48."""
+    seed: int = 0
+    """Seed of the seabed, the path and the noise; equal seeds make equal scenes."""
+    noise: float = 0.004
+    """Standard deviation of the sensor's noise, as a share of full scale."""
+    root: Path | None = None
+    """Folder that stores made scenes; null = the user's cache folder."""
+
+    def __post_init__(self) -> None:
+        for name, least in (("views", 2), ("width", 64), ("height", 48), ("seed", 0), ("noise", 0)):
+            if not getattr(self, name) >= least:
+                raise InputError(f"demo.{name}: {getattr(self, name)} is too small; give {least} or more")
+
+    def scenes(self) -> Iterator[Scene]:
+        """Yield the one scene, named after its water. InputError where it must be made and Open3D does not load."""
+        from sucre_bench.datasets.colmap import Colmap
+
+        for scene in Colmap(root=self.folder()).scenes():
+            has = scene.has | {"truth"}
+            yield dataclasses.replace(scene, name=self.water, water=WATERS[self.water], has=has, data_id=self.data_id)
+
+    def folder(self) -> Path:
+        """Return the folder of the scene's files, which are made if they are not there."""
+        from sucre_bench.datasets.demo.made_scene import make, make_once, scene_folder
+
+        options = self._options()
+        return make_once(scene_folder(self.root, options), lambda: make(**options))
+
+    def _options(self) -> dict[str, Any]:
+        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "root"}
+
+    @property
+    def data_id(self) -> str:
+        """A hash of the options that decide the scene's files."""
+        from sucre_bench.datasets.demo.made_scene import scene_id
+
+        return scene_id(self._options())

@@ -6,7 +6,7 @@ import hashlib
 import json
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,28 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, pixel_rays
-from sucre_bench.datasets.demo.render import Surfaces, build, make_camera, make_path, render, visible_charts
-from sucre_bench.datasets.demo.seabed import SITES, paint_seabed, place_board
-from sucre_bench.datasets.demo.terrain import GROUND, Grid, Noise, Terrain, make_terrain
-from sucre_bench.datasets.demo.water import LAMP, WATERS, Preset, underwater
+from sucre_bench.datasets.demo.render import (
+    LAMP,
+    WATERS,
+    Preset,
+    Surfaces,
+    build,
+    make_camera,
+    make_path,
+    render,
+    underwater,
+    visible_charts,
+)
+from sucre_bench.datasets.demo.seabed import (
+    GROUND,
+    SITES,
+    Grid,
+    Noise,
+    Terrain,
+    make_terrain,
+    paint_seabed,
+    place_board,
+)
 from sucre_bench.errors import OutputError
 from sucre_bench.imaging.chart_kinds import KINDS
 from sucre_bench.imaging.encoding import to_8bit
@@ -118,48 +136,32 @@ def write_made_scene(made: MadeScene, folder: Path) -> None:
         write_png(folder / "reference" / name, to_8bit(made.reference[i])[..., ::-1])
         write_png(folder / "depths" / f"depth_{name}", (made.depth[i] * 1000 + 0.5).astype(np.uint16))
     _write_model(made, folder / "sparse")
-    _write_json(folder / "charts.json", {"images": dict(zip(made.names, map(_charts, made.charts), strict=True))})
-    _write_json(folder / LAST, _water(made))
-
-
-def _write_json(path: Path, content: Any) -> None:
-    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-
-
-def _charts(charts: Sequence[Chart]) -> dict[str, Any]:
-    return {chart.name: {"kind": chart.kind, "corners": chart.corners.round(3).tolist()} for chart in charts}
-
-
-def _water(made: MadeScene) -> dict[str, Any]:
-    content: dict[str, Any] = {
-        "preset": made.preset,
-        "veiling_light": made.water.veiling_light.tolist(),
-        "attenuation": made.water.attenuation.tolist(),
-        "backscatter": made.water.backscatter.tolist(),
+    charts = {
+        name: {chart.name: {"kind": chart.kind, "corners": chart.corners.round(3).tolist()} for chart in of_view}
+        for name, of_view in zip(made.names, made.charts, strict=True)
     }
+    water: dict[str, Any] = {"preset": made.preset}
+    water |= {name: getattr(made.water, name).tolist() for name in ("veiling_light", "attenuation", "backscatter")}
     if made.preset == "deep_sea":
-        content["lamp_from_cam"], content["lamp_covariance"] = LAMP.lamp_from_cam.tolist(), LAMP.covariance.tolist()
-    return content
+        water |= {"lamp_from_cam": LAMP.lamp_from_cam.tolist(), "lamp_covariance": LAMP.covariance.tolist()}
+    for name, content in (("charts.json", {"images": charts}), (LAST, water)):
+        (folder / name).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def _write_model(made: MadeScene, folder: Path) -> None:
     """Write COLMAP's text model: its pixel and axis conventions are those of `sucre_bench.scene`."""
+    from scipy.spatial.transform import Rotation
+
     K, size = made.camera.K, f"{made.camera.width} {made.camera.height}"
     line = f"1 PINHOLE {size} {K[0, 0]} {K[1, 1]} {K[0, 2]} {K[1, 2]}\n"
     (folder / "cameras.txt").write_text("# CAMERA_ID MODEL WIDTH HEIGHT FX FY CX CY\n" + line, encoding="utf-8")
     lines = ["# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of 2D points (none)\n"]
     for i, (name, pose) in enumerate(zip(made.names, made.cam_from_world, strict=True)):
-        numbers = " ".join(repr(float(x)) for x in (*_quaternion(pose), *pose[:3, 3]))
+        quaternion = np.roll(Rotation.from_matrix(pose[:3, :3]).as_quat(), 1)  # w first
+        numbers = " ".join(repr(float(x)) for x in (*quaternion, *pose[:3, 3]))
         lines.append(f"{i + 1} {numbers} 1 {name}\n\n")
     (folder / "images.txt").write_text("".join(lines), encoding="utf-8")
     (folder / "points3D.txt").write_text("# POINT3D_ID X Y Z R G B ERROR TRACK[]: none\n", encoding="utf-8")
-
-
-def _quaternion(pose: Array) -> Array:
-    """Return the rotation of a (4, 4) transform as (w, x, y, z)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.roll(Rotation.from_matrix(pose[:3, :3]).as_quat(), 1)
 
 
 # Where the made scene is stored, and when it is made again: once for each combination of options.

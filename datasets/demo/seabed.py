@@ -1,14 +1,316 @@
-"""The colours of the seabed: sand, rock and their growth, as a picture seen from above."""
+"""The made seabed: a sand flat with rubble and boulders that rises into a reef behind, its colours and its charts.
 
+World axes: x right, y forward (towards the reef), z up, metres; the survey looks at the ground around the origin.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.datasets.demo.terrain import Grid, Noise, Terrain, Texture, height_at, make_texture, smoothstep
 from sucre_bench.imaging.chart_kinds import KINDS
 from sucre_bench.machine.compute import usable_cores
+
+# Smooth random fields over space: a point has the same value on every grid.
+
+_LATTICE = 1024
+_FINER = 2  # the lattice is interpolated to this much finer once, and linearly from then on
+# What a step along z, an octave and a field move the lattice by, so that none of them repeats another.
+_SLICE_X, _SLICE_Y, _OCTAVE, _FIELD = 371.17, 173.31, 211.43, 97.61
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A rectangle of ground sampled at the centres of square cells.
+
+    x0, y0: its corner in world metres; width, length: its sides along x and y, metres; cell: metres.
+    """
+
+    x0: float
+    y0: float
+    width: float
+    length: float
+    cell: float
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows along y, columns along x)."""
+        return round(self.length / self.cell), round(self.width / self.cell)
+
+    def axes(self) -> tuple[Array, Array]:
+        """Return x of every column and y of every row, float32 metres."""
+        rows, columns = self.shape
+        x = self.x0 + (np.arange(columns) + 0.5) * self.cell
+        y = self.y0 + (np.arange(rows) + 0.5) * self.cell
+        return x.astype(np.float32), y.astype(np.float32)
+
+    def bands(self, rows: int) -> Iterator[Grid]:
+        """Yield the grid in bands of so many rows (the last may have fewer)."""
+        for first in range(0, self.shape[0], rows):
+            count = min(rows, self.shape[0] - first)
+            yield replace(self, y0=self.y0 + first * self.cell, length=count * self.cell)
+
+    def padded(self, cells: int) -> Grid:
+        """Return the grid with so many cells more on each side."""
+        more = cells * self.cell
+        x0, y0, width, length = self.x0 - more, self.y0 - more, self.width + 2 * more, self.length + 2 * more
+        return Grid(x0, y0, width, length, self.cell)
+
+
+class Noise:
+    """Fractal value noise in space, from one periodic lattice of random values."""
+
+    def __init__(self, seed: int) -> None:
+        import cv2
+
+        values = np.random.default_rng([seed, 1]).standard_normal((_LATTICE, _LATTICE), dtype=np.float32)
+        side = _LATTICE * _FINER
+        around = cv2.copyMakeBorder(values, 8, 8, 8, 8, cv2.BORDER_WRAP)
+        finer = cv2.resize(around, None, fx=_FINER, fy=_FINER, interpolation=cv2.INTER_CUBIC)
+        smooth = finer[8 * _FINER : 8 * _FINER + side, 8 * _FINER : 8 * _FINER + side]
+        self._lattice = np.ascontiguousarray(smooth / smooth.std())
+
+    def field(self, grid: Grid, z: Array | None, steps: Sequence[float], number: int, gain: float = 0.6) -> Array:
+        """Return a field on the surface z over a grid: (rows, columns) float32, about zero mean and unit deviation.
+
+        z: (rows, columns) metres, so that the field does not run in streaks down steep sides, None for a flat one;
+        steps: its octaves' sizes in metres, coarse to fine, each `gain` times as strong as the one before; an octave
+        finer than two cells is left out (it would alias); number: which field, of independent ones.
+        """
+        x, y = grid.axes()
+        total = np.zeros(grid.shape, dtype=np.float32)
+        for octave, step in enumerate(steps):
+            if step < 2 * grid.cell:
+                break
+            u = x[None, :] * (1 / step) + np.float32(_OCTAVE * (octave + 1) + _FIELD * number)
+            v = y[:, None] * (1 / step) + np.float32(_OCTAVE * (octave + 1) - _FIELD * number)
+            total += np.float32(gain**octave) * (self._at(u, v) if z is None else self._sliced(u, v, z / step))
+        return np.asarray(total / np.sqrt(sum(gain ** (2 * octave) for octave in range(len(steps)))), dtype=np.float32)
+
+    def _sliced(self, u: Array, v: Array, w: Array) -> Array:
+        """Blend the two flat fields next below and above w: noise in three dimensions."""
+        below = np.floor(w)
+        share = smoothstep(w - below, 0, 1)
+        u, v = u + np.float32(_SLICE_X) * below, v + np.float32(_SLICE_Y) * below
+        low, high = self._at(u, v), self._at(u + np.float32(_SLICE_X), v + np.float32(_SLICE_Y))
+        return np.asarray((low + share * (high - low)) / np.sqrt(share**2 + (1 - share) ** 2))
+
+    def _at(self, u: Array, v: Array) -> Array:
+        import cv2
+
+        shape = np.broadcast_shapes(u.shape, v.shape)
+        u, v = (np.broadcast_to(_wrapped(a) * np.float32(_FINER), shape) for a in (u, v))
+        return np.asarray(cv2.remap(self._lattice, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP))
+
+
+def _wrapped(a: Array) -> Array:
+    """Return a modulo the lattice's side: seven times as fast as `%` on float32."""
+    return np.asarray(a - np.float32(_LATTICE) * np.floor(a * np.float32(1 / _LATTICE)))
+
+
+def smoothstep(values: Array, low: float, high: float) -> Array:
+    """Return 0 below low, 1 above high, and a smooth cubic between them."""
+    t = ((values - low) * (1 / (high - low))).clip(0, 1)
+    return np.asarray(t * t * (3 - 2 * t))
+
+
+# Flat pictures in metres, with coarser copies for far views: the surfaces of the seabed and the charts.
+#
+# A far pixel covers many texels. Taking one of them would give each view its own random choice, and the same point
+# would change colour from view to view; so a pixel is the mean of samples over its own area, taken from the copy whose
+# texels are as large as the samples' spacing.
+
+_SAMPLES = 3  # a pixel is the mean of 3 x 3 samples
+_LEVELS = 7
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """A flat picture and its coarser copies.
+
+    levels: (h, w, 3) uint16 gamma-encoded / 65535, each half as fine as the one before; texel: metres, of the first;
+    origin: (2,) metres, the corner of the first texel; axes: (2, 3), world point -> the picture's two metres.
+    """
+
+    levels: tuple[np.ndarray, ...]
+    texel: float
+    origin: Array
+    axes: Array
+
+    def covers(self, at: Array) -> np.ndarray:
+        """Whether the picture reaches to points (P, 2) in its metres: (P,) bool."""
+        rows, columns = self.levels[0].shape[:2]
+        return np.asarray(
+            ((at > self.origin) & (at < self.origin + self.texel * np.array([columns, rows]))).all(axis=1)
+        )
+
+
+def make_texture(albedo: Array, texel: float, origin: Array, axes: Array) -> Texture:
+    """Return the texture of an albedo (h, w, 3) in [0, 1], row 0 at the origin."""
+    import cv2
+
+    levels: list[np.ndarray] = [(albedo * 65535 + 0.5).astype(np.uint16)]
+    while len(levels) < _LEVELS and min(levels[-1].shape[:2]) >= 8:
+        fine = levels[-1][: levels[-1].shape[0] // 2 * 2, : levels[-1].shape[1] // 2 * 2]
+        levels.append(cv2.resize(fine, (fine.shape[1] // 2, fine.shape[0] // 2), interpolation=cv2.INTER_AREA))
+    return Texture(tuple(levels), texel, np.asarray(origin, dtype=np.float32), np.asarray(axes, dtype=np.float32))
+
+
+def sample(texture: Texture, at: Array, right: Array, down: Array) -> Array:
+    """Return the mean colour (P, 3) float32 over parallelograms of the picture.
+
+    at: (P, 2) centres; right, down: (P, 2) sides, all in the picture's metres.
+    """
+    import cv2
+
+    spacing = np.maximum(np.linalg.norm(right, axis=1), np.linalg.norm(down, axis=1)) / _SAMPLES
+    level = np.log2(np.maximum(spacing / texture.texel, 1)).round().clip(0, len(texture.levels) - 1).astype(np.int8)
+    colour = np.zeros((len(at), 3), dtype=np.float32)
+    none: Any = None  # the maps hold both coordinates
+    offsets = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
+    for fineness, picture in enumerate(texture.levels):
+        (here,) = np.nonzero(level == fineness)
+        # cv2 wants maps of less than 32,768 rows and columns, and counts from texel centres
+        scale = 1 / (texture.texel * 2**fineness)
+        for rows in np.array_split(here, len(here) // 30_000 + 1) if len(here) else ():
+            start, u, v = (at[rows] - texture.origin) * scale - 0.5, right[rows] * scale, down[rows] * scale
+            total = np.zeros((len(rows), 1, 3), dtype=np.float32)
+            for a in offsets:
+                for b in offsets:
+                    where = (start + np.float32(a) * u + np.float32(b) * v)[:, None, :]
+                    total += cv2.remap(picture, where, none, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
+            colour[rows] = total[:, 0] / (65535 * _SAMPLES**2)
+    return colour
+
+
+# What the cameras see of the ground, and a little more; a ray must never miss it.
+GROUND = Grid(x0=-10.0, y0=-5.5, width=20.0, length=16.0, cell=0.025)
+
+# Boulders by size: how many, smallest and largest radius (m), how near the origin they may come (m).
+_TIERS = ((26, 0.5, 1.2, 2.6), (320, 0.18, 0.5, 1.0), (5500, 0.04, 0.14, 0.0))
+_CLEARING_M = 0.55  # around a chart
+# Of a boulder's turn (rad), flatness, stretch, sinking and hue; of the angle (rad), slope and level of its cuts.
+_LEAST, _MOST = np.array([(0, 0.5, 0.75, 0.02, -1), (np.pi, 0.75, 1, 0.2, 1)])
+_LEAST_CUT, _MOST_OF_CUTS = np.array([(0, 0.3, 0.3), (2 * np.pi, 1.6, 0.8)])
+_SPAN, _SPAN_OF_CUTS = _MOST - _LEAST, _MOST_OF_CUTS - _LEAST_CUT
+
+
+@dataclass(frozen=True, eq=False)
+class Terrain:
+    """The seabed on a grid.
+
+    height: (rows, columns) float32 metres; rock: height above the sand under it, metres, 0 on sand;
+    tint: (rows, columns) float32, a random number in [-1, 1] for each boulder.
+    """
+
+    grid: Grid
+    height: Array
+    rock: Array
+    tint: Array
+
+
+@dataclass(frozen=True)
+class _Boulder:
+    x: float
+    y: float
+    radius: float
+
+
+def make_terrain(seed: int, noise: Noise, clearings: Sequence[tuple[float, float]]) -> Terrain:
+    """Return the seabed of a seed, with no boulders around the clearings (x, y)."""
+    grid = GROUND
+    sand = _sand(grid, noise)
+    height, tint = sand.copy(), np.zeros_like(sand)
+    rough = noise.field(grid, None, (0.4, 0.2, 0.1, 0.05), 1)
+    rng, axes = np.random.default_rng([seed, 2]), grid.axes()
+    for boulder in _scatter(rng, clearings):
+        _place(boulder, axes, sand, rough, height, tint, rng)
+    reef = smoothstep(sand, 0.3, 1.2)
+    height += 0.05 * reef * rough  # the reef itself is rugged rock
+    return Terrain(grid, height, np.maximum(height - sand, 0) + 0.1 * reef, tint)
+
+
+def _sand(grid: Grid, noise: Noise) -> Array:
+    """Return a gently wavy floor, rising by some metres in a bay around the origin: no camera sees the horizon."""
+    x, y = grid.axes()
+    across = y[:, None] + 0.05 * x[None, :] ** 2 + 0.6 * noise.field(grid, None, (3.0, 1.5), 2)
+    ramp = np.maximum(across - 2.6, 0)
+    rise = 0.2 * ramp**2 / (1 + 0.15 * ramp) + 0.02 * ramp
+    rise *= 1 + 0.12 * noise.field(grid, None, (1.5, 0.8, 0.4), 3)
+    return np.asarray(rise + 0.06 * noise.field(grid, None, (2.5, 1.2, 0.6, 0.3), 4, gain=0.5), dtype=np.float32)
+
+
+def _scatter(rng: np.random.Generator, clearings: Sequence[tuple[float, float]]) -> Iterator[_Boulder]:
+    """Yield boulders, more of them towards the reef, large before small."""
+    for count, smallest, largest, keep_off in _TIERS:
+        placed = 0
+        while placed < count:
+            x = rng.uniform(GROUND.x0, GROUND.x0 + GROUND.width)
+            y = GROUND.y0 + GROUND.length * rng.power(1.6)
+            radius = smallest * (largest / smallest) ** rng.uniform()
+            near = min(math.hypot(x - cx, y - cy) for cx, cy in clearings)
+            # The corridor along which the camera comes holds only low rubble.
+            corridor = radius > 0.15 and y < 0.8 and abs(x) < keep_off - 0.4 * y * (y < 0)
+            if near > _CLEARING_M + radius and math.hypot(x, y) > keep_off and not corridor:
+                placed += 1
+                yield _Boulder(x, y, radius)
+
+
+def _place(
+    boulder: _Boulder,
+    axes: tuple[Array, Array],
+    sand: Array,
+    rough: Array,
+    height: Array,
+    tint: Array,
+    rng: np.random.Generator,
+) -> None:
+    """Raise height to a boulder: a rough dome cut by random planes, as broken rock is. axes: the grid's x and y, m."""
+    r = boulder.radius
+    turn, flat, stretch, sink, hue = _LEAST + _SPAN * rng.random(5)
+    angle, slope, level = (_LEAST_CUT + _SPAN_OF_CUTS * rng.random((5, 3))).T[..., None, None]
+    x, y = axes
+    columns = slice(*np.searchsorted(x, (boulder.x - 1.4 * r, boulder.x + 1.4 * r)))
+    rows = slice(*np.searchsorted(y, (boulder.y - 1.4 * r, boulder.y + 1.4 * r)))
+    here = (rows, columns)
+    if not sand[here].size:
+        return
+    u, v = ((x[columns] - boulder.x) / r)[None, :], ((y[rows] - boulder.y) / r)[:, None]
+    u, v = np.cos(turn) * u + np.sin(turn) * v, (np.cos(turn) * v - np.sin(turn) * u) / stretch
+    beyond = (u * u + v * v) * (1 + 0.12 * rough[here])
+    dome = np.maximum(1 - beyond, 0)
+    cuts = level + slope * (1 - np.cos(angle) * u - np.sin(angle) * v) - 0.3 * slope
+    dome = np.minimum(dome, cuts.min(axis=0))
+    dome = flat * r * dome * (1 + 0.06 * rough[here]) - sink * flat * r
+    top = np.where(beyond < 1, sand[here].mean() + dome, -np.inf)
+    higher = top > height[here]
+    height[here][higher] = top[higher]
+    tint[here][higher] = hue
+
+
+def height_at(terrain: Terrain, x: float, y: float) -> float:
+    """Return the ground's height at the nearest cell, metres."""
+    rows, columns = terrain.grid.shape
+    row = int((y - terrain.grid.y0) / terrain.grid.cell)
+    column = int((x - terrain.grid.x0) / terrain.grid.cell)
+    return float(terrain.height[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)])
+
+
+def triangles(terrain: Terrain) -> tuple[Array, np.ndarray, np.ndarray]:
+    """Return vertices (V, 3) float32, triangles (T, 3) uint32 facing up, and the ground (T, 2) they lie on, metres."""
+    x, y = terrain.grid.axes()
+    vertices = np.stack([*np.meshgrid(x, y), terrain.height], axis=-1).reshape(-1, 3)
+    corner = np.arange(vertices.shape[0], dtype=np.uint32).reshape(terrain.grid.shape)
+    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, :-1], corner[1:, 1:]))
+    faces = np.concatenate([np.stack([a, b, d], axis=1), np.stack([a, d, c], axis=1)])
+    return vertices, faces, vertices[faces[:, 0], :2]
+
 
 # The colour charts: boards that stand on the seabed, painted with the reference colours of their kind.
 

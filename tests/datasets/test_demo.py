@@ -13,10 +13,8 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import pixel_rays
 from sucre_bench.datasets.demo import Demo, made_scene
 from sucre_bench.datasets.demo.made_scene import MadeScene, make, make_once
-from sucre_bench.datasets.demo.render import build, make_camera, render
-from sucre_bench.datasets.demo.seabed import SITES, place_board
-from sucre_bench.datasets.demo.terrain import Grid, Noise, make_terrain, make_texture, sample
-from sucre_bench.datasets.demo.water import LAMP, WATERS, Preset, apply, underwater
+from sucre_bench.datasets.demo.render import LAMP, WATERS, Preset, apply, build, make_camera, render, underwater
+from sucre_bench.datasets.demo.seabed import SITES, Grid, Noise, make_terrain, make_texture, place_board, sample
 from sucre_bench.errors import DiskFullError, InputError
 from sucre_bench.imaging.chart_kinds import KINDS
 from sucre_bench.imaging.chart_patches import measure

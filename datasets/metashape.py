@@ -1,4 +1,10 @@
-"""Lenses and poses in a Metashape chunk.
+"""Surveys aligned in Agisoft Metashape or PhotoScan (1.3 on), from its export or its project.
+
+root/cameras.xml            File > Export > Export Cameras, Agisoft XML; or a project: .psx with its .files/, .psz
+root/images/<label>.jpg     the photographs, sub-folders are fine; or what Export > Undistort Photos wrote (undistorted)
+root/depths/<label>.tif     optional: depth maps, see `loading.depth_maps`
+
+Poses become metric by the scale of the component or chunk; large geographic coordinates are left away.
 
 Sensors: u = w/2 + cx + f x' + b1 x' + b2 y', v = h/2 + cy + f y', pixel centres at +0.5, x' = x (1 + k1 r^2 + k2 r^4 +
 k3 r^6 + k4 r^8) + (p1 (r^2 + 2 x^2) + 2 p2 x y) (1 + p3 r^2 + p4 r^4) and y' likewise: OpenCV's p1 is p2 here, its p2
@@ -12,9 +18,11 @@ its sensor's <rotation> and <location>, which is in units of the chunk.
 
 import zipfile
 import zlib
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path, PurePosixPath
+from typing import Literal
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -23,11 +31,22 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, MissingFileError, did_you_mean, file_error
-from sucre_bench.loading.find_folders import inside, without_suffix
+from sucre_bench.loading.depth_maps import find_depths, read_depth
+from sucre_bench.loading.find_folders import ImageFolder, chosen, existing, inner_path, inside, without_suffix
 from sucre_bench.loading.lens import Lens, lens_of
-from sucre_bench.loading.view_files import is_rigid, scaled_pose
+from sucre_bench.loading.view_files import (
+    ImageScaleOption,
+    Photograph,
+    data_id_of,
+    is_rigid,
+    scaled_pose,
+    straight_lens,
+    view_of,
+)
 from sucre_bench.machine.files import regular
-from sucre_bench.machine.progress import say
+from sucre_bench.machine.progress import say, track
+from sucre_bench.plugins.decorators import dataset
+from sucre_bench.scene import Encoding, Plane, Scene
 
 # Finds the chunk in Metashape's export or project.
 #
@@ -67,7 +86,7 @@ def find_document(root: Path, name: str) -> Path:
 
 def read_chunk(document: Path, label: str) -> Chunk:
     """Return the chunk of that label, or the active or only one. InputError when it is not there or damaged."""
-    top = _archived(document) if document.suffix.lower() == ".psz" else _parsed(document, _bytes(document))
+    top = _archived(document) if document.suffix.lower() == ".psz" else _unpacked(document)
     project = document
     if top.get("path") and top.find("chunk") is None:
         project = _part(document, document, str(top.get("path")).replace("{projectname}", document.stem))
@@ -121,20 +140,19 @@ def _archived(path: Path) -> Element:
                 raise InputError(f"{path}: its doc.xml is larger than {_LARGEST >> 20} MiB; {_EXPORT}")
             return _parsed(path, archive.read("doc.xml"))
     except FileNotFoundError as fault:
-        raise MissingFileError(
-            "no such file", path, f"copy the project with its .files folder, or {_EXPORT}"
-        ) from fault
+        remedy = f"copy the project with its .files folder, or {_EXPORT}"
+        raise MissingFileError("no such file", path, remedy) from fault
     except (OSError, zipfile.BadZipFile, zlib.error, KeyError, NotImplementedError, RuntimeError) as fault:
-        raise InputError(
-            f"{path}: is not an archive with a doc.xml, or damaged; copy it again, or {_EXPORT}"
-        ) from fault
+        remedy = f"copy it again, or {_EXPORT}"
+        raise InputError(f"{path}: is not an archive with a doc.xml, or damaged; {remedy}") from fault
 
 
-def _bytes(path: Path) -> bytes:
+def _unpacked(path: Path) -> Element:
+    """Parse a file that is XML itself."""
     try:
         if regular(path).stat().st_size > _LARGEST:
             raise InputError(f"{path}: is larger than {_LARGEST >> 20} MiB; {_EXPORT}")
-        return path.read_bytes()
+        return _parsed(path, path.read_bytes())
     except OSError as fault:
         raise file_error(path, fault, "check its permissions") from fault
 
@@ -146,7 +164,6 @@ def _parsed(path: Path, content: bytes) -> Element:
         raise InputError(f"{path}: breaks off or is not XML ({fault}); {_EXPORT}") from fault
 
 
-_REMEDY = "export it again: File > Export > Export Cameras, Agisoft XML"
 _UNDISTORT = "use File > Export > Undistort Photos and dataset.undistorted=true"
 
 
@@ -178,7 +195,7 @@ def read_components(chunk: Chunk, document: Path) -> list[Component]:
     try:
         return _components(chunk, document)
     except (ValueError, TypeError, AttributeError) as fault:  # a number or a part that is not there
-        raise InputError(f"{document}: is not what Metashape writes ({fault}); {_REMEDY}") from fault
+        raise InputError(f"{document}: is not what Metashape writes ({fault}); {_EXPORT}") from fault
 
 
 def _components(chunk: Chunk, document: Path) -> list[Component]:
@@ -193,7 +210,7 @@ def _components(chunk: Chunk, document: Path) -> list[Component]:
         if camera.get("enabled", "true") in ("false", "0") or camera.get("label") is None:
             continue
         if sensor not in sensors:
-            raise InputError(f"{document}: camera '{camera.get('label')}' has no sensor {sensor}; {_REMEDY}")
+            raise InputError(f"{document}: camera '{camera.get('label')}' has no sensor {sensor}; {_EXPORT}")
         pose, master = poses[number], poses.get(str(camera.get("master_id")))
         if pose is None and master is not None:
             pose = master @ _offset(sensors[sensor], document)
@@ -209,14 +226,16 @@ def _components(chunk: Chunk, document: Path) -> list[Component]:
         stem = without_suffix(label.replace("\\", "/").rsplit("/", 1)[-1])
         members.setdefault(of, []).append(Aligned(stem, named, lenses[sensor], np.linalg.inv(world_from_cam)))
     if not members:
-        raise InputError(f"{document}: none of its {len(cameras)} cameras is aligned; run Align Photos, {_REMEDY}")
+        raise InputError(f"{document}: none of its {len(cameras)} cameras is aligned; run Align Photos, {_EXPORT}")
     used = sum(map(len, members.values()))
     if used < len(cameras):
         say(f"{document}: {used} of {len(cameras)} cameras are aligned and enabled, the others are left out")
-    return [
-        Component(_label(worlds.get(of), of), aligned, _world(worlds.get(of), chunk.element)[1], len(members) > 1)
-        for of, aligned in members.items()
-    ]
+    found = []
+    for of, aligned in members.items():
+        label = (worlds[of].get("label") if of in worlds else None) or f"component {of or 0}"
+        scale = _world(worlds.get(of), chunk.element)[1]
+        found.append(Component(label, aligned, scale, len(members) > 1))
+    return found
 
 
 def _cameras(parent: Element | None, group: str = "") -> Iterator[tuple[Element, str]]:
@@ -228,17 +247,13 @@ def _cameras(parent: Element | None, group: str = "") -> Iterator[tuple[Element,
             yield from _cameras(element, element.get("label", ""))
 
 
-def _label(component: Element | None, number: str) -> str:
-    return (component.get("label") if component is not None else None) or f"component {number or 0}"
-
-
 def _pose(camera: Element, document: Path) -> Array | None:
     text = camera.findtext("transform")
     if text is None:
         return None
     pose = np.array(text.split(), dtype=np.float64).reshape(4, 4)
     if not is_rigid(pose):
-        raise InputError(f"{document}: the transform of camera '{camera.get('label')}' is not rigid; {_REMEDY}")
+        raise InputError(f"{document}: the transform of camera '{camera.get('label')}' is not rigid; {_EXPORT}")
     return pose
 
 
@@ -247,13 +262,13 @@ def _offset(sensor: Element, document: Path) -> Array:
     offset = np.eye(4)
     rotation, location = sensor.findtext("rotation"), sensor.findtext("location")
     if rotation is None and location is None:
-        raise InputError(f"{document}: sensor '{sensor.get('label')}' has no place on its rig; {_REMEDY}")
+        raise InputError(f"{document}: sensor '{sensor.get('label')}' has no place on its rig; {_EXPORT}")
     if rotation is not None:
         offset[:3, :3] = np.array(rotation.split(), dtype=np.float64).reshape(3, 3)
     if location is not None:
         offset[:3, 3] = np.array(location.split(), dtype=np.float64)
     if not is_rigid(offset):
-        raise InputError(f"{document}: the rotation of sensor '{sensor.get('label')}' is none; {_REMEDY}")
+        raise InputError(f"{document}: the rotation of sensor '{sensor.get('label')}' is none; {_EXPORT}")
     return offset
 
 
@@ -281,15 +296,124 @@ def _lens(sensor: Element, document: Path) -> Lens:
     if not fisheye and kind != "frame":
         raise InputError(f"{place} is {kind}, which is not usable here; leave its cameras out, or {_UNDISTORT}")
     if calibration is None or calibration.find("f") is None:
-        raise InputError(f"{place} has no calibration with a focal length; align in Metashape 1.3 or later, {_REMEDY}")
+        raise InputError(f"{place} has no calibration with a focal length; align in Metashape 1.3 or later, {_EXPORT}")
     terms = ("f", "cx", "cy", "b1", "b2", "k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4")
     f, cx, cy, b1, b2, k1, k2, k3, k4, p1, p2, p3, p4 = (float(calibration.findtext(term, "0")) for term in terms)
     size = calibration.find("resolution")
     size = size if size is not None else sensor.find("resolution")
     if size is None:
-        raise InputError(f"{place} has no resolution; {_REMEDY}")
+        raise InputError(f"{place} has no resolution; {_EXPORT}")
     width, height = int(size.get("width", "")), int(size.get("height", ""))
     if not (f > 0 and f + b1 > 0 and width > 0 and height > 0 and np.isfinite([f, cx, cy, b1, b2]).all()):
-        raise InputError(f"{place} has {width}x{height} pixels and f = {f:g}, which no camera has; {_REMEDY}")
+        raise InputError(f"{place} has {width}x{height} pixels and f = {f:g}, which no camera has; {_EXPORT}")
     camera = Camera(np.array([[f + b1, b2, width / 2 + cx], [0, f, height / 2 + cy], [0, 0, 1]]), width, height)
     return lens_of(camera, "fisheye" if fisheye else "perspective", (k1, k2, k3, k4), (p2, p1, p3, p4))
+
+
+@dataset(
+    requires=("cv2", "PIL", "tifffile"),
+    source="your own surveys: File > Export > Export Cameras in Agisoft Metashape, or the project itself",
+    has=("poses", "depth"),
+    signs=("*.psx", "*.psz", "cameras.xml"),
+)
+@dataclass(frozen=True)
+class Metashape(ImageScaleOption):
+    """A survey aligned in Agisoft Metashape: one scene an aligned component, one view a photograph."""
+
+    root: Path
+    """The folder that holds the document, images/ and, if there are any, depths/."""
+    document: str = ""
+    """File of the exported cameras or project, in root; empty: the only .xml, .psx or .psz there."""
+    chunk: str = ""
+    """Label of the chunk, where the project has several; empty: the one that was active."""
+    images: str = "images"
+    """Folder of the images, in root."""
+    undistorted: bool = False
+    """true: Undistort Photos wrote the images (principal point, aspect and skew fixed); false: they are the
+    photographs."""
+    depths: str = "depths"
+    """Folder of the depth maps, named after the cameras' labels, in root; need not exist."""
+    depth_units: Literal["metres", "chunk"] = "metres"
+    """Units of the depth maps: "metres", as Agisoft's export script writes, or "chunk", as the Python API has them."""
+    depth_camera: Literal["undistorted", "image"] = "undistorted"
+    """Depth maps are of the sensor without distortion, as Metashape makes them, or match the images pixel by pixel."""
+    encoding: Encoding = "gamma"
+    """How images are encoded: "gamma" (sRGB-like) or "linear"."""
+
+    def scenes(self) -> Iterator[Scene]:
+        """Yield a scene for each component with aligned, enabled cameras. Reads the document, headers and samples.
+
+        Raises InputError for what concerns all views: no document, a damaged one, a lens that cannot be used, no image
+        at all. What is wrong with the files of one view is raised when they are loaded.
+        """
+        root = existing(self.root, "cameras.xml")
+        images, maps_folder = (chosen(self, root, option, "folder") for option in ("images", "depths"))
+        document = find_document(root, self.document)
+        chunk = read_chunk(document, self.chunk)
+        components = read_components(chunk, document)
+        cameras = [camera for component in components for camera in component.cameras]
+        photographs = dict(zip(cameras, _photographs(images, document, cameras, self.undistorted), strict=True))
+        maps = {camera: _map_name(photographs[camera].name, camera.label) for camera in cameras}
+        depths, ambiguous = find_depths(maps_folder, list(maps.values()))
+        for camera, name in maps.items():
+            faults: dict[Plane, str] = {"depth": ambiguous[name]} if name in ambiguous else {}
+            faults |= photographs[camera].faults
+            photographs[camera] = replace(photographs[camera], depth=depths.get(name), faults=faults)
+        for component in components:
+            yield self._scene(root, document, component, [photographs[camera] for camera in component.cameras])
+
+    def _scene(self, root: Path, document: Path, component: Component, photographs: Sequence[Photograph]) -> Scene:
+        if component.scale is None:
+            say(f"{document}: {component.label} has no scale, lengths are in units of its own; set a scale bar there")
+        scale = component.scale or 1.0
+        read = (lambda path: read_depth(path) * scale) if self.depth_units == "chunk" else read_depth
+        views = []
+        for camera, photograph in track(list(zip(component.cameras, photographs, strict=True)), "image sizes"):
+            of = photograph.lens if self.depth_camera == "image" else straight_lens(camera.lens.camera)
+            view = view_of(replace(photograph, read_depth=read, depth_lens=of), self.image_scale, self.encoding)
+            views.append(view)
+        views.sort(key=lambda view: view.name)
+        with_depth = any(photograph.depth or "depth" in photograph.faults for photograph in photographs)
+        has = frozenset({"poses", *(("depth",) if with_depth else ())})
+        how = (self.depth_units, scale, self.depth_camera) if with_depth else ()
+        name = root.resolve().name + (f"/{component.label}" if component.is_one_of_several else "")
+        return Scene(name, views, has, data_id=data_id_of(views, *how))
+
+
+def _photographs(folder: Path, document: Path, cameras: Sequence[Aligned], undistorted: bool) -> list[Photograph]:
+    """Return the photograph of each camera; InputError when none of their files is there, or one is two cameras'."""
+    if not folder.is_dir():
+        raise MissingFileError(
+            "no such folder", folder, "put the images there or name their folder with dataset.images=DIR"
+        )
+    files, found, owners = ImageFolder(folder), [], defaultdict(list)
+    for camera in cameras:
+        fits = files.find(camera.named)
+        faults: dict[Plane, str] = {}
+        if not fits:
+            faults["rgb"] = f"{folder}: no image is named like camera '{camera.named}' of {document.name}; put it there"
+        elif len(fits) > 1:
+            fault = f"{fits[0]} and {fits[1]} are named like camera '{camera.named}'"
+            faults["rgb"] = f"{folder}: {fault}; keep one, or use the project (.psx), which knows their folders"
+        name = fits[0] if len(fits) == 1 else inner_path(camera.named) or f"camera {camera.label}"
+        owners[name].append(camera)
+        lens = straight_lens(_middle(camera.lens.camera)) if undistorted else camera.lens
+        found.append(Photograph(name, folder / name, lens, camera.cam_from_world, faults=faults))
+    if all(photograph.faults for photograph in found):
+        raise InputError(found[0].faults["rgb"])
+    shared = next((name for name, several in owners.items() if len(several) > 1), None)
+    if shared is not None:
+        raise InputError(f"{document}: two cameras have the image {shared}; give cameras labels of their own")
+    return found
+
+
+def _map_name(image: str, label: str) -> str:
+    """What a depth map is named after: the camera's label, in the folder of its image."""
+    return (PurePosixPath(image).parent / f"{label}.png").as_posix()
+
+
+def _middle(camera: Camera) -> Camera:
+    """The camera of what Undistort Photos writes: one focal length, the principal point in the middle."""
+    K = camera.K.copy()
+    K[0, 0], K[0, 1], K[0, 2], K[1, 2] = K[1, 1], 0, camera.width / 2, camera.height / 2
+    return Camera(K, camera.width, camera.height)
