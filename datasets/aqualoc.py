@@ -25,9 +25,8 @@ from sucre_bench.imaging.image_files import image_size
 from sucre_bench.loading.find_folders import existing, folders_below, walk
 from sucre_bench.loading.image_folder import image_names
 from sucre_bench.loading.lens import read_kalibr
-from sucre_bench.loading.view_files import ImageScaleOption, Photograph, data_id_of, view_of
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of
 from sucre_bench.machine.files import regular
-from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Plane, Scene
 
@@ -58,7 +57,8 @@ class Aqualoc(ImageScaleOption):
         """
         root = existing(self.root)
         texts, found = _texts(root), dict[str, Path]()
-        for folder in folders_below(root, lambda place, _: _SEQUENCE.fullmatch(place.name) is not None):
+        lack = "holds no folder of frames; expected folders named like harbor_images_sequence_07 or images_sequence_7"
+        for folder in folders_below(root, lambda place, _: _SEQUENCE.fullmatch(place.name) is not None, lack):
             match = _SEQUENCE.fullmatch(folder.name)
             assert match is not None
             site, number = "harbor" if match[1] == "harbor_" else "archaeo", int(match[2])
@@ -67,9 +67,6 @@ class Aqualoc(ImageScaleOption):
                 raise InputError(f"{folder}: sequence {name} is also {found[name]}; keep one of them")
             found[name] = folder
             yield self._scene(name, site, number, folder, texts)
-        if not found:
-            expected = "harbor_images_sequence_07 or images_sequence_7"
-            raise InputError(f"{root}: holds no folder of frames; expected folders named like {expected}")
 
     def _scene(self, name: str, site: str, number: int, folder: Path, texts: dict[str, Path]) -> Scene:
         frames: dict[int, list[str]] = defaultdict(list)
@@ -87,17 +84,16 @@ class Aqualoc(ImageScaleOption):
         trajectory = next((texts[x + end] for x in ("new_", "") for end in endings if x + end in texts), None)
         poses = _poses(trajectory) if trajectory else {}
 
-        views = []
-        for frame in track(sorted(frames), "image sizes"):
+        photographs = []
+        for frame in sorted(frames):
             (file, *others), faults = frames[frame], dict[Plane, str]()
             if others:
                 faults["rgb"] = f"{folder / file}: frame {frame} is also {others[0]}; keep one of them"
-            photograph = Photograph(file, folder / file, lens, poses.get(frame), faults=faults)
-            views.append(view_of(photograph, self.image_scale))
-        if poses and all(view.cam_from_world is None for view in views):
+            photographs.append(Photograph(file, folder / file, lens, poses.get(frame), faults=faults))
+        if poses and not set(poses) & set(frames):
             fault = f"its frames, {min(poses)} to {max(poses)}, are none of {folder}, {min(frames)} to {max(frames)}"
             raise InputError(f"{trajectory}: {fault}; use the sequence's own file")
-        return Scene(name, views, frozenset({"poses"} if poses else ()), data_id=data_id_of(views))
+        return scene_of(name, photographs, self.image_scale)
 
 
 def _texts(root: Path) -> dict[str, Path]:

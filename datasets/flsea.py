@@ -23,9 +23,9 @@ from sucre_bench.imaging.image_files import image_size
 from sucre_bench.loading.find_folders import existing, folders_below, scene_name
 from sucre_bench.loading.image_folder import image_names
 from sucre_bench.loading.lens import Lens, read_kalibr
-from sucre_bench.loading.view_files import ImageScaleOption, Photograph, data_id_of, view_of
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of
 from sucre_bench.machine.files import expanded
-from sucre_bench.machine.progress import say, track
+from sucre_bench.machine.progress import say
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Plane, Scene
 
@@ -60,12 +60,10 @@ class Flsea(ImageScaleOption):
 
         Raises InputError when there is no dive, or its calibration or depth maps are not as expected.
         """
-        root, found = existing(self.root), False
-        for folder in folders_below(root, lambda _, below: self.images in below):
-            found = True
+        root = existing(self.root)
+        lack = f"holds no folder {self.images} of images; give the folder of canyons or red_sea"
+        for folder in folders_below(root, lambda _, below: self.images in below, lack):
             yield self._scene(folder, root)
-        if not found:
-            raise InputError(f"{root}: holds no folder {self.images} of images; give the folder of canyons or red_sea")
 
     def _scene(self, dive: Path, root: Path) -> Scene:
         folder = dive / self.images
@@ -81,16 +79,14 @@ class Flsea(ImageScaleOption):
             raise InputError(f"{dive / 'depth'}: no depth map is named after an image; expected names like {expected}")
         lens = self._lens(dive, root, image_size(folder / names[0]) or _SIZE) if self.undistort else None
 
-        views = []
-        for name in track(names, "image sizes"):
+        photographs = []
+        for name in names:
             maps, faults = [dive / "depth" / depth for depth in depths.get(_frame(name), ())], dict[Plane, str]()
             if len(maps) > 1:
                 faults["depth"] = f"{maps[0]}: {maps[1].name} is there as well; keep one of them"
             depth = maps[0] if maps else None
-            photograph = Photograph(name, folder / name, lens, None, depth, depth_lens=lens, faults=faults)
-            views.append(view_of(photograph, self.image_scale))
-        has = frozenset({"depth"} if depths else ())
-        return Scene(scene_name(dive, root), views, has, data_id=data_id_of(views))
+            photographs.append(Photograph(name, folder / name, lens, None, depth, depth_lens=lens, faults=faults))
+        return scene_of(scene_name(dive, root), photographs, self.image_scale)
 
     def _lens(self, dive: Path, root: Path, size: tuple[int, int]) -> Lens | None:
         if self.calibration is not None:

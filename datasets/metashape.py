@@ -37,14 +37,13 @@ from sucre_bench.loading.lens import Lens, lens_of
 from sucre_bench.loading.view_files import (
     ImageScaleOption,
     Photograph,
-    data_id_of,
     is_rigid,
     scaled_pose,
+    scene_of,
     straight_lens,
-    view_of,
 )
 from sucre_bench.machine.files import regular
-from sucre_bench.machine.progress import say, track
+from sucre_bench.machine.progress import say
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Encoding, Plane, Scene
 
@@ -367,17 +366,15 @@ class Metashape(ImageScaleOption):
             say(f"{document}: {component.label} has no scale, lengths are in units of its own; set a scale bar there")
         scale = component.scale or 1.0
         read = (lambda path: read_depth(path) * scale) if self.depth_units == "chunk" else read_depth
-        views = []
-        for camera, photograph in track(list(zip(component.cameras, photographs, strict=True)), "image sizes"):
+        with_maps = []
+        for camera, photograph in zip(component.cameras, photographs, strict=True):
             of = photograph.lens if self.depth_camera == "image" else straight_lens(camera.lens.camera)
-            view = view_of(replace(photograph, read_depth=read, depth_lens=of), self.image_scale, self.encoding)
-            views.append(view)
-        views.sort(key=lambda view: view.name)
+            with_maps.append(replace(photograph, read_depth=read, depth_lens=of))
+        with_maps.sort(key=lambda photograph: photograph.name)
         with_depth = any(photograph.depth or "depth" in photograph.faults for photograph in photographs)
-        has = frozenset({"poses", *(("depth",) if with_depth else ())})
         how = (self.depth_units, scale, self.depth_camera) if with_depth else ()
         name = root.resolve().name + (f"/{component.label}" if component.is_one_of_several else "")
-        return Scene(name, views, has, data_id=data_id_of(views, *how))
+        return scene_of(name, with_maps, self.image_scale, self.encoding, *how)
 
 
 def _photographs(folder: Path, document: Path, cameras: Sequence[Aligned], undistorted: bool) -> list[Photograph]:

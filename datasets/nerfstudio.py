@@ -25,7 +25,7 @@ from sucre_bench.imaging.image_files import SUFFIXES, decode, image_size
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.find_folders import existing, inside
 from sucre_bench.loading.lens import Lens, lens_of
-from sucre_bench.loading.view_files import ImageScaleOption, Photograph, data_id_of, fingerprint, is_rigid, view_of
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, fingerprint, is_rigid, scene_of
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset
@@ -84,11 +84,10 @@ class Nerfstudio(ImageScaleOption):
         if all("rgb" in photograph.faults for photograph in photographs.values()):
             first = next(iter(photographs.values()))
             raise InputError(f"{root}: none of the images is there, not even {first.name}; put them there")
-        views = [view_of(photographs[name], self.image_scale, self.encoding) for name in sorted(photographs)]
-        with_depth = any(photograph.depth is not None for photograph in photographs.values())
-        has = frozenset({"poses", *(("depth",) if with_depth else ())})
+        in_order = [photographs[name] for name in sorted(photographs)]
+        with_depth = any(photograph.depth is not None for photograph in in_order)
         more = (sorted(units), [fingerprint(mask) for mask in masks]) if with_depth else ()
-        yield Scene(root.resolve().name, views, has, data_id=data_id_of(views, *more))
+        yield scene_of(root.resolve().name, in_order, self.image_scale, self.encoding, *more)
 
     def _files(self, root: Path) -> list[Path]:
         if self.transforms:

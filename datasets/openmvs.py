@@ -27,11 +27,10 @@ from sucre_bench.loading.find_folders import ImageFolder, existing, inner_path
 from sucre_bench.loading.view_files import (
     ImageScaleOption,
     Photograph,
-    data_id_of,
     is_rigid,
     scaled_pose,
+    scene_of,
     straight_lens,
-    view_of,
 )
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
@@ -87,9 +86,8 @@ class Openmvs(ImageScaleOption):
         if all(photograph.faults for photograph in photographs.values()):
             first = next(iter(photographs))
             raise InputError(f"{root}: none of the images is there, not even {first}; put them below")
-        views = [view_of(photographs[name], self.image_scale, self.encoding) for name in sorted(photographs)]
-        data_id = data_id_of(views, self.metres_per_unit)
-        yield Scene(root.resolve().name, views, frozenset({"poses", "depth"}), data_id=data_id)
+        in_order = [photographs[name] for name in sorted(photographs)]
+        yield scene_of(root.resolve().name, in_order, self.image_scale, self.encoding, self.metres_per_unit)
 
     def _photograph(self, root: Path, path: Path, header: "Header", images: ImageFolder) -> Photograph:
         fits = images.find(header.image)

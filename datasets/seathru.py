@@ -32,7 +32,7 @@ from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.colmap_model import Posed, read_model
 from sucre_bench.loading.depth_maps import find_depths
 from sucre_bench.loading.find_folders import check_chosen, chosen, existing, folders_below, scene_name
-from sucre_bench.loading.view_files import ImageScaleOption, Photograph, data_id_of, scaled_pose, straight_lens, view_of
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scaled_pose, scene_of, straight_lens
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset
@@ -179,11 +179,10 @@ class Seathru(ImageScaleOption):
         root = existing(self.root)
         found: dict[Path, list[Path]] = {}
         ranks = {name.lower(): rank for rank, name in enumerate(self.images)}
-        for folder in folders_below(root, lambda place, _: place.name.lower() in ranks):
+        names = " or ".join(self.images)
+        lack = f"holds no folder {names}; give the folder of D1 to D5, or set dataset.images=..."
+        for folder in folders_below(root, lambda place, _: place.name.lower() in ranks, lack):
             found.setdefault(folder.parent, []).append(folder)
-        if not found:
-            names = " or ".join(self.images)
-            raise InputError(f"{root}: holds no folder {names}; give the folder of D1 to D5, or set dataset.images=...")
         check_chosen(self, list(found), "charts", "file")
         for place, folders in found.items():
             images = min(folders, key=lambda folder: ranks[folder.name.lower()])
@@ -199,7 +198,7 @@ class Seathru(ImageScaleOption):
         model = _model(sparse, folder, paths)
         charts = self._charts(place, sizes)
 
-        views = []
+        photographs = []
         for path in paths:
             size, posed = sizes[path.name], model.get(path.name, ())
             camera, pose, faults = _centred(size, self.focal_px), None, dict[Plane, str]()
@@ -221,13 +220,8 @@ class Seathru(ImageScaleOption):
                 read_image=read_raw if path.suffix.lower() in RAW_SUFFIXES else read_rgb,
                 faults=faults,
             )
-            views.append(view_of(photograph, self.image_scale, self.encoding))
-        has = {
-            "depth": depths or ambiguous,
-            "charts": charts,
-            "poses": any(len(posed) == 1 for posed in model.values()),
-        }
-        return Scene(name, views, frozenset(what for what, there in has.items() if there), data_id=data_id_of(views))
+            photographs.append(photograph)
+        return scene_of(name, photographs, self.image_scale, self.encoding)
 
     def _charts(
         self, place: Path, sizes: Mapping[str, tuple[int, int]]

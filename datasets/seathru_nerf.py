@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model, registered_scene
 from sucre_bench.loading.find_folders import ImageFolder, chosen, existing, folders_below, scene_name
 from sucre_bench.loading.view_files import ImageScaleOption
@@ -59,14 +58,12 @@ class SeathruNerf(ImageScaleOption):
 
         Raises InputError when there is no reef, or its model or all of its images are missing.
         """
-        root, found = existing(self.root), False
+        root = existing(self.root)
         names = [name.lower() for name in self.images]
-        for place in folders_below(root, lambda _, below: bool({name.lower() for name in below} & set(names))):
-            found = True
+        lack = f"holds no folder {' or '.join(self.images)}; give the folder of the four scenes"
+        for place in folders_below(root, lambda _, below: bool({name.lower() for name in below} & set(names)), lack):
             there = {path.name.lower(): path for path in sorted(place.iterdir()) if path.is_dir()}
             yield self._scene(place, next(there[name] for name in names if name in there), scene_name(place, root))
-        if not found:
-            raise InputError(f"{root}: holds no folder {' or '.join(self.images)}; give the folder of the four scenes")
 
     def _scene(self, place: Path, images: Path, name: str) -> Scene:
         depths = chosen(self, place, "depths", "folder")

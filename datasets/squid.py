@@ -30,7 +30,7 @@ from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.image_files import SUFFIXES, image_size, same_shape
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.find_folders import check_chosen, existing, folders_below, scene_name
-from sucre_bench.loading.view_files import ImageScaleOption, Photograph, data_id_of, straight_lens, view_of
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of, straight_lens
 from sucre_bench.machine.files import expanded
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.plugins.ranges import check_ranges
@@ -73,9 +73,8 @@ class Squid(ImageScaleOption):
         """
         root = existing(self.root)
         calibration = functools.cache(_calibration)
-        folders = list(folders_below(root, lambda place, _: place.name.lower().startswith("image_set")))
-        if not folders:
-            raise InputError(f"{root}: holds no folder image_set_NN; give the folder of Katzaa, Michmoret and so on")
+        lack = "holds no folder image_set_NN; give the folder of Katzaa, Michmoret and so on"
+        folders = list(folders_below(root, lambda place, _: place.name.lower().startswith("image_set"), lack))
         check_chosen(self, folders, "charts", "file")
         for folder in folders:
             yield self._scene(folder, scene_name(folder, root), *calibration(_beside(folder)))
@@ -88,7 +87,7 @@ class Squid(ImageScaleOption):
         }
         charts = read_charts(folder / expanded(self.charts), sizes)
         maps = folder / "distanceFromCamera.mat"
-        views = []
+        photographs = []
         for path, camera, side, pose in zip(paths, cameras, "lr", (np.eye(4), right_from_left), strict=True):
             faults = dict[Plane, str]()
             if not path.is_file():
@@ -104,9 +103,8 @@ class Squid(ImageScaleOption):
                 size=sizes[path.name],
                 faults=faults,
             )
-            views.append(view_of(photograph, self.image_scale, self.encoding))
-        has = {"poses", *(("depth",) if maps.is_file() else ()), *(("charts",) if charts else ())}
-        return Scene(name, views, frozenset(has), data_id=data_id_of(views, self.farthest_m))
+            photographs.append(photograph)
+        return scene_of(name, photographs, self.image_scale, self.encoding, self.farthest_m)
 
 
 def _image(folder: Path, side: str) -> Path:

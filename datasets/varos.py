@@ -28,9 +28,8 @@ from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.loading.depth_maps import read_16_bit
 from sucre_bench.loading.find_folders import existing, folders_below, scene_name
-from sucre_bench.loading.view_files import ImageScaleOption, Photograph, data_id_of, straight_lens, view_of
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of, straight_lens
 from sucre_bench.machine.files import regular
-from sucre_bench.machine.progress import track
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Plane, Scene
@@ -65,12 +64,10 @@ class Varos(ImageScaleOption):
 
         Raises InputError when there is no such folder, or its camera or poses are missing or wrong.
         """
-        root, found = existing(self.root), False
-        for folder in folders_below(root, lambda _, below: "A" in below):
-            found = True
+        root = existing(self.root)
+        lack = "holds no folder A of views in water; give the folder that holds vehicle0/cam0/A"
+        for folder in folders_below(root, lambda _, below: "A" in below, lack):
             yield self._scene(folder, root)
-        if not found:
-            raise InputError(f"{root}: holds no folder A of views in water; give the folder that holds vehicle0/cam0/A")
 
     def _scene(self, folder: Path, root: Path) -> Scene:
         images = _frames(folder / "A")
@@ -82,8 +79,8 @@ class Varos(ImageScaleOption):
         times = _times(_beside(folder, root, _TIMES), sorted(images))
         poses = _poses(_beside(folder, root, _POSES))
 
-        views = []
-        for frame, path in track(sorted(images.items()), "image sizes"):
+        photographs = []
+        for frame, path in sorted(images.items()):
             faults: dict[Plane, str] = {}
             for plane, place, others in others_of:
                 if others and frame not in others:
@@ -98,11 +95,8 @@ class Varos(ImageScaleOption):
                 reference=references.get(frame),
                 faults=faults,
             )
-            views.append(view_of(photograph, self.image_scale))
-
-        optional = {"depth": depths, "reference": references, "poses": any(v.cam_from_world is not None for v in views)}
-        has = frozenset(what for what, there in optional.items() if there)
-        return Scene(scene_name(folder, root), views, has, data_id=data_id_of(views))
+            photographs.append(photograph)
+        return scene_of(scene_name(folder, root), photographs, self.image_scale)
 
 
 def _frames(folder: Path) -> dict[int, Path]:

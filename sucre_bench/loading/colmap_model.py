@@ -26,7 +26,7 @@ from sucre_bench.imaging.image_files import image_size
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.depth_maps import find_depths
 from sucre_bench.loading.lens import Lens
-from sucre_bench.loading.view_files import Photograph, data_id_of, scaled_pose, straight_lens, view_of
+from sucre_bench.loading.view_files import Photograph, scaled_pose, scene_of, straight_lens
 from sucre_bench.machine.files import fault_of, regular
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import Encoding, Plane, Scene
@@ -252,7 +252,7 @@ def registered_scene(
     seen = {} if charts is None else read_charts(charts, sizes)
     faults: dict[Plane, Mapping[str, str]] = {"rgb": not_there, "depth": ambiguous}
 
-    views = []
+    photographs = []
     for posed in model:
         image = posed.name
         photograph = Photograph(
@@ -267,7 +267,5 @@ def registered_scene(
             size=sizes[image],
             faults={plane: of_plane[image] for plane, of_plane in faults.items() if image in of_plane},
         )
-        views.append(view_of(photograph, image_scale, encoding))
-    optional = {"depth": found or ambiguous, "reference": references, "charts": seen}
-    has = frozenset({"poses", *(what for what, there in optional.items() if there)})
-    return Scene(name, views, has, data_id=data_id_of(views))
+        photographs.append(photograph)
+    return scene_of(name, photographs, image_scale, encoding)

@@ -75,16 +75,20 @@ def walk(root: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
         yield folder, below, sorted(names)
 
 
-def folders_below(root: Path, wanted: Callable[[Path, set[str]], bool]) -> Iterator[Path]:
+def folders_below(root: Path, wanted: Callable[[Path, set[str]], bool], lack: str = "") -> Iterator[Path]:
     """Yield `root` and the folders below it, in order of name, that `wanted(folder, names of its folders)` accepts.
 
-    Links are followed as by `walk`. Hidden folders and folders below an accepted one are not entered.
+    Links are followed as by `walk`. Hidden folders and folders below an accepted one are not entered. Where there is
+    none, InputError is raised if `lack` says so: "fault; remedy".
     """
     for place, below, _ in walk(root):
         if wanted(place, set(below)):
             yield place
             below.clear()
+            lack = ""
         below[:] = [name for name in below if not name.startswith(".")]
+    if lack:
+        raise InputError(f"{root}: {lack}")
 
 
 def inside(root: Path, base: Path, named: str) -> Path | None:

@@ -9,7 +9,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import SUFFIXES, image_size
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.find_folders import folders_below, walk
-from sucre_bench.loading.view_files import Photograph, data_id_of, view_of
+from sucre_bench.loading.view_files import Photograph, scene_of
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import Encoding, Plane, Scene
 
@@ -52,7 +52,7 @@ def image_folder_scene(
         if charts
         else {}
     )
-    views = []
+    photographs = []
     for image in names:
         reference = found.get(image)
         faults: dict[Plane, str] = {"reference": reference} if isinstance(reference, str) else {}
@@ -65,9 +65,8 @@ def image_folder_scene(
             size=sizes[image],
             faults=faults,
         )
-        views.append(view_of(photograph, image_scale, encoding))
-    has = frozenset(what for what, there in {"reference": references, "charts": seen}.items() if there)
-    return Scene(name, views, has, data_id=data_id_of(views))
+        photographs.append(photograph)
+    return scene_of(name, photographs, image_scale, encoding)
 
 
 def _references(images: Iterable[str], folder: Path, subfolders: bool) -> dict[str, Path | str]:

@@ -153,6 +153,27 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
     return View(photograph.name, files, camera, photograph.cam_from_world, charts, encoding)
 
 
+def scene_of(
+    name: str,
+    photographs: Sequence[Photograph],
+    image_scale: float = 1.0,
+    encoding: Encoding = "gamma",
+    *more: object,
+) -> Scene:
+    """Return the scene of photographs, which has what any of them has. Reads headers and samples of their files.
+
+    more: what decides the views besides their files, for the data id. Raises InputError as `view_of` does.
+    """
+    views = [view_of(photograph, image_scale, encoding) for photograph in track(photographs, "image sizes")]
+    has = {
+        "poses": any(photograph.cam_from_world is not None for photograph in photographs),
+        "depth": any(photograph.depth or "depth" in photograph.faults for photograph in photographs),
+        "reference": any(photograph.reference or "reference" in photograph.faults for photograph in photographs),
+        "charts": any(photograph.charts for photograph in photographs),
+    }
+    return Scene(name, views, frozenset(what for what, there in has.items() if there), data_id=data_id_of(views, *more))
+
+
 def _seen(chart: Chart, place: str, size: tuple[int, int], lens: Lens | None, target: tuple[int, int]) -> Chart:
     """Transform a chart from the stored image, of `size` (width, height), to the view, of size `target`."""
     if lens is None:
