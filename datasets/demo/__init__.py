@@ -4,12 +4,24 @@ import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from sucre_bench.datasets.demo.render import WATERS, Preset
+import numpy as np
+
 from sucre_bench.errors import InputError
 from sucre_bench.plugins.decorators import dataset
-from sucre_bench.scene import Scene
+from sucre_bench.scene import Scene, Water
+
+Preset = Literal["clear", "coastal", "turbid", "deep_sea"]
+
+# Each row: B, beta and gamma. Chosen by eye to look like photographs, from clear ocean to turbid coast.
+_PARAMETERS: dict[Preset, list[tuple[float, float, float]]] = {
+    "clear": [(0.05, 0.28, 0.43), (0.26, 0.07, 0.05), (0.19, 0.11, 0.10)],
+    "coastal": [(0.07, 0.36, 0.42), (0.42, 0.14, 0.13), (0.30, 0.20, 0.18)],
+    "turbid": [(0.23, 0.45, 0.34), (0.56, 0.26, 0.34), (0.42, 0.32, 0.36)],
+    "deep_sea": [(0.02, 0.13, 0.17), (0.19, 0.06, 0.055), (0.08, 0.07, 0.07)],
+}
+WATERS = {preset: Water(*map(np.array, rows)) for preset, rows in _PARAMETERS.items()}
 
 
 @dataset(

@@ -15,10 +15,9 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, pixel_rays
+from sucre_bench.datasets.demo import WATERS, Preset
 from sucre_bench.datasets.demo.render import (
     LAMP,
-    WATERS,
-    Preset,
     Surfaces,
     build,
     make_camera,

@@ -4,17 +4,18 @@ One ray through the centre of a pixel finds its surface and depth; its colour is
 that surface's plane. So a pixel never mixes two surfaces, and belongs to the depth it is given.
 
 Water works on gamma-encoded intensities, I = J exp(-beta z) + B (1 - exp(-gamma z)) (SUCRe, eq. 5), with z the
-distance from the camera. The presets are chosen by eye to look like photographs, from clear ocean to turbid coast.
+distance from the camera.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, moved, pixel_rays, project
+from sucre_bench.datasets.demo import WATERS, Preset
 from sucre_bench.datasets.demo.seabed import Board, Terrain, Texture, sample, triangles
 from sucre_bench.errors import InputError
 from sucre_bench.scene import Chart, Water
@@ -173,18 +174,6 @@ def _unhidden(surfaces: Surfaces, board: Board, cam_from_world: Array) -> bool:
     met = _cast(surfaces, centre, rays)["t_hit"].numpy()
     return bool((np.abs(met - seen[:, 2]) < _TOLERANCE * seen[:, 2]).all())
 
-
-Preset = Literal["clear", "coastal", "turbid", "deep_sea"]
-
-
-# Each row: B, beta and gamma.
-_PARAMETERS: dict[Preset, list[tuple[float, float, float]]] = {
-    "clear": [(0.05, 0.28, 0.43), (0.26, 0.07, 0.05), (0.19, 0.11, 0.10)],
-    "coastal": [(0.07, 0.36, 0.42), (0.42, 0.14, 0.13), (0.30, 0.20, 0.18)],
-    "turbid": [(0.23, 0.45, 0.34), (0.56, 0.26, 0.34), (0.42, 0.32, 0.36)],
-    "deep_sea": [(0.02, 0.13, 0.17), (0.19, 0.06, 0.055), (0.08, 0.07, 0.07)],
-}
-WATERS = {preset: Water(*map(np.array, rows)) for preset, rows in _PARAMETERS.items()}
 
 _OPEN_WATER_M = 1e4  # from there on, nothing but the veiling light
 

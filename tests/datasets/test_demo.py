@@ -11,9 +11,9 @@ import pytest
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import pixel_rays
-from sucre_bench.datasets.demo import Demo, made_scene
+from sucre_bench.datasets.demo import WATERS, Demo, Preset, made_scene
 from sucre_bench.datasets.demo.made_scene import MadeScene, make, make_once
-from sucre_bench.datasets.demo.render import LAMP, WATERS, Preset, apply, build, make_camera, render, underwater
+from sucre_bench.datasets.demo.render import LAMP, apply, build, make_camera, render, underwater
 from sucre_bench.datasets.demo.seabed import SITES, Grid, Noise, make_terrain, make_texture, place_board, sample
 from sucre_bench.errors import DiskFullError, InputError
 from sucre_bench.imaging.chart_kinds import KINDS

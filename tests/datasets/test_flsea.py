@@ -71,7 +71,7 @@ def test_views_without_a_calibration_in_sight_are_said_to_be_distorted(tmp_path:
         assert not said.lines
         load(dive)
     assert [text.split(":")[0] for text in said.lines] == [str(dive)]
-    assert "distorted" in said[0]
+    assert "distorted" in said.lines[0]
 
 
 def test_the_nearest_calibration_counts(tmp_path: Path) -> None:
