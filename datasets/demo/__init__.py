@@ -21,7 +21,7 @@ _PARAMETERS: dict[Preset, list[tuple[float, float, float]]] = {
     "turbid": [(0.23, 0.45, 0.34), (0.56, 0.26, 0.34), (0.42, 0.32, 0.36)],
     "deep_sea": [(0.02, 0.13, 0.17), (0.19, 0.06, 0.055), (0.08, 0.07, 0.07)],
 }
-WATERS = {preset: Water(*map(np.array, rows)) for preset, rows in _PARAMETERS.items()}
+WATERS = {preset: Water(*np.array(rows)) for preset, rows in _PARAMETERS.items()}
 
 
 @dataset(
