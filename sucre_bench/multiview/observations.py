@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -162,8 +162,14 @@ def arrange(
     an observation, from a field's name, a shape and a type; None makes them in memory.
     """
     empty = empty or (lambda _, shape, dtype: np.empty(shape, dtype))
-    slots = Slots(shape[0] * shape[1], (one.pixels for one in seen))
-    n = len(slots)
+    n_pixels = shape[0] * shape[1]
+    counts = np.zeros(n_pixels, dtype=np.int32)
+    for one in seen:
+        compiled(_count)(locked(one.pixels), counts)
+    pixels = np.empty(int(np.count_nonzero(counts)), dtype=np.int64)
+    place = np.empty(n_pixels, dtype=np.int32)  # of each pixel in that order
+    starts = np.concatenate([[0], np.cumsum(compiled(_order)(counts, pixels, place))]).astype(np.int64)
+    filled, n = np.zeros(n_pixels, dtype=np.int32), int(starts[-1])  # the next slot of each pixel
     finest = np.result_type(np.uint8, *(one.colour.dtype if one.colour.dtype.kind == "u" else "f4" for one in seen))
     distance, colour = empty("distance", (n,), np.float32), empty("colour", (3, n), finest)
     view = empty("view", (n,), np.uint16) if with_view else None
@@ -172,73 +178,34 @@ def arrange(
     parts = seen if free else list(seen)
     for index in range(len(parts)):
         one = parts.pop(0)
-        colours, with_places = one.colour, with_view or ray is not None
+        colours = one.colour
         if colours.dtype != finest and finest == np.uint16:
             colours = colours.astype(np.uint16) * 257  # 65535 / 255
         elif colours.dtype != finest:
             colours = (colours / np.float32(_full_scale(colours.dtype))).astype(finest)
-        at = slots.fill(one.pixels, one.distance, colours, distance, colour, with_places)
+        at = np.empty(0 if view is None and ray is None else len(one.pixels), dtype=np.int64)
+        given = (locked(one.pixels), locked(one.distance), locked(np.ascontiguousarray(colours)))
+        _fill_in_threads(*given, starts, place, filled, at, np.asarray(distance), np.asarray(colour))
         if view is not None:
             view[at] = index
         if ray is not None:
             ray[:, at] = one.ray
-    return Observations(shape, names, slots.pixels, slots.counts, slots.starts, distance, colour, view=view, ray=ray)
+    return Observations(shape, names, pixels, counts[pixels], starts, distance, colour, view=view, ray=ray)
 
 
 # Observations that are worth a thread.
 _MANY = 200_000
 
 
-class Slots:
-    """Where the observations of each pixel go, view after view.
-
-    n_pixels: of the target; seen: the pixels (M,) of each view, each at most once in a view.
-    pixels, counts, starts: as `Observations` has them.
-    """
-
-    def __init__(self, n_pixels: int, seen: Iterable[Indices]) -> None:
-        counts = np.zeros(n_pixels, dtype=np.int32)
-        for pixels in seen:
-            compiled(_count)(locked(pixels), counts)
-        self.pixels = np.empty(int(np.count_nonzero(counts)), dtype=np.int64)
-        self._place = np.empty(n_pixels, dtype=np.int32)  # of each pixel in that order
-        sizes = compiled(_order)(counts, self.pixels, self._place)
-        self.counts = counts[self.pixels]
-        self.starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-        self._filled = np.zeros(n_pixels, dtype=np.int32)  # the next slot of each pixel
-
-    def __len__(self) -> int:
-        """The number of observations."""
-        return int(self.starts[-1])
-
-    def fill(
-        self,
-        pixels: Indices,
-        values: Array,
-        colours: npt.NDArray[Any],
-        out: Array,
-        colour: Array,
-        with_places: bool = True,
-    ) -> Indices:
-        """Store the observations of the next view, and return their places (M,) int64; none without `with_places`.
-
-        pixels: (M,) of the view; values: (M,), stored in out (N,); colours: (M, 3), stored in colour (3, N).
-        """
-        at = np.empty(len(pixels) if with_places else 0, dtype=np.int64)
-        into = (self.starts, self._place, self._filled, at, np.asarray(out), np.asarray(colour))
-        given = (locked(pixels), locked(values), locked(np.ascontiguousarray(colours)))
-
-        def of(start: int) -> None:
-            compiled(_fill)(*given, *into, start, min(start + step, len(pixels)))
-
-        step = max(_MANY, -(-len(pixels) // usable_cores()))
-        starts = range(0, len(pixels), step)
-        if len(starts) == 1:
-            of(0)
-        elif len(starts) > 1:  # a view's pixels differ, so no two threads write to one place
-            with ThreadPoolExecutor(len(starts)) as pool:
-                list(pool.map(of, starts))
-        return at
+def _fill_in_threads(pixels: Indices, *arrays: npt.NDArray[Any]) -> None:
+    """Call `_fill` for parts of a view's pixels: they differ, so no two threads write to one place."""
+    step = max(_MANY, -(-len(pixels) // usable_cores()))
+    spans = [(start, min(start + step, len(pixels))) for start in range(0, len(pixels), step)]
+    if len(spans) == 1:
+        compiled(_fill)(pixels, *arrays, *spans[0])
+    elif spans:
+        with ThreadPoolExecutor(len(spans)) as pool:
+            list(pool.map(lambda span: compiled(_fill)(pixels, *arrays, *span), spans))
 
 
 def _count(pixels: Indices, counts: Indices) -> None:
@@ -277,6 +244,7 @@ def _fill(
     first: int,
     last: int,
 ) -> None:
+    """Store values (M,) in out (N,), colours (M, 3) in colour (3, N), and their places in `at` unless it is empty."""
     for i in range(first, last):
         pixel = pixels[i]
         k = starts[filled[pixel]] + place[pixel]
