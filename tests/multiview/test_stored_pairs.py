@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -121,62 +122,39 @@ def test_other_data_views_targets_options_or_source_are_made_anew(
     assert len(list(tmp_path.glob("*/meta.json"))) == 1 + len(others) + 1
 
 
-def damage(entry: Path, how: str) -> None:
-    if how == "a truncated array":
-        content = (entry / "distance.npy").read_bytes()
-        (entry / "distance.npy").write_bytes(content[:-100])
-    elif how == "a missing array":
-        (entry / "colour.npy").unlink()
-    elif how == "an array of another size":
-        np.save(entry / "distance.npy", np.zeros(3, np.float32))
-    elif how == "counts of zero":
-        np.save(entry / "counts.npy", np.zeros_like(np.load(entry / "counts.npy")))
-    elif how == "a pickle":
-        np.save(entry / "colour.npy", np.array([print], dtype=object), allow_pickle=True)
-    elif how == "no meta.json":
-        (entry / "meta.json").unlink()
-    elif how == "half a meta.json":
-        (entry / "meta.json").write_text((entry / "meta.json").read_text()[:40])
-    elif how == "an empty array":
-        (entry / "counts.npy").write_bytes(b"")
-    elif how == "a garbled header":
-        content = (entry / "distance.npy").read_bytes()
-        (entry / "distance.npy").write_bytes(content[:10] + b"((((" + content[14:])
-    elif how == "zeros in place of pixels":
-        np.save(entry / "pixels.npy", np.zeros_like(np.load(entry / "pixels.npy")))
-    elif how == "pixels out of the image":
-        np.save(entry / "pixels.npy", np.load(entry / "pixels.npy") + 10**6)
-    elif how == "starts that do not fit":
-        starts = np.load(entry / "starts.npy")
-        starts[1] += 5
-        np.save(entry / "starts.npy", starts)
-    elif how == "a meta.json of something else":
-        (entry / "meta.json").write_text("[1, 2]")
+def saved(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Path], object]:
+    """Return what changes a stored array."""
+    return lambda entry: np.save(entry / f"{name}.npy", change(np.load(entry / f"{name}.npy")))
 
 
-@pytest.mark.parametrize(
-    "how",
-    [
-        "an empty array",
-        "a garbled header",
-        "zeros in place of pixels",
-        "pixels out of the image",
-        "starts that do not fit",
-        "a truncated array",
-        "a missing array",
-        "an array of another size",
-        "counts of zero",
-        "a pickle",
-        "no meta.json",
-        "half a meta.json",
-        "a meta.json of something else",
-    ],
-)
-def test_a_damaged_entry_is_made_anew(tmp_path: Path, how: str) -> None:
+def written(name: str, change: Callable[[bytes], bytes]) -> Callable[[Path], object]:
+    """Return what changes the bytes of a stored file."""
+    return lambda entry: (entry / name).write_bytes(change((entry / name).read_bytes()))
+
+
+DAMAGE: dict[str, Callable[[Path], object]] = {
+    "a truncated array": written("distance.npy", lambda content: content[:-100]),
+    "an empty array": written("counts.npy", lambda content: b""),
+    "a garbled header": written("distance.npy", lambda content: content[:10] + b"((((" + content[14:]),
+    "a missing array": lambda entry: (entry / "colour.npy").unlink(),
+    "an array of another size": saved("distance", lambda _: np.zeros(3, np.float32)),
+    "counts of zero": saved("counts", np.zeros_like),
+    "zeros in place of pixels": saved("pixels", np.zeros_like),
+    "pixels out of the image": saved("pixels", lambda pixels: pixels + 10**6),
+    "starts that do not fit": saved("starts", lambda starts: starts + 5 * (np.arange(len(starts)) == 1)),
+    "a pickle": lambda entry: np.save(entry / "colour.npy", np.array([print], dtype=object), allow_pickle=True),
+    "no meta.json": lambda entry: (entry / "meta.json").unlink(),
+    "half a meta.json": written("meta.json", lambda content: content[:40]),
+    "a meta.json of something else": written("meta.json", lambda content: b"[1, 2]"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
+def test_a_damaged_entry_is_made_anew(tmp_path: Path, damage: Callable[[Path], object]) -> None:
     scene = counted_scene()
     paired(scene, scene["a.png"], tmp_path)
     (meta,) = tmp_path.glob("*/meta.json")
-    damage(meta.parent, how)
+    damage(meta.parent)
     fresh = counted_scene()
     assert_equal(observe(scene["a.png"], scene.views), paired(fresh, fresh["a.png"], tmp_path))
     assert n_loads(fresh) > 0
