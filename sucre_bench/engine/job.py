@@ -19,7 +19,7 @@ import numpy as np
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured
 from sucre_bench.engine.preflight import Planned, plan
-from sucre_bench.engine.score import Scorer, failed_row, row_of_fault, score_rows, scorers
+from sucre_bench.engine.score import Scorer, row_of_fault, score_rows, scorers
 from sucre_bench.engine.select_views import Task, base_row
 from sucre_bench.engine.workers import Emit, Work
 from sucre_bench.errors import InputError, NotApplicableError, OutputError, PluginError, raise_if_stop
@@ -79,7 +79,7 @@ class JobAtWork(Work):
                 method, metrics = job.method.make(), scorers(m for m in job.metrics if not m.plugin.is_of_pairs)
                 make_ready(method)
         except BaseException as fault:
-            whole = failed_row(job, fault)
+            whole = row_of_fault(base_row(job), fault, log_path(job.out), is_said=True)
             for task in left:
                 emit([replace(whole, scene=task.base.scene, view=task.view.name, data_id=task.base.data_id)])
             return
@@ -109,7 +109,8 @@ class JobAtWork(Work):
 
     def fail(self, fault: Exception) -> None:
         """Give up: the job's row says why."""
-        self._part.add([failed_row(self._planned.job, fault)])
+        job = self._planned.job
+        self._part.add([row_of_fault(base_row(job), fault, log_path(job.out), is_said=True)])
 
     def end(self) -> None:
         """Write what is not written yet."""

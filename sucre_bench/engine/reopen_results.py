@@ -7,12 +7,12 @@ views a method restored, and the id of their data. A picture has 8 bits; black i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sucre_bench.arrays import DataFrame, Picture
+from sucre_bench.arrays import Picture
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
@@ -74,12 +74,21 @@ def revisit(out: Path, methods: Sequence[str], dataset: str = "", scene: str = "
     """
     from sucre_bench import results
     from sucre_bench.engine.select_views import open_scenes, tasks
+    from sucre_bench.results.rows import restorations
 
-    rows = results.read(out)
-    rows = results.restoration_rows(rows[rows["status"] == "ok"])
-    dataset = _only("dataset", _with_all(rows, methods, "dataset"), dataset, out)
+    rows = restorations(results.read(out))
+    known = {*rows["method"], INPUT}
+    for method in methods:
+        if method not in known:
+            raise InputError(f"method '{method}': no results of it; {did_you_mean(method, known)}")
+
+    def restored_by_all(column: str) -> set[str]:
+        by_method = (set(rows.loc[rows["method"] == method, column]) for method in methods if method != INPUT)
+        return set(rows[column]).intersection(*by_method)
+
+    dataset = _only("dataset", restored_by_all("dataset"), dataset, out)
     rows = rows[rows["dataset"] == dataset]
-    scene = _only("scene", _with_all(rows, methods, "scene"), scene, out)
+    scene = _only("scene", restored_by_all("scene"), scene, out)
     rows = rows[rows["scene"] == scene]
     job = _job(out, dataset, scene)
     try:
@@ -87,7 +96,7 @@ def revisit(out: Path, methods: Sequence[str], dataset: str = "", scene: str = "
     except InputError as fault:
         where = f"{out / 'config.yaml'} says where the data are, seen from where the run was started"
         raise InputError(f"{fault} ({where})") from fault
-    restored = _restored(rows, methods)
+    restored = restored_by_all("view")
     frames = [Frame(task.view, task.place, out) for task in opened if task.view.name in restored]
     if not frames:
         raise InputError(f"no view of '{scene}' was restored by {' and '.join(methods)}", out, "run them on the same")
@@ -100,32 +109,15 @@ def revisit(out: Path, methods: Sequence[str], dataset: str = "", scene: str = "
     return Revisited(dataset, scene, tuple(frames), rows["view"].nunique() - len(frames))
 
 
-def _restored(rows: DataFrame, methods: Sequence[str]) -> set[str]:
-    """The views that all methods restored."""
-    by_method = (set(rows.loc[rows["method"] == method, "view"]) for method in methods if method != INPUT)
-    return set(rows["view"]).intersection(*by_method)
-
-
-def _with_all(rows: DataFrame, methods: Sequence[str], column: str) -> list[str]:
-    """The datasets or scenes of which every method restored something."""
-    known = set(rows["method"]) | {INPUT}
-    for method in methods:
-        if method not in known:
-            raise InputError(f"method '{method}': no results of it; {did_you_mean(method, known)}")
-    by_method = (set(rows.loc[rows["method"] == method, column]) for method in methods if method != INPUT)
-    return sorted(set(rows[column]).intersection(*by_method))
-
-
-def _only(what: str, known: Sequence[str], given: str, out: Path) -> str:
-    """The one that is given, or the only one there is."""
-    if given in known:
-        return given
-    if given:
+def _only(what: str, restored: Collection[str], given: str, out: Path) -> str:
+    """The one that is given, or the only one of which every method restored something."""
+    known = sorted(restored)
+    if given and given not in known:
         raise InputError(f"{what} '{given}': not in {out} with these methods; {did_you_mean(given, known)}")
-    if len(known) != 1:
+    if not given and len(known) != 1:
         hint = f"choose one: --{what} {' or '.join(known)}" if known else f"run these methods on the same {what}"
         raise InputError(f"{len(known) or 'no'} {what}s have results of these methods", out, hint)
-    return known[0]
+    return given or known[0]
 
 
 def _job(out: Path, dataset: str, scene: str) -> Job:

@@ -17,17 +17,14 @@ import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured, locked
-from sucre_bench.engine.select_views import base_row
 from sucre_bench.errors import NotApplicableError, one_line, raise_if_stop
 from sucre_bench.imaging.resizing import Resizing, resized_picture, resized_restoration, split_variant
 from sucre_bench.jobs.catalogue import MetricChoice
-from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
 from sucre_bench.machine.processes import step
 from sucre_bench.machine.text_formats import keep_traceback
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.plugin import Metric, Plugin
-from sucre_bench.results.layout import log_path
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.restorations import Measured, PictureOnly
 from sucre_bench.results.rows import RESTORATION, Row, Status, fingerprint
@@ -77,12 +74,21 @@ def score_rows(
         replace(base, metric=name, variant=variant, unit=unit, better="lower", value=value)
         for name, variant, unit, value in took
     ]
-    offers = _offers(view, measured.restoration)
+    # What this view offers to a metric; the scene may offer it in other views only.
+    offers = {
+        "depth": view.has_depth,
+        "poses": view.cam_from_world is not None,
+        "reference": view.reference is not None,
+        "charts": bool(view.charts),
+        "truth": "true_water" in image.info,
+        "restoration": True,
+    }
+    offered = frozenset(name for name, is_there in offers.items() if is_there)
     scored = Scored(replace(measured.restoration, image=locked(measured.restoration.image)), locked(shown), view)
     for scorer in metrics:
         plugin, code = scorer.plugin, score_code(base, scorer.code)
         of_metric = replace(base, metric=plugin.name, unit=plugin.unit, code=code)
-        absent = plugins.missing_needs(plugin, offers, "view")
+        absent = plugins.missing_needs(plugin, offered, "view")
         for variant in scorer.variants:
             row = replace(of_metric, variant=variant, better=plugin.better_of(variant))
             if absent:
@@ -110,13 +116,12 @@ class Scored:
         """Return the same at another size."""
         if resizing not in self.sizes:
             shown, view = resized_picture(self.shown, self.view, resizing)
-            self.sizes[resizing] = Scored(self._restoration_at(resizing), shown, view)
+            if isinstance(self.restoration, PictureOnly):
+                restoration: Restoration = self.restoration.at_size(resizing.side)
+            else:
+                restoration = resized_restoration(self.restoration, self.view.encoding, resizing)
+            self.sizes[resizing] = Scored(restoration, shown, view)
         return self.sizes[resizing]
-
-    def _restoration_at(self, resizing: Resizing) -> Restoration:
-        if isinstance(self.restoration, PictureOnly):
-            return self.restoration.at_size(resizing.side)
-        return resized_restoration(self.restoration, self.view.encoding, resizing)
 
 
 def metric_code(metric: MetricChoice) -> str:
@@ -154,19 +159,6 @@ def variant_rows(metric: Metric, scored: Scored, base: Row, log: Path | None, li
     return rows or [row_without_value(base, "skipped", Reason.NOTHING_TO_SCORE.value)]
 
 
-def _offers(view: View, restoration: Restoration) -> frozenset[str]:
-    """What this view offers to a metric; the scene may offer it in other views only."""
-    offers = {
-        "depth": view.has_depth,
-        "poses": view.cam_from_world is not None,
-        "reference": view.reference is not None,
-        "charts": bool(view.charts),
-        "truth": "true_water" in restoration.info,
-        "restoration": True,
-    }
-    return frozenset(name for name, there in offers.items() if there)
-
-
 def row_without_value(base: Row, status: Status, reason: str) -> Row:
     """Return a row that says why there is no value."""
     return replace(base, value=math.nan, coverage=0.0, status=status, reason=reason)
@@ -179,7 +171,12 @@ def row_of_fault(base: Row, fault: BaseException, log: Path | None, is_said: boo
     """
     if isinstance(fault, NotApplicableError):
         return row_without_value(base, "skipped", one_line(fault))
-    return _failed(base, fault, log, is_said)
+    metric = "" if base.metric == RESTORATION else f"{base.metric}:{base.variant}"
+    where = " / ".join(filter(None, (base.dataset, base.scene, base.view, base.method, metric)))
+    reason = kept_reason(fault, log, where)
+    if is_said:
+        progress.say(f"failed  {where}: {reason}", is_fault=True)
+    return row_without_value(base, "failed", reason)
 
 
 def kept_reason(fault: BaseException, log: Path | None, where: str) -> str:
@@ -190,17 +187,3 @@ def kept_reason(fault: BaseException, log: Path | None, where: str) -> str:
     raise_if_stop(fault)
     keep_traceback(log, where)
     return one_line(fault)
-
-
-def failed_row(job: Job, fault: BaseException) -> Row:
-    """Return the row of a whole job that failed, and print it as a line. A request to stop is raised again."""
-    return _failed(base_row(job), fault, log_path(job.out), is_said=True)
-
-
-def _failed(base: Row, fault: BaseException, log: Path | None, is_said: bool) -> Row:
-    metric = "" if base.metric == RESTORATION else f"{base.metric}:{base.variant}"
-    where = " / ".join(filter(None, (base.dataset, base.scene, base.view, base.method, metric)))
-    reason = kept_reason(fault, log, where)
-    if is_said:
-        progress.say(f"failed  {where}: {reason}", is_fault=True)
-    return row_without_value(base, "failed", reason)

@@ -21,10 +21,9 @@ import stat
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path, PurePosixPath
-from typing import Any
+from pathlib import Path
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import InputError, MissingFileError, NotAFileError, one_line
@@ -76,13 +75,13 @@ class Bundle:
     """
 
     path: Path
-    id: str
-    by: str
-    version: str
-    inside: Mapping[str, FileHash]
-    outside: Mapping[str, FileHash]
     entries: Mapping[str, int] = field(repr=False)
     archive: zipfile.ZipFile = field(repr=False, compare=False)
+    id: str = ""
+    by: str = ""
+    version: str = ""
+    inside: Mapping[str, FileHash] = field(default_factory=dict)
+    outside: Mapping[str, FileHash] = field(default_factory=dict)
 
     def read(self, name: str) -> bytes:
         """Return a file's content. Raises InputError if it is not there, is damaged or has another hash."""
@@ -155,36 +154,26 @@ def write_bundle(
 ) -> str:
     """Write a bundle and return its id. files: by their name in the bundle. Raises OutputError if that fails."""
     files = {SCORES: csv_text(rows).encode(), **files}
-    inside = {name: hash_of(content) for name, content in files.items()}
-    manifest = _manifest(by, version, inside, outside)
+    hashes = {"inside": {name: hash_of(content) for name, content in files.items()}, "outside": outside}
+    listed = {
+        where: {name: {"sha256": one.sha256, "bytes": one.size} for name, one in sorted(of_files.items())}
+        for where, of_files in hashes.items()
+    }
+    about = {"format": _FORMAT, "version": _VERSION, "by": by, "sucre_bench": version, **listed}
+    manifest = (json.dumps(about, indent=1, ensure_ascii=False) + "\n").encode()
     with open_atomically(path) as file, zipfile.ZipFile(file, "w") as archive:
         for name, content in sorted({MANIFEST: manifest, **files}.items()):
-            _add(archive, name, content)
+            entry = zipfile.ZipInfo(name, _DATE)  # no date and no owner
+            entry.create_system, entry.external_attr = 3, _REGULAR_FILE << 16
+            entry.compress_type = zipfile.ZIP_STORED if name.endswith(_STORED) else zipfile.ZIP_DEFLATED
+            source = io.BytesIO(content) if isinstance(content, bytes) else content.open("rb")
+            with source, archive.open(entry, "w", force_zip64=True) as target:
+                shutil.copyfileobj(source, target)
     return _id(manifest)
 
 
-def _manifest(by: str, version: str, inside: Mapping[str, FileHash], outside: Mapping[str, FileHash]) -> bytes:
-    told = {"format": _FORMAT, "version": _VERSION, "by": by, "sucre_bench": version}
-    listed = {
-        where: {name: {"sha256": one.sha256, "bytes": one.size} for name, one in sorted(hashes.items())}
-        for where, hashes in (("inside", inside), ("outside", outside))
-    }
-    return (json.dumps({**told, **listed}, indent=1, ensure_ascii=False) + "\n").encode()
-
-
 def _id(manifest: bytes) -> str:
-    return hashlib.sha256(manifest).hexdigest()[:16]
-
-
-def _add(archive: zipfile.ZipFile, name: str, content: bytes | Path) -> None:
-    """Add a file with no date and no owner."""
-    entry = zipfile.ZipInfo(name, _DATE)
-    entry.create_system, entry.external_attr = 3, _REGULAR_FILE << 16
-    is_compressed = name.endswith(_STORED)
-    entry.compress_type = zipfile.ZIP_STORED if is_compressed else zipfile.ZIP_DEFLATED
-    source = io.BytesIO(content) if isinstance(content, bytes) else content.open("rb")
-    with source, archive.open(entry, "w", force_zip64=True) as target:
-        shutil.copyfileobj(source, target)
+    return hash_of(manifest).sha256[:16]
 
 
 # -- opening -----------------------------------------------------------------------------------------------
@@ -215,8 +204,7 @@ def open_bundle(path: Path, limits: Limits = LIMITS) -> Iterator[Bundle]:
         infos = archive.infolist()
         if fault_found := _fault_of_entries(infos, limits):
             raise InputError(fault_found, path, "do not unpack it, ask who made it for another")
-        entries = {info.filename: info.file_size for info in infos}
-        unread = Bundle(path, "", "", "", {}, {}, entries, archive)
+        unread = Bundle(path, {info.filename: info.file_size for info in infos}, archive)
         yield _described(unread, unread.read(MANIFEST))
 
 
@@ -226,8 +214,7 @@ def _fault_of_entries(infos: Sequence[zipfile.ZipInfo], limits: Limits) -> str:
         return f"holds {len(infos)} files, more than {limits.entries}"
     seen: set[str] = set()
     for info in infos:
-        fault = _fault_of_name(info, limits) or _fault_of_kind(info) or _fault_of_size(info, limits)
-        if fault:
+        if fault := _fault_of_entry(info, limits):
             return f"{info.filename[:80]!r} {fault}"
         if info.filename.casefold() in seen:
             return f"{info.filename!r} is there twice"
@@ -236,35 +223,20 @@ def _fault_of_entries(infos: Sequence[zipfile.ZipInfo], limits: Limits) -> str:
     return f"would unpack to {total / 1e9:.0f} GB" if total > limits.all_bytes else ""
 
 
-def _fault_of_name(info: zipfile.ZipInfo, limits: Limits) -> str:
-    name, raw = info.filename, info.orig_filename
-    parts = raw.split("/")
-    if raw != name or not raw.isprintable() or "\\" in raw or ":" in parts[0]:
-        return "is no plain path"
-    if raw.startswith("/") or any(part in ("", ".", "..") for part in parts) or PurePosixPath(raw).is_absolute():
-        return "leads out of the bundle"
-    return "has too long a name" if len(raw.encode()) > limits.name_bytes else ""
-
-
-def _fault_of_kind(info: zipfile.ZipInfo) -> str:
-    mode = info.external_attr >> 16
-    if info.is_dir() or (stat.S_IFMT(mode) not in (0, stat.S_IFREG)):
-        return "is a link or a folder, not a file"
-    if info.flag_bits & 0x1:
-        return "is encrypted"
-    return "" if info.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) else "is packed in an unknown way"
-
-
-def _fault_of_size(info: zipfile.ZipInfo, limits: Limits) -> str:
-    most = limits.file_bytes if "/" in info.filename else limits.table_bytes
-    if info.file_size > most:
-        return f"would unpack to {info.file_size / 1e6:.0f} MB"
-    is_large = info.file_size > 1 << 20
-    return (
-        "would unpack to far more than its size"
-        if is_large and info.file_size > limits.ratio * info.compress_size
-        else ""
-    )
+def _fault_of_entry(info: zipfile.ZipInfo, limits: Limits) -> str:
+    name, kind = info.orig_filename, stat.S_IFMT(info.external_attr >> 16)
+    parts, size = name.split("/"), info.file_size
+    faults = {
+        "is no plain path": name != info.filename or not name.isprintable() or "\\" in name or ":" in parts[0],
+        "is a link or a folder, not a file": info.is_dir() or kind not in (0, stat.S_IFREG),
+        "leads out of the bundle": any(part in ("", ".", "..") for part in parts),
+        "has too long a name": len(name.encode(errors="replace")) > limits.name_bytes,
+        "is encrypted": info.flag_bits & 0x1,
+        "is packed in an unknown way": info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED),
+        f"would unpack to {size / 1e6:.0f} MB": size > (limits.file_bytes if len(parts) > 1 else limits.table_bytes),
+        "would unpack to far more than its size": size > 1 << 20 and size > limits.ratio * info.compress_size,
+    }
+    return next((fault for fault, is_so in faults.items() if is_so), "")
 
 
 def _described(bundle: Bundle, manifest: bytes) -> Bundle:
@@ -273,15 +245,14 @@ def _described(bundle: Bundle, manifest: bytes) -> Bundle:
         told = json.loads(manifest)
         if (told["format"], told["version"]) != (_FORMAT, _VERSION):
             raise ValueError(f"it says {told['format']!r}, version {told['version']!r}")
-        inside, outside = _hashes(told["inside"]), _hashes(told["outside"])
+        hashes = [
+            {name: FileHash(str(one["sha256"]), int(one["bytes"])) for name, one in told[where].items()}
+            for where in ("inside", "outside")
+        ]
         by, version = str(told["by"])[:200], str(told["sucre_bench"])[:40]
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as fault:
         raise InputError(f"{MANIFEST} is not one of ours ({one_line(fault)})", bundle.path, "bundle again") from fault
-    return Bundle(bundle.path, _id(manifest), by, version, inside, outside, bundle.entries, bundle.archive)
-
-
-def _hashes(told: Mapping[str, Mapping[str, Any]]) -> dict[str, FileHash]:
-    return {name: FileHash(str(one["sha256"]), int(one["bytes"])) for name, one in told.items()}
+    return replace(bundle, id=_id(manifest), by=by, version=version, inside=hashes[0], outside=hashes[1])
 
 
 def _table(path: Path, content: bytes, columns: Sequence[str]) -> DataFrame:

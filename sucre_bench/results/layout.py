@@ -16,6 +16,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path, PurePosixPath
 
 from sucre_bench.errors import InputError
@@ -119,9 +120,14 @@ def places(dataset: str, scenes: Sequence[Scene], replicate: int = 0) -> dict[tu
 
 def find(dataset: str, scene: str, view: str, out: Path) -> Place | None:
     """Return the place of a view, or of its restorations, from a row's names; None if no file exists."""
-    candidates = possible_places(dataset, scene, view)
-    found = (place for place in candidates if place.original(out).is_file())
-    return next(found, None) or _restored(candidates, out / "restored" / file_name(dataset))
+    candidates, folder = possible_places(dataset, scene, view), out / "restored" / file_name(dataset)
+    originals = ((place, place.original(out)) for place in candidates)
+    restored = (
+        (place, method / f"{place.stem}.png")
+        for place in candidates
+        for method in (folder.iterdir() if folder.is_dir() else ())
+    )
+    return next((place for place, file in chain(originals, restored) if file.is_file()), None)
 
 
 def possible_places(dataset: str, scene: str, view: str) -> list[Place]:
@@ -138,10 +144,3 @@ def stems_of(scene: str, view: str) -> tuple[PurePosixPath, ...]:
     """
     name, within = PurePosixPath(view), PurePosixPath(file_name(scene))
     return (name, name.with_suffix(""), within / name, within / name.with_suffix(""))
-
-
-def _restored(candidates: Sequence[Place], folder: Path) -> Place | None:
-    """The place of a view of which only restorations exist. folder: of the dataset's restorations."""
-    methods = list(folder.iterdir()) if folder.is_dir() else []
-    files = ((place, method / f"{place.stem}.png") for place in candidates for method in methods)
-    return next((place for place, file in files if file.is_file()), None)

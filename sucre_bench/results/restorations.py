@@ -29,7 +29,7 @@ from sucre_bench.results.layout import Place
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import Row
 from sucre_bench.results.water_file import water_of
-from sucre_bench.scene import Encoding, Restoration, View, Water
+from sucre_bench.scene import Restoration, View, Water
 
 FILES = "files"  # the name in the record of the sizes in bytes of the files beside it, by suffix
 
@@ -58,31 +58,41 @@ def write_pictures(
     colours of holes, likewise: the picture shows them, and the mask still marks holes.
     """
     path, started = place.restored(out, method), time.perf_counter()
-    _write_to_look_at(place.original(out), view.rgb, view.encoding)
-    if view.reference is not None:
-        _write_to_look_at(place.reference(out), view.reference, view.encoding)
+    for image, look_at in ((view.rgb, place.original(out)), (view.reference, place.reference(out))):
+        if image is not None:
+            write_image(look_at, to_8bit(display(image, "none", view.encoding))[..., ::-1])
     picture = shown if filled is None else np.where(np.isnan(shown), filled, shown)
     write_png(path, to_8bit(picture)[..., ::-1], compression=1)
     write_mask(place.mask(out, method), restoration.valid)
     files = (path.with_suffix(suffix) for suffix in (".png", ".npz"))
     sizes = {file.suffix: file.stat().st_size for file in files if file.is_file()}
+    water = {} if restoration.water is None else _water_record(restoration.water)
     more = {"write_seconds": time.perf_counter() - started, FILES: sizes}
-    write_atomically(path.with_suffix(".json"), _record(restoration, more))
+    text = json.dumps(water | restoration.info | water | more, default=_plain, skipkeys=True)  # the water first
+    content = json.dumps(json.loads(text, parse_constant=lambda _: None), indent=1)  # JSON knows no NaN
+    write_atomically(path.with_suffix(".json"), content.encode())
+
+
+def _plain(value: Any) -> Any:
+    """An array as lists, a water by its parameters, anything else as text: `info` may hold any object."""
+    if isinstance(value, Water):
+        return _water_record(value)
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
+
+
+def _water_record(water: Water) -> dict[str, Any]:
+    """A water by the names that `sucre_bench.results.water_file` reads."""
+    parameters = {"B": water.veiling_light, "beta": water.attenuation, "gamma": water.backscatter}
+    return parameters | {"encoding": water.encoding}
 
 
 def are_stored(picture: Path, suffixes: Iterable[str]) -> bool:
     """Whether a picture's record is there, and its files with these suffixes are, in the size that was written."""
     try:
-        sizes = json.loads(regular(picture.with_suffix(".json")).read_bytes()).get(FILES)
-        for suffix in suffixes:
-            size = regular(picture.with_suffix(suffix)).stat().st_size
-            if sizes is None:  # as in records of early versions; later ones list more than the size
-                continue
-            if size != (sizes[suffix][0] if isinstance(sizes[suffix], list) else sizes[suffix]):
-                return False
-    except (OSError, InputError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        sizes = json.loads(regular(picture.with_suffix(".json")).read_bytes())[FILES]
+        return all(regular(picture.with_suffix(suffix)).stat().st_size == sizes[suffix] for suffix in suffixes)
+    except (OSError, InputError, ValueError, TypeError, KeyError, RecursionError):
         return False
-    return True
 
 
 def write_full(path: Path, measured: Measured, base: Row) -> None:
@@ -92,23 +102,40 @@ def write_full(path: Path, measured: Measured, base: Row) -> None:
     """
     info = {name: value for name, value in measured.restoration.info.items() if name != "true_water"}
     about = {"of": _identity(base), "seconds": measured.seconds, "peak_mb": measured.peak_mb, "info": info}
-    text = _json_if_lossless(about)
-    write_arrays(path, measured.restoration, **({"about": np.array(text)} if text else {}))
+    try:
+        text = json.dumps(about, default=_as_list)
+        np.testing.assert_equal(json.loads(text, object_hook=_as_array), about)
+    except (TypeError, ValueError, AssertionError):
+        write_arrays(path, measured.restoration)
+    else:
+        write_arrays(path, measured.restoration, about=np.array(text))
+
+
+_ARRAY = "array of"
+
+
+def _as_list(value: Any) -> Any:
+    if isinstance(value, (np.ndarray, np.generic)) and value.dtype.kind in "biuf":
+        return {_ARRAY: value.dtype.str, "values": value.tolist()}
+    raise TypeError(f"{type(value)} is not an array of numbers")
+
+
+def _as_array(value: dict[str, Any]) -> Any:
+    return np.array(value["values"], dtype=value[_ARRAY]) if _ARRAY in value else value
+
+
+def _identity(base: Row) -> list[str]:
+    return [base.options_id, base.data_id, base.code]
 
 
 def write_arrays(path: Path, restoration: Restoration, **more: Any) -> None:
     """Write a restoration's arrays as .npz: image (H, W, 3), and where known B, beta, gamma (3,), confidence (H, W)
     and filled (H, W, 3).
     """
+    named = {"image": restoration.image, "confidence": restoration.confidence, "filled": restoration.filled, **more}
+    water = {} if restoration.water is None else _water_record(restoration.water)
     buffer = io.BytesIO()
-    arrays: dict[str, Any] = {"image": restoration.image}
-    if restoration.water is not None:
-        arrays |= _water_record(restoration.water)
-    if restoration.confidence is not None:
-        arrays["confidence"] = restoration.confidence
-    if restoration.filled is not None:
-        arrays["filled"] = restoration.filled
-    np.savez_compressed(buffer, **arrays, **more)
+    np.savez_compressed(buffer, **{name: array for name, array in (named | water).items() if array is not None})
     write_atomically(path, buffer.getvalue())
 
 
@@ -117,7 +144,7 @@ def read_full(path: Path, base: Row) -> Measured | None:
     arrays = read_full_arrays(path)
     if "about" not in arrays:
         return None
-    about = json.loads(str(arrays["about"]), object_hook=_array)
+    about = json.loads(str(arrays["about"]), object_hook=_as_array)
     if about["of"] != _identity(base):
         return None
     kept = arrays.get("confidence"), about["info"], arrays.get("filled")
@@ -151,60 +178,6 @@ def read_record(row: Any, out: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as fault:
         raise DamagedFileError(f"cannot be read ({fault})", path, "delete it and run again") from fault
     return content
-
-
-_ARRAY = "array of"
-
-
-def _json_if_lossless(values: Mapping[str, Any]) -> str:
-    """The values as JSON, or "" if decoding it would not give the same values."""
-
-    def as_list(value: Any) -> Any:
-        if isinstance(value, (np.ndarray, np.generic)) and value.dtype.kind in "biuf":
-            return {_ARRAY: value.dtype.str, "values": value.tolist()}
-        raise TypeError(f"{type(value)} is not an array of numbers")
-
-    try:
-        text = json.dumps(values, default=as_list)
-        np.testing.assert_equal(json.loads(text, object_hook=_array), dict(values))
-    except (TypeError, ValueError, AssertionError):
-        return ""
-    return text
-
-
-def _array(value: dict[str, Any]) -> Any:
-    return np.array(value["values"], dtype=value[_ARRAY]) if _ARRAY in value else value
-
-
-def _identity(base: Row) -> list[str]:
-    return [base.options_id, base.data_id, base.code]
-
-
-def _write_to_look_at(path: Path, image: Array, encoding: Encoding) -> None:
-    """Write a view's image (H, W, 3) in the format of the path's suffix."""
-    write_image(path, to_8bit(display(image, "none", encoding))[..., ::-1])
-
-
-def _water_record(water: Water) -> dict[str, Any]:
-    """A water by the names that `sucre_bench.results.water_file` reads."""
-    parameters = {"B": water.veiling_light, "beta": water.attenuation, "gamma": water.backscatter}
-    return parameters | {"encoding": water.encoding}
-
-
-def _record(restoration: Restoration, more: Mapping[str, Any]) -> bytes:
-    """The water, the method's `info`, the true water where known, and more, as JSON."""
-    water = restoration.water
-    known = {} if water is None else _water_record(water)
-    values = known | restoration.info | known | dict(more)  # the water first
-    text = json.dumps(values, default=_plain, skipkeys=True)
-    return json.dumps(json.loads(text, parse_constant=lambda _: None), indent=1).encode()  # JSON knows no NaN
-
-
-def _plain(value: Any) -> Any:
-    """An array as lists, a water by its parameters, anything else as text: `info` may hold any object."""
-    if isinstance(value, Water):
-        return _water_record(value)
-    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
 
 
 # -- masks and pictures -----------------------------------------------------------------------------------
@@ -246,22 +219,20 @@ class PictureOnly(Restoration):
     """
 
     def __init__(self, mask: Mask, reason: Reason = Reason.NOT_STORED) -> None:
-        object.__setattr__(self, "_reason", reason)
-        object.__setattr__(self, "_mask", mask)
-        object.__setattr__(self, "info", {})
+        self.__dict__.update(mask=mask, reason=reason, info={})
 
     def __getattr__(self, name: str) -> Any:
         if name == "image":
-            raise NotApplicableError(self.__dict__["_reason"].value)
+            raise NotApplicableError(self.__dict__["reason"].value)
         raise AttributeError(name)
 
     def at_size(self, side: int) -> PictureOnly:
         """Return the same for a square of other size, where holes are black pixels."""
-        return PictureOnly(np.ones((side, side), np.bool_), self.__dict__["_reason"])
+        return PictureOnly(np.ones((side, side), np.bool_), self.__dict__["reason"])
 
     @property
     def valid(self) -> Mask:
-        mask: Mask = self.__dict__["_mask"]
+        mask: Mask = self.__dict__["mask"]
         return mask
 
 
@@ -284,19 +255,14 @@ def stored_mask(out: Path, place: Place, base: Row) -> Mask:
     try:
         mask = read_mask(place.mask(out, base.method))
     except InputError:
-        known = _mask_of_arrays(out, place, base)
-        mask = known if known is not None else np.asarray(stored_picture(out, place, base.method).any(-1))
+        full = read_full(place.restored(out, base.method).with_suffix(".npz"), base)
+        mask = full.restoration.valid if full else np.asarray(stored_picture(out, place, base.method).any(-1))
         if int(mask.sum()) != base.n_pixels:
             raise
     if int(mask.sum()) != base.n_pixels:
         path = place.mask(out, base.method)
         raise DamagedFileError("is of another restoration", path, f"run {base.method} again with overwrite=always")
     return mask
-
-
-def _mask_of_arrays(out: Path, place: Place, base: Row) -> Mask | None:
-    kept = read_full(place.restored(out, base.method).with_suffix(".npz"), base)
-    return kept.restoration.valid if kept else None
 
 
 def stored_restoration(out: Path, place: Place, base: Row, mask: Mask) -> Restoration:

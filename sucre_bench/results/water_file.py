@@ -9,14 +9,13 @@ lit, "gains" of views by name and "lamp". What else such a file holds is ignored
 
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, is_number_in
 from sucre_bench.imaging.image_files import read_array
 from sucre_bench.machine.files import regular
@@ -47,7 +46,7 @@ def read_water(path: Path) -> Water | None:
         if path.suffix == ".npz":
             with zipfile.ZipFile(regular(path)) as archive:
                 known = {name.removesuffix(".npy") for name in archive.namelist()} & {*_NAMES, "encoding"}
-            return water_of({name: _member(path, name) for name in known}, path)
+            return water_of({name: read_array(path, _chooser(name)) for name in known}, path)
         return water_of(json.loads(regular(path).read_text(encoding="utf-8")), path)
     except (FileNotFoundError, InputError):
         raise
@@ -89,8 +88,8 @@ def lighting_of(record: Any, place: str, view: str = "") -> Lighting:
 _NAMES = ("B", "beta", "gamma")
 
 
-def _member(path: Path, name: str) -> Array:
-    return read_array(path, lambda _: name)
+def _chooser(name: str) -> Callable[[list[str]], str]:
+    return lambda _: name
 
 
 def water_of(content: Any, path: Path) -> Water | None:
@@ -101,12 +100,11 @@ def water_of(content: Any, path: Path) -> Water | None:
     encoding = str(encoding) if isinstance(encoding, np.ndarray) else encoding
     if not isinstance(encoding, (str, type(None))) or encoding not in _ENCODINGS:
         raise InputError(f"{path}: encoding '{encoding}' is unknown; use gamma, linear or view")
-    B, beta, gamma = (_triple(content.get(name), name, path) for name in _NAMES)
+    triples = []
+    for name in _NAMES:
+        values = content.get(name)
+        triples.append(np.full(3, np.nan) if values is None else np.array(values, dtype=np.float64))
+        if triples[-1].shape != (3,):
+            raise InputError(f"{path}: {name} must be three numbers, red, green and blue; mend it there")
+    B, beta, gamma = triples
     return Water(B, beta, gamma, _ENCODINGS[encoding])
-
-
-def _triple(values: Any, name: str, path: Path) -> Array:
-    numbers = np.full(3, np.nan) if values is None else np.array(values, dtype=np.float64)
-    if numbers.shape != (3,):
-        raise InputError(f"{path}: {name} must be three numbers, red, green and blue; mend it there")
-    return numbers
