@@ -139,7 +139,8 @@ def typed(annotation: Any, value: Any) -> Any:
                 return kind(value)
     if bool in kinds and isinstance(value, str) and value.lower() in ("true", "false"):
         return value.lower() == "true"
-    return str(value) if str in kinds and isinstance(value, (int, float)) else value
+    is_word = str in kinds or str(value) in kinds  # "nan" may be a word of a Literal
+    return str(value) if is_word and isinstance(value, (int, float)) else value
 
 
 def converted(cls: Any, values: Mapping[str, Any]) -> dict[str, Any]:
