@@ -13,7 +13,7 @@ from support.made_scene import WATER, make_scene
 from support.messages import names
 from support.watching import Lines
 
-from sucre_bench import Arrays, InputError, Scene, SolveError, Water
+from sucre_bench import Arrays, InputError, Restoration, Scene, SolveError, Water, load_scenes
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.machine.progress import watched_by
 from sucre_bench.methods.sucre import Sucre, SucrePaper, SucrePlus
@@ -35,6 +35,12 @@ def with_images(change: Any) -> Scene:
     return replace(SCENE, views=views)
 
 
+@pytest.fixture(scope="module")
+def plain() -> Restoration:
+    """The target restored with the default options."""
+    return Sucre().restore(SCENE, TARGET)
+
+
 def test_the_image_is_the_scene_without_water_where_there_is_depth() -> None:
     dry = make_scene_without_water()
     result = Sucre(pairing="depth").restore(SCENE, TARGET)
@@ -51,8 +57,8 @@ def make_scene_without_water() -> np.ndarray:
     return make_view("a.png", make_camera(60, 44, 56), make_pose((0, 0, 0)), water=None).rgb
 
 
-def test_what_is_known_of_the_fit_is_told() -> None:
-    info = Sucre().restore(SCENE, TARGET).info
+def test_what_is_known_of_the_fit_is_told(plain: Restoration) -> None:
+    info = plain.info
     assert info["converged"] is True
     assert len(info["condition"]) == len(info["cost"]) == len(info["noise"]) == 3
     assert set(info["standard_error"]) == {"B", "beta", "gamma"}
@@ -170,11 +176,12 @@ def test_a_method_that_has_no_water_to_give_is_refused(name: str, named: set[str
     assert name != "haze_lines" or "B" not in names(fault.value)  # which it estimates
 
 
-def test_single_view_colours_are_the_model_inverted_on_the_images_own_intensities() -> None:
+def test_single_view_colours_are_the_model_inverted_on_the_images_own_intensities(
+    plain: Restoration,
+) -> None:
     """J = (I - B (1 - exp(-gamma z))) exp(beta z), with the water of all views: the paper's eq. 3 on one image."""
-    whole = Sucre().restore(SCENE, TARGET)
     single = Sucre(colours="single_view").restore(SCENE, TARGET)
-    water = as_array(whole.water)
+    water = as_array(plain.water)
     np.testing.assert_array_equal(as_array(single.water), water)
     z = TARGET.distance[..., None]
     J = (TARGET.rgb - water[0] * (1 - np.exp(-water[2] * z))) * np.exp(water[1] * z)
@@ -182,7 +189,7 @@ def test_single_view_colours_are_the_model_inverted_on_the_images_own_intensitie
     np.testing.assert_allclose(single.image[seen], J[seen], atol=2e-5)
     assert np.isnan(single.image[~seen]).all()
     # one observation tells less than several
-    assert np.nanmean(single.confidence) > 1.2 * np.nanmean(whole.confidence)  # type: ignore[arg-type]
+    assert np.nanmean(single.confidence) > 1.2 * np.nanmean(plain.confidence)  # type: ignore[arg-type]
 
 
 def test_shared_water_is_fitted_once_and_the_same_for_every_view(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -201,14 +208,13 @@ def test_shared_water_is_fitted_once_and_the_same_for_every_view(monkeypatch: py
 # -- light -------------------------------------------------------------------------------------------------
 
 
-def test_linear_encoding_finds_water_that_acts_on_linear_light() -> None:
+def test_linear_encoding_finds_water_that_acts_on_linear_light(plain: Restoration) -> None:
     """The made scene's intensities are light here, and stored gamma-encoded as a camera's are."""
     scene = with_images(lambda rgb: np.rint(srgb_encode(rgb) * 65535) / 65535)
     linear, as_stored = (Sucre(encoding=e, water="own").restore(scene, scene["a.png"]) for e in ("linear", "view"))
     dry = make_scene_without_water()
     errors = [np.sqrt(np.mean((srgb_decode(r.image) - dry)[r.valid] ** 2)) for r in (linear, as_stored)]
     assert errors[0] < 0.6 * errors[1]
-    plain = Sucre().restore(SCENE, TARGET)
     np.testing.assert_allclose(as_array(linear.water), as_array(plain.water), rtol=0.05)
     np.testing.assert_allclose(srgb_decode(linear.image)[linear.valid], plain.image[plain.valid], atol=0.02)
 
@@ -219,12 +225,15 @@ def test_views_that_are_linear_already_are_not_decoded_again() -> None:
     np.testing.assert_array_equal(once.image, never.image)
 
 
-def test_a_lamp_is_found_in_the_deep_sea_and_not_in_daylight() -> None:
-    import sucre_bench as sb
+@pytest.fixture(scope="module")
+def deep_sea() -> Scene:
+    return next(load_scenes("demo", water="deep_sea", views=6, width=80, height=60))
 
+
+def test_a_lamp_is_found_in_the_deep_sea_and_not_in_daylight(deep_sea: Scene) -> None:
+    daylight = next(load_scenes("demo", water="coastal", views=6, width=80, height=60))
     psnr = {}
-    for water in ("deep_sea", "coastal"):
-        scene = next(sb.load_scenes("demo", water=water, views=6, width=96, height=72))
+    for water, scene in (("deep_sea", deep_sea), ("coastal", daylight)):
         view = scene.views[3]
         for lamp in (False, True, "auto"):
             image = Sucre(lamp=lamp).restore(scene, view).image  # type: ignore[arg-type]
@@ -235,16 +244,13 @@ def test_a_lamp_is_found_in_the_deep_sea_and_not_in_daylight() -> None:
     assert psnr["coastal", "auto"] == psnr["coastal", True] == psnr["coastal", False]
 
 
-def test_a_lamp_leaves_out_pixels_that_nothing_shows_brightly() -> None:
-    import sucre_bench as sb
-
-    scene = next(sb.load_scenes("demo", water="deep_sea", views=6, width=96, height=72))
-    views = list(scene.views)
+def test_a_lamp_leaves_out_pixels_that_nothing_shows_brightly(deep_sea: Scene) -> None:
+    views = list(deep_sea.views)
     for k, view in enumerate(views):
         rgb = view.rgb.copy()
         rgb[30:32] = 0 if k % 2 else 1
         views[k] = replace(view, pixels=Arrays(rgb, view.depth))
-    scene = replace(scene, views=views)
+    scene = replace(deep_sea, views=views)
     result = Sucre(lamp=True).restore(scene, views[3])
     assert result.info["lamp"]["found"] is True
     assert 0.5 * (views[3].depth > 0).sum() < result.valid.sum() < (views[3].depth > 0).sum()
