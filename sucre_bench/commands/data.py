@@ -231,10 +231,10 @@ def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, po
     import webbrowser
 
     from sucre_bench.machine import progress
-    from sucre_bench.programs.charts import open_session
+    from sucre_bench.programs.charts.session import open_session
 
     with progress.live():
-        session = open_session.open_session(words, kind, "colmap")  # for images without dataset=
+        session = open_session(words, kind, "colmap")  # for images without dataset=
         session.prepare()
     if accept:
         with progress.live():

@@ -23,8 +23,8 @@ from support.watching import Lines
 from sucre_bench.machine import progress
 from sucre_bench.machine.cache import waited_lock
 from sucre_bench.machine.terminal import escaped
-from sucre_bench.programs.charts import open_session
 from sucre_bench.programs.charts.server import PageServer
+from sucre_bench.programs.charts.session import open_session
 
 LONG = "x" * 300
 RUN = "run dataset=colmap dataset.root=dive method=gray_world metrics=[coverage] tracking.uri=off report=false"
@@ -185,7 +185,7 @@ def test_a_port_in_use_is_said_and_the_remedy_works(place: Path):
 @contextlib.contextmanager
 def serving(place: Path) -> Iterator[PageServer]:
     with contextlib.chdir(place):
-        session = open_session.open_session(("dive/images/a.png",), "dgk", "colmap")
+        session = open_session(("dive/images/a.png",), "dgk", "colmap")
     with PageServer(session) as server:
         thread = threading.Thread(target=server.serve_forever)
         thread.start()

@@ -16,7 +16,7 @@ from typing import Any
 from sucre_bench.errors import InputError
 from sucre_bench.loading.charts_file import chart_of, read_charts
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.programs.charts.carry_over import Proposal
+from sucre_bench.programs.charts.proposals import Proposal
 from sucre_bench.scene import Chart
 
 

@@ -1,27 +1,33 @@
-"""A session of marking charts: the data that the page shows and sends, as plain values for JSON."""
+"""A session of marking charts: opened for the words of a command; what the page shows and sends, as plain values."""
 
 import base64
 import itertools
 import threading
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sucre_bench import plugins
 from sucre_bench.arrays import Array
-from sucre_bench.errors import InputError, did_you_mean, one_line
+from sucre_bench.engine.select_views import Selection, select
+from sucre_bench.errors import InputError, MissingFileError, did_you_mean, one_line
 from sucre_bench.imaging.chart_kinds import KINDS, chart_kind
 from sucre_bench.imaging.chart_patches import image_from_chart, measure, reading_order
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import encode_png
+from sucre_bench.jobs.words import quoted
+from sucre_bench.loading.view_files import Files
 from sucre_bench.machine import progress
-from sucre_bench.programs.charts.carry_over import Proposal, overlap, propose
+from sucre_bench.machine.files import expanded
 from sucre_bench.programs.charts.charts_json import ChartsFile
-from sucre_bench.programs.charts.detect import DETECTABLE, detect
+from sucre_bench.programs.charts.proposals import DETECTABLE, Proposal, detect, overlap, propose
 from sucre_bench.scene import Chart, View
 
+_AS_STORED = "corners are kept in pixels of the images as they are stored"
 _PREVIEW = 300  # pixels, the longer side of a rectified chart
 
 
@@ -78,10 +84,9 @@ class Session:
         accepted, doubtful = [], []
         with self.lock:
             for view in progress.track(self.everything, "checking patches"):
-                good = []
-                for proposal, fault in self._checked(view):
-                    good += [] if fault else [proposal]
-                    doubtful += [(proposal, fault)] if fault else []
+                checked = self._checked(view)
+                good = [proposal for proposal, fault in checked if not fault]
+                doubtful += [(proposal, fault) for proposal, fault in checked if fault]
                 if good:
                     self.file.confirm(view.name, [*self.file.confirmed(view.name), *(p.chart for p in good)])
                     accepted += good
@@ -101,8 +106,19 @@ class Session:
 
     def state(self) -> dict[str, Any]:
         """All views with their charts, and the kinds there are."""
+
+        def plain(chart: Chart) -> dict[str, Any]:
+            return {"name": chart.name, "kind": chart.kind, "corners": chart.corners.tolist()}
+
         with self.lock:
-            views = [self._view(view) for view in self.everything]
+            views = [
+                {
+                    "name": view.name,
+                    "charts": [plain(chart) for chart in self.file.confirmed(view.name)],
+                    "proposed": [{**plain(p.chart), "from": p.source} for p in self.file.proposed(view.name)],
+                }
+                for view in self.everything
+            ]
         return {"file": str(self.file.path), "kinds": self.kinds, "views": views}
 
     @property
@@ -136,8 +152,8 @@ class Session:
         flat = np.asarray(cv2.warpPerspective(shown, homography, (width, height), flags=how), dtype=np.float32)
         png = encode_png(to_8bit(flat)[..., ::-1])
         patches = [
-            {"name": patch.name, "box": patch.box, "measured": _css(rgb), "expected": _css(np.array(patch.srgb))}
-            for patch, rgb in ((reading.patch, reading.rgb) for reading in measure(shown, chart))
+            {"name": one.patch.name, "box": one.patch.box, "measured": _css(one.rgb), "expected": _css(one.patch.srgb)}
+            for one in measure(shown, chart)
         ]
         order = reading_order(shown, chart)
         return {
@@ -188,22 +204,84 @@ class Session:
             raise InputError(f"view {number}: there is none; reload the page")
         return views[number]
 
-    def _view(self, view: View) -> dict[str, Any]:
-        proposals = self.file.proposed(view.name)
-        return {
-            "name": view.name,
-            "charts": [_plain(chart) for chart in self.file.confirmed(view.name)],
-            "proposed": [{**_plain(p.chart), "from": p.source} for p in proposals],
-        }
-
-
-def _plain(chart: Chart) -> dict[str, Any]:
-    return {"name": chart.name, "kind": chart.kind, "corners": chart.corners.tolist()}
-
 
 def _picture(view: View, how: str = "none") -> Array:
     return display(view.rgb, how, view.encoding)
 
 
-def _css(rgb: Array) -> str:
-    return "" if np.isnan(rgb).any() else "#" + "".join(f"{v:02x}" for v in to_8bit(rgb))
+def _css(rgb: Any) -> str:
+    return "" if np.isnan(rgb).any() else "#" + to_8bit(np.asarray(rgb)).tobytes().hex()
+
+
+def open_session(words: Sequence[str], kind: str, dataset: str) -> Session:
+    """Return the session for views and overrides, as `sucre-bench charts` takes them.
+
+    kind: of new charts; dataset: the plugin that reads images of a folder images/, if the words name none.
+
+    Raises InputError for an unknown view or kind, and for a dataset without a charts.json.
+    """
+    kind = str(expanded(kind).resolve()) if kind.lower().endswith(".csv") else kind
+    chart_kind(kind)
+    selections = select(_overrides(words, dataset))
+    if len(selections) != 1:
+        names = ", ".join(s.scene.name for s in selections)
+        raise InputError(f"charts: the views are of {len(selections)} scenes ({names}); choose one scene's")
+    selection, chosen = selections[0], {view.name for view in selections[0].views}
+    file = ChartsFile(_charts_file(selection), {view.name: _size(view) for view in selection.scene.views})
+    others = [view for view in selection.scene.views if view.name not in chosen]
+    return Session(selection.views, file, kind, others)
+
+
+def _overrides(words: Sequence[str], dataset: str) -> list[str]:
+    """The overrides, with views added: files in a scene's images/, or with dataset= their names."""
+    given = [word for word in words if "=" in word]
+    views = [word for word in words if "=" not in word]
+    for word in (*views, *given):
+        if word.startswith("-"):
+            raise InputError(f"charts: no option {word}; see sucre-bench charts --help")
+        if word.startswith(("degrade.", "dataset.image_scale=")):
+            raise InputError(f"{word}: {_AS_STORED}; leave it out")
+    if not any(word.startswith(("dataset.", "dataset=")) for word in given):
+        if not views:
+            raise InputError(f"charts: no view; give images of a folder images/, or dataset={dataset} dataset.root=DIR")
+        roots, views = zip(*(_in_images(view, dataset) for view in views), strict=True)  # type: ignore[assignment]
+        if len(set(roots)) > 1:
+            raise InputError(f"{views[-1]}: is not of the same scene as {views[0]}; give one scene's images")
+        given += [f"dataset={dataset}", f"dataset.root={quoted(str(roots[0]))}"]
+    return [*given, *([f"views=[{','.join(map(quoted, views))}]"] if views else [])]
+
+
+def _in_images(word: str, dataset: str) -> tuple[Path, str]:
+    """The folder of a scene that an image belongs to, and the image's name in it."""
+    path = expanded(word).absolute()
+    if not path.is_file():
+        raise MissingFileError("no such image", word, "give one in a folder images/, or add dataset=")
+    for folder in path.parents:
+        if folder.name == "images":
+            return folder.parent, path.relative_to(folder).as_posix()
+    raise InputError(f"{word}: is not in a folder images/ of a scene; add dataset={dataset} dataset.root=DIR")
+
+
+def _size(view: View) -> tuple[int, int]:
+    """Return (width, height) of a view, from its camera or file header if possible, else by decoding it."""
+    if view.camera is not None:
+        return view.camera.width, view.camera.height
+    if isinstance(view.pixels, Files):
+        return view.pixels.size
+    height, width = view.rgb.shape[:2]
+    return width, height
+
+
+def _charts_file(selection: Selection) -> Path:
+    options, plugin = selection.dataset.options, selection.dataset.plugin
+    if not plugin.charts_file:
+        known = [p.name for p in plugins.usable("dataset").values() if p.charts_file]
+        fault = f"dataset '{plugin.name}' has no charts.json in its root"
+        raise InputError(fault, "charts", f"use {' or '.join(known)}")
+    if options.get("undistort"):
+        remedy = "undistort the images before, or mark charts in the distorted ones"
+        raise InputError(_AS_STORED, "dataset.undistort=true", remedy)
+    if options.get("image_scale", 1) != 1 or selection.degrade.identity():
+        fault = f"images are not shown as they are, and {_AS_STORED}"
+        raise InputError(fault, "charts", "leave image_scale and degrade out")
+    return expanded(options["root"]) / expanded(options[plugin.charts_file])

@@ -29,9 +29,8 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_kinds import KINDS
 from sucre_bench.imaging.chart_patches import image_from_chart, measure, reading_order
 from sucre_bench.loading.view_files import Files
-from sucre_bench.programs.charts.carry_over import propose
 from sucre_bench.programs.charts.charts_json import ChartsFile
-from sucre_bench.programs.charts.detect import detect
+from sucre_bench.programs.charts.proposals import Proposal, detect, propose
 from sucre_bench.programs.charts.server import PageServer
 from sucre_bench.programs.charts.session import Session
 from sucre_bench.scene import Arrays, Chart, View
@@ -181,8 +180,6 @@ def test_the_file_keeps_what_it_holds_and_is_read_by_the_loader(tmp_path: Path) 
 
 
 def _proposal(view: str, name: str) -> Any:
-    from sucre_bench.programs.charts.carry_over import Proposal
-
     return Proposal(view, Chart(name, "dgk", TILTED), "a.png")
 
 

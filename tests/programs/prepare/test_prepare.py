@@ -38,7 +38,7 @@ from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine import progress
 from sucre_bench.programs.prepare import Options, mapping, result
-from sucre_bench.programs.prepare.photos import find_photos
+from sucre_bench.programs.prepare.photos import Photo, find_photos
 from sucre_bench.programs.prepare.pipeline import prepare, settled_scale
 from sucre_bench.programs.prepare.result import Prepared, quality_of, read_record
 from sucre_bench.programs.prepare.scale import known_scale
@@ -217,20 +217,22 @@ def test_the_command_imports_nothing_heavy():
     assert not {"cv2", "pycolmap", "open3d", "numba", "scipy", "torch"} & set(said.split())
 
 
-def test_equal_photos_give_an_equal_model(tmp_path: Path):
+RULES = mapping.Rules("auto", "SIMPLE_RADIAL", "single")
+
+
+@pytest.fixture(scope="module")
+def four(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Photo], mapping.Mapped]:
+    """Four photos, and their model."""
+    root = tmp_path_factory.mktemp("four")
     for i, pose in enumerate(POSES[:4]):
-        write(tmp_path / "photos" / f"{i}.png", photograph(pose))
-    photos, _ = find_photos(tmp_path / "photos", None, 0, tmp_path / "out")
-    models = []
-    for out in (tmp_path / "one", tmp_path / "two"):
-        mapped = mapping.map_photos(photos, out, mapping.Rules("auto", "SIMPLE_RADIAL", "single"))
-        assert len(mapped.registered) == 4
-        models.append([path.read_bytes() for path in sorted(mapped.model.glob("*.bin"))])
-    assert len(models[0]) >= 3
-    assert models[0] == models[1]
+        write(root / "photos" / f"{i}.png", photograph(pose))
+    photos, _ = find_photos(root / "photos", None, 0, root / "out")
+    return photos, mapping.map_photos(photos, root / "out", RULES)
 
 
-def test_progress_counts_each_photo_once_where_mapping_begins_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_equal_photos_give_an_equal_model_and_progress_counts_each_once_where_mapping_begins_again(
+    four: tuple[list[Photo], mapping.Mapped], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     import pycolmap
 
     real = pycolmap.incremental_mapping
@@ -241,12 +243,13 @@ def test_progress_counts_each_photo_once_where_mapping_begins_again(tmp_path: Pa
         return real(*given, **named)
 
     monkeypatch.setattr(pycolmap, "incremental_mapping", begins_again)
-    for i, pose in enumerate(POSES[:4]):
-        write(tmp_path / "photos" / f"{i}.png", photograph(pose))
-    photos, _ = find_photos(tmp_path / "photos", None, 0, tmp_path / "out")
+    photos, straight = four
     with progress.watched_by(steps := Lines()):
-        mapped = mapping.map_photos(photos, tmp_path / "out", mapping.Rules("auto", "SIMPLE_RADIAL", "single"))
+        mapped = mapping.map_photos(photos, tmp_path / "out", RULES)
     assert steps.steps["placing photos"] == len(mapped.registered) == 4
+    models = [[path.read_bytes() for path in sorted(one.model.glob("*.bin"))] for one in (mapped, straight)]
+    assert len(models[0]) >= 3
+    assert models[0] == models[1]
 
 
 # -- stopped half-way ------------------------------------------------------------------------------------
@@ -270,32 +273,28 @@ def _stopping(real: Any, after: int) -> Callable[..., Any]:
 
 
 def test_a_command_stopped_in_features_or_matches_goes_on_and_finds_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    four: tuple[list[Photo], mapping.Mapped], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     import pycolmap
 
     monkeypatch.setattr(mapping, "PAIRS_A_STEP", 2)
     monkeypatch.setattr(mapping, "usable_cores", lambda: 1)
-    for i, pose in enumerate(POSES[:4]):
-        write(tmp_path / "photos" / f"{i}.png", photograph(pose))
-    photos, _ = find_photos(tmp_path / "photos", None, 0, tmp_path / "out")
-    rules = mapping.Rules("auto", "SIMPLE_RADIAL", "single")
-    straight = mapping.map_photos(photos, tmp_path / "one", rules)
+    photos, straight = four
     counts = []
     for name, calls in (("extract_features", 2), ("extract_features", 1), ("match_image_pairs", 1)):
         with monkeypatch.context() as stop:
             stop.setattr(pycolmap, name, _stopping(getattr(pycolmap, name), calls))
             with pytest.raises(_StoppedError):
-                mapping.map_photos(photos, tmp_path / "two", rules)
+                mapping.map_photos(photos, tmp_path / "two", RULES)
         with pycolmap.Database.open(tmp_path / "two" / "usual" / "database.db") as opened:
             found = sum(opened.num_keypoints_for_image(image.image_id) > 1 for image in opened.read_all_images())
             counts.append((found, opened.num_matched_image_pairs()))
     assert [found for found, _ in counts] == [2, 2, 4], "features that were found stay"
     assert counts[-1][1] == 2
-    resumed = mapping.map_photos(photos, tmp_path / "two", rules)
+    resumed = mapping.map_photos(photos, tmp_path / "two", RULES)
     assert resumed.registered == straight.registered
     with (
-        pycolmap.Database.open(tmp_path / "one" / "usual" / "database.db") as one,
+        pycolmap.Database.open(straight.model.parent / "database.db") as one,
         pycolmap.Database.open(tmp_path / "two" / "usual" / "database.db") as two,
     ):
         images = one.read_all_images()
@@ -306,7 +305,7 @@ def test_a_command_stopped_in_features_or_matches_goes_on_and_finds_the_same(
         counts_of = [dict(zip(*base.read_two_view_geometry_num_inliers(), strict=True)) for base in (one, two)]
         assert counts_of[0] == pytest.approx(counts_of[1], abs=10)
     monkeypatch.setattr(pycolmap, "incremental_mapping", None)  # what was mapped is not mapped again
-    assert mapping.map_photos(photos, tmp_path / "two", rules) == resumed
+    assert mapping.map_photos(photos, tmp_path / "two", RULES) == resumed
 
 
 def test_a_command_stopped_while_writing_leaves_one_scale(

@@ -1,4 +1,7 @@
-"""Proposes marked charts in the other views, by the scene's geometry.
+"""Proposes charts: those that OpenCV's detector finds, and marked ones in the other views, by the scene's geometry.
+
+The detector knows ColorChecker Classics. Its model of the Digital SG is not used: it found clearly visible painted
+charts mirrored, or not at all.
 
 A chart is flat: the depth map inside its outline gives the plane of its four corners. These are projected into another
 view, and proposed there if the whole frame is inside the image, seen from the front, large enough to be read, and not
@@ -13,9 +16,15 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.camera import depth_at, moved, project
 from sucre_bench.errors import InputError
+from sucre_bench.imaging.chart_kinds import chart_kind
 from sucre_bench.imaging.chart_patches import are_corners, image_from_chart
+from sucre_bench.imaging.display import stretch
+from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.scene import Chart, View
 
+DETECTABLE = ("colorchecker24",)
+
+_MOST = 4  # charts that are detected in an image; more take more time
 _AGREES = 0.05  # greatest |Z - d| / Z on the chart: photogrammetry rounds a chart's edges
 _FLAT = 0.03  # greatest median |residual| of a chart's plane, relative to depth
 _LEAST_PIXELS = 12  # pixels with depth that a plane needs
@@ -29,6 +38,39 @@ class Proposal:
     view: str
     chart: Chart
     source: str
+
+
+def detect(shown: Array, kind: str) -> list[Chart]:
+    """Return the charts of a kind in a picture, named chart1, chart2 from the largest on.
+
+    shown: (H, W, 3) gamma-encoded, [0, 1]. The picture is stretched, because water leaves little contrast; if nothing
+    is found, it is tried unchanged. The list is empty for a kind that OpenCV does not know.
+    """
+    import cv2
+
+    if kind not in DETECTABLE or min(shown.shape[:2]) < 64:
+        return []
+    shown = np.nan_to_num(shown)
+    detector = cv2.mcc.CCheckerDetector.create()
+    detector.setColorChartType(cv2.mcc.MCC24)
+    pictures = (np.ascontiguousarray(to_8bit(tried)[..., ::-1]) for tried in (stretch(shown), shown))
+    if not any(detector.process(picture, _MOST) for picture in pictures):
+        return []
+    boxes = np.array([patch.box for patch in chart_kind(kind).patches])
+    centres, unit = (boxes[:, :2] + boxes[:, 2:]) / 2, np.array([[[0.0, 0], [1, 0], [1, 1], [0, 1]]])
+    charts = []
+    for checker in detector.getListColorChecker():
+        # The detector's patches, row by row, are wider than the chart's; only their centres are right.
+        patches = np.array(checker.getColorCharts(), dtype=np.float64).reshape(-1, 4, 2)
+        if len(patches) != len(boxes):
+            continue
+        homography, _ = cv2.findHomography(centres, patches.mean(axis=1))
+        corners = np.asarray(cv2.perspectiveTransform(unit, homography)[0], dtype=np.float64)
+        corners += 0.5  # OpenCV has pixel centres at whole numbers
+        if are_corners(corners) and (corners >= 0).all() and (corners <= np.array(shown.shape[1::-1])).all():
+            charts.append(corners)
+    charts.sort(key=lambda corners: -abs(float(cv2.contourArea(corners.astype(np.float32)))))
+    return [Chart(f"chart{number}", kind, corners) for number, corners in enumerate(charts, 1)]
 
 
 def propose(
