@@ -17,6 +17,15 @@ from sucre_bench.cli import SECTIONS, cli
 from sucre_bench.jobs import compose_jobs as config
 
 
+@pytest.fixture(scope="module")
+def examples_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the files that the examples name."""
+    folder = tmp_path_factory.mktemp("examples")
+    write_line_ups(folder)
+    write_dive(folder / "dive")
+    return folder
+
+
 def helps() -> list[tuple[str, click.Command]]:
     return [("", cli), *commands().items()]
 
@@ -31,12 +40,9 @@ def test_help_fits_the_terminal(name: str, command: click.Command, width: int):
 
 @pytest.mark.parametrize(("name", "command"), helps(), ids=lambda value: value if isinstance(value, str) else "")
 def test_help_begins_with_examples_that_name_real_options(
-    name: str, command: click.Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, command: click.Command, examples_folder: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    if name in ("", "run"):
-        write_line_ups(tmp_path)
-        write_dive(tmp_path / "dive")
-        monkeypatch.chdir(tmp_path)
+    monkeypatch.chdir(examples_folder)
     text = command.help or ""
     lines = [line.strip() for line in text.split("\b")[1].split("\n\n")[0].splitlines()]
     examples = [line for line in lines if line.startswith("sucre-bench ")]
