@@ -4,7 +4,6 @@
 """
 
 import errno
-import functools
 import hashlib
 import os
 import shutil
@@ -33,35 +32,33 @@ def waited_lock(path: Path, patience_s: float = -1, silent_s: float = _SILENT_S)
     """Hold a lock file in this block. After `silent_s` of waiting, say so, and how to go on.
 
     patience_s: how long to wait from then on before InputError is raised; -1: for ever.
-    On a file system without locks, say so once and go on without: what the block does must lose nothing then.
-    Raises OSError if the file cannot be made.
+    On a file system without locks, a file takes the lock's place, and is removed afterwards. One that a killed process
+    left is ignored on its own machine. Raises OSError if the file cannot be made.
     """
-    from filelock import FileLock, Timeout
+    from filelock import BaseFileLock, FileLock, SoftFileLock
 
-    lock = FileLock(path)
-    held = "another process holds this lock; wait for it, or delete the file if no command is at work here"
+    def acquire(lock: BaseFileLock) -> BaseFileLock:
+        held = "another process holds this lock; wait for it, or delete the file if no command is at work here"
+        with warnings.catch_warnings(action="ignore"):  # of a file system without locks
+            try:
+                return lock.acquire(timeout=silent_s).lock
+            except TimeoutError:
+                progress.say(f"waiting  {lock.lock_file}: {held}")
+            try:
+                return lock.acquire(timeout=patience_s).lock
+            except TimeoutError:
+                raise InputError(f"{lock.lock_file}: {held}") from None
+
     try:
-        with warnings.catch_warnings(action="ignore"):  # of a file system without locks, which is said below
-            lock.acquire(timeout=silent_s)
-    except Timeout:
-        progress.say(f"waiting  {path}: {held}")
-        try:
-            lock.acquire(timeout=patience_s)
-        except Timeout:
-            raise InputError(f"{path}: {held}") from None
+        lock = acquire(FileLock(path))
     except OSError as fault:
         if fault.errno not in _NO_LOCKS:
             raise
-        _say_that_there_are_no_locks(path.parent)
+        lock = acquire(SoftFileLock(f"{path}.held"))
     try:
         yield
     finally:
         lock.release()
-
-
-@functools.cache
-def _say_that_there_are_no_locks(folder: Path) -> None:
-    progress.say(f"{folder}: this file system has no locks; run one command at a time here, two may do the same work")
 
 
 def get_or_make(

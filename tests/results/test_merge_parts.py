@@ -7,6 +7,7 @@ import fcntl
 import os
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -123,3 +124,18 @@ def test_parts_are_joined_on_a_file_system_without_locks(tmp_path: Path, monkeyp
         results.merge(tmp_path)
     assert views_in(results.read(tmp_path)) == ["a.png", "b.png"]
     assert not (tmp_path / "parts").exists()
+
+
+def test_commands_that_end_together_on_a_file_system_without_locks_lose_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(fcntl, "flock", no_locks_here)
+
+    def work(number: int) -> None:
+        write(tmp_path, f"{number}.png")
+        results.merge(tmp_path)
+
+    with ThreadPoolExecutor(3) as together:
+        list(together.map(work, range(12)))
+    assert views_in(results.read(tmp_path)) == sorted(f"{number}.png" for number in range(12))
+    assert not list(tmp_path.glob("*.held"))
