@@ -14,10 +14,9 @@ from sucre_bench.commands.shared_options import check_output, json_option, plugi
 from sucre_bench.machine.text_formats import counted
 
 if TYPE_CHECKING:
-    from sucre_bench.programs.describe.depth_and_poses import Overlap
     from sucre_bench.programs.describe.description import Described
     from sucre_bench.programs.describe.exposure import Exposure, NoExposure
-    from sucre_bench.programs.describe.view_facts import ViewFacts
+    from sucre_bench.programs.describe.facts import Overlap, ViewFacts
 
 
 _ROWS = 30  # of the table of views
@@ -114,9 +113,8 @@ def _show(one: Described) -> None:
     _print_table([head.format(unit=one.unit) for head in _HEADS], rows)
     if len(one.facts) > _ROWS:
         click.echo(f"... and {len(one.facts) - _ROWS} more views; --json has them all")
-    edges, shares = one.histogram()
-    for low, high, share in zip(edges, edges[1:], shares, strict=False):
-        click.echo(f"{low:7.2f} to {high:6.2f} {one.unit}  {share:4.0%} {'#' * round(60 * share / max(shares))}")
+    for low, high, share in zip(one.edges, one.edges[1:], one.shares, strict=False):
+        click.echo(f"{low:7.2f} to {high:6.2f} {one.unit}  {share:4.0%} {'#' * round(60 * share / max(one.shares))}")
     for fault in one.faults:
         terminal.out.print(Text(f"wrong    {fault}", style="yellow"), soft_wrap=True)
     things = {0: "nothing", 1: "1 thing"}.get(len(one.faults), f"{len(one.faults)} things")
@@ -132,7 +130,7 @@ def _facts(one: Described) -> dict[str, str]:
     true = one.water
     water = {"B": true.veiling_light, "beta": true.attenuation, "gamma": true.backscatter}.items() if true else ()
     facts = {
-        "scene": f"{one.name} of {one.dataset}: {len(one.facts)} of {one.n_views} views; has {has}",
+        "scene": f"{one.scene} of {one.dataset}: {len(one.facts)} of {one.n_views} views; has {has}",
         "images": f"{', '.join(f'{n} of {size}' for size, n in sizes.most_common(3))}, {encodings}",
         "cameras": f"{len(focals)}, focal {', '.join(f'{fx:.0f}' for fx, _ in focals[:3])} px" if focals else "none",
         "travel": _travel(one.facts, one.unit),
@@ -142,7 +140,7 @@ def _facts(one: Described) -> dict[str, str]:
     if one.scale is not None:
         remedy = "run `sucre-bench prepare` again with a known length for metres"
         no_metres = f"; lengths are no metres, and beta and gamma not 1/m; {remedy}"
-        facts["scale"] = f"{one.scale.note}{'' if one.scale.is_metric else no_metres}"
+        facts["scale"] = one.scale["note"] + ("" if one.scale["is_metric"] else no_metres)
     return facts
 
 

@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from sucre_bench.arrays import evenly
+from sucre_bench.arrays import Array, evenly
 from sucre_bench.engine.select_views import Selection
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.drawing import depth_colours
 from sucre_bench.machine.files import expanded, regular
-from sucre_bench.programs.describe.depth_and_poses import Overlap, overlaps
+from sucre_bench.machine.progress import track
 from sucre_bench.programs.describe.exposure import Exposure, NoExposure, estimate_exposure
+from sucre_bench.programs.describe.facts import Look, Overlap, ViewFacts, look_at, overlaps
 from sucre_bench.programs.describe.faults import Fault, find_faults
-from sucre_bench.programs.describe.view_facts import Look, ViewFacts, look_at
 from sucre_bench.scene import Water
 
 _BINS = 12
@@ -27,59 +27,40 @@ _WIDE, _GAP, _TEXT, _HEAD = 300, 8, 20, 64  # pixels
 _GRAY = 128
 
 
-@dataclass(frozen=True, slots=True)
-class ScaleNote:
-    """The note of `sucre-bench prepare` on the scale. is_metric: whether lengths are metres; note: how it was found."""
-
-    is_metric: bool
-    note: str
-
-
 @dataclass(frozen=True, eq=False)
 class Described:
-    """The description of a scene: facts and overlaps of its views, their exposure, and faults.
+    """The description of a scene.
 
-    n_views: number of views in the scene, also those that are not described; exposure: or why it is not known; scale:
-    the note of `prepare`, or None if there is none (lengths then count as metres); unit: of lengths.
+    n_views: number of views in the scene, also those that are not described; scale: the note of `prepare`, with
+    is_metric (whether lengths are metres) and note (how the scale was found), or None if there is none (lengths then
+    count as metres); unit: of lengths; exposure: or why it is not known; edges (B + 1,), shares (B,): the distances of
+    all pixels with depth, empty without depth.
     """
 
     dataset: str
-    name: str
+    scene: str
     n_views: int
+    scale: dict[str, Any] | None
+    unit: str
     has: tuple[str, ...]
     water: Water | None
-    facts: list[ViewFacts]
     looks: list[Look]
     overlaps: list[Overlap]
-    faults: list[Fault]
     exposure: Exposure | NoExposure
-    scale: ScaleNote | None
-    unit: str
+    edges: list[float]
+    shares: list[float]
+    faults: list[Fault]
 
-    def histogram(self) -> tuple[list[float], list[float]]:
-        """Return edges (B + 1,) and shares (B,) of the distances of all pixels with depth; empty without depth."""
-        values = self._distances()
-        if not values.size:
-            return [], []
-        low, high = np.percentile(values, [0.5, 99.5])
-        counts, edges = np.histogram(values.clip(low, high), bins=_BINS if high > low else 1)
-        return edges.tolist(), (counts / counts.sum()).tolist()
-
-    def _distances(self, step: int = 1) -> Any:
-        known = [distance[distance > 0][::step] for look in self.looks if (distance := look.distance) is not None]
-        return np.concatenate(known) if known else np.empty(0)
+    @property
+    def facts(self) -> list[ViewFacts]:
+        """The facts of its views."""
+        return [look.facts for look in self.looks]
 
     def as_object(self) -> dict[str, Any]:
         """Return it as plain data for JSON."""
         light = self.exposure if isinstance(self.exposure, Exposure) else None
-        edges, shares = self.histogram()
         return {
-            "dataset": self.dataset,
-            "scene": self.name,
-            "n_views": self.n_views,
-            "scale": self.scale and asdict(self.scale),
-            "unit": self.unit,
-            "has": self.has,
+            **{name: getattr(self, name) for name in ("dataset", "scene", "n_views", "scale", "unit", "has")},
             "water": self.water and {name: np.asarray(value).tolist() for name, value in vars(self.water).items()},
             "views": [asdict(view) for view in self.facts],
             "overlaps": [asdict(overlap) for overlap in self.overlaps],
@@ -91,7 +72,7 @@ class Described:
                 "least_light": light.least,
             },
             "exposure_unknown": self.exposure.name.lower() if isinstance(self.exposure, NoExposure) else None,
-            "distances": {"edges": edges, "shares": shares},
+            "distances": {"edges": self.edges, "shares": self.shares},
             "faults": [{**asdict(fault), "text": str(fault)} for fault in self.faults],
         }
 
@@ -99,58 +80,49 @@ class Described:
         """Return the contact sheet as PNG or JPEG, by the suffix."""
         from PIL import Image, ImageDraw, ImageFont
 
-        chosen = evenly(len(self.looks), _MOST)
-        columns = 1 if len(chosen) <= 3 else 2 if len(chosen) <= 12 else 3
-        wide, high = 2 * _WIDE + 2 + _GAP, max(_height(self.looks[k]) for k in chosen) + _TEXT + _GAP
-        rows = -(-len(chosen) // columns)
-        sheet = Image.new("RGB", (columns * wide + _GAP, _HEAD + rows * high + _GAP), "white")
+        looks = [self.looks[k] for k in evenly(len(self.looks), _MOST)]
+        columns = 1 if len(looks) <= 3 else 2 if len(looks) <= 12 else 3
+        shapes = [next((p.shape for p in (look.picture, look.depth) if p is not None), (3, 4)) for look in looks]
+        heights = [max(1, round(_WIDE * shape[0] / shape[1])) for shape in shapes]
+        wide, high = 2 * _WIDE + 2 + _GAP, max(heights) + _TEXT + _GAP
+        size = (columns * wide + _GAP, _HEAD + -(-len(looks) // columns) * high + _GAP)
+        sheet = Image.new("RGB", size, "white")
         pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(14)
-        values = self._distances(16)
+        values = _distances(self.looks, 16)
         low, top = np.percentile(values, [1, 99]).tolist() if values.size else (0.0, 1.0)
         top = max(top, low * 1.001)
-        title = f"{self.dataset}: {self.name}, {len(self.facts)} of {self.n_views} views"
+        title = f"{self.dataset}: {self.scene}, {len(self.looks)} of {self.n_views} views"
         pen.text((_GAP, _GAP), title, fill="black", font=ImageFont.load_default(18))
         bar = np.tile(np.linspace(low, top, 256), (10, 1))
         sheet.paste(Image.fromarray(depth_colours(bar, low, top, _GRAY)), (_GAP, 34))
         scale = f"distance {low:.3g} to {top:.3g} {self.unit}, gray: unknown"
         pen.text((_GAP + 264, 30), scale, fill="black", font=font)
-        for place, k in enumerate(chosen):
-            row, column = divmod(place, columns)
-            tile = _tile((wide - _GAP, high - _GAP), self.facts[k], self.looks[k], (low, top))
-            sheet.paste(tile, (_GAP + column * wide, _HEAD + row * high))
+        for place, (look, height) in enumerate(zip(looks, heights, strict=True)):
+            x, y = _GAP + place % columns * wide, _HEAD + place // columns * high
+            depth = None if look.distance is None else depth_colours(look.distance, low, top, _GRAY)
+            for left, picture, absent, how in (
+                (x, look.picture, "cannot be read", Image.Resampling.BOX),
+                (x + _WIDE + 2, depth, "no depth", Image.Resampling.NEAREST),
+            ):
+                if picture is None:
+                    pen.rectangle((left, y, left + _WIDE - 1, y + height - 1), fill="#dddddd")
+                    pen.text((left + 8, y + 8), absent, fill="black", font=font)
+                else:
+                    sheet.paste(Image.fromarray(picture).resize((_WIDE, height), how), (left, y))
+            if look.picture is not None:
+                for corners in look.charts * (_WIDE / look.picture.shape[1]) + (x, y):
+                    pen.line([tuple(corner) for corner in (*corners, corners[0])], fill="#ff2d6f", width=2)
+            facts = look.facts
+            caption = f"{facts.name}   depth on {facts.coverage:.0%}" if facts.has_depth else facts.name
+            pen.text((x, y + height + 2), caption[-80:], fill="black", font=font)
         content = io.BytesIO()
         sheet.save(content, "PNG" if suffix.lower() == ".png" else "JPEG", quality=92)
         return content.getvalue()
 
 
-def _tile(size: tuple[int, int], view: ViewFacts, look: Look, limits: tuple[float, float]) -> Any:
-    """Return one view as a picture of that size. limits: the distances at the ends of the colour scale."""
-    from PIL import Image, ImageDraw, ImageFont
-
-    tile = Image.new("RGB", size, "white")
-    pen, font = ImageDraw.Draw(tile), ImageFont.load_default(14)
-    high = _height(look)
-    depth = None if look.distance is None else depth_colours(look.distance, *limits, _GRAY)
-    for x, picture, absent, how in (
-        (0, look.picture, "cannot be read", Image.Resampling.BOX),
-        (_WIDE + 2, depth, "no depth", Image.Resampling.NEAREST),
-    ):
-        if picture is None:
-            pen.rectangle((x, 0, x + _WIDE - 1, high - 1), fill="#dddddd")
-            pen.text((x + 8, 8), absent, fill="black", font=font)
-        else:
-            tile.paste(Image.fromarray(picture).resize((_WIDE, high), how), (x, 0))
-    if look.picture is not None:
-        for corners in look.charts * (_WIDE / look.picture.shape[1]):
-            pen.line([tuple(corner) for corner in (*corners, corners[0])], fill="#ff2d6f", width=2)
-    said = f"{view.name}   depth on {view.coverage:.0%}" if view.has_depth else view.name
-    pen.text((0, high + 2), said[-80:], fill="black", font=font)
-    return tile
-
-
-def _height(look: Look) -> int:
-    plane = look.picture if look.picture is not None else look.depth
-    return _WIDE * 3 // 4 if plane is None else max(1, round(_WIDE * plane.shape[0] / plane.shape[1]))
+def _distances(looks: list[Look], step: int = 1) -> Array:
+    known = [look.distance[look.distance > 0][::step] for look in looks if look.distance is not None]
+    return np.concatenate(known) if known else np.empty(0)
 
 
 def described(selection: Selection, most: int) -> Described:
@@ -158,16 +130,29 @@ def described(selection: Selection, most: int) -> Described:
     scene, root = selection.scene, selection.dataset.options.get("root")
     try:
         noted = json.loads(regular(expanded(root) / "prepare.json").read_bytes())["scale"] if root else None
-        scale = noted and ScaleNote(bool(noted["is_metric"]), str(noted["note"]))
+        scale = noted and {"is_metric": bool(noted["is_metric"]), "note": str(noted["note"])}
     except (OSError, InputError, ValueError, KeyError, TypeError, RecursionError):  # none, or another program's
         scale = None
-    unit = "m" if scale is None or scale.is_metric else "units"
-    seen = look_at([selection.views[k] for k in evenly(len(selection.views), most)], "reference" in scene.has)
-    facts, looks = [one for one, _ in seen], [look for _, look in seen]
-    between = overlaps(looks)
-    faults = find_faults(facts, looks, between, unit)
-    has, light = tuple(sorted(scene.has)), estimate_exposure(looks)
-    dataset = selection.dataset.label
+    unit = "m" if scale is None or scale["is_metric"] else "units"
+    chosen = [selection.views[k] for k in evenly(len(selection.views), most)]
+    looks = [look_at(view, "reference" in scene.has) for view in track(chosen, "looking at views")]
+    between, values, edges, shares = overlaps(looks), _distances(looks), [], []
+    if values.size:
+        low, high = np.percentile(values, [0.5, 99.5])
+        counts, bounds = np.histogram(values.clip(low, high), bins=_BINS if high > low else 1)
+        edges, shares = bounds.tolist(), (counts / counts.sum()).tolist()
     return Described(
-        dataset, scene.name, len(scene), has, scene.water, facts, looks, between, faults, light, scale, unit
+        dataset=selection.dataset.label,
+        scene=scene.name,
+        n_views=len(scene),
+        scale=scale,
+        unit=unit,
+        has=tuple(sorted(scene.has)),
+        water=scene.water,
+        looks=looks,
+        overlaps=between,
+        exposure=estimate_exposure(looks),
+        edges=edges,
+        shares=shares,
+        faults=find_faults(looks, between, unit),
     )

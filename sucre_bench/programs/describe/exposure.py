@@ -20,10 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sucre_bench.arrays import Array, evenly
-from sucre_bench.camera import project
 from sucre_bench.multiview.pairing import lift, visible_pixels
-from sucre_bench.programs.describe.depth_and_poses import into, placed, some_points
-from sucre_bench.programs.describe.view_facts import Look
+from sucre_bench.programs.describe.facts import Look, placed, seen_from, some_points
 from sucre_bench.scene import View
 
 # Views that are compared with others, how many others each, points of a view, and the fewest that make a pair.
@@ -171,20 +169,19 @@ def _regressed(x: Array, y: Array, start: Array) -> Array:
 def _pair(first: int, second: int, views: Sequence[View]) -> _Pair | NoExposure:
     view, other = views[first], views[second]
     v, u, points = some_points(view, _POINTS)
-    there = into(other, view, points)
-    at, depth = project(other.placed[0], there)
-    height, width = other.depth.shape
-    inside = (depth > 0) & (at >= 0).all(axis=1) & (at[:, 0] < width) & (at[:, 1] < height)
-    column, row = (np.where(inside, at[:, k], 0).astype(int) for k in (0, 1))
-    near, far = (np.linalg.norm(one, axis=1) for one in (points, there))
+    there, at, z, depth = seen_from(other, view, points)
+    is_shared = np.abs(depth - z) < _AGREES * z
+    if is_shared.sum() < _FEWEST:
+        return NoExposure.NO_OVERLAP
+    v, u, points, there = v[is_shared], u[is_shared], points[is_shared], there[is_shared]
+    column, row = at[is_shared].astype(int).T
+    near, far = (np.linalg.norm(places, axis=1) for places in (points, there))
     further = 2 * (far - near) / (far + near)
     I, I_other = view.rgb[v, u], other.rgb[row, column]  # noqa: E741
     levels = np.concatenate([I, I_other], axis=1)
-    is_lit = ((levels > _LIT[0]) & (levels < _LIT[1])).all(axis=1)
-    is_shared = inside & (np.abs(other.depth[row, column] - depth) < _AGREES * depth)
-    seen = is_shared & is_lit & (np.abs(further) < _ALIKE)
+    seen = ((levels > _LIT[0]) & (levels < _LIT[1])).all(axis=1) & (np.abs(further) < _ALIKE)
     if seen.sum() < _FEWEST:
-        return NoExposure.UNLIKE if is_shared.sum() >= _FEWEST else NoExposure.NO_OVERLAP
+        return NoExposure.UNLIKE
     x, y = np.stack([one[seen, :2] / one[seen, 2:] for one in (points, there)], axis=1).transpose(2, 0, 1)
     terms = np.stack([x, y, x * x, x * y, y * y], axis=-1)
     columns = np.column_stack([terms[:, 1] - terms[:, 0], further[seen]])

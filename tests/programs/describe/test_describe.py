@@ -21,15 +21,14 @@ from sucre_bench.camera import pixel_rays
 from sucre_bench.commands.data import describe
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_kinds import KINDS
-from sucre_bench.programs.describe.depth_and_poses import overlaps
+from sucre_bench.programs.describe.facts import look_at, overlaps
 from sucre_bench.programs.describe.faults import Fault, find_faults
-from sucre_bench.programs.describe.view_facts import look_at
 from sucre_bench.scene import Arrays, Chart, View
 
 
 def found(views: Sequence[View]) -> list[Fault]:
-    facts, looks = zip(*look_at(views, False), strict=True)
-    return find_faults(facts, looks, overlaps(looks))
+    looks = [look_at(view, False) for view in views]
+    return find_faults(looks, overlaps(looks))
 
 
 def kinds(views: Sequence[View]) -> list[tuple[str, ...]]:
@@ -44,14 +43,15 @@ def with_planes(view: View, rgb: np.ndarray | None = None, depth: np.ndarray | N
 def test_a_consistent_scene_has_no_faults_and_its_facts_are_true() -> None:
     views = make_scene().views
     assert found(views) == []
-    facts = [one for one, _ in look_at(views, False)]
+    looks = [look_at(view, False) for view in views]
+    facts = [look.facts for look in looks]
     target = views[1]
     assert (facts[1].width, facts[1].height) == (60, 44)
     assert facts[1].coverage == pytest.approx(1 - 6 * 40 / (60 * 44))
     known = target.distance[target.depth > 0]
     assert facts[1].distances == pytest.approx(np.percentile(known, [1, 50, 99]), rel=1e-5)
     assert facts[3].position == pytest.approx((-0.3, 0.1, -2.4))
-    between = overlaps([look for _, look in look_at(views, False)])
+    between = overlaps(looks)
     assert [o.partners for o in between] == [3, 3, 3, 3]
     assert [o.seen for o in between[:2]] == [1, 1]
     assert between[2].seen < 0.7, "the side view looks past the others"

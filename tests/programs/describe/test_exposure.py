@@ -11,7 +11,7 @@ from support.made_survey import make_survey
 
 from sucre_bench import Arrays, Scene
 from sucre_bench.programs.describe.exposure import Exposure, NoExposure, estimate_exposure
-from sucre_bench.programs.describe.view_facts import look_at
+from sucre_bench.programs.describe.facts import look_at
 
 GAINS = np.array([0.75, 1.2, 0.9, 1.0, 1.25, 0.7, 1.1, 0.85])
 
@@ -23,7 +23,7 @@ def exposure_of(scene: Scene, gains: np.ndarray | None = None) -> Exposure:
             replace(view, pixels=Arrays(np.rint((view.rgb * gain).clip(0, 1) * 255) / 255, view.depth))
             for view, gain in zip(views, gains, strict=True)
         ]
-    found = estimate_exposure([look for _, look in look_at(views, False)])
+    found = estimate_exposure([look_at(view, False) for view in views])
     assert isinstance(found, Exposure)
     return found
 
@@ -56,4 +56,4 @@ def test_the_reason_why_an_exposure_is_not_known_is_data() -> None:
         ([first, replace(second, cam_from_world=elsewhere)], NoExposure.NO_OVERLAP),
         (dark, NoExposure.UNLIKE),
     ):
-        assert estimate_exposure([look for _, look in look_at(views, False)]) is why
+        assert estimate_exposure([look_at(view, False) for view in views]) is why

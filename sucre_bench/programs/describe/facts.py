@@ -1,0 +1,227 @@
+"""Facts of each view of a scene: size, camera, colours, depth, charts, and how much it overlaps with other views.
+
+Colours and depth are measured at full size; views are compared at a reduced size. Distances are Euclidean, in metres.
+For a view without a camera, depth along the axis takes their place.
+
+Two views overlap if a point of one projects to a pixel of the other at depth Z, and that view's own depth d agrees:
+|d - Z| <= 5 % of Z. In consistent data the median of |d - Z| / Z is a few per mille.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from sucre_bench.arrays import Array, Indices, evenly
+from sucre_bench.camera import Camera, depth_at, distance_map, moved, project, relative_pose, scaled_camera, unproject
+from sucre_bench.errors import InputError, one_line
+from sucre_bench.imaging.chart_patches import image_from_chart, reading_order
+from sucre_bench.imaging.display import display
+from sucre_bench.imaging.encoding import converted, srgb_decode, to_8bit
+from sucre_bench.machine.progress import track
+from sucre_bench.multiview.pairing import lift, visible_pixels
+from sucre_bench.scene import Arrays, View
+
+_LONG_SIDE = 480  # pixels of a reduced view
+_FULL = 0.998  # a channel at or above this counts as saturated
+_AGREES = 0.05
+_PARTNER = 0.05  # share of a view's points that another one must see to overlap
+MOST_TARGETS = 40  # views that are compared with all others, evenly chosen
+MOST_POINTS = 8000  # of a view
+
+
+@dataclass(frozen=True)
+class ChartFacts:
+    """A chart. distance: metres to its middle, None if unknown; fault: of its corners, or empty."""
+
+    name: str
+    kind: str
+    distance: float | None
+    fault: str
+
+
+@dataclass(frozen=True)
+class ViewFacts:
+    """A view.
+
+    image_fault, depth_fault: the reason if a plane cannot be read, or empty; focal: (fx, fy) in pixels; position: of
+    the camera in the world, metres; mean, spread: of each channel, as stored, and its standard deviation; saturated:
+    share of pixels with a full channel; coverage: share of pixels with depth; distances: percentiles 1, 50 and 99 in
+    metres.
+    """
+
+    name: str
+    width: int
+    height: int
+    encoding: str
+    image_fault: str
+    depth_fault: str
+    has_depth: bool
+    has_reference: bool
+    focal: tuple[float, ...] | None
+    position: tuple[float, ...] | None
+    mean: tuple[float, ...]
+    spread: tuple[float, ...]
+    saturated: float
+    coverage: float
+    distances: tuple[float, ...] | None
+    charts: tuple[ChartFacts, ...]
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """The overlap of one view with the others.
+
+    seen: share of its points that at least one other view sees; partners: number of views that see 5 % of them or more;
+    disagreement: median of |d - Z| / Z of its points that project into others, None if there are none.
+    """
+
+    view: str
+    seen: float
+    partners: int
+    disagreement: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A view with its facts, and its planes at reduced size; None for a plane that it lacks.
+
+    picture: (h, w, 3) uint8 as shown; depth: (h, w) float32 metres along the axis; distance: (h, w) metres, Euclidean
+    where the view has a camera, 0 = unknown; camera: of the reduced size; charts: (C, 4, 2) corners in its pixels.
+    """
+
+    view: View
+    facts: ViewFacts
+    picture: npt.NDArray[np.uint8] | None
+    depth: Array | None
+    distance: Array | None
+    camera: Camera | None
+    charts: Array
+
+
+def look_at(view: View, reference: bool) -> Look:
+    """Read a view once. reference: whether to read its reference. An unreadable file is a fact, not an exception."""
+    import cv2
+
+    rgb, image_fault = _loaded(view, "rgb")
+    depth, depth_fault = _loaded(view, "depth")
+    camera, pose = view.camera, view.cam_from_world
+    of_camera = (camera.width, camera.height) if camera else (0, 0)
+    width, height = next((plane.shape[1::-1] for plane in (rgb, depth) if plane is not None), of_camera)
+    if camera and of_camera != (width, height):
+        fault = f"the image is {width}x{height}, its camera {camera.width}x{camera.height}"
+        remedy = "use the images that its camera was found for, uncropped"
+        image_fault = image_fault or f"{view.name}: {fault}; {remedy}"
+        camera = None
+    distance = depth if depth is None or camera is None else distance_map(camera, depth)
+    known = np.empty(0) if distance is None else distance[distance > 0]
+    facts = ViewFacts(
+        name=view.name,
+        width=width,
+        height=height,
+        encoding=view.encoding,
+        image_fault=image_fault,
+        depth_fault=depth_fault,
+        has_depth=depth is not None,
+        has_reference=reference and _loaded(view, "reference")[0] is not None,
+        focal=None if camera is None else _floats(camera.K[[0, 1], [0, 1]]),
+        position=None if pose is None else _floats(np.linalg.inv(pose)[:3, 3]),
+        mean=() if rgb is None else _floats(rgb.mean(axis=(0, 1), dtype=np.float64)),
+        spread=() if rgb is None else _floats(rgb.std(axis=(0, 1), dtype=np.float64)),
+        saturated=0.0 if rgb is None else float((rgb >= _FULL).any(axis=-1).mean()),
+        coverage=known.size / distance.size if distance is not None and distance.size else 0.0,
+        distances=_floats(np.percentile(known, [1, 50, 99])) if known.size else None,
+        charts=() if rgb is None else _charts(view, rgb, distance),
+    )
+    shrink = min(1.0, _LONG_SIDE / max(width, height, 1))
+    small = max(1, round(width * shrink)), max(1, round(height * shrink))
+    corners = np.array([chart.corners for chart in view.charts]).reshape(-1, 4, 2)
+    corners = corners * np.divide(small, (max(width, 1), max(height, 1)))
+    camera, picture = camera and scaled_camera(camera, small), None
+    if rgb is not None:
+        shrunk: Array = np.asarray(cv2.resize(rgb, small, interpolation=cv2.INTER_AREA))
+        picture = to_8bit(display(shrunk, "none", view.encoding))
+    if depth is not None:  # by picking pixels: a mean of two surfaces would lie on neither
+        depth = np.asarray(cv2.resize(depth, small, interpolation=cv2.INTER_NEAREST_EXACT))
+        distance = distance_map(camera, depth) if camera else depth
+    return Look(view, facts, picture, depth, distance, camera, corners)
+
+
+def _loaded(view: View, plane: str) -> tuple[Array | None, str]:
+    try:
+        return (None if plane == "depth" and not view.has_depth else getattr(view, plane)), ""
+    except InputError as fault:
+        return None, one_line(fault)
+
+
+def _charts(view: View, rgb: Array, distance: Array | None) -> tuple[ChartFacts, ...]:
+    shown = converted(rgb, view.encoding, "gamma")
+    facts = []
+    for chart in view.charts:
+        metres = None
+        try:
+            fault = reading_order(shown, chart).fault
+            x, y, w = image_from_chart(chart.corners) @ [0.5, 0.5, 1]
+            if distance is not None:
+                u, v = (int(np.clip(p / w, 0, n - 1)) for p, n in ((x, rgb.shape[1]), (y, rgb.shape[0])))
+                metres = float(distance[v, u]) or None
+        except InputError as wrong:
+            fault = one_line(wrong)
+        facts.append(ChartFacts(chart.name, chart.kind, metres, fault))
+    return tuple(facts)
+
+
+def _floats(values: Array) -> tuple[float, ...]:
+    return tuple(float(value) for value in values)
+
+
+def placed(looks: Sequence[Look]) -> list[View]:
+    """Return the views that have camera, pose and depth at reduced size, with the intensities that their files hold."""
+    views = []
+    for look in looks:
+        if look.camera is not None and look.view.cam_from_world is not None and look.depth is not None:
+            shown = np.zeros((1, 1, 3), np.float32) if look.picture is None else look.picture.astype(np.float32) / 255
+            rgb = srgb_decode(shown) if look.view.encoding == "linear" else shown
+            views.append(replace(look.view, pixels=Arrays(rgb, look.depth), camera=look.camera))
+    return views
+
+
+def overlaps(looks: Sequence[Look]) -> list[Overlap]:
+    """Return the overlap of up to 40 views, evenly chosen, with all others; views need pose and depth."""
+    views = placed(looks)
+    between = []
+    for view in track([views[k] for k in evenly(len(views), MOST_TARGETS)], "overlaps"):
+        *_, points = some_points(view, MOST_POINTS)
+        seen, partners, off = np.zeros(len(points), bool), 0, []
+        for other, most in zip(views, visible_pixels(lift(view), views), strict=True):
+            if other is view or not most:
+                continue
+            _, _, z, d = seen_from(other, view, points)
+            rel = np.abs(np.divide(d - z, z, out=np.full(len(z), np.nan), where=d > 0))
+            seen |= rel <= _AGREES
+            partners += bool((rel <= _AGREES).mean() >= _PARTNER)
+            if np.isfinite(rel).mean() >= _PARTNER:
+                off.append(rel[np.isfinite(rel)])
+        disagreement = float(np.median(np.concatenate(off))) if off else None
+        between.append(Overlap(view.name, float(seen.mean()) if len(seen) else 0.0, partners, disagreement))
+    return between
+
+
+def some_points(view: View, most: int) -> tuple[Indices, Indices, Array]:
+    """Return row and column (P,) of about so many pixels with depth, and their points (P, 3) in the camera's frame."""
+    v, u = np.nonzero(view.depth > 0)
+    step = max(1, len(u) // most)
+    v, u = v[::step], u[::step]
+    return v, u, unproject(view.placed[0], u + 0.5, v + 0.5, view.depth[v, u].astype(np.float64)).T
+
+
+def seen_from(other: View, view: View, points: Array) -> tuple[Array, Array, Array, Array]:
+    """Project points (P, 3) of a view's camera into another view.
+
+    Return the points in its camera's frame, their pixels (P, 2), their depth Z there, and that view's own depth d (P,),
+    0 where it is unknown or the point is outside.
+    """
+    there = moved(points, relative_pose(other.placed[1], view.placed[1]))
+    at, z = project(other.placed[0], there)
+    return there, at, z, depth_at(other.depth, at)
