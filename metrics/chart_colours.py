@@ -167,6 +167,7 @@ class Neutral:
 
 
 CHANNELS = ("red", "green", "blue")
+_EXPECTED = ("red-expected", "green-expected", "blue-expected")
 
 
 @metric(
@@ -176,11 +177,8 @@ CHANNELS = ("red", "green", "blue")
     unit="",
     better="none",
     range=(0, 1),
-    default=[*CHANNELS, *(f"{channel}-expected" for channel in CHANNELS)],
-    variants={
-        **dict.fromkeys(CHANNELS, "measured, gamma-encoded"),
-        **{f"{channel}-expected": "in the sRGB list" for channel in CHANNELS},
-    },
+    default=[*CHANNELS, *_EXPECTED],
+    variants=dict.fromkeys(CHANNELS, "measured, gamma-encoded") | dict.fromkeys(_EXPECTED, "in the sRGB list"),
 )
 @dataclass(frozen=True)
 class PatchColour:
