@@ -123,7 +123,7 @@ def chart_scores(chart: Chart, readings: Sequence[PatchReading], values: Array) 
     used = np.array([r.n_pixels for r in readings]) * known
     seen = np.array([r.coverage for r in readings]) * known
     value = float(values[known].mean()) if known.any() else np.nan
-    yield Score(value, chart.name, int(used.sum()), float(seen.mean()))
+    yield Score(value, chart.name, int(used.sum()), float(seen.mean()) if readings else 0.0)
     for reading, score, n, coverage in zip(readings, values, used, seen, strict=True):
         yield Score(float(score), patch_region(chart, reading.patch), int(n), float(coverage))
 
