@@ -14,18 +14,19 @@ from sucre_bench.imaging.display import display
 from sucre_bench.methods.sucre import Sucre, SucrePlus
 from sucre_bench.plugins.call_method import shown_with
 
-CORNER, MIDDLE = np.s_[2:12, 2:18], np.s_[20:40, 27:53]
+CORNER, MIDDLE = np.s_[2:10, 2:14], np.s_[16:32, 22:42]
+SIZE = {"width": 64, "height": 48}
 
 
 @pytest.fixture(scope="module")
 def strobe_lit() -> Scene:
-    return make_survey(WATERS["coast"])
+    return make_survey(WATERS["coast"], **SIZE)
 
 
 @pytest.fixture(scope="module")
 def evenly_lit() -> Scene:
     """Ground so flat that no distances tell the veil."""
-    return make_survey(WATERS["coast"], strobe=False, relief=0.005)
+    return make_survey(WATERS["coast"], strobe=False, relief=0.005, **SIZE)
 
 
 @pytest.fixture(scope="module")
@@ -57,9 +58,9 @@ def test_without_a_lamp_the_water_of_a_strobe_lit_survey_is_said_to_be_wrong(str
     assert found["removed_by"] == "none"
 
 
-@pytest.mark.parametrize(("daylight", "waters"), [(0.0, "coast"), (0.3, "coast"), (0.0, "red tide")])
+@pytest.mark.parametrize(("daylight", "waters"), [(0.3, "coast"), (0.0, "red tide")])
 def test_the_light_of_a_strobe_is_removed_from_the_picture(daylight: float, waters: str) -> None:
-    scene = make_survey(WATERS[waters], daylight=daylight)
+    scene = make_survey(WATERS[waters], daylight=daylight, **SIZE)
     view = scene["4.png"]  # of "red tide" a third is overexposed
     result = SucrePlus().restore(scene, view)
     assert result.info["falloff"]["removed_by"] in ("lamp", "place")
@@ -89,7 +90,7 @@ def test_a_fit_to_single_pixels_says_that_the_light_falls_off(
 def test_pixels_without_depth_are_filled_in_the_same_light(strobe_lit: Scene) -> None:
     view = strobe_lit["4.png"]
     depth = view.depth.copy()
-    depth[:14, :20] = 0
+    depth[:11, :16] = 0
     holes = replace(view, pixels=Arrays(view.rgb, depth))
     scene = replace(strobe_lit, views=[holes if one.name == view.name else one for one in strobe_lit.views])
     result = Sucre(fill=True).restore(scene, holes)

@@ -154,7 +154,7 @@ def test_a_dead_channel_is_told_without_a_warning_and_fits_json() -> None:
 
 
 def test_the_sample_follows_its_seed() -> None:
-    observations, _ = made(60_000, 12, noise=NOISE)
+    observations, _ = made(30_000, 12, noise=NOISE)
     one, same, other = (left_of(observations, seed) for seed in (0, 0, 1))
     assert one["observations"] == pytest.approx(200_000, rel=0.02)
     assert one == same

@@ -311,14 +311,6 @@ def test_robust_weights_keep_an_animal_out_of_the_water() -> None:
     assert errors[1] < 0.5 * errors[0]
 
 
-def test_one_view_in_known_water_does_not_claim_to_know_its_noise() -> None:
-    alone = replace(SCENE, views=[TARGET], water=WATER)
-    for method in (Sucre(water="truth"), SucrePlus(water="truth")):
-        confidence = method.restore(alone, TARGET).confidence
-        assert confidence is not None
-        assert np.isnan(confidence).all()
-
-
 # -- bad input ---------------------------------------------------------------------------------------------
 
 
@@ -336,19 +328,17 @@ def test_pixels_that_are_not_numbers_are_left_out() -> None:
     assert np.isfinite(as_array(result.water)).all()
 
 
-def test_a_lone_view_in_a_given_water_is_restored_by_sucre_plus_too() -> None:
-    result = SucrePlus(water="truth").restore(replace(SCENE, views=[TARGET]), TARGET)
-    assert np.array_equal(result.valid, TARGET.depth > 0)
-    assert any("noise" in limit for limit in result.info["limits"])
-    json.dumps(result.info, allow_nan=False)
-
-
-def test_one_view_alone_fails_with_what_to_do_and_is_restored_in_a_given_water() -> None:
+def test_one_view_alone_fails_with_what_to_do_and_is_restored_in_a_given_water_without_a_known_noise() -> None:
     alone = replace(SCENE, views=[TARGET])
     with pytest.raises(SolveError, match="two views"):
         Sucre().restore(alone, TARGET)
-    result = Sucre(water="truth").restore(alone, TARGET)
-    assert np.array_equal(result.valid, TARGET.depth > 0)
+    for method in (Sucre(water="truth"), SucrePlus(water="truth")):
+        result = method.restore(alone, TARGET)
+        assert np.array_equal(result.valid, TARGET.depth > 0)
+        assert result.confidence is not None
+        assert np.isnan(result.confidence).all()
+        assert any("noise" in limit for limit in result.info["limits"])
+        json.dumps(result.info, allow_nan=False)
 
 
 def test_limits_of_the_water_are_said_while_it_runs() -> None:
@@ -385,9 +375,8 @@ def test_options_that_do_not_go_together_are_refused(options: dict[str, Any], na
     assert named <= names(fault.value)
 
 
-@pytest.mark.parametrize("backend", ["numba", "torch", "jax"])
-def test_every_backend_restores_alike(backend: Any) -> None:
-    reference = Sucre(backend="numpy").restore(SCENE, TARGET)
-    result = Sucre(backend=backend).restore(SCENE, TARGET)
-    np.testing.assert_allclose(as_array(result.water), as_array(reference.water), rtol=1e-3)
-    np.testing.assert_allclose(result.image[result.valid], reference.image[reference.valid], atol=1e-3)
+def test_every_backend_restores_alike(plain: Restoration) -> None:
+    reference, *others = (Sucre(backend=name).restore(SCENE, TARGET) for name in ("numpy", "torch", "jax"))  # type: ignore[arg-type]
+    for result in (plain, *others):  # of numba, torch and jax
+        np.testing.assert_allclose(as_array(result.water), as_array(reference.water), rtol=1e-3)
+        np.testing.assert_allclose(result.image[result.valid], reference.image[reference.valid], atol=1e-3)

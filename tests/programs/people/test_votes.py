@@ -133,19 +133,17 @@ def test_what_is_no_vote_is_named_and_the_others_count(bench: Bench, study: dict
     assert sum(int(line.split(": ")[1].split()[0]) for line in said.splitlines()) == len(bad)
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["", "no JSON", "[]", "{}", '{"format": "sucre_bench votes", "version": 1}', "[" * 100_000, '{"format": 1}'],
-)
-def test_a_file_that_holds_no_votes_is_named(bench: Bench, study: dict[str, Any], tmp_path: Path, text: str):
-    (tmp_path / "bad.json").write_text(text)
-    good = write(tmp_path / "a.json", study, [vote(study, 0)])
-    told, said = evaluated(bench, good, "bad.json")
+def test_files_that_hold_no_votes_are_named(bench: Bench, study: dict[str, Any], tmp_path: Path):
+    texts = ["", "no JSON", "[]", "{}", '{"format": "sucre_bench votes", "version": 1}', "[" * 100_000, '{"format": 1}']
+    bad = [f"bad{k}.json" for k in range(len(texts))]
+    for name, text in zip(bad, texts, strict=True):
+        (tmp_path / name).write_text(text)
+    told, said = evaluated(bench, write(tmp_path / "a.json", study, [vote(study, 0)]), *bad)
     assert told["votes"] == 1
-    assert said.startswith("bad.json: ")
-    done = bench("study", "results", "--votes", "bad.json")
+    assert [line.partition(": ")[0] for line in said.splitlines()] == bad
+    done = bench("study", "results", "--votes", *bad)
     assert done.returncode == 2
-    assert "bad.json" in done.stderr
+    assert all(name in done.stderr for name in bad)
 
 
 def test_votes_of_another_study_are_named(bench: Bench, study: dict[str, Any], tmp_path: Path):

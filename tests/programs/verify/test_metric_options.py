@@ -30,7 +30,7 @@ class Bright:
 """
 
 
-MADE = ("dataset=demo", "dataset.width=160", "dataset.height=120", "dataset.views=2", "metrics=[bright]")
+MADE = ("dataset=demo", "dataset.width=64", "dataset.height=48", "dataset.views=2", "metrics=[bright]")
 RUNS = [
     ("results", "gray_world", "above=0.5"),
     ("results", "underwater", "above=0.6"),  # the folder has scores with both thresholds

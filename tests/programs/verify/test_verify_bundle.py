@@ -7,7 +7,6 @@ import io
 import json
 import re
 import shutil
-import subprocess
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -18,10 +17,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from support.colmap_folder import picture, write_dive, write_image
-from support.command_line import PROGRAM, run_here
+from support.command_line import Done, run_here
 
 QUIET = ("tracking.uri=off", "report=false")
 MADE = ("dataset=demo", "dataset.width=160", "dataset.height=120", "dataset.views=2")
+SMALL = ("dataset=demo", "dataset.width=64", "dataset.height=48", "dataset.views=2")
 
 HALF = """
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ from sucre_bench import Restoration, method
 class Half:
     def restore(self, scene, view):
         image = view.rgb * 1.2
-        image[:, :40] = np.nan
+        image[:, :16] = np.nan
         return Restoration(image)
 """
 
@@ -43,7 +43,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run in which one method leaves holes, and the data it is of."""
     place = tmp_path_factory.mktemp("run")
     (place / "half.py").write_text(HALF)
-    words = (*MADE, "method=gray_world,half", "metrics=[psnr,uciqe,coverage,negative]", *QUIET)
+    words = (*SMALL, "method=gray_world,half", "metrics=[psnr,uciqe,coverage,negative]", *QUIET)
     done = run_here(place, "run", "-m", "--plugin", "half.py", *words, "out=results", "dataset.root=dive")
     assert done.returncode == 0, done.stderr
     for pictures in ("none", "restored", "all"):
@@ -129,17 +129,16 @@ def fragile(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Scores by a metric that was whole then."""
     place = tmp_path_factory.mktemp("fragile")
     (place / "fragile.py").write_text(FRAGILE.replace("DOES", "pass"))
-    words = (*MADE, "method=gray_world", "metrics=[fragile,uciqe]", *QUIET)
+    words = (*SMALL, "method=gray_world", "metrics=[fragile,uciqe]", *QUIET)
     assert run_here(place, "run", "--plugin", "fragile.py", *words, "out=results").returncode == 0
     assert run_here(place, "bundle", "results", "b.zip", "--pictures", "restored").returncode == 0
     return place
 
 
-def with_fragile(place: Path, does: str, *words: str | Path) -> subprocess.CompletedProcess[str]:
-    """Run a command, as a process of its own, with the metric as it is now."""
+def with_fragile(bench: Callable[..., Done], place: Path, does: str, *words: str) -> Done:
+    """Run a command with the metric as it is now."""
     (place / "fragile.py").write_text(FRAGILE.replace("DOES", does))
-    command = [PROGRAM, *words, "--plugin", place / "fragile.py"]
-    return subprocess.run(command, cwd=place, check=False, capture_output=True, text=True)
+    return bench(*words, "--plugin", str(place / "fragile.py"))
 
 
 @pytest.mark.parametrize(
@@ -147,15 +146,15 @@ def with_fragile(place: Path, does: str, *words: str | Path) -> subprocess.Compl
     [("1 / 0", True), ("os._exit(3)", True), ("yield Score(float('nan'))", False)],
     ids=["raises", "dies", "nan"],
 )
-def test_a_metric_that_cannot_be_tried_costs_no_bundle(fragile: Path, tmp_path: Path, does: str, is_lost: bool):
-    done = with_fragile(tmp_path, does, "bundle", fragile / "results", "b.zip", "--pictures", "restored")
+def test_a_metric_that_cannot_be_tried_costs_no_bundle(bench, fragile: Path, tmp_path: Path, does: str, is_lost: bool):
+    done = with_fragile(bench, tmp_path, does, "bundle", str(fragile / "results"), "b.zip", "--pictures", "restored")
     assert (done.returncode, (tmp_path / "b.zip").is_file()) == (0, True), done.stderr
     assert bool(re.search(r"2 of fragile:", done.stderr)) == is_lost
 
 
-def test_a_metric_that_ends_its_process_costs_only_its_own_scores(fragile: Path, tmp_path: Path):
+def test_a_metric_that_ends_its_process_costs_only_its_own_scores(bench, fragile: Path, tmp_path: Path):
     """They differ here, as if it raised an error; the scores of the others are computed again."""
-    done = with_fragile(tmp_path, "os._exit(3)", "verify", fragile / "b.zip", "--json")
+    done = with_fragile(bench, tmp_path, "os._exit(3)", "verify", str(fragile / "b.zip"), "--json")
     found = json.loads(done.stdout)
     assert (done.returncode, found["n_agree"]) == (1, 2)
     assert [one["metric"] for one in found["differing"]] == ["fragile"] * 2
