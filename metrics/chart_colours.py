@@ -123,7 +123,7 @@ def chart_scores(chart: Chart, readings: Sequence[PatchReading], values: Array) 
     used = np.array([r.n_pixels for r in readings]) * known
     seen = np.array([r.coverage for r in readings]) * known
     value = float(values[known].mean()) if known.any() else np.nan
-    yield Score(value, chart.name, int(used.sum()), float(seen.mean()) if readings else 0.0)
+    yield Score(value, chart.name, int(used.sum()), float(seen.mean()))
     for reading, score, n, coverage in zip(readings, values, used, seen, strict=True):
         yield Score(float(score), patch_region(chart, reading.patch), int(n), float(coverage))
 
@@ -167,7 +167,6 @@ class Neutral:
 
 
 CHANNELS = ("red", "green", "blue")
-_EXPECTED = ("red-expected", "green-expected", "blue-expected")
 
 
 @metric(
@@ -177,8 +176,11 @@ _EXPECTED = ("red-expected", "green-expected", "blue-expected")
     unit="",
     better="none",
     range=(0, 1),
-    default=[*CHANNELS, *_EXPECTED],
-    variants=dict.fromkeys(CHANNELS, "measured, gamma-encoded") | dict.fromkeys(_EXPECTED, "in the sRGB list"),
+    default=[*CHANNELS, *(f"{channel}-expected" for channel in CHANNELS)],
+    variants={
+        **dict.fromkeys(CHANNELS, "measured, gamma-encoded"),
+        **{f"{channel}-expected": "in the sRGB list" for channel in CHANNELS},
+    },
 )
 @dataclass(frozen=True)
 class PatchColour:

@@ -23,10 +23,9 @@ if not re.fullmatch(r"[\w./-]+", tempfile.gettempdir(), re.ASCII):  # tests writ
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", "/tmp")
 
 import numpy as np
-from support import process_state, unsynced  # noqa: F401
-from support.command_line import Done, run_here, run_program
+from support import process_state
+from support.command_line import Done, registry, run_here, run_program
 from support.places import TOYS
-from support.registries import registry
 
 from sucre_bench import plugins
 from sucre_bench.machine.compute import usable_cores

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 from support.colmap_folder import write_dive
 from support.command_line import commands
-from support.documented_lineup import write_line_ups
+from support.places import write_line_ups
 
 from sucre_bench.cli import SECTIONS, cli
 from sucre_bench.jobs import compose_jobs as config

@@ -6,9 +6,9 @@ import shutil
 from pathlib import Path
 
 import pytest
-from support.miniatures.eiffel_tower import NAMES, write_year
-from support.registered_dive import check_dive, write_photographs
-from support.spots import check_message, cut
+from support.miniatures import YEAR as NAMES
+from support.miniatures import write_year
+from support.spots import check_dive, check_message, cut, write_photographs
 
 from sucre_bench.datasets.eiffel_tower import EiffelTower
 from sucre_bench.errors import InputError

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
-from support.miniatures.metashape import (
+from support.messages import Lines
+from support.miniatures import (
     CAMERAS,
     INNER,
     LENSES,
@@ -36,7 +37,6 @@ from support.spots import (
     seen,
     write_spot,
 )
-from support.watching import Lines
 
 from sucre_bench.datasets.metashape import Metashape
 from sucre_bench.errors import InputError

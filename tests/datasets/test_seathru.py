@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import tifffile
 from support.colmap_folder import write_model
-from support.miniatures.seathru import HEIGHT, WIDTH, picture16, write_set
+from support.miniatures import HEIGHT, WIDTH, picture16, write_set
 from support.places import DATA
 
 from sucre_bench.arrays import Array

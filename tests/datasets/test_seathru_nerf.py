@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.colmap_folder import picture, write_image, write_model
-from support.miniatures.seathru_nerf import NAMES, write_reef
-from support.registered_dive import CAMERA, check_dive, model_pose
-from support.spots import HEIGHT, WIDTH, check_message
+from support.miniatures import REEF as NAMES
+from support.miniatures import write_reef
+from support.spots import CAMERA, HEIGHT, WIDTH, check_dive, check_message, model_pose
 
 from sucre_bench.datasets.seathru_nerf import SeathruNerf
 from sucre_bench.errors import InputError

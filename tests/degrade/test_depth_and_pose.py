@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.scenes_to_degrade import many, of, photo
+from support.made_scene import many, of, photo
 
 from sucre_bench.degrade import degraded
 

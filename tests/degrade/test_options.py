@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.made_scene import make_scene
+from support.made_scene import NINE, make_scene, many
 from support.messages import names
-from support.scenes_to_degrade import NINE, many
 
 from sucre_bench import InputError, plugins
 from sucre_bench.degrade import Degradation, degraded

@@ -7,7 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from support.scenes_to_degrade import of, photo
+from support.made_scene import of, photo
 
 from sucre_bench import Camera, Chart
 from sucre_bench.camera import project

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from support.scenes_to_degrade import NINE, many, of, photo
+from support.made_scene import NINE, many, of, photo
 
 from sucre_bench import Camera, Scene, View
 from sucre_bench.arrays import Array

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.made_scene import WATER, make_camera, make_pose, make_view
+from support.made_scene import NINE, WATER, make_camera, make_pose, make_view, many, of, photo
 from support.messages import names
-from support.scenes_to_degrade import NINE, many, of, photo
 
 from sucre_bench import Camera, InputError, Scene, Water
 from sucre_bench.degrade import Degradation, degraded

@@ -11,8 +11,7 @@ from typing import Any
 
 import pytest
 from support.command_line import commands as commands_by_name
-from support.documented_lineup import write_line_ups
-from support.places import ROOT
+from support.places import ROOT, write_line_ups
 
 from sucre_bench import plugins
 from sucre_bench.jobs import compose_jobs as config
@@ -193,8 +192,9 @@ def test_the_first_five_minutes_run_as_they_stand(bench: Callable[..., Any], tmp
     lines = [line for code in blocks(ROOT / "docs" / "index.md", "sh") for line in code.splitlines()]
     lines = [line for line in lines if line.startswith("sucre-bench ")]
     assert [line.split()[1] for line in lines] == ["list", "run", "compare", "score"]
+    small = [*small_demo, "dataset.width=96", "dataset.height=72", "every=2", "tracking.uri=off"]
     for line in lines:
-        extra = [*small_demo, "every=2", "tracking.uri=off"] if line.split()[1] == "run" else []
+        extra = small if line.split()[1] == "run" else []
         done = bench(*[word for word in line.split()[1:] if word != "every=4"], *extra)
         assert done.returncode == 0, f"{line}: {done.stdout} {done.stderr}"
     assert (tmp_path / "results" / "report" / "index.html").is_file()

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from support.installing import install
+from support.command_line import install
 from support.places import ROOT
 
 EXAMPLE = ROOT / "examples" / "colour-extras"

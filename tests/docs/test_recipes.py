@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import yaml
 from support.colmap_folder import write_dive
-from support.miniatures.single_images import write_images
+from support.miniatures import write_images
 from support.places import ROOT
 
 import sucre_bench as sb

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from support.toy_runs import calls, run
+from support.command_line import calls, run
 
 from sucre_bench import results
 from sucre_bench.engine.run import Outcome

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from support import toy_runs
+from support import command_line
+from support.command_line import calls
 from support.toy_plugins import Toy
-from support.toy_runs import calls
 
 from sucre_bench import compare, results
 from sucre_bench.engine.run import Outcome
@@ -21,11 +21,11 @@ from sucre_bench.results.common_scores import COMMON_TABLE, read_common
 
 
 def run(out: Path, *overrides: str) -> Outcome:
-    return toy_runs.run(out, "report=false", *overrides)
+    return command_line.run(out, "report=false", *overrides)
 
 
 def sweep(out: Path, methods: str, *overrides: str) -> Outcome:
-    return toy_runs.run(out, "report=false", f"method={methods}", *overrides, multirun=True)
+    return command_line.run(out, "report=false", f"method={methods}", *overrides, multirun=True)
 
 
 @pytest.fixture

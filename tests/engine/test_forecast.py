@@ -7,8 +7,7 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
-from support.command_line import Done
-from support.toy_runs import run
+from support.command_line import Done, run
 
 from sucre_bench import results
 from sucre_bench.engine.forecast import forecast

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from support.toy_runs import calls, run
+from support.command_line import calls, run
 
 from sucre_bench import InputError
 

@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from support.command_line import Started
+from support.command_line import Started, calls, run
 from support.messages import names
-from support.toy_runs import calls, run
 
 import sucre_bench as sb
 from sucre_bench import plugins, results

@@ -18,7 +18,7 @@ import pytest
 from filelock import FileLock
 from support.colmap_folder import write_dive
 from support.command_line import forks, run_bounded, run_here
-from support.watching import Lines
+from support.messages import Lines
 
 from sucre_bench.machine import progress
 from sucre_bench.machine.cache import waited_lock

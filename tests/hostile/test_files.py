@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import re
+import socket
+import struct
+import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,15 +18,104 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image
-from support import hostile_files as bad
 from support.colmap_folder import HEIGHT, WIDTH, picture, write_dive, write_image
 from support.command_line import Done, run_here
-from support.watching import Lines
+from support.messages import Lines
 
 from sucre_bench import results
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import read_array, read_rgb, same_shape
 from sucre_bench.machine import progress
+
+
+def png_of_size(width: int, height: int) -> bytes:
+    """A PNG of a few bytes whose header says a size."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", header)
+        + chunk(b"IDAT", zlib.compress(b"\0" * 1000))
+        + chunk(b"IEND", b"")
+    )
+
+
+def tiff_of_size(width: int, height: int) -> bytes:
+    """A TIFF of a few bytes whose header says a size."""
+    content = io.BytesIO()
+    tifffile.imwrite(content, np.zeros((1, 1), np.float32))
+    with tifffile.TiffFile(io.BytesIO(content.getvalue())) as file:
+        tags = {name: file.pages.first.tags[name] for name in ("ImageWidth", "ImageLength")}
+        order = file.byteorder
+    data = bytearray(content.getvalue())
+    for tag, value in ((tags["ImageWidth"], width), (tags["ImageLength"], height)):
+        data[tag.valueoffset : tag.valueoffset + 4] = struct.pack(order + "I", value)
+        data[tag.offset + 2 : tag.offset + 4] = struct.pack(order + "H", 4)
+    return bytes(data)
+
+
+def npz_of_shape(shape: tuple[int, ...]) -> bytes:
+    """An .npz of some kilobytes whose array "image" is all zeros, of as many GB as the shape says."""
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f4", "fortran_order": False, "shape": shape})
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("image.npy", header.getvalue() + bytes(1 << 16))
+    data = bytearray(content.getvalue())  # the directory says that the array is whole
+    place = data.rindex(b"PK\x01\x02")
+    data[place + 24 : place + 28] = struct.pack("<I", 0xFFFFFFF0)
+    return bytes(data)
+
+
+def cut_tiff() -> bytes:
+    content = io.BytesIO()
+    tifffile.imwrite(content, np.ones((30, 40, 3), np.uint8))
+    return content.getvalue()[:8]
+
+
+def tiff_of_pages(*pages: np.ndarray, reduced: int | None = None) -> bytes:
+    """A TIFF of several pictures (H, W, 3). reduced: the page that says of itself that it is a thumbnail."""
+    content = io.BytesIO()
+    with tifffile.TiffWriter(content) as file:
+        for number, page in enumerate(pages):
+            file.write(page, photometric="rgb", subfiletype=int(number == reduced))
+    return content.getvalue()
+
+
+def animation(*pictures: np.ndarray) -> bytes:
+    """A PNG that shows pictures (H, W, 3) one after the other."""
+    from PIL import Image
+
+    content, (first, *others) = io.BytesIO(), map(Image.fromarray, pictures)
+    first.save(content, "PNG", save_all=True, append_images=others)
+    return content.getvalue()
+
+
+def device(path: Path) -> None:
+    path.symlink_to("/dev/zero")
+
+
+def pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def bound_socket(path: Path) -> None:
+    here = Path.cwd()
+    os.chdir(path.parent)  # an address has 108 bytes
+    try:
+        with socket.socket(socket.AF_UNIX) as bound:
+            bound.bind(path.name)
+    finally:
+        os.chdir(here)
+
+
+def written(content: bytes) -> Callable[[Path], None]:
+    """Write some content, whatever the file's name says it is."""
+    return lambda path: path.write_bytes(content) and None
+
 
 LONG = "x" * 300
 
@@ -34,33 +128,33 @@ TWO = (picture(1), picture(2))
 
 # Odd files in the place of a view's image or depth map, each with the fault that the message names.
 IMAGES: dict[str, tuple[str, Callable[[Path], None], str]] = {
-    "a cut TIFF": (".tif", bad.written(bad.cut_tiff()), "cannot be read"),
-    "a PNG of a forged size": (".png", bad.written(bad.png_of_size(30000, 30000)), "is 30000x30000"),
-    "a PNG of a forged size of the camera's shape": (".png", bad.written(bad.png_of_size(40000, 30000)), "megapixels"),
-    "a TIFF of a forged size": (".tif", bad.written(bad.tiff_of_size(40000, 30000)), "megapixels"),
-    "a TIFF of two pages": (".tif", bad.written(bad.tiff_of_pages(*TWO)), "several pictures"),
+    "a cut TIFF": (".tif", written(cut_tiff()), "cannot be read"),
+    "a PNG of a forged size": (".png", written(png_of_size(30000, 30000)), "is 30000x30000"),
+    "a PNG of a forged size of the camera's shape": (".png", written(png_of_size(40000, 30000)), "megapixels"),
+    "a TIFF of a forged size": (".tif", written(tiff_of_size(40000, 30000)), "megapixels"),
+    "a TIFF of two pages": (".tif", written(tiff_of_pages(*TWO)), "several pictures"),
     "a TIFF that begins with a thumbnail": (
         ".tif",
-        bad.written(bad.tiff_of_pages(TWO[0][::2, ::2], TWO[1], reduced=0)),
+        written(tiff_of_pages(TWO[0][::2, ::2], TWO[1], reduced=0)),
         "several pictures",
     ),
-    "an animation": (".png", bad.written(bad.animation(*TWO)), "several pictures"),
-    "one pixel": (".png", bad.written(one_pixel(".png")), "is 1x1"),
-    "nothing": (".png", bad.written(b""), "cannot be read"),
-    "a device": (".png", bad.device, "is a device"),
-    "a pipe": (".png", bad.pipe, "is a named pipe"),
-    "a socket": (".png", bad.bound_socket, "is a socket"),
+    "an animation": (".png", written(animation(*TWO)), "several pictures"),
+    "one pixel": (".png", written(one_pixel(".png")), "is 1x1"),
+    "nothing": (".png", written(b""), "cannot be read"),
+    "a device": (".png", device, "is a device"),
+    "a pipe": (".png", pipe, "is a named pipe"),
+    "a socket": (".png", bound_socket, "is a socket"),
     "a folder": (".png", Path.mkdir, "is a folder"),
     "a link to itself": (".png", lambda path: path.symlink_to(path), "cannot be read"),
 }
 DEPTHS: dict[str, tuple[str, Callable[[Path], None], str]] = {
-    "a cut TIFF": (".tif", bad.written(bad.cut_tiff()), "cannot be read"),
-    "a PNG of a forged size": (".png", bad.written(bad.png_of_size(30000, 30000)), "is 30000x30000"),
-    "a TIFF of a forged size": (".tif", bad.written(bad.tiff_of_size(40000, 30000)), "megapixels"),
-    "one pixel": (".png", bad.written(one_pixel(".png")), "is 1x1"),
-    "an archive": (".npy", bad.written(bad.npz_of_shape((30000, 40000))), "cannot be read"),
-    "a device": (".png", bad.device, "is a device"),
-    "a pipe": (".tif", bad.pipe, "is a named pipe"),
+    "a cut TIFF": (".tif", written(cut_tiff()), "cannot be read"),
+    "a PNG of a forged size": (".png", written(png_of_size(30000, 30000)), "is 30000x30000"),
+    "a TIFF of a forged size": (".tif", written(tiff_of_size(40000, 30000)), "megapixels"),
+    "one pixel": (".png", written(one_pixel(".png")), "is 1x1"),
+    "an archive": (".npy", written(npz_of_shape((30000, 40000))), "cannot be read"),
+    "a device": (".png", device, "is a device"),
+    "a pipe": (".tif", pipe, "is a named pipe"),
 }
 
 
@@ -109,7 +203,7 @@ def test_a_file_that_is_none_costs_its_view_alone(tmp_path: Path):
 
 @pytest.mark.parametrize("reduced", [1, None])
 def test_a_thumbnail_after_the_picture_is_passed_over(tmp_path: Path, reduced: int | None):
-    (tmp_path / "a.tif").write_bytes(bad.tiff_of_pages(TWO[0], TWO[1][::2, ::2], reduced=reduced))
+    (tmp_path / "a.tif").write_bytes(tiff_of_pages(TWO[0], TWO[1][::2, ::2], reduced=reduced))
     np.testing.assert_allclose(read_rgb(tmp_path / "a.tif"), TWO[0] / 255, atol=1e-6)
 
 
@@ -176,9 +270,9 @@ def test_images_that_use_12_of_16_bits_are_said(tmp_path: Path, factor: int, not
 
 
 PRECOMPUTED: dict[str, tuple[str, bytes, str]] = {
-    "an .npz of 4.8 GB": (".npz", bad.npz_of_shape((30000, 40000, 1)), "megapixels|cannot be read"),
-    "a PNG of a forged size": (".png", bad.png_of_size(30000, 30000), "is 30000x30000"),
-    "a TIFF of a forged size": (".tif", bad.tiff_of_size(40000, 30000), "megapixels"),
+    "an .npz of 4.8 GB": (".npz", npz_of_shape((30000, 40000, 1)), "megapixels|cannot be read"),
+    "a PNG of a forged size": (".png", png_of_size(30000, 30000), "is 30000x30000"),
+    "a TIFF of a forged size": (".tif", tiff_of_size(40000, 30000), "megapixels"),
     "one pixel": (".png", one_pixel(".png"), "is 1x1"),
     "an object": (
         ".npy",

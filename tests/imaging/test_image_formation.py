@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.made_haze import hazy
+from support.forward_model import CLEAR, alone, hazy, random_seabed, view_in_water
 from support.made_scene import WATER, make_camera, make_pose, make_view
-from support.made_seabed import CLEAR, alone, random_seabed, view_in_water
 
 import sucre_bench as sb
 from sucre_bench import Arrays, Restoration, View, Water

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support.command_line import run
 from support.messages import names
 from support.places import TOYS
-from support.toy_runs import run
 
 from sucre_bench import InputError, results
 from sucre_bench.engine.run import run as run_jobs

@@ -10,11 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from support.colmap_folder import picture, write_dive, write_image
-from support.miniatures.eiffel_tower import write_year
-from support.miniatures.metashape import write_survey
-from support.miniatures.seathru import write_set
-from support.miniatures.seathru_nerf import write_reef
-from support.miniatures.single_images import write_images
+from support.miniatures import write_images, write_reef, write_set, write_survey, write_year
 
 from sucre_bench.datasets.colmap import Colmap
 from sucre_bench.datasets.eiffel_tower import EiffelTower

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import norm
+from support.forward_model import alone
 from support.made_scene import WATER
-from support.made_seabed import alone
 
 import sucre_bench as sb
 from sucre_bench import Arrays, InputError, View

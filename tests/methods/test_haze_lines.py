@@ -6,7 +6,7 @@ import functools
 
 import numpy as np
 import pytest
-from support.made_haze import NOISE, UNWANTED, hazy, restored, tiles
+from support.forward_model import NOISE, UNWANTED, hazy, restored, tiles
 
 from sucre_bench import Arrays, Restoration, Scene, View
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from support.made_haze import UNWANTED, hazy, restored, transmission_of
+from support.forward_model import UNWANTED, hazy, restored, transmission_of
 
 from sucre_bench.methods.ibla import (
     Ibla,

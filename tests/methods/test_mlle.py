@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 from skimage.color import lab2rgb, rgb2lab
-from support.made_haze import UNWANTED, restored
+from support.forward_model import UNWANTED, restored
 
 from sucre_bench.methods.mlle import Mlle, balanced_chroma, colour_transfer, corrected, enhanced_lightness
 

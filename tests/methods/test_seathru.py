@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.made_seabed import CLEAR, alone, random_seabed, view_in_water
+from support.forward_model import CLEAR, alone, random_seabed, view_in_water
 from support.places import DATA
 
 import sucre_bench as sb

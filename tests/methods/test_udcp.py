@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.made_haze import NOISE, UNWANTED, hazy, restored, tiles, transmission_of
+from support.forward_model import NOISE, UNWANTED, hazy, restored, tiles, transmission_of
 
 from sucre_bench import InputError
 from sucre_bench.imaging.filters import guided_filter

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.made_haze import UNWANTED, restored, transmission_of
+from support.forward_model import UNWANTED, restored, transmission_of
 
 from sucre_bench import InputError
 from sucre_bench.methods.ulap import Ulap, depth_prior

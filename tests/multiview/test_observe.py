@@ -14,8 +14,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from support.made_scene import make_camera, make_pose, make_scene
+from support.messages import Lines
 from support.places import DATA
-from support.watching import Lines
 
 from sucre_bench import Arrays, InputError, SolveError, View
 from sucre_bench.machine.progress import watched_by

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.made_scene import make_scene
-from support.watching import Lines
+from support.messages import Lines
 
 from sucre_bench import Arrays, InputError, Scene, SolveError
 from sucre_bench.machine.progress import watched_by

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 import sys
 import zipfile
@@ -11,6 +10,8 @@ from pathlib import Path
 
 import pytest
 from support.places import ROOT
+
+from sucre_bench.datasets.demo import Demo
 
 
 @pytest.fixture(scope="module")
@@ -90,15 +91,12 @@ def test_the_documented_plugin_runs_as_it_stands(bench, tmp_path: Path, small_de
     assert (tmp_path / "outputs" / "restored" / "demo" / "halve_blue").is_dir()
 
 
-def test_the_documented_python_runs_as_it_stands(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_demo: list[str]
-):
-    (folder,) = Path(small_demo[1].removeprefix("dataset.root=")).iterdir()
-    shutil.copytree(folder, tmp_path / "dive")
+def test_the_documented_python_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    Demo(root=tmp_path, views=2, width=96, height=72).folder().rename(tmp_path / "dive")
     monkeypatch.chdir(tmp_path)
     code = next(block for block in blocks("docs/api.md", "python") if "load_scenes" in block)
     names: dict[str, object] = {}
-    exec(compile(code.replace("a.png", "view_003.png"), "api.md", "exec"), names)
+    exec(compile(code.replace("a.png", "view_001.png"), "api.md", "exec"), names)
     assert {"psi", "uciqe"} <= set(names["rows"]["metric"])  # type: ignore[index]
 
 

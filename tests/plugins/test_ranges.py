@@ -8,7 +8,7 @@ from typing import Any, get_args, get_origin
 
 import numpy as np
 import pytest
-from support.made_haze import NOISE, UNWANTED, restored
+from support.forward_model import NOISE, UNWANTED, restored
 from support.messages import names
 
 from sucre_bench import InputError, Restoration, Scene, View, method

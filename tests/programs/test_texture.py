@@ -12,11 +12,11 @@ import pandas as pd
 import psutil
 import pytest
 from click.testing import CliRunner
-from support.made_frames import make_frame, plain, wall_view
+from support.command_line import registry
+from support.made_results import make_frame, plain, wall_view
 from support.made_scene import BOX, PLANE, make_camera, make_pose, make_view
 from support.messages import names
 from support.places import TOYS
-from support.registries import registry
 
 from sucre_bench import InputError, View, plugins
 from sucre_bench.camera import project, scaled_camera

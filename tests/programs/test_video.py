@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from support.made_frames import make_frame, plain, wall_view
+from support.command_line import registry
+from support.made_results import make_frame, plain, wall_view
 from support.messages import names
 from support.places import TOYS
-from support.registries import registry
 
 from sucre_bench import Arrays, InputError, View, plugins
 from sucre_bench.commands.look import video

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from support.toy_runs import calls, run
+from support.command_line import calls, run
 
 from sucre_bench.plugins.registry import find
 from sucre_bench.results.restorations import Measured, read_full, read_full_arrays, write_full

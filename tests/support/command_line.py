@@ -1,8 +1,9 @@
-"""The command line: run in this process, as a process of its own, or looked at."""
+"""The command line: run in this process, as a process of its own, or looked at; the plugins that it finds."""
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
 import mmap
 import multiprocessing
@@ -19,15 +20,22 @@ from dataclasses import dataclass
 from multiprocessing import forkserver
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
+from typing import TYPE_CHECKING
 from unittest import mock
 
 import click
 
 from sucre_bench.cli import cli, main
 from sucre_bench.machine import terminal
+from sucre_bench.plugins import KINDS, Registry
 from sucre_bench.plugins.registry import using
-from support.registries import registry
 
+if TYPE_CHECKING:
+    from sucre_bench.engine.run import Outcome
+
+# No test waits for the disk: tests kill processes, and never the machine, and what a process has written outlives it.
+# Programs that tests start as they are do wait.
+os.fsync = lambda fd: None
 PROGRAM = str(Path(sys.executable).with_name("sucre-bench"))
 _PROGRESS = re.compile(r": (\d+/\d+(, about .* left)?|\d+ done in [\d.]+ s)$")
 WIDTH = 200  # columns, so that no line is folded
@@ -184,3 +192,40 @@ def commands() -> dict[str, click.Command]:
     """Every command by name."""
     context = click.Context(cli)
     return {name: command for name in cli.list_commands(context) if (command := cli.get_command(context, name))}
+
+
+def install(source: Path, target: Path) -> None:
+    """Install the package in `source` into `target`, without what it needs."""
+    quietly = ["-q", "--disable-pip-version-check", "--no-compile"]
+    alone = ["--no-deps", "--no-build-isolation"]
+    command = [sys.executable, "-m", "pip", "install", *quietly, *alone, "--target", str(target), str(source)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def registry(*files: Path) -> Registry:
+    """Return a registry of its own with the built-in plugins and those of some files: no other test finds them."""
+    return _discovered(*files).copy()
+
+
+@functools.cache
+def _discovered(*files: Path) -> Registry:
+    found = Registry()
+    for file in files:
+        found.load_file(file)
+    for kind in KINDS:
+        found.discover(kind)
+    return found
+
+
+def run(out: Path, *overrides: str, multirun: bool = False) -> Outcome:
+    """Run the toy plugins in this process, methods and metrics too: another test may have started threads in it."""
+    from sucre_bench.engine.run import run as run_jobs
+
+    base = ["dataset=toy", "method=gain", "metrics=[psnr,redness]", "tracking.uri=off", "workers=0", f"out={out}"]
+    return run_jobs([*base, *overrides], multirun)
+
+
+def calls(log: Path) -> list[str]:
+    """The views that the toy method `gain` has restored."""
+    return log.read_text().split() if log.exists() else []

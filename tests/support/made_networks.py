@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from sucre_bench import Arrays, Scene, View, restore
+
+if TYPE_CHECKING:
+    import torch
 
 # Method -> its architecture, and the option that names the file.
 ARCHITECTURES = {"water_net": "WaterNet", "funie_gan": "FunieGenerator", "tacl": "TaclGenerator"}
@@ -37,11 +42,7 @@ def random_state(architecture: str, seed: int = 0) -> dict[str, Any]:
 
 def weights_file(method: str, folder: Path) -> Path:
     """A file of random weights that a method of this package reads."""
-    import torch
-
-    path = folder / f"{method}.pth"
-    torch.save(random_state(ARCHITECTURES[method]), path)
-    return path
+    return saved(folder / f"{method}.pth", random_state(ARCHITECTURES[method]))
 
 
 def onnx_file(
@@ -78,3 +79,29 @@ def network_options(method: str, folder: Path) -> dict[str, Any]:
     from onnx.helper import make_node
 
     return {"model": onnx_file(folder / "model.onnx", [make_node("Relu", ["x"], ["y"])])}
+
+
+NOISE = np.random.default_rng(0).random((20, 24, 3), dtype=np.float32)
+OWN_SIZE = {"water_net": {}, "funie_gan": {"size": None}, "tacl": {}}
+
+
+def restored(method: str, rgb: np.ndarray, **options: Any) -> np.ndarray:
+    view = View("a.png", Arrays(rgb))
+    return restore(method, Scene("s", [view], frozenset()), view, **options).image
+
+
+def saved(path: Path, state: dict[str, Any]) -> Path:
+    import torch
+
+    torch.save(state, path)
+    return path
+
+
+def planes(rgb: np.ndarray) -> torch.Tensor:
+    import torch
+
+    return torch.from_numpy(rgb.astype(np.float64).transpose(2, 0, 1)[None].copy())
+
+
+def picture(x: torch.Tensor) -> np.ndarray:
+    return x[0].numpy().transpose(1, 2, 0)

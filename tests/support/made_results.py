@@ -6,18 +6,22 @@ Two methods restore every view, a third failed on one; each view shows a chart o
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import cv2
 import numpy as np
 import pandas as pd
 
-from sucre_bench import results
+from sucre_bench import Arrays, Camera, View, results
+from sucre_bench.engine.reopen_results import Frame
+from sucre_bench.reports.paper import Study, style, write_study
+from sucre_bench.reports.paper import study_results as along
 from sucre_bench.results import layout
-from sucre_bench.results.rows import Row
+from sucre_bench.results.layout import Place
+from sucre_bench.results.rows import Row, frame
 
 # psnr by method and view.
 PSNR = {"plain": (20.0, 22.0, 21.0), "clever": (25.0, 27.0, 26.5), "broken": (18.0, 19.0, None)}
@@ -85,3 +89,76 @@ def _write(out: Path, row: Row, size: tuple[int, int], rng: np.random.Generator,
         cv2.imwrite(str(path), image)
     if holes:
         place.restored(out, row.method).with_suffix(".json").write_text(json.dumps(told))
+
+
+def make_frame(out: Path, view: View, **pictures: np.ndarray) -> Frame:
+    """A frame with pictures (H, W, 3) uint8 by method, kept under `out`."""
+    place = Place("made", PurePosixPath(view.name).with_suffix(""))
+    for method, picture in pictures.items():
+        path = place.restored(out, method)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        assert cv2.imwrite(str(path), picture[..., ::-1])
+    return Frame(view, place, out)
+
+
+def wall_view(name: str, rgb: np.ndarray, depth: float = 2.005, focal: float = 40.0, x: float = 0.0) -> View:
+    """A camera at (x, 0, 0), looking along z at a wall that fills its image; rgb: (H, W, 3) in [0, 1]."""
+    height, width = rgb.shape[:2]
+    camera = Camera(np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]]), width, height)
+    pose = np.eye(4)
+    pose[0, 3] = -x
+    return View(name, Arrays(rgb, np.full((height, width), depth)), camera, pose)
+
+
+def plain(colour: tuple[int, int, int], height: int = 48, width: int = 64) -> np.ndarray:
+    """A picture of one colour, uint8."""
+    return np.full((height, width, 3), colour, np.uint8)
+
+
+ROW = Row(scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", code="c", data_id="d")
+
+
+def row(
+    method: str,
+    view: str,
+    value: float,
+    degrade: Mapping[str, Any] = {},
+    dataset: Mapping[str, Any] = {"name": "sea"},
+    options: Mapping[str, Any] = {},
+    **about: Any,
+) -> Row:
+    """A score as a run keeps it; NaN is a failure."""
+    said = {"name": method, "dataset": dict(dataset), **options, **({"degrade": dict(degrade)} if degrade else {})}
+    label = ",".join([str(dataset["name"]), *(f"{k}={str(v).replace(', ', '_')}" for k, v in degrade.items())])
+    status = {"status": "failed", "reason": "broke"} if np.isnan(value) else {}
+    own = {"dataset": label, "method": method, "time": "2026-01-01", **status, **about}
+    return replace(ROW, view=view, value=value, options=json.dumps(said), **own)
+
+
+def noisy(values: Mapping[Any, Mapping[str, list[float]]], option: str = "depth_noise", **about: Any) -> pd.DataFrame:
+    """Scores by value, method and view; None is the value of undegraded data, which no row says."""
+    return frame(
+        row(method, f"v{n}", score, {} if value is None else {option: value}, **about)
+        for value, methods in values.items()
+        for method, scores in methods.items()
+        for n, score in enumerate(scores)
+    )
+
+
+def followed(rows: pd.DataFrame, option: str, **study: Any) -> along.Along:
+    (one,) = along.along(rows, Study(name="s", along=option, **study))
+    return one
+
+
+def drawn(name: str, rows: pd.DataFrame, out: Path = Path("nowhere"), **study: Any) -> dict[str, Any]:
+    """The figures of one kind, by the ends of their files' names."""
+    with style.look():
+        return dict(write_study.drawn(name, along.StudyResults(Study("s", **study), rows, out)))
+
+
+def words(one: along.Along) -> list[str]:
+    return [value.word for value in one.values]
+
+
+def csv(out: Path, name: str = "s") -> pd.DataFrame:
+    return pd.read_csv(out / "tables" / f"{name}.csv", keep_default_na=False, na_values=[""])

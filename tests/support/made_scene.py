@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from sucre_bench import Arrays, Camera, Scene, View, Water
+from sucre_bench.arrays import Array
+from sucre_bench.imaging.chart_kinds import ChartKind
+from sucre_bench.scene import Encoding
 from support.forward_model import in_water, photographed
 
 # The plane n . X = 1 (about 3 m away) and the box's least and greatest corner, in metres, seen along +z.
@@ -80,3 +83,57 @@ def make_scene() -> Scene:
         make_view("far.png", make_camera(56, 50, 90), make_pose((-0.3, 0.1, -2.4), 0.04, 0.02)),
     ]
     return Scene("made", views, frozenset({"depth", "poses", "truth"}), WATER)
+
+
+NINE = (0.1, 0.2, 0.3, 0.4, 0.2, 0.1, 0.3, 0.2, 0.15)
+
+
+def of(
+    rgb: Array,
+    depth: Array | None = None,
+    reference: Array | None = None,
+    encoding: Encoding = "gamma",
+    camera: Camera | None = None,
+) -> Scene:
+    """A scene of one view "a.png"."""
+    planes = {"depth": depth, "reference": reference, "poses": camera}
+    view = View("a.png", Arrays(rgb, depth, reference), camera, None if camera is None else np.eye(4), (), encoding)
+    has = frozenset(name for name, value in planes.items() if value is not None)
+    return Scene("one", [view], has, data_id="one")
+
+
+def photo(height: int = 60, width: int = 80) -> Array:
+    """A smooth picture of known 8-bit values."""
+    v, u = np.mgrid[:height, :width]
+    waves = [0.5 + 0.4 * np.sin(u / 7 + v / 11 + c) for c in range(3)]
+    return np.asarray(np.rint(np.stack(waves, axis=-1) * 255) / 255, dtype=np.float32)
+
+
+def many(count: int = 9) -> Scene:
+    """Views v0.png, v1.png, ... in that order, 1 m apart."""
+    camera = Camera(np.diag([50.0, 50, 1]), 20, 16)
+    views = [
+        View(f"v{n}.png", Arrays(photo(16, 20), np.full((16, 20), 2.0)), camera, make_pose((n, 0, 0), 0.1 * n))
+        for n in range(count)
+    ]
+    return Scene("many", views, frozenset({"depth", "poses"}), data_id="many")
+
+
+TILTED = np.array([[61.0, 40.0], [352.0, 22.0], [377.0, 268.0], [33.0, 241.0]])
+
+
+def painted(kind: ChartKind, corners: Array, size: tuple[int, int] = (300, 420), share: float = 1.0) -> Array:
+    """A white image with every patch in its sRGB colour, on the middle `share` of its box (in x and y)."""
+    import cv2
+
+    image = np.ones((*size, 3), np.float32)
+    unit = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
+    homography = cv2.getPerspectiveTransform(np.asarray(corners, np.float32), unit)
+    v, u = np.mgrid[: size[0], : size[1]] + 0.5
+    x, y = cv2.perspectiveTransform(np.stack([u, v], -1).reshape(1, -1, 2), homography)[0].T.reshape(2, *size)
+    for patch in kind.patches:
+        x0, y0, x1, y1 = patch.box
+        inside = np.abs(x - (x0 + x1) / 2) <= share * (x1 - x0) / 2
+        inside &= np.abs(y - (y0 + y1) / 2) <= share * (y1 - y0) / 2
+        image[inside] = patch.srgb
+    return image

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import threading
+from collections import Counter
 
 _PUNCTUATION = "'\"`,;:.?!"
 _TOGETHER = re.compile(r"(?<!\w)(?=('[^']*'|[\[(][^][()]*[\])]))")  # a quotation, an interval, a shape
@@ -23,3 +25,23 @@ def names(message: object) -> set[str]:
     bare = {word.strip(_PUNCTUATION + "()[]") for word in whole}
     parts = {part for word in bare for part in (word.rpartition("/")[2], word.partition(":")[0])}  # of a.py:12
     return {*words, *whole, *bare, *parts, *_TOGETHER.findall(text), *_CALLED.findall(text)}
+
+
+class Lines:
+    """Keeps every line that is said, and counts the steps of each line of work. has_one: set when a line is said."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.has_one = threading.Event()
+        self.works: dict[str, tuple[str, int | None]] = {}
+        self.steps: Counter[str] = Counter()
+
+    def __call__(self, event: str, *values: object) -> None:
+        if event == "said":
+            self.lines.append(str(values[0]))
+            self.has_one.set()
+        elif event == "started":
+            number, what, total = values
+            self.works[str(number)] = str(what), total if isinstance(total, int) else None
+        elif event == "advanced":
+            self.steps[self.works[str(values[0])][0]] += 1

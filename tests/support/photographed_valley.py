@@ -9,6 +9,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
+from sucre_bench.programs.prepare.shots import Shot
 from support.made_scene import make_pose
 
 WIDTH, HEIGHT = 320, 240
@@ -59,3 +60,16 @@ def photograph(pose: Array) -> np.ndarray:
 def write(path: Path, image: np.ndarray) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     assert cv2.imwrite(str(path), image)
+
+
+def make_shots(places: Array) -> list[Shot]:
+    """Cameras that look along z, with points on the planes z = 2 + x / 10."""
+    random = np.random.default_rng(1)
+    xy = random.uniform(-3, 3, (400, 2))
+    points = np.column_stack([xy, 2 + xy[:, 0] / 10])
+    shots = []
+    for i, place in enumerate(places):
+        pose = np.eye(4)
+        pose[:3, 3] = -place
+        shots.append(Shot(f"{i}.png", CAMERA, pose, np.arange(400), points, np.zeros((400, 2)), np.full(400, 3)))
+    return shots

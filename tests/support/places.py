@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -15,3 +16,11 @@ def _data() -> Path:
 
 
 DATA = _data()
+
+
+def write_line_ups(folder: Path) -> None:
+    """Write the documented line-up by the names that examples give it."""
+    text = (ROOT / "docs" / "run.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"^```yaml\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    for name in ("lineup.yaml", "paper.yaml"):
+        (folder / name).write_text(shown, encoding="utf-8")

@@ -12,7 +12,6 @@ import sucre_bench.commands.run_summary
 import sucre_bench.compare
 import sucre_bench.engine.job
 import sucre_bench.engine.run  # noqa: F401
-import support.unsynced  # noqa: F401
 from sucre_bench.jobs import compose_jobs
 
 compose_jobs.jobs(["method=gray_world"], multirun=False)  # finds all plugins, and Hydra's

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from support.small_networks import NOISE, picture, planes, restored
+from support.made_networks import NOISE, picture, planes, restored
 from torch.nn import functional
 
 from sucre_bench.methods.networks import architectures, published

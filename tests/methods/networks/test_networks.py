@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from support.made_networks import ARCHITECTURES, random_state
-from support.small_networks import NOISE, OWN_SIZE, restored, saved
+from support.made_networks import ARCHITECTURES, NOISE, OWN_SIZE, random_state, restored, saved
 
 from sucre_bench import Arrays, InputError, Scene, View, restore
 from sucre_bench.imaging.filters import equalised, stretched_by_weakness

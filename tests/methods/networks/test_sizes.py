@@ -7,8 +7,7 @@ import sys
 import numpy as np
 import pytest
 import torch
-from support.made_networks import random_state
-from support.small_networks import NOISE, picture, planes
+from support.made_networks import NOISE, picture, planes, random_state
 from torch.nn import functional
 
 from sucre_bench.methods.networks import architectures, published

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from support.made_networks import ARCHITECTURES, random_state
+from support.made_networks import ARCHITECTURES, NOISE, random_state, restored, saved
 from support.messages import names
-from support.small_networks import NOISE, restored, saved
 
 from sucre_bench import InputError
 from sucre_bench.errors import MissingFileError

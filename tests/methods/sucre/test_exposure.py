@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.command_line import registry
 from support.made_ground import WATERS, make_ground
 from support.made_observations import made
-from support.registries import registry
 
 from sucre_bench import InputError, Restoration, Scene, Water
 from sucre_bench.methods.sucre import Sucre, SucrePlus

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.made_ground import WATERS, make_ground
-from support.made_survey import make_survey
+from support.made_ground import WATERS, make_ground, make_survey
 
 from sucre_bench import Arrays, Restoration, Scene, Water
 from sucre_bench.imaging.display import display

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.made_scene import WATER, make_scene
-from support.messages import names
-from support.watching import Lines
+from support.messages import Lines, names
 
 from sucre_bench import Arrays, InputError, Restoration, Scene, SolveError, Water, load_scenes
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode

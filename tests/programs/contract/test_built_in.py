@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.made_networks import ARCHITECTURES, network_options
-from support.miniatures.single_images import write_images
+from support.miniatures import write_images
 
 import sucre_bench
 from sucre_bench import plugins

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from support.colmap_folder import write_image
-from support.installing import install
+from support.command_line import install
 from support.messages import names
 from support.places import ROOT
 

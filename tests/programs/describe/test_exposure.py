@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.made_ground import WATERS
-from support.made_survey import make_survey
+from support.made_ground import WATERS, make_survey
 
 from sucre_bench import Arrays, Scene
 from sucre_bench.programs.describe.exposure import Exposure, NoExposure, estimate_exposure

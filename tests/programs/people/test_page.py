@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from support.toy_runs import run
+from support.command_line import run
 
 
 def black_columns(folder: Path, page: Path) -> dict[str, np.ndarray]:

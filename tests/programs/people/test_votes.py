@@ -9,10 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.command_line import run_here
+from support.command_line import registry, run, run_here
 from support.places import TOYS
-from support.registries import registry
-from support.toy_runs import run
 
 from sucre_bench import plugins, results
 

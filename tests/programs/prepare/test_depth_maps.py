@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.made_shots import make_shots
 from support.photographed_valley import (
     CAMERA,
     WIDTH,
+    make_shots,
 )
 
 from sucre_bench.camera import depth_at, pixel_rays

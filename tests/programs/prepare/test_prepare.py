@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from support.messages import Lines
 from support.photographed_valley import (
     DISTORTION,
     HEIGHT,
@@ -26,7 +27,6 @@ from support.photographed_valley import (
     true_depth,
     write,
 )
-from support.watching import Lines
 
 import sucre_bench as sb
 from sucre_bench.arrays import Array

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.made_shots import make_shots
 from support.photographed_valley import (
     HEIGHT,
     WIDTH,
+    make_shots,
 )
 
 from sucre_bench.arrays import Array

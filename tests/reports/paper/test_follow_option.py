@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from support.study_rows import csv, followed, noisy, row, words
+from support.made_results import csv, followed, noisy, row, words
 
 from sucre_bench.compare.model import Note
 from sucre_bench.errors import NotApplicableError

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 import yaml
+from support.made_results import followed, words
 from support.messages import names
 from support.places import ROOT
-from support.study_rows import followed, words
 
 from sucre_bench import InputError
 from sucre_bench.compare import COSTS

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from support.study_rows import csv, noisy, row
+from support.made_results import csv, noisy, row
 
 from sucre_bench import InputError
 from sucre_bench.errors import NotApplicableError

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from support.study_rows import drawn
+from support.made_results import drawn
 
 from sucre_bench import results
 from sucre_bench.errors import NotApplicableError

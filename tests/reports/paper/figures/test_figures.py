@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 import yaml
 from PIL import Image
-from support.study_rows import drawn, row
+from support.made_results import drawn, row
 
 import sucre_bench
 from sucre_bench.errors import NotApplicableError

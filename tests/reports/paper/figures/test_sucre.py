@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from support.made_observations import made, parameters
+from support.made_results import drawn
 from support.made_scene import WATER
-from support.study_rows import drawn
 
 from sucre_bench.errors import InputError, NotApplicableError
 from sucre_bench.methods.sucre.residuals import residuals

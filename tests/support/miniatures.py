@@ -1,4 +1,4 @@
-"""A survey exported from Metashape in miniature."""
+"""Datasets in miniature: folders of images, Eiffel Tower, SeaThru-NeRF, Sea-thru, and a survey of Metashape."""
 
 from __future__ import annotations
 
@@ -7,15 +7,53 @@ from pathlib import Path
 import numpy as np
 import tifffile
 
-from support.spots import (
-    BOTH,
-    HEIGHT,
-    WIDTH,
-    disk_depth,
-    pose_of,
-    seen,
-    write_spot,
-)
+from support import spots
+from support.colmap_folder import picture, to_binary, write_image
+from support.spots import BOTH, disk_depth, pose_of, seen, write_photographs, write_spot
+
+
+def write_images(folder: Path, *names: str, seed: int = 0) -> Path:
+    for number, name in enumerate(names):
+        write_image(folder / name, picture(seed + number))
+    return folder
+
+
+YEAR = ("20150412T093000.png", "20150412T093005.png")
+
+
+def write_year(root: Path, year: str = "2015", names: tuple[str, str] = YEAR) -> Path:
+    place = root / year
+    write_photographs([place / "images" / name for name in names], place / "sfm", names)
+    return root
+
+
+REEF = ("MTN_1.png", "MTN_2.png")
+
+
+def write_reef(place: Path, images: str = "images_wb", sparse: str = "sparse/0", units: float = 1.0) -> Path:
+    write_photographs([place / images / name for name in REEF], place / sparse, REEF, units)
+    to_binary(place / sparse)
+    return place
+
+
+WIDTH, HEIGHT = 60, 40
+
+
+def picture16(seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 65536, (HEIGHT, WIDTH, 3), dtype=np.uint16)
+
+
+def write_set(place: Path, stems: tuple[str, ...] = ("T_S01", "T_S02"), folder: str = "depth") -> Path:
+    """Images, and depth maps at half their size: 2 m, and 3 m + 1 m a row in the right half."""
+    for seed, stem in enumerate(stems):
+        write_image(place / "linearPNG" / f"{stem}.png", picture16(seed))
+        depth = np.full((HEIGHT // 2, WIDTH // 2), 2, np.float32)
+        depth[:, WIDTH // 4 :] = 3 + np.arange(HEIGHT // 2)[:, None]
+        depth[0, 0] = 0
+        (place / folder).mkdir(exist_ok=True)
+        tifffile.imwrite(place / folder / f"depth{stem}.tif", depth)
+    return place
+
 
 SCALE = 2.5  # metres in a unit of the chunk
 TURN = pose_of((0, 0, 0), (0.4, -1.1, 0.7))[:3, :3]
@@ -45,21 +83,21 @@ def photographed(point: np.ndarray, lens: str) -> np.ndarray:
     more = 1 + c["p3"] * r2 + c["p4"] * r2**2
     xd = x * radial + (c["p1"] * (r2 + 2 * x * x) + 2 * c["p2"] * x * y) * more
     yd = y * radial + (c["p2"] * (r2 + 2 * y * y) + 2 * c["p1"] * x * y) * more
-    u = WIDTH / 2 + c["cx"] + xd * c["f"] + xd * c["b1"] + yd * c["b2"]
-    return np.array([u, HEIGHT / 2 + c["cy"] + yd * c["f"]])
+    u = spots.WIDTH / 2 + c["cx"] + xd * c["f"] + xd * c["b1"] + yd * c["b2"]
+    return np.array([u, spots.HEIGHT / 2 + c["cy"] + yd * c["f"]])
 
 
 def undistorted(point: np.ndarray, lens: str) -> np.ndarray:
     """Where the sensor would image it without distortion."""
     x, y = point[:2] / point[2]
     f, b1 = INNER["f"], LENSES[lens].get("b1", 0.0)
-    return np.array([(f + b1) * x + WIDTH / 2 + INNER["cx"], f * y + HEIGHT / 2 + INNER["cy"]])
+    return np.array([(f + b1) * x + spots.WIDTH / 2 + INNER["cx"], f * y + spots.HEIGHT / 2 + INNER["cy"]])
 
 
 def chunk_xml(lens: str, cameras: str, transform: str = TRANSFORM, frames: str = "", sensors: str = "") -> str:
     terms = "".join(f"<{name}>{value!r}</{name}>" for name, value in {**INNER, **LENSES[lens]}.items())
     kind = "fisheye" if "fisheye" in lens else "frame"
-    size = f'<resolution width="{WIDTH}" height="{HEIGHT}"/>'
+    size = f'<resolution width="{spots.WIDTH}" height="{spots.HEIGHT}"/>'
     return (
         f'<chunk label="Dive 1" enabled="true"><sensors next_id="2"><sensor id="0" label="GoPro" type="{kind}">{size}'
         f'<calibration type="{kind}" class="initial">{size}<f>99</f></calibration>'
@@ -88,7 +126,7 @@ def write_survey(root: Path, lens: str = "usual", unit: float = SCALE, cameras: 
         point = seen(pose_of(*BOTH[number]))
         write_spot(root / f"images/DSC_{number}.png", photographed(point, lens))
         (root / "depths").mkdir(exist_ok=True)
-        depth = disk_depth(undistorted(point, lens) / 2, unit * point[2], (WIDTH // 2, HEIGHT // 2))
+        depth = disk_depth(undistorted(point, lens) / 2, unit * point[2], (spots.WIDTH // 2, spots.HEIGHT // 2))
         tifffile.imwrite(root / f"depths/DSC_{number}.tif", depth)
     (root / "cameras.xml").write_text(f'<document version="2.0.0">{chunk_xml(lens, cameras)}</document>')
     return root
