@@ -6,7 +6,7 @@ enhancement, IEEE TIP 27 (1). Both use the Rec. 601 luma of the gamma-encoded ch
 saturation 0. Each input's weights are summed, then normalised over the two inputs.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,17 +14,12 @@ import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.cielab import luma
+from sucre_bench.imaging.cielab import luma, to_lab
 from sucre_bench.imaging.filters import (
-    binomial,
-    blended,
     denoised,
     equalised,
     gray_world,
-    most_levels,
     red_from_green,
-    saliency,
-    shifted_to_gray,
     stretched_by_weakness,
     stretched_together,
 )
@@ -80,7 +75,9 @@ class Fusion2012:
     def _balanced(self, rgb: Array) -> Array:
         if self.balance == "stretch":
             return stretched_by_weakness(rgb)
-        return stretched_together(shifted_to_gray(rgb, self.illuminant), self.percent)
+        mean = rgb.mean(axis=(0, 1), dtype=np.float64)
+        # A shift keeps each channel's contrast, so a channel with little light gains no noise.
+        return stretched_together(rgb + (0.5 + (self.illuminant - 1) * mean).astype(np.float32), self.percent)
 
 
 @method(
@@ -165,3 +162,65 @@ def _laplacian(light: Array) -> Array:
     import cv2
 
     return np.abs(cv2.Laplacian(light, cv2.CV_32F))
+
+
+def saliency(rgb: Array) -> Array:
+    """Return (H, W) float32: how far each pixel's smoothed colour is from the image's mean colour, in L*a*b* / 100.
+
+    rgb: (H, W, 3) in [0, 1]. Without the division by the image's maximum that is for display, so that maps of
+    two images can be compared; the unit is the distance from black to white.
+    """
+    lab = to_lab(rgb) / 100
+    mean = lab.mean(axis=(0, 1), dtype=np.float64).astype(np.float32)
+    return np.asarray(np.linalg.norm(binomial(lab) - mean, axis=-1))
+
+
+def binomial(image: Array) -> Array:
+    """Return the image smoothed by the 5 x 5 binomial kernel (1 4 6 4 1) / 16; (H, W) or (H, W, C) float32.
+
+    Its response falls to a half at pi / 2.75, the cut-off that is named w_hc where it is used.
+    """
+    import cv2
+
+    kernel = np.array([1, 4, 6, 4, 1], np.float32) / 16
+    return np.asarray(cv2.sepFilter2D(image, -1, kernel, kernel))
+
+
+def blended(images: Sequence[Array], weights: Iterable[Array], levels: int) -> Array:
+    """Return the images' weighted mean (H, W, 3), taken in each band of a pyramid: R_l = sum_k G_l(W_k) L_l(I_k).
+
+    images: (H, W, 3) float32; weights: (H, W) float32, one an image, of sum 1 at every pixel; levels: of the pyramid,
+    1 or more, the last one low-pass; at most `most_levels`. Values may leave the images' range near strong edges.
+    """
+    import cv2
+
+    levels = min(levels, most_levels(images[0].shape[:2]))
+    sums: list[Array] = []
+    for image, weight in zip(images, weights, strict=True):
+        for level, band in enumerate(_bands(image, levels)):
+            weight = np.asarray(cv2.pyrDown(weight)) if level else weight
+            if level == len(sums):
+                sums.append(band * weight[..., None])
+            else:
+                sums[level] += band * weight[..., None]
+    result = sums.pop()
+    while sums:
+        finer = sums.pop()
+        result = finer + np.asarray(cv2.pyrUp(result, dstsize=(finer.shape[1], finer.shape[0])))
+    return result
+
+
+def most_levels(shape: tuple[int, ...]) -> int:
+    """Return how many levels an image of shape (H, W) has room for: the smaller side of the last is 2 to 4 pixels."""
+    return max(1, min(shape).bit_length() - 1)
+
+
+def _bands(image: Array, levels: int) -> Iterator[Array]:
+    """The Laplacian pyramid from fine to coarse: what each level has that the next has not, and the last level."""
+    import cv2
+
+    for _ in range(levels - 1):
+        coarse: Array = np.asarray(cv2.pyrDown(image))
+        yield image - np.asarray(cv2.pyrUp(coarse, dstsize=(image.shape[1], image.shape[0])))
+        image = coarse
+    yield image

@@ -14,7 +14,7 @@ import numpy as np
 from sucre_bench import Restoration, Scene, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.cielab import from_lab, to_lab
-from sucre_bench.imaging.filters import denoised, mid_gray_gain
+from sucre_bench.imaging.filters import denoised
 from sucre_bench.plugins.ranges import check_ranges
 
 _SPREAD = math.sqrt((4 - math.pi) / 2)  # sigma / a
@@ -46,7 +46,10 @@ class Rghs:
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, in [0, 1]."""
-        rgb = _equalised(view.rgb)
+        mean = view.rgb.mean(axis=(0, 1), dtype=np.float64)
+        gain = np.where(mean > 1e-6, 0.5 / np.maximum(mean, 1e-6), 1).astype(np.float32)  # to mid gray, unless black
+        gain[0] = 1
+        rgb = view.rgb * gain  # not cut, so that none piles up at 1
         for channel in range(3):
             rgb[..., channel] = self._stretched(rgb[..., channel], channel)
         return Restoration(_coloured(denoised(rgb, self.noise)))
@@ -59,13 +62,6 @@ class Rghs:
         bottom = min((1 - _SPREAD) * mode, low)  # a - sigma; no more than I_min
         top = _top(high, mode, _KAPPA[channel] * _RESIDUAL[channel] ** self.distance_m)
         return ((plane - low) * ((top - bottom) / (high - low)) + bottom).clip(0, 1)
-
-
-def _equalised(rgb: Array) -> Array:
-    """A copy, green and blue scaled to a mean of 0.5; not cut, so that none piles up at 1."""
-    gain = mid_gray_gain(rgb)
-    gain[0] = 1
-    return rgb * gain
 
 
 def _range(plane: Array, tail: float) -> tuple[float, float, float]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.filters import dark_channel, guided_filter
+from sucre_bench.imaging.filters import guided_filter
 from sucre_bench.imaging.image_formation import brightest, restoration
 from sucre_bench.plugins.ranges import check_ranges
 
@@ -64,3 +64,14 @@ def _transmission(rgb: Array, veiling_light: Array, window: int) -> Array:
     """Return 1 - min over window and over green and blue of I / A, (H, W); it may fall below 0."""
     A = np.maximum(veiling_light[1:], 1e-3).astype(np.float32)  # in a black image, nothing is brighter than A
     return np.asarray(1 - dark_channel(rgb[..., 1:] / A, window))
+
+
+def dark_channel(channels: Array, size: int) -> Array:
+    """Return (H, W): the least value of any of the channels (H, W, C) in a window of size x size pixels, size odd.
+
+    Windows are cut at the border.
+    """
+    import cv2
+
+    darkest = np.ascontiguousarray(channels.min(axis=-1), dtype=np.float32)
+    return np.asarray(cv2.erode(darkest, np.ones((size, size), np.uint8)))

@@ -1,14 +1,19 @@
-"""Colour charts: angle (psi), CIEDE2000 (de00) and chroma of grays, of measured against expected patches.
+"""Colour charts: angle (psi), CIEDE2000 (de00), hue and chroma of grays, of measured against expected patches.
 
 All score the shown picture, in [0, 1] and gamma-encoded. A chart yields one score named after it, the mean over its
 patches, and one per patch, "<chart>/<number>-<name>". Where a patch has no value (no pixel with a colour; for psi also
 a median of exactly black, which has no direction) its score is NaN with coverage 0, and the mean of the chart leaves it
 out. The coverage of the chart, the share of its patches' pixels that were scored, shows this. `patch_colour` has the
 colours themselves, for tables of swatches.
+
+SUCRe tracks "the hue value" of each colour patch over distance and does not say which hue that is. "hsv" is taken as
+meant: the angle on the hexagon of HSV (Smith 1978), of the shown picture's encoded RGB, against the sRGB list. "lab" is
+the hue angle h_ab of CIE Lab under D50, against the maker's Lab list: differences of equal size look more alike there.
+Both are in degrees, from red over yellow (hsv 60), green and blue. A gray (R = G = B) has none: NaN.
 """
 
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +23,11 @@ from sucre_bench.imaging.chart_kinds import Patch
 from sucre_bench.imaging.chart_patches import PatchReading, measure
 from sucre_bench.imaging.cielab import ciede2000, lab_d50, srgb_of_lab_d50
 from sucre_bench.plugins.decorators import metric
-from sucre_bench.scene import Chart, Restoration, Score, View
+from sucre_bench.scene import Restoration, Score, View
+
+CHANNELS = ("red", "green", "blue")
+
+_LOST_DEG = 90.0  # the mean error of a hue at random
 
 
 @metric(
@@ -46,11 +55,8 @@ class Psi:
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield a score per chart and per patch."""
-        readings = [
-            [r for r in measure(shown, chart) if variant == "all" or r.patch.colour != (variant == "gray")]
-            for chart in view.charts
-        ]
-        yield from _scored(view, readings, angle_deg, lambda patch: _expected_rgb(patch, variant))
+        which = None if variant == "all" else variant != "gray"
+        yield from _scored(shown, view, which, lambda rgb, patches: angle_deg(rgb, _expected_rgb(patches, variant)))
 
 
 @metric(
@@ -78,28 +84,47 @@ class De00:
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield a score per chart and per patch."""
-        readings = [[r for r in measure(shown, chart) if r.patch.colour] for chart in view.charts]
 
-        def difference(rgb: Array, lab: Array) -> Array:
-            return ciede2000(lab_d50(rgb), lab)
+        def difference(rgb: Array, patches: tuple[Patch, ...]) -> Array:
+            return ciede2000(lab_d50(rgb), _expected_lab(patches, variant))
 
-        yield from _scored(view, readings, difference, lambda patch: _expected_lab(patch, variant))
+        yield from _scored(shown, view, True, difference)
 
 
 def _scored(
-    view: View,
-    readings: Sequence[Sequence[PatchReading]],
-    error: Callable[[Array, Array], Array],
-    expected: Callable[[Patch], Array],
+    shown: Array, view: View, coloured: bool | None, error: Callable[[Array, tuple[Patch, ...]], Array]
 ) -> Iterator[Score]:
-    """Compare what each chart's patches show with what is expected, all charts at once."""
+    """Yield for each chart the mean of its patches' errors, then each patch's error.
+
+    coloured: whether chromatic patches or grays are scored; None for all. error: of measured colours (P, 3) of the
+    patches (P,) of all charts at once, (P,).
+    """
+    readings = [[r for r in measure(shown, chart) if coloured in (None, r.patch.colour)] for chart in view.charts]
     every = [reading for of_chart in readings for reading in of_chart]
     if not every:
         return
-    values = error(np.array([r.rgb for r in every]), np.array([expected(r.patch) for r in every]))
+    values = error(np.array([r.rgb for r in every]), tuple(r.patch for r in every))
     ends = np.cumsum([len(of_chart) for of_chart in readings])
     for chart, of_chart, of_patches in zip(view.charts, readings, np.split(values, ends[:-1]), strict=True):
-        yield from chart_scores(chart, of_chart, of_patches)
+        known = np.isfinite(of_patches)
+        used = np.array([r.n_pixels for r in of_chart]) * known
+        seen = np.array([r.coverage for r in of_chart]) * known
+        value = float(of_patches[known].mean()) if known.any() else np.nan
+        yield Score(value, chart.name, int(used.sum()), float(seen.mean()) if len(seen) else np.nan)
+        for reading, score, n, coverage in zip(of_chart, of_patches, used, seen, strict=True):
+            region = f"{chart.name}/{reading.patch.number}-{reading.patch.name}"
+            yield Score(float(score), region, int(n), float(coverage))
+
+
+def _patches(
+    shown: Array, view: View, value: Callable[[PatchReading], float], *, only_coloured: bool = False
+) -> Iterator[Score]:
+    """Yield a value for each patch of each chart; charts have no score of their own."""
+    for chart in view.charts:
+        for reading in measure(shown, chart):
+            if reading.patch.colour or not only_coloured:
+                region = f"{chart.name}/{reading.patch.number}-{reading.patch.name}"
+                yield Score(value(reading), region, reading.n_pixels, reading.coverage)
 
 
 def angle_deg(a: Array, b: Array) -> Array:
@@ -112,32 +137,20 @@ def angle_deg(a: Array, b: Array) -> Array:
     return np.asarray(np.degrees(np.arccos(cosine.clip(-1, 1))))  # rounding may lift it above 1
 
 
-def patch_region(chart: Chart, patch: Patch) -> str:
-    """Return the region of a patch's scores, "<chart>/<number>-<name>"."""
-    return f"{chart.name}/{patch.number}-{patch.name}"
-
-
-def chart_scores(chart: Chart, readings: Sequence[PatchReading], values: Array) -> Iterator[Score]:
-    """Yield a score for the chart, the mean of its patches' values (P,), then one for each patch."""
-    known = np.isfinite(values)
-    used = np.array([r.n_pixels for r in readings]) * known
-    seen = np.array([r.coverage for r in readings]) * known
-    value = float(values[known].mean()) if known.any() else np.nan
-    yield Score(value, chart.name, int(used.sum()), float(seen.mean()))
-    for reading, score, n, coverage in zip(readings, values, used, seen, strict=True):
-        yield Score(float(score), patch_region(chart, reading.patch), int(n), float(coverage))
-
-
-@functools.lru_cache(maxsize=4096)
-def _expected_rgb(patch: Patch, variant: str) -> Array:
+@functools.lru_cache(maxsize=64)
+def _expected_rgb(patches: tuple[Patch, ...], variant: str) -> Array:
     if variant == "gray":
-        return np.ones(3)
-    return srgb_of_lab_d50(np.array(patch.lab)) if variant == "colour-lab" else np.array(patch.srgb)
+        return np.ones((len(patches), 3))
+    if variant == "colour-lab":
+        return srgb_of_lab_d50(np.array([patch.lab for patch in patches]))
+    return np.array([patch.srgb for patch in patches])
 
 
-@functools.lru_cache(maxsize=4096)
-def _expected_lab(patch: Patch, variant: str) -> Array:
-    return np.array(patch.lab) if variant == "lab" else lab_d50(np.array(patch.srgb))
+@functools.lru_cache(maxsize=64)
+def _expected_lab(patches: tuple[Patch, ...], variant: str) -> Array:
+    if variant == "lab":
+        return np.array([patch.lab for patch in patches])
+    return lab_d50(np.array([patch.srgb for patch in patches]))
 
 
 @metric(
@@ -160,13 +173,7 @@ class Neutral:
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield a score per chart and per gray patch."""
-        for chart in view.charts:
-            readings = [reading for reading in measure(shown, chart) if not reading.patch.colour]
-            lab = lab_d50(np.array([reading.rgb for reading in readings]).reshape(-1, 3))
-            yield from chart_scores(chart, readings, np.hypot(lab[:, 1], lab[:, 2]))
-
-
-CHANNELS = ("red", "green", "blue")
+        yield from _scored(shown, view, False, lambda rgb, patches: np.hypot(*lab_d50(rgb).T[1:]))
 
 
 @metric(
@@ -190,7 +197,86 @@ class PatchColour:
         """Yield a score per patch."""
         channel, _, expected = variant.partition("-")
         c = CHANNELS.index(channel)
-        for chart in view.charts:
-            for reading in measure(shown, chart):
-                value = float(reading.patch.srgb[c] if expected else reading.rgb[c])
-                yield Score(value, patch_region(chart, reading.patch), reading.n_pixels, reading.coverage)
+        yield from _patches(shown, view, lambda r: float(r.patch.srgb[c] if expected else r.rgb[c]))
+
+
+@metric(
+    role="patch-hue",
+    needs={"charts"},
+    requires=["cv2", "skimage"],
+    unit="deg",
+    better="none",
+    range=(0, 360),
+    default=["hsv", "hsv-expected"],
+    cites="Boittiaux et al. 2024",
+    variants={
+        "hsv": "the angle of HSV, measured",
+        "hsv-expected": "the angle of HSV in the sRGB list",
+        "lab": "h_ab of CIE Lab, measured",
+        "lab-expected": "h_ab of the maker's Lab list",
+    },
+)
+@dataclass(frozen=True)
+class Hue:
+    """Hue of each chromatic chart patch, degrees. A chart has no score, because a mean over its hues means nothing."""
+
+    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+        """Yield a score per patch."""
+        form, _, expected = variant.partition("-")
+
+        def hue(r: PatchReading) -> float:
+            return expected_hue_deg(r.patch, form) if expected else float(hue_deg(r.rgb, form))
+
+        yield from _patches(shown, view, hue, only_coloured=True)
+
+
+@metric(
+    needs={"charts"},
+    requires=["cv2", "skimage"],
+    unit="deg",
+    better="lower",
+    range=(0, 180),
+    cites="Boittiaux et al. 2024",
+    variants={"hsv": "of HSV, against the sRGB list", "lab": "h_ab of CIE Lab under D50, against the maker's Lab list"},
+)
+@dataclass(frozen=True)
+class HueError:
+    """Mean angle, either way round, between measured and expected hue of the chromatic chart patches, degrees.
+
+    A patch that has lost its hue, blown out to white say, counts 90, as far off as a hue at random is on average.
+    """
+
+    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+        """Yield a score per chart and per patch."""
+
+        def error(rgb: Array, patches: tuple[Patch, ...]) -> Array:
+            off = np.abs(turn_deg(hue_deg(rgb, variant), np.array([expected_hue_deg(p, variant) for p in patches])))
+            is_gray = np.isnan(off) & np.isfinite(rgb).all(axis=-1)
+            return np.where(is_gray, _LOST_DEG, off)
+
+        yield from _scored(shown, view, True, error)
+
+
+def hue_deg(rgb: Array, form: str) -> Array:
+    """Return the hue of gamma-encoded sRGB (..., 3), degrees in [0, 360), NaN for grays. form: "hsv" or "lab"."""
+    from skimage.color import rgb2hsv
+
+    rgb = np.asarray(rgb, dtype=np.float64)
+    has_hue = np.ptp(rgb, axis=-1) > 0  # False for NaN
+    safe = np.where(has_hue[..., None], rgb, [1.0, 0, 0])
+    angle = 360 * rgb2hsv(safe)[..., 0] if form == "hsv" else _lab_hue_deg(lab_d50(safe))
+    return np.asarray(np.where(has_hue, angle % 360, np.nan))
+
+
+def expected_hue_deg(patch: Patch, form: str) -> float:
+    """Return the hue that a patch should have, degrees in [0, 360)."""
+    return float(hue_deg(np.array(patch.srgb), form) if form == "hsv" else _lab_hue_deg(np.array(patch.lab)))
+
+
+def turn_deg(hue: Array, reference: Array) -> Array:
+    """Return how far a hue is from a reference, the shorter way round: degrees in [-180, 180)."""
+    return np.asarray((np.asarray(hue) - reference + 180) % 360 - 180)
+
+
+def _lab_hue_deg(lab: Array) -> Array:
+    return np.asarray(np.degrees(np.arctan2(lab[..., 2], lab[..., 1])) % 360)

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench.arrays import Array, Indices
+from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, distance_map, unproject
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.chart_patches import image_from_chart
 from sucre_bench.plugins.decorators import metric
-from sucre_bench.scene import Chart, Restoration, Score, View
+from sucre_bench.scene import Restoration, Score, View
 
 
 @metric(
@@ -33,7 +33,14 @@ class ChartDistance:
         """Yield a score per chart, NaN where no pixel of it has depth. NotApplicableError without a camera."""
         camera = _camera(view)
         for chart in view.charts:
-            u, v = _pixels_inside(chart, view.depth.shape)
+            (top, left), (bottom, right) = (
+                np.clip(corner[::-1], 0, view.depth.shape).astype(int)
+                for corner in (np.floor(chart.corners.min(axis=0)), np.ceil(chart.corners.max(axis=0)))
+            )
+            v, u = (at.ravel() for at in np.mgrid[top:bottom, left:right])
+            x, y, w = np.linalg.inv(image_from_chart(chart.corners)) @ np.stack([u + 0.5, v + 0.5, np.ones(u.size)])
+            inside = (w > 0) & (x >= 0) & (x <= w) & (y >= 0) & (y <= w)  # pixels' centres
+            u, v = u[inside], v[inside]
             depth = view.depth[v, u].astype(np.float64)
             known = np.linalg.norm(unproject(camera, u + 0.5, v + 0.5, depth), axis=0)[depth > 0]
             value = float(np.median(known)) if known.size else np.nan
@@ -65,16 +72,3 @@ def _camera(view: View) -> Camera:
     if view.camera is None:
         raise NotApplicableError(f"{view.name}: no camera, so that its depth is no distance; give its calibration")
     return view.camera
-
-
-def _pixels_inside(chart: Chart, shape: tuple[int, ...]) -> tuple[Indices, Indices]:
-    """Column and row of the image's pixels whose centre lies within the chart's frame."""
-    end = np.array(shape[::-1])
-    (u0, v0), (u1, v1) = (
-        np.clip(rounded, 0, end).astype(int)
-        for rounded in (np.floor(chart.corners.min(axis=0)), np.ceil(chart.corners.max(axis=0)))
-    )
-    u, v = (a.ravel() for a in np.meshgrid(np.arange(u0, u1), np.arange(v0, v1)))
-    x, y, w = np.linalg.inv(image_from_chart(chart.corners)) @ np.stack([u + 0.5, v + 0.5, np.ones(u.size)])
-    inside = (w > 0) & (x >= 0) & (x <= w) & (y >= 0) & (y <= w)
-    return u[inside], v[inside]

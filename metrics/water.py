@@ -84,5 +84,5 @@ class Water:
         n, coverage = int(restored.valid.sum()), float(restored.valid.mean())
         known = error[true > 0]
         yield Score(float(known.mean()) if known.size else np.nan, "image", n, coverage)
-        for channel, value in zip(("red", "green", "blue"), error, strict=True):
+        for channel, value in zip(_CHANNELS, error, strict=True):
             yield Score(float(value), f"image/{channel}", n, coverage)

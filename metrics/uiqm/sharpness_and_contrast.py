@@ -41,6 +41,12 @@ def level_extremes(shown: npt.NDArray[Any], side: int, weights: tuple[int, int, 
     return found
 
 
+def _level_extremes_of_channels(shown: npt.NDArray[Any], side: int) -> Extremes:
+    """Of each channel (3, k1, k2)."""
+    planes = [level_extremes(shown, side, unit) for unit in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
+    return Extremes(np.stack([plane.least for plane in planes]), np.stack([plane.most for plane in planes]))
+
+
 @once
 def whole_blocks(shown: npt.NDArray[Any], side: int, margin: bool, cut: bool) -> Mask:
     """Return which blocks (k1, k2) have a colour in every pixel.
@@ -243,8 +249,7 @@ def uiconm(shown: npt.NDArray[Any], form: Contrast = Contrast()) -> float:
     if form.levels == "each":
         return float(sum(abs(_m_ln_m(channel).mean()) for channel in _ratio(high - low, high + low)))
     if not form.plip:
-        share = k1 * k2 / ((shown.shape[0] / form.block) * (shown.shape[1] / form.block)) if form.fractional else 1.0
-        return float(-_m_ln_m(_ratio(high - low, high + low)).real.mean() * share)
+        return float(-_m_ln_m(_ratio(high - low, high + low)).real.mean() * _share(shown, whole, form))
     m = _ratio(_PLIP * (high - low) / (_PLIP - low), high + low - high * low / _PLIP)
     terms = _m_ln_m(m).real  # all <= 0
     if form.total == "plain":
@@ -275,9 +280,8 @@ def _extremes_of_contrast(shown: npt.NDArray[Any], form: Contrast) -> Extremes:
     if form.levels == "each":
         return resized_extremes(shown, form.block, edges=False)
     if form.levels == "together":
-        planes = [level_extremes(shown, form.block, unit) for unit in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
-        least, most = np.min([p.least for p in planes], axis=0), np.max([p.most for p in planes], axis=0)
-        return Extremes(least.astype(np.float64), most.astype(np.float64))
+        found = _level_extremes_of_channels(shown, form.block)
+        return Extremes(found.least.min(axis=0).astype(np.float64), found.most.max(axis=0).astype(np.float64))
     weights, scale = (_LUMA, 1e3) if form.levels == "luma" else (_REC709, 1e4 * 255)
     red, green, blue = weights if form.order == "RGB" else weights[::-1]
     found = level_extremes(shown, form.block, (red, green, blue))
@@ -317,11 +321,10 @@ def uism(shown: npt.NDArray[Any], form: Sharpness = Sharpness()) -> float:
     if not whole.any():
         return float("nan")
     extremes, (k1, k2) = _extremes_of_edges(shown, form), whole.shape
-    share = 1.0
-    if form.fractional:
-        share = k1 * k2 / ((shown.shape[0] / form.block) * (shown.shape[1] / form.block))
     channels = zip(form.weights, extremes.least[:, :k1, :k2], extremes.most[:, :k1, :k2], strict=True)
-    return float(sum(w * eme(least[whole], most[whole], form.zero) for w, least, most in channels) * share)
+    return float(
+        sum(w * eme(least[whole], most[whole], form.zero) for w, least, most in channels) * _share(shown, whole, form)
+    )
 
 
 def uism_blocks(shown: npt.NDArray[Any], form: Sharpness = Sharpness()) -> Mask:
@@ -331,9 +334,12 @@ def uism_blocks(shown: npt.NDArray[Any], form: Sharpness = Sharpness()) -> Mask:
     return whole_blocks(shown, form.block, margin=True, cut=form.cut_blocks)
 
 
-def eme(
-    least: npt.NDArray[Any], most: npt.NDArray[Any], zero: Literal["nothing", "one", "almost"] = "nothing"
-) -> float:
+def _share(shown: npt.NDArray[Any], whole: Mask, form: Sharpness | Contrast) -> float:
+    """Whole blocks over (H / side) (W / side) where the form divides by that, else 1."""
+    return whole.size / ((shown.shape[0] / form.block) * (shown.shape[1] / form.block)) if form.fractional else 1.0
+
+
+def eme(least: npt.NDArray[Any], most: npt.NDArray[Any], zero: Zero = "nothing") -> float:
     """Return 2 x the mean of ln(most / least) over blocks (B,); its modulus, where values below 0 make it complex."""
     if zero == "almost":
         return float(2 * np.log(most / np.where(least == 0, 1, least) + 1e-5).mean())
@@ -350,8 +356,7 @@ def _extremes_of_edges(shown: npt.NDArray[Any], form: Sharpness) -> Extremes:
     if form.edges == "resized":
         return resized_extremes(shown, form.block, edges=True)
     if form.edges == "levels":
-        planes = [level_extremes(shown, form.block, unit) for unit in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
-        return Extremes(np.stack([p.least for p in planes]), np.stack([p.most for p in planes]))
+        return _level_extremes_of_channels(shown, form.block)
     found = edge_extremes(shown, form.block)
     if form.edges == "sobel":
         return found

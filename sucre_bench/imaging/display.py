@@ -201,11 +201,6 @@ def _by_rows(curve: Callable[[Array], Array], image: Array, rows: int = 64) -> A
     return curved
 
 
-def check_display(how: str) -> None:
-    """Raise InputError unless `how` names a display normalisation."""
-    normalisation(how)
-
-
 def stretch(image: Array, low: float = 1, high: float = 99, over: Array | None = None) -> Array:
     """Map the percentiles low and high of each channel to 0 and 1, and clip. A constant channel is only clipped.
 

@@ -104,11 +104,6 @@ def filled_by_water(view: View, water: Water, z: Array) -> Array:
     return without_water(converted(view.rgb, view.encoding, light), z, veil, optical_depth)
 
 
-def own_colours(view: View, z: Array) -> Array:
-    """Return the view's own colours (H, W, 3), NaN where z (H, W) is 0: what a method without a water fills with."""
-    return np.where(z[..., None] > 0, view.rgb, np.nan).astype(np.float32)
-
-
 def deviation_of_guess(J: Array, water: Water, z: Array) -> Array:
     """Return the standard deviation (3, P) that a guessed distance z (P,) gives colours J (3, P)."""
     B, beta, gamma = (np.asarray(p)[:, None] for p in (water.veiling_light, water.attenuation, water.backscatter))

@@ -1,10 +1,8 @@
 """Image filters that several methods use. If OpenCV or scikit-image has a filter, it is used here.
 
-Planes are (H, W) and images (H, W, 3) float32 RGB in [0, 1]. White balance and saliency take gamma-encoded intensities;
+Planes are (H, W) and images (H, W, 3) float32 RGB in [0, 1]. White balance takes gamma-encoded intensities;
 the others work on linear intensities, too. No filter changes its input.
 """
-
-from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -39,44 +37,11 @@ def equalised(rgb: Array, clip: float, tiles: int) -> Array:
     return from_lab(lab)
 
 
-def dark_channel(channels: Array, size: int) -> Array:
-    """Return (H, W): the least value of any of the channels (H, W, C) in a window of size x size pixels, size odd.
-
-    Windows are cut at the border.
-    """
-    import cv2
-
-    darkest = np.ascontiguousarray(channels.min(axis=-1), dtype=np.float32)
-    return np.asarray(cv2.erode(darkest, np.ones((size, size), np.uint8)))
-
-
 def window_max(plane: Array, size: int) -> Array:
     """Return the greatest value (H, W) in each pixel's window, cut at the border."""
     import cv2
 
     return np.asarray(cv2.dilate(np.ascontiguousarray(plane, dtype=np.float32), np.ones((size, size), np.uint8)))
-
-
-def saliency(rgb: Array) -> Array:
-    """Return (H, W) float32: how far each pixel's smoothed colour is from the image's mean colour, in L*a*b* / 100.
-
-    rgb: (H, W, 3) in [0, 1]. Without the division by the image's maximum that is for display, so that maps of
-    two images can be compared; the unit is the distance from black to white.
-    """
-    lab = to_lab(rgb) / 100
-    mean = lab.mean(axis=(0, 1), dtype=np.float64).astype(np.float32)
-    return np.asarray(np.linalg.norm(binomial(lab) - mean, axis=-1))
-
-
-def binomial(image: Array) -> Array:
-    """Return the image smoothed by the 5 x 5 binomial kernel (1 4 6 4 1) / 16; (H, W) or (H, W, C) float32.
-
-    Its response falls to a half at pi / 2.75, the cut-off that is named w_hc where it is used.
-    """
-    import cv2
-
-    kernel = np.array([1, 4, 6, 4, 1], np.float32) / 16
-    return np.asarray(cv2.sepFilter2D(image, -1, kernel, kernel))
 
 
 _FLAT = 1e-6  # a range of intensities below this is no contrast
@@ -98,23 +63,6 @@ def gray_world(rgb: Array) -> Array:
     """Return the image with channels scaled to equal means (Buchsbaum 1980), cut at 1; a black channel stays black."""
     gain = gray_world_gain(rgb.reshape(-1, 3)).astype(np.float32)
     return np.minimum(rgb * gain, 1)
-
-
-def mid_gray_gain(rgb: Array) -> Array:
-    """Return the (3,) float32 factors that bring each channel's mean to 0.5; 1 for a black channel."""
-    mean = rgb.mean(axis=(0, 1), dtype=np.float64)
-    there = mean > 1e-6
-    return np.where(there, 0.5 / np.where(there, mean, 1), 1).astype(np.float32)
-
-
-def shifted_to_gray(rgb: Array, cast: float) -> Array:
-    """Return the image with each channel's mean mu moved to 0.5 + cast * mu by adding a constant; it may leave [0, 1].
-
-    cast: share of the colour cast that stays; 0 removes all of it. A shift keeps each channel's contrast, so a channel
-    with little light gains no noise.
-    """
-    mean = rgb.mean(axis=(0, 1), dtype=np.float64)
-    return rgb + (0.5 + (cast - 1) * mean).astype(np.float32)
 
 
 def stretched_together(rgb: Array, percent: float) -> Array:
@@ -206,43 +154,3 @@ def box_mean(image: Array, radius: int) -> Array:
     )
     count = rows[:, None] * columns
     return np.asarray(total / (count if image.ndim == 2 else count[..., None]))
-
-
-def blended(images: Sequence[Array], weights: Iterable[Array], levels: int) -> Array:
-    """Return the images' weighted mean (H, W, 3), taken in each band of a pyramid: R_l = sum_k G_l(W_k) L_l(I_k).
-
-    images: (H, W, 3) float32; weights: (H, W) float32, one an image, of sum 1 at every pixel; levels: of the pyramid,
-    1 or more, the last one low-pass; at most `most_levels`. Values may leave the images' range near strong edges.
-    """
-    import cv2
-
-    levels = min(levels, most_levels(images[0].shape[:2]))
-    sums: list[Array] = []
-    for image, weight in zip(images, weights, strict=True):
-        for level, band in enumerate(_bands(image, levels)):
-            weight = np.asarray(cv2.pyrDown(weight)) if level else weight
-            if level == len(sums):
-                sums.append(band * weight[..., None])
-            else:
-                sums[level] += band * weight[..., None]
-    result = sums.pop()
-    while sums:
-        finer = sums.pop()
-        result = finer + np.asarray(cv2.pyrUp(result, dstsize=(finer.shape[1], finer.shape[0])))
-    return result
-
-
-def most_levels(shape: tuple[int, ...]) -> int:
-    """Return how many levels an image of shape (H, W) has room for: the smaller side of the last is 2 to 4 pixels."""
-    return max(1, min(shape).bit_length() - 1)
-
-
-def _bands(image: Array, levels: int) -> Iterator[Array]:
-    """The Laplacian pyramid from fine to coarse: what each level has that the next has not, and the last level."""
-    import cv2
-
-    for _ in range(levels - 1):
-        coarse: Array = np.asarray(cv2.pyrDown(image))
-        yield image - np.asarray(cv2.pyrUp(coarse, dstsize=(image.shape[1], image.shape[0])))
-        image = coarse
-    yield image

@@ -6,7 +6,7 @@ from dataclasses import is_dataclass
 from typing import Any, Literal, TypeVar, get_args
 
 from sucre_bench.errors import PluginError, did_you_mean
-from sucre_bench.imaging.display import check_display
+from sucre_bench.imaging.display import normalisation
 from sucre_bench.plugins.plugin import NEEDS, Better, Kind, Plugin, Role
 
 _C = TypeVar("_C", bound=type[Any])
@@ -71,7 +71,7 @@ def method(
     >>> sb.restore(LessBlue(0.25), sb.Scene("reef", [view], frozenset()), "a.png").image[0, 0].tolist()
     [0.4000000059604645, 0.4000000059604645, 0.10000000149011612]
     """
-    check_display(display)
+    normalisation(display)
     needs = frozenset(needs)
     if encoding == "gamma" and "poses" in needs:
         raise PluginError("encoding=gamma is for methods of one view", "method", "other views are given as they are")

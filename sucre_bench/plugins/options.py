@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from sucre_bench.errors import InputError, did_you_mean, unknown_name
-from sucre_bench.imaging.display import check_display
+from sucre_bench.imaging.display import normalisation
 from sucre_bench.machine.files import expanded, fault_of
 from sucre_bench.plugins.plugin import Kind, Plugin, fits
 from sucre_bench.plugins.registry import discover, find
@@ -227,7 +227,7 @@ def plugin_choice(kind: Kind, values: Any) -> Choice:
     label, display = values.pop("label", None), values.pop("display", "")
     if kind == "method":
         try:
-            check_display(display)
+            normalisation(display)
         except InputError as fault:
             raise InputError(f"'{display}' is unknown", "method.display", fault.remedy) from fault
     if label and not str(label).strip():

@@ -8,21 +8,18 @@ from scipy import ndimage
 
 from sucre_bench.imaging.cielab import from_lab, luma, to_lab
 from sucre_bench.imaging.filters import (
-    blended,
     box_mean,
-    dark_channel,
     denoised,
     equalised,
     gray_world,
     guided_filter,
-    mid_gray_gain,
-    most_levels,
     red_from_green,
-    shifted_to_gray,
     stretched_by_weakness,
     stretched_together,
     window_max,
 )
+from sucre_bench.methods.fusion import blended, most_levels
+from sucre_bench.methods.udcp import dark_channel
 
 RNG = np.random.default_rng(0)
 IMAGE = RNG.random((20, 23, 3)).astype(np.float32)
@@ -115,23 +112,6 @@ def test_gray_world_makes_the_means_equal_and_leaves_a_dead_channel():
     balanced = gray_world(IMAGE * np.float32([0.2, 0.5, 0.4]))
     np.testing.assert_allclose(balanced.mean(axis=(0, 1)), balanced.mean(), rtol=1e-4)
     assert not gray_world(IMAGE * np.float32([0, 1, 1]))[..., 0].any()
-
-
-def test_the_mid_gray_gain_brings_means_to_a_half_and_leaves_a_black_channel():
-    image = IMAGE * np.float32([0, 0.3, 1.5])
-    gain = mid_gray_gain(image)
-    assert gain.dtype == np.float32
-    np.testing.assert_allclose((image.astype(np.float64) * gain).mean(axis=(0, 1)), [0, 0.5, 0.5], rtol=1e-5)
-    assert gain[0] == 1
-
-
-@pytest.mark.parametrize("cast", [0.0, 0.2])
-def test_a_shift_to_gray_moves_the_means_and_keeps_all_differences(cast: float):
-    image = IMAGE * np.float32([0.1, 0.8, 0.5])
-    shifted = shifted_to_gray(image, cast).astype(np.float64)
-    means = image.astype(np.float64).mean(axis=(0, 1))
-    np.testing.assert_allclose(shifted.mean(axis=(0, 1)), 0.5 + cast * means, atol=1e-6)
-    np.testing.assert_allclose(np.diff(shifted, axis=0), np.diff(image, axis=0), atol=1e-6)
 
 
 def test_a_common_stretch_keeps_the_ratio_of_differences_between_channels():

@@ -8,8 +8,16 @@ from scipy import ndimage
 from skimage.color import rgb2lab
 
 from sucre_bench import Arrays, Scene, View
-from sucre_bench.imaging.filters import binomial, saliency
-from sucre_bench.methods.fusion import Fusion2012, Fusion2018, blend, sharpened, weight_2012, weight_2018
+from sucre_bench.methods.fusion import (
+    Fusion2012,
+    Fusion2018,
+    binomial,
+    blend,
+    saliency,
+    sharpened,
+    weight_2012,
+    weight_2018,
+)
 
 RNG = np.random.default_rng(0)
 IMAGE = RNG.random((13, 17, 3), dtype=np.float32)

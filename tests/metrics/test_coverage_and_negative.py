@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sucre_bench.arrays import Array
-from sucre_bench.metrics.coverage_and_negative import Coverage, Negative
+from sucre_bench.metrics.shares_and_counts import Coverage, Negative
 from sucre_bench.scene import Arrays, Restoration, Score, View
 
 NAN = np.nan

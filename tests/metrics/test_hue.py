@@ -8,7 +8,7 @@ from support.made_scene import TILTED, painted
 
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.chart_kinds import KINDS
-from sucre_bench.metrics.hue import Hue, HueError, hue_deg, turn_deg
+from sucre_bench.metrics.chart_colours import Hue, HueError, hue_deg, turn_deg
 from sucre_bench.scene import Arrays, Chart, Restoration, Score, View
 
 

@@ -7,7 +7,7 @@ import pytest
 from skimage.color import rgb2hsv
 
 from sucre_bench.arrays import Array
-from sucre_bench.metrics.saturated_red import SaturatedRed
+from sucre_bench.metrics.shares_and_counts import SaturatedRed
 from sucre_bench.scene import Arrays, Chart, Restoration, Score, View
 
 
