@@ -139,16 +139,17 @@ def make_ready(method: Any) -> None:
         importlib.import_module(package)
 
 
-def measured_restore(method: Any, scene: Scene, view: View) -> Measured:
+def measured_restore(method: Any, scene: Scene, view: View, word: str = "method") -> Measured:
     """Restore a view and measure it. PluginError when the result is not what a method must return.
 
-    The view's own planes are decoded before the clock starts: reading the target is not restoring it. Where a method
-    says of itself in `info` what it took ("seconds", "peak_mb"), since its work was done elsewhere, that counts.
+    word: see `restored`. The view's own planes are decoded before the clock starts: reading the target is not
+    restoring it. Where a method says of itself in `info` what it took ("seconds", "peak_mb"), since its work was done
+    elsewhere, that counts.
     """
     _ = view.rgb, view.has_depth
     with PeakMemory() as memory:
         started = time.perf_counter()
-        restoration = restored(method, scene, view)
+        restoration = restored(method, scene, view, word)
         seconds = time.perf_counter() - started
     info = restoration.info
     took = (float(info.get(name, measured)) for name, measured in (("seconds", seconds), ("peak_mb", memory.peak_mb)))
@@ -193,7 +194,7 @@ def _measured(job: Job, method: Any, task: Task, *, afresh: bool) -> Measured:
     at = f"method '{job.method.label}' on view '{name}'"
     try:
         with step(at, job.view_timeout_s), shown_with(job.method.display):
-            measured = measured_restore(method, scene, view)
+            measured = measured_restore(method, scene, view, job.method_word)
     except OutputError as fault:  # of its own files, in a full TMPDIR for example: results can still be written
         raise InputError(fault.fault, fault.place, fault.remedy) from fault
     if job.save == "full":

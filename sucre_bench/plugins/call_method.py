@@ -35,11 +35,6 @@ def display_of(method: Any) -> str:
     return _CHOSEN_DISPLAY.get() or str(method.__plugin__.display)
 
 
-def with_name(text: str, name: str) -> str:
-    """Return what a method says with its name before its options: "sucre.lamp=true" for "method.lamp=true"."""
-    return re.sub(r"\bmethod\.(?=[a-z])", f"{name}.", text)
-
-
 def with_truth(restoration: Restoration, scene: Scene, view: View) -> Restoration:
     """Return a restoration whose info holds the scene's "true_water" as well, where it is known."""
     if not scene.water:
@@ -47,10 +42,11 @@ def with_truth(restoration: Restoration, scene: Scene, view: View) -> Restoratio
     return replace(restoration, info={**restoration.info, "true_water": _explaining(scene.water, view.encoding)})
 
 
-def restored(method: Any, scene: Scene, view: View) -> Restoration:
+def restored(method: Any, scene: Scene, view: View, word: str = "method") -> Restoration:
     """Return a method's restoration, checked: the image in the view's encoding, float32 as the confidence is, the water
     saying what it explains.
 
+    word: what a user writes before the method's options, "sucre_photo" for "sucre_photo.lamp=true"; "method": its name.
     A method that assumes encoded intensities gets those of a linear view, and its image is decoded again. Raises
     PluginError when the result is not what a method must return, and what the method raises.
     """
@@ -59,7 +55,8 @@ def restored(method: Any, scene: Scene, view: View) -> Restoration:
     try:
         restoration = method.restore(scene, given)
     except SucreBenchError as fault:
-        fault.reword(lambda text: with_name(text, method.__plugin__.name))
+        name = method.__plugin__.name if word == "method" else word
+        fault.reword(lambda text: re.sub(r"\bmethod\.(?=[a-z])", f"{name}.", text))
         raise
     if not isinstance(restoration, Restoration):
         raise PluginError(f"the method returned {type(restoration).__name__}; a method returns a Restoration")

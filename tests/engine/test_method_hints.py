@@ -5,6 +5,7 @@ import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 PLUGIN = """
@@ -43,3 +44,21 @@ def test_a_hint_names_method_and_dataset_once_and_an_option_as_the_command_takes
     assert f" {word}.strong=true" in hints[0]
     assert re.search(rf"wary .*toy: {views - 1} ", done.stderr)
     assert done.stderr.splitlines().count("no view has this") == views
+
+
+def test_a_reason_names_an_option_as_the_command_takes_it(
+    bench: Callable[..., subprocess.CompletedProcess[str]], toys: str, tmp_path: Path
+):
+    broken = PLUGIN.replace("import Restoration, method", "import Restoration, SolveError, method")
+    broken = broken.replace(
+        "        return", '        raise SolveError("all is dark; use method.strong=true")\n        return'
+    )
+    (tmp_path / "wary.py").write_text(broken)
+    text = "datasets: [toy]\nmethods: [{name: wary, label: bright}]\nmetrics: [redness]\n"
+    (tmp_path / "lineup.yaml").write_text(text)
+    bench(
+        "run", "lineup.yaml", "--plugin", toys, "--plugin", "wary.py", "tracking.uri=off", "report=false", "out=results"
+    )
+    reasons = set(pd.read_parquet(tmp_path / "results/scores.parquet").reason)
+    assert len(reasons) == 1
+    assert "bright.strong=true" in reasons.pop()
