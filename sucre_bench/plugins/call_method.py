@@ -35,6 +35,11 @@ def display_of(method: Any) -> str:
     return _CHOSEN_DISPLAY.get() or str(method.__plugin__.display)
 
 
+def with_name(text: str, name: str) -> str:
+    """Return what a method says with its name before its options: "sucre.lamp=true" for "method.lamp=true"."""
+    return re.sub(r"\bmethod\.(?=[a-z])", f"{name}.", text)
+
+
 def with_truth(restoration: Restoration, scene: Scene, view: View) -> Restoration:
     """Return a restoration whose info holds the scene's "true_water" as well, where it is known."""
     if not scene.water:
@@ -56,7 +61,7 @@ def restored(method: Any, scene: Scene, view: View, word: str = "method") -> Res
         restoration = method.restore(scene, given)
     except SucreBenchError as fault:
         name = method.__plugin__.name if word == "method" else word
-        fault.reword(lambda text: re.sub(r"\bmethod\.(?=[a-z])", f"{name}.", text))
+        fault.reword(lambda text: with_name(text, name))
         raise
     if not isinstance(restoration, Restoration):
         raise PluginError(f"the method returned {type(restoration).__name__}; a method returns a Restoration")
