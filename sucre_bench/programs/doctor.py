@@ -4,14 +4,12 @@ In: the folder whose disk to check. Out: `Examined`, with machine, features and 
 """
 
 import ctypes
-import importlib.util
 import os
 import platform
 import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -34,7 +32,7 @@ OPEN3D_LIBRARIES = {
     "libgomp.so.1": "libgomp1",
 }
 
-# The packages of each feature that must be there, and of those that only some need with their modules.
+# The packages of each feature that must be there, and of those that only some need.
 _REQUIRED = {
     "SUCRe on the CPU": ["torch", "numba"],
     "SUCRe and others by JAX": ["jax"],
@@ -45,10 +43,10 @@ _REQUIRED = {
     "mlflow": ["mlflow"],
 }
 _OPTIONAL = {
-    "raw photos (.arw, .cr2, .nef)": ("rawpy", "rawpy"),
-    "depth maps in OpenEXR": ("OpenEXR", "OpenEXR"),
-    "MATLAB tables (squid)": ("mat-io", "matio"),
-    "documentation as a site": ("mkdocs", "mkdocs"),
+    "raw photos (.arw, .cr2, .nef)": "rawpy",
+    "depth maps in OpenEXR": "OpenEXR",
+    "MATLAB tables (squid)": "mat-io",
+    "documentation as a site": "mkdocs",
 }
 _PROGRAMS = {
     "videos in H.264, for slides": ["ffmpeg"],  # presentation programs need it, browsers play VP9
@@ -56,6 +54,7 @@ _PROGRAMS = {
     "tests in a browser": ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"],
 }
 
+_SLURM = ("sbatch", "squeue", "scancel", "srun")
 _LITTLE_DISK_GB = 2.0
 
 State = Literal["ready", "missing", "broken", "absent"]
@@ -105,20 +104,16 @@ def examine(out: Path = Path()) -> Examined:
         "disk": f"{disk.free / 2**30:.0f} of {disk.total / 2**30:.0f} GB free at {out.resolve()}",
         "gpu": gpu or "none found: torch and JAX run on the CPU",
     }
-    features = [_packages(name, packages) for name, packages in _REQUIRED.items()]
+    features = [_packages(name, *packages) for name, packages in _REQUIRED.items()]
     features += [_gpu(gpu), _open3d(), _plugins()]
-    for name, (package, module) in _OPTIONAL.items():
-        if importlib.util.find_spec(module) is not None:
-            features.append(Feature(name, "ready", f"{package} {provenance.version_of(package) or ''}".strip()))
-        else:
-            features.append(Feature(name, "missing", f"no {package}", _pip(package)))
+    features += [_packages(name, package, lacking="missing") for name, package in _OPTIONAL.items()]
     for name, programs in _PROGRAMS.items():
         found = next((path for program in programs if (path := shutil.which(program))), None)
         missing = Feature(name, "missing", f"no {programs[0]}", _apt(programs[0]))
         features.append(Feature(name, "ready", found) if found else missing)
-    name, absent = "a cluster, by SLURM", [p for p in ("sbatch", "squeue", "scancel", "srun") if not shutil.which(p)]
-    no_cluster = Feature(name, "absent", f"no {''.join(absent[:1])}: not a login node of a cluster")
-    features.append(no_cluster if absent else _packages(name, ["submitit"]))
+    cluster, absent = "a cluster, by SLURM", [name for name in _SLURM if not shutil.which(name)]
+    no_cluster = Feature(cluster, "absent", f"no {''.join(absent[:1])}: not a login node of a cluster")
+    features.append(no_cluster if absent else _packages(cluster, "submitit"))
     if disk.free < _LITTLE_DISK_GB * 2**30:
         said = f"less than {_LITTLE_DISK_GB:.0f} GB free; give another out=FOLDER"
         features.append(Feature("disk for results", "broken", said))
@@ -131,27 +126,27 @@ def examine(out: Path = Path()) -> Examined:
     )
 
 
-def _packages(name: str, packages: Sequence[str]) -> Feature:
-    """A feature of required packages: a missing one is a fault."""
+def _packages(name: str, *packages: str, lacking: State = "broken") -> Feature:
+    """A feature that needs packages. lacking: its state if one is not installed."""
     versions = {package: provenance.version_of(package) for package in packages}
     if absent := [package for package, version in versions.items() if version is None]:
-        return Feature(name, "broken", f"no {', '.join(absent)}", _pip(*absent))
+        return Feature(name, lacking, f"no {', '.join(absent)}", _pip(*absent))
     return Feature(name, "ready", ", ".join(f"{package} {version}" for package, version in versions.items()))
 
 
 def _gpu(gpu: str | None) -> Feature:
-    name, torch = "SUCRe on the GPU", provenance.version_of("torch")
+    feature = _packages("SUCRe on the GPU", "torch")
     if gpu is None:
-        return Feature(name, "absent", "no GPU here, or no driver (nvidia-smi)")
-    if torch is None:
-        return Feature(name, "broken", "no torch", _pip("torch"))
-    if "+cpu" in torch:
-        remedy = _pip("--force-reinstall", f"torch=={torch.partition('+')[0]}")
-        return Feature(name, "broken", f"torch {torch} is built for CPUs alone", remedy)
-    tried = _python("import torch; torch.zeros(1).cuda(); print(torch.cuda.get_device_name())")
-    if tried.returncode == 0:
-        return Feature(name, "ready", f"torch {torch} on {tried.stdout.strip()}")
-    return Feature(name, "broken", f"torch {torch} does not see the {gpu}: {_last(tried.stderr)}", "nvidia-smi")
+        return Feature(feature.name, "absent", "no GPU here, or no driver (nvidia-smi)")
+    if feature.state == "broken":
+        return feature
+    if "+cpu" in feature.said:
+        remedy = _pip("--force-reinstall", feature.said.partition("+")[0].replace(" ", "=="))
+        return Feature(feature.name, "broken", f"{feature.said} is built for CPUs alone", remedy)
+    works, line = _try("import torch; torch.zeros(1).cuda(); print(torch.cuda.get_device_name())")
+    if works:
+        return Feature(feature.name, "ready", f"{feature.said} on {line}")
+    return Feature(feature.name, "broken", f"{feature.said} does not see the {gpu}: {line}", "nvidia-smi")
 
 
 def _plugins() -> Feature:
@@ -172,9 +167,10 @@ def _plugins() -> Feature:
 
 def _open3d() -> Feature:
     """Open3D is imported in another process, because it may crash."""
-    installed = _packages("demo scene, surfaces", ["open3d"])
-    if installed.state != "ready" or not (tried := _python("import open3d")).returncode:
-        return installed
+    feature = _packages("demo scene, surfaces", "open3d")
+    works, line = _try("import open3d") if feature.state == "ready" else (True, "")
+    if works:
+        return feature
     absent = []
     for library, package in OPEN3D_LIBRARIES.items():
         try:
@@ -182,17 +178,15 @@ def _open3d() -> Feature:
         except OSError:
             absent.append(package)
     if absent:
-        return Feature(installed.name, "broken", "open3d lacks libraries of the system", _apt(*absent))
-    said = f"open3d does not import: {_last(tried.stderr) or f'exit code {tried.returncode}'}"
-    return Feature(installed.name, "broken", said, _pip("--force-reinstall", "open3d"))
+        return Feature(feature.name, "broken", "open3d lacks libraries of the system", _apt(*absent))
+    return Feature(feature.name, "broken", f"open3d does not import: {line}", _pip("--force-reinstall", "open3d"))
 
 
-def _python(code: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(python("-c", code), capture_output=True, text=True, check=False)
-
-
-def _last(text: str) -> str:
-    return (text.strip().splitlines() or [""])[-1]
+def _try(code: str) -> tuple[bool, str]:
+    """Run code in another Python. Return whether it succeeded, and its last line, of errors if it failed."""
+    done = subprocess.run(python("-c", code), capture_output=True, text=True, check=False)
+    lines = (done.stderr if done.returncode else done.stdout).strip().splitlines()
+    return done.returncode == 0, lines[-1] if lines else f"exit code {done.returncode}"
 
 
 def _pip(*words: str) -> str:

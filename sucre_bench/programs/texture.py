@@ -86,8 +86,10 @@ def choose_cells(frames: Sequence[Frame], voxel: float | None = None, *, most_ce
     """
     import psutil
 
-    footprints = [_footprint(frames[k].view) for k in evenly(len(frames), _LOOKED_AT)]
-    known = [one for one in footprints if one > 0]
+    known = []
+    for view in (frames[k].view for k in evenly(len(frames), _LOOKED_AT)):
+        if _is_fusable(view) and (depth := view.depth[::_STRIDE_PX, ::_STRIDE_PX]).max(initial=0) > 0:
+            known.append(np.median(depth[depth > 0]) / view.placed[0].K[0, 0])
     if not known:
         raise InputError("texture: no view has camera, pose and depth; choose a dataset that has them")
     footprint = float(np.median(known))
@@ -108,14 +110,6 @@ def choose_cells(frames: Sequence[Frame], voxel: float | None = None, *, most_ce
 
 def _is_fusable(view: View) -> bool:
     return view.camera is not None and view.cam_from_world is not None and view.has_depth
-
-
-def _footprint(view: View) -> float:
-    """The median footprint of a view's pixels on the surface, in metres; 0 without depth."""
-    if not _is_fusable(view):
-        return 0.0
-    depth = view.depth[::_STRIDE_PX, ::_STRIDE_PX]
-    return float(np.median(depth[depth > 0]) / view.placed[0].K[0, 0]) if (depth > 0).any() else 0.0
 
 
 def _occupied(frames: Sequence[Frame], side: float) -> int:
@@ -230,36 +224,35 @@ def _glb(model: Model, up: Array) -> bytes:
     levels = (srgb_decode(np.arange(256) / 255) * 65535 + 0.5).astype("<u2")
     colours = np.full((len(model.points), 4), 65535, "<u2")  # with alpha: each vertex is to begin at a multiple of four
     colours[:, :3] = levels[model.colours]
-    parts = (model.points.astype("<f4"), colours, model.triangles.astype("<u4"))
+    parts = [model.points.astype("<f4"), colours, model.triangles.astype("<u4").reshape(-1)]
     sizes = [part.nbytes for part in parts]
     starts = np.cumsum([0, *sizes]).tolist()
-    kinds = ((_FLOAT, "VEC3", _VERTICES), (_UINT16, "VEC4", _VERTICES), (_UINT32, "SCALAR", _INDICES))
-    counts = (len(model.points), len(model.points), model.triangles.size)
-    accessors = [
-        {"bufferView": k, "componentType": kind, "type": of, "count": n}
-        for k, ((kind, of, _), n) in enumerate(zip(kinds, counts, strict=True))
-    ]
     low, high = (bound(model.points, axis=0).tolist() for bound in (np.min, np.max))
-    accessors[0] |= {"min": low, "max": high}
-    accessors[1] |= {"normalized": True}
-    told = {
+    kinds = (
+        {"componentType": _FLOAT, "type": "VEC3", "min": low, "max": high},
+        {"componentType": _UINT16, "type": "VEC4", "normalized": True},
+        {"componentType": _UINT32, "type": "SCALAR"},
+    )
+    primitive = {"attributes": {"POSITION": 0, "COLOR_0": 1}, "indices": 2, "material": 0, "mode": 4}
+    content = {
         "asset": {"version": "2.0", "generator": "sucre_bench"},
         "extensionsUsed": ["KHR_materials_unlit"],
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0, "rotation": turn.as_quat().tolist()}],
-        "meshes": [
-            {"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 1}, "indices": 2, "material": 0, "mode": 4}]}
-        ],
+        "meshes": [{"primitives": [primitive]}],
         "materials": [{"extensions": {"KHR_materials_unlit": {}}, "doubleSided": True}],
-        "accessors": accessors,
+        "accessors": [
+            {"bufferView": k, "count": len(part), **kind}
+            for k, (part, kind) in enumerate(zip(parts, kinds, strict=True))
+        ],
         "bufferViews": [
             {"buffer": 0, "byteOffset": start, "byteLength": size, "target": target}
-            for start, size, (_, _, target) in zip(starts, sizes, kinds, strict=False)
+            for start, size, target in zip(starts, sizes, (_VERTICES, _VERTICES, _INDICES), strict=False)
         ],
         "buffers": [{"byteLength": starts[-1]}],
     }
-    text = json.dumps(told).encode()
+    text = json.dumps(content).encode()
     text += b" " * (-len(text) % 4)
     total = 12 + 8 + len(text) + 8 + starts[-1]
     head = b"glTF" + np.array([2, total, len(text)], "<u4").tobytes() + b"JSON"
@@ -278,14 +271,12 @@ def side_by_side(models: Mapping[str, Model], frames: Sequence[Frame]) -> Pictur
 def vantage(frames: Sequence[Frame]) -> tuple[Camera, Array]:
     """Return a camera behind and above the middle view's, aimed at the same surface, and its cam_from_world."""
     by_distance = sorted(range(len(frames)), key=lambda k: abs(k - len(frames) // 2))
-    for k in by_distance:
-        view = frames[k].view
-        if view.camera is not None and view.cam_from_world is not None and view.has_depth and view.valid.any():
-            break
-    else:
+    fusable = (view for k in by_distance if _is_fusable(view := frames[k].view) and view.valid.any())
+    if (view := next(fusable, None)) is None:
         raise InputError("texture: no view has camera, pose and depth; leave --picture out")
+    camera, cam_from_world = view.placed
     row, column = np.nonzero(view.valid)
-    points = unproject(view.camera, column + 0.5, row + 0.5, view.depth[row, column])
+    points = unproject(camera, column + 0.5, row + 0.5, view.depth[row, column])
     target = np.median(points, axis=1).astype(np.float64)
     eye = np.array([0.0, -_ABOVE, -_BACK]) * target[2]
     forward = (target - eye) / np.linalg.norm(target - eye)
@@ -296,7 +287,7 @@ def vantage(frames: Sequence[Frame]) -> tuple[Camera, Array]:
     turn[:3, 3] = -turn[:3, :3] @ eye
     wide, high = _SIZE
     K = np.array([[_FOCAL * wide, 0, wide / 2], [0, _FOCAL * wide, high / 2], [0, 0, 1.0]])
-    return Camera(K, wide, high), turn @ view.cam_from_world
+    return Camera(K, wide, high), turn @ cam_from_world
 
 
 def rendered(model: Model, camera: Camera, cam_from_world: Array) -> Picture:
