@@ -13,16 +13,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array, evenly
 from sucre_bench.camera import pixel_rays
-from sucre_bench.programs.describe.facts import (
-    MOST_POINTS,
-    MOST_TARGETS,
-    Look,
-    Overlap,
-    ViewFacts,
-    placed,
-    seen_from,
-    some_points,
-)
+from sucre_bench.programs.describe.facts import Look, Overlap, ViewFacts, placed, seen_from, some_points
 from sucre_bench.scene import Arrays, View
 
 _PREPARE = "`sucre-bench prepare PHOTOS dive/` makes"
@@ -31,6 +22,7 @@ _SATURATED, _COVERED = 0.05, 0.5  # shares of pixels
 _DISAGREES, _DOUBTFUL = 0.03, 0.01  # median relative disagreement of depth; photogrammetry that fits is at .0005 to .01
 _NARROW = 1.3  # farthest by nearest distance; at 4 m by 3 m the normal equations of the water are as good as singular
 _SAME = 0.5  # 8-bit levels: mean difference of reduced pictures
+_TARGETS, _POINTS = 40, 8000  # views, and points of a view, among which mistakes are sought
 _FIRM, _LOOSE = 0.01, 0.06  # relative tolerance in the search for mistakes: of one, and of scales on a coarse grid
 _SCALES = (0.001, 0.01, *(float(s) for s in np.geomspace(0.1, 10, 41)), 100.0, 1000.0)
 
@@ -129,7 +121,7 @@ def _mistake(views: Sequence[View]) -> Fault | None:
 
     Without it at least half as many points more must agree, and at least a tenth of all.
     """
-    targets = evenly(len(views), MOST_TARGETS)
+    targets = evenly(len(views), _TARGETS)
     targets = targets[:: max(1, len(targets) // 8)]
     pairs = [(k, j) for k in targets for j in range(max(0, k - 2), min(len(views), k + 3)) if j != k]
     as_is = _agreeing(views, pairs)
@@ -177,7 +169,7 @@ def _agreeing(
     views: Sequence[View], pairs: Sequence[tuple[int, int]], tolerance: float = _FIRM, scale: float = 1.0
 ) -> float:
     """The share of points that project to a place of the same depth in another view, all depth maps times a factor."""
-    points = {k: some_points(views[k], MOST_POINTS)[2][::8] * scale for k in {k for k, _ in pairs}}  # a few are enough
+    points = {k: some_points(views[k], _POINTS)[2][::8] * scale for k in {k for k, _ in pairs}}  # a few are enough
     agreeing = [np.empty(0, bool)]
     for k, j in pairs:
         _, _, z, d = seen_from(views[j], views[k], points[k])

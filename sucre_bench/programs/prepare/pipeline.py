@@ -4,8 +4,7 @@ import errno
 import hashlib
 import json
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -46,20 +45,6 @@ def _stage(work: Path, name: str, *depends: object, outdated: Iterable[Path] = (
     return _Stage(folder, key, folder / "done")
 
 
-@contextmanager
-def _full_disk_named(out: Path) -> Iterator[None]:
-    """Raise OutputError in place of what any library raises when the disk is full."""
-    try:
-        yield
-    except SucreBenchError:
-        raise
-    except Exception as fault:
-        full = isinstance(fault, OSError) and fault.errno in (errno.ENOSPC, errno.EDQUOT)
-        if full or (out.exists() and shutil.disk_usage(out).free < 1 << 20):
-            raise OutputError("the disk is full", out, "free some space and repeat the command") from fault
-        raise
-
-
 def prepare(
     folder: Path, out: Path, options: Options | None = None, known: Known | None = None, again: bool = False
 ) -> Prepared:
@@ -69,8 +54,15 @@ def prepare(
     with other options.
     Raises InputError if photos or options are unusable, OutputError if `out` cannot be written.
     """
-    with _full_disk_named(out):
+    try:
         return _prepare(folder, out, options or Options(), known or {}, again)
+    except SucreBenchError:
+        raise
+    except Exception as fault:  # what any library raises when the disk is full
+        full = isinstance(fault, OSError) and fault.errno in (errno.ENOSPC, errno.EDQUOT)
+        if full or (out.exists() and shutil.disk_usage(out).free < 1 << 20):
+            raise OutputError("the disk is full", out, "free some space and repeat the command") from fault
+        raise
 
 
 def _prepare(folder: Path, out: Path, options: Options, known: Known, again: bool) -> Prepared:
@@ -176,13 +168,13 @@ def _unplaced(photos: Sequence[Photo], mapped: Mapped) -> dict[str, str]:
 
 
 def _warnings(mapped: Mapped, scale: Scale) -> tuple[str, ...]:
-    groups, metres = "", ""
+    warnings = []
     if len(mapped.groups) > 1 and mapped.groups[1] > 2:
         sizes = " and ".join(map(str, mapped.groups))
-        groups = f"the photos fall into groups of {sizes} that share no views; only the first is used"
+        warnings.append(f"the photos fall into groups of {sizes} that share no views; only the first is used")
     if not scale.is_metric:
-        metres = (
+        warnings.append(
             "the scale is arbitrary: depths are not metres, and a beta or gamma fitted on them is per unit, not"
             " 1/m; restored colours do not depend on it. For metres give --distance, --length, --depth-track or --scale"
         )
-    return tuple(filter(None, (groups, metres)))
+    return tuple(warnings)
