@@ -271,8 +271,9 @@ def side_by_side(models: Mapping[str, Model], frames: Sequence[Frame]) -> Pictur
 def vantage(frames: Sequence[Frame]) -> tuple[Camera, Array]:
     """Return a camera behind and above the middle view's, aimed at the same surface, and its cam_from_world."""
     by_distance = sorted(range(len(frames)), key=lambda k: abs(k - len(frames) // 2))
-    fusable = (view for k in by_distance if _is_fusable(view := frames[k].view) and view.valid.any())
-    if (view := next(fusable, None)) is None:
+    views = (frames[k].view for k in by_distance)
+    view = next((view for view in views if _is_fusable(view) and view.valid.any()), None)
+    if view is None:
         raise InputError("texture: no view has camera, pose and depth; leave --picture out")
     camera, cam_from_world = view.placed
     row, column = np.nonzero(view.valid)

@@ -101,20 +101,14 @@ def read_record(out: Path) -> Prepared | None:
         return None
     try:
         record = json.loads(file.read_bytes())
-        known = dict(record["scale"].pop("known"))
-        return Prepared(
-            out,
-            qualities=tuple(
-                Quality(**{name: np.nan if value is None else value for name, value in image.items()})
-                for image in record["images"]
-            ),
-            damaged=dict(record["damaged"]),
-            unplaced=dict(record["unplaced"]),
-            scale=Scale(**record["scale"]),
-            known=known,
-            warnings=tuple(record["warnings"]),
-            keys=(record["made_of"]["model"], record["made_of"]["depths"]),
-        )
+        scale = dict(record["scale"])
+        known = scale.pop("known")
+        rows: list[dict[str, Any]] = record["images"]
+        rows = [{k: float("nan") if v is None else v for k, v in row.items()} for row in rows]
+        qualities = tuple(Quality(**row) for row in rows)
+        keys = record["made_of"]["model"], record["made_of"]["depths"]
+        damaged, unplaced, warnings = dict(record["damaged"]), dict(record["unplaced"]), tuple(record["warnings"])
+        return Prepared(out, qualities, damaged, unplaced, Scale(**scale), dict(known), warnings, keys)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as fault:
         remedy = "remove it, and give the scale again if one was given"
         raise InputError("is not what prepare wrote", file, remedy) from fault
