@@ -39,7 +39,7 @@ _FAR_VALUE = 65535
 _CAMERA = "camM0.yaml"
 _TIMES = "camM0_timestamps.csv"
 _POSES = "camM0_poses/camM0_poses_transformation_matrix.csv"
-_MATRIX = (*(f"r{row}{column}" for row in "123" for column in "123"), "s_x_vw", "s_y_vw", "s_z_vw")
+_MATRIX = ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33", "s_x_vw", "s_y_vw", "s_z_vw")
 # Time stamps passed through float32 (4999936 for 5 ms), and clocks start up to 5 ms apart. Frames are 100 ms apart.
 _SAME_TIME_NS = 10_000_000
 

@@ -37,7 +37,7 @@ from sucre_bench.datasets.demo.seabed import (
     place_board,
 )
 from sucre_bench.errors import OutputError
-from sucre_bench.imaging.chart_kinds import KINDS
+from sucre_bench.imaging.chart_kinds import KINDS, chart_kind
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import write_png
 from sucre_bench.machine.files import user_cache
@@ -170,7 +170,7 @@ VERSION = 1  # to be raised whenever equal options make another scene than befor
 
 def scene_id(options: Mapping[str, Any]) -> str:
     """Return a hash of the options that decide the scene's files; it names their folder and identifies the scene."""
-    content = json.dumps([VERSION, options, repr(KINDS)], sort_keys=True)
+    content = json.dumps([VERSION, options, repr({name: chart_kind(name) for name in KINDS})], sort_keys=True)
     return hashlib.blake2b(content.encode(), digest_size=6).hexdigest()
 
 

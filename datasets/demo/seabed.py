@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.chart_kinds import KINDS
+from sucre_bench.imaging.chart_kinds import chart_kind
 from sucre_bench.machine.compute import usable_cores
 
 # Smooth random fields over space: a point has the same value on every grid.
@@ -358,7 +358,7 @@ class Board:
 
 def place_board(site: Site, terrain: Terrain, texel: float) -> Board:
     """Return the board of a site, standing on the ground there. texel: of its picture, metres."""
-    kind = KINDS[site.kind]
+    kind = chart_kind(site.kind)
     width, height = site.width, site.width * kind.height / kind.width
     turn, tilt = np.deg2rad((site.heading, site.tilt))
     right = np.array([np.cos(turn), np.sin(turn), 0])
@@ -397,7 +397,7 @@ def _paint_board(site: Site, width: float, height: float, texel: float) -> Array
         picture[slice(*np.searchsorted(y, (y0, y1))), slice(*np.searchsorted(x, (x0, x1)))] = colour
 
     fill(-_FRAME_M, -_FRAME_M, width + _FRAME_M, height + _FRAME_M, _FRAME)
-    for patch in KINDS[site.kind].patches:
+    for patch in chart_kind(site.kind).patches:
         x0, y0, x1, y1 = patch.box
         fill(x0 * width, y0 * height, x1 * width, y1 * height, patch.srgb)
     return picture

@@ -85,7 +85,6 @@ def restoration(
             "veil_known": not any(uncertainty.is_weak),
             **solution.about,
             "stage_seconds": dict(stage_seconds),
-            "seconds": stage_seconds["pair"] + stage_seconds["solve"],
         },
     )
 

@@ -17,7 +17,7 @@ from sucre_bench import plugins
 from sucre_bench.commands.completion import complete_words
 from sucre_bench.commands.shared_options import KINDS, json_option, plugin_option, print_json, refuse_options
 from sucre_bench.degrade import Degradation
-from sucre_bench.jobs.catalogue import entry, option_entry, preset_entries
+from sucre_bench.jobs.catalogue import GROUPS, entry, option_entry, preset_entries
 from sucre_bench.plugins.options import Option, options_of
 from sucre_bench.plugins.plugin import Broken, Plugin
 
@@ -68,7 +68,7 @@ def _named(what: str, names: Sequence[str]) -> list[_Item]:
     else:
         kind = next((kind for kind in plugins.KINDS if what == f"{kind}s"), None)
         known = [*(plugins.discover(kind).items() if kind else ())]
-        known += [(str(preset["name"]), preset) for preset in preset_entries(what[:-1])]
+        known += [(str(preset["name"]), preset) for preset in preset_entries(GROUPS[kind] if kind else what[:-1])]
     every = [name for name, _ in known]
     for name in names:
         if name not in every:

@@ -19,9 +19,6 @@ from sucre_bench.engine.run import Outcome
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.machine import progress, terminal
 from sucre_bench.machine.text_formats import masked
-from sucre_bench.reports import mlflow, paper
-from sucre_bench.reports import page as report
-from sucre_bench.reports.paper import Written
 from sucre_bench.results import with_remedy
 from sucre_bench.results.layout import log_path
 from sucre_bench.results.reasons import unscored, without_view
@@ -46,7 +43,7 @@ def as_object(outcome: Outcome, comparisons: Sequence[Comparison]) -> dict[str, 
 
     The counts are of restorations; paths are as given in out=, null where nothing was written.
     """
-    study, page = _written(outcome, comparisons)
+    paths, notes, page = _written(outcome, comparisons)
     kinds = ("failed", "skipped", "scores_failed")
     faults = {name: [asdict(fault) for fault in getattr(outcome, name)] for name in kinds}
     counts = ("exit_code", "ok", "cached", "interrupted", "crashed", "nothing_scored", "datasets", "methods")
@@ -57,8 +54,8 @@ def as_object(outcome: Outcome, comparisons: Sequence[Comparison]) -> dict[str, 
         "table": str(outcome.out / results.TABLE) if len(outcome.rows) else None,
         "log": str(log_path(outcome.out)) if outcome.failed or outcome.scores_failed else None,
         "page": None if page is None else str(page),
-        "study": [str(path) for path in study.paths],
-        "notes": list(study.notes),
+        "study": [str(path) for path in paths],
+        "notes": notes,
     }
 
 
@@ -71,15 +68,16 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
         against = ("--baseline", comparisons[0].baseline) if comparisons and comparisons[0].baseline else ()
         words = ("sucre-bench", "compare", str(outcome.out), *against, *_EVERYTHING)
         click.echo(f"more: {shlex.join(words)}")
-    study, page = _written(outcome, comparisons)
+    study, notes, page = _written(outcome, comparisons)
     for colour, kind, faults in (
         ("red", "failed", (*outcome.failed, *outcome.scores_failed)),
         ("yellow", "skipped", outcome.skipped),
     ):
         for line in _grouped(faults):
             _say(f"{kind}  {line}", colour)
-    for missing in unscored(outcome.rows, outcome.nothing_scored):
-        _say(f"not scored  {missing}", "yellow" if outcome.nothing_scored else "dim")
+    if (outcome.rows["status"] == "skipped").any():
+        for missing in unscored(outcome.rows, outcome.nothing_scored):
+            _say(f"not scored  {missing}", "yellow" if outcome.nothing_scored else "dim")
     if outcome.interrupted:
         click.echo("stopped; the same command continues from here")
     made = f" ({outcome.cached} cached)" if outcome.cached else ""
@@ -88,20 +86,34 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
     if outcome.failed or outcome.scores_failed:
         click.echo(f"log      {log_path(outcome.out)}")
     click.echo(f"results  {outcome.out}")
-    for note in study.notes:
+    for note in notes:
         _say(note, "yellow")
-    for folder, paths in itertools.groupby(study.paths, lambda path: path.parent):
+    for folder, paths in itertools.groupby(study, lambda path: path.parent):
         first, *others = paths
         click.echo(f"{folder.name:9}{f'{folder}{os.sep} ({1 + len(others)} files)' if others else first}")
     if page is not None:
         click.echo(f"page     {page}")
 
 
-def _written(outcome: Outcome, comparisons: Sequence[Comparison]) -> tuple[Written, Path | None]:
-    """The study's files and the page, where they are wanted."""
-    study = write_study(outcome, comparisons)
-    wanted = outcome.wants_report and len(outcome.rows)
-    return study, report.write(outcome.out, outcome.rows, comparisons) if wanted else None
+def _written(outcome: Outcome, comparisons: Sequence[Comparison]) -> tuple[Sequence[Path], Sequence[str], Path | None]:
+    """Write what is wanted: the tables and figures that the command's experiment asks for, and the page.
+
+    Returns the files of the experiment and its notes, and the page.
+    """
+    paths, notes, page = tuple[Path, ...](), list[str](), None
+    if outcome.study is not None:
+        from sucre_bench.reports import paper
+
+        requested = outcome.requested_rows
+        is_whole = len(requested) == (outcome.rows["view"] != "").sum()  # else the folder holds other rows too
+        known = comparisons if is_whole else ()
+        made = paper.write(outcome.study, requested, outcome.out, outcome.methods, outcome.datasets, known)
+        paths, notes = made.paths, [*made.notes]
+    if outcome.wants_report and len(outcome.rows):
+        from sucre_bench.reports.page import write
+
+        page = write(outcome.out, outcome.rows, comparisons)
+    return paths, notes, page
 
 
 def _say(text: str, style: str) -> None:
@@ -118,20 +130,14 @@ def _grouped(faults: Sequence[Fault]) -> Iterator[str]:
         yield f"{where} / {which}: {with_remedy(reason)}"
 
 
-def write_study(outcome: Outcome, comparisons: Sequence[Comparison]) -> Written:
-    """Write the tables and figures that the command's experiment asks for, if it does."""
-    if outcome.study is None:
-        return Written((), ())
-    requested = outcome.requested_rows
-    is_whole = len(requested) == (outcome.rows["view"] != "").sum()  # else the folder holds other rows too
-    known = comparisons if is_whole else ()
-    return paper.write(outcome.study, requested, outcome.out, outcome.methods, outcome.datasets, known)
-
-
 def track(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
     """Log the run in mlflow, unless tracking is off or knows all of it. If that fails, print the reason in one line."""
     uri, experiment = outcome.tracking.uri, outcome.tracking.experiment
-    if uri == "off" or mlflow.is_logged(outcome.out, uri, experiment):
+    if uri == "off":
+        return
+    from sucre_bench.reports import mlflow
+
+    if mlflow.is_logged(outcome.out, uri, experiment):
         return
     with progress.live():
         progress.say(f"mlflow   logging in {masked(uri)}; all results are written already")

@@ -7,7 +7,7 @@ tie if the interval of their paired difference includes 0. At most 5 % of column
 """
 
 from sucre_bench.compare.answer import verdicts
-from sucre_bench.compare.choose_pixels import Pixels, on_pixels
+from sucre_bench.compare.choose_pixels import Pixels, leaves_holes, on_pixels
 from sucre_bench.compare.compare_rows import against, compare, only, without_replicates
 from sucre_bench.compare.gate import Gate, Gated, gated
 from sucre_bench.compare.load_folders import load, refusals, refuse
@@ -30,6 +30,7 @@ __all__ = [
     "compare",
     "gated",
     "is_fresh",
+    "leaves_holes",
     "load",
     "on_pixels",
     "only",

@@ -31,18 +31,21 @@ _RESULT = ["value", "n_pixels", "coverage", "status", "reason"]
 _Place = tuple[str, str, str]
 
 
-def on_pixels(rows: DataFrame, common: DataFrame, pixels: Pixels = "common") -> DataFrame:
+def leaves_holes(rows: DataFrame) -> bool:
+    """Whether a method leaves a hole in a view, in data old or new: else all fill the same pixels."""
+    return bool((restorations(rows)["coverage"] < 1).any())
+
+
+def on_pixels(rows: DataFrame, common: DataFrame | None, pixels: Pixels = "common") -> DataFrame:
     """Return rows with scores on common pixels in the place of own ones, where methods fill a view differently.
 
-    rows: of the score table; common: of `results.read_common`; pixels: "own" leaves every score as it is.
+    rows: of the score table; common: of `results.read_common`, None where no method `leaves_holes`; pixels: "own"
+    leaves every score as it is.
     Three columns are added. `pixels`: "own" or "common"; `pixels_share`: the share of the image that the common pixels
     have, else NaN; `pixels_reason`: why a score is on own pixels although methods fill the view differently.
     """
     rows = rows.assign(pixels="own", pixels_share=math.nan, pixels_reason="")
-    if pixels == "own":
-        return rows
-    whole = restorations(rows)
-    if not (whole["coverage"] < 1).any():  # no method leaves a hole, in data old or new
+    if common is None or pixels == "own" or not leaves_holes(rows):
         return rows
     whole = restorations(rows[is_fresh(rows)])
     scored = rows[scores_of_pixels(rows) & (rows["status"] == "ok")]

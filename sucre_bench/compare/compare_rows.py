@@ -37,7 +37,7 @@ def compare(
         raise InputError(f"no scores of '{baseline}' to compare with; {did_you_mean(baseline, order)}")
     rows = rows.assign(_fresh=is_fresh(rows), _asked=asked)
     if "pixels" not in rows:
-        rows = on_pixels(rows, rows[:0], "own")
+        rows = on_pixels(rows, None)
     numbers = {name: results.unreplicated(name)[1] for name in rows["scene"].unique()}
     rows = without_replicates(rows.assign(_replicate=rows["scene"].map(numbers)))
     of_patch = rows["region"].str.contains("/", regex=False)

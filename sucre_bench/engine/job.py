@@ -31,7 +31,6 @@ from sucre_bench.machine.compute import PeakMemory
 from sucre_bench.machine.files import remove
 from sucre_bench.machine.processes import step
 from sucre_bench.machine.text_formats import now
-from sucre_bench.multiview.stored_pairs import sharing
 from sucre_bench.plugins.call_method import restored, shown_with, with_truth
 from sucre_bench.results.layout import decoded_path, file_name, log_path, pairs_path
 from sucre_bench.results.restorations import Measured, read_full, write_full, write_pictures
@@ -85,6 +84,8 @@ class JobAtWork(Work):
             return
         with ExitStack() as block:
             if job.shared_pairs:
+                from sucre_bench.multiview.stored_pairs import sharing
+
                 block.enter_context(sharing(pairs_path(job.out) / job.shared_pairs, job.pairs_gb * 2**30))
             if job.cache_gb and decoded_path(job.out).is_dir():
                 block.enter_context(storing(ArrayStore(decoded_path(job.out), job.cache_gb * 2**30)))

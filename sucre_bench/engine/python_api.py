@@ -239,7 +239,7 @@ def list_experiments() -> DataFrame:
 def _table(kind: plugins.Kind, *columns: str) -> DataFrame:
     import pandas as pd
 
-    known = [entry for entry in catalogue.entries(kind) if "installed" in entry]
+    known = [entry for entry in map(catalogue.entry, plugins.discover(kind).values()) if "installed" in entry]
     if kind == "method":
         known += catalogue.configured_entries(kind)
     table = pd.DataFrame(known).set_index("name")

@@ -104,10 +104,12 @@ def run(overrides: Sequence[str], multirun: bool) -> Outcome:
             with terminated_as_interrupt():
                 crashed = not _run_jobs(command, planned)
                 if not crashed:
-                    run_works([Work("pairs of views", partial(score_across_views, planned))], n_alone)
+                    if any(metric.plugin.is_of_pairs for plan in planned for metric in plan.job.metrics):
+                        run_works([Work("pairs of views", partial(score_across_views, planned))], n_alone)
                     rows = results.merge(first.out)
-                    on_common_pixels = partial(score_on_common_pixels, planned, rows, first.out)
-                    run_works([Work("common pixels", on_common_pixels)], n_alone)
+                    if compare.leaves_holes(rows):  # else all methods fill the same pixels
+                        on_common_pixels = partial(score_on_common_pixels, planned, rows, first.out)
+                        run_works([Work("common pixels", on_common_pixels)], n_alone)
         except KeyboardInterrupt:
             interrupted = True
         finally:
@@ -213,7 +215,7 @@ def _outcome(rows: DataFrame, planned: Sequence[Planned], interrupted: bool, cra
             elif status == "failed" or not interrupted:
                 failed.append(fault)
     first = planned[0].job
-    scores = compare.on_pixels(rows, read_common(first.out))
+    scores = compare.on_pixels(rows, read_common(first.out) if compare.leaves_holes(rows) else None)
     is_of_request = [row[4] in metrics.get(row[:4], ()) for row in values_of(scores, *keys, "metric")]
     of_request = scores[is_of_request]
     return Outcome(

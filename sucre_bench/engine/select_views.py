@@ -42,7 +42,7 @@ def select(overrides: Sequence[str]) -> list[Selection]:
     """Return every scene of which views are chosen, in the dataset's order; pixels stay unread.
 
     degrade.within and degrade.keep choose views around one that is restored, and mean nothing here.
-    Raises InputError as `config.jobs` does, for data that are not as expected, and for a name that no view has.
+    Raises InputError as `compose_jobs.jobs` does, for data that are not as expected, and for a name that no view has.
     """
     from sucre_bench.jobs import compose_jobs
 

@@ -118,6 +118,10 @@ def _patches(names: Sequence[str], boxes: Sequence[Box], lab: Array, srgb: Array
 
 
 _SG = "colorchecker_sg"
+
+# The charts whose tables stand in this file.
+KINDS = ("dgk", "colorchecker24")
+
 Triple = tuple[float, float, float]
 Box = tuple[float, float, float, float]
 
@@ -155,7 +159,7 @@ def chart_kind(name: str) -> ChartKind:
     Raises InputError, with the nearest name where there is none, and for a file that describes no chart.
     """
     if name in KINDS:
-        return KINDS[name]
+        return _printed(name)
     if name == _SG:
         return colorchecker_sg()
     if name.lower().endswith(".csv"):
@@ -237,19 +241,21 @@ def _grid(
     return ChartKind(name, _patches(names, boxes, np.array(lab, np.float64), np.array(srgb) / 255), *size)
 
 
-KINDS: dict[str, ChartKind] = {
-    "dgk": _grid(
-        "dgk",
-        _DGK,
-        columns=[(0.045 + 0.157 * k, 0.185 + 0.157 * k) for k in range(6)],  # measured on a rectified image
-        rows=[(0.05, 0.48), (0.51, 0.71), (0.75, 0.95)],
-        size=(6, 4),
-    ),
-    "colorchecker24": _grid(
-        "colorchecker24",
+@functools.cache
+def _printed(name: str) -> ChartKind:
+    """The kind of `KINDS` with that name."""
+    if name == "dgk":
+        return _grid(
+            name,
+            _DGK,
+            columns=[(0.045 + 0.157 * k, 0.185 + 0.157 * k) for k in range(6)],  # measured on a rectified image
+            rows=[(0.05, 0.48), (0.51, 0.71), (0.75, 0.95)],
+            size=(6, 4),
+        )
+    return _grid(
+        name,
         _COLORCHECKER,
         columns=[(46 * k / 270, (46 * k + 40) / 270) for k in range(6)],  # patches of 40 mm, 6 mm apart
         rows=[(46 * k / 178, (46 * k + 40) / 178) for k in range(4)],
         size=(270, 178),
-    ),
-}
+    )

@@ -238,11 +238,6 @@ def _fitting(folder: Path) -> dict[str, Path]:
 # -- what lists show -----------------------------------------------------------------------------------------
 
 
-def entries(kind: Kind) -> list[dict[str, Any]]:
-    """Return what is known of each plugin of a kind, and after them the presets of conf/ for that kind."""
-    return [*map(entry, plugins.discover(kind).values()), *preset_entries(kind)]
-
-
 def entry(plugin: Plugin | Broken) -> dict[str, Any]:
     """Return what is known of a plugin: name, description, needs, options ... or "broken": why it cannot be used."""
     if isinstance(plugin, Broken):

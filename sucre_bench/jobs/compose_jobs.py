@@ -45,9 +45,9 @@ from sucre_bench.results.rows import fingerprint
 class Command:
     """What the words of a command ask for.
 
-    words: the overrides, with ~ expanded; is_sweep: whether a launcher hands out the jobs; launcher: its options, its
-    class as `_target_`, empty for this machine; shared_pairs: the folder where its jobs share pairs, the same for the
-    same words, empty if they share none.
+    words: the overrides, with ~ expanded; is_sweep: whether it may have several jobs: by -m, a line-up, or a word for
+    Hydra; launcher: its options, its class as `_target_`, empty for this machine; shared_pairs: the folder where its
+    jobs share pairs, the same for the same words, empty if they share none.
     """
 
     jobs: tuple[Job, ...]

@@ -29,7 +29,7 @@ from sucre_bench.plugins.options import Choice, plain_value, plugin_choice, seed
 
 @dataclass(frozen=True)
 class Job:
-    """One dataset, one method, some metrics: what one Hydra job does.
+    """One dataset, one method, some metrics: what one job does.
 
     degrade: what is done to the dataset first; shard: which part of the views it does; values: all of this as plain
     data; shared_pairs: the folder where the jobs of its command share pairs, empty if they share none; method_word:

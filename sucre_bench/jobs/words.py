@@ -90,7 +90,7 @@ def _is_text(key: str) -> bool:
     """Whether an option is a name or a path."""
     owner, _, name = key.rpartition(".")
     if not owner:
-        return name in ("out", "baseline")
+        return name in ("out", "baseline", "dataset", "method")
     options = (o for kind in ("dataset", "method") for p in plugins.usable(kind).values() for o in options_of(p.cls))
     return name == "label" or any(o.name == name and Path in (o.type, *get_args(o.type)) for o in options)
 

@@ -69,7 +69,7 @@ def observe(
 ) -> Observations:
     """Pair the target with the views (itself among them) and return all observations of its pixels with depth.
 
-    rule: "mutual", the paper's, or "depth", see pairing.py; tolerance: of the rule "depth", relative;
+    rule: "mutual", the paper's, or "depth", see match_rules.py; tolerance: of the rule "depth", relative;
     encoding: "view" keeps colours as they are, "linear" decodes gamma-encoded ones (as sRGB) and keeps 16 bits;
     with_view, with_ray: fill these fields of the result; folder: an empty folder to hold arrays in, not in memory.
 

@@ -19,7 +19,7 @@ from support.spots import check_message, cut
 import sucre_bench as sb
 from sucre_bench.datasets.photos import U45, Lsui, Photos, Uieb
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.chart_kinds import KINDS
+from sucre_bench.imaging.chart_kinds import chart_kind
 from sucre_bench.scene import Scene
 
 
@@ -63,7 +63,7 @@ def test_photos_have_references_of_the_same_path(tmp_path: Path) -> None:
 
 def write_chart(folder: Path, *names: str) -> None:
     """Photographs that show a chart in its own colours, one among stones, and where it lies."""
-    image = np.rint(255 * painted(KINDS["dgk"], TILTED)).astype(np.uint8)
+    image = np.rint(255 * painted(chart_kind("dgk"), TILTED)).astype(np.uint8)
     for name in names:
         write_image(folder / name, image)
     marked = {name: {"chart1": TILTED.tolist()} for name in names}

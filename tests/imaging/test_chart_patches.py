@@ -19,7 +19,7 @@ from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.scene import Chart
 
 
-@pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.name)
+@pytest.mark.parametrize("kind", map(chart_kind, KINDS), ids=lambda kind: kind.name)
 def test_patches_are_numbered_named_once_inside_the_frame_and_apart(kind: ChartKind) -> None:
     assert [p.number for p in kind.patches] == list(range(1, len(kind.patches) + 1))
     assert len({p.name for p in kind.patches}) == len(kind.patches)
@@ -33,8 +33,8 @@ def test_patches_are_numbered_named_once_inside_the_frame_and_apart(kind: ChartK
 
 
 def test_dgk_has_the_six_grays_and_twelve_colours_that_psi_is_averaged_over() -> None:
-    assert [p.number for p in KINDS["dgk"].patches if p.colour] == list(range(7, 19))
-    grays = np.array([p.srgb for p in KINDS["dgk"].patches if not p.colour])
+    assert [p.number for p in chart_kind("dgk").patches if p.colour] == list(range(7, 19))
+    grays = np.array([p.srgb for p in chart_kind("dgk").patches if not p.colour])
     assert (np.ptp(grays, axis=1) < 0.03).all()
     assert (np.diff(grays.mean(axis=1)) < 0).all(), "white to black"
 
@@ -45,7 +45,7 @@ def test_colorchecker_lab_agrees_with_the_spectral_measurement_published_for_the
     published = colour.CCS_COLOURCHECKERS["ColorChecker 2005"]
     XYZ = colour.xyY_to_XYZ(np.array(list(published.data.values())))
     lab = colour.XYZ_to_Lab(XYZ, published.illuminant)
-    ours = KINDS["colorchecker24"].patches
+    ours = chart_kind("colorchecker24").patches
     np.testing.assert_allclose(np.array([p.lab for p in ours]), lab, atol=0.06)
     assert [p.name.split("-")[0] for p in ours] == [name.split()[0] for name in published.data]
     assert sum(p.colour for p in ours) == 18
@@ -55,16 +55,16 @@ def test_colorchecker_srgb_is_its_lab_list_but_for_the_makers_rounding() -> None
     colour = colour_science()
 
     d50 = colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]["D50"]
-    lab = np.array([p.lab for p in KINDS["colorchecker24"].patches])
+    lab = np.array([p.lab for p in chart_kind("colorchecker24").patches])
     srgb = colour.XYZ_to_sRGB(
         colour.Lab_to_XYZ(lab, d50), illuminant=d50, chromatic_adaptation_transform="Bradford"
     ).clip(0, 1)
-    ours = np.array([p.srgb for p in KINDS["colorchecker24"].patches])
+    ours = np.array([p.srgb for p in chart_kind("colorchecker24").patches])
     np.testing.assert_allclose(ours * 255, srgb * 255, atol=22)  # moderate colours differ by 1 to 7, yellow by 11
     assert np.median(np.abs(ours - srgb)) * 255 < 3
 
 
-@pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.name)
+@pytest.mark.parametrize("kind", map(chart_kind, KINDS), ids=lambda kind: kind.name)
 @pytest.mark.parametrize("turn", range(4))
 def test_a_painted_chart_is_read_back_however_it_lies(kind: ChartKind, turn: int) -> None:
     corners = np.roll(TILTED, turn, axis=0)
@@ -75,7 +75,7 @@ def test_a_painted_chart_is_read_back_however_it_lies(kind: ChartKind, turn: int
 
 
 def test_only_the_inner_half_of_a_patch_is_read() -> None:
-    kind = KINDS["dgk"]
+    kind = chart_kind("dgk")
     half = measure(painted(kind, TILTED, share=0.5), Chart("c", "dgk", TILTED))
     np.testing.assert_allclose([r.rgb for r in half], [p.srgb for p in kind.patches], atol=1e-6)
     rim = painted(kind, TILTED, share=0.5)
@@ -84,7 +84,7 @@ def test_only_the_inner_half_of_a_patch_is_read() -> None:
 
 
 def test_pixel_centres_lie_at_one_half() -> None:
-    kind = KINDS["dgk"]
+    kind = chart_kind("dgk")
     left, top, width, height = 20.0, 30.0, 360.0, 240.0
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * [width, height] + [left, top]
     v, u = np.mgrid[:300, :420] + 0.5
@@ -96,7 +96,7 @@ def test_pixel_centres_lie_at_one_half() -> None:
 
 
 def test_a_hole_is_left_out_and_counted() -> None:
-    kind = KINDS["dgk"]
+    kind = chart_kind("dgk")
     image = painted(kind, TILTED)
     whole = measure(image, Chart("c", "dgk", TILTED))
     image[np.isclose(image, kind.patches[6].srgb).all(axis=-1)] = np.nan
@@ -113,7 +113,7 @@ def test_a_hole_is_left_out_and_counted() -> None:
 
 
 def test_what_lies_beyond_the_image_is_a_hole() -> None:
-    kind = KINDS["dgk"]
+    kind = chart_kind("dgk")
     image = painted(kind, TILTED)
     readings = measure(image[:, :210], Chart("c", "dgk", TILTED))
     assert readings[0].coverage == 1
@@ -134,7 +134,7 @@ def test_a_patch_smaller_than_a_pixel_is_the_pixel_at_its_centre() -> None:
 
 
 def test_the_image_is_not_changed() -> None:
-    image = painted(KINDS["dgk"], TILTED)
+    image = painted(chart_kind("dgk"), TILTED)
     image.setflags(write=False)
     measure(image, Chart("c", "dgk", TILTED))
 
@@ -164,7 +164,7 @@ def test_colorchecker_sg_has_the_colorcheckers_24_colours_inside_a_rim_of_gray()
     rim = [p for p in sg.patches if p.name[0] in "AN" or p.name[1:] in ("1", "10")]
     assert len(rim) == 44
     assert not any(p.colour for p in rim)
-    classic = [np.array(patch.lab) for patch in KINDS["colorchecker24"].patches]
+    classic = [np.array(patch.lab) for patch in chart_kind("colorchecker24").patches]
     for k in range(18):  # E2 to J4 are the Classic's three rows of colours, in other dyes
         row, column = divmod(k, 6)
         own = lab[f"{'EFGHIJ'[column]}{row + 2}"]

@@ -7,7 +7,7 @@ import pytest
 from support.made_scene import TILTED, painted
 
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.chart_kinds import KINDS
+from sucre_bench.imaging.chart_kinds import KINDS, chart_kind
 from sucre_bench.metrics.chart_colours import Hue, HueError, hue_deg, turn_deg
 from sucre_bench.scene import Arrays, Chart, Restoration, Score, View
 
@@ -54,9 +54,9 @@ def test_a_turn_is_the_shorter_way_round() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_colour_patch_has_a_hue_and_the_chart_has_none(kind: str) -> None:
-    shown = painted(KINDS[kind], TILTED)
+    shown = painted(chart_kind(kind), TILTED)
     measured, expected = (scores(Hue(), shown, variant, kind) for variant in ("hsv", "hsv-expected"))
-    assert list(measured) == list(expected) == [f"c/{p.number}-{p.name}" for p in KINDS[kind].patches if p.colour]
+    assert list(measured) == list(expected) == [f"c/{p.number}-{p.name}" for p in chart_kind(kind).patches if p.colour]
     np.testing.assert_allclose([s.value for s in measured.values()], [s.value for s in expected.values()], atol=1e-4)
 
 
@@ -69,19 +69,19 @@ def test_expected_hues_are_those_of_the_published_lists() -> None:
 
 
 def test_a_chart_in_its_expected_colours_has_no_hue_error() -> None:
-    assert scores(HueError(), painted(KINDS["dgk"], TILTED), "hsv")["c"].value == pytest.approx(0, abs=1e-4)
+    assert scores(HueError(), painted(chart_kind("dgk"), TILTED), "hsv")["c"].value == pytest.approx(0, abs=1e-4)
 
 
 @pytest.mark.parametrize("order", [[2, 0, 1], [1, 2, 0]])
 def test_channels_turned_round_are_a_hue_error_of_120_degrees_in_every_patch(order: list[int]) -> None:
-    found = scores(HueError(), painted(KINDS["dgk"], TILTED)[..., order], "hsv")
+    found = scores(HueError(), painted(chart_kind("dgk"), TILTED)[..., order], "hsv")
     assert len(found) == 13
     np.testing.assert_allclose([s.value for s in found.values()], 120, atol=1e-3)
 
 
 def test_a_patch_that_lost_its_hue_counts_90_degrees_and_one_that_was_not_restored_nothing() -> None:
-    shown = painted(KINDS["dgk"], TILTED)[..., [2, 0, 1]].copy()
-    red = np.isclose(shown, np.array(KINDS["dgk"].patches[6].srgb)[[2, 0, 1]]).all(axis=-1)
+    shown = painted(chart_kind("dgk"), TILTED)[..., [2, 0, 1]].copy()
+    red = np.isclose(shown, np.array(chart_kind("dgk").patches[6].srgb)[[2, 0, 1]]).all(axis=-1)
     shown[red] = 0.4
     found = scores(HueError(), shown, "hsv")
     assert found["c"].value == pytest.approx((11 * 120 + 90) / 12, abs=1e-3)

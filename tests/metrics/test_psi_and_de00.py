@@ -12,7 +12,7 @@ from support.made_scene import TILTED, painted
 from support.places import DATA
 
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.chart_kinds import KINDS
+from sucre_bench.imaging.chart_kinds import KINDS, chart_kind
 from sucre_bench.imaging.cielab import ciede2000, lab_d50, srgb_of_lab_d50
 from sucre_bench.imaging.display import stretch
 from sucre_bench.metrics.chart_colours import De00, PatchColour, Psi, angle_deg
@@ -72,7 +72,7 @@ def test_lab_and_srgb_invert_each_other_inside_the_gamut_and_lab_is_clipped_outs
 
 
 def test_the_two_dgk_lists_agree_on_the_mixed_colours_and_differ_on_the_primaries() -> None:
-    patches = KINDS["dgk"].patches
+    patches = chart_kind("dgk").patches
     difference = ciede2000(lab_d50(np.array([p.srgb for p in patches])), np.array([p.lab for p in patches], float))
     assert difference[12:].max() < 1
     assert difference[6:12].min() > 4
@@ -98,14 +98,14 @@ def test_angles_by_hand() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_chart_in_its_expected_colours_has_no_error(kind: str) -> None:
-    shown = painted(KINDS[kind], TILTED)
+    shown = painted(chart_kind(kind), TILTED)
     assert scores(Psi(), shown, "colour", kind)["c"].value == pytest.approx(0, abs=0.05)  # float32
     assert scores(Psi(), shown, "all", kind)["c"].value == pytest.approx(0, abs=0.05)
     assert scores(De00(), shown, "srgb", kind)["c"].value == pytest.approx(0, abs=1e-4)
 
 
 def test_psi_ignores_brightness_and_de00_does_not() -> None:
-    shown = painted(KINDS["dgk"], TILTED) * np.float32(0.5)
+    shown = painted(chart_kind("dgk"), TILTED) * np.float32(0.5)
     assert scores(Psi(), shown, "colour")["c"].value == pytest.approx(0, abs=0.05)
     assert scores(De00(), shown, "srgb")["c"].value > 10
 
@@ -144,7 +144,7 @@ def test_every_chart_and_every_patch_has_a_score_and_the_chart_is_the_mean() -> 
 
 def blanked(colour: float) -> tuple[dict[str, Score], dict[str, Score]]:
     """Scores of a chart with every patch tinted, before and after the red one is lost to `colour`."""
-    kind = KINDS["dgk"]
+    kind = chart_kind("dgk")
     shown = painted(kind, TILTED)
     red = np.isclose(shown, kind.patches[6].srgb).all(axis=-1)
     shown = shown * np.float32([0.5, 1, 1])
@@ -174,20 +174,20 @@ def test_a_chart_nobody_restored_is_nan_with_coverage_0(metric: Psi | De00) -> N
 
 
 def test_the_reference_list_shifts_psi() -> None:
-    shown = painted(KINDS["dgk"], TILTED)
+    shown = painted(chart_kind("dgk"), TILTED)
     by_lab = scores(Psi(), shown, "colour-lab")
     assert by_lab["c/12-magenta"].value == pytest.approx(13.8, abs=0.1)  # the lists' largest disagreement
     assert by_lab["c/13-brick"].value < 0.5
 
 
 def test_patch_colour_gives_each_channel_as_shown_and_as_the_list_has_it() -> None:
-    shown = painted(KINDS["dgk"], TILTED) * np.float32([0.5, 0.25, 1])
+    shown = painted(chart_kind("dgk"), TILTED) * np.float32([0.5, 0.25, 1])
     for c, channel in enumerate(("red", "green", "blue")):
         measured, expected = (scores(PatchColour(), shown, f"{channel}{end}") for end in ("", "-expected"))
         assert len(measured) == 18
         assert "c/7-red" in measured
         listed = np.array([expected[region].value for region in measured])
-        np.testing.assert_allclose(listed, [p.srgb[c] for p in KINDS["dgk"].patches])
+        np.testing.assert_allclose(listed, [p.srgb[c] for p in chart_kind("dgk").patches])
         np.testing.assert_allclose([s.value for s in measured.values()], listed * (0.5, 0.25, 1)[c], atol=1e-6)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.camera import Camera
-from sucre_bench.imaging.chart_kinds import KINDS
+from sucre_bench.imaging.chart_kinds import chart_kind
 from sucre_bench.scene import Arrays, Chart, Scene, View, Water
 
 TARGET = "far.png"  # the view to restore; the other view is nearer to the wall
@@ -80,7 +80,7 @@ def charted() -> Scene:
     )
     for chart in charts:
         corner, size = chart.corners[0], chart.corners[2] - chart.corners[0]
-        for patch in KINDS[chart.kind].patches:
+        for patch in chart_kind(chart.kind).patches:
             (x0, y0), (x1, y1) = (np.round(corner + size * at).astype(int) for at in (patch.box[:2], patch.box[2:]))
             image[y0:y1, x0:x1] = patch.srgb
     return wall(_in_water(image, 3.0), reference=image, charts=charts)

@@ -25,7 +25,7 @@ import sucre_bench as sb
 from sucre_bench.arrays import Array
 from sucre_bench.commands.data import charts
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.chart_kinds import KINDS
+from sucre_bench.imaging.chart_kinds import KINDS, chart_kind
 from sucre_bench.imaging.chart_patches import image_from_chart, measure, reading_order
 from sucre_bench.loading.view_files import Files
 from sucre_bench.programs.charts.charts_json import ChartsFile
@@ -54,7 +54,7 @@ def board_view(
     world_from_cam = np.linalg.inv(pose)
     depth = normal @ (BOARD[0] - world_from_cam[:3, 3]) / (rays @ world_from_cam[:3, :3].T @ normal)
     corners = true_corners(camera, pose)
-    rgb = 0.1 + painted(KINDS["dgk"], corners, (180, 240)) * np.array([0.2, 0.6, 0.7])
+    rgb = 0.1 + painted(chart_kind("dgk"), corners, (180, 240)) * np.array([0.2, 0.6, 0.7])
     if wall_m is not None:
         depth = np.full_like(depth, wall_m)
     marked = (Chart("left", "dgk", corners),) if mark else ()
@@ -73,7 +73,7 @@ def true_corners(camera: Any, pose: Array) -> Array:
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("turn", [1, 2, 3])
 def test_a_chart_begun_at_the_wrong_corner_is_told_which_is_right(kind: str, turn: int) -> None:
-    shown = 0.2 + painted(KINDS[kind], TILTED) * np.array([0.05, 0.4, 0.5])
+    shown = 0.2 + painted(chart_kind(kind), TILTED) * np.array([0.05, 0.4, 0.5])
     right = Chart("c", kind, TILTED)
     assert reading_order(shown, right).fault == ""
     wrong = replace(right, corners=np.roll(TILTED, turn, axis=0))
@@ -98,7 +98,7 @@ def test_a_chart_where_there_is_none_does_not_follow_its_colours() -> None:
 @pytest.mark.parametrize("turn", [0, 1])
 def test_a_colorchecker_in_water_is_found_to_a_tenth_of_a_patch(turn: int) -> None:
     corners = np.array([[200.0, 150], [620, 140], [640, 420], [190, 430]])
-    chart = painted(KINDS["colorchecker24"], corners, (600, 800))
+    chart = painted(chart_kind("colorchecker24"), corners, (600, 800))
     scene = np.where((chart == 1).all(-1, keepdims=True), 0.35, chart)
     around = cv2.fillConvexPoly(np.zeros((600, 800), np.uint8), np.rint(frame(corners, 0.06)).astype(int), 1) > 0
     scene[around & (chart == 1).all(-1)] = 0.03
@@ -314,7 +314,7 @@ def test_accepted_proposals_are_charts_of_the_scene(tmp_path: Path) -> None:
 
 def test_charts_are_found_in_photos_without_a_camera(tmp_path: Path) -> None:
     corners = np.array([[200.0, 150], [620, 140], [640, 420], [190, 430]])
-    chart = painted(KINDS["colorchecker24"], corners, (600, 800))
+    chart = painted(chart_kind("colorchecker24"), corners, (600, 800))
     scene = np.where((chart == 1).all(-1, keepdims=True), 0.35, chart)
     around = cv2.fillConvexPoly(np.zeros((600, 800), np.uint8), np.rint(frame(corners, 0.06)).astype(int), 1) > 0
     scene[around & (chart == 1).all(-1)] = 0.03
@@ -336,7 +336,7 @@ def test_where_nothing_is_marked_nothing_is_written(tmp_path: Path) -> None:
 
 def test_charts_of_ones_own_kind_are_carried_over_and_accepted(tmp_path: Path) -> None:
     write_scene(tmp_path)
-    dgk, rows = KINDS["dgk"], []
+    dgk, rows = chart_kind("dgk"), []
     for patch in dgk.patches:
         x0, y0, x1, y1 = np.array(patch.box) * [60, 40, 60, 40]
         rgb = np.array(patch.srgb) * 255

@@ -19,7 +19,7 @@ from support.messages import names
 from sucre_bench.camera import pixel_rays
 from sucre_bench.commands.data import describe
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.chart_kinds import KINDS
+from sucre_bench.imaging.chart_kinds import chart_kind
 from sucre_bench.programs.describe.facts import look_at, overlaps
 from sucre_bench.programs.describe.faults import Fault, find_faults
 from sucre_bench.scene import Arrays, Chart, View
@@ -138,7 +138,7 @@ def test_a_view_with_another_depth_is_not_called_lonely_as_well() -> None:
 
 
 def test_a_chart_begun_at_the_wrong_corner_is_named() -> None:
-    rgb = (0.1 + 0.6 * painted(KINDS["dgk"], TILTED)).astype(np.float32)
+    rgb = (0.1 + 0.6 * painted(chart_kind("dgk"), TILTED)).astype(np.float32)
     wrong = Chart("chart1", "dgk", np.roll(TILTED, 2, axis=0))
     (fault,) = found(
         [View("c.png", Arrays(rgb, np.linspace(2, 5, 300 * 420).reshape(300, 420)), None, np.eye(4), (wrong,))]
