@@ -19,7 +19,7 @@ from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.scene import Chart
 
 
-@pytest.mark.parametrize("kind", map(chart_kind, KINDS), ids=lambda kind: kind.name)
+@pytest.mark.parametrize("kind", [*map(chart_kind, KINDS)], ids=lambda kind: kind.name)
 def test_patches_are_numbered_named_once_inside_the_frame_and_apart(kind: ChartKind) -> None:
     assert [p.number for p in kind.patches] == list(range(1, len(kind.patches) + 1))
     assert len({p.name for p in kind.patches}) == len(kind.patches)
@@ -64,7 +64,7 @@ def test_colorchecker_srgb_is_its_lab_list_but_for_the_makers_rounding() -> None
     assert np.median(np.abs(ours - srgb)) * 255 < 3
 
 
-@pytest.mark.parametrize("kind", map(chart_kind, KINDS), ids=lambda kind: kind.name)
+@pytest.mark.parametrize("kind", [*map(chart_kind, KINDS)], ids=lambda kind: kind.name)
 @pytest.mark.parametrize("turn", range(4))
 def test_a_painted_chart_is_read_back_however_it_lies(kind: ChartKind, turn: int) -> None:
     corners = np.roll(TILTED, turn, axis=0)
