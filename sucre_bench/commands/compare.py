@@ -107,7 +107,8 @@ def compare(
     with progress.live():
         rows = compare.load(folders)
     compare.refuse(rows, metrics, common)
-    rows = compare.on_pixels(rows, _common(folders, rows)) if pixels == "common" else rows
+    if pixels == "common" and compare.leaves_holes(rows):
+        rows = compare.on_pixels(rows, _common(folders, rows))
     compared = compare.compare(rows, metrics, by, baseline=baseline)
     if not any(table.columns for table in compared):
         raise InputError("\n".join(f"{t.title}: {note}" for t in compared for note in left_out(t)))

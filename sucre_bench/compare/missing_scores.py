@@ -132,6 +132,8 @@ def _scores_lost(
 
 def _repeats_lost(rows: DataFrame, repetitions: Mapping[Column, DataFrame]) -> Iterator[Note]:
     """Replicates that a method lacks, failed or never run, of images that have at least one other replicate."""
+    if rows["_replicate"].nunique() < 2:
+        return
 
     def partly(has: DataFrame, of: list[str]) -> DataFrame:
         return ~has & has.groupby(level=of).transform("any")
@@ -194,6 +196,8 @@ def pixel_notes(rows: DataFrame, columns: Iterable[Column]) -> Iterator[Note]:
         worst = by_method[by_method["max"] > _MUCH].sort_values("mean", ascending=False, kind="stable")["mean"]
         if len(worst):
             yield Note(kind, tuple(map(str, worst.index)), shares=tuple(map(float, worst)))
+    if not (whole["coverage"] < 1).any():  # all methods fill the same pixels
+        return
 
     scores = fresh[fresh["_asked"] & scores_of_pixels(fresh)]
 

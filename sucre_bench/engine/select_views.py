@@ -133,11 +133,14 @@ def tasks(job: Job, scenes: Sequence[Scene]) -> Iterator[Task]:
     """
     base, kept, drawn = base_row(job), places(job.dataset.label, scenes, job.replicate), job.drawn
     data_ids = {scene.name: drawn.data_id(scene.data_id) for scene in scenes}
-    for scene, view in _selected([degraded_whole(scene, drawn) for scene in scenes], job):
+    is_degraded = bool(drawn.identity())
+    whole = [degraded_whole(scene, drawn) for scene in scenes] if is_degraded else scenes
+    for scene, view in _selected(whole, job):
         row = replace(
             base, scene=results.replicated(scene.name, job.replicate), view=view.name, data_id=data_ids[scene.name]
         )
-        yield Task(around(scene, view, drawn), view, kept[scene.name, view.name], row)
+        neighbours = around(scene, view, drawn) if is_degraded else scene
+        yield Task(neighbours, view, kept[scene.name, view.name], row)
 
 
 def _selected(scenes: Sequence[Scene], job: Job) -> Sequence[tuple[Scene, View]]:

@@ -31,7 +31,6 @@ from sucre_bench.jobs.catalogue import (
     recognised,
 )
 from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.launchers import hydra_words
 from sucre_bench.jobs.lineup import KINDS, Entry, Kind, LineUp, read_experiment, read_line_up
 from sucre_bench.jobs.run_options import RunConfig
 from sucre_bench.jobs.words import Word, first_line, parse
@@ -74,17 +73,22 @@ def jobs(words: Sequence[str], multirun: bool) -> Command:
     line_up, typed = _with_line_up(expanded(files[0]) if files else None, parse(overrides))
     mistakes.refuse_option_of_no_dataset(typed, line_up)
     of_hydra = [word for word in typed if "/" in word.key or "@" in word.key or word.head == "hydra"]
-    hydra = hydra_words(of_hydra)
-    is_sweep = multirun or bool(line_up.place) or hydra.is_sweep
+    hydra = None
+    if of_hydra:
+        from sucre_bench.jobs.launchers import hydra_words
+
+        hydra = hydra_words(of_hydra)
+    is_sweep = multirun or bool(line_up.place) or (hydra is not None and hydra.is_sweep)
     mistakes.refuse_values(typed, is_sweep)
-    made = _jobs([*parse(hydra.params), *(word for word in typed if word not in of_hydra)], line_up)
+    made = _jobs([*(parse(hydra.params) if hydra else ()), *(word for word in typed if word not in of_hydra)], line_up)
     _refuse_same_place(made)
     pairing = [job for job in made if "poses" in job.method.plugin.needs and job.pairs_gb > 0]
     views = {(job.dataset.label, job.replicate, job.shard.index, job.shard.count) for job in pairing}
     # Jobs with methods of several views share pairs where they work on the same views.
     shared_pairs = f"x{fingerprint({'command': words})[1]}" if len(views) < len(pairing) else ""
     made = [replace(job, shared_pairs=shared_pairs) for job in made] if shared_pairs else made
-    return Command(tuple(made), tuple(words), is_sweep, hydra.launcher(str(made[0].out)), shared_pairs)
+    launcher = hydra.launcher(str(made[0].out)) if hydra else {}
+    return Command(tuple(made), tuple(words), is_sweep, launcher, shared_pairs)
 
 
 def _with_line_up(file: Path | None, typed: Sequence[Word]) -> tuple[LineUp, list[Word]]:

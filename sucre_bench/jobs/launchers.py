@@ -55,9 +55,9 @@ class _OneByOne:
 class HydraWords:
     """What words for Hydra itself say. params: the sweeper's, as overrides; configuration: of all that is Hydra's."""
 
-    params: Sequence[str] = ()
-    is_sweep: bool = False
-    configuration: Any = None
+    params: Sequence[str]
+    is_sweep: bool
+    configuration: Any
 
     def launcher(self, out: str) -> dict[str, Any]:
         """Return the options of the launcher, with its class as `_target_`; empty for this machine.
@@ -66,8 +66,6 @@ class HydraWords:
         """
         from omegaconf import OmegaConf, open_dict
 
-        if self.configuration is None:
-            return {}
         with open_dict(self.configuration):
             self.configuration.out = out
         options = OmegaConf.to_container(self.configuration.hydra.launcher, resolve=True)
@@ -80,8 +78,6 @@ def hydra_words(words: Sequence[Word]) -> HydraWords:
 
     Raises InputError for a group or option that is unknown, with the nearest, and for what is not followed here.
     """
-    if not words:
-        return HydraWords()
     from hydra import compose, initialize
     from hydra.core.config_store import ConfigStore
     from hydra.core.global_hydra import GlobalHydra
