@@ -49,7 +49,7 @@ def restoration(
 ) -> Restoration:
     """Return the image (H, W, 3), NaN where the target has no depth.
 
-    stage_seconds: of "pair", also when an earlier run did the pairing, and of "solve"; `seconds` is their sum.
+    stage_seconds: of "pair", also when an earlier run did the pairing, and of "solve".
     options: of the method, which limits name; encoding: of the fitted intensities, where it is not the view's.
 
     confidence: (H, W) standard deviation of J, root mean square over channels. info: cost, sum of squares of each

@@ -217,7 +217,7 @@ def _outcome(rows: DataFrame, planned: Sequence[Planned], interrupted: bool, cra
     first = planned[0].job
     scores = compare.on_pixels(rows, read_common(first.out) if compare.leaves_holes(rows) else None)
     is_of_request = [row[4] in metrics.get(row[:4], ()) for row in values_of(scores, *keys, "metric")]
-    of_request = scores[is_of_request]
+    of_request = scores.loc[is_of_request]
     return Outcome(
         rows=scores,
         stored=rows,
