@@ -232,7 +232,10 @@ def check_number(place: str, value: Any, interval: str) -> None:
 
 def in_one_line(text: object) -> str:
     """Return text from a file in a form for messages: line breaks of any kind become spaces."""
-    return " ".join(str(text).split())
+    try:
+        return " ".join(str(text).split())
+    except Exception:  # of a plugin, whose exception has no text
+        return ""
 
 
 def one_line(fault: BaseException) -> str:

@@ -41,7 +41,6 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 # The files that take longest, longest first: they are begun first, so that all processes end together.
 SLOW = (
     "engine/slurm/test_slurm.py",
-    "docs/test_docs.py",
     "engine/test_real_images.py",
     "engine/test_sweep.py",
     "programs/prepare/test_prepare.py",
@@ -52,10 +51,8 @@ SLOW = (
     "datasets/test_demo.py",
     "reports/mlflow/test_runs.py",
     "hostile/test_current_folder.py",
-    "methods/sucre/test_sucre.py",
-    "methods/sucre/test_footprint.py",
+    "docs/test_docs.py",
     "machine/test_terminal.py",
-    "methods/sucre/test_exact.py",
     "engine/test_done_views.py",
     "programs/verify/test_verify_bundle.py",
     "jobs/test_lineup.py",
@@ -79,9 +76,14 @@ SLOW = (
 )
 
 
+# They start JAX, and no process can fork workers after that: they are begun last, longest first.
+WITH_JAX = tuple(f"methods/sucre/test_{name}.py" for name in ("kernels", "exact", "sucre", "footprint"))
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the slow files first. A file's tests stay together, in their order."""
+    """Put the slow files first, and those with JAX last. A file's tests stay together, in their order."""
     rank = {Path(__file__).parent / name: place for place, name in enumerate(SLOW)}
+    rank |= {Path(__file__).parent / name: len(SLOW) + 1 + place for place, name in enumerate(WITH_JAX)}
     items.sort(key=lambda item: rank.get(item.path, len(SLOW)))
 
 

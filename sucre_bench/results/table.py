@@ -67,8 +67,11 @@ def _files(out: Path, labels: Mapping[str, str]) -> tuple[list[Path], DataFrame]
     """The files of rows, parts first, and their rows as `read` returns them."""
     import pyarrow
 
+    found: dict[Path, pyarrow.Table] = {}
     for _ in range(_ATTEMPTS):
         try:
+            if not out.is_dir():
+                break
             paths = sorted(path for path in (out / PARTS).iterdir() if path.suffix == ".parquet")
         except (FileNotFoundError, NotADirectoryError):
             paths = []

@@ -103,7 +103,7 @@ def test_only_what_code_does_counts(tmp_path: Path):
         command = [sys.executable, "-c", ASK]
         environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
         asked = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
-        return asked.stdout
+        return asked.stdout.strip()
 
     before = source_hash(find("method", "sucre"))
     for file in [*(tmp_path / "sucre_bench").rglob("*.py"), *(tmp_path / "methods").rglob("*.py")]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import ast
 import functools
 import re
+import runpy
 from collections.abc import Callable, Iterator
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from support.made_networks import ARCHITECTURES, network_options
 from support.miniatures import write_images
+from support.places import ROOT
 
 import sucre_bench
 from sucre_bench import plugins
@@ -38,19 +39,19 @@ QUICK: dict[str, dict[str, Any]] = {
 # Seconds each in another process, for nothing that the others do not show.
 SLOW_ELSEWHERE = {*ARCHITECTURES, "sucre_paper", "sucre_plus"}
 
-# Who writes a dataset's files in miniature: the module and its function, the folder below the root, and options.
+# Who writes a dataset in miniature: the file of tests/ and its function, the folder below the root, and options.
 WRITERS: dict[str, tuple[str, str, str, dict[str, Any]]] = {
-    "aqualoc": ("miniatures.aqualoc", "write_site", "", {}),
-    "colmap": ("colmap_folder", "write_dive", "", {}),
-    "eiffel_tower": ("miniatures.eiffel_tower", "write_year", "", {}),
-    "flsea": ("miniatures.flsea", "write_dive", "", {}),
-    "metashape": ("miniatures.metashape", "write_survey", "", {}),
-    "nerfstudio": ("miniatures.nerfstudio", "write_scene", "", {}),
-    "openmvs": ("miniatures.openmvs", "write_scene", "", {}),
-    "seathru": ("miniatures.seathru", "write_set", "D1", {}),
-    "seathru_nerf": ("miniatures.seathru_nerf", "write_reef", "Panama", {}),
-    "squid": ("miniatures.squid", "write_site", "Katzaa", {}),
-    "varos": ("miniatures.varos", "write_dive", "2021-08-17_SEQ1/vehicle0/cam0", {}),
+    "aqualoc": ("datasets/test_aqualoc.py", "write_site", "", {}),
+    "colmap": ("support/colmap_folder.py", "write_dive", "", {}),
+    "eiffel_tower": ("support/miniatures.py", "write_year", "", {}),
+    "flsea": ("datasets/test_flsea.py", "write_dive", "", {}),
+    "metashape": ("support/miniatures.py", "write_survey", "", {}),
+    "nerfstudio": ("datasets/test_nerfstudio.py", "write_scene", "", {}),
+    "openmvs": ("datasets/test_openmvs.py", "write_scene", "", {}),
+    "seathru": ("support/miniatures.py", "write_set", "D1", {}),
+    "seathru_nerf": ("support/miniatures.py", "write_reef", "Panama", {}),
+    "squid": ("datasets/test_squid.py", "write_site", "Katzaa", {}),
+    "varos": ("datasets/test_varos.py", "write_dive", "2021-08-17_SEQ1/vehicle0/cam0", {}),
 }
 
 
@@ -85,8 +86,8 @@ def _data(name: str, folder: Path) -> dict[str, Any]:
     if name == "demo":
         return {"root": folder.parent / "demo", "width": 64, "height": 48, "views": 2}
     if name in WRITERS:
-        module, function, below, options = WRITERS[name]
-        write: Callable[[Path], Any] = getattr(import_module(f"support.{module}"), function)
+        place, function, below, options = WRITERS[name]
+        write: Callable[[Path], Any] = runpy.run_path(str(ROOT / "tests" / place))[function]
         (folder / below).parent.mkdir(parents=True, exist_ok=True)
         write(folder / below)
         return {"root": folder, **options}

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from support.colmap_folder import picture, write_dive, write_image
-from support.command_line import Done, run_here
+from support.command_line import Done, Started, run_here
 
 QUIET = ("tracking.uri=off", "report=false")
 MADE = ("dataset=demo", "dataset.width=160", "dataset.height=120", "dataset.views=2")
@@ -135,10 +135,10 @@ def fragile(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def with_fragile(bench: Callable[..., Done], place: Path, does: str, *words: str) -> Done:
+def with_fragile(place: Path, does: str, *words: str) -> Done:
     """Run a command with the metric as it is now."""
     (place / "fragile.py").write_text(FRAGILE.replace("DOES", does))
-    return bench(*words, "--plugin", str(place / "fragile.py"))
+    return Started(place, *words, "--plugin", str(place / "fragile.py")).ended()
 
 
 @pytest.mark.parametrize(
@@ -146,15 +146,15 @@ def with_fragile(bench: Callable[..., Done], place: Path, does: str, *words: str
     [("1 / 0", True), ("os._exit(3)", True), ("yield Score(float('nan'))", False)],
     ids=["raises", "dies", "nan"],
 )
-def test_a_metric_that_cannot_be_tried_costs_no_bundle(bench, fragile: Path, tmp_path: Path, does: str, is_lost: bool):
-    done = with_fragile(bench, tmp_path, does, "bundle", str(fragile / "results"), "b.zip", "--pictures", "restored")
+def test_a_metric_that_cannot_be_tried_costs_no_bundle(fragile: Path, tmp_path: Path, does: str, is_lost: bool):
+    done = with_fragile(tmp_path, does, "bundle", str(fragile / "results"), "b.zip", "--pictures", "restored")
     assert (done.returncode, (tmp_path / "b.zip").is_file()) == (0, True), done.stderr
     assert bool(re.search(r"2 of fragile:", done.stderr)) == is_lost
 
 
-def test_a_metric_that_ends_its_process_costs_only_its_own_scores(bench, fragile: Path, tmp_path: Path):
+def test_a_metric_that_ends_its_process_costs_only_its_own_scores(fragile: Path, tmp_path: Path):
     """They differ here, as if it raised an error; the scores of the others are computed again."""
-    done = with_fragile(bench, tmp_path, "os._exit(3)", "verify", str(fragile / "b.zip"), "--json")
+    done = with_fragile(tmp_path, "os._exit(3)", "verify", str(fragile / "b.zip"), "--json")
     found = json.loads(done.stdout)
     assert (done.returncode, found["n_agree"]) == (1, 2)
     assert [one["metric"] for one in found["differing"]] == ["fragile"] * 2
