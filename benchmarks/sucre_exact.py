@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.methods.sucre.exact import fit
-from sucre_bench.methods.sucre.kernels import opened
 from sucre_bench.methods.sucre.model import WaterParameters, predict
+from sucre_bench.methods.sucre.passes import opened
 from sucre_bench.multiview.observations import Observations
 
 BACKENDS = ("numba", "torch", "jax", "numpy")

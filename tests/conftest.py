@@ -77,7 +77,7 @@ SLOW = (
 
 
 # They start JAX, and no process can fork workers after that: they are begun last, longest first.
-WITH_JAX = tuple(f"methods/sucre/test_{name}.py" for name in ("kernels", "exact", "sucre", "footprint"))
+WITH_JAX = tuple(f"methods/sucre/test_{name}.py" for name in ("passes", "exact", "sucre", "footprint"))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

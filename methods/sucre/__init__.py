@@ -7,8 +7,8 @@ one water and one colour a pixel.
 |---|---|
 | `sucre.py`, `sucre_plus.py`, `sucre_paper.py` | the three methods |
 | `options.py` | options of `sucre`, and which go together |
-| `model.py` | the image formation model, its derivatives, `WaterParameters` |
-| `normal_equations.py`, `kernels/` | the least-squares problem in the water, and the passes that sum it up |
+| `model.py` | the image formation model, its parameters, and the least-squares problem in these |
+| `passes.py`, `numba_loops.py`, `array_libraries.py` | the passes that sum it up, for several array libraries |
 | `exact.py`, `starting_points.py`, `levenberg.py` | the minimum: starts, steps, choice between minima |
 | `samples.py` | the pixels that water and light are fitted to, sharp or averaged over one footprint |
 | `weak_priors.py`, `undetermined_water.py` | channels, or a whole water, that the observations do not determine |

@@ -91,14 +91,14 @@ def noise_parts(observations: Observations, solution: Solution, *, decoded: bool
     weight = None if solution.weight is None else replace(observations, weight=solution.weight).take(places).weight
     squares, strength = _squared_residuals(few, weight, solution.water, solution.J[:, places])
     slopes = np.concatenate([_slope(few, part, decoded) ** 2 for _, part in few.slots()], axis=1)
-    counted = _robust(few, weight, slice(None))
+    counted = np.broadcast_to(_robust(few, weight, slice(None)), squares.shape)
     parts = np.zeros((3, 2))
     for c in range(3):
         known = np.isfinite(squares[c])
         if known.sum() < _FEWEST:
             parts[c] = solution.uncertainty.noise[c] ** 2, 0
             continue
-        y, t, x, v = squares[c, known], slopes[c, known], strength[c, known], counted[known]
+        y, t, x, v = squares[c, known], slopes[c, known], strength[c, known], counted[c, known]
         classes = [one for one in np.array_split(np.argsort(x / t), _CLASSES) if len(one)]
         y, t, x = (np.array([np.average(values[one], weights=v[one]) for one in classes]) for values in (y, t, x))
         scale = 1 / np.maximum(y, _LEAST**2)
@@ -108,21 +108,21 @@ def noise_parts(observations: Observations, solution: Solution, *, decoded: bool
 
 
 def _robust(observations: Observations, weight: Array | None, part: slice) -> Array:
-    """Return the robust part v (n,) of the weights of a solution, 1 without any."""
+    """Return the robust part v, (n,) or (3, n), of the weights of a solution, 1 without any."""
     if weight is None:
         return np.ones(len(observations.distance[part]), dtype=np.float32)
     if observations.weight is None:
-        return weight[part]
-    known = observations.weight[part]
-    return np.divide(weight[part], known, out=np.zeros_like(known), where=known > 0)
+        return weight[..., part]
+    whole, known = np.broadcast_arrays(weight[..., part], observations.weight[..., part])
+    return np.divide(whole, known, out=np.zeros_like(whole), where=known > 0)
 
 
 def _of_choice(observations: Observations, weight: Array | None) -> float:
     """Return k, see above, from the observations of pixels seen more than once."""
     if weight is None:
         return 1.0
-    repeated = [_robust(observations, weight, part)[: observations.n_repeated] for _, part in observations.slots()]
-    v = np.concatenate(repeated).astype(np.float64)
+    repeated = [_robust(observations, weight, part)[..., : observations.n_repeated] for _, part in observations.slots()]
+    v = np.concatenate(repeated, axis=-1).astype(np.float64)
     slope = v * (1 - 4 / 3 * (1 - np.sqrt(v)))
     return float(v.sum() / max(slope.sum(), _LEAST_SLOPE * v.sum())) ** 2
 
@@ -136,7 +136,7 @@ def _slope(observations: Observations, part: slice, decoded: bool) -> Array:
     if not decoded:
         return np.ones_like(linear)
     if observations.weight is not None:
-        linear = linear * np.sqrt(observations.weight[part])
+        linear = linear * np.sqrt(observations.weight[..., part])
     stored = srgb_encode(linear)
     return np.asarray((srgb_decode(stored + _STEP) - srgb_decode(stored - _STEP)) / (2 * _STEP), dtype=np.float32)
 
@@ -144,7 +144,7 @@ def _slope(observations: Observations, part: slice, decoded: bool) -> Array:
 def _information(observations: Observations, water: WaterParameters, part: slice) -> Array:
     """w a^2 (3, n) of observations."""
     a = transmission(observations.distance[part], water.columns()[1].astype(np.float32)).clip(min=_DARK)
-    return np.asarray(a * a if observations.weight is None else observations.weight[part] * a * a)
+    return np.asarray(a * a if observations.weight is None else observations.weight[..., part] * a * a)
 
 
 def _squared_residuals(
@@ -161,7 +161,7 @@ def _squared_residuals(
     squares, strength = [], []
     for n, part in observations.slots():
         z, x2 = observations.distance[part], _information(observations, water, part)
-        w = 1 if observations.weight is None else observations.weight[part]
+        w = 1 if observations.weight is None else observations.weight[..., part]
         r = observations.intensity(part) - J[:, :n] * transmission(z, beta) - veil(z, B, gamma)
         v = _robust(observations, weight, part)
         h = v * x2 / A[:, :n]

@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sucre_bench.arrays import Array, Mask
-from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.methods.sucre.normal_equations import ReducedSystem
+from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
 
 CHANNELS = ("red", "green", "blue")
 _PARAMETERS = ("veiling light", "attenuation", "backscatter")

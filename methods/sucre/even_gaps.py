@@ -60,8 +60,8 @@ def evened(observations: Observations, J: Array, water: WaterParameters, target:
     shown, whole = (_Sums.zeros(A_o.shape) for _ in range(2))
     for one in others:
         part = one.around()
-        there = one.image(one.A, part)[..., 0] > 0
-        e = np.where((there & (A_o[part][..., 0] > 0))[..., None], one.image(one.J, part) - J_o[part], 0)
+        there = np.asarray((one.image(one.A, part) > 0).any(axis=-1))
+        e = np.where((one.image(one.A, part) > 0) & (A_o[part] > 0), one.image(one.J, part) - J_o[part], 0)
         mean, A = _mean(e, there), _completed(one.image(one.A, part), there)
         shown.add(part, A * there[..., None], mean)
         whole.add(part, A * _field(there)[..., None], mean)
@@ -161,7 +161,7 @@ def _by_view(observations: Observations, water: WaterParameters, first: int) -> 
             continue
         z = observations.distance[at]
         a = transmission(z, beta).clip(min=_DARK)
-        A = a * a if observations.weight is None else observations.weight[at] * a * a
+        A = a * a if observations.weight is None else observations.weight[..., at] * a * a
         I = observations.colour[:, at].astype(np.float32) * np.float32(observations.scale)  # noqa: E741
         yield _Shown(observations.shape, observations.pixels[place[at]], A, (I - veil(z, B, gamma)) / a)
 

@@ -1,12 +1,12 @@
 """The exact minimum of SUCRe's eq. 7, to the digits that the data hold.
 
-Every pixel's colour is eliminated (normal_equations.py), which leaves three parameters a channel. `fit` finds them on a
+Every pixel's colour is eliminated (model.py), which leaves three parameters a channel. `fit` finds them on a
 sample of pixels from several starts, and refines them by a few passes over all observations. Only the sample is random,
 and it has a seed. The number of threads changes nothing.
 
 physical: many real images are fitted best by a veil that is brighter than their darkest pixels, which makes colours
 negative. With this option every pixel whose colour would lie below zero by more than its noise adds that shortfall as
-a residual (kernels/formulas.py). The noise comes from the residuals of the free fit (`_margin`). Pixels seen once take
+a residual (passes.py). The noise comes from the residuals of the free fit (`_margin`). Pixels seen once take
 part: no veil is brighter than what is seen through it.
 """
 
@@ -23,11 +23,9 @@ from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import NotApplicableError, SolveError
 from sucre_bench.machine.compute import Device
 from sucre_bench.methods.sucre.diagnostics import CHANNELS, ROUNDING, WaterUncertainty, uncertainty_of
-from sucre_bench.methods.sucre.kernels import Kernel, opened
-from sucre_bench.methods.sucre.kernels.choose_backend import Backend
 from sucre_bench.methods.sucre.levenberg import Bounds, Minimum, minimise
-from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.methods.sucre.normal_equations import ReducedSystem
+from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
+from sucre_bench.methods.sucre.passes import Backend, Kernel, opened
 from sucre_bench.methods.sucre.robust import LEAST_NOISE, robust_noise
 from sucre_bench.methods.sucre.samples import SAMPLE, first_slot, sampled
 from sucre_bench.methods.sucre.starting_points import bounds_for, promising

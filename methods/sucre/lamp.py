@@ -20,8 +20,7 @@ from sucre_bench.errors import SolveError
 from sucre_bench.machine.progress import track
 from sucre_bench.methods.sucre.levenberg import Bounds, Minimum, minimise
 from sucre_bench.methods.sucre.light_and_water import ByPixel
-from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
-from sucre_bench.methods.sucre.normal_equations import ReducedSystem
+from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters, transmission, veil
 from sucre_bench.multiview.observations import Observations
 
 # Pixels that the starts are tried on, and that the best is refined on.
@@ -230,7 +229,7 @@ def _rms(r: Array, sample: PointsByPixel) -> float:
 def reduced_system(sample: PointsByPixel, unknowns: Array) -> ReducedSystem:
     """Return H (1, 17, 17), g and cost around the unknowns (17,), see `starting_point`, with the priors on the lamp.
 
-    Colours are eliminated as in normal_equations.py.
+    Colours are eliminated as in model.py.
     """
     R, R_yaw, R_pitch = _rotations(*unknowns[:2])
     m00, m01, m11 = unknowns[5:8]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench.arrays import Array, Mask
-from sucre_bench.methods.sucre.normal_equations import ReducedSystem
+from sucre_bench.methods.sucre.model import ReducedSystem
 
 _FIRST_DAMPING = 1e-3
 

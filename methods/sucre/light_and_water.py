@@ -6,7 +6,7 @@ D: known columns, one number for each observation; t: their unknown coefficients
 single views give gains (exposure.py), columns of the place in the image give a falloff (falloff.py). Weak priors, worth
 one observation each, hold the coefficients near 0.
 
-The normal equations are those of normal_equations.py with a column d I / d t_k = l (J a + b) D_k for each coefficient
+The normal equations are those of model.py with a column d I / d t_k = l (J a + b) D_k for each coefficient
 more, common to the channels; colours are eliminated.
 """
 
@@ -18,8 +18,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Indices, Mask
 from sucre_bench.methods.sucre.levenberg import Bounds, Minimum, minimise
-from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
-from sucre_bench.methods.sucre.normal_equations import ReducedSystem
+from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters, transmission, veil
 from sucre_bench.multiview.observations import Observations
 
 # Standard deviation of a coefficient beforehand, and the noise of the one observation that this is worth.

@@ -1,10 +1,19 @@
-"""SUCRe's model of one colour channel in water (eq. 6), its derivatives, and its nine parameters.
+"""SUCRe's model of one colour channel in water (eq. 6), its nine parameters, and the least-squares problem in these.
 
     I = J a + b,    a = exp(-beta z),    b = B (1 - exp(-gamma z))
 
 I: observed intensity; J: intensity without water; z: distance in metres; B: veiling light, an intensity; beta,
 gamma: attenuation and backscatter in 1/m. The functions take arrays of NumPy, PyTorch or JAX, and scalars or arrays
 of the same library for the parameters, broadcast as usual.
+
+Eliminated colours. SUCRe's eq. 7 minimises sum r^2 with r = I - J a - b, for each channel over B, beta, gamma and one J
+a pixel. Given the water, J_p = sum a (I - b) / sum a^2 over the observations of pixel p. Putting that back leaves a
+problem in three unknowns a channel (variable projection, Golub & Pereyra 1973). With D = dI/d(B, beta, gamma) and the
+part of D that no change of J_p can imitate, D' = D - a (sum a D) / (sum a^2), its Gauss-Newton system is
+
+    H step = g,    H = sum D'^T D',    g = sum D'^T r,    cost = sum r^2.
+
+The sums are over all pixels, so the systems of several images in one water add up.
 """
 
 from __future__ import annotations
@@ -48,14 +57,38 @@ class WaterParameters:
         return self.B[:, None], self.beta[:, None], self.gamma[:, None]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ReducedSystem:
+    """The reduced problem around one water, for C channels with n = 3 parameters each: B, beta, gamma.
+
+    H: (C, n, n) float64; g: (C, n) float64, minus half the gradient of the cost; cost: (C,) float64.
+    """
+
+    H: Array
+    g: Array
+    cost: Array
+
+    def __add__(self, other: ReducedSystem) -> ReducedSystem:
+        return ReducedSystem(self.H + other.H, self.g + other.g, self.cost + other.cost)
+
+    @staticmethod
+    def from_products(products: Array) -> ReducedSystem:
+        """Take apart products (C, 4, 4) of the columns (D'_B, D'_beta, D'_gamma, r), summed over observations."""
+        return ReducedSystem(products[:, :3, :3], products[:, :3, 3], products[:, 3, 3])
+
+    def predicted_reduction(self, step: Array) -> Array:
+        """Return by how much (C,) a step (C, n) lowers the cost of the linear model."""
+        return 2 * (self.g * step).sum(axis=1) - np.einsum("ci,cij,cj->c", step, self.H, step)
+
+
 def transmission(z: Any, beta: Any) -> Any:
     """Return a, the share of light that comes through."""
-    return _library(z).exp(-beta * z)
+    return library_of(z).exp(-beta * z)
 
 
 def veil(z: Any, B: Any, gamma: Any) -> Any:
     """Return b, the light that the water adds."""
-    return B * -_library(z).expm1(-gamma * z)
+    return B * -library_of(z).expm1(-gamma * z)
 
 
 def predict(J: Any, z: Any, B: Any, beta: Any, gamma: Any) -> Any:
@@ -73,8 +106,8 @@ def derivatives(J: Any, z: Any, B: Any, beta: Any, gamma: Any) -> tuple[Any, Any
     return a, D_B, -z * (J * a), B * z * (1 - D_B)
 
 
-def _library(array: Any) -> Any:
-    """Return the module with exp and expm1 for an array; PyTorch arrays do not name theirs."""
+def library_of(array: Any) -> Any:
+    """Return the module that computes with an array; PyTorch arrays do not name theirs."""
     if hasattr(array, "__array_namespace__"):
         return array.__array_namespace__()
     return sys.modules[type(array).__module__.partition(".")[0]]

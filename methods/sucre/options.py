@@ -21,7 +21,7 @@ from typing import Any, Literal
 
 from sucre_bench import InputError
 from sucre_bench.machine.compute import Device
-from sucre_bench.methods.sucre.kernels.choose_backend import Backend
+from sucre_bench.methods.sucre.passes import Backend
 
 
 class Way(enum.Enum):

@@ -94,16 +94,17 @@ class _Found:
 def _found(few: Observations, J: Array, water: WaterParameters) -> _Found:
     place = np.concatenate([np.arange(n) for n, _ in few.slots()])
     z = few.distance.astype(np.float64)
-    w = np.ones(len(few)) if few.weight is None else few.weight.astype(np.float64)
+    w = np.ones((1, len(few))) if few.weight is None else np.atleast_2d(few.weight).astype(np.float64)
     B, beta, gamma = water.columns()
     a, I = transmission(z, beta), few.intensity(slice(None))  # noqa: E741, (3, N)
     fit = J[:, place] * a + veil(z, B, gamma)
     h = w * a**2
     total = np.stack([np.bincount(place, h_c, len(few.pixels)) for h_c in h])
     h = np.divide(h, total[:, place], out=np.ones_like(h), where=total[:, place] > 0)
-    kept: Mask = (h < _DECISIVE).all(axis=0) & (w > 0)
+    used = np.asarray((w > 0).all(axis=0))
+    kept: Mask = (h < _DECISIVE).all(axis=0) & used
     raw = (np.sqrt(w) * (I - fit))[:, kept]
-    return _Found(raw / np.sqrt(1 - h[:, kept]), raw, fit[:, kept], int(np.count_nonzero(w)))
+    return _Found(raw / np.sqrt(1 - h[:, kept]), raw, fit[:, kept], int(used.sum()))
 
 
 def _moments(r: Array) -> dict[str, Any]:

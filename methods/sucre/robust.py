@@ -22,8 +22,8 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.machine.compute import usable_cores
-from sucre_bench.methods.sucre.kernels.formulas import Block, blocks, fill
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
+from sucre_bench.methods.sucre.passes import Block, blocks, fill
 from sucre_bench.multiview.observations import Observations
 
 if TYPE_CHECKING:

@@ -36,13 +36,13 @@ def sampled(observations: Observations, n: int, *, singles: bool, seed: int) -> 
 def first_slot(observations: Observations) -> Observations:
     """Return each pixel with its first observation alone, which any water explains: it can only hold a colour up.
 
-    The first that has a weight: what a lamp leaves in the dark has none.
+    The first that has a weight in all channels: what a lamp leaves in the dark has none.
     """
     n = len(observations.pixels)
     first = np.arange(n)
     if observations.weight is not None:
         for _, part in reversed(list(observations.slots())):
-            known = np.flatnonzero(observations.weight[part] > 0)
+            known = np.flatnonzero(np.atleast_2d(observations.weight[..., part] > 0).all(axis=0))
             first[known] = part.start + known
     return replace(
         observations,
@@ -50,7 +50,7 @@ def first_slot(observations: Observations) -> Observations:
         starts=np.array([0, n]),
         distance=observations.distance[first],
         colour=observations.colour[:, first],
-        weight=None if observations.weight is None else observations.weight[first],
+        weight=None if observations.weight is None else observations.weight[..., first],
         view=None,
         ray=None,
     )

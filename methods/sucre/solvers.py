@@ -19,9 +19,8 @@ from sucre_bench.errors import SolveError
 from sucre_bench.machine.compute import Device
 from sucre_bench.machine.progress import track
 from sucre_bench.methods.sucre.diagnostics import WaterUncertainty, for_known_water, rescaled_to_noise, uncertainty_of
-from sucre_bench.methods.sucre.kernels import Kernel, opened
-from sucre_bench.methods.sucre.kernels.choose_backend import Backend, backend_for
 from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.passes import Backend, Kernel, backend_for, opened
 from sucre_bench.methods.sucre.uneven_light import TargetLight
 from sucre_bench.multiview.observations import Observations
 

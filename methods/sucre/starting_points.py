@@ -14,7 +14,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.methods.sucre.levenberg import Bounds
-from sucre_bench.methods.sucre.normal_equations import ReducedSystem
+from sucre_bench.methods.sucre.model import ReducedSystem
 
 # Attenuation and backscatter over the typical distance: a twentieth of the light lost, to nearly all.
 _GRID = (0.05, 0.2, 0.7, 2.0, 6.0)

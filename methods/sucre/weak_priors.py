@@ -21,8 +21,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.methods.sucre.diagnostics import WaterUncertainty
-from sucre_bench.methods.sucre.model import veil
-from sucre_bench.methods.sucre.normal_equations import ReducedSystem
+from sucre_bench.methods.sucre.model import ReducedSystem, veil
 
 # Deviations of the priors, as optical depths.
 _ALIKE, _DEPTH = 0.5, 3.0

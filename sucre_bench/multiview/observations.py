@@ -34,7 +34,7 @@ class Observations:
     starts: (S + 1,) int64, slot k is elements starts[k] to starts[k + 1], one for each of the first pixels;
     distance: (N,) float32 metres from the observing camera;
     colour: (3, N) uint8 or uint16, full scale being 1, if all images have so few bits, else float32 in [0, 1];
-    weight: (N,) float32 of each observation's squared residual, None for 1;
+    weight: (N,) float32 of each observation's squared residual, or (3, N) for each channel; None for 1;
     view: (N,) uint16 indices into `views`, rising over a pixel's slots, None unless asked for;
     ray: (2, N) float32, x / z and y / z of the point in the observing camera's frame, None unless asked for;
     unreadable: the fault of each view that may see the target but has a file that cannot be read;
@@ -66,8 +66,8 @@ class Observations:
 
     @property
     def n_excess(self) -> int:
-        """Observations minus pixels; observations of weight 0 do not count."""
-        n = len(self) if self.weight is None else int(np.count_nonzero(self.weight))
+        """Observations minus pixels; those of weight 0 do not count. With weights of channels, the fewest of any."""
+        n = len(self) if self.weight is None else int(np.count_nonzero(self.weight, axis=-1).min())
         return n - len(self.pixels)
 
     def slots(self, start: int = 0, stop: int | None = None) -> Iterator[tuple[int, slice]]:

@@ -16,8 +16,7 @@ from sucre_bench import SolveError, Water
 from sucre_bench.methods.sucre.diagnostics import uncertainty_of
 from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.levenberg import Bounds, minimise
-from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.methods.sucre.normal_equations import ReducedSystem
+from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
 from sucre_bench.methods.sucre.samples import sampled
 from sucre_bench.methods.sucre.shrink_noisy_colours import posterior
 from sucre_bench.methods.sucre.solvers import colours_for_water, solve_adam_closed_form, solve_exact

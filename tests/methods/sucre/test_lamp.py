@@ -11,9 +11,9 @@ from support.made_scene import WATER
 
 from sucre_bench import SolveError
 from sucre_bench.methods.sucre.exact import fit
-from sucre_bench.methods.sucre.kernels import opened
 from sucre_bench.methods.sucre.lamp import Lamp, PointsByPixel, estimate, lit, reduced_system, residuals, starting_point
 from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.passes import opened
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 
 WATER_ROWS = np.stack([WATER.veiling_light, WATER.attenuation / 2, WATER.backscatter / 2], axis=1)

@@ -174,8 +174,5 @@ def test_methods_tell_residuals_only_when_asked(method: str, fast: dict[str, Any
 
 def test_residuals_are_those_of_the_fit_not_of_the_prior() -> None:
     scene = make_scene()
-    fitted, drawn = (
-        sb.restore("sucre", scene, scene["a.png"], backend="numpy", residuals=True, prior=prior)
-        for prior in (False, True)
-    )
+    fitted, drawn = (sb.restore("sucre", scene, scene["a.png"], residuals=True, prior=prior) for prior in (False, True))
     assert fitted.info["residuals"] == drawn.info["residuals"]

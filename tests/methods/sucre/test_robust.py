@@ -10,7 +10,7 @@ from support.made_observations import flat, made, parameters, table
 from support.made_scene import WATER
 
 from sucre_bench.methods.sucre.exact import WaterFit, fit
-from sucre_bench.methods.sucre.kernels import opened
+from sucre_bench.methods.sucre.passes import opened
 from sucre_bench.methods.sucre.robust import fit_robustly, reweighted, robust_noise
 from sucre_bench.multiview.observations import Observations
 

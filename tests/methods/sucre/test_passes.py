@@ -12,10 +12,9 @@ import pytest
 from support.made_observations import flat, made, reduced_residuals
 
 from sucre_bench.errors import InputError
-from sucre_bench.methods.sucre.kernels import Kernel, opened
-from sucre_bench.methods.sucre.kernels.formulas import WALL, Block, blocks, fill
-from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.methods.sucre.normal_equations import ReducedSystem
+from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
+from sucre_bench.methods.sucre.passes import WALL, Kernel, blocks, fill, opened
+from sucre_bench.methods.sucre.samples import first_slot
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 
 pytestmark = pytest.mark.short
@@ -52,7 +51,11 @@ def dense(observations: Observations, c: int, margin: float | None = None) -> tu
     """The products (4, 4) of D' and r by elimination of all J from the full Jacobian, and the colours (P,)."""
     place, z, I = flat(observations)  # noqa: E741
     B, beta, gamma = ROWS[c]
-    w = np.ones(len(z)) if observations.weight is None else observations.weight.astype(float)
+    w = (
+        np.ones(len(z))
+        if observations.weight is None
+        else np.broadcast_to(observations.weight, I.shape)[c] * np.float64(1)
+    )
     a, e = np.exp(-beta * z), np.exp(-gamma * z)
     of_J = np.zeros((len(z), len(observations.pixels)))
     of_J[np.arange(len(z)), place] = a
@@ -80,12 +83,12 @@ def held_cost(observations: Observations, c: int, water: np.ndarray, margin: flo
 # -- float64 against the model itself ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("weighted", [False, True])
-def test_the_system_is_that_of_the_full_jacobian_without_its_colours(weighted: bool) -> None:
+@pytest.mark.parametrize("weights", [None, 1, 3])
+def test_the_system_is_that_of_the_full_jacobian_without_its_colours(weights: int | None) -> None:
     observations, _ = made(40, noise=0.02)
-    if weighted:
-        weight = np.random.default_rng(1).uniform(0.1, 3, len(observations)).astype(np.float32)
-        observations = replace(observations, weight=weight)
+    if weights:
+        weight = np.random.default_rng(1).uniform(0.1, 3, (weights, len(observations))).astype(np.float32)
+        observations = replace(observations, weight=weight if weights > 1 else weight[0])
     found = system(observations, "numpy")
     for c in range(3):
         truth, _ = dense(observations, c)
@@ -165,6 +168,43 @@ def test_float32_keeps_the_digits_of_the_colours(backend: str) -> None:
         for found, truth in zip(kernel.colours(WATER, NOISE, V), exact.colours(WATER, NOISE, V), strict=True):
             assert found.dtype == np.float32
             np.testing.assert_allclose(found, truth, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("backend", SINGLE)
+def test_every_channel_may_have_weights_of_its_own(backend: str) -> None:
+    """Some are 0: of single observations, and all of a pixel in red, whose colour is then unknown."""
+    observations = dark(n_single=50)
+    rng = np.random.default_rng(4)
+    weight = (rng.uniform(0.1, 3, (3, len(observations))) * (rng.random((3, len(observations))) > 0.1)).astype("f4")
+    weight[:, : len(observations.pixels)] = weight[:, : len(observations.pixels)].clip(min=0.2)
+    lost = 7
+    weight[0, [part.start + lost for n, part in observations.slots() if n > lost]] = 0
+    weighted = replace(observations, weight=weight)
+    for margin in (None, MARGIN):
+        assert_close(system(weighted, backend, margin), system(weighted, "numpy", margin), 1e-4)
+    for c in range(3):  # a channel by itself is as with the weights of that channel alone
+        alone = system(replace(observations, weight=weight[c]), backend)
+        np.testing.assert_allclose(system(weighted, backend).H[c], alone.H[c], rtol=1e-5)
+    V = np.stack([np.diag([1e-4, 2e-4, 3e-4]) + 5e-5] * 3)
+    with opened(weighted, "numpy", "cpu") as exact, opened(weighted, backend, "cpu") as kernel:
+        J, deviation = kernel.colours(WATER, NOISE, V)
+        J_exact, deviation_exact = exact.colours(WATER, NOISE, V)
+    assert (J[0, lost], deviation[0, lost]) == (0, np.inf)
+    np.testing.assert_allclose(J, J_exact, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(deviation, deviation_exact, rtol=1e-5, atol=1e-6)
+
+
+def test_weights_of_channels_count_excess_and_choose_first_observations() -> None:
+    observations = made(5, 3)[0]
+    weight = np.ones((3, len(observations)), dtype=np.float32)
+    weight[1, 2] = weight[2, 2] = weight[1, 3] = 0
+    weighted = replace(observations, weight=weight)
+    assert weighted.n_excess == len(observations) - 2 - 5
+    first = first_slot(weighted)
+    second = int(observations.starts[1])
+    np.testing.assert_array_equal(first.distance, observations.distance[[0, 1, second + 2, second + 3, 4]])
+    assert first.weight is not None
+    assert (first.weight == 1).all()
 
 
 @pytest.mark.parametrize("backend", ["torch", "jax"])
@@ -280,7 +320,7 @@ def silently(kernel: Kernel, water: WaterParameters) -> ReducedSystem:
 
 
 def test_the_compiled_exponential_is_right_to_the_last_digits_of_float32() -> None:
-    from sucre_bench.methods.sucre.kernels.compiled import power_minus_1
+    from sucre_bench.methods.sucre.numba_loops import power_minus_1
 
     for x in np.r_[np.linspace(-30, 30, 3001), np.geomspace(1e-6, 1, 50), -np.geomspace(1e-6, 1, 50)].astype("f4"):
         assert power_minus_1(x) == pytest.approx(np.expm1(np.float64(x) * np.log(2)), rel=3e-7)
@@ -298,12 +338,3 @@ def test_blocks_cover_every_pixel_once_and_hold_their_places() -> None:
         assert (cut[0].start, cut[-1].start + cut[-1].n) == (0, 1000)
         assert all(block.n == 1 or block.n * block.slots <= elements for block in cut)
     assert sum(fill(observations, block)[2].sum() for block in blocks(observations, 500)) == len(observations)
-
-
-def test_a_block_filled_up_has_pixels_that_divide_nothing_by_zero() -> None:
-    z, I, w = fill(made(10)[0], Block(0, 10, 12), width=16)  # noqa: E741
-    assert z.shape == w.shape == (12, 16)
-    assert I.shape == (3, 12, 16)
-    np.testing.assert_array_equal(w[:, 10:].sum(axis=0), 1)
-    assert not z[:, 10:].any()
-    assert not I[:, :, 10:].any()

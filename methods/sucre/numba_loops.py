@@ -10,7 +10,7 @@ float32 inside a slot of a block, float64 across. Threads work shares of the pix
 their order, so that equal runs give equal results. numba's own parallel loops are avoided: its default threads abort
 the process when two callers use them at once.
 
-This module imports numba; only the function that opens a kernel imports this module.
+This module imports numba; only passes.opened imports this module.
 """
 
 from __future__ import annotations
@@ -26,9 +26,8 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.machine.compute import usable_cores
-from sucre_bench.methods.sucre.kernels.formulas import DARKEST, WALL, Block, blocks
-from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.methods.sucre.normal_equations import ReducedSystem
+from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
+from sucre_bench.methods.sucre.passes import DARKEST, LEAST, WALL, Block, blocks
 from sucre_bench.multiview.observations import Observations
 
 T = TypeVar("T")
@@ -47,7 +46,7 @@ _SHARE = 1 << 20  # observations in a share of a thread, some milliseconds
 
 _LOG2_E = 1 / np.log(2)
 _ONE, _ZERO, _HALF = np.float32(1), np.float32(0), np.float32(0.5)
-_WALL = np.float32(WALL)
+_WALL, _LEAST = np.float32(WALL), np.float32(LEAST)
 # Powers of two short of the limits of float32, also when they are squared: no light is 2^-60, not 0, whose colour is
 # 0 / 0.
 _LOWEST, _HIGHEST = np.float32(DARKEST), np.float32(125)
@@ -153,12 +152,13 @@ def _sum_block(store: Any, c: int, start: int, n: int, water: Any, roots: Any, k
         slots = k + 1
         part = slice(starts[k] + start, starts[k] + start + n_k)
         if len(weight):
+            of_channel = weight[min(c, len(weight) - 1)]
             for i in range(n_k):
-                roots[i] = np.sqrt(weight[part.start + i])
+                roots[i] = np.sqrt(of_channel[part.start + i])
         _first_sweep(distance[part], colour[c][part], roots, scale, water[0], rates, kept[k % len(kept)], sums)
     for row in range(1, 5):
         for i in range(n):
-            sums[row, i] /= sums[0, i]
+            sums[row, i] /= max(sums[0, i], _LEAST)
     return slots
 
 
@@ -278,7 +278,7 @@ def _extent(share: Block) -> tuple[tuple[int, int, int], int]:
 @contextmanager
 def compiled(observations: Observations) -> Iterator[_CompiledKernel]:
     """Open the observations for compiled loops, on as many threads as numba's own setting says."""
-    weight = np.empty(0, dtype=np.float32) if observations.weight is None else observations.weight
+    weight = np.empty((0, 0), dtype=np.float32) if observations.weight is None else np.atleast_2d(observations.weight)
     arrays = (observations.distance, observations.colour, weight, observations.starts)
     store = (*map(np.ascontiguousarray, arrays), np.float32(observations.scale))
     with ThreadPoolExecutor(usable_cores()) as workers:

@@ -1,0 +1,324 @@
+"""The two passes over all observations that the solvers need: the normal equations of the water, and all colours.
+
+A backend is a `Kernel`: these two functions and nothing else. Solving, sampling and judging are the same for all.
+numba_loops.py has the passes as compiled loops. The formulas below are written once for every library that computes
+with rectangles (NumPy, PyTorch, JAX): a block is a run of pixels and their observations as rectangles (K, n), K slots
+and n pixels. The pixels are sorted by how many observations they have, so few places stay empty; empty places have
+weight 0.
+
+Cancellation. D' is formed before it is squared: H = sum D^T D - C^T C / A in float32 would lose all digits where
+distances are alike (relative error 9 at 3 to 3.3 m, against 1e-3). For beta it simplifies to
+
+    D'_beta = -J a (z - z_mean),    z_mean = sum a^2 z / sum a^2.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+import numpy as np
+
+from sucre_bench.arrays import Array
+from sucre_bench.errors import InputError
+from sucre_bench.machine.compute import Device, usable_cores
+from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters, library_of, transmission, veil
+from sucre_bench.multiview.observations import Observations
+
+Backend = Literal["auto", "numba", "torch", "jax"]
+
+# How much more a colour below zero counts than a residual of that size: enough to keep all but a few above.
+WALL = 10.0
+
+# Transmissions end at two to this power: less light is none, and its square is still a number in float32.
+DARKEST = -60.0
+
+# The least sum of w a^2 that is divided by, of float32's normal numbers. A pixel without any weight has less: J = 0.
+LEAST = 2.0**-126
+
+
+class Kernel(Protocol):
+    """Sums over the observations it was opened with."""
+
+    @property
+    def device(self) -> str:
+        """Where it computes: "cpu" or "cuda"."""
+        ...
+
+    def system(self, water: WaterParameters, margin: Array | None = None) -> ReducedSystem:
+        """Return the reduced problem around a water, over the pixels that inform it.
+
+        Without a margin these are the pixels seen more than once. With a margin (3,), an intensity for each channel,
+        they are all pixels, and colours are held above zero up to it (see `products`).
+        """
+        ...
+
+    def colours(self, water: WaterParameters, noise: Array, covariance: Array) -> tuple[Array, Array]:
+        """Return J (3, P) float32 and its standard deviation (3, P) float32, in the order of `Observations.pixels`.
+
+        noise: (3,) standard deviation of I; covariance: (3, 3, 3) of each channel's B, beta, gamma. Where all weights
+        of a pixel are 0 in a channel, J is 0 and its deviation infinite.
+        """
+        ...
+
+
+def opened(
+    observations: Observations, backend: Backend | Literal["numpy"], device: Device
+) -> AbstractContextManager[Kernel]:
+    """Make the observations ready for a backend, for the time of a `with` block.
+
+    backend "numpy" computes in float64: slow, and the reference for the others. Raises InputError when there is no
+    such device.
+    """
+    if backend == "numpy":
+        from sucre_bench.methods.sucre.array_libraries import on_numpy
+
+        return on_numpy(observations)
+    library, place = backend_for(backend, device)
+    if library == "numba":
+        from sucre_bench.methods.sucre.numba_loops import compiled
+
+        return compiled(observations)
+    from sucre_bench.methods.sucre.array_libraries import on_jax, on_torch
+
+    return on_torch(observations, place) if library == "torch" else on_jax(observations, place)
+
+
+def backend_for(backend: Backend, device: Device) -> tuple[Literal["numba", "torch", "jax"], str]:
+    """Return which backend computes where. auto: the compiled loops, unless a GPU is asked for.
+
+    On an H100, PyTorch and JAX took twice as long as the loops did on the 16 processors beside it
+    (benchmarks/devices.py): moving the observations takes longer than the sums.
+    """
+    if device == "cuda" and backend == "numba":
+        raise InputError(
+            "method.backend=numba computes on the CPU only; use method.device=auto, or method.backend=torch"
+        )
+    if backend != "jax" and backend != "torch" and device != "cuda":
+        return "numba", "cpu"
+    has_gpu = _jax_sees_gpu() if backend == "jax" else _torch_sees_gpu()
+    if device == "cuda" and not has_gpu:
+        fault, remedy = ("JAX sees no GPU", "method.backend=torch")
+        if backend != "jax":
+            fault, remedy = ("PyTorch sees no CUDA GPU", "method.device=cpu")
+        raise InputError(f"method.device=cuda: {fault}; use method.device=auto or {remedy}")
+    return "jax" if backend == "jax" else "torch", "cuda" if device != "cpu" and has_gpu else "cpu"
+
+
+def _torch_sees_gpu() -> bool:
+    import torch
+
+    return torch.cuda.is_available()
+
+
+def _jax_sees_gpu() -> bool:
+    """Whether JAX sees a GPU. When it first looks, JAX would take 3/4 of the GPU's memory from all other processes."""
+    import jax
+
+    name = "XLA_PYTHON_CLIENT_PREALLOCATE"
+    is_given = name in os.environ
+    os.environ.setdefault(name, "false")
+    try:
+        return bool(jax.default_backend() == "gpu")
+    finally:
+        if not is_given:
+            del os.environ[name]
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Pixels start to start + n of the observations, with up to `slots` observations each."""
+
+    start: int
+    n: int
+    slots: int
+
+
+def blocks(
+    observations: Observations, elements: int, *, stop: int | None = None, slots: Callable[[int], int] = int
+) -> list[Block]:
+    """Cut pixels 0 to stop into blocks of at most so many places (slots x pixels), at least one pixel each.
+
+    slots: how many to give a block that needs so many.
+    """
+    stop = len(observations.pixels) if stop is None else stop
+    cut, start = [], 0
+    while start < stop:
+        height = slots(int(observations.counts[start]))
+        n = min(max(1, elements // height), stop - start)
+        cut.append(Block(start, n, height))
+        start += n
+    return cut
+
+
+def fill(
+    observations: Observations, block: Block, dtype: Any = np.float32, *, width: int | None = None
+) -> tuple[Array, Array, Array]:
+    """Return distance (K, n), intensity (3, K, n) and weight of a block's observations, 0 in empty places.
+
+    The weight is (K, n), or (3, K, n) if each channel has its own. width: of the rectangles, n by default.
+    """
+    shape, weight = (block.slots, block.n if width is None else width), observations.weight
+    z, I = np.zeros(shape, dtype=dtype), np.zeros((3, *shape), dtype=dtype)  # noqa: E741
+    w = np.zeros(shape if weight is None else (*weight.shape[:-1], *shape), dtype=dtype)
+    scale = dtype(observations.scale)
+    for k, (n, part) in enumerate(observations.slots(block.start, block.start + block.n)):
+        z[k, :n] = observations.distance[part]
+        np.multiply(observations.colour[:, part], scale, out=I[:, k, :n], casting="unsafe")
+        w[..., k, :n] = 1 if weight is None else weight[..., part]
+    return z, I, w
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Eliminated:
+    """A block after its colours are eliminated. Arrays (3, K, n), or (3, 1, n) for sums over the slots.
+
+    z: distance; s: root of the weight; x = s a; d = s D_B; g = s D_gamma; A = sum x^2; J = sum x y / A and the residual
+    r = y - x J, where y = s (I - b).
+    """
+
+    z: Any
+    s: Any
+    x: Any
+    d: Any
+    g: Any
+    A: Any
+    J: Any
+    r: Any
+
+    @staticmethod
+    def of(z: Any, I: Any, w: Any, water: Any) -> _Eliminated:  # noqa: E741
+        B, beta, gamma = water
+        s = w**0.5
+        x = s * transmission((beta * z).clip(max=-DARKEST * math.log(2)), 1.0)
+        d = s * veil(z, 1, gamma)
+        y, A = s * I - B * d, (x * x).sum(1, keepdims=True)
+        J = (x * y).sum(1, keepdims=True) / A.clip(min=LEAST)
+        return _Eliminated(z, s, x, d, B * z * (s - d), A, J, y - x * J)
+
+    def mean(self, values: Any) -> Any:
+        """Return sum x values / A."""
+        return (self.x * values).sum(1, keepdims=True) / self.A.clip(min=LEAST)
+
+
+def colours(z: Any, I: Any, w: Any, water: Any, noise: Any, covariance: Any) -> Any:  # noqa: E741
+    """Return the best J and its standard deviation of a block, (2, 3, n).
+
+    z, I, w: see `fill`; water: B, beta, gamma, (3, 1, 1) each; noise: (3, 1, 1) standard deviation of I; covariance:
+    (3, 3, 3, 1, 1), of B, beta, gamma, then channels. The variance is noise^2 / A of the observations, A = sum w a^2,
+    and c^T covariance c of the water, c = (sum w a D) / A.
+    """
+    block = _Eliminated.of(z, I, w, water)
+    c = block.mean(block.d), -block.J * block.mean(block.x * z), block.mean(block.g)
+    variance = noise**2 / block.A + sum(covariance[i, j] * c[i] * c[j] for i in range(3) for j in range(3))
+    return library_of(z).stack([block.J, variance**0.5])[:, :, 0]
+
+
+def products(z: Any, I: Any, w: Any, water: Any, margin: Any, *, on_gpu: bool = False) -> Any:  # noqa: E741
+    """Return the products (3, 4, 4) of each channel's columns (D'_B, D'_beta, D'_gamma, r) over a block.
+
+    z, I, w: see `fill`; water: B, beta, gamma, (3, 1, 1) each. margin: (3, 1, 1), or None for free colours. With a
+    margin, colours are held above zero, up to noise: a pixel whose sqrt(A) J lies below -margin adds the residual
+    WALL (sqrt(A) J + margin), the way it would need to get there; margin is in the unit of I.
+    """
+    block, library = _Eliminated.of(z, I, w, water), library_of(z)
+    x, J, r = block.x, block.J, block.r
+    mean_B, mean_gamma, z_mean = block.mean(block.d), block.mean(block.g), block.mean(x * z)
+    columns = [block.d - x * mean_B, x * J * (z_mean - z), block.g - x * mean_gamma, r]
+    total = _squares(library.stack(columns, 1).reshape(3, 4, -1), on_gpu)
+    if margin is None:
+        return total
+    root = block.A.clip(min=LEAST) ** 0.5
+    short = root * J + margin  # of zero, where negative
+    slope = [-root * mean_B, -(x * z * r).sum(1, keepdims=True) / root, -root * mean_gamma, -short]
+    held = library.stack(slope, 1)[:, :, 0] * (WALL * (short < 0))
+    return total + _squares(held, on_gpu)
+
+
+products_on_gpu = functools.partial(products, on_gpu=True)
+
+
+def _squares(columns: Any, on_gpu: bool) -> Any:
+    """Return columns (3, 4, N) times their transposes.
+
+    On a GPU a matrix product of rows this long adds each result in one chain of float32. On 1.8 million observations
+    that cost 1 % of a veiling light, while sums are made in trees: with them a whole water is within 1e-6 of float64's.
+    """
+    if not on_gpu:
+        return columns @ columns.swapaxes(1, 2)
+    library = library_of(columns)
+    wide = {"dtype": library.float64} if library.__name__ == "torch" else {}
+    return library.stack([(columns * columns[:, k : k + 1]).sum(-1, **wide) for k in range(4)], 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockKernel:
+    """The passes as sums over blocks of at most `places` places, by a library that computes with rectangles.
+
+    compute: returns a formula's result for a block, float64 or float32, from arrays of parameters; MemoryError where a
+    GPU lacks the memory for it. slots: how many slots to give a block that needs so many. Results come in the order of
+    the blocks, whatever thread made them, so that equal runs give equal sums.
+    """
+
+    observations: Observations
+    device: str
+    compute: Callable[..., Array]
+    places: int
+    slots: Callable[[int], int]
+    workers: ThreadPoolExecutor
+
+    def system(self, water: WaterParameters, margin: Array | None = None) -> ReducedSystem:
+        stop = self.observations.n_repeated if margin is None else None
+        formula = products_on_gpu if self.device == "cuda" else products
+        parts = self._each(stop, formula, water, None if margin is None else _by_channel(margin))
+        return ReducedSystem.from_products(sum((part for _, part in parts), np.zeros((3, 4, 4))))
+
+    def colours(self, water: WaterParameters, noise: Array, covariance: Array) -> tuple[Array, Array]:
+        found = np.empty((2, 3, len(self.observations.pixels)), dtype=np.float32)
+        by_channel = _by_channel(np.moveaxis(covariance, 0, -1))
+        for block, part in self._each(None, colours, water, _by_channel(noise), by_channel):
+            found[:, :, block.start : block.start + block.n] = part[:, :, : block.n]
+        return found[0], found[1]
+
+    def _each(
+        self, stop: int | None, formula: Any, water: WaterParameters, *parameters: Any
+    ) -> Iterator[tuple[Block, Array]]:
+        rows = _by_channel(water.by_channel().T)
+        cut = blocks(self.observations, self.places, stop=stop, slots=self.slots)
+
+        def work(block: Block) -> list[tuple[Block, Array]]:
+            try:
+                return [(block, self.compute(formula, block, rows, *parameters))]
+            except MemoryError:
+                if block.n == 1:
+                    raise
+            half = block.n // 2
+            rest = Block(block.start + half, block.n - half, block.slots)
+            return work(Block(block.start, half, block.slots)) + work(rest)
+
+        for pieces in map(work, cut) if len(cut) == 1 else self.workers.map(work, cut):
+            yield from pieces
+
+
+def _by_channel(values: Array) -> Array:
+    """Return values (..., 3) as (..., 3, 1, 1), to be broadcast over rectangles (3, K, n)."""
+    return np.array(values, dtype=np.float64)[..., None, None]
+
+
+@contextmanager
+def open_blocks(
+    observations: Observations,
+    device: str,
+    compute: Callable[..., Array],
+    places: int,
+    slots: Callable[[int], int] = int,
+) -> Iterator[BlockKernel]:
+    """Open the observations for a library: several blocks at a time on the CPU, block after block on a GPU."""
+    with ThreadPoolExecutor(usable_cores() if device == "cpu" else 1) as workers:
+        yield BlockKernel(observations, device, compute, places, slots, workers)
