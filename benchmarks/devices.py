@@ -3,7 +3,7 @@
 Run: python benchmarks/devices.py [WIDTH or FOLDER ...]. A width makes the demo scene, 3/4 as high; a folder has the
 layout of the colmap dataset. The view in the middle is restored. The fastest of three solves counts, after one that
 compiles; it starts with the observations in the machine's memory. Ratios are to PyTorch on the CPU. Water and J are
-beside those of the float64 reference (`backend=numpy`); above 2 million observations the first line stands in for it.
+beside those of the float64 reference (backend "numpy"); above 2 million observations the first line stands in for it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from solvers import fastest
 import sucre_bench as sb
 from sucre_bench.errors import InputError
 from sucre_bench.machine.compute import usable_cores
-from sucre_bench.methods.sucre.solvers import Solution, solve_adam, solve_exact, start_of
+from sucre_bench.methods.sucre.paper import solve_adam, start_of
+from sucre_bench.methods.sucre.solvers import Solution, solve_exact
 from sucre_bench.multiview.observe import observe
 from sucre_bench.scene import Scene
 

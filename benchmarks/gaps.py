@@ -1,4 +1,4 @@
-"""Dots where a view misses pixels, with even=false and even=true: for "Gaps of a view" in docs/sucre.md.
+"""Dots where a view misses pixels, with refine=false and refine=true: for "Gaps of a view" in docs/sucre.md.
 
 Run: python benchmarks/gaps.py [--size 640x480]
 
@@ -60,15 +60,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", default="640x480", help="of the images (default 640x480)")
     width, height = (int(side) for side in parser.parse_args().size.split("x"))
-    print("| | as fitted, even=false | even=true | with prior, even=false | even=true | dots, even=false | even=true |")
+    print("| | refine=false | refine=true | dots, refine=false | refine=true |")
     for water, k, is_uneven in ROWS:
         made = next(iter(sb.load_scenes("demo", water=water, width=width, height=height)))
         scene = uneven(made) if is_uneven else made
         view = scene.views[k]
-        fitted, shrunk = (
-            [measured(scene, view, even=even, prior=prior) for even in (False, True)] for prior in (False, True)
-        )
-        numbers = [*(psnr for psnr, _ in fitted + shrunk), *(found for _, found in shrunk)]
+        both = [measured(scene, view, refine=refine) for refine in (False, True)]
+        numbers = [*(psnr for psnr, _ in both), *(found for _, found in both)]
         name = f"{water}, view {k}" + (", uneven" if is_uneven else "")
         print("|", " | ".join([name, *(f"{number:.2f}" for number in numbers)]), "|", flush=True)
 

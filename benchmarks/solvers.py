@@ -15,7 +15,8 @@ import numpy as np
 
 import sucre_bench as sb
 from sucre_bench.methods.sucre.exact import fit
-from sucre_bench.methods.sucre.solvers import Solution, solve_adam, solve_adam_closed_form, solve_exact
+from sucre_bench.methods.sucre.paper import solve_adam
+from sucre_bench.methods.sucre.solvers import Solution, solve_exact
 from sucre_bench.multiview.observe import observe
 
 TURNS = 3
@@ -44,7 +45,6 @@ def main() -> None:
     # Adam's kernel is torch's; its water's cost and diagnosis, which are no part of the 200 steps, are few passes.
     works: dict[str, Callable[[], Solution]] = {
         "adam, 200 steps": lambda: solve_adam(observations, own, 200, 0.05, "sum", backend, "cpu"),
-        "adam, closed form": lambda: solve_adam_closed_form(observations, 200, 0.05, backend, "cpu"),
         "exact": lambda: solve_exact(observations, backend=backend, device="cpu"),
         "exact, physical": lambda: solve_exact(observations, physical=True, backend=backend, device="cpu"),
     }

@@ -14,8 +14,8 @@ import numpy as np
 import torch
 
 import sucre_bench as sb
-from sucre_bench.methods.sucre.adam import minimise
 from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.paper import minimise
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
 

@@ -5,28 +5,25 @@ one water and one colour a pixel.
 
 | file | subject |
 |---|---|
-| `sucre.py`, `sucre_plus.py`, `sucre_paper.py` | the three methods |
-| `options.py` | options of `sucre`, and which go together |
+| `sucre.py`, `paper.py` | the methods: `sucre` and `sucre_plus` with their options; `sucre_paper` with the paper's optimiser |
 | `model.py` | the image formation model, its parameters, and the least-squares problem in these |
 | `passes.py`, `numba_loops.py`, `array_libraries.py` | the passes that sum it up, for several array libraries |
 | `exact.py`, `starting_points.py`, `levenberg.py` | the minimum: starts, steps, choice between minima |
 | `samples.py` | the pixels that water and light are fitted to, sharp or averaged over one footprint |
 | `weak_priors.py`, `undetermined_water.py` | channels, or a whole water, that the observations do not determine |
-| `adam.py`, `solvers.py` | the paper's optimiser; all solvers with one kind of result |
+| `solvers.py`, `known_water.py` | the result of every solver; water from elsewhere, or shared by a scene |
 | `own_water.py` | the exact fit to one image, with the options below |
 | `robust.py`, `lamp.py`, `exposure.py` | one option each, found together with the water |
 | `falloff.py`, `light_and_water.py` | light that falls off across images; light fitted together with water |
 | `uneven_light.py` | which model removes uneven light: a lamp, or the place in the image |
 | `apply_gains.py` | observations of all views in one exposure |
-| `shared_water.py`, `known_water.py`, `shrink_noisy_colours.py` | one option each |
 | `calibrated_noise.py`, `even_gaps.py`, `depth_edges.py`, `follow_best_channel.py` | colours after the fit, one each |
-| `fill_without_depth.py` | colours of pixels without depth |
+| `shrink_noisy_colours.py`, `fill_without_depth.py` | noisy colours, and colours of pixels without depth |
 | `diagnostics.py`, `residuals.py`, `to_restoration.py` | uncertainty, residual statistics, the result |
 | `warm_up.py` | compiles the loops before the first image |
 """
 
-from sucre_bench.methods.sucre.sucre import Sucre
-from sucre_bench.methods.sucre.sucre_paper import SucrePaper
-from sucre_bench.methods.sucre.sucre_plus import SucrePlus
+from sucre_bench.methods.sucre.paper import SucrePaper
+from sucre_bench.methods.sucre.sucre import Sucre, SucrePlus
 
 __all__ = ["Sucre", "SucrePaper", "SucrePlus"]

@@ -1,33 +1,51 @@
-"""Reads a known water: from a file, an earlier run, another method, or the truth of a made scene.
+"""Finds a water outside the image: from a file, an earlier run, another method, the truth, or the whole scene.
 
 A water that was fitted with one gain for each view is in the exposure of its own target, where that has gain 1. For
 another target with gain g it has g B, and gains divided by g.
+
+A single image often sees too few distances to determine its water, and a dive has one water. For `shared_water` every
+target gives a sample of its pixels and the fit sums over all samples, so memory holds samples and never a whole dive.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sucre_bench import plugins
-from sucre_bench.errors import InputError, MissingFileError
+from sucre_bench.arrays import evenly
+from sucre_bench.errors import InputError, MissingFileError, SolveError
 from sucre_bench.machine.files import expanded
+from sucre_bench.machine.progress import say, track
 from sucre_bench.methods.sucre.apply_gains import relative_to
 from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.multiview.observations import Observations
 from sucre_bench.plugins.call_method import restored
 from sucre_bench.plugins.options import create
 from sucre_bench.results.layout import stems_of
 from sucre_bench.results.water_file import Lighting, lighting_of, read_lighting, read_water
 from sucre_bench.scene import Encoding, Scene, View, Water
 
+if TYPE_CHECKING:
+    from sucre_bench.methods.sucre.exact import WaterFit
+    from sucre_bench.methods.sucre.sucre import Sucre
+
 # Largest values that are accepted. Adam has no bounds and may end a little below zero.
 _MOST_B, _MOST_RATE = 2.0, 100.0
 
 _SUFFIXES = (".json", ".npz")
+
+# Words of the option that lead to no file and no method.
+WORDS = ("own", "shared", "truth")
+
+# Most images that a shared water is fitted to, spread evenly over the scene.
+_SHARED_VIEWS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,34 +59,56 @@ class KnownWater:
 def water_of(source: str, scene: Scene, view: View, encoding: Encoding) -> KnownWater:
     """Return the water of a source.
 
-    source: "truth"; a .json or .npz file that holds B, beta and gamma, three numbers each; or a folder with such a
-    file for each view, as a run writes them to restored/<dataset>/<method>; encoding: of the intensities that the
-    water has to explain. Raises InputError, naming the file.
+    source: "truth"; the name of a method, which estimates it on this view; a .json or .npz file that holds B, beta and
+    gamma, three numbers each; or a folder with such a file for each view, as a run writes them to
+    restored/<dataset>/<method>. A folder with the name of a method is given as ./NAME. encoding: of the intensities
+    that the water has to explain.
+    Raises InputError, naming the source; and what the method itself raises.
     """
+    place = f"method.water={source}"
     if source == "truth":
         if scene.water is None:
-            raise InputError(
-                f"method.water=truth: the scene '{scene.name}' knows no water; give a file, or method.water=own"
-            )
-        return _known("method.water=truth", scene.water, Lighting(), view, encoding)
+            raise InputError(f"{place}: the scene '{scene.name}' knows no water; give a file, or method.water=own")
+        return _known(place, scene.water, Lighting(), view, encoding)
+    if source in plugins.discover("method"):
+        plugin = plugins.find("method", source)
+        if absent := plugins.missing_needs(plugin, scene.has):
+            raise InputError(f"{place}: {absent}; name another method")
+        found = restored(create(plugin, {}), scene, view)
+        unknown = ["B, beta, gamma"] if found.water is None else _unknown(found.water)
+        if found.water is None or unknown:
+            fault = f"it estimates no {', '.join(unknown)}"
+            raise InputError(f"{place}: {fault}; name one that does, such as gaussian_seathru")
+        return _known(place, found.water, lighting_of(found.info, place, view.name), view, encoding)
     path = expanded(source)
     if path.is_dir():
         path = _of_view(path, scene, view)
     try:
         water = _of_file(path)
     except FileNotFoundError:
-        remedy = "the option takes own, shared, truth, a .json or .npz file, or a folder of them"
+        remedy = "the option takes own, shared, truth, a method, a .json or .npz file, or a folder of them"
         raise MissingFileError("no such file", path, remedy) from None
     return _known(str(path), water, read_lighting(path), view, encoding)
 
 
-def check_file(source: str) -> None:
-    """Raise InputError when a path, as for `water_of`, leads to a file without a water, or a folder without files.
+def check_source(source: str) -> None:
+    """Raise InputError for a source, as for `water_of`, that can have no water.
 
-    A path to nothing passes: `create` refuses it.
+    These are a method that is not installed or needs options, a file without a water, and a folder without files. A
+    path to nothing passes, unless it is a bare word: `create` refuses it.
     """
     path = expanded(source)
-    if not path.is_dir():
+    if source in plugins.discover("method") or (source.isidentifier() and not path.exists()):
+        plugin = plugins.find("method", source)
+        if missing := plugins.missing_packages(plugin):
+            raise InputError(f"method.water={source}: is not installed; {missing}")
+        try:
+            create(plugin, {})
+        except InputError as fault:
+            raise InputError(
+                f"method.water={source}: takes options ({fault}); run it first, and give method.water=FOLDER"
+            ) from fault
+    elif not path.is_dir():
         with contextlib.suppress(FileNotFoundError):
             _of_file(path)
     elif not any(file.suffix in _SUFFIXES for file in path.rglob("*")):
@@ -81,38 +121,6 @@ def _of_file(path: Path) -> Water:
     if water is None:
         raise InputError(f"{path}: does not hold B, beta and gamma; give three numbers of each")
     return water
-
-
-def check_source(name: str) -> None:
-    """Raise InputError when no installed method of this name works without options."""
-    plugin = plugins.find("method", name)
-    if missing := plugins.missing_packages(plugin):
-        raise InputError(f"method.water_from={name}: is not installed; {missing}")
-    try:
-        create(plugin, {})
-    except InputError as fault:
-        raise InputError(
-            f"method.water_from={name}: takes options ({fault}); run it first, and give method.water=FOLDER"
-        ) from fault
-
-
-def water_by(name: str, scene: Scene, view: View, encoding: Encoding) -> KnownWater:
-    """Return the water that another method estimates on this view.
-
-    Raises InputError when the scene lacks what the method needs, when it estimates no water, or a water of another
-    encoding; and what the method itself raises.
-    """
-    plugin = plugins.find("method", name)
-    if absent := plugins.missing_needs(plugin, scene.has):
-        raise InputError(f"method.water_from={name}: {absent}; name another method")
-    found = restored(create(plugin, {}), scene, view)
-    water = found.water
-    unknown = ["B, beta, gamma"] if water is None else _unknown(water)
-    if water is None or unknown:
-        fault = f"it estimates no {', '.join(unknown)}"
-        raise InputError(f"method.water_from={name}: {fault}; name one that does, such as gaussian_seathru")
-    place = f"method.water_from={name}"
-    return _known(place, water, lighting_of(found.info, place, view.name), view, encoding)
 
 
 def _unknown(water: Water) -> list[str]:
@@ -163,3 +171,46 @@ def _of_view(folder: Path, scene: Scene, view: View) -> Path:
             if file.is_file() and file.resolve().is_relative_to(folder.resolve()):
                 return file
     return folder / f"{PurePosixPath(view.name).with_suffix('')}.json"
+
+
+def shared_water(scene: Scene, options: Sucre) -> WaterFit:
+    """Return the one water of up to 40 targets, spread evenly over the scene.
+
+    Views without a pose or depth, or with a damaged file, are left out. Raises SolveError when none is left, and what
+    `fit` raises.
+    """
+    found = _shared_fit(scene, options)
+    if isinstance(found, SolveError):
+        raise found
+    return found
+
+
+@functools.lru_cache(maxsize=4)  # every view of the scene asks for it
+def _shared_fit(scene: Scene, options: Sucre) -> WaterFit | SolveError:
+    """Return the common water; or why there is none, which is kept too, since finding out takes as long."""
+    from sucre_bench.methods.sucre import exact
+    from sucre_bench.methods.sucre.samples import SAMPLE, matched_sample, sampled
+
+    sharp: list[Observations | None] = []
+    to_fit: list[Observations] = []
+    last = "no view shares a pixel with another"
+    for k in track(evenly(len(scene), _SHARED_VIEWS), "shared water"):
+        view = scene.views[k]
+        try:
+            observations = options.observe(scene, view)
+        except (InputError, SolveError) as fault:
+            last = str(fault)
+            say(f"shared water skips {view.name}: {fault}")
+            continue
+        if not observations.n_repeated:
+            continue
+        sample = sampled(observations, SAMPLE, singles=options.physical, seed=k)
+        matched = matched_sample(options, scene, view, observations) if options.footprint else None
+        to_fit.append(sample if matched is None else matched)
+        sharp.append(None if matched is None else sample)
+    if not to_fit:
+        return SolveError(f"the scene's water cannot be fitted, {last}; use method.water=FILE with a known one")
+    try:
+        return exact.fit(to_fit, physical=options.physical, sharp=sharp, **options.compute)
+    except SolveError as fault:
+        return fault

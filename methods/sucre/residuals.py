@@ -27,7 +27,7 @@ from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.multiview.observations import Observations
 
 # Number of observations used, and the largest leverage.
-_SAMPLE, _DECISIVE = 200_000, 0.9
+_SAMPLE, _DECISIVE = 50_000, 0.9
 
 # The histogram: bins half a level of 8 bits wide, the middle one around 0, to a quarter of full scale either side.
 _BIN, _BINS = 1 / 510, 255
@@ -42,8 +42,8 @@ _FITS, _RESIDUALS, _REACH, _ENOUGH = 32, 41, 5.0, 30
 _TRACKS, _WIDEST, _FEWEST, _MOST = 30, 0.05, 4, 16
 
 
-def residuals(observations: Observations, J: Array, water: WaterParameters, seed: int = 0) -> dict[str, Any]:
-    """Return statistics of some 200,000 observations of random pixels that are seen more than once, ready for JSON.
+def residuals(observations: Observations, J: Array, water: WaterParameters) -> dict[str, Any]:
+    """Return statistics of some 50,000 observations of random pixels that are seen more than once, ready for JSON.
 
     J: (3, P) colours in the order of `observations.pixels`.
 
@@ -63,7 +63,7 @@ def residuals(observations: Observations, J: Array, water: WaterParameters, seed
     if not n_repeated:
         return about
     wanted = min(n_repeated, max(1, round(_SAMPLE * n_repeated / (len(observations) - n_alone))))
-    places = np.sort(np.random.default_rng(seed).choice(n_repeated, wanted, replace=False))
+    places = np.sort(np.random.default_rng(0).choice(n_repeated, wanted, replace=False))
     few, colours = observations.take(places), J[:, places].astype(np.float64)
     found = _found(few, colours, water)
     about |= {"observations": found.n, "decisive_share": 1 - found.r.shape[1] / max(found.n, 1)}

@@ -1,34 +1,21 @@
-"""The ways to find water and colours, with one kind of result, `Solution`.
-
-adam: the paper's, on all unknowns at once. adam_closed_form: Adam on the nine parameters of the water alone, with each
-pixel's best colour at every step; the gradient of the reduced cost is that of the full one there, since the colours are
-at their optimum. exact: see exact.py. colours_for_water: the water is known, the colours follow in closed form.
-"""
+"""The result of every solver, `Solution`, the exact one, and the colours in a water that is known."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import SolveError
 from sucre_bench.machine.compute import Device
-from sucre_bench.machine.progress import track
 from sucre_bench.methods.sucre.diagnostics import WaterUncertainty, for_known_water, rescaled_to_noise, uncertainty_of
 from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.methods.sucre.passes import Backend, Kernel, backend_for, opened
+from sucre_bench.methods.sucre.passes import Backend, Kernel, opened
 from sucre_bench.methods.sucre.uneven_light import TargetLight
 from sucre_bench.multiview.observations import Observations
-
-# The paper's start: J = I and B = beta = gamma = 0.1.
-_INITIAL_WATER = WaterParameters.of_channels(np.full((3, 3), 0.1))
-
-# Adam's own default (Kingma & Ba 2015), which the paper does not change.
-_EPS = 1e-8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,56 +42,6 @@ class Solution:
         """Return the solution with more limits."""
         uncertainty = replace(self.uncertainty, limits=(*self.uncertainty.limits, *limits))
         return replace(self, uncertainty=uncertainty)
-
-
-def start_of(observations: Observations, intensities: Array) -> Array:
-    """Return the paper's start J = I (3, P): the target's intensities (H W, 3), or another view's where not finite."""
-    target_intensities = intensities[observations.pixels].swapaxes(0, 1)
-    return np.where(
-        np.isfinite(target_intensities), target_intensities, observations.intensity(slice(0, len(observations.pixels)))
-    )
-
-
-def solve_adam(
-    observations: Observations,
-    start: Array,
-    steps: int,
-    lr: float,
-    objective: Literal["sum", "mean"],
-    backend: Backend,
-    device: Device,
-) -> Solution:
-    """Take the paper's steps from J = start (3, P), the target's intensities. SolveError when they diverge."""
-    from sucre_bench.methods.sucre.adam import minimise
-
-    eps = _EPS if objective == "sum" else _EPS * 3 * len(observations)  # the same as dividing the sum
-    _, place = backend_for("torch", device)
-    fit = minimise(observations, start, _INITIAL_WATER, steps=steps, lr=lr, eps=eps, device=place)
-    _check_finite(fit.cost, steps, lr)
-    with opened(observations, backend, device) as kernel:
-        uncertainty = _uncertainty(kernel, observations, fit.water)
-        _, deviation = kernel.colours(fit.water, uncertainty.noise, uncertainty.covariance)
-    about = {"solver": "adam", "steps": steps, "initial_cost": fit.initial_cost.tolist(), "device": place}
-    return Solution(fit.J, deviation, fit.water, fit.cost, uncertainty, about)
-
-
-def solve_adam_closed_form(
-    observations: Observations, steps: int, lr: float, backend: Backend, device: Device
-) -> Solution:
-    """Take Adam's steps on the water, with the best colours at each. SolveError when they diverge."""
-    import torch
-
-    from sucre_bench.methods.sucre.adam import Adam
-
-    rows = torch.tensor(_INITIAL_WATER.by_channel())
-    adam = Adam([rows], lr=lr, eps=_EPS)
-    with opened(observations, backend, device) as kernel:
-        for _ in track(range(steps), "SUCRe (Adam, closed form)"):
-            adam.step([torch.from_numpy(-2 * kernel.system(WaterParameters.of_channels(rows.numpy())).g)])
-        _check_finite(rows.numpy(), steps, lr)
-        water = WaterParameters.of_channels(rows.numpy())
-        uncertainty = _uncertainty(kernel, observations, water)
-        return _with_colours(kernel, water, uncertainty, {"solver": "adam_closed_form", "steps": steps})
 
 
 def solve_exact(
@@ -144,7 +81,7 @@ def solve_exact(
         if noise is not None and sharp is not None:
             uncertainty = rescaled_to_noise(uncertainty, robust_noise(sharp, found.water))
         elif matched is not None:  # the water's errors come from the sample, the colours' from their own noise
-            uncertainty = replace(uncertainty, noise=_uncertainty(kernel, observations, found.water).noise)
+            uncertainty = replace(uncertainty, noise=uncertainty_at(kernel, observations, found.water).noise)
         solution = _with_colours(kernel, found.water, uncertainty, about)
     return solution if noise is None else replace(solution, weight=observations.weight)
 
@@ -158,7 +95,7 @@ def colours_for_water(
 ) -> Solution:
     """Return the colours in a water that is known, from elsewhere (uncertainty None) or from a common fit."""
     with opened(observations, backend, device) as kernel:
-        known = uncertainty or for_known_water(_uncertainty(kernel, observations, water))
+        known = uncertainty or for_known_water(uncertainty_at(kernel, observations, water))
         return _with_colours(kernel, water, known, {"solver": "given"})
 
 
@@ -170,11 +107,6 @@ def _with_colours(
     return Solution(J, deviation, water, cost, uncertainty, {**about, "device": kernel.device})
 
 
-def _uncertainty(kernel: Kernel, observations: Observations, water: WaterParameters) -> WaterUncertainty:
+def uncertainty_at(kernel: Kernel, observations: Observations, water: WaterParameters) -> WaterUncertainty:
     """Return the uncertainty of a water that need not be the minimum."""
     return uncertainty_of(water, kernel.system(water), np.ones((3, 3), dtype=bool), observations.n_excess)
-
-
-def _check_finite(values: Array, steps: int, lr: float) -> None:
-    if not np.isfinite(values).all():
-        raise SolveError(f"Adam diverged after {steps} steps; lower lr ({lr}) or steps")

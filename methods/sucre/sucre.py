@@ -1,53 +1,39 @@
-"""The method `sucre`: the least-squares minimum of SUCRe's model, with all its options."""
+"""The methods `sucre` and `sucre_plus`: this project's fit of SUCRe's model, its options, and how they go together."""
 
 from __future__ import annotations
 
-import functools
 import importlib
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from sucre_bench import Arrays, Restoration, Scene, SolveError, View, method
+from sucre_bench import Arrays, InputError, Restoration, Scene, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.display import normalisation
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.fill import FillOption
-from sucre_bench.methods.sucre.known_water import KnownWater, check_file, check_source, water_by, water_of
-from sucre_bench.methods.sucre.options import (
-    ColourOptions,
-    ComputeOptions,
-    FitOptions,
-    PairingOptions,
-    WaterOptions,
-    Way,
-    check,
-    way_of,
-)
+from sucre_bench.machine.compute import Device
+from sucre_bench.methods.sucre.known_water import WORDS, check_source, shared_water, water_of
+from sucre_bench.methods.sucre.paper import CITES, solve_adam, start_of
+from sucre_bench.methods.sucre.passes import Backend
 from sucre_bench.methods.sucre.shrink_noisy_colours import LEAST_SPREAD, LEAST_SPREAD_LINEAR, ImagePrior, prior_of
-from sucre_bench.methods.sucre.sucre_paper import CITES
 from sucre_bench.plugins.call_method import display_of
 from sucre_bench.scene import Encoding
 
 if TYPE_CHECKING:
-    from sucre_bench.methods.sucre.exact import WaterFit
     from sucre_bench.methods.sucre.solvers import Solution
     from sucre_bench.methods.sucre.uneven_light import TargetLight
     from sucre_bench.multiview.observations import Observations
     from sucre_bench.multiview.observe import Options
 
+_AFTER = f"sucre_bench, after {CITES}; its authors have not seen this method"
 
-@method(
-    needs={"depth", "poses"},
-    requires=("numba", "torch"),
-    display="stretch-1-99",
-    cites=CITES,
-    reads=("water", "water_from"),
-)
+
+@method(needs={"depth", "poses"}, requires=("numba", "torch"), display="stretch-1-99", cites=_AFTER, reads=("water",))
 @dataclass(frozen=True)
-class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOptions, FitOptions):
+class Sucre(FillOption):
     """This project's method on SUCRe's model, to measure the water: one water for a view, one colour for each pixel.
 
     `sucre_paper` is SUCRe as published; its authors have not seen this method. The model and its least squares are the
@@ -56,18 +42,66 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
     weak priors are this project's.
     """
 
+    solver: Literal["exact", "adam"] = "exact"
+    """exact: the minimum; adam: the paper's steps on all unknowns."""
+
+    footprint: bool = True
+    """Fit the water to observations that average the same ground as the farthest view; colours stay sharp. false: fit
+    single pixels, which makes attenuation too high. Needs solver=exact, and water=own or shared."""
+
+    physical: bool = False
+    """Keep colours above zero, up to noise; a veil brighter than the darkest pixels raises the cost (solver=exact)."""
+
+    robust: bool = False
+    """Give less weight to observations that do not fit: animals that move, pixels paired wrongly (solver=exact)."""
+
+    exposure: Literal["auto", "constant", "per_view"] = "auto"
+    """per_view: fit one gain for each view with the water, for cameras that expose automatically (solver=exact);
+    constant: one exposure for all views; auto: per_view only if exposures differ, gains explain the observations far
+    better, and attenuation is lower with them (footprint=true)."""
+
+    lamp: bool | Literal["auto"] = "auto"
+    """true: fit a lamp that is fixed to the camera and is the only light (solver=exact), as in the deep sea; false:
+    none; auto: only if light falls off across the images, a lamp or a polynomial of the place, whichever explains the
+    observations better (footprint=true)."""
+
+    pairing: Literal["mutual", "depth"] = "mutual"
+    """mutual: the paper's rule, pixels that project onto each other; depth: points whose depths agree within 3 %, with
+    interpolated colours, and more observations if views differ in scale."""
+
+    encoding: Literal["view", "linear"] = "view"
+    """Fit intensities as stored, as the paper does, or decoded to linear light (sRGB)."""
+
+    water: Literal["own", "shared", "truth"] | str = "own"
+    """own: fit each image; shared: fit many images of the scene together; truth: the dataset's true water; METHOD: the
+    water that another method estimates on each image with its default options; a .json or .npz file with B, beta and
+    gamma; or a folder with one such file for each view, like restored/ of an earlier run."""
+
+    colours: Literal["multi_view", "single_view"] = "multi_view"
+    """multi_view: compute each colour from all its observations; single_view: from the image's own intensity alone,
+    with the same water."""
+
+    refine: bool = False
+    """Refine colours after the fit. Dots, lines and steps go that gaps of single views make. Edges and animals show
+    what the image shows, where other views contradict it (no effect with robust). Noise goes: in each window by the
+    channel that is known best, then towards the image's mean colour."""
+
+    backend: Backend = "auto"
+    """Array library: numba, torch or jax; auto: numba, but torch with device=cuda."""
+
+    device: Device = "auto"
+    """Where to compute: auto takes a GPU, when there is one, for torch, jax and solver=adam, else the CPU."""
+
+    seed: ClassVar[int] = 0  # of samples of pixels
+
     def __post_init__(self) -> None:
         check(self, type(self).__plugin__.name)  # type: ignore[attr-defined]
-        if self.water_from:
-            check_source(self.water_from)
-        if self.water not in ("own", "shared", "truth"):
-            check_file(self.water)
 
     def warm_up(self) -> None:
         """Import and compile everything that the first view needs."""
         from sucre_bench.methods.sucre.warm_up import compile_for
 
-        if way_of(self) in (Way.ADAM, Way.CLOSED_FORM):
+        if self.solver == "adam":
             importlib.import_module("torch")
         compile_for(self.backend, self.device, self.pairing_with())
 
@@ -89,8 +123,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
             if solution.light is not None:
                 view = self.in_even_light(view, solution.light)
             solution = self._with_limit_of_veil(observations, solution)
-            if self.residuals:
-                solution = with_residuals(observations, solution, self.seed)
+            solution = with_residuals(observations, solution)
             if self.colours == "single_view":
                 observations, solution = self._single_view(view, solution)
             else:
@@ -102,7 +135,10 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         restored = restoration(view, observations, solution, stages, self, self._fitted(view))
         if self.fill:
             restored = fill_pixels_without_depth(restored, view, prior, black)
-        return restored if black is None else _with_unknown_veil(restored)
+        if black is not None and restored.water is not None:  # the water tells no veil
+            unknown = np.full(3, np.nan)
+            restored = replace(restored, water=replace(restored.water, veiling_light=unknown, backscatter=unknown))
+        return restored
 
     def _with_limit_of_veil(self, observations: Observations, solution: Solution) -> Solution:
         """Return the solution, with a limit that names the unknown veil if it would stay visible in the picture.
@@ -118,16 +154,16 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         return solution.with_limits([UNKNOWN_VEIL])
 
     def _with_prior(self, view: View, solution: Solution) -> tuple[Solution, ImagePrior | None, Array | None]:
-        """Return the solution with less noise in its colours (prior=true), the prior, and the black (3,) subtracted.
+        """Return the solution with less noise in its colours (refine=true), the prior, and the black (3,) subtracted.
 
         The prior keeps brightness. So in uneven light, whose veil is an offset, a black is subtracted first.
         """
         from sucre_bench.methods.sucre.undetermined_water import has_unknown_veil, without_darkest
 
         black = prior = None
-        if self.prior and solution.light is not None and (solution.is_photograph or has_unknown_veil(solution)):
+        if self.refine and solution.light is not None and (solution.is_photograph or has_unknown_veil(solution)):
             solution, black = without_darkest(solution)
-        if self.prior and not solution.is_photograph:
+        if self.refine and not solution.is_photograph:
             spread = LEAST_SPREAD_LINEAR if self._fitted(view) == "linear" else LEAST_SPREAD
             prior = prior_of(solution.J, solution.deviation, spread)
         if prior is not None:
@@ -140,37 +176,34 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
 
         view: in even light, as the observations are.
         """
-        if solution.is_photograph:
+        if solution.is_photograph or not (self.refine or self.robust):
             return solution
         from sucre_bench.methods.sucre.calibrated_noise import calibrated
         from sucre_bench.methods.sucre.depth_edges import Target, corrected_edges
         from sucre_bench.methods.sucre.even_gaps import even_deviation, evened
         from sucre_bench.methods.sucre.follow_best_channel import followed
 
-        if self.prior or self.robust:
-            solution = calibrated(observations, solution, decoded=self._decodes(view))
+        solution = calibrated(observations, solution, decoded=self._decodes(view))
+        if not self.refine:
+            return solution
         if solution.weight is not None:
             observations = replace(observations, weight=solution.weight)
         way = view.distance if solution.light is None else solution.light.way
-        J, deviation = solution.J, solution.deviation
-        if self.even:
-            J = evened(observations, J, solution.water, view.name)
-        if self.edges and not self.robust:
+        J, deviation = evened(observations, solution.J, solution.water, view.name), solution.deviation
+        if not self.robust:
             target = Target(self.intensities(view).reshape(*observations.shape, 3), view.rgb, way)
             images = corrected_edges(target, observations.image(J), observations.image(deviation), solution.water)
             J, deviation = (image.reshape(-1, 3)[observations.pixels].T for image in images)
-        if self.even:
-            deviation = even_deviation(observations, deviation, way)
-        if self.prior:
-            images = followed(observations.image(J), observations.image(deviation))
-            J, deviation = (image.reshape(-1, 3)[observations.pixels].T for image in images)
+        deviation = even_deviation(observations, deviation, way)
+        images = followed(observations.image(J), observations.image(deviation))
+        J, deviation = (image.reshape(-1, 3)[observations.pixels].T for image in images)
         return replace(solution, J=J, deviation=deviation)
 
     def observe(self, scene: Scene, view: View, *, with_view: bool = False, with_ray: bool = False) -> Observations:
         """Return the observations of a view; with their views and rays in any case, if asked for."""
         from sucre_bench.multiview.stored_pairs import paired
 
-        return paired(scene, view, self.pairs, **self.pairing_with(with_view=with_view, with_ray=with_ray))
+        return paired(scene, view, **self.pairing_with(with_view=with_view, with_ray=with_ray))
 
     def with_views(self, scene: Scene, view: View, observations: Observations) -> Observations:
         """Return the observations of a view with their views; they are paired again only if they have none."""
@@ -180,56 +213,38 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         """Return the options of pairing."""
         return {
             "rule": self.pairing,
-            "tolerance": self.tolerance,
             "encoding": self.encoding,
             "with_ray": with_ray or self.lamp is True,
-            "with_view": with_view or self.even or self.exposure == "per_view",
+            "with_view": with_view or self.refine or self.exposure == "per_view",
         }
 
     def _solve(self, scene: Scene, view: View, observations: Observations) -> tuple[Observations, Solution]:
         """Return the solution, and the observations that it explains: a lamp leaves some out."""
-        from sucre_bench.methods.sucre import solvers
-        from sucre_bench.methods.sucre.own_water import OwnWater
-
-        where = (self.backend, self.device)
-        match way_of(self):
-            case Way.EXACT:
-                return OwnWater(self, scene, view).solve(observations)
-            case Way.ADAM:
-                start = solvers.start_of(observations, self.intensities(view))
-                solution = solvers.solve_adam(observations, start, self.steps, self.lr, "sum", *where)
-            case Way.CLOSED_FORM:
-                solution = solvers.solve_adam_closed_form(observations, self.steps, self.lr, *where)
-            case Way.SHARED:
-                shared = _shared_fit(scene, self)
-                if isinstance(shared, SolveError):
-                    raise shared
-                solution = solvers.colours_for_water(observations, shared.water, shared.uncertainty, *where)
-            case Way.KNOWN:
-                read = (self.water_from or self.water, scene, view, self._fitted(view))
-                known = water_by(*read) if self.water_from else water_of(*read)
-                return self._in_known_water(known, scene, view, observations)
-        return observations, solution
-
-    def _in_known_water(
-        self, known: KnownWater, scene: Scene, view: View, observations: Observations
-    ) -> tuple[Observations, Solution]:
-        """Return the colours in a known water, and the observations, in the target's exposure if it has gains."""
         from sucre_bench.methods.sucre.apply_gains import AtOneExposure
+        from sucre_bench.methods.sucre.own_water import OwnWater
         from sucre_bench.methods.sucre.solvers import colours_for_water
 
+        where = (self.backend, self.device)
+        if self.solver == "adam":
+            start = start_of(observations, self.intensities(view))
+            return observations, solve_adam(observations, start, backend=self.backend, device=self.device)
+        if self.water == "own":
+            return OwnWater(self, scene, view).solve(observations)
+        if self.water == "shared":
+            shared = shared_water(scene, self)
+            return observations, colours_for_water(observations, shared.water, shared.uncertainty, *where)
+        known = water_of(self.water, scene, view, self._fitted(view))
         if not known.gains:
-            return observations, colours_for_water(observations, known.water, None, self.backend, self.device)
+            return observations, colours_for_water(observations, known.water, None, *where)
         even = AtOneExposure.of(self.with_views(scene, view, observations), known.gains, known.water, view.name)
-        solution = colours_for_water(even.observations, known.water, None, self.backend, self.device)
-        return even.observations, replace(solution, about=solution.about | {"gains": dict(even.gains)}).with_limits(
-            even.limits
-        )
+        solution = colours_for_water(even.observations, known.water, None, *where)
+        solution = replace(solution, about=solution.about | {"gains": dict(even.gains)})
+        return even.observations, solution.with_limits(even.limits)
 
     @property
     def compute(self) -> dict[str, Any]:
         """Options that every fit has."""
-        return {"backend": self.backend, "device": self.device, "seed": self.seed}
+        return {"backend": self.backend, "device": self.device}
 
     def _single_view(self, view: View, solution: Solution) -> tuple[Observations, Solution]:
         """Return the image's own observations, and their colours in the water of a solution."""
@@ -261,37 +276,79 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         return self._fitted(view) != view.encoding
 
 
+@method(
+    needs={"depth", "poses"}, requires=("numba", "torch"), display="black-0.5-white-99", cites=_AFTER, reads=("water",)
+)
+@dataclass(frozen=True)
+class SucrePlus(Sucre):
+    """This project's method on SUCRe's model, for pictures: like `sucre`, with colours above zero and less noise.
+
+    Dots are removed, edges follow the image, and all channels have one black. SUCRe's authors have not seen it. Pixels
+    without depth have no colour, unless fill=true guesses them.
+
+    The veil can absorb an offset of all colours without changing any residual, so an offset is the least known quantity
+    of the model. A black of each channel would make up for it by turning hues; one black for all channels cannot. White
+    is a gain of each channel.
+    """
+
+    physical: bool = True
+    refine: bool = True
+
+
 def _encoded(solution: Solution) -> Solution:
     """Encode the colours of a fit to linear light as the view is; the curve continues below 0 and above 1."""
     J = srgb_encode(solution.J)
     return replace(solution, J=J, deviation=np.abs(srgb_encode(solution.J + solution.deviation) - J))
 
 
-def _with_unknown_veil(restoration: Restoration) -> Restoration:
-    """Return the restoration with a water that tells no veil."""
-    assert restoration.water is not None
-    unknown = np.full(3, np.nan)
-    return replace(restoration, water=replace(restoration.water, veiling_light=unknown, backscatter=unknown))
+def typed(options: Any, name: str, value: bool | str) -> str:
+    """Return an option as a user types it, "method.lamp=true".
 
-
-@functools.lru_cache(maxsize=4)  # every view of the scene asks for it
-def _shared_fit(scene: Scene, sucre: Sucre) -> WaterFit | SolveError:
-    """Return the common water; or why there is none, which is kept too, since finding out takes as long."""
-    from sucre_bench.methods.sucre.exact import fit
-    from sucre_bench.methods.sucre.samples import matched_sample
-    from sucre_bench.methods.sucre.shared_water import samples_of_targets
-
+    It is empty where it would change nothing, or does not go with the other options.
+    """
     try:
-        targets = samples_of_targets(
-            scene,
-            lambda view: sucre.observe(scene, view),
-            lambda view, observations: matched_sample(sucre, scene, view, observations) if sucre.footprint else None,
-            most=sucre.shared_views,
-            singles=sucre.physical,
-            seed=sucre.seed,
+        is_new = replace(options, **{name: value}) != options
+    except InputError:
+        return ""
+    if not is_new or (name == "physical" and options.water not in ("own", "shared")):
+        return ""
+    return f"method.{name}={str(value).lower()}"
+
+
+def check(options: Any, method: str) -> None:
+    """Raise InputError for values that are no choice, and for options that do not go together; method: its name.
+
+    With water=own, solver=exact takes physical, robust, and one of lamp=true and exposure=per_view with
+    colours=multi_view; solver=adam takes none of these. With another water there is nothing to solve, and of these
+    options only physical may stay, with an effect for water=shared.
+    """
+    water = f"{method}.water={options.water}"
+    if not options.water:
+        raise InputError(f"{method}.water: is empty; use own, shared, truth, a method, a file or a folder")
+    if options.lamp != "auto" and not isinstance(options.lamp, bool):
+        raise InputError(f"{method}.lamp: '{options.lamp}' is not a choice; use true, false or auto")
+    extras = [name for name in ("physical", "robust", "lamp") if getattr(options, name) is True]
+    extras += ["exposure"] if options.exposure == "per_view" else []
+    if options.solver != "exact":
+        if extras:
+            off = "constant" if extras[0] == "exposure" else "false"
+            fault = f"goes with {method}.solver=exact, not with {method}.solver={options.solver}"
+            raise InputError(f"{method}.{extras[0]}: {fault}; give {method}.{extras[0]}={off}")
+        if options.water != "own":
+            raise InputError(f"{water}: leaves nothing to {method}.solver={options.solver}; leave one out")
+    light = [name for name in extras if name in ("lamp", "exposure")]
+    if options.water != "own" and extras not in ([], ["physical"]):
+        name = next(name for name in extras if name != "physical")
+        raise InputError(f"{method}.{name}: is found with the image's own water; leave out {water}")
+    if options.lamp is True and options.fill:
+        raise InputError(f"{method}.fill: a lamp lights pixels without depth in an unknown way; use {method}.lamp=auto")
+    if len(light) == 2:
+        raise InputError(
+            f"{method}.exposure: a lamp explains the same differences of light; leave out {method}.lamp=true"
         )
-        to_fit = [sharp if matched is None else matched for sharp, matched in targets]
-        held = [None if matched is None else sharp for sharp, matched in targets]
-        return fit(to_fit, physical=sucre.physical, sharp=held, **sucre.compute)
-    except SolveError as fault:
-        return fault
+    if light and options.colours == "single_view":
+        raise InputError(
+            f"{method}.{light[0]}: is found with colours of all views; leave out {method}.colours=single_view"
+        )
+    if options.water not in WORDS:
+        check_source(options.water)

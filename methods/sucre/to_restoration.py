@@ -13,9 +13,9 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import SolveError
 from sucre_bench.machine.progress import say
 from sucre_bench.methods.sucre.diagnostics import CHANNELS
-from sucre_bench.methods.sucre.options import typed
 from sucre_bench.methods.sucre.residuals import residuals
 from sucre_bench.methods.sucre.solvers import Solution
+from sucre_bench.methods.sucre.sucre import typed
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.plugins.call_method import with_name
 from sucre_bench.scene import Encoding, Restoration, View, Water
@@ -33,9 +33,9 @@ def named(view: View) -> Iterator[None]:
         raise type(fault)(f"{view.name}: {fault}") from fault
 
 
-def with_residuals(observations: Observations, solution: Solution, seed: int = 0) -> Solution:
+def with_residuals(observations: Observations, solution: Solution) -> Solution:
     """Add residual statistics (residuals.py) to `solution.about`."""
-    statistics = residuals(observations, solution.J, solution.water, seed)
+    statistics = residuals(observations, solution.J, solution.water)
     return replace(solution, about=solution.about | {"residuals": statistics})
 
 
@@ -98,7 +98,7 @@ def faults_of_colours(negative: Array, unknown: Array, options: Any) -> list[str
     for colour, below, lost in zip(CHANNELS, negative, unknown, strict=True):
         for share, fault, option, effect in (
             (below, "negative", "physical", "keeps them above zero"),
-            (lost, "lost in noise", "prior", "draws them to the mean"),
+            (lost, "lost in noise", "refine", "draws them to the mean"),
         ):
             if share > _MANY:
                 word = typed(options, option, True) if hasattr(options, option) else "method=sucre_plus"

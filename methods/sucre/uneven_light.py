@@ -18,7 +18,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import pixel_rays
 from sucre_bench.methods.sucre.falloff import Falloff, without_falloff
 from sucre_bench.methods.sucre.lamp import DARK, LampFit, lit
-from sucre_bench.methods.sucre.options import typed
+from sucre_bench.methods.sucre.sucre import typed
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import View
 

@@ -26,6 +26,7 @@ _ADDED: dict[Kind, tuple[str, ...]] = {"dataset": ("label",), "method": ("label"
 GROUPS: dict[Kind, str] = {"dataset": "dataset", "method": "method", "metric": "metrics"}
 _MOST_FOLDERS = 100  # that are looked into for a hint
 SEED = "${seed}"  # of the run: what a plugin's seed is unless it is given
+_RENAMED = {"sucre_single_pixels": "sucre_exact"}
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,8 @@ def named(kind: Kind, name: str) -> Plugin:
         remedy = f"sucre-bench run {name}" if Path(name).is_file() else f"dataset=./{name}"
         fault = f"no dataset is called '{name}', but there is a path of this name"
         raise UnknownPluginError(fault, kind, f"write {remedy}")
+    if name in _RENAMED:
+        raise UnknownPluginError(f"'{name}' has another name now", kind, f"write {kind}={_RENAMED[name]}")
     raise plugins.unknown(kind, name, {*plugins.discover(kind), *(preset.name for preset in presets(GROUPS[kind]))})
 
 

@@ -198,7 +198,7 @@ class _Held:
         free = psutil.virtual_memory().available + self.parts
         if needed > free:
             sizes = f"its observations take some {needed / 1e9:.1f} GB of memory, {free / 1e9:.1f} GB are free"
-            cure = "use fewer views or smaller images, or give method.pairs=FOLDER, which keeps them on disk"
+            cure = "use fewer views or smaller images"
             raise SolveError(f"{self.target}: {sizes}; {cure}")
 
 

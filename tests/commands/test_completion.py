@@ -48,7 +48,7 @@ def offered(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
         ("sucre-bench run metrics=[psi,psn", ["metrics=[psi,psnr]"]),
         ("sucre-bench run method=sucre method.pairing=", ["method.pairing=mutual", "method.pairing=depth"]),
         ("sucre-bench run method.physical=t", ["method.physical=true"]),  # of the method that runs by default
-        ("sucre-bench run method=sucre_torch method.toler", ["method.tolerance="]),  # of a preset
+        ("sucre-bench run method=sucre_torch method.pair", ["method.pairing="]),  # of a preset
         ("sucre-bench run method=gray_world method.pairing=", []),
         ("sucre-bench run dataset.water=d", ["dataset.water=deep_sea"]),
         ("sucre-bench run degrade.jpeg", ["degrade.jpeg_quality="]),

@@ -64,7 +64,6 @@ CASES: dict[str, tuple[str, int, str]] = {
         2,
         r"pipe\.py: .*pipe; .*method\.rests_on",
     ),
-    "a file as folder of pairs": (f"{RUN_SUCRE} method.pairs=empty.json", 2, r"empty\.json: .*folder; "),
     "a pipe as list of views": (f"{RUN} views=views.txt", 2, r"views\.txt: .*pipe; "),
     "a pipe as reference": ("score dive/images --reference pipe.py", 2, r"pipe\.py: .*pipe; "),
     "a text as reference": ("score dive/images --reference empty.json", 2, r"empty\.json: .*image; "),

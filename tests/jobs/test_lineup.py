@@ -174,15 +174,9 @@ def test_paths_in_a_line_up_are_relative_to_it_but_for_out(tmp_path: Path, monke
     text = "datasets: [toy]\nmethods: [{name: gain, log: ../logs/a}]\nmetrics: [psnr]\nout: here\n"
     (one,) = from_file(Path("paper/l.yaml"), text)
     assert (one.method.options["log"], one.out) == (Path("logs/a"), Path("here"))
-    text = (
-        "methods: [{name: sucre, water: water.json}, {name: sucre, water: truth}, {name: sucre, water_from: seathru}]"
-    )
+    text = "methods: [{name: sucre, water: water.json}, {name: sucre, water: truth}, {name: sucre, water: seathru}]"
     made = from_file(Path("paper/l.yaml"), text)
-    assert [(job.method.options["water"], job.method.options["water_from"]) for job in made] == [
-        ("paper/water.json", ""),
-        ("truth", ""),
-        ("own", "seathru"),
-    ]
+    assert [job.method.options["water"] for job in made] == ["paper/water.json", "truth", "seathru"]
 
 
 def test_a_sweep_over_a_method_that_words_replace_is_left_out(tmp_path: Path):

@@ -16,7 +16,7 @@ from support.places import ROOT
 from sucre_bench import InputError, plugins
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.methods.sucre import Sucre, SucrePaper, SucrePlus
-from sucre_bench.methods.sucre.options import typed
+from sucre_bench.methods.sucre.sucre import typed
 from sucre_bench.methods.sucre.to_restoration import faults_of_colours
 from sucre_bench.plugins.options import options_of
 
@@ -91,10 +91,10 @@ def test_every_advised_word_can_be_typed(method: str, word: str, tmp_path: Path)
     ("options", "advice"),
     [
         (SucrePaper(), ("method=sucre_plus keeps", "method=sucre_plus draws")),
-        (Sucre(), ("method.physical=true keeps", "method.prior=true draws")),
+        (Sucre(), ("method.physical=true keeps", "method.refine=true draws")),
         (SucrePlus(), ("", "")),
-        (Sucre(water="truth"), ("", "method.prior=true draws")),
-        (Sucre(solver="adam"), ("", "method.prior=true draws")),
+        (Sucre(water="truth"), ("", "method.refine=true draws")),
+        (Sucre(solver="adam"), ("", "method.refine=true draws")),
     ],
 )
 def test_colours_that_are_wrong_are_mended_by_options_that_the_method_takes(options: Any, advice: tuple[str, str]):

@@ -329,7 +329,7 @@ def test_too_little_memory_is_told_early_and_in_one_line(monkeypatch: pytest.Mon
     free = SimpleNamespace(available=18 * 30 * 2400)  # bytes an observation x views x pixels: for half of them
     monkeypatch.setattr(module.psutil, "virtual_memory", lambda: free)
     monkeypatch.setattr(module, "usable_cores", lambda: 2)
-    with pytest.raises(SolveError, match=r"^0\.png: .* 0\.0 GB .* method\.pairs=FOLDER") as told:
+    with pytest.raises(SolveError, match=r"^0\.png: .* 0\.0 GB .* smaller images") as told:
         observe(views[0], views)
     assert "\n" not in str(told.value)
     assert sum("rgb" in view.pixels.loaded for view in views) < 40

@@ -43,7 +43,7 @@ def test_the_wheel_carries_plugins_and_configuration(wheel: zipfile.ZipFile):
     names = set(wheel.namelist())
     for needed in (
         "sucre_bench/methods/gray_world.py",
-        "sucre_bench/methods/sucre/adam.py",
+        "sucre_bench/methods/sucre/paper.py",
         "sucre_bench/datasets/colmap.py",
         "sucre_bench/datasets/demo/__init__.py",
         "sucre_bench/metrics/uiqm/__init__.py",

@@ -52,7 +52,7 @@ def residuals(results: StudyResults) -> Iterator[Drawn]:
     density with the running median and the range of the middle 68 %; distance: points seen from many distances, and
     what the model makes of points of several colours. Red, green and blue stand side by side.
 
-    All is drawn from what methods record as "residuals" (`sucre` and `sucre_paper` with residuals=true). Of each
+    All is drawn from what methods record as "residuals" (`sucre`, `sucre_plus` and `sucre_paper`). Of each
     dataset and method, the two views with most observations are drawn.
     """
     is_drawn = False
@@ -79,7 +79,7 @@ def residuals(results: StudyResults) -> Iterator[Drawn]:
                 axes[0, 0].set_ylabel(y)
                 yield (kind, words), figure
     if not is_drawn:
-        raise NotApplicableError("no record has residuals; run sucre or sucre_paper with method.residuals=true")
+        raise NotApplicableError("no record has residuals; run sucre, sucre_plus or sucre_paper")
 
 
 def _histogram(panel: Axes, record: Mapping[str, Any], channel: int, colour: str) -> None:

@@ -124,7 +124,7 @@ def test_a_view_that_shows_nothing_any_more_changes_nothing() -> None:
 
 
 def test_animals_without_weight_do_not_come_back_into_the_gaps() -> None:
-    """Gray boxes in four of the seven views of a ground, found by robust=true, which even=true must leave out."""
+    """Gray boxes in four of the seven views of a ground, found by robust=true, which refine=true must leave out."""
     heights = (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5)
     clean = make_ground(WATERS["green"], heights_m=heights, tilt_deg=30.0, seed=3, width=80, height=60)
     rng = np.random.default_rng(1)
@@ -141,4 +141,4 @@ def test_animals_without_weight_do_not_come_back_into_the_gaps() -> None:
         restored = Sucre(robust=True, **options).restore(scene, scene["3.png"]).image - scene["3.png"].reference
         return float(np.sqrt(np.nanmean(restored**2)))
 
-    assert error(even=True) < 1.05 * error()
+    assert error(refine=True) < 1.05 * error()

@@ -17,9 +17,10 @@ from sucre_bench.methods.sucre.diagnostics import uncertainty_of
 from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.levenberg import Bounds, minimise
 from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
+from sucre_bench.methods.sucre.paper import solve_adam
 from sucre_bench.methods.sucre.samples import sampled
 from sucre_bench.methods.sucre.shrink_noisy_colours import posterior
-from sucre_bench.methods.sucre.solvers import colours_for_water, solve_adam_closed_form, solve_exact
+from sucre_bench.methods.sucre.solvers import colours_for_water, solve_exact
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 from sucre_bench.multiview.observe import observe
 
@@ -74,9 +75,9 @@ def test_light_that_differs_between_views_makes_no_veil_that_is_full_at_all_dist
 
 
 def test_the_cost_is_never_above_that_of_adam() -> None:
-    observations, _ = made(5_000, noise=0.004, eight_bit=True)
+    observations, J = made(5_000, noise=0.004, eight_bit=True)
     exact = solve_exact(observations)
-    adam = solve_adam_closed_form(observations, 200, 0.05, "auto", "cpu")
+    adam = solve_adam(observations, J, device="cpu")
     assert (exact.cost < adam.cost).all()
     at_start = colours_for_water(
         observations, WaterParameters.of_channels(np.full((3, 3), 0.1)), None, "numpy", "cpu"

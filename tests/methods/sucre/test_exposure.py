@@ -138,7 +138,7 @@ def test_water_that_was_fitted_with_gains_is_used_with_them(
         own = per_view if name == "3.png" else Sucre(exposure="per_view").restore(scene, scene[name])
         given = Sucre(water=str(file)).restore(scene, scene[name])
         assert np.sqrt(np.nanmean((given.image - own.image) ** 2)) < 0.01
-    by_name = Sucre(water_from="sucre_plus").restore(scene, scene["3.png"])
+    by_name = Sucre(water="sucre_plus").restore(scene, scene["3.png"])
     assert np.abs(rates(by_name, WATERS["green"])).max() < 0.03
     assert np.sqrt(np.nanmean((by_name.image - per_view.image) ** 2)) < 0.01
     file.write_text(json.dumps(record | {"gains": {"1.png": 1.0}}))
@@ -177,7 +177,7 @@ def by_foreign(scene: Scene, folder: Path, gains: str) -> Restoration:
     file = folder / f"foreign_{len(list(folder.iterdir()))}.py"
     file.write_text(FOREIGN.replace("GAINS", gains))
     with using(registry(file)):
-        return Sucre(water_from="foreign").restore(scene, scene["3.png"])
+        return Sucre(water="foreign").restore(scene, scene["3.png"])
 
 
 @pytest.mark.parametrize("gain", [True, 0.0, -1.0, "1"])

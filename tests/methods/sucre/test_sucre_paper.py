@@ -12,8 +12,8 @@ from support.made_scene import WATER, make_scene
 
 from sucre_bench import Arrays, InputError, Scene, SolveError, View
 from sucre_bench.methods.sucre import SucrePaper
-from sucre_bench.methods.sucre.adam import Objective, minimise
 from sucre_bench.methods.sucre.model import WaterParameters, derivatives, predict
+from sucre_bench.methods.sucre.paper import Objective, minimise
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 from sucre_bench.multiview.observe import observe
 

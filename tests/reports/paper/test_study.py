@@ -75,11 +75,11 @@ def test_what_an_experiment_sweeps_over_may_be_given():
 
 def test_the_ablation_varies_where_water_and_colours_come_from():
     jobs = {job.method.label: job.method.options for job in compose_jobs.jobs(["experiment=ablation"], False).jobs}
-    chosen = {label: (own["water_from"], own["colours"]) for label, own in jobs.items() if "water_from" in own}
+    chosen = {label: (own["water"], own["colours"]) for label, own in jobs.items() if "water" in own}
     assert chosen == {
         "sucre_multi_view_J": ("seathru", "multi_view"),
-        "sucre_multi_view_water": ("", "single_view"),
-        "sucre": ("", "multi_view"),
+        "sucre_multi_view_water": ("own", "single_view"),
+        "sucre": ("own", "multi_view"),
     }
 
 
@@ -89,7 +89,7 @@ def test_the_ablation_varies_where_water_and_colours_come_from():
         ("degrade.bits=3,null,5", ["3", "5", "none"]),
         ("degrade.depth_noise=0.1,0,0.02", ["0", "0.02", "0.1"]),
         ("dataset.water=turbid,clear", ["turbid", "clear"]),
-        ("method.prior=true,false", ["True", "False"]),
+        ("method.refine=true,false", ["True", "False"]),
     ],
 )
 def test_what_the_bench_writes_into_rows_is_what_a_study_reads(swept: str, expected: list[str]):

@@ -125,7 +125,7 @@ def test_of_many_views_those_with_most_observations_are_drawn(
 @pytest.mark.parametrize("info", [{}, {"residuals": {"observations": 0, "single_share": 1.0}}])
 def test_without_residuals_the_figure_says_what_to_do(info: dict[str, Any], tmp_path: Path) -> None:
     keep(tmp_path, row(), info)
-    with pytest.raises(NotApplicableError, match=r"method\.residuals=true"):
+    with pytest.raises(NotApplicableError, match="sucre_paper"):
         drawn("residuals", frame([row()]), tmp_path)
 
 

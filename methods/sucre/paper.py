@@ -1,6 +1,7 @@
-"""The paper's optimiser: Adam on all unknowns at once (SUCRe, sec. 4, Optimization; Kingma & Ba 2015).
+"""The method `sucre_paper`: SUCRe as published, with the pairing, starting point and optimiser of the paper.
 
-Minimised is eq. 7, for each channel the sum over all observations i of all pixels p
+Adam takes its steps on all unknowns at once (SUCRe, sec. 4, Optimization; Kingma & Ba 2015). Minimised is eq. 7, for
+each channel the sum over all observations i of all pixels p
 
     E = sum r^2,    r = I - J a - b,    a = exp(-beta z),    b = B (1 - exp(-gamma z))
 
@@ -18,13 +19,19 @@ Blocks of pixels are small enough to stay in a processor's cache; float32 inside
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
+from sucre_bench import InputError, Restoration, Scene, SolveError, View, method
 from sucre_bench.arrays import Array
+from sucre_bench.imaging.fill import FillOption
+from sucre_bench.machine.compute import Device
 from sucre_bench.machine.progress import track
 from sucre_bench.methods.sucre.model import WaterParameters, derivatives
 from sucre_bench.multiview.observations import Observations
@@ -32,10 +39,106 @@ from sucre_bench.multiview.observations import Observations
 if TYPE_CHECKING:
     import torch
 
+    from sucre_bench.methods.sucre.passes import Backend
+    from sucre_bench.methods.sucre.solvers import Solution
+
+CITES = (
+    "Boittiaux, Marxer, Dune, Arnaubec, Ferrera & Hugel 2024, SUCRe: Leveraging Scene Structure for Underwater "
+    "Color Restoration, 3DV"
+)
+
+# The paper's settings: steps and learning rate of Adam, and the start beside J = I, B = beta = gamma = 0.1.
+STEPS, LR = 200, 0.05
+_INITIAL_WATER = WaterParameters.of_channels(np.full((3, 3), 0.1))
+
+# Adam's own default (Kingma & Ba 2015), which the paper does not change.
+_EPS = 1e-8
+
 # Pixels in a block. CPU: 0.5 MB an array; 200 evaluations of 3.15 M observations on 2 cores took 11.5 s with 2^15,
 # where calls dominate, 8.2 s with 2^16, 8.5 s with 2^17, 9.3 s with 2^18; larger ones suffer less on a busy machine.
 # GPU: launches dominate until a block fills the device.
 _BLOCK_PX = {"cpu": 1 << 17, "cuda": 1 << 22}
+
+
+@method(needs={"depth", "poses"}, requires=("torch",), display="stretch-1-99", cites=CITES)
+@dataclass(frozen=True)
+class SucrePaper(FillOption):
+    """SUCRe with the paper's own settings: mutual pairing, then 200 steps of Adam from B = beta = gamma = 0.1.
+
+    Adam lowers the sum of squares over all observations of all pixels with depth, without bounds. The last iterate is
+    kept, converged or not. A pixel that no other view shows has one observation. It says nothing about the water and
+    takes part all the same, as in the paper.
+    """
+
+    steps: int = STEPS
+    """Steps of Adam, each over all observations."""
+
+    lr: float = LR
+    """Adam's learning rate, for intensities as for B, beta and gamma."""
+
+    objective: Literal["sum", "mean"] = "sum"
+    """sum: the sum of squares of the paper's eq. 7; mean: that sum divided by 3 N, as in the authors' program. The
+    minimum is the same, but with the mean Adam's eps slows the colours down, noticeably from some 1e6 observations
+    on."""
+
+    device: Device = "auto"
+    """Where to compute: auto takes a CUDA GPU when PyTorch sees one."""
+
+    def __post_init__(self) -> None:
+        if self.steps < 1 or not self.lr > 0:
+            raise InputError(f"sucre_paper: steps is {self.steps}, lr {self.lr}; both must be positive")
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        """Return J, NaN where the view has no depth, the water, and the standard deviation of J.
+
+        info: as of `sucre`; and initial_cost, the sum of squares of each channel before the first step.
+        Raises NotApplicableError when no pixel has depth, SolveError when Adam left the range of numbers.
+        """
+        from sucre_bench.methods.sucre.fill_without_depth import fill_pixels_without_depth
+        from sucre_bench.methods.sucre.to_restoration import named, restoration, with_residuals
+        from sucre_bench.multiview.stored_pairs import paired
+
+        observations = paired(scene, view)
+        started = time.perf_counter()
+        start = start_of(observations, view.rgb.reshape(-1, 3))
+        with named(view):
+            solution = solve_adam(observations, start, self.steps, self.lr, self.objective, "torch", self.device)
+        solution = with_residuals(observations, solution)
+        solve_s = time.perf_counter() - started
+        stages = {"read": observations.read_s, "pair": observations.pair_s, "solve": solve_s}
+        restored = restoration(view, observations, solution, stages, self)
+        return fill_pixels_without_depth(restored, view) if self.fill else restored
+
+
+def start_of(observations: Observations, intensities: Array) -> Array:
+    """Return the paper's start J = I (3, P): the target's intensities (H W, 3), or another view's where not finite."""
+    own = intensities[observations.pixels].swapaxes(0, 1)
+    return np.where(np.isfinite(own), own, observations.intensity(slice(0, len(observations.pixels))))
+
+
+def solve_adam(
+    observations: Observations,
+    start: Array,
+    steps: int = STEPS,
+    lr: float = LR,
+    objective: Literal["sum", "mean"] = "sum",
+    backend: Backend = "auto",
+    device: Device = "auto",
+) -> Solution:
+    """Take the paper's steps from J = start (3, P), the target's intensities. SolveError when they diverge."""
+    from sucre_bench.methods.sucre.passes import backend_for, opened
+    from sucre_bench.methods.sucre.solvers import Solution, uncertainty_at
+
+    eps = _EPS if objective == "sum" else _EPS * 3 * len(observations)  # the same as dividing the sum
+    _, place = backend_for("torch", device)
+    fit = minimise(observations, start, _INITIAL_WATER, steps=steps, lr=lr, eps=eps, device=place)
+    if not np.isfinite(fit.cost).all():
+        raise SolveError(f"Adam diverged after {steps} steps; lower lr ({lr}) or steps")
+    with opened(observations, backend, device) as kernel:
+        uncertainty = uncertainty_at(kernel, observations, fit.water)
+        _, deviation = kernel.colours(fit.water, uncertainty.noise, uncertainty.covariance)
+    about = {"solver": "adam", "steps": steps, "initial_cost": fit.initial_cost.tolist(), "device": place}
+    return Solution(fit.J, deviation, fit.water, fit.cost, uncertainty, about)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,53 +167,24 @@ def minimise(
 ) -> Fit:
     """Take Adam's steps from J (3, P) and a water, full batch, without bounds."""
     import torch
+    from torch.optim.adam import adam  # torch.optim.Adam imports PyTorch's compiler at its first step, for a second
 
     J_now = torch.tensor(J, dtype=torch.float32, device=device)
     water_now = torch.tensor(water.by_channel())
     J_grad = torch.zeros_like(J_now)
-    adam = Adam([J_now, water_now], lr=lr, eps=eps, fused=True)  # fused: one pass over memory, not ten
+    unknowns = [J_now, water_now]
+    means, squares = ([torch.zeros_like(unknown) for unknown in unknowns] for _ in range(2))
+    counts = [torch.zeros((), device=unknown.device) for unknown in unknowns]
+    settings: Any = {"lr": lr, "eps": eps, "beta1": 0.9, "beta2": 0.999, "weight_decay": 0, "amsgrad": False}
     with Objective.on(observations, device) as objective:
-        first = None
+        cost, water_grad = objective.evaluate(J_now, water_now, J_grad)
+        first = cost
         for _ in track(range(steps), "SUCRe (Adam)"):
+            gradients = [J_grad, water_grad]
+            # fused: one pass over memory, not ten
+            adam(unknowns, gradients, means, squares, [], counts, fused=True, maximize=False, **settings)
             cost, water_grad = objective.evaluate(J_now, water_now, J_grad)
-            first = cost if first is None else first
-            adam.step([J_grad, water_grad])
-        cost, _ = objective.evaluate(J_now, water_now, J_grad)
-    first = cost if first is None else first
     return Fit(J_now.cpu().numpy(), WaterParameters.of_channels(water_now.numpy()), cost.numpy(), first.numpy())
-
-
-class Adam:
-    """PyTorch's Adam, without `torch.optim.Adam`: its first step imports PyTorch's compiler, which takes a second."""
-
-    def __init__(self, unknowns: list[torch.Tensor], lr: float, eps: float, fused: bool = False) -> None:
-        import torch
-
-        self.unknowns, self.lr, self.eps, self.fused = unknowns, lr, eps, fused
-        self._means = [torch.zeros_like(unknown) for unknown in unknowns]
-        self._squares = [torch.zeros_like(unknown) for unknown in unknowns]
-        self._steps = [torch.zeros((), device=unknown.device if fused else "cpu") for unknown in unknowns]
-
-    def step(self, gradients: list[torch.Tensor]) -> None:
-        """Change the unknowns by their gradients."""
-        from torch.optim.adam import adam
-
-        adam(
-            self.unknowns,
-            gradients,
-            self._means,
-            self._squares,
-            [],
-            self._steps,
-            fused=self.fused,
-            amsgrad=False,
-            beta1=0.9,
-            beta2=0.999,
-            lr=self.lr,
-            weight_decay=0,
-            eps=self.eps,
-            maximize=False,
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
