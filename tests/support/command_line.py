@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import functools
 import io
 import mmap
@@ -24,6 +25,8 @@ from typing import TYPE_CHECKING
 from unittest import mock
 
 import click
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.dispatcher import Dispatcher
 
 from sucre_bench.cli import cli, main
 from sucre_bench.machine import terminal
@@ -36,6 +39,19 @@ if TYPE_CHECKING:
 # No test waits for the disk: tests kill processes, and never the machine, and what a process has written outlives it.
 # Programs that tests start as they are do wait.
 os.fsync = lambda fd: None
+_COMPILING, _compile = Path(tempfile.gettempdir()) / f"sucre_bench_compiling.{os.getuid()}", Dispatcher.compile
+
+
+def _compile_alone(self: Dispatcher, signature: object) -> object:
+    """Processes of tests that need the same loop compile it once: the others wait, and read it from numba's cache."""
+    if global_compiler_lock.is_locked():  # by this thread, for a loop that calls this one
+        return _compile(self, signature)
+    with global_compiler_lock, _COMPILING.open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        return _compile(self, signature)
+
+
+Dispatcher.compile = _compile_alone
 PROGRAM = str(Path(sys.executable).with_name("sucre-bench"))
 _PROGRESS = re.compile(r": (\d+/\d+(, about .* left)?|\d+ done in [\d.]+ s)$")
 WIDTH = 200  # columns, so that no line is folded
