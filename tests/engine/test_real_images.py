@@ -23,7 +23,8 @@ def run(folder: str, out: Path, *overrides: str) -> Outcome:
     root = DATA / folder
     if not root.is_dir():
         pytest.skip(f"needs the real scene {folder} in {DATA}")
-    return run_jobs(["dataset=colmap", f"dataset.root={root}", f"out={out}", "tracking.uri=off", *overrides], True)
+    words = "dataset=colmap", f"dataset.root={root}", f"out={out}", "tracking.uri=off", "report=false", "workers=0"
+    return run_jobs([*words, *overrides], True)
 
 
 def by_chart(rows: pd.DataFrame, method: str) -> dict[str, list[float]]:

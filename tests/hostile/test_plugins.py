@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from support.command_line import Done, Started, run_here, run_program
-from support.places import ROOT, TOYS
+from support.command_line import Done, Started, run_here
+from support.places import TOYS
 
 from sucre_bench import results
 from sucre_bench.errors import DiedError
@@ -45,7 +45,7 @@ DEATHS = {"exit": "exit code 0", "segfault": "signal 11", "abort": "signal 6"}
 def test_a_view_at_which_the_process_dies_fails_and_the_rest_of_the_sweep_goes_on(tmp_path: Path):
     acts = ",".join(DEATHS)
     sweep = words(acts, "-m", "method=actor,gray_world", "metrics=[coverage]")
-    done = run_program(tmp_path, *sweep, PYTHONPATH=str(ROOT))
+    done = Started(tmp_path, *sweep).ended()
     check(done, tmp_path, acts, {act: f"the process died ({how})" for act, how in DEATHS.items()})
     assert set(restorations(tmp_path, "gray_world")["status"]) == {"ok"}
     before = restorations(tmp_path)["time"].to_dict()
@@ -105,7 +105,7 @@ def test_a_view_that_fails_or_comes_to_no_end_costs_itself(tmp_path: Path):
         folder = tmp_path / str(limit_s)
         folder.mkdir()
         limited = words(f"{acts},thread", "method=actor", "metrics=[coverage]", f"view_timeout_s={limit_s}")
-        done = run_program(folder, *limited, PYTHONPATH=str(ROOT))
+        done = Started(folder, *limited).ended()
         if told in done.stdout:
             break
     check(done, folder, acts, FAULTS)
@@ -143,7 +143,7 @@ def test_jobs_side_by_side_lose_no_more_than_the_view_at_which_one_dies(tmp_path
 
 
 def test_a_score_at_which_the_process_dies_fails_alone(tmp_path: Path):
-    done = run_program(tmp_path, *words("fine", "method=actor", "metrics=[coverage,critic]"), PYTHONPATH=str(ROOT))
+    done = Started(tmp_path, *words("fine", "method=actor", "metrics=[coverage,critic]")).ended()
     rows = results.read(tmp_path / "results").set_index(["metric", "view"])
     assert "exit code 7" in rows.loc[("critic", "after.png"), "reason"]
     assert rows.loc[("critic", "fine.png"), "value"] == 0.5

@@ -1,17 +1,18 @@
-"""Imports what nearly every run imports: for the process that commands of tests are forked from."""
+"""Does what the first run of a process does once: for the process that commands of tests are forked from."""
 
 from __future__ import annotations
 
-import cv2  # noqa: F401
-import pandas  # noqa: F401
-import pyarrow.parquet  # noqa: F401
-import scipy.stats  # noqa: F401
+import importlib
+import tempfile
+from pathlib import Path
 
-import sucre_bench.commands.run
-import sucre_bench.commands.run_summary
-import sucre_bench.compare
-import sucre_bench.engine.job
-import sucre_bench.engine.run  # noqa: F401
-from sucre_bench.jobs import compose_jobs
+from sucre_bench.machine.compute import start_compiler
+from support.command_line import run_here
+from support.places import TOYS
 
-compose_jobs.jobs(["method=gray_world"], multirun=False)  # finds all plugins, and Hydra's
+for package in ("scipy.ndimage", "scipy.optimize", "scipy.sparse.csgraph", "scipy.spatial", "scipy.stats"):
+    importlib.import_module(package)  # as engine/workers.py does
+start_compiler()
+WORDS = "dataset=toy method=gain,gain2 metrics=[redness] workers=0 report=false tracking.uri=off out=out"
+with tempfile.TemporaryDirectory() as folder:
+    run_here(Path(folder), "run", "-m", "--plugin", str(TOYS), *WORDS.split())

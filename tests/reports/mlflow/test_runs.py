@@ -4,10 +4,10 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
-from mlflow import MlflowClient
 from support.command_line import Started
 
 from sucre_bench import compare, results
@@ -29,8 +29,15 @@ def run_and_track(*overrides: str, multirun: bool = False) -> Outcome:
     return outcome
 
 
+def asked(uri: str) -> Any:
+    """What asks a store. mlflow is imported here: the search for tests would take a second longer in each process."""
+    from mlflow import MlflowClient
+
+    return MlflowClient(tracking_uri=uri)
+
+
 def runs(uri: str) -> list:
-    client = MlflowClient(tracking_uri=uri)
+    client = asked(uri)
     experiments = [e.experiment_id for e in client.search_experiments() if e.name == "sucre_bench"]
     return client.search_runs(experiments) if experiments else []
 
@@ -51,7 +58,7 @@ def test_a_sweep_is_a_parent_run_with_a_child_a_job(tmp_path: Path):
     assert gain.data.params["dataset.name"] == "toy"
     rows = outcome.rows[(outcome.rows["method"] == "gain") & (outcome.rows["metric"] == "redness")]
     assert gain.data.metrics["redness.plain"] == pytest.approx(rows["value"].mean())
-    client = MlflowClient(tracking_uri=f"sqlite:///{out / 'mlflow.db'}")
+    client = asked(f"sqlite:///{out / 'mlflow.db'}")
     steps = client.get_metric_history(gain.info.run_id, "views/redness.plain")
     by_step = [m.value for m in sorted(steps, key=lambda m: m.step)]
     assert by_step == pytest.approx(rows.sort_values("view")["value"].tolist())
@@ -74,7 +81,7 @@ def test_what_people_look_for_is_where_mlflow_shows_it(tmp_path: Path):
     out = tmp_path / "out"
     run_and_track("dataset=toy", "method=gain,faulty", "metrics=[redness]", f"out={out}", multirun=True)
     uri = f"sqlite:///{out / 'mlflow.db'}"
-    client = MlflowClient(tracking_uri=uri)
+    client = asked(uri)
     (experiment,) = [e for e in client.search_experiments() if e.name == "sucre_bench"]
     assert experiment.tags["mlflow.experimentKind"] == "custom_model_development"  # runs and models, no chats
     assert experiment.tags["mlflow.note.content"]
@@ -201,16 +208,17 @@ def test_what_is_broken_off_is_told_again_and_leaves_nothing_running(tmp_path: P
     rows = results.read(out)
     picture = out / "restored/toy/gain/v1.png"
     picture.write_bytes(picture.read_bytes()[:-20])  # costs no more than itself
-    set_tag, told = MlflowClient.set_tag, []
+    store = type(asked(uri))
+    set_tag, told = store.set_tag, []
 
-    def breaks(client: MlflowClient, run: str, key: str, value: object, *more: object) -> None:
+    def breaks(client: Any, run: str, key: str, value: object, *more: object) -> None:
         told.extend([run] if (key, value) == ("latest", "yes") else [])
         if len(told) == 3:  # the parent and a child are marked as the latest
             raise ConnectionError("gone")
         set_tag(client, run, key, value, *more)
 
     with monkeypatch.context() as patch:
-        patch.setattr(MlflowClient, "set_tag", breaks)
+        patch.setattr(store, "set_tag", breaks)
         with pytest.raises(OutputError, match="gone"):
             mlflow.log(out, rows, compare.compare(rows), uri, "sucre_bench")
     assert sorted(r.info.status for r in runs(uri)) == ["FINISHED", "KILLED", "KILLED"]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import socket
 from pathlib import Path
+from typing import Any
 
 import pytest
-from mlflow import MlflowClient
 
 from sucre_bench import compare, results
 from sucre_bench.errors import InputError
@@ -40,6 +40,13 @@ def out(bench, toys: str, tmp_path: Path) -> Path:
     return tmp_path / "out"
 
 
+def asked(uri: str) -> Any:
+    """What asks a store. mlflow is imported here: the search for tests would take a second longer in each process."""
+    from mlflow import MlflowClient
+
+    return MlflowClient(tracking_uri=uri)
+
+
 def log(out: Path, uri: str = "") -> int:
     rows = results.read(out)
     return mlflow.log(out, rows, compare.compare(rows), uri or mlflow.default_uri(out), "sucre_bench")
@@ -48,7 +55,7 @@ def log(out: Path, uri: str = "") -> int:
 def test_later_stores_are_copies_of_the_first_and_keep_nothing_of_where_that_was(cache: Path, tmp_path: Path):
     for name in ("one", "two"):
         mlflow.runs_page(f"sqlite:///{tmp_path / name}.db", "dives", 5000)
-        client = MlflowClient(tracking_uri=f"sqlite:///{tmp_path / name}.db")
+        client = asked(f"sqlite:///{tmp_path / name}.db")
         experiments = client.search_experiments()
         assert {e.name for e in experiments} == {"Default", "dives"}
         assert not [e for e in experiments if "sucre_bench-" in e.artifact_location]
@@ -72,7 +79,7 @@ def test_a_table_that_is_logged_is_known_without_asking_mlflow(used_cache: None,
 
 def test_mlflows_first_screen_has_the_columns_that_decide(used_cache: None, out: Path):
     log(out)
-    client = MlflowClient(tracking_uri=mlflow.default_uri(out))
+    client = asked(mlflow.default_uri(out))
     experiment = client.get_experiment_by_name("sucre_bench")
     key = mlflow.runs_page(mlflow.default_uri(out), "sucre_bench", 5000).partition("viewStateShareKey=")[2]
     state = json.loads(experiment.tags[f"mlflow.sharedViewState.{key.partition('&')[0]}"])
