@@ -88,8 +88,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_xdist_auto_num_workers() -> int | None:
-    """Two processes of tests more than there are cores: some tests wait, for a queue, a browser or another process."""
-    return None if os.environ.get("PYTEST_XDIST_AUTO_NUM_WORKERS") else usable_cores() + 2
+    """A process of tests more than there are cores: some tests wait, for a queue, a browser or another process."""
+    return None if os.environ.get("PYTEST_XDIST_AUTO_NUM_WORKERS") else usable_cores() + 1
 
 
 def pytest_collection_finish() -> None:
@@ -146,11 +146,12 @@ def toys(own_registry: None) -> Iterator[str]:
 
 @pytest.fixture(scope="session")
 def small_demo(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    """The words of a small demo scene, made once for all tests of this process."""
+    """The words of a small demo scene, made once for all tests."""
     from sucre_bench.datasets.demo import Demo
 
-    size = {"width": 160, "height": 120, "views": 4}
-    root = tmp_path_factory.mktemp("demo")
+    size = {"width": 96, "height": 72, "views": 4}
+    own = tmp_path_factory.getbasetemp()
+    root = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "demo"
     Demo(root=root, **size).folder()
     return ["dataset=demo", f"dataset.root={root}", *(f"dataset.{name}={value}" for name, value in size.items())]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import shutil
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -132,7 +133,7 @@ def test_half_size_is_the_same_scene(tmp_path: Path) -> None:
 
 def test_sites_and_sets_are_scenes_and_their_charts_are_read(tmp_path: Path) -> None:
     write_site(tmp_path / "Satil", ("image_set_01", "image_set_02"))
-    write_site(tmp_path / "Katzaa")
+    shutil.copytree(tmp_path / "Satil", tmp_path / "Katzaa", ignore=shutil.ignore_patterns("image_set_02"))
     corners = [[4, 4], [16, 4], [16, 12], [4, 12]]
     charts = {"images": {"RGT_4011resizedUndistort.tif": {"near": corners}}}
     (tmp_path / "Satil/image_set_02/charts.json").write_text(json.dumps(charts))

@@ -192,7 +192,7 @@ def test_the_first_five_minutes_run_as_they_stand(bench: Callable[..., Any], tmp
     lines = [line for code in blocks(ROOT / "docs" / "index.md", "sh") for line in code.splitlines()]
     lines = [line for line in lines if line.startswith("sucre-bench ")]
     assert [line.split()[1] for line in lines] == ["list", "run", "compare", "score"]
-    small = [*small_demo, "dataset.width=96", "dataset.height=72", "every=2", "tracking.uri=off"]
+    small = [*small_demo, "every=2", "tracking.uri=off"]
     for line in lines:
         extra = small if line.split()[1] == "run" else []
         done = bench(*[word for word in line.split()[1:] if word != "every=4"], *extra)
