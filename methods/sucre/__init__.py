@@ -5,7 +5,7 @@ one water and one colour a pixel.
 
 | file | subject |
 |---|---|
-| `sucre.py`, `paper.py` | the methods: `sucre` and `sucre_plus` with their options; `sucre_paper` with the paper's optimiser |
+| `sucre.py`, `paper.py` | the methods: `sucre` and `sucre_plus`; `sucre_paper` |
 | `model.py` | the image formation model, its parameters, and the least-squares problem in these |
 | `passes.py`, `numba_loops.py`, `array_libraries.py` | the passes that sum it up, for several array libraries |
 | `exact.py`, `starting_points.py`, `levenberg.py` | the minimum: starts, steps, choice between minima |
@@ -17,8 +17,7 @@ one water and one colour a pixel.
 | `falloff.py`, `light_and_water.py` | light that falls off across images; light fitted together with water |
 | `uneven_light.py` | which model removes uneven light: a lamp, or the place in the image |
 | `apply_gains.py` | observations of all views in one exposure |
-| `calibrated_noise.py`, `even_gaps.py`, `depth_edges.py`, `follow_best_channel.py` | colours after the fit, one each |
-| `shrink_noisy_colours.py`, `fill_without_depth.py` | noisy colours, and colours of pixels without depth |
+| `refine_noise.py`, `refine_edges.py`, `refine_gaps.py` | colours after the fit |
 | `diagnostics.py`, `residuals.py`, `to_restoration.py` | uncertainty, residual statistics, the result |
 | `warm_up.py` | compiles the loops before the first image |
 """

@@ -19,6 +19,7 @@ The sums are over all pixels, so the systems of several images in one water add 
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,6 +95,16 @@ def veil(z: Any, B: Any, gamma: Any) -> Any:
 def predict(J: Any, z: Any, B: Any, beta: Any, gamma: Any) -> Any:
     """Return I."""
     return J * transmission(z, beta) + veil(z, B, gamma)
+
+
+def inverted(I: Any, z: Any, parameters: Iterable[Any], least: float) -> tuple[Any, Any]:  # noqa: E741
+    """Return J of observations by themselves, (I - b) / a, and a, which counts as `least` at least.
+
+    parameters: B, beta, gamma.
+    """
+    B, beta, gamma = parameters
+    a = transmission(z, beta).clip(min=least)
+    return (I - veil(z, B, gamma)) / a, a
 
 
 def derivatives(J: Any, z: Any, B: Any, beta: Any, gamma: Any) -> tuple[Any, Any, Any, Any]:

@@ -94,7 +94,7 @@ class SucrePaper(FillOption):
         info: as of `sucre`; and initial_cost, the sum of squares of each channel before the first step.
         Raises NotApplicableError when no pixel has depth, SolveError when Adam left the range of numbers.
         """
-        from sucre_bench.methods.sucre.fill_without_depth import fill_pixels_without_depth
+        from sucre_bench.methods.sucre.refine_gaps import fill_pixels_without_depth
         from sucre_bench.methods.sucre.to_restoration import named, restoration, with_residuals
         from sucre_bench.multiview.stored_pairs import paired
 

@@ -16,14 +16,14 @@ robust=true all observations count alike here, so that those with little weight 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from sucre_bench.arrays import Array, Indices, Mask, evenly
+from sucre_bench.arrays import Array, Indices, evenly
 from sucre_bench.methods.sucre.diagnostics import CHANNELS
-from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
+from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.refine_noise import residuals_of
 from sucre_bench.multiview.observations import Observations
 
 # Number of observations used, and the largest leverage.
@@ -65,46 +65,22 @@ def residuals(observations: Observations, J: Array, water: WaterParameters) -> d
     wanted = min(n_repeated, max(1, round(_SAMPLE * n_repeated / (len(observations) - n_alone))))
     places = np.sort(np.random.default_rng(0).choice(n_repeated, wanted, replace=False))
     few, colours = observations.take(places), J[:, places].astype(np.float64)
-    found = _found(few, colours, water)
-    about |= {"observations": found.n, "decisive_share": 1 - found.r.shape[1] / max(found.n, 1)}
-    if not found.r.size:
+    raw, h, information, fit = residuals_of(few, colours, water)
+    used = (information > 0).all(axis=0)
+    kept = used & (h < _DECISIVE).all(axis=0)
+    about |= {"observations": int(used.sum()), "decisive_share": float(1 - kept.sum() / max(used.sum(), 1))}
+    if not kept.any():
         return about
+    raw, fit = raw[:, kept], fit[:, kept]
+    r = raw / np.sqrt(1 - h[:, kept])
     return about | {
-        **_moments(found.r),
-        "raw_std": _short(found.raw.std(axis=1)),
-        "histogram": _histogram(found.r),
-        "normal": {"z": _short(_Z), "quantiles": _short(_normal_quantiles(found.r))},
-        "against_fit": {name: _density(found.fit[c], found.r[c]) for c, name in enumerate(CHANNELS)},
+        **_moments(r),
+        "raw_std": _short(raw.std(axis=1)),
+        "histogram": _histogram(r),
+        "normal": {"z": _short(_Z), "quantiles": _short(_normal_quantiles(r))},
+        "against_fit": {name: _density(fit[c], r[c]) for c, name in enumerate(CHANNELS)},
         "tracks": _tracks(few, colours),
     }
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Found:
-    """r: (3, M) residuals over sqrt(1 - h); raw: without; fit: (3, M) J a + b; n: observations used, M and the
-    decisive ones.
-    """
-
-    r: Array
-    raw: Array
-    fit: Array
-    n: int
-
-
-def _found(few: Observations, J: Array, water: WaterParameters) -> _Found:
-    place = np.concatenate([np.arange(n) for n, _ in few.slots()])
-    z = few.distance.astype(np.float64)
-    w = np.ones((1, len(few))) if few.weight is None else np.atleast_2d(few.weight).astype(np.float64)
-    B, beta, gamma = water.columns()
-    a, I = transmission(z, beta), few.intensity(slice(None))  # noqa: E741, (3, N)
-    fit = J[:, place] * a + veil(z, B, gamma)
-    h = w * a**2
-    total = np.stack([np.bincount(place, h_c, len(few.pixels)) for h_c in h])
-    h = np.divide(h, total[:, place], out=np.ones_like(h), where=total[:, place] > 0)
-    used = np.asarray((w > 0).all(axis=0))
-    kept: Mask = (h < _DECISIVE).all(axis=0) & used
-    raw = (np.sqrt(w) * (I - fit))[:, kept]
-    return _Found(raw / np.sqrt(1 - h[:, kept]), raw, fit[:, kept], int(used.sum()))
 
 
 def _moments(r: Array) -> dict[str, Any]:

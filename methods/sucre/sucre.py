@@ -18,7 +18,7 @@ from sucre_bench.machine.compute import Device
 from sucre_bench.methods.sucre.known_water import WORDS, check_source, shared_water, water_of
 from sucre_bench.methods.sucre.paper import CITES, solve_adam, start_of
 from sucre_bench.methods.sucre.passes import Backend
-from sucre_bench.methods.sucre.shrink_noisy_colours import LEAST_SPREAD, LEAST_SPREAD_LINEAR, ImagePrior, prior_of
+from sucre_bench.methods.sucre.refine_noise import LEAST_SPREAD, LEAST_SPREAD_LINEAR, ImagePrior, prior_of
 from sucre_bench.plugins.call_method import display_of
 from sucre_bench.scene import Encoding
 
@@ -112,7 +112,7 @@ class Sucre(FillOption):
         Raises NotApplicableError when no pixel has depth or none is seen twice, SolveError when the fit fails,
         InputError for a water that cannot be read.
         """
-        from sucre_bench.methods.sucre.fill_without_depth import fill_pixels_without_depth
+        from sucre_bench.methods.sucre.refine_gaps import fill_pixels_without_depth
         from sucre_bench.methods.sucre.to_restoration import named, restoration, with_residuals
 
         observations = self.observe(scene, view)
@@ -178,10 +178,9 @@ class Sucre(FillOption):
         """
         if solution.is_photograph or not (self.refine or self.robust):
             return solution
-        from sucre_bench.methods.sucre.calibrated_noise import calibrated
-        from sucre_bench.methods.sucre.depth_edges import Target, corrected_edges
-        from sucre_bench.methods.sucre.even_gaps import even_deviation, evened
-        from sucre_bench.methods.sucre.follow_best_channel import followed
+        from sucre_bench.methods.sucre.refine_edges import Target, corrected_edges
+        from sucre_bench.methods.sucre.refine_gaps import even_deviation, evened
+        from sucre_bench.methods.sucre.refine_noise import calibrated, followed
 
         solution = calibrated(observations, solution, decoded=self._decodes(view))
         if not self.refine:

@@ -8,10 +8,10 @@ import numpy as np
 
 from sucre_bench.camera import Camera
 from sucre_bench.machine.compute import Device
-from sucre_bench.methods.sucre.depth_edges import Target, corrected_edges
-from sucre_bench.methods.sucre.even_gaps import even_deviation
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.passes import Backend, opened
+from sucre_bench.methods.sucre.refine_edges import Target, corrected_edges
+from sucre_bench.methods.sucre.refine_gaps import even_deviation
 from sucre_bench.multiview.footprints import matched_footprints
 from sucre_bench.multiview.observe import Options, observe
 from sucre_bench.scene import Arrays, View

@@ -18,8 +18,8 @@ from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.levenberg import Bounds, minimise
 from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
 from sucre_bench.methods.sucre.paper import solve_adam
+from sucre_bench.methods.sucre.refine_noise import prior_of
 from sucre_bench.methods.sucre.samples import sampled
-from sucre_bench.methods.sucre.shrink_noisy_colours import posterior
 from sucre_bench.methods.sucre.solvers import colours_for_water, solve_exact
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 from sucre_bench.multiview.observe import observe
@@ -216,7 +216,9 @@ def test_places_that_no_light_comes_from_do_not_spoil_the_rest(backend: Any) -> 
     assert np.isfinite(solution.cost).all()
     assert np.isfinite(solution.J).all()
     np.testing.assert_allclose(table(solution.water), table(fit(observations).water), rtol=0.03)
-    shrunk, deviation = posterior(solution.J, solution.deviation)
+    prior = prior_of(solution.J, solution.deviation)
+    assert prior is not None
+    shrunk, deviation = prior.posterior(solution.J, solution.deviation)
     assert np.isfinite(shrunk).all()
     assert np.isfinite(deviation).all()
     assert np.abs(shrunk - J).mean() < 0.1

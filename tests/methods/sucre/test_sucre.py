@@ -16,7 +16,7 @@ from sucre_bench import Arrays, InputError, Restoration, Scene, SolveError, Wate
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.machine.progress import watched_by
 from sucre_bench.methods.sucre import Sucre, SucrePaper, SucrePlus
-from sucre_bench.methods.sucre.shrink_noisy_colours import posterior
+from sucre_bench.methods.sucre.refine_noise import prior_of
 
 SCENE = make_scene()
 TARGET = SCENE["a.png"]
@@ -264,12 +264,19 @@ def coloured_surfaces(rng: np.random.Generator, n: int) -> np.ndarray:
     return np.array([1.1, 1.0, 0.9])[:, None] * brightness + 0.25 * brightness * rng.standard_normal((3, n))
 
 
+def shrunk_to_the_mean(J: np.ndarray, deviation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    J, deviation = J.astype(np.float32), deviation.astype(np.float32)
+    prior = prior_of(J, deviation)
+    assert prior is not None
+    return prior.posterior(J, deviation)
+
+
 def test_the_prior_halves_the_error_of_noisy_colours_and_says_how_much_is_left() -> None:
     rng = np.random.default_rng(0)
     truth = coloured_surfaces(rng, 40_000)
     deviation = np.where(rng.random(truth.shape[1]) < 0.5, 0.003, 0.3) * np.array([1.5, 1.0, 1.0])[:, None]
     J = truth + deviation * rng.standard_normal(truth.shape)
-    shrunk, left = posterior(J.astype(np.float32), deviation.astype(np.float32))
+    shrunk, left = shrunk_to_the_mean(J, deviation)
     sure = deviation[0] < 0.01
     assert np.abs(shrunk - J)[:, sure].max() < 0.01
     error = shrunk - truth
@@ -284,16 +291,15 @@ def test_red_that_is_lost_follows_the_channels_that_are_known() -> None:
     deviation = np.full(truth.shape, 0.01)
     deviation[0] = 0.5
     J = truth + deviation * rng.standard_normal(truth.shape)
-    shrunk, _ = posterior(J.astype(np.float32), deviation.astype(np.float32))
+    shrunk, _ = shrunk_to_the_mean(J, deviation)
     alone = 1 / np.sqrt(1 / 0.5**2 + 1 / truth[0].std() ** 2)  # the best that red can do by itself
     assert (shrunk - truth)[0].std() < 0.7 * alone
     assert np.abs(shrunk[0, :10_000]).mean() < 0.05
 
 
-def test_a_prior_without_known_noise_changes_nothing() -> None:
+def test_without_known_noise_there_is_no_prior() -> None:
     J = coloured_surfaces(np.random.default_rng(2), 100).astype(np.float32)
-    shrunk, _ = posterior(J, np.full_like(J, np.inf))
-    assert (shrunk == J).all()
+    assert prior_of(J, np.full_like(J, np.inf)) is None
 
 
 def test_robust_weights_keep_an_animal_out_of_the_water() -> None:

@@ -28,7 +28,8 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.machine.compute import compiled
-from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
+from sucre_bench.methods.sucre.model import WaterParameters, inverted
+from sucre_bench.methods.sucre.refine_noise import box_sum
 
 # Half a window, of means and of sides, as a share of the image's width; at least so many pixels.
 _HALF, _FEWEST = 0.005, 3
@@ -77,10 +78,11 @@ def corrected_edges(target: Target, J: Array, deviation: Array, water: WaterPara
     J, deviation: NaN without depth. A corrected colour has the deviation of a single observation, as far as it is one.
     """
     known = np.isfinite(J + target.intensity).all(axis=-1) & (target.distance > 0)
-    own, a = _own(target.intensity, target.distance, water)
+    own, a = _alone(target.intensity, target.distance, water)
     difference = np.where(known[..., None], own - J, np.float32(0))
     most = _CLIPPED * _deviation(difference, a, target.distance, known)
-    e = difference - _mean(difference.clip(-most, most), known, target.half)
+    n = np.maximum(box_sum(known.astype(np.float32), target.half), 1)[..., None]
+    e = difference - box_sum(difference.clip(-most, most).astype(np.float32), target.half) / n
     e[~known] = 0
     noise = _deviation(e, a, target.distance, known)
     chi = ((e / np.maximum(noise, _LEAST_NOISE / a)) ** 2).mean(axis=-1)
@@ -88,7 +90,7 @@ def corrected_edges(target: Target, J: Array, deviation: Array, water: WaterPara
     side = _other_side(target, share[..., 0] > 0)
     moved = side > 0
     corrected = J + share * e
-    corrected[moved], there = _own(target.intensity[moved], side[moved], water)
+    corrected[moved], there = _alone(target.intensity[moved], side[moved], water)
     share[moved] = 1
     noise[moved] *= a[moved] / there
     rest = np.multiply(1 - share, deviation, out=np.zeros_like(noise), where=share < 1)  # deviations may be infinite
@@ -98,12 +100,10 @@ def corrected_edges(target: Target, J: Array, deviation: Array, water: WaterPara
     return corrected.astype(np.float32), np.where(share > 0, left, deviation).astype(np.float32)
 
 
-def _own(intensity: Array, distance: Array, water: WaterParameters) -> tuple[Array, Array]:
+def _alone(intensity: Array, distance: Array, water: WaterParameters) -> tuple[Array, Array]:
     """Return the colours (..., 3) that intensities alone have at distances (...,), and the transmission."""
-    z = distance[..., None].astype(np.float32)
-    B, beta, gamma = (column.astype(np.float32)[:, 0] for column in water.columns())
-    a = transmission(z, beta).clip(min=_DARK)
-    return (intensity.astype(np.float32) - veil(z, B, gamma)) / a, a
+    parameters = (column.astype(np.float32)[:, 0] for column in water.columns())
+    return inverted(intensity.astype(np.float32), distance[..., None].astype(np.float32), parameters, _DARK)
 
 
 def _deviation(e: Array, a: Array, distance: Array, known: Mask) -> Array:
@@ -121,15 +121,6 @@ def _deviation(e: Array, a: Array, distance: Array, known: Mask) -> Array:
     table = np.stack([np.interp(fine, middle, of_channel) for of_channel in typical.T], axis=-1).astype(np.float32)
     step = max((middle[-1] - middle[0]) / (_FINE - 1), 1e-9)
     return np.asarray(table[((distance - middle[0]) / step).clip(0, _FINE - 1).astype(np.int32)] / a)
-
-
-def _mean(values: Array, known: Mask, half: int) -> Array:
-    import cv2
-
-    size = (2 * half + 1, 2 * half + 1)
-    n = cv2.boxFilter(known.astype(np.float32), -1, size, normalize=False, borderType=cv2.BORDER_CONSTANT)
-    total = cv2.boxFilter(values.astype(np.float32), -1, size, normalize=False, borderType=cv2.BORDER_CONSTANT)
-    return np.asarray(total / np.maximum(n, 1)[..., None])
 
 
 def _other_side(target: Target, contradicted: Mask) -> Array:

@@ -1,0 +1,368 @@
+"""Noise of colours: how large it is, and two ways to lower it.
+
+**Its size** (`calibrated`). The noise of the camera is alike at every distance. What differs between views (light,
+wrong pairs, texture that one view resolves and another does not) belongs to the scene, so water weakens it as it
+weakens colours:
+
+    variance of I - J a - b  =  sigma^2 + (tau a)^2.
+
+Near and far observations tell the two apart. One common standard deviation would be too large far away, where little of
+tau is left, and far colours would be taken for noise. The best J of the observations of a pixel, with A = sum w a^2,
+then has the variance
+
+    sigma^2 / A  +  tau^2 (sum w^2 a^4) / A^2.
+
+Noise is alike in stored intensities. In linear light decoded from them it is sigma times the slope t of the curve: less
+in dark pixels. The first term is then sigma^2 (sum w a^2 t^2) / A^2.
+
+Robust weights v = 1 / (1 + s^2 / c^2)^2 (robust.py) are no known precisions: they are small because residuals are
+large, and colours follow the observations that they favour. With w the weights that are known beforehand (a lamp's,
+gains), the variance of an observation is then that of the residuals, each counted v times, and J has the variance
+
+    k sum w (v a)^2 (sigma^2 t^2 + tau^2 w a^2) / (sum w v a^2)^2,    k = (sum v / sum psi')^2,
+
+where psi' = v (1 - 4/3 (1 - v^1/2)) is the slope of the influence v r, its mean over three channels alike: the variance
+of an M-estimator (Huber 1981, sec. 3.2). Without robust weights v and k are 1.
+
+**Two channels follow the third** (`followed`). Water takes one channel first, mostly red, so that channel is noisy
+where another is still sharp. On one surface the channels are nearly a linear function of each other. With the
+best-known channel g, a window of weighted least squares gives for another channel c
+
+    P = alpha J_g + beta,    r = the mean square of J_c - P,    m = max(r - kappa v, 0),
+
+where v is the mean variance of the noise of J_c. So m is what g does not explain and noise does not either: things of
+another colour. The colour becomes
+
+    J_c' = P + m / (m + kappa v) (J_c - P),
+
+the local Wiener filter (Lee 1980) around a guided filter (He et al. 2013). Where noise is small, nothing changes.
+Standard deviations also contain how views differ smoothly (light, exposure). Neighbours share that, so no window shows
+it. kappa, at most 1, is the share of the variance that differs from pixel to pixel: a low percentile of r / v. The
+variance that is left is (1 - kappa) v + kappa v m / (m + kappa v).
+
+**Noisy colours go to the mean** (`ImagePrior`, empirical Bayes). Little light arrives from far away, and dividing by a
+small transmission magnifies the noise. Water takes red first, so red is lost where green and blue are still known.
+Three means, one a channel, would then paint dark places red: the mean of red beside a green and a blue near 0. The
+three channels of a surface are alike, so they are shrunk together. A colour is its brightness s times a reflectance
+that differs little from the image's mean w (mean of channels 1):
+
+    J = s (w + e),    e normal with deviation d in each channel,    s normal with mean s0 and deviation S.
+
+With the variance v of J and c = (d s)^2, the best brightness and colour are
+
+    s = (sum w J / (v + c)) / (sum w^2 / (v + c)),    J' = s' w + c / (c + v) (J - s w),
+
+where s' is s, shrunk towards s0 by its own variance (Efron & Morris 1973). Channels that are known give the brightness,
+and a channel that is lost follows it. A dark pixel has little chroma, a bright one as much as it shows. w, d, s0
+and S come from the image itself, d being at least LEAST_SPREAD: most images are almost gray, and few things in them
+have colours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sucre_bench.arrays import Array, Mask
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
+from sucre_bench.multiview.observations import Observations
+
+if TYPE_CHECKING:
+    from sucre_bench.methods.sucre.solvers import Solution
+
+# Pixels that the noise is estimated on, the fewest that tell it, and classes of transmission.
+_SAMPLE, _FEWEST, _CLASSES = 30_000, 200, 12
+
+# The least noise: rounding to 8 bits has a standard deviation of .0011.
+_LEAST_NOISE = 1e-3
+
+# Half the difference of intensities that the slope of the curve is taken over.
+_STEP = 0.5 / 255
+
+# The least transmission: less light says nothing about a colour, and its square would be no number in float32.
+_DARKEST = 1e-6
+
+# The least mean slope of the influence, as a share of the mean weight.
+_LEAST_SLOPE = 0.25
+
+# An observation that has more than this share of its pixel's information has hardly any residual.
+_ALONE = 0.95
+
+# `followed`. Half a window, as a share of the image's width; at least so many pixels.
+_HALF, _FEWEST_PX = 0.005, 3
+
+# Variance of things that look alike, added to the guide's and to that of weights.
+_ALIKE, _FLOOR = 1e-4, 1e-3
+
+# The percentile of r / v that is taken for noise alone, and the one of relative noise that ranks channels.
+_PLAIN, _WORST = 10, 90
+
+# Least brightness that noise is compared with, the variance of a colour without any information, and a divisor.
+_DARK, _UNKNOWN, _TINY = 0.02, 1e4, 1e-9
+
+# `ImagePrior`. Least deviation of reflectances. Less of it helps made scenes as shown, more of it charts:
+# docs/sucre.md has figures. In linear light: sRGB's curve raises bright intensities to nearly the power 2.4, which
+# multiplies relative deviations by as much. A photograph agreed.
+LEAST_SPREAD = 0.2
+LEAST_SPREAD_LINEAR = 2.4 * LEAST_SPREAD
+
+_ROUNDS, _ROUNDS_OF_S = 30, 4
+
+# Pixels that the mean colour is estimated from, and pixels that are worked on at a time.
+_SAMPLE_OF_PRIOR, _BLOCK = 20_000, 1 << 15
+
+# Least variance of the brightness of an image, .01 squared: with less, all pixels would become equally bright.
+_LEAST_VARIANCE = 1e-4
+
+# Variances of a colour that is known as well as can be, and of one without any information.
+_EXACT, _ENDLESS = 1e-7, 1e12
+
+
+# -- the size of the noise -----------------------------------------------------------------------------------
+
+
+def calibrated(observations: Observations, solution: Solution, *, decoded: bool = False) -> Solution:
+    """Return the solution with standard deviations from both kinds of noise; as it is where few pixels repeat.
+
+    observations: without robust weights, which are in the solution; decoded: they are linear light, decoded from stored
+    intensities.
+    """
+    if observations.n_repeated < _FEWEST or not np.isfinite(solution.uncertainty.noise).all():
+        return solution
+    A, At2, A2 = np.zeros((3, 3, len(observations.pixels)), dtype=np.float32)
+    for n, part in observations.slots():
+        a = transmission(observations.distance[part], solution.water.columns()[1].astype(np.float32))
+        information, v = _information(observations, a, part), _robust(observations, solution.weight, part)
+        A[:, :n] += v * information
+        At2[:, :n] += v**2 * information * _slope(observations, part, decoded) ** 2
+        A2[:, :n] += (v * information) ** 2
+    k, repeated = 1.0, observations.n_repeated
+    if solution.weight is not None:
+        parts = [_robust(observations, solution.weight, part)[..., :repeated] for _, part in observations.slots()]
+        v = np.concatenate(parts, axis=-1).astype(np.float64)
+        slope = v * (1 - 4 / 3 * (1 - np.sqrt(v)))
+        k = float(v.sum() / max(slope.sum(), _LEAST_SLOPE * v.sum())) ** 2
+    of_noise = solution.uncertainty.noise[:, None] ** 2 / A
+    of_water = np.maximum(solution.deviation**2 - of_noise, 0)
+    sigma, tau = noise_parts(observations, solution, decoded=decoded)[:, :, None]
+    deviation = np.sqrt(of_water + k * (sigma**2 * At2 + tau**2 * A2) / A**2)
+    return replace(solution, deviation=deviation.astype(np.float32))
+
+
+def noise_parts(observations: Observations, solution: Solution, *, decoded: bool = False) -> Array:
+    """Return sigma and tau of each channel, (2, 3), from a sample of the pixels seen more than once.
+
+    They explain the mean squares of the studentised residuals in classes of transmission, by least squares without
+    negative parts. In a channel with too few residuals, sigma is the common standard deviation.
+    """
+    from scipy.optimize import nnls
+
+    places = np.arange(0, observations.n_repeated, -(-observations.n_repeated // _SAMPLE))
+    few = observations.take(places)
+    weight = None if solution.weight is None else replace(observations, weight=solution.weight).take(places).weight
+    counted = np.broadcast_to(_robust(few, weight, slice(None)), few.colour.shape)
+    r, h, strength, _ = residuals_of(few, solution.J[:, places], solution.water, counted)
+    slopes = _slope(few, slice(None), decoded) ** 2
+    parts = np.zeros((3, 2))
+    for c in range(3):
+        known = (h[c] < _ALONE) & (h[c] > 0)
+        if known.sum() < _FEWEST:
+            parts[c] = solution.uncertainty.noise[c] ** 2, 0
+            continue
+        t, x, v = slopes[c, known], strength[c, known].astype(np.float64), counted[c, known]
+        y = (r[c, known] ** 2 / (1 - h[c, known])).astype(np.float64)
+        classes = [one for one in np.array_split(np.argsort(x / t), _CLASSES) if len(one)]
+        y, t, x = (np.array([np.average(values[one], weights=v[one]) for one in classes]) for values in (y, t, x))
+        scale = 1 / np.maximum(y, _LEAST_NOISE**2)
+        parts[c], _ = nnls(np.stack([t, x], axis=1) * scale[:, None], y * scale)
+    sigma, tau = np.sqrt(parts.T)
+    return np.stack([np.maximum(sigma, _LEAST_NOISE), tau])
+
+
+def residuals_of(
+    observations: Observations, J: Array, water: WaterParameters, v: Array | float = 1.0
+) -> tuple[Array, Array, Array, Array]:
+    """Return of observations the residuals sqrt(w) (I - J a - b), leverages h, information w a^2, and J a + b.
+
+    All are (3, N), of the type of J (3, P). v: (3, N), robust parts of the weights. h = v w a^2 / sum v w a^2 over the
+    pixel, so that r has the variance of the noise times 1 - h.
+    """
+    place = np.concatenate([np.arange(n) for n, _ in observations.slots()])
+    z, everything = observations.distance.astype(J.dtype), slice(None)
+    B, beta, gamma = (column.astype(J.dtype) for column in water.columns())
+    a = transmission(z, beta)
+    information = _information(observations, a, everything)
+    fit = J[:, place] * a + veil(z, B, gamma)
+    known, total = v * information, np.zeros_like(J)
+    for n, part in observations.slots():
+        total[:, :n] += known[:, part]
+    total = total[:, place]
+    h = np.divide(known, total, out=np.zeros_like(known), where=total > 0)
+    root = 1.0 if observations.weight is None else np.sqrt(observations.weight)
+    return root * (observations.intensity(everything) - fit), h, information, fit
+
+
+def _robust(observations: Observations, weight: Array | None, part: slice) -> Array:
+    """Return the robust part v, (n,) or (3, n), of the weights of a solution, 1 without any."""
+    if weight is None:
+        return np.ones(len(observations.distance[part]), dtype=np.float32)
+    if observations.weight is None:
+        return weight[..., part]
+    whole, known = np.broadcast_arrays(weight[..., part], observations.weight[..., part])
+    return np.divide(whole, known, out=np.zeros_like(whole), where=known > 0)
+
+
+def _slope(observations: Observations, part: slice, decoded: bool) -> Array:
+    """Return how many times larger than in stored intensities the noise of recorded light is, (3, n).
+
+    Under a lamp or with gains, intensities are recorded light over l, of weight l^2.
+    """
+    linear = observations.intensity(part)
+    if not decoded:
+        return np.ones_like(linear)
+    if observations.weight is not None:
+        linear = linear * np.sqrt(observations.weight[..., part])
+    stored = srgb_encode(linear)
+    return np.asarray((srgb_decode(stored + _STEP) - srgb_decode(stored - _STEP)) / (2 * _STEP), dtype=np.float32)
+
+
+def _information(observations: Observations, a: Array, part: slice) -> Array:
+    """Return w a^2 (3, n) of observations with transmission a."""
+    a = a.clip(min=_DARKEST)
+    return np.asarray(a * a if observations.weight is None else observations.weight[..., part] * a * a)
+
+
+# -- two channels follow the third ---------------------------------------------------------------------------
+
+
+def followed(J: Array, deviation: Array) -> tuple[Array, Array]:
+    """Return colours and standard deviations (H, W, 3) float32 with less noise in two channels.
+
+    J, deviation: (H, W, 3), NaN = no colour. A deviation that is not known, NaN or infinite, stays so.
+    """
+    known = np.asarray(np.isfinite(J).all(axis=-1))
+    result, left = np.array(J, dtype=np.float32), np.array(deviation, dtype=np.float32)
+    if not known.any():
+        return result, left
+    variance = np.where(np.isfinite(deviation), deviation, np.sqrt(_UNKNOWN)).astype(np.float32) ** 2
+    colours = np.where(known[..., None], J, 0).astype(np.float32)
+    relative = np.sqrt(variance[known]) / np.maximum(np.abs(J[known]), _DARK)
+    best = int(np.argmin(np.percentile(relative, _WORST, axis=0)))
+    half = max(_FEWEST_PX, round(_HALF * J.shape[1]))
+    for c in {0, 1, 2} - {best}:
+        y, v = colours[..., c], variance[..., c]
+        after, share = _filtered(y, v, colours[..., best], variance[..., best], known, half)
+        result[..., c] = np.where(known, after, np.nan)
+        left[..., c] *= np.sqrt(share)
+    return result, left
+
+
+def _filtered(y: Array, v: Array, x: Array, v_x: Array, known: Mask, half: int) -> tuple[Array, Array]:
+    """Return the channel y (H, W) of variance v, filtered with the guide x of variance v_x, and the share of v left."""
+    weight = np.where(known, 1 / (v + np.float32(_FLOOR)), np.float32(0))
+    total = box_sum(weight, half) + _TINY
+
+    def mean(values: Array) -> Array:
+        return box_sum(weight * values, half) / total
+
+    x_mean, y_mean = mean(x), mean(y)
+    xy, xx = mean(x * y) - x_mean * y_mean, np.maximum(mean(x * x) - x_mean**2, 0)
+    alpha = xy / (xx + _ALIKE + mean(v_x))
+    rest = np.maximum(mean(y * y) - y_mean**2 - 2 * alpha * xy + alpha**2 * xx, 0)
+    noise = np.maximum(mean(v), _TINY)
+    kappa = min(1.0, float(np.percentile((rest / noise)[known], _PLAIN)))
+    own = np.maximum(mean(np.maximum(rest - kappa * noise, 0)), _TINY)  # sums of windows leave rounding errors
+    plain = mean(alpha) * x + mean(y_mean - alpha * x_mean)
+    kept = own / (own + kappa * v)
+    return np.asarray(plain + kept * (y - plain)), np.asarray(1 - kappa + kappa * kept)
+
+
+def box_sum(image: Array, half: int) -> Array:
+    """Return the sum over each pixel's square window of 2 half + 1 pixels a side, 0 beyond the image."""
+    import cv2
+
+    size = (2 * half + 1, 2 * half + 1)
+    return np.asarray(cv2.boxFilter(image, -1, size, normalize=False, borderType=cv2.BORDER_CONSTANT))
+
+
+# -- noisy colours go to the mean ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImagePrior:
+    """The mean colour w (3,) of an image, mean and variance of its brightness, and the spread of its reflectances."""
+
+    w: Array
+    mean: float
+    variance: float
+    spread: float = LEAST_SPREAD
+
+    def posterior(self, J: Array, deviation: Array) -> tuple[Array, Array]:
+        """Return the posterior mean and standard deviation (3, P) float32 of colours with standard deviations."""
+        shrunk, left = np.empty_like(J, dtype=np.float32), np.empty_like(J, dtype=np.float32)
+        for start in range(0, J.shape[1], _BLOCK):
+            part = np.s_[:, start : start + _BLOCK]
+            few, v = J[part].astype(np.float64), _variance(deviation[part])
+            s, noise, bright = self._brightness(few, v)
+            c = (self.spread * bright) ** 2
+            chroma = c / (c + v)
+            shrunk[part] = np.outer(self.w, bright) + chroma * (few - np.outer(self.w, s))
+            of_brightness = self.variance * noise / (self.variance + noise)
+            left[part] = np.sqrt(np.outer(self.w**2, of_brightness) + chroma * v)
+        return shrunk, left
+
+    def _brightness(self, J: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Return of each colour (3, P) its brightness s at least 0, the variance of s, and s shrunk to the mean."""
+        shrunk = np.full(J.shape[1], self.mean)
+        for _ in range(_ROUNDS_OF_S):
+            inverse = 1 / (v + (self.spread * shrunk) ** 2)
+            weight = self.w**2 @ inverse
+            s = ((self.w @ (J * inverse)) / weight).clip(min=0)
+            noise = (self.w**2 @ (v * inverse)) / (self.w @ self.w) / weight
+            shrunk = self.mean + self.variance / (self.variance + noise) * (s - self.mean)
+        return s, noise, shrunk
+
+    def improved(self, J: Array, v: Array, least_spread: float) -> ImagePrior | None:
+        """Return the prior after one more round over colours J (3, P) of variance v; None for a black image."""
+        s, noise, bright = self._brightness(J, v)
+        trust = self.variance / (self.variance + noise)
+        mean = float((trust * s).sum() / trust.sum())
+        variance = max(float((trust * ((s - mean) ** 2 - noise)).sum() / trust.sum()), _LEAST_VARIANCE)
+        weight = 1 / (v + (self.spread * bright) ** 2)
+        power = (bright**2 * weight).sum(axis=1)
+        if not power.all():  # it has no mean colour
+            return None
+        w = (bright * J * weight).sum(axis=1) / power
+        w = w.clip(min=0) / w.clip(min=0).mean() if (w > 0).any() else self.w
+        # How much larger deviations from the mean colour are than expected: of three channels, two are free. Only
+        # pixels whose noise does not hide reflectances, and no shade, where offsets of the water are no reflectances.
+        chi = (weight * (J - np.outer(self.w, s)) ** 2).sum(axis=0)
+        lit = (weight.sum(axis=0) >= np.median(weight.sum(axis=0))) & (s >= self.mean)
+        misfit = float(np.sqrt(chi[lit].mean() / 2).clip(0.5, 2)) if lit.any() else 1.0
+        return ImagePrior(w, mean, variance, max(self.spread * misfit, least_spread))
+
+
+def prior_of(J: Array, deviation: Array, least_spread: float = LEAST_SPREAD) -> ImagePrior | None:
+    """Return the prior of an image from its colours (3, P), each as far as it is known; None where no noise is known.
+
+    deviation: (3, P) standard deviations; least_spread: of reflectances.
+    """
+    if not np.isfinite(deviation).any():
+        return None
+    few = np.s_[:, :: max(1, J.shape[1] // _SAMPLE_OF_PRIOR)]
+    J, v = J[few].astype(np.float64), _variance(deviation[few])
+    prior = ImagePrior(np.ones(3), float(np.median(J)), 0.05, least_spread)
+    for _ in range(_ROUNDS):
+        improved = prior.improved(J, v, least_spread)
+        if improved is None:
+            break
+        prior = improved
+    return prior
+
+
+def _variance(deviation: Array) -> Array:
+    v = np.where(np.isfinite(deviation), np.square(deviation, dtype=np.float64), _ENDLESS)
+    return np.asarray(v.clip(min=_EXACT))
