@@ -8,18 +8,15 @@ one water and one colour a pixel.
 | `sucre.py`, `paper.py` | the methods: `sucre` and `sucre_plus`; `sucre_paper` |
 | `model.py` | the image formation model, its parameters, and the least-squares problem in these |
 | `passes.py`, `numba_loops.py`, `array_libraries.py` | the passes that sum it up, for several array libraries |
-| `exact.py`, `starting_points.py`, `levenberg.py` | the minimum: starts, steps, choice between minima |
-| `samples.py` | the pixels that water and light are fitted to, sharp or averaged over one footprint |
-| `weak_priors.py`, `undetermined_water.py` | channels, or a whole water, that the observations do not determine |
-| `solvers.py`, `known_water.py` | the result of every solver; water from elsewhere, or shared by a scene |
-| `own_water.py` | the exact fit to one image, with the options below |
+| `exact.py`, `levenberg.py` | the minimum: starts, steps, choice between minima, weak priors |
+| `solution.py`, `known_water.py` | the result of every solver; water from elsewhere, or shared by a scene |
+| `own_water.py`, `undetermined_water.py` | the exact fit to one image; what replaces it without a determined water |
 | `robust.py`, `lamp.py`, `exposure.py` | one option each, found together with the water |
 | `falloff.py`, `light_and_water.py` | light that falls off across images; light fitted together with water |
 | `uneven_light.py` | which model removes uneven light: a lamp, or the place in the image |
 | `apply_gains.py` | observations of all views in one exposure |
-| `refine_noise.py`, `refine_edges.py`, `refine_gaps.py` | colours after the fit |
-| `diagnostics.py`, `residuals.py`, `to_restoration.py` | uncertainty, residual statistics, the result |
-| `warm_up.py` | compiles the loops before the first image |
+| `refine_noise.py`, `refine_edges.py`, `refine_gaps.py` | colours after the fit, and of pixels without depth |
+| `diagnostics.py`, `record.py` | uncertainty of the water; the restoration and its record |
 """
 
 from sucre_bench.methods.sucre.paper import SucrePaper

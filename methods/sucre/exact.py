@@ -1,17 +1,36 @@
 """The exact minimum of SUCRe's eq. 7, to the digits that the data hold.
 
-Every pixel's colour is eliminated (model.py), which leaves three parameters a channel. `fit` finds them on a
-sample of pixels from several starts, and refines them by a few passes over all observations. Only the sample is random,
-and it has a seed. The number of threads changes nothing.
+Every pixel's colour is eliminated (model.py), which leaves three parameters a channel. `fit` finds them on a sample of
+pixels from several starts, and refines them by a few passes over all observations. Only the sample is random, and it
+has a seed. The number of threads changes nothing.
 
 physical: many real images are fitted best by a veil that is brighter than their darkest pixels, which makes colours
 negative. With this option every pixel whose colour would lie below zero by more than its noise adds that shortfall as
-a residual (passes.py). The noise comes from the residuals of the free fit (`_margin`). Pixels seen once take
-part: no veil is brighter than what is seen through it.
+a residual (passes.py). The noise comes from the residuals of the free fit (`_margin`). Pixels seen once take part: no
+veil is brighter than what is seen through it.
+
+Starting points. The best of a grid of attenuations and backscatters, each with its best veiling light.
+
+B enters linearly, and neither its column D'_B nor the elimination of colours depends on it. So for given rates the
+system at B = 0 holds the whole parabola cost(B) = cost - 2 g_B B + H_BB B^2, and one pass gives its minimum. The grid
+is in units of the observed distances, since scenes may have any scale.
+
+Weak priors. A fit without priors answers channels that the observations do not determine all the same: with a
+parameter at its bound, or with a value that another sample of pixels would change by half. Where distances are short or
+alike, only the product of B and gamma is known. Then, and only then, a channel is fitted again with two normal priors.
+They are optical depths over the median distance d of the observations, so that the scale of the scene does not matter:
+
+    gamma d = beta d  +- 0.5    most waters attenuate and scatter at similar rates (Jerlov's types: a factor of 2)
+    beta d  = 0       +- 3      images that show anything have not lost more than exp(-3) of their light
+
+A prior with deviation s adds (noise / s)^2 to the normal equations, noise being that of an observation. Channels that
+the data determine stay exactly as they are. A veil that no 8-bit image could show counts as no backscatter: B = 0.
+So does the veil of a channel that nothing dims, as in air: no water scatters far more than it attenuates.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -24,12 +43,10 @@ from sucre_bench.errors import NotApplicableError, SolveError
 from sucre_bench.machine.compute import Device
 from sucre_bench.methods.sucre.diagnostics import CHANNELS, ROUNDING, WaterUncertainty, uncertainty_of
 from sucre_bench.methods.sucre.levenberg import Bounds, Minimum, minimise
-from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
+from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters, veil
 from sucre_bench.methods.sucre.passes import Backend, Kernel, opened
 from sucre_bench.methods.sucre.robust import LEAST_NOISE, robust_noise
-from sucre_bench.methods.sucre.samples import SAMPLE, first_slot, sampled
-from sucre_bench.methods.sucre.starting_points import bounds_for, promising
-from sucre_bench.methods.sucre.weak_priors import has_veil, is_clear, undetermined, with_priors
+from sucre_bench.methods.sucre.solution import SAMPLE, first_slot, sampled
 from sucre_bench.multiview.observations import Observations
 
 # Pixels that the starts are tried on, how many starts, and how many different minima the sample chooses from.
@@ -47,6 +64,37 @@ _IMPLAUSIBLE, _HANDICAP = 5.0, 0.05
 
 # Tolerances on the promised gain, relative to the cost: to tell minima apart, on the sample, and at the end.
 _SCREENED, _ROUGHLY, _TOLERANCE = 1e-4, 1e-6, 1e-7
+
+# With matched footprints, colours may be below zero by this many standard deviations of a pixel's noise. Where no light
+# is left, noise alone puts half of all colours below zero: of 20,000 pixels, 27 below three deviations, and one below
+# four. With one, gamma of red was 10 % too low.
+_MARGIN = 4.0
+
+# Distances that differ by less are the same: float32 and depth maps in millimetres resolve no more.
+_SAME = 1e-4
+
+# A channel is dead if it varies by less than this over the whole sample: one level of 8 bits.
+_FLAT = 1 / 256
+
+_HOPELESS = "{}; give views that see the same places from other distances, or a known water (method.water=FILE)"
+
+# Attenuation and backscatter over the typical distance: a twentieth of the light lost, to nearly all.
+_GRID = (0.05, 0.2, 0.7, 2.0, 6.0)
+
+# Largest optical depth over the typical distance: exp(-30) of the light is none.
+_MOST_DEPTH = 30.0
+
+# Deviations of the priors, as optical depths.
+_SPREAD_ALIKE, _SPREAD_DEPTH = 0.5, 3.0
+
+# A parameter whose standard error is more than this share of its value is not determined.
+_LOOSE = 0.5
+
+# Less optical depth than this is none. Pure water has as much in red over .2 m.
+_CLEAR = 0.05
+
+# The least veil at the median distance that 8 bits show.
+_LEAST_VEIL = 0.5 / 255
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,16 +135,21 @@ def fit(
     if not images:
         raise NotApplicableError(_HOPELESS.format("no pixel is seen in two views"))
     few = _samples(images, sample, singles=physical, seed=seed)
-    _check_spread(few)
+    ranges = [one.distance_range() for one in few]
+    if not any((farthest > nearest * (1 + _SAME)).any() for nearest, farthest in ranges):  # then any water fits
+        raise NotApplicableError(_HOPELESS.format("every pixel is seen from one distance only"))
     distance = float(np.median(np.concatenate([one.distance for one in few])))
-    search, margin = _Search(distance, bounds_for(distance), backend, device), None
+    search, margin = _Search(distance, backend, device), None
     starts, ends = search.screened(_samples(few, _SCREEN, singles=False, seed=seed))
     ends = search.ends(few, None, _distinct(ends))
     dark = [first_slot(one) for one in sharp if one is not None] if physical else []
     if physical:
         margin = _margin(few, sharp, WaterParameters.of_channels(_distinct(ends)[0]))
         ends = search.ends([*few, *dark], margin, [*_distinct(ends), *starts])
-    return search.refined(images, dark, margin, _distinct(ends, _UNDECIDED), starts[:2], _is_constant(few))
+    lowest = np.min([one.colour.min(axis=1) * one.scale for one in few], axis=0)
+    highest = np.max([one.colour.max(axis=1) * one.scale for one in few], axis=0)
+    dead = np.asarray(highest - lowest < _FLAT)  # black or saturated everywhere, without information
+    return search.refined(images, dark, margin, _distinct(ends, _UNDECIDED), starts[:2], dead)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,9 +157,14 @@ class _Search:
     """The descents of a fit; distance: median of the observations, metres."""
 
     distance: float
-    bounds: Bounds
     backend: Backend
     device: Device
+
+    @property
+    def bounds(self) -> Bounds:
+        """The range of B, beta, gamma: intensities, and rates for scenes seen from about this distance."""
+        most = _MOST_DEPTH / self.distance
+        return Bounds(np.zeros(3), np.array([1.0, most, most]), np.array([False, True, True]))
 
     @contextmanager
     def _opened(self, images: Sequence[Observations]) -> Iterator[list[Kernel]]:
@@ -117,7 +175,7 @@ class _Search:
         """Return the most promising starts on very few pixels, best first, and where each leads."""
         with self._opened(fewest) as kernels:
             evaluate = _summed(kernels, None)
-            starts = promising(evaluate, self.distance, self.bounds, keep=_STARTS)
+            starts = _promising(evaluate, self.distance)
             return starts, [minimise(evaluate, at, self.bounds, tolerance=_SCREENED, max_steps=15) for at in starts]
 
     def ends(self, few: Sequence[Observations], margin: Array | None, starts: Sequence[Array]) -> list[Minimum]:
@@ -148,32 +206,26 @@ class _Search:
             evaluate = _summed(kernels, margin)
             end = lowest(evaluate, starts)
             known = _uncertainty(end, images, dead)
-            weak = undetermined(end.at, known, end.free, dead, self.distance)
+            weak = _undetermined(end.at, known, end.free, dead, self.distance)
             if weak.any():
-                prior = with_priors(evaluate, known.noise, self.distance, weak)
-                clear = is_clear(end.at, known, self.distance)
+                prior = _with_priors(evaluate, known.noise, self.distance, weak)
+                # Attenuation is 0: at that bound, or within its error, if that is small enough. An error that could
+                # hide a visible optical depth shows no clear medium, but an unknown one.
+                beta, most = end.at[:, 1], 2 * known.standard_error.beta
+                clear = (beta == 0) | ((beta <= most) & ((beta + most) * self.distance < _CLEAR))
                 end = _with_weak_channels(end, lowest(prior, (end.at, *grid)), weak, clear, evaluate, self.distance)
             if margin is not None:  # without the shortfall of negative colours
                 end = replace(end, system=replace(end.system, cost=_summed(kernels, None)(end.at).cost))
         uncertainty = _uncertainty(end, images, dead)
         if weak.any():
-            limits = (*uncertainty.limits, *_decided_by_priors(weak, end.at))
-            uncertainty = replace(uncertainty, limits=limits, is_weak=(bool(weak[0]), bool(weak[1]), bool(weak[2])))
+            limits = list(uncertainty.limits)
+            for c in np.flatnonzero(weak):
+                seen = "only a combination of B, beta and gamma is known; a weak prior decides"
+                seen = seen if end.at[c, 0] else "no backscatter can be seen; fitted without"
+                limits.append(f"{CHANNELS[c]}: {seen}")
+            is_weak = (bool(weak[0]), bool(weak[1]), bool(weak[2]))
+            uncertainty = replace(uncertainty, limits=tuple(limits), is_weak=is_weak)
         return WaterFit(_water(end, dead), end.system.cost, uncertainty, end.steps + 1, bool(end.converged.all()))
-
-
-# With matched footprints, colours may be below zero by this many standard deviations of a pixel's noise. Where no light
-# is left, noise alone puts half of all colours below zero: of 20,000 pixels, 27 below three deviations, and one below
-# four. With one, gamma of red was 10 % too low.
-_MARGIN = 4.0
-
-# Distances that differ by less are the same: float32 and depth maps in millimetres resolve no more.
-_SAME = 1e-4
-
-# A channel is dead if it varies by less than this over the whole sample: one level of 8 bits.
-_FLAT = 1 / 256
-
-_HOPELESS = "{}; give views that see the same places from other distances, or a known water (method.water=FILE)"
 
 
 def _water(end: Minimum, dead: Mask) -> WaterParameters:
@@ -183,17 +235,6 @@ def _water(end: Minimum, dead: Mask) -> WaterParameters:
 def _uncertainty(end: Minimum, images: Sequence[Observations], dead: Mask) -> WaterUncertainty:
     excess = sum(one.n_excess for one in images)
     return uncertainty_of(_water(end, dead), end.system, end.free, excess, dead)
-
-
-def _decided_by_priors(weak: Mask, rows: Array) -> list[str]:
-    """Say which model the channels have that the observations did not determine."""
-    limits = []
-    for c, colour in enumerate(CHANNELS):
-        if weak[c] and rows[c, 0] == 0:
-            limits.append(f"{colour}: no backscatter can be seen; fitted without")
-        elif weak[c]:
-            limits.append(f"{colour}: only a combination of B, beta and gamma is known; a weak prior decides")
-    return limits
 
 
 def _with_weak_channels(
@@ -208,7 +249,7 @@ def _with_weak_channels(
 
     clear: (3,), channels without attenuation, which have no veil either.
     """
-    is_veiled = has_veil(prior.at, distance) & ~clear & (prior.at[:, 1] > 0)
+    is_veiled = _has_veil(prior.at, distance) & ~clear & (prior.at[:, 1] > 0)
     veiled = np.where(is_veiled[:, None], prior.at, prior.at * [0, 1, 0])
     at = np.where(weak[:, None], veiled, end.at)
     free = np.where(weak[:, None], prior.free, end.free)
@@ -285,17 +326,57 @@ def _summed(kernels: Sequence[Kernel], margin: Array | None) -> Callable[[Array]
     return evaluate
 
 
-def _check_spread(few: Sequence[Observations]) -> None:
-    """Raise NotApplicableError when every pixel is seen from one distance: then any water fits."""
-    for one in few:
-        nearest, farthest = one.distance_range()
-        if (farthest > nearest * (1 + _SAME)).any():
-            return
-    raise NotApplicableError(_HOPELESS.format("every pixel is seen from one distance only"))
+# -- starting points ------------------------------------------------------------
 
 
-def _is_constant(few: Sequence[Observations]) -> Mask:
-    """(3,) bool: channels with the same value everywhere, black or saturated, which hold no information."""
-    lowest = np.min([one.colour.min(axis=1) * one.scale for one in few], axis=0)
-    highest = np.max([one.colour.max(axis=1) * one.scale for one in few], axis=0)
-    return np.asarray(highest - lowest < _FLAT)
+def _promising(evaluate: Callable[[Array], ReducedSystem], distance_m: float) -> list[Array]:
+    """Return the best waters (3 channels, 3) of the grid, best first, for each channel by itself."""
+    waters, costs = [], []
+    for beta, gamma in itertools.product(_GRID, _GRID):
+        water = np.tile([0.0, beta / distance_m, gamma / distance_m], (3, 1))
+        at_zero = evaluate(water)
+        slope, curve = at_zero.g[:, 0], at_zero.H[:, 0, 0]
+        B = np.divide(slope, curve, out=np.zeros(3), where=curve > 0).clip(0, 1)
+        water[:, 0] = B
+        waters.append(water)
+        costs.append(at_zero.cost - 2 * slope * B + curve * B**2)
+    order = np.argsort(costs, axis=0, kind="stable")  # (grid, 3)
+    return [np.stack([waters[order[k, c]][c] for c in range(3)]) for k in range(_STARTS)]
+
+
+# -- weak priors ------------------------------------------------------------
+
+
+def _undetermined(rows: Array, uncertainty: WaterUncertainty, free: Mask, dead: Mask, distance: float) -> Mask:
+    """Return the channels (3,) with a parameter at a bound or with a large standard error, or without a veil.
+
+    rows: (3 channels, 3) B, beta, gamma; free: (3, 3), parameters that no bound holds; dead: (3,), channels without
+    signal, which no prior helps; distance: median, m.
+    """
+    error = uncertainty.standard_error.by_channel()
+    loose = (~free | (error > _LOOSE * np.abs(rows))).any(axis=1) | ~_has_veil(rows, distance)
+    return np.asarray(loose & ~dead & np.isfinite(uncertainty.noise))
+
+
+def _with_priors(
+    evaluate: Callable[[Array], ReducedSystem], noise: Array, distance: float, channels: Mask
+) -> Callable[[Array], ReducedSystem]:
+    """Return the evaluation with priors on some channels (3,); noise: (3,) of an observation; distance: median, m."""
+    scale = np.where(channels, noise * distance, 0)
+    J = np.zeros((3, 2, 3))  # of the two prior residuals in B, beta, gamma
+    J[:, 0, 1], J[:, 0, 2] = -scale / _SPREAD_ALIKE, scale / _SPREAD_ALIKE
+    J[:, 1, 1] = scale / _SPREAD_DEPTH
+
+    def evaluated(rows: Array) -> ReducedSystem:
+        residual = np.einsum("ckp,cp->ck", J, rows)
+        prior = ReducedSystem(
+            np.einsum("cki,ckj->cij", J, J), -np.einsum("cki,ck->ci", J, residual), (residual**2).sum(axis=1)
+        )
+        return evaluate(rows) + prior
+
+    return evaluated
+
+
+def _has_veil(rows: Array, distance: float) -> Mask:
+    """Return the channels (3,) whose veil at a distance is more than 8 bits can miss."""
+    return np.asarray(veil(np.full(3, distance), rows[:, 0], rows[:, 2]) > _LEAST_VEIL)

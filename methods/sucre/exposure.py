@@ -18,7 +18,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import SolveError
 from sucre_bench.methods.sucre.light_and_water import ObservationsByPixel, fit_light
 from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.methods.sucre.samples import sampled
+from sucre_bench.methods.sucre.solution import sampled
 from sucre_bench.multiview.observations import Observations
 
 # Pixels that the gains are fitted to.

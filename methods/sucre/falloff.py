@@ -23,7 +23,7 @@ from sucre_bench.methods.sucre.exposure import estimate
 from sucre_bench.methods.sucre.lamp import DARK
 from sucre_bench.methods.sucre.light_and_water import ObservationsByPixel, fit_light, promised_noise
 from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.methods.sucre.samples import sampled
+from sucre_bench.methods.sucre.solution import sampled
 from sucre_bench.multiview.observations import Observations
 
 # Pixels that falloff and gains are fitted to, and the fewest that are worth it. Both fits have few unknowns: with 5,000

@@ -24,8 +24,7 @@ from sucre_bench.methods.sucre.lamp import LampFit
 from sucre_bench.methods.sucre.lamp import estimate as estimate_lamp
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.robust import robust_noise
-from sucre_bench.methods.sucre.samples import matched_sample
-from sucre_bench.methods.sucre.solvers import Solution, colours_for_water, solve_exact
+from sucre_bench.methods.sucre.solution import Solution, colours_for_water, matched_sample, solve_exact
 from sucre_bench.methods.sucre.sucre import typed
 from sucre_bench.methods.sucre.undetermined_water import (
     gains_explain_better,

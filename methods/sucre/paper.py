@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     import torch
 
     from sucre_bench.methods.sucre.passes import Backend
-    from sucre_bench.methods.sucre.solvers import Solution
+    from sucre_bench.methods.sucre.solution import Solution
 
 CITES = (
     "Boittiaux, Marxer, Dune, Arnaubec, Ferrera & Hugel 2024, SUCRe: Leveraging Scene Structure for Underwater "
@@ -94,8 +94,8 @@ class SucrePaper(FillOption):
         info: as of `sucre`; and initial_cost, the sum of squares of each channel before the first step.
         Raises NotApplicableError when no pixel has depth, SolveError when Adam left the range of numbers.
         """
+        from sucre_bench.methods.sucre.record import named, restoration, with_residuals
         from sucre_bench.methods.sucre.refine_gaps import fill_pixels_without_depth
-        from sucre_bench.methods.sucre.to_restoration import named, restoration, with_residuals
         from sucre_bench.multiview.stored_pairs import paired
 
         observations = paired(scene, view)
@@ -127,7 +127,7 @@ def solve_adam(
 ) -> Solution:
     """Take the paper's steps from J = start (3, P), the target's intensities. SolveError when they diverge."""
     from sucre_bench.methods.sucre.passes import backend_for, opened
-    from sucre_bench.methods.sucre.solvers import Solution, uncertainty_at
+    from sucre_bench.methods.sucre.solution import Solution, uncertainty_at
 
     eps = _EPS if objective == "sum" else _EPS * 3 * len(observations)  # the same as dividing the sum
     _, place = backend_for("torch", device)

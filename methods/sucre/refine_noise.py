@@ -71,7 +71,7 @@ from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.multiview.observations import Observations
 
 if TYPE_CHECKING:
-    from sucre_bench.methods.sucre.solvers import Solution
+    from sucre_bench.methods.sucre.solution import Solution
 
 # Pixels that the noise is estimated on, the fewest that tell it, and classes of transmission.
 _SAMPLE, _FEWEST, _CLASSES = 30_000, 200, 12

@@ -11,11 +11,13 @@ import numpy as np
 
 from sucre_bench import Arrays, InputError, Restoration, Scene, View, method
 from sucre_bench.arrays import Array
+from sucre_bench.camera import Camera
 from sucre_bench.imaging.display import normalisation
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.fill import FillOption
 from sucre_bench.machine.compute import Device
 from sucre_bench.methods.sucre.known_water import WORDS, check_source, shared_water, water_of
+from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.paper import CITES, solve_adam, start_of
 from sucre_bench.methods.sucre.passes import Backend
 from sucre_bench.methods.sucre.refine_noise import LEAST_SPREAD, LEAST_SPREAD_LINEAR, ImagePrior, prior_of
@@ -23,7 +25,7 @@ from sucre_bench.plugins.call_method import display_of
 from sucre_bench.scene import Encoding
 
 if TYPE_CHECKING:
-    from sucre_bench.methods.sucre.solvers import Solution
+    from sucre_bench.methods.sucre.solution import Solution
     from sucre_bench.methods.sucre.uneven_light import TargetLight
     from sucre_bench.multiview.observations import Observations
     from sucre_bench.multiview.observe import Options
@@ -98,22 +100,43 @@ class Sucre(FillOption):
         check(self, type(self).__plugin__.name)  # type: ignore[attr-defined]
 
     def warm_up(self) -> None:
-        """Import and compile everything that the first view needs."""
-        from sucre_bench.methods.sucre.warm_up import compile_for
+        """Import and compile everything that the first view needs, so that the time of no image includes compiling.
+
+        Two small views are paired, and every pass runs over their observations, with colours of 8 bits and with those
+        of matched footprints: seconds the first time, then no time.
+        """
+        from sucre_bench.methods.sucre.passes import opened
+        from sucre_bench.methods.sucre.refine_edges import Target, corrected_edges
+        from sucre_bench.methods.sucre.refine_gaps import even_deviation
+        from sucre_bench.multiview.footprints import matched_footprints
+        from sucre_bench.multiview.observe import observe
 
         if self.solver == "adam":
             importlib.import_module("torch")
-        compile_for(self.backend, self.device, self.pairing_with())
+        n, options = 8, self.pairing_with()
+        camera = Camera(np.array([[n, 0, n / 2], [0, n, n / 2], [0, 0, 1.0]]), n, n)
+        grey = np.full((n, n, 3), 128 / 255)
+        one, same = (View(name, Arrays(grey, np.ones((n, n))), camera, np.eye(4)) for name in ("one", "same"))
+        observations = observe(one, [one, same], **options)
+        matched_footprints(one, [one, same], observations.pixels, **options)
+        even_deviation(observations, np.ones((3, len(observations.pixels)), dtype=np.float32), one.distance)
+        water = WaterParameters.of_channels(np.full((3, 3), 0.1))
+        corrected_edges(Target(grey, grey, np.ones((n, n))), grey, np.ones_like(grey), water)
+        for seen in (observations, replace(observations, colour=observations.colour.astype(np.float32))):
+            with opened(seen, self.backend, self.device) as kernel:
+                for margin in (None, np.full(3, 0.1)):
+                    kernel.system(water, margin)
+                kernel.colours(water, np.ones(3), np.zeros((3, 3, 3)))
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return J, NaN where the view has no depth, the water, and the standard deviation of J.
 
-        info: see `to_restoration.restoration`; seconds of each stage besides.
+        info: see `record.restoration`; seconds of each stage besides.
         Raises NotApplicableError when no pixel has depth or none is seen twice, SolveError when the fit fails,
         InputError for a water that cannot be read.
         """
+        from sucre_bench.methods.sucre.record import named, restoration, with_residuals
         from sucre_bench.methods.sucre.refine_gaps import fill_pixels_without_depth
-        from sucre_bench.methods.sucre.to_restoration import named, restoration, with_residuals
 
         observations = self.observe(scene, view)
         stages = {"read": observations.read_s, "pair": observations.pair_s}
@@ -221,7 +244,7 @@ class Sucre(FillOption):
         """Return the solution, and the observations that it explains: a lamp leaves some out."""
         from sucre_bench.methods.sucre.apply_gains import AtOneExposure
         from sucre_bench.methods.sucre.own_water import OwnWater
-        from sucre_bench.methods.sucre.solvers import colours_for_water
+        from sucre_bench.methods.sucre.solution import colours_for_water
 
         where = (self.backend, self.device)
         if self.solver == "adam":
@@ -247,7 +270,7 @@ class Sucre(FillOption):
 
     def _single_view(self, view: View, solution: Solution) -> tuple[Observations, Solution]:
         """Return the image's own observations, and their colours in the water of a solution."""
-        from sucre_bench.methods.sucre.solvers import colours_for_water
+        from sucre_bench.methods.sucre.solution import colours_for_water
         from sucre_bench.multiview.observe import observe
 
         in_target = observe(view, [view], **self.pairing_with())

@@ -14,8 +14,7 @@ from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.paper import start_of
 from sucre_bench.methods.sucre.passes import Backend
 from sucre_bench.methods.sucre.robust import robust_noise
-from sucre_bench.methods.sucre.samples import sampled
-from sucre_bench.methods.sucre.solvers import Solution, colours_for_water
+from sucre_bench.methods.sucre.solution import Solution, colours_for_water, sampled
 from sucre_bench.multiview.observations import Observations
 
 # Gains count if they remove at least this share of the residuals of a fit without gains.

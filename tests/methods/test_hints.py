@@ -16,8 +16,8 @@ from support.places import ROOT
 from sucre_bench import InputError, plugins
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.methods.sucre import Sucre, SucrePaper, SucrePlus
+from sucre_bench.methods.sucre.record import faults_of_colours
 from sucre_bench.methods.sucre.sucre import typed
-from sucre_bench.methods.sucre.to_restoration import faults_of_colours
 from sucre_bench.plugins.options import options_of
 
 _WORD = re.compile(r"(?<![\w.{-])(?:(?P<owner>[a-z_]+)\.)?(?P<option>[a-z_]+)=(?P<value>[A-Za-z0-9-][\w-]*)")

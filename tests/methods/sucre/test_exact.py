@@ -19,8 +19,7 @@ from sucre_bench.methods.sucre.levenberg import Bounds, minimise
 from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
 from sucre_bench.methods.sucre.paper import solve_adam
 from sucre_bench.methods.sucre.refine_noise import prior_of
-from sucre_bench.methods.sucre.samples import sampled
-from sucre_bench.methods.sucre.solvers import colours_for_water, solve_exact
+from sucre_bench.methods.sucre.solution import colours_for_water, sampled, solve_exact
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 from sucre_bench.multiview.observe import observe
 

@@ -14,7 +14,7 @@ from support.made_observations import flat, made, reduced_residuals
 from sucre_bench.errors import InputError
 from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
 from sucre_bench.methods.sucre.passes import WALL, Kernel, blocks, fill, opened
-from sucre_bench.methods.sucre.samples import first_slot
+from sucre_bench.methods.sucre.solution import first_slot
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 
 pytestmark = pytest.mark.short

@@ -13,7 +13,7 @@ from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.refine_noise import calibrated, followed, noise_parts
 from sucre_bench.methods.sucre.robust import reweighted, robust_noise
-from sucre_bench.methods.sucre.solvers import colours_for_water
+from sucre_bench.methods.sucre.solution import colours_for_water
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 
 N, WATER_OF_ALL = 20_000, parameters(WATER)

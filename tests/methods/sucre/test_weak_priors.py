@@ -12,8 +12,8 @@ from support.made_scene import WATER
 from sucre_bench import Arrays, View, Water
 from sucre_bench.methods.sucre import Sucre
 from sucre_bench.methods.sucre.exact import fit
-from sucre_bench.methods.sucre.solvers import colours_for_water, solve_exact
-from sucre_bench.methods.sucre.to_restoration import restoration
+from sucre_bench.methods.sucre.record import restoration
+from sucre_bench.methods.sucre.solution import colours_for_water, solve_exact
 
 # A survey close above flat ground: distances hardly differ, so that B and gamma are known as a product at most.
 SURVEY = {"distances_m": (1.9, 2.1), "noise": 0.01, "eight_bit": True}

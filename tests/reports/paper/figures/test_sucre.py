@@ -15,8 +15,8 @@ from support.made_results import drawn
 from support.made_scene import WATER
 
 from sucre_bench.errors import InputError, NotApplicableError
-from sucre_bench.methods.sucre.residuals import residuals
-from sucre_bench.methods.sucre.solvers import colours_for_water
+from sucre_bench.methods.sucre.record import residuals
+from sucre_bench.methods.sucre.solution import colours_for_water
 from sucre_bench.reports.paper import fits
 from sucre_bench.results.layout import Place
 from sucre_bench.results.restorations import read_record

@@ -13,7 +13,7 @@ from support.made_scene import WATER, make_scene
 
 import sucre_bench as sb
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
-from sucre_bench.methods.sucre.residuals import residuals
+from sucre_bench.methods.sucre.record import residuals
 from sucre_bench.multiview.observations import Observations
 
 TRUE_WATER = np.stack([WATER.veiling_light, WATER.attenuation, WATER.backscatter])
