@@ -33,6 +33,11 @@ def small() -> MadeScene:
 
 
 @pytest.fixture(scope="module")
+def deep() -> MadeScene:
+    return make(**SMALL, water="deep_sea", noise=0)
+
+
+@pytest.fixture(scope="module")
 def survey(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     """Large enough for charts in several views; read back from its files."""
     demo = Demo(width=480, height=360, views=5, root=tmp_path_factory.mktemp("demo"))
@@ -68,12 +73,12 @@ def chart_centre(corners: Array) -> Array:
 # -- made once, the same for everybody -----------------------------------------------------------------------
 
 
-def test_equal_seeds_give_equal_bytes_and_another_seed_gives_other_ones(tmp_path: Path) -> None:
-    def content(root: str, **options: Any) -> dict[str, bytes]:
-        folder = Demo(**BRIEF, **options, root=tmp_path / root).folder()
+def test_equal_seeds_give_equal_bytes_and_another_seed_gives_other_ones(tmp_path: Path, small: MadeScene) -> None:
+    def content(folder: Path) -> dict[str, bytes]:
         return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
-    one, other, same = content("a"), content("b", seed=1), content("c")  # the last seabed is kept in memory
+    one = content(make_once(tmp_path / "small", lambda: small))
+    other, same = (content(Demo(**SMALL, seed=n, root=tmp_path).folder()) for n in (1, 0))  # keeps the last seabed
     assert one == same
     assert one.keys() == other.keys()
     differing = {name for name in one if one[name] != other[name]}
@@ -272,15 +277,14 @@ def test_open_water_has_no_depth_and_shows_the_veil() -> None:
     np.testing.assert_allclose(shown, np.broadcast_to(WATERS["coastal"].veiling_light, shown.shape))
 
 
-def test_the_deep_sea_is_lit_by_a_lamp_whose_light_crosses_the_water_too() -> None:
+def test_the_deep_sea_is_lit_by_a_lamp_whose_light_crosses_the_water_too(deep: MadeScene) -> None:
     """I = l (J a + b) with z = |camera to point| + |lamp to point|: red and blue must tell the same l."""
-    made = make(**SMALL, water="deep_sea", noise=0)
     B, beta, gamma = np.array([(0.02, 0.17), (0.19, 0.055), (0.08, 0.07)])
-    K, lamp = made.camera.K, np.array([-0.15, -0.25, 0])  # the lamp is above the camera and to its left
+    K, lamp = deep.camera.K, np.array([-0.15, -0.25, 0])  # the lamp is above the camera and to its left
     u, v = np.meshgrid(np.arange(160) + 0.5, np.arange(120) + 0.5)
-    image, J = made.rgb[-1, ..., ::2] / 255, made.reference[-1, ..., ::2]
+    image, J = deep.rgb[-1, ..., ::2] / 255, deep.reference[-1, ..., ::2]
     point = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones_like(u)], axis=-1)
-    point *= made.depth[-1, ..., None]
+    point *= deep.depth[-1, ..., None]
     z = (np.linalg.norm(point, axis=-1) + np.linalg.norm(point - lamp, axis=-1))[..., None]
     light = image / (J * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z)))
     assert 0.9 < np.percentile(light[..., 1], 99) < 1.05
@@ -289,10 +293,10 @@ def test_the_deep_sea_is_lit_by_a_lamp_whose_light_crosses_the_water_too() -> No
     assert abs(np.log(light[bright][:, 0] / light[bright][:, 1]).mean()) < 0.003
 
 
-def test_the_deep_sea_is_dark_at_the_border() -> None:
+def test_the_deep_sea_is_dark_at_the_border(deep: MadeScene) -> None:
     border = np.ones((120, 160), dtype=bool)
     border[12:-12, 16:-16] = False
-    for image in make(**SMALL, water="deep_sea").rgb:
+    for image in deep.rgb:
         assert np.median(image[border]) < 0.6 * np.median(image[40:80, 50:110])
 
 
