@@ -20,8 +20,8 @@ from sucre_bench.machine.processes import Forked, can_fork
 from sucre_bench.results.rows import Row
 
 _TICK_S = 0.1
-# Nearly every worker needs these: imported before the fork, they cost CPU time once. They start no threads but those of
-# OpenBLAS, which is made for forks.
+# Nearly every worker needs these: if there are several, they are imported before the fork, and cost CPU time once. They
+# start no threads but those of OpenBLAS, which is made for forks.
 _SHARED = ("cv2", "scipy.ndimage", "scipy.optimize", "scipy.sparse.csgraph", "scipy.spatial")
 
 Emit = Callable[[Sequence[Row]], None]
@@ -66,11 +66,11 @@ def run_works(works: Iterable[Work], n_workers: int) -> None:
     An OutputError of a work is a line, and the others go on; DiskFullError is raised, for none could write.
     """
     waiting, at_work = deque(works), list[_AtWork]()
-    in_this_process = n_workers == 0 or not can_fork()
+    in_this_process, are_several = n_workers == 0 or not can_fork(), len(waiting) > 1
     try:
         while waiting or at_work:
             while waiting and len(at_work) < max(1, n_workers):
-                at_work.append(_AtWork(waiting.popleft()))
+                at_work.append(_AtWork(waiting.popleft(), are_several))
             at_work = [one for one in at_work if one.go_on(in_this_process)]
             if workers := [one.worker.messages for one in at_work if one.worker]:
                 wait(workers, _TICK_S)
@@ -85,10 +85,10 @@ def run_works(works: Iterable[Work], n_workers: int) -> None:
 
 
 class _AtWork:
-    """A work, and its worker if it has begun."""
+    """A work, and its worker if it has begun. is_one_of_several: whether other workers will need the same packages."""
 
-    def __init__(self, work: Work) -> None:
-        self.work = work
+    def __init__(self, work: Work, is_one_of_several: bool) -> None:
+        self.work, self._is_one_of_several = work, is_one_of_several
         self.worker: Forked | None = None
         self._faults: dict[str, Exception] = {}
 
@@ -140,10 +140,11 @@ class _AtWork:
         return self._fork()
 
     def _fork(self) -> bool:
-        for package in _SHARED:
-            with suppress(ImportError):
-                importlib.import_module(package)
-        start_compiler()
+        if self._is_one_of_several:
+            for package in _SHARED:
+                with suppress(ImportError):
+                    importlib.import_module(package)
+            start_compiler()
         self.worker = Forked(lambda send: self.work.work(lambda rows: send("rows", rows)), self._faults)
         return True
 
