@@ -159,6 +159,8 @@ def residuals(observations: Observations, J: Array, water: WaterParameters) -> d
     with few. tracks: points seen over wide ranges of distance, nearest first: pixel (x, y), J, distance,
     intensity[channel].
     """
+    from scipy.special import ndtr, ndtri
+
     n_repeated = observations.n_repeated
     n_alone = len(observations.pixels) - n_repeated
     about: dict[str, Any] = {"observations": 0, "single_share": n_alone / len(observations)}
@@ -175,39 +177,23 @@ def residuals(observations: Observations, J: Array, water: WaterParameters) -> d
         return about
     raw, fit = raw[:, kept], fit[:, kept]
     r = raw / np.sqrt(1 - h[:, kept])
+    mean, std = r.mean(axis=1), r.std(axis=1)
+    standard = np.divide(r - mean[:, None], std[:, None], out=np.full_like(r, np.nan), where=std[:, None] > 0)
+    edges = (np.arange(_BINS + 1) - _BINS / 2) * _BIN
+    counts = np.stack([np.histogram(r_c, edges)[0] for r_c in r])
+    beyond = r.shape[1] - counts.sum(axis=1)
     return about | {
-        **_moments(r),
+        "mean": _short(mean),
+        "std": _short(std),
+        "robust_std": _short(np.median(np.abs(r), axis=1) / ndtri(0.75)),
+        "skew": _short((standard**3).mean(axis=1)),
+        "kurtosis": _short((standard**4).mean(axis=1) - 3),
         "raw_std": _short(raw.std(axis=1)),
-        "histogram": _histogram(r),
-        "normal": {"z": _short(_Z), "quantiles": _short(_normal_quantiles(r))},
+        "histogram": {"width": _BIN, "counts": counts.tolist(), "beyond": beyond.tolist()},
+        "normal": {"z": _short(_Z), "quantiles": _short(np.quantile(r, ndtr(_Z), axis=1).T)},
         "against_fit": {name: _density(fit[c], r[c]) for c, name in enumerate(CHANNELS)},
         "tracks": _tracks(few, colours),
     }
-
-
-def _moments(r: Array) -> dict[str, Any]:
-    from scipy.stats import kurtosis, norm, skew
-
-    robust = np.median(np.abs(r), axis=1) / norm.ppf(0.75)
-    varies = r.std(axis=1) > 0
-    shape = {name: np.full(3, np.nan) for name in ("skew", "kurtosis")}
-    for name, moment in (("skew", skew), ("kurtosis", kurtosis)):
-        shape[name][varies] = moment(r[varies], axis=1)
-    moments = {"mean": r.mean(axis=1), "std": r.std(axis=1), "robust_std": robust, **shape}
-    return {name: _short(values) for name, values in moments.items()}
-
-
-def _histogram(r: Array) -> dict[str, Any]:
-    edges = (np.arange(_BINS + 1) - _BINS / 2) * _BIN
-    counts = [np.histogram(r_c, edges)[0] for r_c in r]
-    beyond = [int(r.shape[1] - c.sum()) for c in counts]
-    return {"width": _BIN, "counts": [c.tolist() for c in counts], "beyond": beyond}
-
-
-def _normal_quantiles(r: Array) -> Array:
-    from scipy.stats import norm
-
-    return np.quantile(r, norm.cdf(_Z), axis=1).T
 
 
 def _density(fit: Array, r: Array) -> dict[str, Any]:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from sucre_bench.multiview.observations import Observations
     from sucre_bench.multiview.observe import Options
 
-_AFTER = f"sucre_bench, after {CITES}; its authors have not seen this method"
+_AFTER = f"by this project, after {CITES}; its authors have not seen it"
 
 
 @method(needs={"depth", "poses"}, requires=("numba", "torch"), display="stretch-1-99", cites=_AFTER, reads=("water",))

@@ -13,7 +13,7 @@ from support.made_observations import flat, made, reduced_residuals
 
 from sucre_bench.errors import InputError
 from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
-from sucre_bench.methods.sucre.passes import WALL, Kernel, blocks, fill, opened
+from sucre_bench.methods.sucre.passes import WALL, Kernel, blocks, fill, open_blocks, opened, products, products_on_gpu
 from sucre_bench.methods.sucre.solution import first_slot
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 
@@ -325,6 +325,29 @@ def test_the_compiled_exponential_is_right_to_the_last_digits_of_float32() -> No
     for x in np.r_[np.linspace(-30, 30, 3001), np.geomspace(1e-6, 1, 50), -np.geomspace(1e-6, 1, 50)].astype("f4"):
         assert power_minus_1(x) == pytest.approx(np.expm1(np.float64(x) * np.log(2)), rel=3e-7)
     assert np.isnan(power_minus_1(np.float32(np.nan)))
+
+
+def test_a_block_too_large_for_the_memory_is_halved() -> None:
+    observations, sizes = made(600, noise=0.01)[0], []
+
+    def compute(formula: Any, block: Any, *parameters: Any) -> np.ndarray:
+        sizes.append(block.n)
+        if block.n > 40:
+            raise MemoryError
+        return np.asarray(formula(*fill(observations, block, np.float64), *parameters))
+
+    with open_blocks(observations, "cpu", compute, 1_000) as kernel, opened(observations, "numpy", "cpu") as exact:
+        assert_close(kernel.system(WATER, MARGIN), exact.system(WATER, MARGIN), 1e-9)
+        found, truth = (each.colours(WATER, NOISE, np.zeros((3, 3, 3)))[0] for each in (kernel, exact))
+        np.testing.assert_array_equal(found, truth)
+    assert min(sizes) <= 40 < max(sizes)
+
+
+def test_sums_in_trees_as_on_a_gpu_are_those_of_a_matrix_product() -> None:
+    observations = dark()
+    block, parameters = blocks(observations, 10_000)[0], (ROWS.T[..., None, None], MARGIN[:, None, None])
+    arrays = (*fill(observations, block, np.float64), *parameters)
+    np.testing.assert_allclose(products_on_gpu(*arrays), products(*arrays), rtol=1e-12)
 
 
 # -- blocks ------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from support.made_observations import table
+from support.made_observations import flat, made, table
 from support.made_scene import WATER, make_scene
 
 from sucre_bench import Arrays, InputError, Scene, SolveError, View
@@ -24,25 +24,9 @@ START = np.full((3, 3), 0.1)  # rows B, beta, gamma
 PAPER_START = WaterParameters(*START)
 
 
-def made_observations(n_pixels: int = 60, seed: int = 0, noise: float = 0.0) -> tuple[Observations, np.ndarray]:
+def made_observations(n_pixels: int = 60, noise: float = 0.0) -> tuple[Observations, np.ndarray]:
     """Pixels seen 1 to 6 times at 1 to 10 m in the made water, the last ten once only; and their colours (3, P)."""
-    rng = np.random.default_rng(seed)
-    J = rng.uniform(0.1, 0.9, (n_pixels, 3))
-    B, beta, gamma = WATER.veiling_light, WATER.attenuation, WATER.backscatter
-    seen = []
-    for k in range(6):
-        chosen = np.arange(n_pixels) if k == 0 else np.flatnonzero(rng.random(n_pixels - 10) < 0.7)
-        z = rng.uniform(1, 10, len(chosen)).astype(np.float32)
-        I = J[chosen] * np.exp(-beta * z[:, None]) + B * (1 - np.exp(-gamma * z[:, None]))  # noqa: E741
-        seen.append(Seen(f"{k}.png", chosen, z, (I + noise * rng.standard_normal(I.shape)).astype(np.float32)))
-    observations = arrange((1, n_pixels), seen)
-    return observations, J[observations.pixels].T
-
-
-def flat(observations: Observations) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Every observation by itself: its place among the pixels (N,), z (N,) and I (3, N), float64."""
-    place = np.concatenate([np.arange(n) for n, _ in observations.slots()])
-    return place, observations.distance.astype(np.float64), observations.intensity(slice(None)).astype(np.float64)
+    return made(n_pixels, 6, noise=noise, n_single=10)
 
 
 def squared_error(observations: Observations, J: torch.Tensor, water: torch.Tensor) -> torch.Tensor:
