@@ -75,11 +75,15 @@ def water_of(source: str, scene: Scene, view: View, encoding: Encoding) -> Known
         if absent := plugins.missing_needs(plugin, scene.has):
             raise InputError(f"{place}: {absent}; name another method")
         found = restored(create(plugin, {}), scene, view)
-        unknown = ["B, beta, gamma"] if found.water is None else _unknown(found.water)
-        if found.water is None or unknown:
+        water = found.water
+        unknown = ["B, beta, gamma"]
+        if water is not None:
+            values = {"B": water.veiling_light, "beta": water.attenuation, "gamma": water.backscatter}
+            unknown = [name for name, each in values.items() if np.isnan(each).all()]
+        if water is None or unknown:
             fault = f"it estimates no {', '.join(unknown)}"
             raise InputError(f"{place}: {fault}; name one that does, such as gaussian_seathru")
-        return _known(place, found.water, lighting_of(found.info, place, view.name), view, encoding)
+        return _known(place, water, lighting_of(found.info, place, view.name), view, encoding)
     path = expanded(source)
     if path.is_dir():
         path = _of_view(path, scene, view)
@@ -121,11 +125,6 @@ def _of_file(path: Path) -> Water:
     if water is None:
         raise InputError(f"{path}: does not hold B, beta and gamma; give three numbers of each")
     return water
-
-
-def _unknown(water: Water) -> list[str]:
-    parameters = {"B": water.veiling_light, "beta": water.attenuation, "gamma": water.backscatter}
-    return [name for name, values in parameters.items() if np.isnan(values).all()]
 
 
 def _known(place: str, water: Water, lighting: Lighting, view: View, encoding: Encoding) -> KnownWater:

@@ -85,16 +85,14 @@ def minimise(
         damping = np.where(better, damping * np.maximum(1 / 9, 1 - (2 * gain.clip(0, 1) - 1) ** 3), damping * growth)
         growth = np.where(better, 2.0, 2 * growth)
         at = np.where(better[:, None], trial, at)
-        system = _chosen(better, tried, system)
+        H = np.where(better[:, None, None], tried.H, system.H)
+        g = np.where(better[:, None], tried.g, system.g)
+        system = ReducedSystem(H, g, np.where(better, tried.cost, system.cost))
         damping = damping.clip(max=_STUCK)
     at = np.clip(at + np.where(promised_little[:, None], last, 0), bounds.lower, bounds.upper)
-    return Minimum(at, system, _free(at, system, bounds), step_count, converged)
-
-
-def _free(at: Array, system: ReducedSystem, bounds: Bounds) -> Mask:
-    """(C, n) bool: parameters that the cost depends on and that no bound holds back."""
     held = ((at <= bounds.lower) & (system.g < 0)) | ((at >= bounds.upper) & (system.g > 0))
-    return np.asarray(~held & (np.einsum("cii->ci", system.H) > 0))
+    free = np.asarray(~held & (np.einsum("cii->ci", system.H) > 0))
+    return Minimum(at, system, free, step_count, converged)
 
 
 def _steps(at: Array, system: ReducedSystem, bounds: Bounds, damping: Array, which: Mask) -> Array:
@@ -130,11 +128,3 @@ def _steps(at: Array, system: ReducedSystem, bounds: Bounds, damping: Array, whi
             step = lsq_linear(root, towards, box, method="bvls").x.clip(lower, upper)
         steps[c, k] = scale * step
     return steps
-
-
-def _chosen(which: Mask, new: ReducedSystem, old: ReducedSystem) -> ReducedSystem:
-    return ReducedSystem(
-        np.where(which[:, None, None], new.H, old.H),
-        np.where(which[:, None], new.g, old.g),
-        np.where(which, new.cost, old.cost),
-    )
