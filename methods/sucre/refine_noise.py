@@ -195,14 +195,15 @@ def residuals_of(
     B, beta, gamma = (column.astype(J.dtype) for column in water.columns())
     a = transmission(z, beta)
     information = _information(observations, a, everything)
-    fit = J[:, place] * a + veil(z, B, gamma)
+    I = observations.intensity(everything)  # noqa: E741
+    r = I - J[:, place] * a - veil(z, B, gamma)
     known, total = v * information, np.zeros_like(J)
     for n, part in observations.slots():
         total[:, :n] += known[:, part]
     total = total[:, place]
     h = np.divide(known, total, out=np.zeros_like(known), where=total > 0)
     root = 1.0 if observations.weight is None else np.sqrt(observations.weight)
-    return root * (observations.intensity(everything) - fit), h, information, fit
+    return root * r, h, information, I - r
 
 
 def _robust(observations: Observations, weight: Array | None, part: slice) -> Array:
