@@ -1,0 +1,213 @@
+"""How methods do in natural conditions: made scenes with known water and colours, one row a condition.
+
+Run: python benchmarks/nature.py --methods sucre,sucre_plus,sucre_paper --cache /tmp/nature. A case is
+CONDITION/WATER/GEOMETRY; water and geometry may be left out (coastal, approach). `--conditions` takes cases, separated
+by commas, or `all`. A method may have options: `sucre:robust=true:lamp=false`.
+
+Each cell has a number a method, in their order, the worst of the targets:
+
+- beta, B, gamma: largest error of the three channels in % of the truth; of a true 0, the value itself x 100;
+- raw, affine: PSNR of J in dB over the pixels with a colour, as it is and after the best gain and offset a channel;
+- cov: share of the colours within 2 x `confidence` of the truth, 0.95 if that is a standard deviation;
+- z: largest error of beta in standard errors;
+- limits: targets whose record has a limit.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import yaml
+from nature_scenes import CONDITIONS, WATERS, make
+from nature_seabed import Array
+
+import sucre_bench as sb
+
+# Conditions that also depend on water or geometry, and where they are tried; all others once, in "coastal/approach".
+ELSEWHERE = {
+    "plain": "coastal/approach clear/approach deep/approach green/approach blue/approach haze/approach "
+    "coastal/approach_rough coastal/forward clear/forward haze/forward coastal/survey coastal/survey_flat clear/survey "
+    "coastal/survey2 coastal/survey2_flat coastal/survey_varying blue/orbit coastal/one_point coastal/one_view",
+    "fish in 1 view": "coastal/approach coastal/survey",
+    "fish in 2 views": "coastal/approach coastal/forward",
+    "caustics 25 %": "coastal/approach coastal/survey coastal/survey_flat coastal/forward",
+    "caustics 10 %": "coastal/approach coastal/survey coastal/survey_flat coastal/forward",
+    "white balance 3 %": "coastal/approach coastal/survey coastal/forward",
+    "JPEG 95": "coastal/approach coastal/forward",
+    "JPEG 75": "coastal/approach coastal/forward clear/approach",
+    "exposure 15 %": "coastal/approach coastal/survey clear/forward",
+    "exposure 30 %": "deep/approach",
+    "auto exposure": "coastal/approach coastal/forward coastal/survey2_flat blue/orbit",
+    "vignette 35 %": "coastal/approach coastal/survey",
+    "strobe": "coastal/survey_varying coastal/approach coastal/forward coastal/survey_flat coastal/survey2 "
+    "coastal/orbit",
+    "strobe narrow": "coastal/survey2",
+    "strobe, day .3": "coastal/survey_varying coastal/survey_flat",
+    "strobe, day 1": "coastal/survey_varying coastal/approach",
+    "strobe, auto exposure": "coastal/survey_varying",
+    "all mild": "coastal/approach coastal/forward coastal/survey",
+    "pose 1 px": "coastal/approach coastal/forward",
+    "linear light as sRGB": "coastal/approach coastal/forward",
+    "veil by direction": "coastal/approach coastal/forward",
+    "shading": "coastal/approach coastal/survey",
+    "ripples": "coastal/approach coastal/survey",
+    "clipping 2.2": "clear/approach",
+    "low contrast": "coastal/approach haze/survey",
+}
+LIMIT_BETA = 20  # % from which on a water is called wrong
+
+
+def error_of(found: Array, truth: Array) -> Array:
+    """Return the error (3,) in %: of the truth, or of 1 where the truth is 0."""
+    return 100 * (found - truth) / np.where(truth == 0, 1, truth)
+
+
+def psnr(difference: Array) -> float:
+    return float(-10 * np.log10(np.mean(difference**2))) if difference.size else np.nan
+
+
+def scores_of(result: sb.Restored, water: sb.Water, J: Array) -> dict[str, Any]:
+    """Return the numbers of one restoration, signed errors and the record's words among them."""
+    ok, row = result.valid, {}
+    found, true = result.image[ok].astype(float), J[ok]
+    fitted = found.copy()
+    for c in range(3):
+        if len(found) > 2:
+            design = np.stack([found[:, c], np.ones(len(found))], axis=1)
+            fitted[:, c] = design @ np.linalg.lstsq(design, true[:, c], rcond=None)[0]
+    row = {"pixels": int(ok.sum()), "raw": psnr(found - true), "affine": psnr(fitted - true)}
+    if result.confidence is not None and ok.any():
+        row["cov"] = float((np.abs(found - true) < 2 * result.confidence[ok][:, None]).mean())
+    if result.water is not None:
+        for name, field in (("beta", "attenuation"), ("B", "veiling_light"), ("gamma", "backscatter")):
+            error = error_of(getattr(result.water, field), getattr(water, field))
+            row |= {f"{name}_{c}": value for c, value in zip("rgb", error, strict=True)}
+            row[name] = float(np.abs(error).max())
+        spread = [np.nan if x is None else x for x in result.info.get("standard_error", {}).get("beta", [np.nan] * 3)]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            row["z"] = float(np.abs((result.water.attenuation - water.attenuation) / np.array(spread)).max())
+    about = {
+        key: value for key, value in result.info.items() if key in ("gains", "lamp", "falloff", "robust", "unexplained")
+    }
+    limits = list(result.info.get("limits", ()))
+    return row | {"limits": len(limits) > 0, "limits_text": " | ".join(limits), "about": str(about)[:500]}
+
+
+def run_case(
+    case: str, seed: int, methods: Sequence[str], size: tuple[int, int], cache: Path | None
+) -> list[dict[str, Any]]:
+    """Return a row for each method and target of a case "condition/water/geometry"."""
+    condition, water, geometry = case.split("/")
+    made = make(condition, water, geometry, size, seed, cache=cache)
+    rows = []
+    for method in methods:
+        name, *options = method.split(":")
+        chosen = {key: yaml.safe_load(value) for key, value in (option.split("=", 1) for option in options)}
+        for target in made.targets:
+            row = {"case": case, "seed": seed, "method": method, "target": target, "error": ""}
+            started = time.perf_counter()
+            try:
+                result = sb.restore(name, made.scene, target, **chosen)
+            except sb.SucreBenchError as fault:
+                rows.append(row | {"error": str(fault)})
+                continue
+            row["s"] = time.perf_counter() - started
+            rows.append(row | scores_of(result, *made.truth[target]))
+    return rows
+
+
+# How each number of the table is made of the targets: the worst.
+WORST = {"beta": "max", "B": "max", "gamma": "max", "raw": "min", "affine": "min", "cov": "min", "z": "max"}
+
+
+def table_of(rows: pd.DataFrame, methods: Sequence[str]) -> str:
+    """Return one line a case; a cell has one number a method."""
+    lines = []
+    for case, of_case in rows.groupby("case", sort=False):
+        line = {"condition": case.removesuffix("/coastal/approach")}
+        by_method = [of_case[of_case["method"] == method] for method in methods]
+        for column, worst in WORST.items():
+            digits = {"cov": 2, "raw": 1, "affine": 1}.get(column, 0)
+            values = [part[column].agg(worst) if column in part else np.nan for part in by_method]
+            line[column] = " / ".join("-" if np.isnan(x) else f"{x:.{digits}f}" for x in values)
+        line["limits"] = " / ".join(f"{int((part['limits'] == True).sum())}of{len(part)}" for part in by_method)  # noqa: E712
+        lines.append(line)
+    heading = "worst of the targets, " + " / ".join(methods)
+    return heading + "\n" + pd.DataFrame(lines).to_string(index=False, justify="right")
+
+
+def summary_of(rows: pd.DataFrame, methods: Sequence[str]) -> str:
+    """Return counts of each method: wrong waters, silent ones, losses against sucre_paper, faults, seconds."""
+    paper = rows[rows["method"] == "sucre_paper"].set_index(["case", "seed", "target"])["raw"]
+    lines = []
+    for method in methods:
+        own = rows[rows["method"] == method].set_index(["case", "seed", "target"])
+        wrong, quiet = own["beta"] > LIMIT_BETA, own["limits"] != True  # noqa: E712
+        doubtful = own["beta"].between(5, LIMIT_BETA)
+        ahead = own["raw"] - paper.reindex(own.index)
+        lines.append({
+            "method": method, "targets": len(own), f"beta off > {LIMIT_BETA} %": wrong.sum(),
+            "... no limit": (wrong & quiet).sum(), f"beta off 5-{LIMIT_BETA} %, no limit": (doubtful & quiet).sum(),
+            "cov < .7, no limit": ((own["cov"] < 0.7) & quiet).sum(), "raw < paper - 1": (ahead < -1).sum(),
+            "raw > paper + 1": (ahead > 1).sum(), "not restored": (own["error"] != "").sum(),
+            "median s": round(own["s"].median(), 2),
+        })  # fmt: skip
+    return pd.DataFrame(lines).set_index("method").T.to_string()
+
+
+def cases_of(words: str) -> list[str]:
+    """Return full names of cases: "all", or "fish in 1 view,plain/clear/forward"."""
+    if words == "all":
+        return [f"{name}/{place}" for name in CONDITIONS for place in ELSEWHERE.get(name, "coastal/approach").split()]
+    cases = []
+    for word in words.split(","):
+        condition, *rest = word.strip().split("/")
+        water, geometry = [*rest, *["coastal", "approach"][len(rest) :]]
+        if condition not in CONDITIONS or water not in WATERS:
+            raise SystemExit(
+                f"--conditions: no '{word}'; conditions: {', '.join(CONDITIONS)}; waters: {', '.join(WATERS)}"
+            )
+        cases.append(f"{condition}/{water}/{geometry}")
+    return cases
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--methods", default="sucre,sucre_plus,sucre_paper", help="separated by commas")
+    parser.add_argument("--option", action="append", default=[], help="option of all methods, such as robust=true")
+    parser.add_argument("--conditions", default="all", help="cases separated by commas, or all")
+    parser.add_argument("--seeds", type=int, default=1, help="scenes of each case")
+    parser.add_argument("--size", default="192x144", help="pixels, width x height")
+    parser.add_argument("--cache", type=Path, help="folder in which scenes are stored")
+    parser.add_argument("--csv", type=Path, help="file for all numbers of all targets")
+    parser.add_argument("--processes", type=int, default=1)
+    words = parser.parse_args()
+    methods = [":".join([method, *words.option]) for method in words.methods.split(",")]
+    width, height = (int(side) for side in words.size.split("x"))
+    rows: list[dict[str, Any]] = []
+    with ProcessPoolExecutor(words.processes, get_context("spawn")) as pool:
+        jobs = [
+            pool.submit(run_case, case, seed, methods, (width, height), words.cache)
+            for seed in range(words.seeds)
+            for case in cases_of(words.conditions)
+        ]
+        for place, job in enumerate(jobs, 1):
+            rows += job.result()
+            print(f"{place} of {len(jobs)}: {rows[-1]['case']}", file=sys.stderr)
+    frame = pd.DataFrame(rows)
+    if words.csv:
+        frame.to_csv(words.csv, index=False)
+    print(table_of(frame, methods), summary_of(frame, methods), sep="\n\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,159 @@
+"""A made seabed for benchmarks/nature.py: ground, texture, and the rays that meet it.
+
+World coordinates are in metres, z up. The ground is a height field of several octaves with boulders and a ledge, so it
+has depth edges. Its texture has nine octaves, from metres down to less than a pixel. Nothing here is shared with the
+demo dataset of sucre_bench, so an error of one does not hide in the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[Any]
+
+RAYS = 3  # on a side of a pixel; the middle one passes through the pixel's centre
+FAR_M = 25.0  # no ground is seen beyond
+CELL_M = 0.025
+CELLS = 2048  # on a side; the ground repeats after that
+TEXTURE_M, TEXTURE_OCTAVES, TEXTURE_FALL = 2.2, 9, 0.78
+_LATTICE = 256
+
+
+@numba.njit(cache=True)
+def _noise(lattice: Array, x: float, y: float) -> float:
+    """Return smooth noise of period 1: values of a lattice, interpolated with continuous second derivatives."""
+    i, j = int(np.floor(x)), int(np.floor(y))
+    u, v = x - i, y - j
+    u, v = u * u * u * (u * (6 * u - 15) + 10), v * v * v * (v * (6 * v - 15) + 10)
+    i, j, i1, j1 = i & 255, j & 255, (i + 1) & 255, (j + 1) & 255
+    low = lattice[j, i] + u * (lattice[j, i1] - lattice[j, i])
+    high = lattice[j1, i] + u * (lattice[j1, i1] - lattice[j1, i])
+    return low + v * (high - low)
+
+
+@numba.njit(cache=True)
+def octaves(lattice: Array, xy: Array, scale_m: float, count: int, fall: float) -> Array:
+    """Return noise (N,) of mean 0 and deviation of about 1 at places (N, 2): octaves of which each is turned."""
+    values = np.zeros(len(xy))
+    for n in range(len(xy)):
+        x, y = xy[n, 0] / scale_m, xy[n, 1] / scale_m
+        amplitude, power = 1.0, 0.0
+        for _ in range(count):
+            values[n] += amplitude * _noise(lattice, x, y)
+            power += amplitude * amplitude
+            amplitude *= fall
+            x, y = 1.97 * (0.8 * x - 0.6 * y) + 11.3, 1.97 * (0.6 * x + 0.8 * y) + 7.7
+        values[n] /= 0.38 * np.sqrt(power)
+    return values
+
+
+@numba.njit(cache=True)
+def _height(heights: Array, x: float, y: float) -> float:
+    x, y = x / CELL_M, y / CELL_M
+    i, j = int(np.floor(x)), int(np.floor(y))
+    u, v = x - i, y - j
+    i, j, i1, j1 = i & (CELLS - 1), j & (CELLS - 1), (i + 1) & (CELLS - 1), (j + 1) & (CELLS - 1)
+    low = heights[j, i] + u * (heights[j, i1] - heights[j, i])
+    high = heights[j1, i] + u * (heights[j1, i1] - heights[j1, i])
+    return low + v * (high - low)
+
+
+@numba.njit(cache=True)
+def _meet(heights: Array, top: float, origin: Array, ray: Array) -> float:
+    """Return the distance at which a ray, a unit vector, meets the ground; -1 if it does not within FAR_M."""
+    t = 0.05
+    if origin[2] > top:
+        if ray[2] >= 0:
+            return -1.0
+        t = max(t, (top - origin[2]) / ray[2])
+    before = t
+    while t < FAR_M:
+        above = origin[2] + t * ray[2] - _height(heights, origin[0] + t * ray[0], origin[1] + t * ray[1])
+        if above <= 0:
+            for _ in range(20):
+                middle = 0.5 * (before + t)
+                x, y = origin[0] + middle * ray[0], origin[1] + middle * ray[1]
+                if origin[2] + middle * ray[2] > _height(heights, x, y):
+                    before = middle
+                else:
+                    t = middle
+            return t
+        before = t
+        t += max(0.4 * above, 0.01)  # boulders have slopes up to 3
+    return -1.0
+
+
+@numba.njit(cache=True)
+def _cast(heights: Array, top: float, origin: Array, turn: Array, K: Array, size: tuple[int, int]) -> tuple[Any, Any]:
+    width, height = size
+    distance = np.empty((height * width, RAYS * RAYS))
+    points = np.zeros((height * width, RAYS * RAYS, 3))
+    ray = np.empty(3)
+    for pixel in range(height * width):
+        for k in range(RAYS * RAYS):
+            x = (pixel % width + (k % RAYS + 0.5) / RAYS - K[0, 2]) / K[0, 0]
+            y = (pixel // width + (k // RAYS + 0.5) / RAYS - K[1, 2]) / K[1, 1]
+            length = np.sqrt(x * x + y * y + 1)
+            for a in range(3):
+                ray[a] = (turn[0, a] * x + turn[1, a] * y + turn[2, a]) / length
+            t = _meet(heights, top, origin, ray)
+            distance[pixel, k] = t
+            for a in range(3):
+                points[pixel, k, a] = origin[a] + t * ray[a]
+    return distance, points
+
+
+@dataclass(frozen=True, eq=False)
+class Seabed:
+    """The ground: heights (CELLS, CELLS) in metres, and lattices (4, n, n) of noise for its texture."""
+
+    heights: Array
+    lattices: Array
+
+    def cast(self, K: Array, pose: Array, size: tuple[int, int]) -> tuple[Array, Array]:
+        """Return distance (P, 9), -1 for open water, and points (P, 9, 3) of all rays of a view's pixels."""
+        origin = -pose[:3, :3].T @ pose[:3, 3]
+        return _cast(self.heights, self.heights.max(), origin, np.ascontiguousarray(pose[:3, :3]), K, size)
+
+    def albedo(self, points: Array) -> Array:
+        """Return colours (..., 3) from 0.05 to 0.9 of points (..., 3); the channels are partly independent."""
+        xy = points[..., :2].reshape(-1, 2) + 0.7 * points[..., 2:].reshape(-1, 1)
+        gray, *own = (octaves(one, xy, TEXTURE_M, TEXTURE_OCTAVES, TEXTURE_FALL) for one in self.lattices)
+        mixed = 0.9 * gray[:, None] + 0.4 * np.stack(own, axis=1) + np.array([-0.4, -0.5, -0.7])
+        return (0.05 + 0.85 / (1 + np.exp(-0.9 * mixed))).reshape(points.shape)
+
+    def shading(self, points: Array) -> Array:
+        """Return the cosine (...,) between the ground's normal and a slanting sun."""
+        xy = points[..., :2]
+        i, j = (np.floor(xy[..., a] / CELL_M).astype(int) % CELLS for a in (0, 1))
+        here = self.heights[j, i]
+        along_x = (self.heights[j, (i + 1) % CELLS] - here) / CELL_M
+        along_y = (self.heights[(j + 1) % CELLS, i] - here) / CELL_M
+        return np.clip((-0.5 * along_x - 0.3 * along_y + 0.81) / np.sqrt(along_x**2 + along_y**2 + 1), 0, 1)
+
+
+def make_seabed(rng: np.random.Generator, relief_m: float, ripples_m: float = 0) -> Seabed:
+    """Return a seabed whose heights vary by about relief_m, with boulders and a ledge in proportion to it.
+
+    ripples_m: height of parallel sand ripples, 0.25 m apart.
+    """
+    lattices = rng.uniform(-1, 1, (5, _LATTICE, _LATTICE))
+    x, y = np.meshgrid(*[np.arange(CELLS) * CELL_M] * 2)
+    xy = np.stack([x.ravel(), y.ravel()], axis=1)
+    heights = relief_m / 4 * octaves(lattices[4], xy, 3.0, 5, 0.45).reshape(x.shape)
+    heights += 0.3 * relief_m / (1 + np.exp(-(x + 0.3 * y - 1.1) / 0.02))  # a ledge
+    heights += ripples_m / 2 * np.sin(2 * np.pi * (x + 0.2 * np.sin(y)) / 0.25)
+    if relief_m > 0.05:
+        for _ in range(60):
+            (left, low), radius = rng.uniform((-6, -4), (6, 14)), rng.uniform(0.12, 0.45)
+            away = np.arange(-radius, radius, CELL_M)
+            near = np.ix_(*(np.floor((middle + away) / CELL_M).astype(int) % CELLS for middle in (low, left)))
+            inside = np.maximum(1 - ((away**2 + away[:, None] ** 2) / radius**2) ** 2, -1)
+            boulder = heights[near].mean() + min(1, relief_m / 0.35) * 0.7 * radius * inside
+            heights[near] = np.maximum(heights[near], boulder)
+    return Seabed(heights.astype(np.float32), lattices[:4])
