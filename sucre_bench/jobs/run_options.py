@@ -11,7 +11,7 @@ from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.resizing import split_variant
-from sucre_bench.plugins.options import check_values, converted, options_of, plain_value
+from sucre_bench.plugins.options import checked_options, options_of, plain_value
 from sucre_bench.plugins.plugin import fits
 from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.results.layout import file_name
@@ -91,35 +91,28 @@ class Study:
             if not fits(Sequence[str], words):
                 raise InputError(f"{words!r} is not a list of words", f"study.{name}", f"write study.{name}=[a,b]")
             lists[name] = tuple(dict.fromkeys(words))
-        check_values("study", options_of(cls), given | lists, "correct the value")
-        options: dict[str, Any] = {"name": "", **given, **lists}
-        study = cls(**options)
+        study = cls(**checked_options(cls, {"name": "", **given, **lists}, "study"))
         if not study.name or file_name(study.name) != study.name:
             raise InputError(f"'{study.name}' is no name for files", "study.name", "give study.name=WORD")
-        for metric in study.metrics:
-            study._check_metric(metric)
+        for name, _, variant in (metric.partition(":") for metric in study.metrics):
+            if name in COSTS:
+                continue
+            try:
+                plugin = plugins.find("metric", name)
+            except InputError as fault:
+                raise fault.within("study.metrics") from fault
+            if variant and split_variant(variant)[0] not in plugin.variants:
+                raise unknown_name("study.metrics", variant, plugin.variants, f"variant of {name}")
         for figure in study.figures:
             if figure not in FIGURES:
                 raise unknown_name("study.figures", figure, FIGURES, "figure")
         group, _, option = study.along.partition(".")
         if study.along and not (option and group in ("degrade", "dataset", "method")):
-            fault = f"'{study.along}' is no option"
-            raise InputError(fault, "study.along", "give degrade.NAME, dataset.NAME or method.NAME")
+            wrong = f"'{study.along}' is no option"
+            raise InputError(wrong, "study.along", "give degrade.NAME, dataset.NAME or method.NAME")
         if group == "degrade" and option not in (known := [f.name for f in fields(Degradation)]):
             raise unknown_name("study.along", option, known, "option of degrade")
         return study
-
-    @staticmethod
-    def _check_metric(text: str) -> None:
-        name, _, variant = text.partition(":")
-        if name in COSTS:
-            return
-        try:
-            plugin = plugins.find("metric", name)
-        except InputError as fault:
-            raise fault.within("study.metrics") from fault
-        if variant and split_variant(variant)[0] not in plugin.variants:
-            raise unknown_name("study.metrics", variant, plugin.variants, f"variant of {name}")
 
 
 @dataclass
@@ -131,6 +124,9 @@ class Tracking:
     experiment: str = "sucre_bench"
     """Name of the experiment in mlflow."""
 
+
+# The options of a run that stand behind a word and a dot.
+OPTION_GROUPS: dict[str, type[Any]] = {"degrade": Degradation, "shard": Shard, "tracking": Tracking}
 
 Overwrite = Literal["missing", "failed", "always", "never"]
 Save = Literal["display", "full"]
@@ -197,23 +193,20 @@ class RunConfig:
     @classmethod
     def defaults(cls) -> dict[str, Any]:
         """Return the configuration of a run that is given nothing; the options in a group are a dictionary."""
-        values: dict[str, Any] = {option.name: plain_value(option.default) for option in options_of(cls)}
-        for name, group in (("tracking", Tracking), ("degrade", Degradation), ("shard", Shard)):
-            values[name] = {option.name: plain_value(option.default) for option in options_of(group)}
+        values: dict[str, Any] = {
+            name: {option.name: plain_value(option.default) for option in options_of(group)}
+            for name, group in OPTION_GROUPS.items()
+        }
+        values = {option.name: plain_value(option.default) for option in options_of(cls)} | values
         return values | {"study": Study.defaults()}
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> RunConfig:
         """Read a configuration. Raises InputError for an unknown option, or a value that is not acceptable."""
-        options = converted(cls, values)
-        check_values("", options_of(cls), options, "see `sucre-bench run --help`")
-        if "degrade" in options:
-            options["degrade"] = Degradation.of(converted(Degradation, options["degrade"]))
-        for name, group in (("tracking", Tracking), ("shard", Shard)):
+        options = checked_options(cls, values)
+        for name, group in OPTION_GROUPS.items():
             if name in options:
-                given = converted(group, options[name])
-                check_values(name, options_of(group), given, "see `sucre-bench run --help`")
-                options[name] = group(**given)
+                options[name] = group(**checked_options(group, options[name], name))
         if options.get("study") is not None:
             options["study"] = None if options["study"] == Study.defaults() else Study.of(options["study"])
         return cls(**options)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shlex
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
@@ -52,10 +52,15 @@ def _literal(value: Any) -> Any:
     return re.sub(r"(\\*)\$\{", r"\1\1\\${", value) if isinstance(value, str) else value
 
 
+# Text in quotes, or a bare value of a list or a mapping.
+_VALUE = re.compile(r"""'(?:\\.|[^'])*'|"(?:\\.|[^"])*"|(?<![^,\[:])[^][{},:'"$ ]+(?![^],}])""")
+
+
 def parse(texts: Iterable[str]) -> list[Word]:
     """Read overrides. Raises InputError for one that Hydra's grammar does not have, with how to write it.
 
-    Names and paths stay as they were typed: Hydra's grammar would make 20261122 of 2026_11_22.
+    A number that Hydra would write in another way stays text, for it may be a name: 2026_11_22, not 20261122. The type
+    of its option tells whether it is a number.
     """
     from hydra.core.override_parser.overrides_parser import OverridesParser
     from hydra.errors import HydraException
@@ -63,8 +68,9 @@ def parse(texts: Iterable[str]) -> list[Word]:
     parser, words = OverridesParser.create(), []
     for text in texts:
         key, equals, typed = text.partition("=")
+        literal = typed if "(" in typed else _VALUE.sub(_literal_number, typed)
         try:
-            override = parser.parse_override(text)
+            override = parser.parse_override(f"{key}{equals}{literal}")
             values: list[Any] = [override.value()]
             if is_swept := override.is_sweep_override():
                 if not override.is_discrete_sweep():
@@ -77,22 +83,17 @@ def parse(texts: Iterable[str]) -> list[Word]:
             raise InputError(first_line(fault), text, "an override reads key=value") from fault
         if override.is_delete():
             raise InputError("cannot be left out", text, "give it another value")
-        key = override.get_key_element().lstrip("+")
-        if any(isinstance(value, (bool, int, float)) for value in values) and _is_text(key):
-            parts = typed.split(",") if typed.count(",") + 1 == len(values) else map(str, values)
-            pairs = zip(parts, values, strict=True)
-            values = [part if isinstance(value, (bool, int, float)) else value for part, value in pairs]
-        words.append(Word(key, tuple(values), text, is_swept))
+        words.append(Word(override.get_key_element().lstrip("+"), tuple(values), text, is_swept))
     return words
 
 
-def _is_text(key: str) -> bool:
-    """Whether an option is a name or a path."""
-    owner, _, name = key.rpartition(".")
-    if not owner:
-        return name in ("out", "baseline", "dataset", "method")
-    options = (o for kind in ("dataset", "method") for p in plugins.usable(kind).values() for o in options_of(p.cls))
-    return name == "label" or any(o.name == name and Path in (o.type, *get_args(o.type)) for o in options)
+def _literal_number(found: re.Match[str]) -> str:
+    """A value in quotes if it is a number, true or false in another form than Hydra gives it back."""
+    text = found[0]
+    for read in (int, float):
+        with contextlib.suppress(ValueError):
+            return text if str(read(text)) == text else f"'{text}'"
+    return f"'{text}'" if text.lower() in ("true", "false") and not text.islower() else text
 
 
 def first_line(fault: BaseException) -> str:

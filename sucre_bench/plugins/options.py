@@ -11,7 +11,7 @@ import math
 import os
 import textwrap
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
@@ -19,8 +19,8 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 from sucre_bench.errors import InputError, did_you_mean, unknown_name
 from sucre_bench.imaging.display import normalisation
 from sucre_bench.machine.files import expanded, fault_of
-from sucre_bench.plugins.plugin import Kind, Plugin, fits
-from sucre_bench.plugins.registry import discover, find
+from sucre_bench.plugins.plugin import Broken, Kind, Plugin, fits
+from sucre_bench.plugins.registry import find, get
 
 
 @dataclass(frozen=True)
@@ -76,59 +76,62 @@ def field_docs(cls: type[Any]) -> dict[str, str]:
             continue  # made in a console: it has no source
         for above, below in itertools.pairwise(body):
             if isinstance(above, ast.AnnAssign) and isinstance(above.target, ast.Name):
-                said = (
-                    below.value.value if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant) else ""
-                )
-                if isinstance(said, str) and said:
-                    docs[above.target.id] = " ".join(said.split())
+                text = below.value if isinstance(below, ast.Expr) else None
+                if isinstance(text, ast.Constant) and isinstance(text.value, str):
+                    docs[above.target.id] = " ".join(text.value.split())
     return docs
-
-
-def check_options(plugin: Plugin, values: Mapping[str, Any]) -> None:
-    """Raise InputError for an unknown option, a missing one, or a word that a Literal does not admit."""
-    known = options_of(plugin.cls)
-    check_values(plugin.name, known, values, f"see `sucre-bench list {plugin.kind}s`")
-    missing = [option.name for option in known if option.default is MISSING and option.name not in values]
-    if missing:
-        name = missing[0]
-        value = "FOLDER" if name == "root" else "VALUE"
-        raise InputError("must be given", f"{plugin.name}.{name}", f"add {plugin.kind}.{name}={value}")
 
 
 _NOUNS = {bool: "true or false", int: "a whole number", float: "a number", str: "a word"}
 
 
-def check_values(place: str, options: Iterable[Option], values: Mapping[str, Any], remedy: str) -> None:
-    """Raise InputError for an unknown option, a value of another type, or a word that a Literal does not admit.
+def checked_options(cls: Any, given: Mapping[str, Any], place: str = "") -> dict[str, Any]:
+    """Return the given values of a class's options as their types have them.
 
-    place: what stands before an option's name, nothing if empty; remedy: what to do about a value of another type.
+    cls: of a plugin, or of a group of options of `sucre-bench run`; place: what stands before the options of a group.
+    Raises InputError for an unknown option, a missing one, a value of another type, or a word that a Literal does not
+    admit.
     """
-    known = {option.name: option for option in options}
-    for name, value in values.items():
+    plugin: Plugin | None = getattr(cls, "__plugin__", None)
+    place = plugin.name if plugin else place
+    remedy = f"see `sucre-bench list {plugin.kind}s`" if plugin else "see `sucre-bench run --help`"
+    known, values = {option.name: option for option in options_of(cls)}, {}
+    for name, value in given.items():
         where = f"{place}.{name}" if place else name
         if name not in known:
             raise unknown_name(where, name, known)
-        kind = known[name].type
+        kind, value = known[name].type, typed(known[name].type, value)
         if not fits(kind, value):
             text = f"'{value}'" if isinstance(value, str) else repr(value)
             raise InputError(f"{text} is not {_NOUNS.get(kind, kind)}", where, remedy)
         each = value if isinstance(value, (list, tuple)) else [value]
-        if not all(math.isfinite(one) for one in each if isinstance(one, float)):
+        # Options of a run have ranges, which name the numbers that are allowed.
+        if plugin and not all(math.isfinite(one) for one in each if isinstance(one, float)):
             raise InputError(f"{value} is not a finite number", where, "give one")
         if known[name].is_closed and value not in known[name].choices:
             raise InputError(f"'{value}' is not a choice", where, did_you_mean(str(value), known[name].choices))
+        values[name] = value
+    for option in known.values():
+        if option.default is MISSING and option.name not in values:
+            word = f"{plugin.kind if plugin else place}.{option.name}={'FOLDER' if option.name == 'root' else 'VALUE'}"
+            raise InputError("must be given", f"{place}.{option.name}", f"add {word}")
+    return values
 
 
 def typed(annotation: Any, value: Any) -> Any:
     """Return a value as an option's type has it, if it can be: text as path or number, 2 as 2.0, a list as a tuple."""
+    if isinstance(value, (list, tuple)):  # of "a word, or a list of words" the list
+        kinds = (annotation, *get_args(annotation))
+        annotation = next((kind for kind in kinds if get_origin(kind) in (tuple, list, Sequence)), annotation)
     origin, kinds = get_origin(annotation), (annotation, *get_args(annotation))
     if origin in (tuple, list) or origin is Sequence:
         if not isinstance(value, (list, tuple)):
             return value
         elements = [typed(kinds[1], one) for one in value]
         return tuple(elements) if origin is tuple else elements
-    if Path in kinds and isinstance(value, (str, Path)):
-        return expanded(value)
+    text = str(value).lower() if isinstance(value, bool) else str(value)  # as it was typed: a file may be called true
+    if Path in kinds and isinstance(value, (str, Path, int, float)):
+        return expanded(text)
     if float in kinds and int not in kinds and type(value) is int:
         return float(value)
     if fits(annotation, value):
@@ -140,13 +143,7 @@ def typed(annotation: Any, value: Any) -> Any:
     if bool in kinds and isinstance(value, str) and value.lower() in ("true", "false"):
         return value.lower() == "true"
     is_word = str in kinds or str(value) in kinds  # "nan" may be a word of a Literal
-    return str(value) if is_word and isinstance(value, (int, float)) else value
-
-
-def converted(cls: Any, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of a class's options as their types have them; unknown names and wrong types as they are."""
-    types = {option.name: option.type for option in options_of(cls)}
-    return {name: typed(types[name], value) if name in types else value for name, value in values.items()}
+    return text if is_word and isinstance(value, (int, float)) else value
 
 
 def plain_value(value: Any) -> Any:
@@ -197,16 +194,14 @@ class Choice:
     @property
     def files(self) -> tuple[Path, ...]:
         """The files and folders that options name and results rest on; one that is not there is left out."""
-        places = (path for _, path in read_files(self.plugin, self.options))
-        return tuple(place for place in places if place.exists())
+        read = (read for _, read in read_by_options(self.plugin, self.options))
+        return tuple(path for path in read if isinstance(path, Path) and path.exists())
 
     @property
     def methods(self) -> tuple[Plugin, ...]:
         """The other methods that options name, and results rest on."""
-        known = discover("method")
-        given = (value for _, value in given_to_read(self.plugin, self.options))
-        named = (known.get(value) for value in given if isinstance(value, str))
-        return tuple(method for method in named if isinstance(method, Plugin))
+        read = (read for _, read in read_by_options(self.plugin, self.options))
+        return tuple(method for method in read if isinstance(method, Plugin))
 
     @property
     def record(self) -> dict[str, Any]:
@@ -230,24 +225,23 @@ def plugin_choice(kind: Kind, values: Any) -> Choice:
             normalisation(display)
         except InputError as fault:
             raise InputError(f"'{display}' is unknown", "method.display", fault.remedy) from fault
-    if label and not str(label).strip():
+    label = typed(str | None, label)
+    if label and not label.strip():
         raise InputError("is blank", f"{kind}.label", "write a name, or leave it out")
-    options = converted(plugin.cls, values)
-    check_options(plugin, options)
-    return Choice(plugin, str(label or plugin.name), options, display)
+    return Choice(plugin, label or plugin.name, checked_options(plugin.cls, values), display)
 
 
 def create(plugin: Plugin, values: Mapping[str, Any], out: Path | None = None) -> Any:
-    """Make the plugin with these options. Raises what `check_options` and the plugin's own __post_init__ raise.
+    """Make the plugin with these options. Raises what `checked_options` and the plugin's own __post_init__ raise.
 
     A path may be given as text, a tuple as a list. An option that the plugin `reads` must lead to a file or folder;
     none is opened.
     out: the folder of results of a command that is about to run; what is to lie in it may be made by an earlier job.
     """
-    options = converted(plugin.cls, values)
-    check_options(plugin, options)
-    made = plugin.cls(**options)
-    for option, path in read_files(plugin, values):
+    made = plugin.cls(**checked_options(plugin.cls, values))
+    for option, path in read_by_options(plugin, values):
+        if isinstance(path, Plugin):
+            continue
         is_ours = out is not None and Path(os.path.abspath(path)).is_relative_to(os.path.abspath(out))  # noqa: PTH100
         may_be_made = is_ours and not os.path.lexists(path)
         if not may_be_made and (fault := fault_of(path)) and not path.is_dir():
@@ -256,16 +250,14 @@ def create(plugin: Plugin, values: Mapping[str, Any], out: Path | None = None) -
     return made
 
 
-def given_to_read(plugin: Plugin, values: Mapping[str, Any]) -> Iterator[tuple[Option, str | Path]]:
-    """Yield the options that name files to read, with their paths. Words with a meaning of their own are left out."""
+def read_by_options(plugin: Plugin, values: Mapping[str, Any]) -> Iterator[tuple[Option, Path | Plugin]]:
+    """Yield what options of these values name for a plugin to read: a path, or another method.
+
+    Words with a meaning of their own are left out.
+    """
     for option in options_of(plugin.cls):
         value = values.get(option.name, "")
         if option.name in plugin.reads and isinstance(value, (str, Path)) and value not in ("", *option.choices):
-            yield option, value
-
-
-def read_files(plugin: Plugin, values: Mapping[str, Any]) -> Iterator[tuple[Option, Path]]:
-    """Yield the paths that options of these values name; the name of another method is none."""
-    given = list(given_to_read(plugin, values))
-    methods = discover("method") if given else {}
-    yield from ((option, expanded(value)) for option, value in given if value not in methods)
+            method = get("method", value) if isinstance(value, str) else None
+            if not isinstance(method, Broken):
+                yield option, method or expanded(value)

@@ -10,12 +10,13 @@ import importlib.metadata
 import importlib.util
 import inspect
 import pkgutil
+import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextvars import ContextVar
-from dataclasses import fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from types import MappingProxyType, ModuleType, UnionType
+from types import ModuleType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from sucre_bench.errors import ANY_FAULT, PluginError, UnknownPluginError, did_you_mean, one_line, raise_if_stop
@@ -25,75 +26,20 @@ from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 _RESERVED = frozenset({"name", "label", "display", "variants"})
 
 
+@dataclass(frozen=True)
 class Registry:
-    """The plugins that can be chosen by name: those of this package, of installed packages, and of files.
+    """What is known of plugins.
 
-    files: modules of plugin files, by the path they were loaded from.
+    files: modules of plugin files, by the path they were loaded from; known: the plugins of a kind, and those found by
+    their name alone, each by name.
     """
 
-    def __init__(self, files: Mapping[Path, ModuleType] = MappingProxyType({})) -> None:
-        self._files = dict(files)
-        self._known: dict[Kind, dict[str, Plugin | Broken]] = {}
+    files: dict[Path, ModuleType] = field(default_factory=dict)
+    known: dict[Kind | tuple[Kind, str], dict[str, Plugin | Broken]] = field(default_factory=dict)
 
     def copy(self) -> Registry:
         """Return a registry with the same plugins; what is loaded into one of them is not in the other."""
-        other = Registry(self._files)
-        other._known = {kind: dict(known) for kind, known in self._known.items()}
-        return other
-
-    def load_file(self, path: str | Path) -> list[Plugin]:
-        """Register the plugins of one Python file, and return them in its order.
-
-        Raises PluginError if it does not exist, cannot be imported or holds no plugin.
-        """
-        path = Path(path).resolve()
-        if path not in self._files:
-            self._files[path] = _module_of(path)
-            self._known.clear()
-        return _plugins_in(self._files[path])
-
-    def is_loaded(self, path: str | Path) -> bool:
-        """Whether a plugin file was loaded."""
-        return Path(path).resolve() in self._files
-
-    def discover(self, kind: Kind) -> dict[str, Plugin | Broken]:
-        """Return every plugin of a kind by name, sorted; those that do not import or share a name are `Broken`."""
-        if kind in self._known:
-            return self._known[kind]
-        found: dict[str, Plugin | Broken] = {}
-        for entry in self._everywhere(kind):
-            if isinstance(entry, Plugin):
-                if entry.kind != kind:
-                    continue
-                if fault := _unusable(entry):
-                    entry = Broken(entry.name, fault)
-            other = found.get(entry.name)
-            if other is not None and _where(other) != _where(entry):
-                entry = Broken(entry.name, f"two {kind}s have this name, in {_where(other)} and {_where(entry)}")
-            found[entry.name] = entry
-        self._known[kind] = dict(sorted(found.items()))
-        return self._known[kind]
-
-    def _everywhere(self, kind: Kind) -> Iterator[Plugin | Broken]:
-        package = importlib.import_module(f"sucre_bench.{kind}s")
-        for info in pkgutil.iter_modules(package.__path__):
-            if not info.name.startswith("_"):
-                module = f"{package.__name__}.{info.name}"
-                yield from _try(info.name, functools.partial(importlib.import_module, module))
-        for entry in _installed(tuple(sys.path)):
-            yield from _try(entry.name, entry.load)
-        for loaded in self._files.values():
-            yield from _plugins_in(loaded)
-
-    def find(self, kind: Kind, name: str) -> Plugin:
-        """Return the plugin of that name. InputError with the nearest name, or PluginError with why it is broken."""
-        known = self.discover(kind)
-        plugin = known.get(name)
-        if plugin is None:
-            raise unknown(kind, name, known)
-        if isinstance(plugin, Broken):
-            raise PluginError(f"{kind} '{name}': cannot be used, {plugin.reason}; mend it or leave it out")
-        return plugin
+        return Registry(dict(self.files), dict(self.known))
 
 
 _current: ContextVar[Registry] = ContextVar("registry", default=Registry())  # noqa: B039, one for the whole process
@@ -114,24 +60,34 @@ def current() -> Registry:
     return _current.get()
 
 
-def load_file(path: str | Path) -> None:
-    """Register the plugins of one Python file. Raises PluginError if it does not exist or cannot be imported.
+def load_file(path: str | Path) -> list[Plugin]:
+    """Register the plugins of one Python file, and return them in its order.
+
+    Raises PluginError if it does not exist, cannot be imported or holds no plugin.
 
     >>> from pathlib import Path
     >>> import sucre_bench as sb
-    >>> sb.load_file(Path(sb.__file__).parent / "methods" / "gray_world.py")  # loaded already: nothing happens
+    >>> [plugin.name for plugin in sb.load_file(Path(sb.__file__).parent / "methods" / "gray_world.py")]
+    ['gray_world']
     """
-    current().load_file(path)
+    registry, path = _current.get(), Path(path).resolve()
+    if path not in registry.files:
+        registry.files[path] = _module_of(path)
+        registry.known.clear()
+    return _plugins_in(registry.files[path])
 
 
 def is_loaded(path: str | Path) -> bool:
     """Whether a plugin file was loaded."""
-    return current().is_loaded(path)
+    return Path(path).resolve() in _current.get().files
 
 
 def discover(kind: Kind) -> dict[str, Plugin | Broken]:
     """Return every plugin of a kind by name, sorted; those that do not import or share a name are `Broken`."""
-    return current().discover(kind)
+    known = _current.get().known
+    if kind not in known:
+        known[kind] = _found(kind)
+    return known[kind]
 
 
 def usable(kind: Kind) -> dict[str, Plugin]:
@@ -139,13 +95,60 @@ def usable(kind: Kind) -> dict[str, Plugin]:
     return {name: plugin for name, plugin in discover(kind).items() if isinstance(plugin, Plugin)}
 
 
+def get(kind: Kind, name: str) -> Plugin | Broken | None:
+    """Return the plugin of that name, None where there is none. Of this package, it imports no others."""
+    known = _current.get().known
+    if kind not in known and (kind, name) not in known:
+        known[kind, name] = _found(kind, name)
+    return known[kind if kind in known else (kind, name)].get(name)
+
+
 def find(kind: Kind, name: str) -> Plugin:
     """Return the plugin of that name. InputError with the nearest name, or PluginError with why it is broken."""
-    return current().find(kind, name)
+    plugin = get(kind, name)
+    if plugin is None:
+        raise unknown(kind, name, discover(kind))
+    if isinstance(plugin, Broken):
+        raise PluginError(f"{kind} '{name}': cannot be used, {plugin.reason}; mend it or leave it out")
+    return plugin
+
+
+def _found(kind: Kind, name: str = "") -> dict[str, Plugin | Broken]:
+    """Import plugins of a kind. name: leave out modules of this package that cannot define a plugin of this name."""
+    package, entries = importlib.import_module(f"sucre_bench.{kind}s"), list[Plugin | Broken]()
+    for info in pkgutil.iter_modules(package.__path__):
+        is_wanted = not name or _defines(Path(package.__path__[0]) / info.name, name)
+        if is_wanted and not info.name.startswith("_"):
+            load = functools.partial(importlib.import_module, f"{package.__name__}.{info.name}")
+            entries += _imported(info.name, load)
+    for point in _entry_points(tuple(sys.path)):
+        entries += _imported(point.name, point.load)
+    for module in _current.get().files.values():
+        entries += _plugins_in(module)
+    found: dict[str, Plugin | Broken] = {}
+    for entry in entries:
+        if isinstance(entry, Plugin):
+            if entry.kind != kind:
+                continue
+            if fault := _unusable(entry):
+                entry = Broken(entry.name, fault)
+        other = found.get(entry.name)
+        if other is not None and _where(other) != _where(entry):
+            entry = Broken(entry.name, f"two {kind}s have this name, in {_where(other)} and {_where(entry)}")
+        found[entry.name] = entry
+    return dict(sorted(found.items()))
+
+
+@functools.cache  # the package's files do not change while a command runs
+def _defines(module: Path, name: str) -> bool:
+    """Whether a file or folder may define a plugin: by a class that is called so, or by the name in quotes."""
+    files = module.rglob("*.py") if module.is_dir() else [module.with_suffix(".py")]
+    pattern = re.compile(rf"^ *class {re.escape(name.replace('_', ''))}\b|[\"']{re.escape(name)}[\"']", re.I | re.M)
+    return any(pattern.search(file.read_text(encoding="utf-8")) for file in files) or module.name == name
 
 
 @functools.cache
-def _installed(search_path: tuple[str, ...]) -> importlib.metadata.EntryPoints:
+def _entry_points(search_path: tuple[str, ...]) -> importlib.metadata.EntryPoints:
     """Return what the packages on a search path offer as plugins. Finding it reads a file of each package."""
     return importlib.metadata.entry_points(group="sucre_bench.plugins")
 
@@ -168,17 +171,17 @@ def _module_of(path: Path) -> ModuleType:
         del sys.modules[module.__name__]
         raise PluginError(f"does not import, {one_line(fault)}", path, "mend the file") from fault
     if not _plugins_in(module):
-        places = sorted({_where(cls.__dict__["__plugin__"]) for cls in _decorated(module)})
+        places = sorted({_where(plugin) for plugin in _decorated(module)})
         remedy = "decorate a class with @method, @dataset or @metric"
         raise PluginError("holds no plugin", path, f"give {places[0]}, from which it imports one" if places else remedy)
     return module
 
 
-def _try(name: str, load: Callable[[], Any]) -> list[Plugin | Broken]:
+def _imported(name: str, load: Callable[[], Any]) -> list[Plugin | Broken]:
     try:
         with contextlib.redirect_stdout(sys.stderr):
             loaded = load()
-        return [loaded.__plugin__] if hasattr(loaded, "__plugin__") else list(_plugins_in(loaded))
+        return [loaded.__plugin__] if hasattr(loaded, "__plugin__") else [*_plugins_in(loaded)]
     except BaseException as fault:
         raise_if_stop(fault)
         return [Broken(name, one_line(fault))]
@@ -189,18 +192,19 @@ def _plugins_in(module: ModuleType) -> list[Plugin]:
 
     A package that is loaded by its path has another name than the one by which its `__init__.py` imports from it.
     """
-    found = []
     folders = [Path(folder).resolve() for folder in getattr(module, "__path__", ())]
-    for cls in _decorated(module):
-        plugin: Plugin = cls.__dict__["__plugin__"]
-        is_of_module = cls.__module__ == module.__name__ or cls.__module__.startswith(f"{module.__name__}.")
-        if is_of_module or any(Path(_where(plugin)).is_relative_to(folder) for folder in folders):
-            found.append(plugin)
-    return found
+    return [
+        plugin
+        for plugin in _decorated(module)
+        if f"{plugin.cls.__module__}.".startswith(f"{module.__name__}.")
+        or any(Path(_where(plugin)).is_relative_to(folder) for folder in folders)
+    ]
 
 
-def _decorated(module: ModuleType) -> list[type]:
-    return [cls for cls in vars(module).values() if isinstance(cls, type) and "__plugin__" in vars(cls)]
+def _decorated(module: ModuleType) -> list[Plugin]:
+    """The plugins of the classes in a module, also of those that it imports."""
+    classes = [cls for cls in vars(module).values() if isinstance(cls, type)]
+    return [vars(cls)["__plugin__"] for cls in classes if "__plugin__" in vars(cls)]
 
 
 def unknown(kind: str, name: str, known: Iterable[str], give: str = "--plugin ") -> UnknownPluginError:
@@ -219,7 +223,7 @@ def _unusable(plugin: Plugin) -> str:
         hints = get_type_hints(plugin.cls)
     except ANY_FAULT as fault:
         return f"its annotations do not resolve, {one_line(fault)}"
-    for option in (field for field in fields(plugin.cls) if field.init):
+    for option in (f for f in fields(plugin.cls) if f.init):
         kind = hints[option.name]
         if option.name in _RESERVED:
             return f"option '{option.name}' has a reserved name"

@@ -71,6 +71,7 @@ def test_names_and_paths_stay_as_typed(typed: str):
     (one,) = jobs(f"out={typed}", f"method.label={typed}", f"dataset.label={typed}", f"method.log={typed}").jobs
     assert (str(one.out), one.method.label, one.dataset.label) == (typed, typed, typed)
     assert one.method.options["log"] == Path(typed)
+    assert jobs(f"views=[{typed},b.png]").jobs[0].views == (typed, "b.png")
     swept = jobs(f"method.log={typed},other", multirun=True)
     assert [job.method.label for job in swept.jobs] == [f"gain,log={typed}", "gain,log=other"]
 

@@ -58,6 +58,13 @@ def test_the_built_in_restorers_are_found():
     assert {"psnr", "ssim", "uciqe", "uiqm", "psi", "de00", "coverage"} <= set(discover("metric"))
 
 
+@pytest.mark.parametrize("kind", plugins.KINDS)
+def test_a_plugin_is_found_by_its_name_alone(kind: plugins.Kind):
+    known = discover(kind)
+    with plugins.using(plugins.Registry()):
+        assert {name: plugins.get(kind, name) for name in known} == known
+
+
 def test_a_class_imported_from_elsewhere_is_not_a_plugin_of_the_file(tmp_path: Path):
     path = tmp_path / "imports.py"
     path.write_text("from sucre_bench.methods.gray_world import GrayWorld\n")
@@ -74,7 +81,7 @@ def test_the_file_of_a_package_has_the_plugins_of_its_folder(
     write(folder, "InAFolder", "method.py")
     (folder / "__init__.py").write_text(f"{imported}\nfrom sucre_bench.methods.gray_world import GrayWorld\n")
     monkeypatch.syspath_prepend(tmp_path)
-    assert [plugin.name for plugin in plugins.current().load_file(folder / "__init__.py")] == ["in_a_folder"]
+    assert [plugin.name for plugin in load_file(folder / "__init__.py")] == ["in_a_folder"]
     assert find("method", "in_a_folder").summary == "Give the view back."
     monkeypatch.delitem(sys.modules, "a_folder", raising=False)
     monkeypatch.delitem(sys.modules, "a_folder.method", raising=False)
@@ -271,7 +278,7 @@ def test_what_is_not_installed_comes_with_the_line_that_installs_it():
 
 def test_what_one_registry_loads_another_does_not_have(tmp_path: Path):
     path = write(tmp_path, "Alone")
-    with plugins.using(plugins.current().copy()) as own:
-        plugins.load_file(path)
-        assert own.find("method", "alone") is plugins.find("method", "alone")
+    with plugins.using(plugins.current().copy()):
+        load_file(path)
+        assert find("method", "alone")
     assert "alone" not in plugins.discover("method")

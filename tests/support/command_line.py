@@ -30,7 +30,7 @@ from numba.core.dispatcher import Dispatcher
 
 from sucre_bench.cli import cli, main
 from sucre_bench.machine import terminal
-from sucre_bench.plugins import KINDS, Registry
+from sucre_bench.plugins import KINDS, Registry, discover, load_file
 from sucre_bench.plugins.registry import using
 
 if TYPE_CHECKING:
@@ -226,11 +226,11 @@ def registry(*files: Path) -> Registry:
 
 @functools.cache
 def _discovered(*files: Path) -> Registry:
-    found = Registry()
-    for file in files:
-        found.load_file(file)
-    for kind in KINDS:
-        found.discover(kind)
+    with using(Registry()) as found:
+        for file in files:
+            load_file(file)
+        for kind in KINDS:
+            discover(kind)
     return found
 
 

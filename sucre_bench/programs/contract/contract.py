@@ -107,7 +107,7 @@ def subjects(name: str, overrides: Sequence[str] = (), kind: Kind | None = None,
     if on:
         plugins.find("dataset", on)
     if name.endswith(".py"):
-        loaded = plugins.current().load_file(Path(name))
+        loaded = plugins.load_file(Path(name))
         found = [plugins.find(one.kind, one.name) for one in loaded if kind in (None, one.kind)]
         if not found:
             raise InputError(f"{name}: holds no {kind}; leave --kind out to check what is there")
