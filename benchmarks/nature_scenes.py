@@ -147,7 +147,7 @@ def _down(s: float, height_m: float, length_m: float = 4) -> tuple[Array, Array]
 
 PATHS: dict[str, Path_] = {
     "approach": lambda s: _round(0.25 * np.sin(8 * s + 0.5), 60 - 20 * s, 10 * 0.2**s),
-    "forward": lambda s: (np.array([0.2 * np.sin(6 * s), -2 + 5 * s, 1.6]), _ahead(0.1 * np.sin(9 * s), 24)),
+    "forward": lambda s: (np.array([0.2 * np.sin(6 * s), -2 + 4 * s, 1.8]), _ahead(0.1 * np.sin(9 * s), 36)),
     "survey": lambda s: _down(s, 2.5),
     "survey2": lambda s: _down(2 * s % 1.0001, 2 if s < 0.5 else 4, 2.5),
     "survey_varying": lambda s: _down(s, 2.6 + 1.3 * np.sin(9.4 * s)),

@@ -124,8 +124,8 @@ class Seabed:
         """Return colours (..., 3) from 0.05 to 0.9 of points (..., 3); the channels are partly independent."""
         xy = points[..., :2].reshape(-1, 2) + 0.7 * points[..., 2:].reshape(-1, 1)
         gray, *own = (octaves(one, xy, TEXTURE_M, TEXTURE_OCTAVES, TEXTURE_FALL) for one in self.lattices)
-        mixed = 0.9 * gray[:, None] + 0.4 * np.stack(own, axis=1) + np.array([-0.4, -0.5, -0.7])
-        return (0.05 + 0.85 / (1 + np.exp(-0.9 * mixed))).reshape(points.shape)
+        mixed = 0.9 * gray[:, None] + 0.4 * np.stack(own, axis=1) + np.array([-0.7, -0.9, -1.2])
+        return (0.05 + 0.85 / (1 + np.exp(-0.5 * mixed))).reshape(points.shape)
 
     def shading(self, points: Array) -> Array:
         """Return the cosine (...,) between the ground's normal and a slanting sun."""
