@@ -103,7 +103,10 @@ def check_source(source: str) -> None:
     """
     path = expanded(source)
     if source in plugins.discover("method") or (source.isidentifier() and not path.exists()):
-        plugin = plugins.find("method", source)
+        try:
+            plugin = plugins.find("method", source)
+        except InputError as fault:
+            raise InputError(f"method.water={source}: {fault}") from fault
         if missing := plugins.missing_packages(plugin):
             raise InputError(f"method.water={source}: is not installed; {missing}")
         try:

@@ -211,7 +211,11 @@ def _put(values: dict[str, Any], key: str, value: Any) -> None:
         node = node[group]
     if name not in node and groups not in (["dataset"], ["method"]):  # whose options were checked
         raise unknown_name(key, name, node)
-    node[name] = {**node[name], **value} if isinstance(node.get(name), dict) and isinstance(value, dict) else value
+    if isinstance(options := node.get(name), dict) and (key != "study" or value is not None):
+        if not isinstance(value, dict):
+            raise InputError("is a group of options", key, f"set one of them: {', '.join(options)}")
+        value = {**options, **value}
+    node[name] = value
 
 
 def _filled(values: dict[str, Any], has_references: bool) -> dict[str, Any]:

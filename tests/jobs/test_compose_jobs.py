@@ -51,6 +51,8 @@ def jobs(*overrides: str, multirun: bool = False) -> compose_jobs.Command:
         ("hydra.job.chdir=true", {"hydra.job.chdir=true", "false"}),
         ("dataset=colmap", {"colmap.root", "dataset.root=FOLDER"}),
         ("method.gain", {"method.gain", "key=value"}),
+        ("shard=3", {"shard", "index", "count"}),
+        ("tracking=null", {"tracking", "uri", "experiment"}),
     ],
 )
 def test_a_wrong_override_is_one_clear_line(override: str, named: set[str]):

@@ -366,6 +366,7 @@ def test_limits_of_the_water_are_said_while_it_runs() -> None:
         ({"solver": "adam", "water": "shared"}, {"sucre.water=shared", "sucre.solver=adam"}),
         ({"solver": "adam", "water": "seathru"}, {"sucre.water=seathru", "sucre.solver=adam"}),
         ({"water": ""}, {"sucre.water", "empty"}),
+        ({"water": "seathr"}, {"method.water=seathr", "'seathru'"}),
         ({"lamp": True, "colours": "single_view"}, {"sucre.lamp", "views"}),
         ({"water": "truth", "lamp": True}, {"sucre.lamp", "sucre.water=truth"}),
     ],
