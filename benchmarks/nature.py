@@ -202,10 +202,10 @@ def main() -> None:
         ]
         for place, job in enumerate(jobs, 1):
             rows += job.result()
+            frame = pd.DataFrame(rows)
+            if words.csv:  # after each case, so that an interrupted run leaves its numbers
+                frame.to_csv(words.csv, index=False)
             print(f"{place} of {len(jobs)}: {rows[-1]['case']}", file=sys.stderr)
-    frame = pd.DataFrame(rows)
-    if words.csv:
-        frame.to_csv(words.csv, index=False)
     print(table_of(frame, methods), summary_of(frame, methods), sep="\n\n")
 
 
