@@ -211,7 +211,7 @@ def _versions(rows: DataFrame) -> Iterator[_Fault]:
 def _normalisations(rows: DataFrame) -> Iterator[_Fault]:
     """Two labels of one method with different display normalisations that the labels do not mention.
 
-    If they were fitted to different encodings, as `sucre_plus` and its preset `sucre_photo`, each needs its own.
+    If they were fitted to different encodings, as `sucre` and `sucre` with `encoding=linear`, each needs its own.
     """
     known = rows.drop_duplicates("method")[["method", "options"]]
     options = {str(label): json.loads(text) for label, text in known.itertuples(index=False)}

@@ -102,7 +102,7 @@ def load_scenes(name: str, **options: Any) -> Iterator[Scene]:
 def restore(method: str | Any, scene: Scene, view: View | str | int, **options: Any) -> Restored:
     """Restore one view with a method.
 
-    - method: the method's name, that of a preset ("sucre_photo", say), or a method object;
+    - method: the method's name, that of a preset ("sucre_exact", say), or a method object;
     - scene: the scene of the view; methods of several views use its other views;
     - view: a view, its name, or its place in the scene (from 0);
     - options: the options of a method that is given by name, and `display`, the normalisation that makes the

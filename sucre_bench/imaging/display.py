@@ -12,9 +12,7 @@ A display normalisation has a name, and each score records it:
 - "black-1-white-99" first subtracts one black from all channels: percentile 1 of all their values. A black for each
   channel would change hues;
 - "linear-white-veil" scales linear light by 1 / (B gamma) of the water. Backscatter near the camera has the colour of
-  the light that falls on the scene. One gain for all channels then maps percentile 99 of all values to 1;
-- "veil-or-NAME", as in "veil-or-white-99", is "linear-white-veil" where the method fitted linear light and determined a
-  veil in every channel, and NAME elsewhere.
+  the light that falls on the scene. One gain for all channels then maps percentile 99 of all values to 1.
 
 With "@scene" behind the name, as in "stretch-1-99@scene", percentiles and means are those of all views of a scene, so
 that mosaics and videos have one tone.
@@ -47,7 +45,7 @@ _FORMS: dict[_Kind, str] = {
 }
 _KNOWN = (
     "none, gray-world or stretch-LOW-HIGH such as stretch-1-99, linear-stretch-1-99 in linear light, white-99, "
-    "black-1-white-99, linear-white-veil, veil-or-white-99; @scene behind it takes all views of a scene"
+    "black-1-white-99, linear-white-veil; @scene behind it takes all views of a scene"
 )
 
 
@@ -55,34 +53,31 @@ _KNOWN = (
 class Normalisation:
     """What the name of a display normalisation says.
 
-    low, high: the percentiles that become 0 and 1; is_linear: whether it works in linear light; is_veil_first: whether
-    the veil's colour takes its place where there is a veil; is_of_scene: whether percentiles and means are those of all
-    views of a scene.
+    low, high: the percentiles that become 0 and 1; is_linear: whether it works in linear light; is_of_scene: whether
+    percentiles and means are those of all views of a scene.
     """
 
     kind: _Kind
     low: float
     high: float
     is_linear: bool
-    is_veil_first: bool
     is_of_scene: bool
 
     @property
     def removes_offsets(self) -> bool:
         """Whether it subtracts a black of its own from each channel, whatever the water."""
-        return self.kind == "stretch" and not self.is_veil_first
+        return self.kind == "stretch"
 
 
 @functools.cache
 def normalisation(how: str) -> Normalisation:
     """Return what the name of a display normalisation says. Raises InputError for a name that none has."""
-    after_veil = how.removesuffix("@scene")
-    name = after_veil.removeprefix("veil-or-")
+    name = how.removesuffix("@scene")
     for kind, form in _FORMS.items():
         if found := re.fullmatch(form, name):
             low, high = (0.0, *([float(text) for text in found.groups()] or [100.0]))[-2:]
             if 0 <= low < high <= 100:
-                return Normalisation(kind, low, high, name.startswith("linear-"), name != after_veil, after_veil != how)
+                return Normalisation(kind, low, high, name.startswith("linear-"), name != how)
     raise InputError("unknown", f"display '{how}'", f"use {_KNOWN}")
 
 
@@ -92,7 +87,6 @@ def display(
     encoding: Encoding = "gamma",
     *,
     water: Water | None = None,
-    is_veil_known: bool = True,
     over: Array | None = None,
 ) -> Array:
     """Return the restored image: (H, W, 3) float32 in [0, 1], gamma-encoded, NaN = no colour.
@@ -101,14 +95,12 @@ def display(
     - how: the name of a normalisation;
     - encoding: encoding of the image, "gamma" or "linear";
     - water: the estimated water, for "linear-white-veil";
-    - is_veil_known: whether the veil of every channel is determined, see `is_veil_known`;
     - over: (H, W, 3) or (N, 1, 3), the colours whose percentiles and means are used; default the image's own.
 
     Raises InputError for an unknown name, for "linear-white-veil" without a water, and for "@scene" without `over`.
     """
     chosen = normalisation(how)
-    is_linear_veil = is_veil_known and water is not None and (water.encoding or encoding) == "linear"
-    by_veil = chosen.kind == "veil" or (chosen.is_veil_first and is_linear_veil and _gains(water) is not None)
+    by_veil = chosen.kind == "veil"
     if chosen.is_of_scene and over is None:
         raise InputError(f"display '{how}': needs all views of the scene; use `sucre-bench run` with save=full")
     may_stay = chosen.kind == "none" and encoding == "gamma" and not by_veil and image.dtype == np.float32
@@ -127,20 +119,11 @@ def displayed(
     restoration: Restoration, how: str, encoding: Encoding, over: Array | None = None
 ) -> tuple[Array, Array | None]:
     """Return the restored image, see `display`, and its filled pixels shown alike; None where it has none."""
-    water, known = restoration.water, is_veil_known(restoration)
-    shown = display(restoration.image, how, encoding, water=water, is_veil_known=known, over=over)
+    shown = display(restoration.image, how, encoding, water=restoration.water, over=over)
     if restoration.filled is None:
         return shown, None
     over = restoration.image if over is None else over
-    return shown, display(restoration.filled, how, encoding, water=water, is_veil_known=known, over=over)
-
-
-def is_veil_known(restoration: Restoration) -> bool:
-    """Return whether its method determined the veil of every channel, as far as it says so: `info["veil_known"]`.
-
-    Where weak priors or a bound decide a channel, the veil's colour is a guess, and no white.
-    """
-    return bool(restoration.info.get("veil_known", True))
+    return shown, display(restoration.filled, how, encoding, water=restoration.water, over=over)
 
 
 def is_of_scene(how: str) -> bool:

@@ -26,7 +26,8 @@ _ADDED: dict[Kind, tuple[str, ...]] = {"dataset": ("label",), "method": ("label"
 GROUPS: dict[Kind, str] = {"dataset": "dataset", "method": "method", "metric": "metrics"}
 _MOST_FOLDERS = 100  # that are looked into for a hint
 SEED = "${seed}"  # of the run: what a plugin's seed is unless it is given
-_RENAMED = {"sucre_single_pixels": "sucre_exact"}
+# Presets that are gone, and what to write instead.
+_GONE = {"sucre_single_pixels": "sucre_exact", "sucre_photo": "sucre_plus"}
 
 
 @dataclass(frozen=True)
@@ -78,8 +79,8 @@ def named(kind: Kind, name: str) -> Plugin:
         remedy = f"sucre-bench run {name}" if Path(name).is_file() else f"dataset=./{name}"
         fault = f"no dataset is called '{name}', but there is a path of this name"
         raise UnknownPluginError(fault, kind, f"write {remedy}")
-    if name in _RENAMED:
-        raise UnknownPluginError(f"'{name}' has another name now", kind, f"write {kind}={_RENAMED[name]}")
+    if name in _GONE:
+        raise UnknownPluginError(f"'{name}' was replaced by {_GONE[name]}", kind, f"write {kind}={_GONE[name]}")
     raise plugins.unknown(kind, name, {*plugins.discover(kind), *(preset.name for preset in presets(GROUPS[kind]))})
 
 

@@ -51,7 +51,7 @@ def restored(method: Any, scene: Scene, view: View, word: str = "method") -> Res
     """Return a method's restoration, checked: the image in the view's encoding, float32 as the confidence is, the water
     saying what it explains.
 
-    word: what a user writes before the method's options, "sucre_photo" for "sucre_photo.lamp=true"; "method": its name.
+    word: what a user writes before the method's options, "sucre_exact" for "sucre_exact.lamp=true"; "method": its name.
     A method that assumes encoded intensities gets those of a linear view, and its image is decoded again. Raises
     PluginError when the result is not what a method must return, and what the method raises.
     """

@@ -112,10 +112,10 @@ def test_one_method_shown_in_two_ways_is_refused_unless_a_label_says_so():
     compare.refuse(frame([*plain, *shown("other", "other", "stretch-1-99")]))
 
 
-def test_a_preset_for_linear_light_has_a_display_of_its_own() -> None:
+def test_a_configuration_for_linear_light_has_a_display_of_its_own() -> None:
     options = {"name": "sucre_plus", "display": "black-0.5-white-99", "encoding": "view"}
-    photo = {**options, "display": "veil-or-black-0.5-white-99", "encoding": "linear"}
-    rows = [run_of(label, options=json.dumps(o)) for label, o in (("sucre_plus", options), ("sucre_photo", photo))]
+    linear = {**options, "display": "white-99", "encoding": "linear"}
+    rows = [run_of(label, options=json.dumps(o)) for label, o in (("sucre_plus", options), ("linear", linear))]
     compare.refuse(frame([*rows[0], *rows[1]]))
 
 

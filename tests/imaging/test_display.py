@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sucre_bench import InputError, Restoration
-from sucre_bench.imaging.display import display, displayed, normalisation
+from sucre_bench import InputError
+from sucre_bench.imaging.display import display, normalisation
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.scene import Water
 
@@ -91,25 +91,11 @@ def test_other_names_are_refused_with_those_there_are(how: str) -> None:
         display(IMAGE, how)
 
 
-def test_the_veil_is_white_only_where_it_was_fitted_to_linear_light() -> None:
-    parts = (np.array([0.1, 0.3, 0.4]), np.array([0.4, 0.1, 0.1]), np.array([0.3, 0.2, 0.1]))
-    linear, stored = Water(*parts, "linear"), Water(*parts)
-    no_veil = Water(np.zeros(3), parts[1], parts[2], "linear")
-    veil = display(IMAGE, "linear-white-veil", water=linear)
-    np.testing.assert_array_equal(display(IMAGE, "veil-or-white-99", water=linear), veil)
-    guess, found = (Restoration(IMAGE, linear, info={"veil_known": known}) for known in (False, True))
-    np.testing.assert_array_equal(displayed(guess, "veil-or-white-99", "gamma")[0], display(IMAGE, "white-99"))
-    np.testing.assert_array_equal(displayed(found, "veil-or-white-99", "gamma")[0], veil)
-    for water in (stored, no_veil, None):
-        np.testing.assert_array_equal(display(IMAGE, "veil-or-white-99", water=water), display(IMAGE, "white-99"))
-
-
 @pytest.mark.parametrize(
     ("how", "removes"),
     [
         ("stretch-1-99", True),
         ("linear-stretch-0.5-99.5@scene", True),
-        ("veil-or-stretch-1-99", False),  # not where there is a veil
         ("black-1-white-99", False),  # one black for all channels
         ("white-99", False),
     ],
