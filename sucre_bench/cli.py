@@ -78,6 +78,7 @@ def _fault(text: str, status: int) -> int:
 # called.
 SECTIONS: dict[str, dict[str, tuple[str, str]]] = {
     "Restore and compare": {
+        "restore": ("restore", "Restore photographs for use: whole pictures with EXIF and GPS."),
         "run": ("run", "Restore views of a dataset with methods, and score them."),
         "lineup": ("run", "Write the line-up of a results folder, to run it again."),
         "compare": ("compare", "Compare methods: one table, and who leads."),
@@ -152,7 +153,8 @@ def cli() -> None:
     sucre-bench run dataset=demo method=gray_world     one method, built-in scene
     sucre-bench run -m dataset=demo method=underwater,gray_world,sucre out=results
     sucre-bench compare results                        which leads, by how much?
-    sucre-bench prepare photos/ dive/                  make a scene of your photos
+    sucre-bench restore photos/ restored/              your photos, restored
+    sucre-bench prepare photos/ dive/                  make a scene of them
     sucre-bench run dataset=./dive method=sucre_plus method.fill=true
 
     The --help of each command begins with examples.

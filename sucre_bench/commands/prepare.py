@@ -103,6 +103,7 @@ def prepare(
     \b
     sucre-bench prepare photos/ dive/
     sucre-bench prepare photos/ dive/ --distance IMG_1.jpg IMG_9.jpg 1.85
+    sucre-bench restore dive/ restored/
     sucre-bench run dataset=./dive method=sucre_plus method.fill=true
 
     Then look at OUT/quality.html. Photos alone do not give the scale of a scene: without --distance, --length,
@@ -136,5 +137,7 @@ def prepare(
     click.echo(f"placed   {len(done.qualities)} of {done.photos} photos, {100 * covered:.0f} % of pixels with depth")
     click.echo(f"scale    {done.scale.note}{', kept from before' if done.is_kept else ''}")
     click.echo(f"page     {out / 'quality.html'}")
+    restored = out.with_name(f"{out.name}-restored")
+    click.echo(f"pictures sucre-bench restore {shlex.quote(str(out))} {shlex.quote(str(restored))}")
     root = shlex.quote(f"dataset.root={quoted(str(out))}")
-    click.echo(f"run it   sucre-bench run dataset=colmap {root} method=sucre_plus method.fill=true")
+    click.echo(f"compare  sucre-bench run dataset=colmap {root} method=sucre_plus method.fill=true")

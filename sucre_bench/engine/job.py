@@ -167,7 +167,7 @@ def _rows(
             measured = _measured(job, method, task, afresh=job.overwrite == "always" and over is None)
             colours = None if over is None else over.get(task.base.scene)
             shown, filled = displayed(measured.restoration, job.method.display, view.encoding, colours)
-            write_pictures(job.out, task.place, job.method.label, view, measured.restoration, shown, filled)
+            write_pictures(job.out, task.place, job.method.label, view, measured.restoration, shown, filled, job.bits)
             return score_rows(measured, shown, view, metrics, task.base, log, job.view_timeout_s)
     except OutputError:
         if _can_open_files():

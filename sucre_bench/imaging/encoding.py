@@ -33,6 +33,11 @@ def to_8bit(shown: Array) -> np.ndarray:
     return np.asarray(np.nan_to_num(shown, nan=0.0).clip(0, 1) * 255 + 0.5).astype(np.uint8)
 
 
+def to_16bit(shown: Array) -> npt.NDArray[np.uint16]:
+    """Round a picture in [0, 1] to uint16; pixels without colour become black."""
+    return np.asarray(np.nan_to_num(shown, nan=0.0).clip(0, 1) * 65535 + 0.5).astype(np.uint16)
+
+
 Bytes = npt.NDArray[np.uint8]
 
 

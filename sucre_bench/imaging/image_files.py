@@ -151,11 +151,10 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
     check_pixels(place, header.size)
     if header.has_more:
         raise InputError("holds several pictures", place, "save the wanted one as a file of its own")
-    stored, wants_colours = (
-        np.frombuffer(data, np.uint8),
-        bool(flags & cv2.IMREAD_COLOR),
-    )  # IMREAD_UNCHANGED has it, too
+    wants_colours = bool(flags & cv2.IMREAD_COLOR)  # IMREAD_UNCHANGED has it, too
     try:
+        data = _unturned(data) if header.is_tiff else data
+        stored = np.frombuffer(data, np.uint8)
         if data.startswith(_JPEG):  # OpenCV may fill up a cut JPEG with gray, Pillow does not
             with _pillow().open(io.BytesIO(data)) as image:
                 mode = "RGB" if wants_colours else "L"
@@ -175,6 +174,16 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
     except Exception as fault:  # each of the decoders has its own
         raise DamagedFileError(f"cannot be read, {one_line(fault)}", place, "copy the file again") from fault
     return np.asarray(decoded)
+
+
+def _unturned(data: bytes) -> bytes:
+    """A TIFF without its orientation: OpenCV turns the pixels of a TIFF, whatever its flags."""
+    with _tiff_file(io.BytesIO(data)) as file:
+        tag = file.pages.first.tags.get("Orientation")
+        if tag is None or tag.value == 1:
+            return data
+        upright = (1).to_bytes(2, "little" if file.byteorder == "<" else "big")
+        return data[: tag.valueoffset] + upright + data[tag.valueoffset + 2 :]
 
 
 def _tiff_colours(data: bytes, place: str) -> npt.NDArray[Any]:

@@ -50,6 +50,7 @@ class Job:
     view_timeout_s: float | None
     workers: int
     save: Save
+    bits: int
     seed: int
     report: bool
     study: Study | None

@@ -159,6 +159,8 @@ class RunConfig:
     """How many jobs run at once, each in a worker process; 0: all in this process, for a debugger."""
     save: Save = "display"
     """display: write restored images; full: also J, B, beta and gamma (.npz), for metrics that you add later."""
+    bits: int = 8
+    """Bits a channel of restored images, 8 or 16."""
     seed: int = 0
     """Seed of datasets and methods that draw random numbers."""
     report: bool = True
@@ -187,6 +189,8 @@ class RunConfig:
     def __post_init__(self) -> None:
         check_ranges(self, "", every="[1, inf)", first="[1, inf)", replicate="[0, inf)", pairs_gb="[0, inf)")
         check_ranges(self, "", workers="[0, inf)", cache_gb="[0, inf)", view_timeout_s="(0, inf)")
+        if self.bits not in (8, 16):
+            raise InputError(f"{self.bits}", "bits", "give bits=8 or bits=16")
         if not self.out.strip():
             raise InputError("is empty", "out", "name a folder, for example out=results")
 

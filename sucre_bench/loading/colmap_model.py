@@ -109,14 +109,12 @@ def _read_cameras(file: Path, distorted: bool, undistort: str) -> dict[int, tupl
         if model not in (_PARAMETERS if distorted else _PINHOLE):
             usable = "of these distortions none is known here" if distorted else "only pinhole cameras can be used"
             raise InputError(f"{place} is {model}, {usable}; undistort: {undistort}")
-        inner = 3 if model in _ONE_FOCAL else 4  # focal length, or both, and principal point
-        focal_x, focal_y, x, y = parameters[:4] if inner == 4 else (parameters[0], *parameters[:3])
-        if not (min(width, height, focal_x, focal_y) > 0 and all(map(math.isfinite, parameters))):
+        lens = lens_of_model(model, width, height, parameters)
+        camera = lens.camera
+        if not (min(width, height, *camera.K[[0, 1], [0, 1]]) > 0 and all(map(math.isfinite, parameters))):
             raise InputError(
                 f"{place} is {width}x{height} with parameters {parameters}, which no camera has; {_REMEDY}"
             )
-        camera = Camera(np.array([[focal_x, 0, x], [0, focal_y, y], [0, 0, 1]], dtype=np.float64), width, height)
-        lens = Lens(camera, "fisheye" if "FISHEYE" in model else "perspective", parameters[inner:])
         if model in _PINHOLE:
             cameras[number] = (camera, None)
         elif lens.fault:
@@ -124,6 +122,14 @@ def _read_cameras(file: Path, distorted: bool, undistort: str) -> dict[int, tupl
         else:
             cameras[number] = (lens.pinhole, lens)
     return cameras
+
+
+def lens_of_model(model: str, width: int, height: int, parameters: Sequence[float]) -> Lens:
+    """Return a camera of COLMAP with its distortion, none for a pinhole. parameters: in COLMAP's order."""
+    inner = 3 if model in _ONE_FOCAL else 4  # focal length, or both, and principal point
+    focal_x, focal_y, x, y = parameters[:4] if inner == 4 else (parameters[0], *parameters[:3])
+    camera = Camera(np.array([[focal_x, 0, x], [0, focal_y, y], [0, 0, 1]], dtype=np.float64), width, height)
+    return Lens(camera, "fisheye" if "FISHEYE" in model else "perspective", tuple(parameters[inner:]))
 
 
 def _rigid(pose: tuple[float, ...], place: str) -> Array:

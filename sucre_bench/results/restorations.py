@@ -21,7 +21,7 @@ import numpy as np
 from sucre_bench.arrays import Array, Mask, Picture
 from sucre_bench.errors import ANY_FAULT, DamagedFileError, InputError, MissingFileError, NotApplicableError
 from sucre_bench.imaging.display import display
-from sucre_bench.imaging.encoding import to_8bit
+from sucre_bench.imaging.encoding import to_8bit, to_16bit
 from sucre_bench.imaging.image_files import decode, write_image, write_png
 from sucre_bench.machine.files import regular, remove, write_atomically
 from sucre_bench.results import layout
@@ -51,18 +51,19 @@ def write_pictures(
     restoration: Restoration,
     shown: Array,
     filled: Array | None = None,
+    bits: int = 8,
 ) -> None:
     """Write the restored image, its mask, its record, and the view and its reference to look at beside it.
 
     method: the label; shown: the restored image (H, W, 3) in [0, 1], gamma-encoded, NaN = a hole; filled: guessed
-    colours of holes, likewise: the picture shows them, and the mask still marks holes.
+    colours of holes, likewise: the picture shows them, and the mask still marks holes; bits: of the restored image.
     """
     path, started = place.restored(out, method), time.perf_counter()
     for image, look_at in ((view.rgb, place.original(out)), (view.reference, place.reference(out))):
         if image is not None:
             write_image(look_at, to_8bit(display(image, "none", view.encoding))[..., ::-1])
     picture = shown if filled is None else np.where(np.isnan(shown), filled, shown)
-    write_png(path, to_8bit(picture)[..., ::-1], compression=1)
+    write_png(path, (to_8bit if bits == 8 else to_16bit)(picture)[..., ::-1], compression=1)
     write_mask(place.mask(out, method), restoration.valid)
     files = (path.with_suffix(suffix) for suffix in (".png", ".npz"))
     sizes = {file.suffix: file.stat().st_size for file in files if file.is_file()}

@@ -21,6 +21,7 @@ MISTAKES = {
     "compare": ["nowhere"],
     "score": [".", "--metrics", "uicqe"],
     "prepare": ["nowhere", "out"],
+    "restore": ["nowhere", "out"],
     "describe": ["dataset=colmap", "dataset.root=nowhere"],
     "charts": ["dataset=demo", "--kind", "dkg"],
     "report": ["nowhere"],

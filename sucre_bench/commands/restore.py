@@ -1,0 +1,143 @@
+"""`sucre-bench restore`: whole restored pictures of a folder of photographs, for use."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from sucre_bench.commands.shared_options import plugin_option, refuse_options
+from sucre_bench.errors import InputError, OutputError
+
+if TYPE_CHECKING:
+    from sucre_bench.programs.restore.pipeline import Done, Options, Source
+
+_MOST_NAMED = 5
+
+
+@click.command(context_settings={"ignore_unknown_options": True})
+@click.argument("source", metavar="PHOTOS|DIVE", type=click.Path(path_type=Path))
+@click.argument("out", metavar="OUT", type=click.Path(path_type=Path))
+@click.argument("words", nargs=-1, type=click.UNPROCESSED, metavar="[KEY=VALUE]...")
+@click.option("--method", default="sucre_plus", show_default=True, metavar="NAME", help="Method for the dive.")
+@click.option(
+    "--single-view",
+    default="fusion_2018",
+    show_default=True,
+    metavar="NAME",
+    help="Method for photographs that overlap with no other.",
+)
+@click.option(
+    "--photos",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    help="Photographs that a DIVE was prepared from [default: where they were then].",
+)
+@click.option(
+    "--original-geometry",
+    is_flag=True,
+    help="Distort pictures back, as the camera saw them; without it they are undistorted.",
+)
+@click.option("--quality", type=click.IntRange(1, 100), default=95, show_default=True, help="Of JPEG and WebP.")
+@plugin_option
+def restore(
+    source: Path,
+    out: Path,
+    words: tuple[str, ...],
+    method: str,
+    single_view: str,
+    photos: Path | None,
+    original_geometry: bool,
+    quality: int,
+) -> None:
+    """Restore photographs for use: whole pictures with their names, formats, EXIF, GPS, XMP and colour profile.
+
+    \b
+    sucre-bench restore photos/ restored/
+    sucre-bench restore dive/ restored/ --original-geometry
+    sucre-bench restore photos/ restored/ --method dive_gray_world --quality 90
+    sucre-bench restore photos/ restored/ method.water=own
+
+    Photographs that overlap are prepared first, as `sucre-bench prepare` does, and restored together: one water, one
+    exposure and one white for the dive. Others are restored one by one. DIVE is a folder that `prepare` made, or one of
+    another program with depth maps. KEY=VALUE are words of `sucre-bench run`, for the dive.
+
+    OUT gets pictures/, contact-sheet.jpg, and work/, from which the same command continues if you stop it. Photographs
+    are never changed.
+
+    Exit codes: 0, every photograph has a picture; 1, some have none; 2, the command has a mistake; 130, stopped.
+    """
+    from sucre_bench.programs.restore import pipeline
+
+    refuse_options(words, "restore")
+    _check_out(source, out, photos)
+    options = pipeline.Options(method, single_view, quality, original_geometry, words)
+    done = pipeline.restore(*_prepared(pipeline.source_of(source, photos), source, out, options))
+    for name, why in list(done.faults.items())[:_MOST_NAMED]:
+        click.echo(f"no picture of {name}: {why}")
+    if len(done.faults) > _MOST_NAMED:
+        click.echo(f"no picture of {len(done.faults) - _MOST_NAMED} more photographs")
+    if not done.names:
+        raise InputError("no photograph could be restored", source, "mend what is named above")
+    n = len(done.names) + len(done.faults)
+    sheet = out / "contact-sheet.jpg"
+    click.echo(f"{len(done.names)} of {n} pictures are in {out / 'pictures'}, and {sheet} shows them. {_trust(done)}")
+    sys.exit(1 if done.faults else 0)
+
+
+def _check_out(source: Path, out: Path, photos: Path | None) -> None:
+    """Refuse an OUT that holds photographs, lies among them, or is something else's folder."""
+    if out.exists() and not out.is_dir():
+        raise OutputError("is a file", out, "name a folder to write into")
+    for folder in (source.resolve(), *([photos.resolve()] if photos else [])):
+        if folder in (out.resolve(), *out.resolve().parents):
+            raise InputError("lies in the folder of the photographs", out, "name a folder elsewhere")
+        if out.resolve() in folder.parents:
+            raise InputError("holds the photographs themselves", out, "name a folder elsewhere")
+    if out.is_dir() and any(out.iterdir()) and not (out / "work").is_dir():
+        raise InputError("holds other files already", out, "name a new folder")
+
+
+def _prepared(found: Source, source: Path, out: Path, options: Options) -> tuple[Source, Path, Options]:
+    """Prepare photographs if the method needs that, and return what is restored, where, and how.
+
+    Photographs that cannot be prepared, because they do not overlap for example, are restored one by one.
+    """
+    from dataclasses import replace
+
+    from sucre_bench.jobs.catalogue import method_choice
+    from sucre_bench.machine import progress
+    from sucre_bench.programs.prepare import pipeline
+    from sucre_bench.programs.prepare.shots import load_pycolmap
+    from sucre_bench.programs.restore.pipeline import source_of
+
+    needs = method_choice(options.method, {}).plugin.needs
+    if found.is_dive:
+        return found, out, options
+    if not needs:
+        return found, out, replace(options, single_view=options.method)
+    load_pycolmap()
+    with progress.live():
+        try:
+            pipeline.prepare(source, out / "work" / "dive", again=True)
+        except InputError as fault:
+            progress.say(f"each photograph is restored alone, by {options.single_view}: {fault.without_remedy}")
+            return found, out, options
+    return source_of(out / "work" / "dive", source), out, options
+
+
+def _trust(done: Done) -> str:
+    """How far the colours can be trusted, in one sentence."""
+    alone = len(done.names) - done.together
+    if not done.together:
+        return "Nothing measured the water: these are balanced colours, not true ones."
+    if done.unknown_water == done.together:
+        trust = "The distances are too alike to measure the water: these are balanced colours, not true ones"
+    else:
+        share = f"{done.measured:.0%} of the pixels have a measured distance, and colours of the others are guesses"
+        trust = f"The water was measured; {share}"
+        if done.unknown_water:
+            trust += f"; it could not be measured in {done.unknown_water} pictures"
+    return trust + (f"; {alone} photographs have no place in the dive, and balanced colours." if alone else ".")

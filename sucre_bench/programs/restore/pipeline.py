@@ -1,0 +1,191 @@
+"""Restores the photographs of a source by the engine: the dive together, the others one by one; writes the pictures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from sucre_bench import plugins
+from sucre_bench.engine.run import run
+from sucre_bench.engine.select_views import opening_once, select
+from sucre_bench.errors import InputError
+from sucre_bench.imaging.display import is_of_scene
+from sucre_bench.jobs.catalogue import method_choice, option_names, recognised
+from sucre_bench.jobs.words import quoted, value_of
+from sucre_bench.loading.image_folder import image_names
+from sucre_bench.loading.view_files import source_files
+from sucre_bench.machine import progress
+from sucre_bench.machine.files import check_folder, remove, write_atomically
+from sucre_bench.programs.restore.originals import PreparedDive, photographs_in, read_prepared, view_of_each
+from sucre_bench.programs.restore.picture_file import bits_of
+from sucre_bench.programs.restore.write import Restored, write_pictures
+from sucre_bench.results import layout, restoration_rows, with_remedy
+from sucre_bench.results.restorations import read_record
+from sucre_bench.results.rows import tuples
+
+# What a method gets that has these options: whole pictures, and one water for the dive, so that mosaics have no steps.
+_FOR_A_DIVE = {"fill": "true", "water": "shared"}
+
+
+@dataclass(frozen=True)
+class Options:
+    """method: of the dive; single_view: of photographs without a place in it; quality: of JPEG and WebP, 1 to 100;
+    original_geometry: distort pictures back; words: of `sucre-bench run`, for the dive.
+    """
+
+    method: str = "sucre_plus"
+    single_view: str = "fusion_2018"
+    quality: int = 95
+    original_geometry: bool = False
+    words: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Source:
+    """What is restored. dataset: its words; is_dive: whether its views have poses or depth; prepared: what `prepare`
+    noted of it; photographs: files by name, none if the views are the photographs; folder: of the photographs."""
+
+    dataset: tuple[str, ...]
+    is_dive: bool
+    prepared: PreparedDive | None = None
+    photographs: Mapping[str, Path] = field(default_factory=dict)
+    folder: Path = Path()
+
+    @property
+    def of_photographs(self) -> Source:
+        """The photographs alone, each for itself."""
+        words = ("dataset=photos", _root(self.folder), "dataset.subfolders=true")
+        return Source(words, False, None, self.photographs, self.folder)
+
+
+@dataclass(frozen=True)
+class Done:
+    """The outcome. names: of the pictures; faults: why a photograph has none; together: how many the method of the
+    dive restored; measured: the share of their pixels with a measured distance; unknown_water: in how many of them the
+    views do not determine the water."""
+
+    names: tuple[str, ...]
+    faults: Mapping[str, str]
+    together: int
+    measured: float
+    unknown_water: int
+
+
+def source_of(folder: Path, photographs: Path | None = None) -> Source:
+    """Find out what a folder is. photographs: the folder that a dive was prepared from, if it was moved.
+
+    Raises InputError if it holds neither photographs nor a dive.
+    """
+    check_folder(folder, "give the folder of the photographs")
+    try:
+        name = recognised(folder)
+    except InputError:
+        if not image_names(folder, subfolders=True):
+            raise
+        name = "photos"
+    if not {"poses", "depth"} & plugins.find("dataset", name).has:
+        return Source((), False, None, photographs_in(folder), folder).of_photographs
+    prepared = read_prepared(folder)
+    at = photographs or (prepared.photographs if prepared and prepared.photographs.is_dir() else None)
+    words = (f"dataset={name}", _root(folder))
+    return Source(words, True, prepared, photographs_in(at), at) if at else Source(words, True, prepared)
+
+
+def _root(folder: Path) -> str:
+    return f"dataset.root={quoted(str(folder))}"
+
+
+def restore(source: Source, out: Path, options: Options) -> Done:
+    """Restore all photographs of a source and write their pictures below `out`; what is finished is not repeated.
+
+    Raises InputError for options that do not exist, OutputError if files cannot be written, KeyboardInterrupt if it is
+    stopped. What is wrong with one photograph is a fault, and the others go on.
+    """
+    _forget_other_pictures(source, out, options)
+    dive = alone = _Run([], {}, ())
+    with opening_once():
+        if source.is_dive:
+            dive = _run(source, _words_of_dive(options), out)
+        done = {one.name for one in dive.restored}
+        names = source.photographs or [*dive.faults, *done]
+        if left := [name for name in names if name not in done]:
+            rest = source.of_photographs if source.photographs else source
+            words = [f"method={options.single_view}", *([f"views={value_of(left)}"] if done else [])]
+            alone = _run(rest, words, out)
+    with progress.live():
+        results = out / "pictures", out / "contact-sheet.jpg"
+        written = write_pictures(
+            [*dive.restored, *alone.restored], *results, options.quality, options.original_geometry
+        )
+    covered = [coverage for coverage, _ in dive.trust]
+    unknown = sum(not is_known for _, is_known in dive.trust)
+    faults = {name: alone.faults.get(name, "") for name in names if name not in {*written.names, *written.faults}}
+    measured = sum(covered) / max(1, len(covered))
+    return Done(written.names, faults | written.faults, len(dive.restored), measured, unknown)
+
+
+def _forget_other_pictures(source: Source, out: Path, options: Options) -> None:
+    """Remove the pictures that an earlier command wrote with other options, and note these."""
+    note, now = out / "work" / "restore.json", {"source": list(source.dataset), "options": asdict(options)}
+    now = json.loads(json.dumps(now))
+    before = json.loads(note.read_bytes()) if note.is_file() else now
+    if before["source"] != now["source"]:
+        raise InputError(f"holds the pictures of {' '.join(before['source'])}", out, "name a new folder")
+    for name in source.photographs if before != now else ():
+        remove(out / "pictures" / name)
+    write_atomically(note, json.dumps(now, indent=1).encode())
+
+
+def _words_of_dive(options: Options) -> list[str]:
+    """The words for the dive's method: its own display over all views, and what `_FOR_A_DIVE` has."""
+    choice = method_choice(options.method, {})
+    known, given = option_names("method", options.method), {word.partition("=")[0] for word in options.words}
+    values = {name: value for name, value in _FOR_A_DIVE.items() if name in known}
+    if choice.display != "none" and not is_of_scene(choice.display):
+        values["display"] = f"{choice.display}@scene"
+    kept = {name for name in values if f"method.{name}" in given or f"{options.method}.{name}" in given}
+    words = [f"method.{name}={value}" for name, value in values.items() if name not in kept]
+    return [f"method={options.method}", "save=full", *words, *options.words]
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """What a run restored. faults: by photograph; trust: of each restored one the share of pixels with a measured
+    distance, and whether the water is known."""
+
+    restored: list[Restored]
+    faults: dict[str, str]
+    trust: tuple[tuple[float, bool], ...]
+
+
+def _run(source: Source, words: Sequence[str], out: Path) -> _Run:
+    """Restore a source by the engine. Raises what `engine.run` does, and KeyboardInterrupt if it is stopped."""
+    folder = out / "work" / "results"
+    bits = 16 if any(bits_of(path) == 16 for path in source.photographs.values()) else 8
+    settings = [f"out={quoted(str(folder))}", f"bits={bits}", "metrics=[coverage]", "report=false", "tracking.uri=off"]
+    outcome = run([*source.dataset, *words, *settings], multirun=False)
+    if outcome.interrupted:
+        raise KeyboardInterrupt("stopped; the same command continues from here")
+    scenes = [selection.scene for selection in select(source.dataset)]
+    views = {(scene.name, view.name): view for scene in scenes for view in scene.views}
+    named = view_of_each(source.photographs, {view for _, view in views})
+
+    def name_of(scene: str, view: str) -> str:
+        return named.get(view, view if len(scenes) == 1 else f"{scene}/{view}")
+
+    restored, trust = list[Restored](), list[tuple[float, bool]]()
+    rows = restoration_rows(outcome.requested_rows)
+    for row in tuples(rows[rows["status"] == "ok"]):
+        view, name = views[row.scene, row.view], name_of(row.scene, row.view)
+        place = layout.find(row.dataset, row.scene, row.view, folder)
+        if place is None:
+            continue
+        photograph = source.photographs.get(name) or next(source_files(view))
+        lens = source.prepared.lens_of(view.camera) if source.prepared else getattr(view.pixels, "lens", None)
+        image, mask = place.restored(folder, row.method), place.mask(folder, row.method)
+        restored.append(Restored(name, photograph, view, image, mask, lens, row.method))
+        trust.append((row.coverage, bool(read_record(row, folder).get("veil_known", True))))
+    faults = {name_of("", fault.view): with_remedy(fault.reason) for fault in (*outcome.failed, *outcome.skipped)}
+    return _Run(restored, faults, tuple(trust))

@@ -1,0 +1,136 @@
+"""Writes the pictures and the contact sheet of photographs that the engine restored."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sucre_bench.arrays import Array, evenly
+from sucre_bench.errors import ANY_FAULT, InputError, OutputError, SucreBenchError, one_line
+from sucre_bench.imaging.display import display
+from sucre_bench.imaging.encoding import to_8bit, to_16bit
+from sucre_bench.imaging.image_files import read_rgb
+from sucre_bench.loading.lens import Lens
+from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.progress import track
+from sucre_bench.programs.restore.picture_file import bits_of, encoded
+from sucre_bench.programs.restore.whole import as_photographed, whole
+from sucre_bench.results.restorations import read_mask
+from sucre_bench.scene import View
+
+_MOST_SHOWN, _WIDE, _GAP, _TEXT = 60, 320, 6, 18  # pairs on the contact sheet, evenly chosen; pixels
+_ORIENTATION = 274
+
+
+@dataclass(frozen=True, eq=False)
+class Restored:
+    """A photograph that the engine restored.
+
+    name: path of its picture below the folder of pictures; photograph: its file; view: what was restored; image, mask:
+    the restored image and its mask, which is there if the image has holes; lens: of the photograph, if the view is its
+    pinhole image; method: its label.
+    """
+
+    name: str
+    photograph: Path
+    view: View
+    image: Path
+    mask: Path
+    lens: Lens | None
+    method: str
+
+
+@dataclass(frozen=True)
+class Written:
+    """What became of the pictures. faults: why a photograph has none, by its name; sheet: the contact sheet."""
+
+    names: tuple[str, ...]
+    faults: dict[str, str]
+    sheet: Path
+
+
+def write_pictures(
+    restored: Sequence[Restored], folder: Path, sheet: Path, quality: int, original_geometry: bool
+) -> Written:
+    """Write the picture of each photograph below a folder, and a contact sheet; newer pictures stay.
+
+    quality: of JPEG and WebP, 1 to 100; original_geometry: with the photograph's lens, else undistorted. Raises
+    OutputError if files cannot be written. What is wrong with one photograph is a fault, and the others are written.
+    """
+    names, faults = list[str](), dict[str, str]()
+    for one in track(restored, "writing pictures"):
+        target = folder / one.name
+        try:
+            if not (target.is_file() and target.stat().st_mtime_ns >= one.image.stat().st_mtime_ns):
+                write_atomically(target, _content(one, quality, original_geometry))
+            names.append(one.name)
+        except OutputError:
+            raise
+        except SucreBenchError as fault:
+            faults[one.name] = str(fault)
+        except ANY_FAULT as fault:  # of a library, about one photograph's metadata
+            faults[one.name] = one_line(fault)
+    there = [one for one in restored if one.name in set(names)]
+    if there:
+        write_atomically(sheet, _sheet([there[k] for k in evenly(len(there), _MOST_SHOWN)], folder))
+    return Written(tuple(names), faults, sheet)
+
+
+def _content(one: Restored, quality: int, original_geometry: bool) -> bytes:
+    """The file of a picture: whole, in the photograph's format, with its metadata."""
+    photograph = one.photograph.read_bytes()
+    picture = _picture(one, original_geometry)
+    return encoded((to_16bit if bits_of(one.photograph) == 16 else to_8bit)(picture), photograph, quality)
+
+
+def _picture(one: Restored, original_geometry: bool) -> Array:
+    """The whole picture (H, W, 3) in [0, 1]. Raises InputError if a file cannot be read or has another size."""
+    picture, view = read_rgb(one.image), one.view
+    known = read_mask(one.mask) if one.mask.is_file() else np.ones(picture.shape[:2], dtype=bool)
+    known |= picture.any(axis=-1)  # pixels without depth that the method filled
+    beside = display(view.rgb, "none", view.encoding)
+    if original_geometry and one.lens is not None:
+        lens, beside = one.lens, display(read_rgb(one.photograph), "none", view.encoding)
+        if beside.shape[1::-1] != (lens.camera.width, lens.camera.height):
+            size = f"{beside.shape[1]}x{beside.shape[0]}"
+            fault = f"is {size}, its camera {lens.camera.width}x{lens.camera.height}"
+            raise InputError(fault, one.photograph, "leave out --original-geometry")
+        picture, known = as_photographed(lens, picture, known)
+    return whole(picture, known, beside)
+
+
+def _sheet(restored: Sequence[Restored], folder: Path) -> bytes:
+    """The contact sheet, a JPEG: each photograph beside its picture, as viewers turn it."""
+    import io
+
+    from PIL import Image, ImageDraw, ImageFont
+
+    columns = 1 if len(restored) <= 4 else 2 if len(restored) <= 20 else 3
+    pairs = []
+    for one in restored:
+        sides = []
+        for path in (one.photograph, folder / one.name):
+            picture = Image.fromarray(to_8bit(read_rgb(path)))
+            picture.thumbnail((_WIDE, 2 * _WIDE))
+            with suppress(*ANY_FAULT), Image.open(one.photograph) as source:
+                turned = {3: 180, 6: 270, 8: 90}.get(source.getexif().get(_ORIENTATION, 1), 0)
+                picture = picture.rotate(turned, expand=True)
+            sides.append(picture)
+        pairs.append(sides)
+    high = max(picture.height for sides in pairs for picture in sides) + _TEXT + _GAP
+    wide = 2 * _WIDE + 2 + _GAP
+    sheet = Image.new("RGB", (columns * wide + _GAP, -(-len(pairs) // columns) * high + _GAP), "white")
+    pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(13)
+    for place, (one, sides) in enumerate(zip(restored, pairs, strict=True)):
+        x, y = _GAP + place % columns * wide, _GAP + place // columns * high
+        for left, picture in zip((x, x + _WIDE + 2), sides, strict=True):
+            sheet.paste(picture, (left, y))
+        text = f"{one.name}   {one.method}"
+        pen.text((x, y + max(picture.height for picture in sides) + 2), text[-90:], fill="black", font=font)
+    content = io.BytesIO()
+    sheet.save(content, "JPEG", quality=90)
+    return content.getvalue()
