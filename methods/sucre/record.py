@@ -18,7 +18,8 @@ robust=true all observations count alike here, so that those with little weight 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -27,8 +28,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Indices, evenly
 from sucre_bench.errors import SolveError
-from sucre_bench.machine.progress import say
-from sucre_bench.methods.sucre.diagnostics import CHANNELS
+from sucre_bench.methods.sucre.diagnostics import CHANNELS, WaterUncertainty, is_determined
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.refine_noise import residuals_of
 from sucre_bench.methods.sucre.solution import Solution
@@ -39,6 +39,14 @@ from sucre_bench.scene import Encoding, Restoration, View, Water
 
 # The share of an image's colours from which on a fault is reported.
 _MANY = 0.1
+
+# What a limit has that a user can act on.
+_TYPED = re.compile(r"\b(method|\w+\.\w+)=\w")
+
+UNDETERMINED = (
+    "the distances are too alike to measure the water, so colours may be wrong; use method=dive_gray_world, or "
+    "photographs from more distances"
+)
 
 # Number of observations used, and the largest leverage.
 _SAMPLE, _DECISIVE = 50_000, 0.9
@@ -86,17 +94,14 @@ def restoration(
 
     confidence: (H, W) standard deviation of J, root mean square over channels. info: cost, sum of squares of each
     channel; negative_share of J in each channel (negative colours are not physical); condition and standard_error of
-    the water, noise of each channel, limits in words; veil_known: whether no weak prior decides the
-    water of a channel; steps, n_observations, n_repeated pixels, n_views, unreadable,
-    device.
+    the water, noise of each channel, limits in words; hints: what a user can do; veil_known: whether no weak
+    prior decides the water of a channel; steps, n_observations, n_repeated pixels, n_views, unreadable, device.
     """
     water, uncertainty = solution.water, solution.uncertainty
     negative = (solution.J < 0).mean(axis=1)
     unknown = (solution.deviation > 1).mean(axis=1)
     name = type(options).__plugin__.name
     limits = [with_name(limit, name) for limit in (*uncertainty.limits, *faults_of_colours(negative, unknown, options))]
-    for limit in limits:
-        say(f"{view.name}: {limit}")
     return Restoration(
         observations.image(solution.J),
         water=Water(water.B, water.beta, water.gamma, encoding),
@@ -114,11 +119,17 @@ def restoration(
                 name: _numbers(getattr(uncertainty.standard_error, name)) for name in ("B", "beta", "gamma")
             },
             "limits": limits,
+            "hints": hints(limits, uncertainty),
             "veil_known": not any(uncertainty.is_weak),
             **solution.about,
             "stage_seconds": dict(stage_seconds),
         },
     )
+
+
+def hints(limits: Sequence[str], uncertainty: WaterUncertainty) -> list[str]:
+    """Return what a user can type: the limits that name an option or a method, after what matters most."""
+    return [*(() if is_determined(uncertainty) else (UNDETERMINED,)), *filter(_TYPED.search, limits)]
 
 
 def faults_of_colours(negative: Array, unknown: Array, options: Any) -> list[str]:
@@ -129,7 +140,7 @@ def faults_of_colours(negative: Array, unknown: Array, options: Any) -> list[str
     doubts = []
     for colour, below, lost in zip(CHANNELS, negative, unknown, strict=True):
         for share, fault, option, effect in (
-            (below, "negative", "physical", "keeps them above zero"),
+            (below, "darker than black, and show as black", "physical", "keeps them above zero"),
             (lost, "lost in noise", "refine", "draws them to the mean"),
         ):
             if share > _MANY:

@@ -18,7 +18,7 @@ from sucre_bench.compare.terminal_table import as_blocks
 from sucre_bench.engine.run import Outcome
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.machine import progress, terminal
-from sucre_bench.machine.text_formats import masked
+from sucre_bench.machine.text_formats import counted, masked
 from sucre_bench.results import with_remedy
 from sucre_bench.results.layout import log_path
 from sucre_bench.results.reasons import unscored, without_view
@@ -50,6 +50,7 @@ def as_object(outcome: Outcome, comparisons: Sequence[Comparison]) -> dict[str, 
     return {
         **{name: getattr(outcome, name) for name in counts},
         **faults,
+        "hints": [asdict(hint) for hint in outcome.hints],
         "out": str(outcome.out),
         "table": str(outcome.out / results.TABLE) if len(outcome.rows) else None,
         "log": str(log_path(outcome.out)) if outcome.failed or outcome.scores_failed else None,
@@ -68,6 +69,8 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
         against = ("--baseline", comparisons[0].baseline) if comparisons and comparisons[0].baseline else ()
         words = ("sucre-bench", "compare", str(outcome.out), *against, *_EVERYTHING)
         click.echo(f"more: {shlex.join(words)}")
+    for hint in outcome.hints:
+        _say(f"hint     {hint.where}, in {hint.n_views} of {counted(hint.n_read, 'view')}: {hint.text}", "yellow")
     study, notes, page = _written(outcome, comparisons)
     for colour, kind, faults in (
         ("red", "failed", (*outcome.failed, *outcome.scores_failed)),

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import importlib
 import os
-import re
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
 
@@ -89,7 +88,6 @@ class JobAtWork(Work):
                 block.enter_context(sharing(pairs_path(job.out) / job.shared_pairs, job.pairs_gb * 2**30))
             if job.cache_gb and decoded_path(job.out).is_dir():
                 block.enter_context(storing(ArrayStore(decoded_path(job.out), job.cache_gb * 2**30)))
-            block.enter_context(hints_of(job, {task.view.name for task in todo}))
             over = _scene_colours(job, method, todo) if is_of_scene(job.method.display) else None
             for task in left:
                 emit(_rows(job, method, metrics, replace(task, base=replace(task.base, time=now())), over))
@@ -222,39 +220,3 @@ def _scene_colours(job: Job, method: Any, todo: Sequence[Task]) -> dict[str, Arr
         pixels = image[coloured(image)]
         colours.setdefault(task.base.scene, []).append(pixels[:: max(1, len(pixels) // _PIXELS_OF_A_VIEW)])
     return {scene: np.concatenate(kept)[:, None] for scene, kept in colours.items()}
-
-
-_NUMBER = re.compile(r"\d+(\.\d+)?")
-
-
-@contextmanager
-def hints_of(job: Job, views: Collection[str]) -> Iterator[None]:
-    """Inside, the line "a.png: red: 19% ..." becomes "sucre on demo: a.png: red: 19% ...". Lines about no view stay
-    unchanged.
-
-    A hint that differs from an earlier one by its numbers alone is only counted, and the count is said at the end.
-    "method.physical=true" becomes the word for this method in the command, "sucre.physical=true" or that of its label.
-    """
-    where = f"{job.method.label} on {job.dataset.label}"
-    option = re.compile(rf"\b(method|{re.escape(job.method.plugin.name)})\.(?=\w+=)")
-    first: dict[str, str] = {}  # the view with the first hint of each kind
-    others: set[str] = set()
-
-    def said(text: str) -> str | None:
-        view, colon, hint = text.partition(": ")
-        if not colon or view not in views:
-            return text
-        kind = _NUMBER.sub("", hint)
-        if kind not in first:
-            first[kind] = view
-            return f"{where}: {view}: {option.sub(f'{job.method_word}.', hint)}"
-        if view != first[kind]:
-            others.add(view)
-        return None
-
-    try:
-        with progress.said_through(said):
-            yield
-    finally:
-        if others:
-            progress.say(f"{where}: {len(others)} more view{'s' * (len(others) > 1)} with such a hint")

@@ -14,6 +14,7 @@ from sucre_bench import compare, results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.across_views import score_across_views
 from sucre_bench.engine.common_pixels import score_on_common_pixels
+from sucre_bench.engine.hints import Hint, hints
 from sucre_bench.engine.job import JobAtWork
 from sucre_bench.engine.preflight import Planned, check, is_for_cluster, workers_at_once
 from sucre_bench.engine.select_views import opening_once
@@ -50,7 +51,7 @@ class Outcome:
     score on its method's own pixels, as it is stored; requested: dataset, method, scene and view of each requested
     restoration; datasets, methods: labels, in the order of the command; baseline: the method that the others are
     compared with, empty for the best; crashed: whether a process ended unexpectedly; nothing_scored: whether metrics
-    were requested, and none of them has a value for any view.
+    were requested, and none of them has a value for any view; hints: what to type against faults, one a method.
     """
 
     rows: DataFrame
@@ -71,6 +72,7 @@ class Outcome:
     interrupted: bool
     crashed: bool
     nothing_scored: bool
+    hints: tuple[Hint, ...]
 
     @property
     def requested_rows(self) -> DataFrame:
@@ -216,6 +218,9 @@ def _outcome(rows: DataFrame, planned: Sequence[Planned], interrupted: bool, cra
                 failed.append(fault)
     first = planned[0].job
     scores = compare.on_pixels(rows, read_common(first.out) if compare.leaves_holes(rows) else None)
+    restored = restoration_rows(rows)
+    is_requested = [row[:-1] in metrics and row[-1] == "ok" for row in values_of(restored, *keys, "status")]
+    restored = restored.loc[is_requested]
     is_of_request = [row[4] in metrics.get(row[:4], ()) for row in values_of(scores, *keys, "metric")]
     of_request = scores.loc[is_of_request]
     return Outcome(
@@ -240,4 +245,5 @@ def _outcome(rows: DataFrame, planned: Sequence[Planned], interrupted: bool, cra
         interrupted=interrupted,
         crashed=crashed,
         nothing_scored=any(metrics.values()) and not (of_request["status"] == "ok").any(),
+        hints=tuple(hints(planned, restored, first.out)),
     )

@@ -37,25 +37,6 @@ def watched_by(watcher: Watcher) -> Iterator[None]:
         _watcher.reset(token)
 
 
-@contextmanager
-def said_through(change: Callable[[str], str | None]) -> Iterator[None]:
-    """Inside, `say` prints what `change` makes of each text; nothing where it returns None."""
-    outer = _watcher.get()
-    if outer is None:
-        yield
-        return
-
-    def changed(event: str, *values: Any) -> None:
-        text = change(values[0]) if event == "said" else None
-        if text is not None:
-            outer(event, text, *values[1:])
-        elif event != "said":
-            outer(event, *values)
-
-    with watched_by(changed):
-        yield
-
-
 def is_watched() -> bool:
     """Whether progress is shown."""
     return _watcher.get() is not None

@@ -54,10 +54,10 @@ def as_photographed(lens: Lens, picture: Array, known: Mask) -> tuple[Array, Mas
     u, v = np.meshgrid(across, down)
     coarse = lens.straightened(np.stack([u.ravel(), v.ravel()], axis=-1)).reshape(*u.shape, 2)
     coarse = np.where(np.isfinite(coarse), coarse, -1e4).astype(np.float32)
-    at = [
-        (np.linspace(0, len(places) - 1, side)).astype(np.float32) for places, side in ((across, width), (down, height))
-    ]
-    x, y = (np.asarray(cv2.remap(coarse[..., c] - 0.5, *np.meshgrid(*at), cv2.INTER_LINEAR)) for c in range(2))
+    columns, rows = np.meshgrid(
+        *(np.linspace(0, len(at) - 1, n, dtype=np.float32) for at, n in ((across, width), (down, height)))
+    )
+    x, y = (np.asarray(cv2.remap(coarse[..., c] - 0.5, columns, rows, cv2.INTER_LINEAR)) for c in range(2))
     shown = cv2.remap(picture, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     share = cv2.remap(known.astype(np.uint8), x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
     return np.asarray(shown).clip(0, 1), np.asarray(share > 0)
