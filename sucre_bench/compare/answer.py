@@ -11,8 +11,8 @@ from sucre_bench.plugins.plugin import Role
 from sucre_bench.results.rows import PREFERENCE, RESTORATION
 
 _MOST = 4
-# Roles of scores that know the true colours, and how many metrics of each are taken.
-_TRUE_COLOURS: tuple[tuple[Role, int], ...] = (("similarity", 2), ("chart-error", 1), ("colour-difference", 1))
+# Roles of scores that know the true colours, in the order in which metrics are taken and then shown.
+_TRUE_COLOURS: tuple[Role, ...] = ("colours", "colours", "similarity", "chart-error", "similarity", "colour-difference")
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,9 @@ def deciding(comparison: Comparison, every: bool = False) -> Deciding:
         by_role: dict[Role, list[Column]] = {}
         for column in once.values():
             by_role.setdefault(column.plugin.role if column.plugin else "", []).append(column)
-        known = [column for role, most in _TRUE_COLOURS for column in by_role.get(role, [])[:most]]
+        left = {role: iter(of_role) for role, of_role in by_role.items()}
+        found = [(role, one) for role in _TRUE_COLOURS if (one := next(left.get(role, iter(())), None))]
+        known = [column for _, column in sorted(found[:_MOST], key=lambda each: _TRUE_COLOURS.index(each[0]))]
         of_people = [column for column in once.values() if column.metric == PREFERENCE]
         known = known or [*of_people, *by_role.get("no-reference", [])[:2]]
         others = [c for c in once.values() if c not in known and (c.plugin.role if c.plugin else "") in _OTHERS]

@@ -7,7 +7,7 @@ from typing import Any, Literal, TypeVar, get_args
 
 from sucre_bench.errors import PluginError, did_you_mean
 from sucre_bench.imaging.display import normalisation
-from sucre_bench.plugins.plugin import NEEDS, Better, Kind, Plugin, Role
+from sucre_bench.plugins.plugin import NEEDS, Better, Fault, Kind, Plugin, Role
 
 _C = TypeVar("_C", bound=type[Any])
 
@@ -138,6 +138,7 @@ def metric(
     role: Role = "",
     symbol: str = "",
     unranked: Iterable[str] = (),
+    faults: Mapping[str, Fault] | None = None,
 ) -> Callable[[_C], _C]:
     """Make a metric of a frozen dataclass with ``score(restored, shown, view, variant)``.
 
@@ -153,7 +154,8 @@ def metric(
     - cites, licence: publication and licence of its definition;
     - role: what tables, figures and the page use the metric for, besides its column (`Role` in plugin.py);
     - symbol: its name on the axis of a figure, with TeX between dollars; default name and unit;
-    - unranked: variants that only describe: tables show them, but no method wins by them.
+    - unranked: variants that only describe: tables show them, but no method wins by them;
+    - faults: variants that are faults of pictures. Tables say them in words, and have no column of them.
 
     Raises PluginError if the class is no frozen dataclass, or an argument is not allowed.
 
@@ -176,6 +178,7 @@ def metric(
     chosen = tuple(default) or tuple(variants)[:1]
     about: dict[str, Any] = {"unit": unit, "better": better, "range": range, "variants": dict(variants)}
     about |= {"default": chosen, "role": role, "symbol": symbol, "unranked": frozenset(unranked)}
+    about["faults"] = faults or {}
     return _decorator("metric", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)
 
 

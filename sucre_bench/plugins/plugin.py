@@ -22,6 +22,7 @@ Role = Literal[
     "chart-distance",  # of each chart from the camera, m
     "change-with-distance",  # of a point's colour between views: regions "image/0.5-1 m", of the difference in distance
     "chart-error",  # of a chart's patches against the expected colours, and their mean
+    "colours",  # the computed colours against the true ones, whatever the display
     "colour-difference",  # the same, as a difference between colours that swatches show
     "coverage",  # share of pixels with a colour
     "diagnosis",  # how a method works, not how good its picture is
@@ -46,6 +47,19 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 # What a scene may offer, and what only metrics need: "restoration", where just any picture makes no sense;
 # "restored_views", where two restored views of a scene are scored together, see `PairMetric`.
 NEEDS = frozenset({"depth", "poses", "reference", "charts", "truth", "restoration", "restored_views"})
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault of pictures: a score above `limit`.
+
+    words: what tables say of a picture with it; "{share}" stands for the score as a share, "{hue}" for the part behind
+    "image/" of a second score's region; definition: of the score.
+    """
+
+    limit: float
+    words: str
+    definition: str
 
 
 class Method(Protocol):
@@ -87,7 +101,7 @@ class Plugin:
 
     needs: what a scene must offer; requires: packages it imports when it runs; display: how its image is brought
     to the screen, encoding, reads, is_photograph: see `method`; source, has, charts_file, signs: see `dataset`; unit,
-    better, range, variants, default, role, symbol, unranked: see `metric`.
+    better, range, variants, default, role, symbol, unranked, faults: see `metric`.
     """
 
     kind: Kind
@@ -111,6 +125,7 @@ class Plugin:
     role: Role = ""
     symbol: str = ""
     unranked: frozenset[str] = frozenset()
+    faults: Mapping[str, Fault] = field(default_factory=dict)
     charts_file: str = ""
     signs: tuple[str, ...] = ()
 

@@ -25,6 +25,8 @@ PHOTOGRAPH = json.dumps({"name": "underwater"})
 KINDS = {
     "psnr": PSNR,
     "ssim": replace(PSNR, metric="ssim", variant="gaussian", unit=""),
+    "colours": replace(PSNR, metric="colours", variant="raw"),
+    "colours_de00": replace(PSNR, metric="colours_de00", variant="gain", unit="dE00", better="lower"),
     "psi": replace(PSNR, metric="psi", variant="colour", unit="deg", better="lower", region="chart"),
     "de00": replace(PSNR, metric="de00", variant="lab", unit="dE00", better="lower", region="chart"),
     "uciqe": UCIQE,
@@ -89,6 +91,9 @@ MANY = {
 
 def test_the_columns_that_decide_are_those_that_know_the_true_colours():
     assert printed(compared(MANY)).heads == ["psnr ↑", "ssim ↑", "psi ↓", "de00 ↓", "filled", "s/view"]
+    computed = dict.fromkeys(("colours_de00", "colours"), MANY["psnr"])
+    heads = ["colours_de00 ↓", "colours ↑", "psnr ↑", "psi ↓", "filled", "s/view"]
+    assert printed(compared(MANY | computed)).heads == heads
 
 
 NO_TRUTH = ": these numbers do not show which colours are true."
