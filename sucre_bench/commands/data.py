@@ -115,6 +115,8 @@ def _show(one: Described) -> None:
         click.echo(f"... and {len(one.facts) - _ROWS} more views; --json has them all")
     for low, high, share in zip(one.edges, one.edges[1:], one.shares, strict=False):
         click.echo(f"{low:7.2f} to {high:6.2f} {one.unit}  {share:4.0%} {'#' * round(60 * share / max(one.shares))}")
+    if one.spread:
+        terminal.out.print(Text(f"measure  {one.spread.sentence(one.unit)}"), soft_wrap=True)
     for fault in one.faults:
         terminal.out.print(Text(f"wrong    {fault}", style="yellow"), soft_wrap=True)
     things = {0: "nothing", 1: "1 thing"}.get(len(one.faults), f"{len(one.faults)} things")

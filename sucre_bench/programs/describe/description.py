@@ -19,6 +19,7 @@ from sucre_bench.machine.progress import track
 from sucre_bench.programs.describe.exposure import Exposure, NoExposure, estimate_exposure
 from sucre_bench.programs.describe.facts import Look, Overlap, ViewFacts, look_at, overlaps
 from sucre_bench.programs.describe.faults import Fault, find_faults
+from sucre_bench.programs.describe.spread import Spread, spread_of
 from sucre_bench.scene import Water
 
 _BINS = 12
@@ -33,8 +34,8 @@ class Described:
 
     n_views: number of views in the scene, also those that are not described; scale: the note of `prepare`, with
     is_metric (whether lengths are metres) and note (how the scale was found), or None if there is none (lengths then
-    count as metres); unit: of lengths; exposure: or why it is not known; edges (B + 1,), shares (B,): the distances of
-    all pixels with depth, empty without depth.
+    count as metres); unit: of lengths; exposure: or why it is not known; spread: None without poses or depth; edges
+    (B + 1,), shares (B,): the distances of all pixels with depth, empty without depth.
     """
 
     dataset: str
@@ -47,6 +48,7 @@ class Described:
     looks: list[Look]
     overlaps: list[Overlap]
     exposure: Exposure | NoExposure
+    spread: Spread | None
     edges: list[float]
     shares: list[float]
     faults: list[Fault]
@@ -72,6 +74,7 @@ class Described:
                 "least_light": light.least,
             },
             "exposure_unknown": self.exposure.name.lower() if isinstance(self.exposure, NoExposure) else None,
+            "measures_water": self.spread and {"text": self.spread.sentence(self.unit), **asdict(self.spread)},
             "distances": {"edges": self.edges, "shares": self.shares},
             "faults": [{**asdict(fault), "text": str(fault)} for fault in self.faults],
         }
@@ -152,7 +155,8 @@ def described(selection: Selection, most: int) -> Described:
         looks=looks,
         overlaps=between,
         exposure=estimate_exposure(looks),
+        spread=spread_of(scene.views),
         edges=edges,
         shares=shares,
-        faults=find_faults(looks, between, unit),
+        faults=find_faults(looks, between, scale is not None),
     )

@@ -20,7 +20,6 @@ _PREPARE = "`sucre-bench prepare PHOTOS dive/` makes"
 _BLACK, _FLAT = 0.02, 0.004  # of full scale: an image with a lower mean or standard deviation shows nothing
 _SATURATED, _COVERED = 0.05, 0.5  # shares of pixels
 _DISAGREES, _DOUBTFUL = 0.03, 0.01  # median relative disagreement of depth; photogrammetry that fits is at .0005 to .01
-_NARROW = 1.3  # farthest by nearest distance; at 4 m by 3 m the normal equations of the water are as good as singular
 _SAME = 0.5  # 8-bit levels: mean difference of reduced pictures
 _TARGETS, _POINTS = 40, 8000  # views, and points of a view, among which mistakes are sought
 _FIRM, _LOOSE = 0.01, 0.06  # relative tolerance in the search for mistakes: of one, and of scales on a coarse grid
@@ -41,10 +40,10 @@ class Fault:
         return f"{which + ': ' if which else ''}{self.what}; {self.remedy}"
 
 
-def find_faults(looks: Sequence[Look], overlaps: Sequence[Overlap], unit: str = "m") -> list[Fault]:
+def find_faults(looks: Sequence[Look], overlaps: Sequence[Overlap], is_prepared: bool = False) -> list[Fault]:
     """Return the faults of single views and of views compared with each other, the gravest kinds first.
 
-    unit: of distances.
+    is_prepared: whether `sucre-bench prepare` made the scene, so that it cannot help.
     """
     facts = [look.facts for look in looks]
     remedy = "mark it again with `sucre-bench charts`"
@@ -57,7 +56,7 @@ def find_faults(looks: Sequence[Look], overlaps: Sequence[Overlap], unit: str = 
     return [
         *_files(facts),
         *(_geometry(looks, overlaps) if len(overlaps) > 1 else ()),
-        *_contents(facts, unit),
+        *_contents(facts, is_prepared),
         *_twins(looks),
         *charts,
     ]
@@ -178,7 +177,7 @@ def _agreeing(
     return float(shared.mean()) if shared.size else 0.0
 
 
-def _contents(facts: Sequence[ViewFacts], unit: str) -> list[Fault]:
+def _contents(facts: Sequence[ViewFacts], is_prepared: bool) -> list[Fault]:
     """Faults for images and depth maps that show little."""
     seen = [view for view in facts if view.mean]
     black = [v for v in seen if max(v.mean) < _BLACK and max(v.spread) < _FLAT]
@@ -187,8 +186,8 @@ def _contents(facts: Sequence[ViewFacts], unit: str) -> list[Fault]:
     burnt = [v for v in alive if v.saturated > _SATURATED]
     holes = [v for v in facts if v.has_depth and v.coverage < _COVERED]
     share, least = max((v.saturated for v in burnt), default=0), min((v.coverage for v in holes), default=0)
-    lacking = f"depth on less than half of the image (least: {least:.0%}), so restorations are mostly holes"
-    denser = "make denser depth maps with `sucre-bench prepare`, or leave the views out"
+    lacking = f"depth on less than half of the image (least: {least:.0%}), so most of a restoration is a hole"
+    denser = "" if is_prepared else "make denser depth maps with `sucre-bench prepare`, or "
     nearer = "no method brings it back; take nearer or raw images"
     dark = [v for v in alive if max(v.mean) < 0.1 and v.encoding == "gamma"]
     found = [
@@ -200,16 +199,9 @@ def _contents(facts: Sequence[ViewFacts], unit: str) -> list[Fault]:
         ),
         ("dark", "very dark", "if they are linear, say so with dataset.encoding=linear", dark),
         ("saturated", f"up to {share:.0%} of pixels saturated", "mask them, or expose less", burnt),
-        ("little depth", lacking, denser, holes),
+        ("little depth", lacking, f"{denser}add method.fill=true, or take more photographs", holes),
     ]
-    faults = [Fault(kind, what, remedy, tuple(v.name for v in views)) for kind, what, remedy, views in found if views]
-    ranges = [v.distances for v in facts if v.distances]
-    if ranges:
-        nearest, farthest = min(near for near, *_ in ranges), max(far for *_, far in ranges)
-        if farthest < _NARROW * nearest:
-            what = f"all is seen from {nearest:.2f} to {farthest:.2f} {unit}, too narrow a range to tell the water from"
-            faults.append(Fault("narrow range", what, "add nearer or farther views, or give the water another way"))
-    return faults
+    return [Fault(kind, what, remedy, tuple(v.name for v in views)) for kind, what, remedy, views in found if views]
 
 
 def _twins(looks: Sequence[Look]) -> list[Fault]:
