@@ -4,6 +4,9 @@ Bryson, Johnson-Roberson, Pizarro & Williams 2012, Colour-consistent structure-f
 imagery, Robotics: Science and Systems VIII (MIT Press 2013). The assumption: over a whole dive, what lies at one
 distance has the same mean colour and contrast as what lies at another. Then the mean and standard deviation of each
 channel at each distance describe the water, and bringing them to common values removes it.
+
+With `by_place`, the same holds for places in the image. What is left then at a place, over the whole dive, is the light
+of lamps and strobes: the flat field of the dive.
 """
 
 import functools
@@ -27,7 +30,9 @@ Along = Literal["distance", "depth"]
 
 _ROWS = 512  # of an image, counted at once: memory holds a band and never a dive
 _ENOUGH = 1_000_000  # pixels of a view; of larger ones every 2nd, 3rd ... row and column is counted, and weighs as many
+_CELLS = 16  # places along the longer side of an image
 _MOST_BINS = 10_000  # wrong distances beyond fall into the last bin
+_LEAST_SHARE = 0.1  # of the deviation of a range: a place with less has no contrast to enlarge
 _LEAST_DEVIATION = 1 / 255  # a level of 8 bits: what varies less is noise
 
 
@@ -54,6 +59,7 @@ class RangeStatistics:
 
 @method(
     needs={"depth"},
+    requires=("cv2",),
     cites="Bryson, Johnson-Roberson, Pizarro & Williams 2012, Colour-consistent structure-from-motion models using "
     "underwater imagery",
 )
@@ -77,6 +83,10 @@ class DiveGrayWorld(FillOption):
     contrast: float = 0.15
     """Standard deviation of each channel after the correction, in gamma-encoded intensity."""
 
+    by_place: bool = False
+    """Also give every place in the image the same mean and contrast over the dive, for lamps and strobes. Needs dozens
+    of views of ground that changes from view to view."""
+
     most_views: int | None = 100
     """Most views to count, spread evenly over the scene; null = all."""
 
@@ -90,6 +100,8 @@ class DiveGrayWorld(FillOption):
         info: along (what distances are measured along), n_views, n_bins, nearest_m and farthest_m of the bins.
         Raises NotApplicableError when no pixel of the view has depth, SolveError when no view can be counted.
         """
+        import cv2
+
         z, along = distances(view)
         statistics = _of_scene(scene, self, view.encoding, along)
         brightness, contrast = _targets(self.brightness, self.contrast, view.encoding)
@@ -100,6 +112,12 @@ class DiveGrayWorld(FillOption):
             for c in range(3):
                 mean, deviation = statistics.at(z[seen], c)
                 image[seen, c] = (view.rgb[..., c][seen] - mean) * (contrast / deviation) + brightness
+            if self.by_place:
+                mean, deviation = (
+                    cv2.resize(cells, z.shape[::-1], interpolation=cv2.INTER_LINEAR)
+                    for cells in _flat_field(scene, self, view.encoding, along)
+                )
+                image = ((image - brightness - contrast * mean) / deviation + brightness).astype(np.float32)
             return image
 
         info = {
@@ -120,7 +138,20 @@ def pooled(scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Alon
     camera where `along` is "distance", or with a damaged file are left out. Raises SolveError when none is left.
     """
     sums = np.zeros((_MOST_BINS, 8))  # pixels, their distances, three channels, their squares
-    counted, last = 0, "no view has depth"
+    counted = 0
+    for rgb, z, step in _counted(scene, options, encoding, along):
+        for band in _bands(rgb, z, options.bin_m):
+            sums[: len(band)] += band * step**2
+        counted += 1
+    if not sums[:, 0].any():
+        raise SolveError(f"{scene.name}: no view can be counted; give views with readable images and depth maps")
+    return _statistics(sums, options.fewest, counted)
+
+
+def _counted(
+    scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Along
+) -> Iterator[tuple[Array, Array, int]]:
+    """Yield image (h, w, 3), distances (h, w) of the views to count, and which row and column these are each."""
     for k in track(evenly(len(scene), options.most_views or len(scene)), "colours by range"):
         view = scene.views[k]
         try:
@@ -129,16 +160,35 @@ def pooled(scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Alon
             z = view.distance if along == "distance" else view.depth
             step = max(1, math.isqrt(z.size // _ENOUGH))
             rgb = converted(view.rgb[::step, ::step], view.encoding, encoding)
-            for band in _bands(rgb, z[::step, ::step], options.bin_m):
-                sums[: len(band)] += band * step**2
         except InputError as fault:
-            last = str(fault)
             say(f"colours by range: {view.name} is left out, {fault}")
             continue
-        counted += 1
-    if not sums[:, 0].any():
-        raise SolveError(f"{scene.name}: no view can be counted, {last}")
-    return _statistics(sums, options.fewest, counted)
+        yield rgb, z[::step, ::step], step
+
+
+@functools.lru_cache(maxsize=4)
+def _flat_field(scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Along) -> Array:
+    """Return mean and deviation (2, 16, 16, 3) of what the statistics by range leave at each place in the image.
+
+    Both in deviations of the range. A place with too few pixels has those of all: 0 and 1.
+    """
+    import cv2
+
+    statistics, sums = _of_scene(scene, options, encoding, along), np.zeros((_CELLS, _CELLS, 7))
+    for rgb, z, step in _counted(scene, options, encoding, along):
+        known, left = (z > 0)[..., None].astype(np.float32), np.empty(rgb.shape, dtype=np.float32)
+        for c in range(3):
+            mean, deviation = statistics.at(z, c)
+            left[..., c] = (rgb[..., c] - mean) / deviation
+        of_cell = z.size * step**2 / _CELLS**2
+        for at, plane in ((0, known), (slice(1, 4), left * known), (slice(4, 7), left**2 * known)):
+            cells = cv2.resize(plane, (_CELLS, _CELLS), interpolation=cv2.INTER_AREA)
+            sums[..., at] += np.asarray(cells) * of_cell
+    pixels = np.maximum(sums[..., :1], 1)
+    mean = sums[..., 1:4] / pixels
+    deviation = np.sqrt(np.maximum(sums[..., 4:] / pixels - mean**2, _LEAST_SHARE**2))
+    enough = sums[..., :1] >= options.fewest
+    return np.stack([np.where(enough, mean, 0), np.where(enough, deviation, 1)])
 
 
 @functools.lru_cache(maxsize=4)  # every view of the scene asks for it

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -139,3 +140,22 @@ def test_views_without_depth_are_left_out_and_refused():
 def test_fewer_views_can_be_counted():
     scene = dive(*(in_water(seed, 1, 4)[0] for seed in range(9)))
     assert DiveGrayWorld(most_views=3).restore(scene, scene.views[4]).info["n_views"] == 3
+
+
+def test_by_place_evens_the_light_of_a_lamp_over_the_dive():
+    """The lamp lights the middle; the mean of all restored views is even, but for the corners."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    light = np.exp(-((x / WIDTH - 0.5) ** 2 + (y / HEIGHT - 0.5) ** 2) / 0.3)[..., None]
+    views = []
+    for seed in range(24):
+        view, _ = in_water(seed, 1, 4)
+        views.append(replace(view, pixels=Arrays((view.rgb * light).astype(np.float32), view.depth)))
+    scene = dive(*views)
+    unevenness = {}
+    for by_place in (False, True):
+        method = DiveGrayWorld(fewest=100, by_place=by_place)
+        mean = np.mean([method.restore(scene, view).image for view in views], axis=0)
+        cells = mean.reshape(9, HEIGHT // 9, 12, WIDTH // 12, 3).mean(axis=(1, 3))
+        unevenness[by_place] = float(cells.std(axis=(0, 1)).max())
+    assert unevenness[False] > 0.05
+    assert unevenness[True] < unevenness[False] / 4

@@ -149,7 +149,7 @@ function drawGrid() {
 
 function tile(view, which) {
   const images = [1, 2, 3].map((layer) =>
-    h("img", { class: layer === 2 ? "zoomed minus" : "zoomed", alt: "", decoding: "async", draggable: "false" }),
+    h("img", { class: layer === 2 ? "zoomed minus" : "zoomed", alt: "", draggable: "false" }),
   );
   const frame = h("span", { class: "frame" }, images);
   const shown = showAll(images, view, which);
