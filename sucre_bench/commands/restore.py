@@ -10,6 +10,7 @@ import click
 
 from sucre_bench.commands.shared_options import plugin_option, refuse_options
 from sucre_bench.errors import InputError, OutputError
+from sucre_bench.machine.text_formats import counted
 
 if TYPE_CHECKING:
     from sucre_bench.programs.restore.pipeline import Done, Options, Source
@@ -62,7 +63,7 @@ def restore(
 
     Photographs that overlap are prepared first, as `sucre-bench prepare` does, and restored together: one water, one
     exposure and one white for the dive. Others are restored one by one. DIVE is a folder that `prepare` made, or one of
-    another program with depth maps. KEY=VALUE are words of `sucre-bench run`, for the dive.
+    another program with depth maps. KEY=VALUE are options of the dataset or the method, as for `sucre-bench run`.
 
     OUT gets pictures/, contact-sheet.jpg, and work/, from which the same command continues if you stop it. Photographs
     are never changed.
@@ -139,5 +140,6 @@ def _trust(done: Done) -> str:
         share = f"{done.measured:.0%} of the pixels have a measured distance, and colours of the others are guesses"
         trust = f"The water was measured; {share}"
         if done.unknown_water:
-            trust += f"; it could not be measured in {done.unknown_water} pictures"
-    return trust + (f"; {alone} photographs have no place in the dive, and balanced colours." if alone else ".")
+            trust += f"; it could not be measured in {counted(done.unknown_water, 'picture')}"
+    others = f"; {counted(alone, 'photograph')} without a place in the dive got balanced colours" if alone else ""
+    return f"{trust}{others}."

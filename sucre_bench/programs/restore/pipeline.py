@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from sucre_bench import plugins
@@ -17,7 +17,7 @@ from sucre_bench.jobs.words import quoted, value_of
 from sucre_bench.loading.image_folder import image_names
 from sucre_bench.loading.view_files import source_files
 from sucre_bench.machine import progress
-from sucre_bench.machine.files import check_folder, remove, write_atomically
+from sucre_bench.machine.files import check_folder, write_atomically
 from sucre_bench.programs.restore.originals import PreparedDive, photographs_in, read_prepared, view_of_each
 from sucre_bench.programs.restore.picture_file import bits_of
 from sucre_bench.programs.restore.write import Restored, write_pictures
@@ -103,22 +103,23 @@ def restore(source: Source, out: Path, options: Options) -> Done:
     Raises InputError for options that do not exist, OutputError if files cannot be written, KeyboardInterrupt if it is
     stopped. What is wrong with one photograph is a fault, and the others go on.
     """
-    _forget_other_pictures(source, out, options)
+    _refuse_words(options)
+    note = _noted(source, out, options)
     dive = alone = _Run([], {}, ())
     with opening_once():
         if source.is_dive:
-            dive = _run(source, _words_of_dive(options), out)
+            dataset = [word for word in options.words if word.startswith("dataset.")]
+            dive = _run(replace(source, dataset=(*source.dataset, *dataset)), _words_of_dive(options), out)
         done = {one.name for one in dive.restored}
         names = source.photographs or [*dive.faults, *done]
         if left := [name for name in names if name not in done]:
             rest = source.of_photographs if source.photographs else source
-            words = [f"method={options.single_view}", *([f"views={value_of(left)}"] if done else [])]
-            alone = _run(rest, words, out)
+            encoding = [word for word in options.words if word.startswith("dataset.encoding=")]
+            rest = replace(rest, dataset=(*rest.dataset, *encoding))
+            alone = _run(rest, [f"method={options.single_view}", f"views={value_of(left)}"], out)
     with progress.live():
-        results = out / "pictures", out / "contact-sheet.jpg"
-        written = write_pictures(
-            [*dive.restored, *alone.restored], *results, options.quality, options.original_geometry
-        )
+        restored = [*dive.restored, *alone.restored]
+        written = write_pictures(restored, out, options.quality, options.original_geometry, note.stat().st_mtime_ns)
     covered = [coverage for coverage, _ in dive.trust]
     unknown = sum(not is_known for _, is_known in dive.trust)
     faults = {name: alone.faults.get(name, "") for name in names if name not in {*written.names, *written.faults}}
@@ -126,16 +127,29 @@ def restore(source: Source, out: Path, options: Options) -> Done:
     return Done(written.names, faults | written.faults, len(dive.restored), measured, unknown)
 
 
-def _forget_other_pictures(source: Source, out: Path, options: Options) -> None:
-    """Remove the pictures that an earlier command wrote with other options, and note these."""
-    note, now = out / "work" / "restore.json", {"source": list(source.dataset), "options": asdict(options)}
-    now = json.loads(json.dumps(now))
-    before = json.loads(note.read_bytes()) if note.is_file() else now
-    if before["source"] != now["source"]:
-        raise InputError(f"holds the pictures of {' '.join(before['source'])}", out, "name a new folder")
-    for name in source.photographs if before != now else ():
-        remove(out / "pictures" / name)
-    write_atomically(note, json.dumps(now, indent=1).encode())
+def _refuse_words(options: Options) -> None:
+    """Raise InputError for a word that is no option of the dataset or of the dive's method."""
+    for word in options.words:
+        owner, dot, _ = word.partition("=")[0].partition(".")
+        if not dot or owner not in ("dataset", "method", options.method):
+            remedy = f"give options of the dataset or the method, for example {options.method}.fill=false"
+            raise InputError("is no option of the dataset or the method", word, remedy)
+
+
+def _noted(source: Source, out: Path, options: Options) -> Path:
+    """Return the note of source and options below `out`: pictures older than it were written with other options.
+
+    Raises InputError if `out` has the pictures of another source.
+    """
+    note = out / "work" / "restore.json"
+    name = str(source.folder.resolve()) if source.photographs else " ".join(source.dataset)
+    now = json.loads(json.dumps({"source": name, "options": asdict(options)}))
+    before = json.loads(note.read_bytes()) if note.is_file() else None
+    if before and before["source"] != now["source"]:
+        raise InputError(f"holds the pictures of {before['source']}", out, "name a new folder")
+    if before != now:
+        write_atomically(note, json.dumps(now, indent=1).encode())
+    return note
 
 
 def _words_of_dive(options: Options) -> list[str]:
@@ -147,7 +161,8 @@ def _words_of_dive(options: Options) -> list[str]:
         values["display"] = f"{choice.display}@scene"
     kept = {name for name in values if f"method.{name}" in given or f"{options.method}.{name}" in given}
     words = [f"method.{name}={value}" for name, value in values.items() if name not in kept]
-    return [f"method={options.method}", "save=full", *words, *options.words]
+    of_method = [word for word in options.words if not word.startswith("dataset.")]
+    return [f"method={options.method}", "save=full", *words, *of_method]
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,13 +187,11 @@ def _run(source: Source, words: Sequence[str], out: Path) -> _Run:
     views = {(scene.name, view.name): view for scene in scenes for view in scene.views}
     named = view_of_each(source.photographs, {view for _, view in views})
 
-    def name_of(scene: str, view: str) -> str:
-        return named.get(view, view if len(scenes) == 1 else f"{scene}/{view}")
-
     restored, trust = list[Restored](), list[tuple[float, bool]]()
     rows = restoration_rows(outcome.requested_rows)
     for row in tuples(rows[rows["status"] == "ok"]):
-        view, name = views[row.scene, row.view], name_of(row.scene, row.view)
+        view = views[row.scene, row.view]
+        name = named.get(row.view, row.view if len(scenes) == 1 else f"{row.scene}/{row.view}")
         place = layout.find(row.dataset, row.scene, row.view, folder)
         if place is None:
             continue
@@ -187,5 +200,6 @@ def _run(source: Source, words: Sequence[str], out: Path) -> _Run:
         image, mask = place.restored(folder, row.method), place.mask(folder, row.method)
         restored.append(Restored(name, photograph, view, image, mask, lens, row.method))
         trust.append((row.coverage, bool(read_record(row, folder).get("veil_known", True))))
-    faults = {name_of("", fault.view): with_remedy(fault.reason) for fault in (*outcome.failed, *outcome.skipped)}
+    missing = (*outcome.failed, *outcome.skipped)
+    faults = {named.get(fault.view, fault.view): with_remedy(fault.reason) for fault in missing}
     return _Run(restored, faults, tuple(trust))

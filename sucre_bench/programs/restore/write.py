@@ -46,26 +46,28 @@ class Restored:
 
 @dataclass(frozen=True)
 class Written:
-    """What became of the pictures. faults: why a photograph has none, by its name; sheet: the contact sheet."""
+    """What became of the pictures. faults: why a photograph has none, by its name."""
 
     names: tuple[str, ...]
     faults: dict[str, str]
-    sheet: Path
 
 
 def write_pictures(
-    restored: Sequence[Restored], folder: Path, sheet: Path, quality: int, original_geometry: bool
+    restored: Sequence[Restored], out: Path, quality: int, original_geometry: bool, since_ns: int
 ) -> Written:
-    """Write the picture of each photograph below a folder, and a contact sheet; newer pictures stay.
+    """Write the picture of each photograph below out/pictures, and out/contact-sheet.jpg.
 
-    quality: of JPEG and WebP, 1 to 100; original_geometry: with the photograph's lens, else undistorted. Raises
-    OutputError if files cannot be written. What is wrong with one photograph is a fault, and the others are written.
+    quality: of JPEG and WebP, 1 to 100; original_geometry: with the photograph's lens, else undistorted; since_ns: a
+    picture that is newer than this time and its restored image stays. Raises OutputError if files cannot be written.
+    What is wrong with one photograph is a fault, and the others are written.
     """
+    folder = out / "pictures"
     names, faults = list[str](), dict[str, str]()
     for one in track(restored, "writing pictures"):
         target = folder / one.name
         try:
-            if not (target.is_file() and target.stat().st_mtime_ns >= one.image.stat().st_mtime_ns):
+            newest = max(since_ns, one.image.stat().st_mtime_ns)
+            if not target.is_file() or target.stat().st_mtime_ns < newest:
                 write_atomically(target, _content(one, quality, original_geometry))
             names.append(one.name)
         except OutputError:
@@ -76,8 +78,8 @@ def write_pictures(
             faults[one.name] = one_line(fault)
     there = [one for one in restored if one.name in set(names)]
     if there:
-        write_atomically(sheet, _sheet([there[k] for k in evenly(len(there), _MOST_SHOWN)], folder))
-    return Written(tuple(names), faults, sheet)
+        write_atomically(out / "contact-sheet.jpg", _sheet([there[k] for k in evenly(len(there), _MOST_SHOWN)], folder))
+    return Written(tuple(names), faults)
 
 
 def _content(one: Restored, quality: int, original_geometry: bool) -> bytes:

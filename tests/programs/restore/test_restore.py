@@ -97,3 +97,12 @@ def test_out_of_other_photographs_is_refused_and_other_options_write_again(tmp_p
     assert contents(tmp_path / "out/pictures") == first
     assert bench("restore", "photos", "out", "--method", "gray_world", "--quality", "40").returncode == 0
     assert len(contents(tmp_path / "out/pictures")["a.jpg"]) < len(first["a.jpg"])
+
+
+@pytest.mark.parametrize("word", ["out=here", "first=1", "sucre.fill=true"])
+def test_a_word_that_is_no_option_of_dataset_or_method_is_refused(tmp_path: Path, bench: Bench, word: str) -> None:
+    write_image(tmp_path / "photos/a.jpg", seabed(0))
+    done = bench("restore", "photos", "out", "--method", "gray_world", word)
+    assert done.returncode == 2
+    assert word in done.errors[0]
+    assert not (tmp_path / "out").exists()
