@@ -70,12 +70,14 @@ def restore(
 
     Exit codes: 0, every photograph has a picture; 1, some have none; 2, the command has a mistake; 130, stopped.
     """
+    from sucre_bench.commands.measurable import say_whether_measurable
     from sucre_bench.programs.restore import pipeline
 
     refuse_options(words, "restore")
     _check_out(source, out, photos)
     options = pipeline.Options(method, single_view, quality, original_geometry, words)
-    done = pipeline.restore(*_prepared(pipeline.source_of(source, photos), source, out, options))
+    found = _prepared(pipeline.source_of(source, photos), source, out, options)
+    done = pipeline.restore(*found, say_whether_measurable)
     for name, why in list(done.faults.items())[:_MOST_NAMED]:
         click.echo(f"no picture of {name}: {why}")
     if len(done.faults) > _MOST_NAMED:

@@ -106,17 +106,12 @@ def run(
 
 def _run(overrides: Sequence[str], multirun: bool, as_json: bool, printed: AbstractContextManager[object]) -> int:
     """Run the jobs, print what became of them, and return the exit code."""
-    from functools import partial
-
     from sucre_bench.commands import run_summary
+    from sucre_bench.commands.measurable import say_whether_measurable
     from sucre_bench.engine.run import run as run_jobs
-    from sucre_bench.engine.select_views import opening_once
-    from sucre_bench.machine import processes
 
-    with printed, opening_once():
-        for sentence in processes.call(partial(_measurable, overrides, multirun), "mend the data"):
-            say(sentence, "")
-        outcome = run_jobs(overrides, multirun)
+    with printed:
+        outcome = run_jobs(overrides, multirun, say_whether_measurable)
         comparisons = run_summary.compared(outcome)
         summary = run_summary.as_object(outcome, comparisons) if as_json else None
     try:
@@ -130,23 +125,6 @@ def _run(overrides: Sequence[str], multirun: bool, as_json: bool, printed: Abstr
             with contextlib.redirect_stdout(sys.stderr):
                 run_summary.track(outcome, comparisons)
     return outcome.exit_code
-
-
-def _measurable(overrides: Sequence[str], multirun: bool) -> list[str]:
-    """Say of each scene whether its water can be measured, if a method needs to."""
-    from sucre_bench.engine.select_views import open_scenes
-    from sucre_bench.errors import SucreBenchError
-    from sucre_bench.jobs.compose_jobs import jobs
-    from sucre_bench.programs.describe.spread import spread_of
-
-    sentences = []
-    measuring = [job for job in jobs(overrides, multirun).jobs if {"poses", "depth"} <= job.method.plugin.needs]
-    for dataset in {job.dataset.label: job.dataset for job in measuring}.values():
-        with contextlib.suppress(SucreBenchError):  # the run says what is wrong
-            for scene in open_scenes(dataset):
-                if spread := spread_of(scene.views):
-                    sentences.append(f"{dataset.label}, {scene.name}: {spread.sentence()}")
-    return sentences
 
 
 @click.command()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -89,8 +89,10 @@ class Outcome:
         return 1 if has_fault or not self.ok or self.nothing_scored else 0
 
 
-def run(overrides: Sequence[str], multirun: bool) -> Outcome:
-    """Run what the overrides ask for.
+def run(
+    overrides: Sequence[str], multirun: bool, before: Callable[[Sequence[Planned]], None] = lambda _: None
+) -> Outcome:
+    """Run what the overrides ask for. before: called with all that is planned, before any work.
 
     Raises ProblemsError before any work when something selected does not exist, cannot be opened or is not installed;
     OutputError when results cannot be written.
@@ -100,6 +102,7 @@ def run(overrides: Sequence[str], multirun: bool) -> Outcome:
         planned, first = check(command), command.jobs[0]
         _write_provenance(command, planned)
         _share_decoded(planned)
+        before(planned)
         rows, interrupted, crashed = None, False, False
         n_alone = min(1, first.workers)  # what metrics do after all jobs has one worker, too
         try:

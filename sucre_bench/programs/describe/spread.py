@@ -38,7 +38,7 @@ class Spread:
 
     def sentence(self, unit: str = "m") -> str:
         """Say whether the water can be measured, and what to use."""
-        apart = f"a factor of {self.ratio:.2f}, all from {self.nearest:.3g} to {self.farthest:.3g} {unit}"
+        apart = f"a factor of {self.ratio:.2f}, all from {self.nearest:.3g} to {self.farthest:.3g} {unit}".rstrip()
         if self.shared < _FEW:
             return "No two views show the same places: SUCRe cannot measure the water. Use dive_gray_world or seathru."
         if self.ratio < _ALIKE:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from sucre_bench import plugins
+from sucre_bench.engine.preflight import Planned
 from sucre_bench.engine.run import run
 from sucre_bench.engine.select_views import opening_once, select
 from sucre_bench.errors import InputError
@@ -97,9 +98,12 @@ def _root(folder: Path) -> str:
     return f"dataset.root={quoted(str(folder))}"
 
 
-def restore(source: Source, out: Path, options: Options) -> Done:
+def restore(
+    source: Source, out: Path, options: Options, before: Callable[[Sequence[Planned]], None] = lambda _: None
+) -> Done:
     """Restore all photographs of a source and write their pictures below `out`; what is finished is not repeated.
 
+    before: see `engine.run.run`, for the dive.
     Raises InputError for options that do not exist, OutputError if files cannot be written, KeyboardInterrupt if it is
     stopped. What is wrong with one photograph is a fault, and the others go on.
     """
@@ -109,14 +113,14 @@ def restore(source: Source, out: Path, options: Options) -> Done:
     with opening_once():
         if source.is_dive:
             dataset = [word for word in options.words if word.startswith("dataset.")]
-            dive = _run(replace(source, dataset=(*source.dataset, *dataset)), _words_of_dive(options), out)
+            dive = _run(replace(source, dataset=(*source.dataset, *dataset)), _words_of_dive(options), out, before)
         done = {one.name for one in dive.restored}
         names = source.photographs or [*dive.faults, *done]
         if left := [name for name in names if name not in done]:
             rest = source.of_photographs if source.photographs else source
             encoding = [word for word in options.words if word.startswith("dataset.encoding=")]
             rest = replace(rest, dataset=(*rest.dataset, *encoding))
-            alone = _run(rest, [f"method={options.single_view}", f"views={value_of(left)}"], out)
+            alone = _run(rest, [f"method={options.single_view}", f"views={value_of(left)}"], out, before)
     with progress.live():
         restored = [*dive.restored, *alone.restored]
         written = write_pictures(restored, out, options.quality, options.original_geometry, note.stat().st_mtime_ns)
@@ -175,12 +179,12 @@ class _Run:
     trust: tuple[tuple[float, bool], ...]
 
 
-def _run(source: Source, words: Sequence[str], out: Path) -> _Run:
+def _run(source: Source, words: Sequence[str], out: Path, before: Callable[[Sequence[Planned]], None]) -> _Run:
     """Restore a source by the engine. Raises what `engine.run` does, and KeyboardInterrupt if it is stopped."""
     folder = out / "work" / "results"
     bits = 16 if any(bits_of(path) == 16 for path in source.photographs.values()) else 8
     settings = [f"out={quoted(str(folder))}", f"bits={bits}", "metrics=[coverage]", "report=false", "tracking.uri=off"]
-    outcome = run([*source.dataset, *words, *settings], multirun=False)
+    outcome = run([*source.dataset, *words, *settings], False, before)
     if outcome.interrupted:
         raise KeyboardInterrupt("stopped; the same command continues from here")
     scenes = [selection.scene for selection in select(source.dataset)]
