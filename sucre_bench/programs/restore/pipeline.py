@@ -202,8 +202,9 @@ def _run(source: Source, words: Sequence[str], out: Path, before: Callable[[Sequ
         photograph = source.photographs.get(name) or next(source_files(view))
         lens = source.prepared.lens_of(view.camera) if source.prepared else getattr(view.pixels, "lens", None)
         image, mask = place.restored(folder, row.method), place.mask(folder, row.method)
-        restored.append(Restored(name, photograph, view, image, mask, lens, row.method))
-        trust.append((row.coverage, bool(read_record(row, folder).get("veil_known", True))))
+        is_known = bool(read_record(row, folder).get("veil_known", True))
+        restored.append(Restored(name, photograph, view, image, mask, lens, row.method, is_known))
+        trust.append((row.coverage, is_known))
     missing = (*outcome.failed, *outcome.skipped)
     faults = {named.get(fault.view, fault.view): with_remedy(fault.reason) for fault in missing}
     return _Run(restored, faults, tuple(trust))

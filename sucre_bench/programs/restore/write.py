@@ -32,7 +32,7 @@ class Restored:
 
     name: path of its picture below the folder of pictures; photograph: its file; view: what was restored; image, mask:
     the restored image and its mask, which is there if the image has holes; lens: of the photograph, if the view is its
-    pinhole image; method: its label.
+    pinhole image; method: its label; is_water_known: whether colours that the method guessed for holes are used.
     """
 
     name: str
@@ -42,6 +42,7 @@ class Restored:
     mask: Path
     lens: Lens | None
     method: str
+    is_water_known: bool = True
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,8 @@ def _picture(one: Restored, original_geometry: bool) -> Array:
     """The whole picture (H, W, 3) in [0, 1]. Raises InputError if a file cannot be read or has another size."""
     picture, view = read_rgb(one.image), one.view
     known = read_mask(one.mask) if one.mask.is_file() else np.ones(picture.shape[:2], dtype=bool)
-    known |= picture.any(axis=-1)  # pixels without depth that the method filled
+    if one.is_water_known:
+        known |= picture.any(axis=-1)  # pixels without depth that the method filled
     beside = display(view.rgb, "none", view.encoding)
     if original_geometry and one.lens is not None:
         lens, beside = one.lens, display(read_rgb(one.photograph), "none", view.encoding)
