@@ -88,8 +88,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_xdist_auto_num_workers() -> int | None:
-    """A process of tests more than there are cores: some tests wait, for a queue, a browser or another process."""
-    return None if os.environ.get("PYTEST_XDIST_AUTO_NUM_WORKERS") else usable_cores() + 1
+    """Two processes of tests more than there are cores: some wait, for a queue, a browser or another process."""
+    return None if os.environ.get("PYTEST_XDIST_AUTO_NUM_WORKERS") else usable_cores() + 2
 
 
 def pytest_collection_finish() -> None:

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pandas as pd
-from support.command_line import Started
+from support.command_line import Started, run_here
 
 from sucre_bench import results
 from sucre_bench.engine.run import Outcome, run
@@ -26,8 +26,8 @@ def test_the_same_command_twice_gives_the_same_table_but_for_times(tmp_path: Pat
     command += ["degrade.noise=0.01", "sucre_paper.steps=20", "workers=0"]  # each worker would import torch
     command += ["method=ibla,haze_lines,gaussian_seathru,seathru,stitching,sucre_paper,sucre,sucre_plus"]
     tables = []
-    for out in ("first", "second"):
-        done = Started(tmp_path, *command, f"out={tmp_path / out}").ended()
+    here, there = run_here(tmp_path, *command, "out=here"), Started(tmp_path, *command, "out=there").ended()
+    for out, done in (("here", here), ("there", there)):
         assert done.returncode == 0, done.stdout + done.stderr
         tables.append(but_times(results.read(tmp_path / out)))
     pd.testing.assert_frame_equal(*tables)

@@ -39,14 +39,15 @@ if TYPE_CHECKING:
 # No test waits for the disk: tests kill processes, and never the machine, and what a process has written outlives it.
 # Programs that tests start as they are do wait.
 os.fsync = lambda fd: None
-_COMPILING, _compile = Path(tempfile.gettempdir()) / f"sucre_bench_compiling.{os.getuid()}", Dispatcher.compile
+_compile = Dispatcher.compile
 
 
 def _compile_alone(self: Dispatcher, signature: object) -> object:
     """Processes of tests that need the same loop compile it once: the others wait, and read it from numba's cache."""
     if global_compiler_lock.is_locked():  # by this thread, for a loop that calls this one
         return _compile(self, signature)
-    with global_compiler_lock, _COMPILING.open("w") as lock:
+    compiling = Path(tempfile.gettempdir()) / f"sucre_bench_compiling.{os.getuid()}.{self.py_func.__qualname__}"
+    with global_compiler_lock, compiling.open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         return _compile(self, signature)
 

@@ -38,8 +38,8 @@ ESTIMATE = {"B": [0.12, 0.41, 0.52], "beta": [0.37, 0.21, 0.11], "gamma": [0.33,
 
 
 def made_results(out: Path, datasets: Sequence[str] = ("reef",), size: tuple[int, int] = (96, 64)) -> pd.DataFrame:
-    """Write pictures and what methods tell under `out`; return the rows."""
-    rows = [row for n, name in enumerate(datasets) for row in _rows(out, name, size, 1.5 * n)]
+    """Write pictures and what methods tell under `out`; return the rows. size: of the first dataset's pictures."""
+    rows = [row for n, name in enumerate(datasets) for row in _rows(out, name, (96, 64) if n else size, 1.5 * n)]
     return results.frame(rows)
 
 

@@ -208,7 +208,7 @@ def open_ui(uri: str, port: int, ready: Callable[[], None]) -> int:
         "PYTHONWARNINGS": "ignore",
     }
     words = [sys.executable, "-m", "mlflow", "ui", "--host", _HOST, "--port", str(port)]
-    words += ["--uvicorn-opts", "--log-level warning"]
+    words += ["--workers", "1", "--uvicorn-opts", "--log-level warning"]  # each of the usual 4 imports mlflow: 3 s
     with (
         temporary_folder() as empty,  # mlflow's server puts the current folder first where it looks for modules
         subprocess.Popen(words, cwd=empty, env={**os.environ, **settings}, stdout=subprocess.DEVNULL) as server,

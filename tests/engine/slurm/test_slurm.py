@@ -243,11 +243,12 @@ def test_what_slurm_refuses_is_said_in_its_words(user: Bench):
     assert user.at_work() == []
 
 
-def test_without_slurm_the_launcher_says_where_to_go(user: Bench):
-    user.environment["PATH"] = ""
-    code, said = user.run("dataset.views=2", "shard.count=2", "shard.index=0,1")
-    assert code == 1
-    assert "sbatch" in said
+def test_without_slurm_the_launcher_says_where_to_go(bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("PATH", "")
+    words = ("dataset=toy", "method=gain", "metrics=[psnr]", "shard.count=2", "shard.index=0,1", "hydra/launcher=slurm")
+    done = bench("run", "-m", "--plugin", str(TOYS), *words, *QUIET, f"out={tmp_path / 'out'}")
+    assert done.returncode == 1
+    assert "sbatch" in done.stdout + done.stderr
 
 
 # -- waiting, without a cluster ----------------------------------------------------------------------------

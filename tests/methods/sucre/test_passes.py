@@ -239,7 +239,7 @@ def test_observations_are_read_from_disk(backend: str, tmp_path: Path) -> None:
     on_disk = {}
     for name in ("colour", "distance"):
         np.save(tmp_path / f"{name}.npy", getattr(observations, name))
-        on_disk[name] = np.load(tmp_path / f"{name}.npy", mmap_mode="r")
+        on_disk[name] = np.load(tmp_path / f"{name}.npy", mmap_mode="c")
     assert_close(system(replace(observations, **on_disk), backend), system(observations, "numpy"), 1e-4)
 
 

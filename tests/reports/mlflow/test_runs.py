@@ -8,9 +8,10 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from support.command_line import Started
+from support.command_line import Started, registry
+from support.places import TOYS
 
-from sucre_bench import compare, results
+from sucre_bench import compare, plugins, results
 from sucre_bench.commands.run_summary import compared, track
 from sucre_bench.engine.run import Outcome
 from sucre_bench.engine.run import run as run_jobs
@@ -42,10 +43,17 @@ def runs(uri: str) -> list:
     return client.search_runs(experiments) if experiments else []
 
 
-def test_a_sweep_is_a_parent_run_with_a_child_a_job(tmp_path: Path):
-    out = tmp_path / "out"
-    arguments = ["dataset=toy", "method=gain,faulty", "metrics=[redness]", f"out={out}"]
-    outcome = run_and_track(*arguments, multirun=True)
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
+    """A sweep of two methods, of which one fails on a view."""
+    out = tmp_path_factory.mktemp("sweep") / "out"
+    with plugins.using(registry(TOYS)):
+        words = ("dataset=toy", "method=gain,faulty", "metrics=[redness]", f"out={out}")
+        return run_and_track(*words, multirun=True)
+
+
+def test_a_sweep_is_a_parent_run_with_a_child_a_job(sweep: Outcome):
+    outcome, out = sweep, sweep.out
     logged = runs(f"sqlite:///{out / 'mlflow.db'}")
     (parent,) = [r for r in logged if "mlflow.parentRunId" not in r.data.tags]
     children = {r.data.tags["method"]: r for r in logged if r is not parent}
@@ -77,10 +85,8 @@ def test_a_sweep_is_a_parent_run_with_a_child_a_job(tmp_path: Path):
     assert len(pd.read_parquet(whole)) == len(outcome.rows)
 
 
-def test_what_people_look_for_is_where_mlflow_shows_it(tmp_path: Path):
-    out = tmp_path / "out"
-    run_and_track("dataset=toy", "method=gain,faulty", "metrics=[redness]", f"out={out}", multirun=True)
-    uri = f"sqlite:///{out / 'mlflow.db'}"
+def test_what_people_look_for_is_where_mlflow_shows_it(sweep: Outcome):
+    uri = f"sqlite:///{sweep.out / 'mlflow.db'}"
     client = asked(uri)
     (experiment,) = [e for e in client.search_experiments() if e.name == "sucre_bench"]
     assert experiment.tags["mlflow.experimentKind"] == "custom_model_development"  # runs and models, no chats
@@ -96,12 +102,10 @@ def test_what_people_look_for_is_where_mlflow_shows_it(tmp_path: Path):
     assert [r.info.run_name for r in found] == ["faulty on toy"]
 
 
-def test_pictures_have_the_step_of_their_view_in_every_run(tmp_path: Path):
+def test_pictures_have_the_step_of_their_view_in_every_run(sweep: Outcome):
     """The view that one method failed on leaves a gap; mlflow shows the others beside the right ones."""
-    out = tmp_path / "out"
-    run_and_track("dataset=toy", "method=gain,faulty", "metrics=[redness]", f"out={out}", multirun=True)
     steps = {}
-    for run in runs(f"sqlite:///{out / 'mlflow.db'}"):
+    for run in runs(f"sqlite:///{sweep.out / 'mlflow.db'}"):
         folder = Path(run.info.artifact_uri.removeprefix("file://")) / "images"
         if folder.is_dir():
             names = [p.name for p in folder.iterdir() if p.suffix == ".png"]
@@ -121,26 +125,12 @@ def test_the_page_opens_on_the_runs(tmp_path: Path):
 def test_a_folder_is_told_once_and_what_is_new_in_it_later(bench, toys: str, tmp_path: Path):
     """As after a run on a cluster, where nothing was logged."""
 
-    def run(method: str, *more: str) -> None:
-        bench(
-            "run",
-            "--plugin",
-            toys,
-            "dataset=toy",
-            f"method={method}",
-            "metrics=[redness]",
-            "tracking.uri=off",
-            "out=out",
-            *more,
-        )
-
-    run("gain", "views=[v0.png]")
-    said = [bench("track", "out").stdout]
-    said.append(bench("track", "out").stdout)
-    run("gain2")
-    said.append(bench("track", "out").stdout)
-    run("gain")
-    said.append(bench("track", "out").stdout)
+    words = ("run", "--plugin", toys, "dataset=toy", "metrics=[redness]", "tracking.uri=off", "out=out", "report=false")
+    said = []
+    for more in (("method=gain", "views=[v0.png]"), (), ("method=gain2",), ("method=gain",)):
+        if more:
+            bench(*words, *more)
+        said.append(bench("track", "out").stdout)
     assert [line.split(": ")[-1].strip() for line in said] == ["1 new run", "0 new runs", "1 new run", "1 new run"]
     told = runs(f"sqlite:///{tmp_path / 'out' / 'mlflow.db'}")
     latest = [r for r in told if r.data.tags["latest"] == "yes"]

@@ -36,7 +36,8 @@ def used_cache(place_of_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def out(bench, toys: str, tmp_path: Path) -> Path:
-    bench("run", "--plugin", toys, "dataset=toy", "method=gain", "metrics=[redness]", "tracking.uri=off", "out=out")
+    words = ("dataset=toy", "method=gain", "metrics=[redness]", "report=false", "tracking.uri=off", "out=out")
+    bench("run", "--plugin", toys, *words)
     return tmp_path / "out"
 
 

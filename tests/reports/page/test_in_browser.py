@@ -99,7 +99,9 @@ def test_a_table_is_sorted_by_a_click_on_its_head_and_back_by_another(page: Brow
     assert state(page, "metric") == "psnr:masked"
 
 
-def test_cells_say_mean_interval_and_rank(page: Browser):
+def test_an_opened_page_shows_the_best_method_its_numbers_and_commands(page: Browser):
+    view = "v2.png"  # the median of the best method
+    assert [state(page, key) for key in ("before", "method", "view")] == ["*view", "clever", view]
     cells = page.ask(
         f"[...document.querySelectorAll({json.dumps(SHEET + ' tbody tr')})].map((row) => row.cells[1])"
         ".map((cell) => [cell.className.trim(), cell.querySelector('.mean').innerText, cell.title])"
@@ -109,6 +111,15 @@ def test_cells_say_mean_interval_and_rank(page: Browser):
     assert "95 % interval" in cells[0][2]
     assert page.ask("document.querySelectorAll('#scores .whisker').length") == 0  # two views are too few
     assert "2 views" in texts(page, f"{SHEET} .note")[0]
+    said = texts(page, ".commands:not([hidden]) code")
+    assert len(said) == len(methods(page))
+    assert all("'views=[v0.png,v1.png,v2.png]' 'metrics=[psnr," in command for command in said)
+    values = [
+        sign * digits * 10.0**power for power in range(-7, 5) for digits in (1, 1.26, 9.4, 9.97) for sign in (1, -1)
+    ]
+    shown = page.ask(f"{json.dumps(values)}.map((value) => resultsPage.number(value).replaceAll('−', '-'))")
+    assert shown == [number(value) for value in values]
+    assert page.ask("[0, null].map(resultsPage.number)") == ["0", "–"]
 
 
 def test_metrics_that_only_describe_are_shown_when_asked_for(page: Browser):
@@ -117,15 +128,6 @@ def test_metrics_that_only_describe_are_shown_when_asked_for(page: Browser):
     assert page.ask(keys) == ["psnr:masked", "de00:lab", "filled:image", "seconds:wall"]
     page.click("#all")
     assert "chart_distance:median" in page.ask(keys)
-
-
-def test_numbers_read_as_those_of_the_command_line(page: Browser):
-    values = [
-        sign * digits * 10.0**power for power in range(-7, 5) for digits in (1, 1.26, 9.4, 9.97) for sign in (1, -1)
-    ]
-    shown = page.ask(f"{json.dumps(values)}.map((value) => resultsPage.number(value).replaceAll('−', '-'))")
-    assert shown == [number(value) for value in values]
-    assert page.ask("[0, null].map(resultsPage.number)") == ["0", "–"]
 
 
 def test_leads_within_chance_are_set_apart(page: Browser):
@@ -260,10 +262,6 @@ def test_a_link_opens_what_it_names_and_the_address_follows_what_is_chosen(page:
     assert state(page, "dataset") == 0
 
 
-def test_it_opens_on_the_median_view_of_the_best_method_against_the_photograph(page: Browser):
-    assert [state(page, "before"), state(page, "method"), state(page, "view")] == ["*view", "clever", "v2.png"]
-
-
 def test_best_median_and_worst_views_are_those_of_the_method_on_the_right(page: Browser):
     for place, view in (("0", "v1.png"), ("1", "v0.png"), ("0.5", "v2.png")):
         page.click(f"[data-place='{place}']")
@@ -368,7 +366,7 @@ def drawn(page: Browser, part: str) -> str:
     return f"document.querySelector('{plot}')"
 
 
-def test_plots_draw_the_numbers_of_the_table(page: Browser):
+def test_plots_draw_the_numbers_of_the_table_and_a_list_shows_another(page: Browser):
     cost = drawn(page, ".cost")
     assert page.ask(f"{cost}.data.map((t) => [t.name, t.x[0], t.y[0]])") == [
         ["plain", 1.0, 21.0], ["clever", 1.0, 26.0], ["broken", 1.0, 18.5],
@@ -378,20 +376,10 @@ def test_plots_draw_the_numbers_of_the_table(page: Browser):
     assert page.ask(f"{water}.data.length") == 6  # 3 channels, and the truth
     assert page.ask(f"{water}.data.find((t) => t.name === 'true').y") == [0.1, 0.1, 0.1]
     assert page.ask(f"{drawn(page, '.hue')}.data[0].y") == [370, 370, 370]  # 20 degrees past 350
-
-
-def test_a_list_shows_another_plot(page: Browser):
-    drawn(page, ".cost")
     page.ask("(() => { const list = document.querySelector('#cost select'); list.value = 'd0-cost-1';"
              "list.dispatchEvent(new Event('change')); })()")  # fmt: skip
     page.until("document.querySelector('#d0-cost-1 .plot').data?.length === 3")
     assert page.ask("document.querySelector('#d0-cost-0').hidden")
-
-
-def test_each_methods_command_names_the_views_and_metrics_of_its_rows(page: Browser):
-    said = texts(page, ".commands:not([hidden]) code")
-    assert len(said) == len(methods(page))
-    assert all("'views=[v0.png,v1.png,v2.png]' 'metrics=[psnr," in command for command in said)
 
 
 def test_a_run_that_failed_as_a_whole_has_reasons_and_commands_and_no_dead_links(chrome: Browser, tmp_path: Path):

@@ -88,8 +88,17 @@ def cell(attributes: str, inner: str) -> str:
     return value[1] if value else html.unescape(re.sub(r"<[^>]*>", "", inner)).strip()
 
 
-def made(out: Path, **how: Any) -> Page:
-    return Page(write_page(out, made_results(out, **how)))
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Page, pd.DataFrame, Path]:
+    """A page as it usually is, the rows that it is of, and their folder."""
+    folder = tmp_path_factory.mktemp("made")
+    rows = made_results(folder)
+    return Page(write_page(folder, rows)), rows, folder
+
+
+@pytest.fixture
+def page(made: tuple[Page, pd.DataFrame, Path]) -> Page:
+    return made[0]
 
 
 def ran(out: Path, *overrides: str) -> Page:
@@ -116,26 +125,23 @@ def test_scores_that_many_methods_and_views_lack_stand_together_by_their_reason(
     assert page.text.count("faulty on toy, v1.png: ValueError: boom") == 1
 
 
-def test_the_table_holds_the_means_over_what_all_methods_have_the_best_first(tmp_path: Path):
-    page = made(tmp_path)
+def test_the_table_holds_the_means_over_what_all_methods_have_the_best_first(page: Page):
     means = {row[0]: float(row[1]) for row in page.rows("sheet means")}
     assert means == {name: pytest.approx(np.mean(values[:2])) for name, values in PSNR.items()}  # the third is a hole
     assert list(means) == ["clever", "plain", "broken"]
     assert '<td class="best " data-value="26.0"' in page.source
 
 
-def test_scores_that_know_no_true_colours_do_not_order_the_methods(tmp_path: Path):
+def test_scores_that_know_no_true_colours_do_not_order_the_methods(page: Page, tmp_path: Path):
     rows = made_results(tmp_path)
     rows = rows[rows["metric"].isin(["psnr", "seconds"])].replace({"psnr": "uciqe", "masked": "yang2015"})
-    page = Page(write_page(tmp_path, rows))
-    assert [row[0] for row in page.rows("sheet means")] == ["plain", "clever", "broken"]  # as they were asked for
-    assert page.datasets[0]["first"] == "plain"
-    assert made(tmp_path / "known").datasets[0]["first"] == "clever"
+    without = Page(write_page(tmp_path, rows))
+    assert [row[0] for row in without.rows("sheet means")] == ["plain", "clever", "broken"]  # as they were asked for
+    assert (without.datasets[0]["first"], page.datasets[0]["first"]) == ("plain", "clever")
 
 
-def test_views_have_their_scores_coverage_water_and_truth(tmp_path: Path):
-    (dataset,) = made(tmp_path).datasets
-    view = dataset["views"][1]
+def test_views_have_their_scores_coverage_water_and_truth(page: Page):
+    view = page.datasets[0]["views"][1]
     clever = view["results"][1]
     assert clever["scores"]["psnr:masked"] == PSNR["clever"][1]
     assert clever["covers"] == {"psnr:masked": 0.75}  # what is of charts, or took time, covers nothing
@@ -145,8 +151,8 @@ def test_views_have_their_scores_coverage_water_and_truth(tmp_path: Path):
     assert view["results"][0]["water"] is None
 
 
-def test_plots_have_the_numbers_of_the_rows(tmp_path: Path):
-    figures = made(tmp_path).figures
+def test_plots_have_the_numbers_of_the_rows(page: Page):
+    figures = page.figures
     titles = [[f["layout"][axis].get("title", {}).get("text") for axis in ("xaxis", "yaxis")] for f in figures]
     cost = figures[titles.index(["seconds a view", "psnr ↑ dB"])]["data"]
     assert [(t["name"], t["x"], t["y"]) for t in cost] == [
@@ -157,8 +163,8 @@ def test_plots_have_the_numbers_of_the_rows(tmp_path: Path):
     assert errors[0]["y"] == pytest.approx([np.mean(list(DE00.values()))] * 3, abs=1e-4)
 
 
-def test_the_page_may_reach_nothing_outside_and_its_links_lead_to_files(tmp_path: Path):
-    page = made(tmp_path)
+def test_the_page_may_reach_nothing_outside_and_its_links_lead_to_files(made: tuple[Page, pd.DataFrame, Path]):
+    page, _, folder = made
     (policy,) = [a["content"] for tag, a in page.tags if tag == "meta" and "http-equiv" in a]
     assert policy is not None
     assert policy.startswith("default-src 'none'")
@@ -169,7 +175,7 @@ def test_the_page_may_reach_nothing_outside_and_its_links_lead_to_files(tmp_path
             assert not re.match(r"\s*(https?:)?//", attributes.get(name) or "")
     links = re.findall(r'"link":"([^"]+)"', page.source)
     assert len(links) == 3 + 3 + 8
-    assert all((tmp_path / "report" / link).resolve().is_file() for link in links)
+    assert all((folder / "report" / link).resolve().is_file() for link in links)
 
 
 def test_names_and_reasons_are_never_read_as_markup(tmp_path: Path):
@@ -229,16 +235,14 @@ def test_nothing_that_went_well_still_makes_a_page(tmp_path: Path):
 # -- pictures ----------------------------------------------------------------------------------------------
 
 
-def test_thumbnails_show_the_picture_and_are_no_wider_than_is_needed(tmp_path: Path):
-    page = made(tmp_path, size=(1200, 800))
-    picture = page.datasets[0]["views"][0]["results"][0]["picture"]["id"]
-    assert page.picture(picture).shape[:2] == (640, 960)
-    small = made(tmp_path / "small", size=(96, 64))
-    assert small.picture(small.datasets[0]["views"][0]["results"][0]["picture"]["id"]).shape[:2] == (64, 96)
+def test_thumbnails_show_the_picture_and_are_no_wider_than_is_needed(page: Page, tmp_path: Path):
+    large = Page(write_page(tmp_path, made_results(tmp_path, size=(1200, 800))))
+    for one, shape in ((large, (640, 960)), (page, (64, 96))):
+        picture = one.datasets[0]["views"][0]["results"][0]["picture"]["id"]
+        assert one.picture(picture).shape[:2] == shape
 
 
-def test_holes_are_marked_where_pixels_are_black_and_nothing_was_kept(tmp_path: Path):
-    page = made(tmp_path)
+def test_holes_are_marked_where_pixels_are_black_and_nothing_was_kept(page: Page):
     ids = [result["picture"]["id"] for result in page.datasets[0]["views"][0]["results"]]
     holes = page.picture(f"{ids[1]}-holes")[..., 3] > 0
     assert holes[:, :24].all()
@@ -283,10 +287,9 @@ def test_many_views_keep_some_pictures_evenly_and_link_to_the_others(tmp_path: P
     assert {page.picture(name).shape[1] for name in page.blocks("image/webp")} == {40}
 
 
-def test_pages_of_the_same_results_are_the_same(tmp_path: Path):
-    rows = made_results(tmp_path)
-    first = write_page(tmp_path, rows).read_bytes()
-    assert write_page(tmp_path, rows).read_bytes() == first
+def test_pages_of_the_same_results_are_the_same(made: tuple[Page, pd.DataFrame, Path]):
+    page, rows, folder = made
+    assert write_page(folder, rows).read_text() == page.source
 
 
 # -- commands ----------------------------------------------------------------------------------------------
@@ -359,10 +362,10 @@ def test_a_views_command_runs_and_gives_the_same_score(toys: str, tmp_path: Path
     )
 
 
-def test_every_score_that_is_in_the_rows_can_be_asked_for(tmp_path: Path):
-    (dataset,) = made(tmp_path).datasets
+def test_every_score_that_is_in_the_rows_can_be_asked_for(made: tuple[Page, pd.DataFrame, Path]):
+    page, rows, _ = made
+    (dataset,) = page.datasets
     job = compose_jobs.jobs(["dataset=demo", "method=sucre", *shlex.split(dataset["metrics"])], False).jobs[0]
     asked = {(m.plugin.name, variant) for m in job.metrics for variant in m.variants}
-    rows = made_results(tmp_path)
     assert asked == set(rows.loc[rows["metric"] != "seconds", ["metric", "variant"]].itertuples(index=False, name=None))
     assert plugins.find("metric", "psnr")  # by their real names
