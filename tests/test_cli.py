@@ -54,10 +54,7 @@ def test_a_broken_plugin_file_is_one_line_and_exit_2(bench, tmp_path: Path):
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
-    [
-        (["run", "dataset=colmap", "dataset.root=nowhere"], "nowhere"),
-        (["score", "nowhere"], "nowhere: "),
-    ],
+    [(["run", "dataset=colmap", "dataset.root=nowhere"], "nowhere"), (["score", "nowhere"], "nowhere: ")],
 )
 def test_a_mistake_is_one_line_on_stderr_and_exit_2(bench, arguments: list[str], said: str):
     done = bench(*arguments)

@@ -185,10 +185,7 @@ def test_a_folder_with_an_unusual_name_works_quoted_and_the_remedy_says_so(bench
 
 @pytest.mark.parametrize(
     "command",
-    [
-        ("charts", "~nosuchuser/x"),
-        ("run", "dataset=colmap", "dataset.root='~nosuchuser/x'", "method=gray_world"),
-    ],
+    [("charts", "~nosuchuser/x"), ("run", "dataset=colmap", "dataset.root='~nosuchuser/x'", "method=gray_world")],
 )
 def test_the_home_of_nobody_is_no_folder(bench, command: tuple[str, ...]):
     done = bench(*command)

@@ -150,10 +150,7 @@ def test_many_datasets_without_a_reference_name_no_best_method():
 
 
 def test_a_table_says_who_leaves_holes_and_who_has_colours_below_zero():
-    scores = {
-        "psnr": {"whole": [1.0, 2], "holed": [3.0, 4]},
-        "negative": {"whole": [0.05, 0.09], "holed": [0.02, 0.6]},
-    }
+    scores = {"psnr": {"whole": [1.0, 2], "holed": [3.0, 4]}, "negative": {"whole": [0.05, 0.09], "holed": [0.02, 0.6]}}
     rows = [
         replace(KINDS[metric], method=method, view=f"v{view}", value=value, options=json.dumps({"name": "gray_world"}))
         for metric, by_method in scores.items()

@@ -10,17 +10,7 @@ import numpy as np
 import pytest
 import tifffile
 from support.messages import Lines
-from support.miniatures import (
-    CAMERAS,
-    INNER,
-    LENSES,
-    SCALE,
-    TURN,
-    camera_xml,
-    chunk_xml,
-    photographed,
-    write_survey,
-)
+from support.miniatures import CAMERAS, INNER, LENSES, SCALE, TURN, camera_xml, chunk_xml, photographed, write_survey
 from support.spots import (
     BOTH,
     HEIGHT,

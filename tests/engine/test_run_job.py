@@ -49,10 +49,7 @@ def test_a_view_that_is_added_changes_how_all_are_shown(out: Path) -> None:
     np.testing.assert_allclose(shown(out, "v0"), 255 * (J[0] / top).clip(0, 1), atol=0.51)
 
 
-@pytest.mark.parametrize(
-    ("words", "remedy"),
-    [((), "save=full"), (("save=full", "shard.count=2"), r"shard\.count")],
-)
+@pytest.mark.parametrize(("words", "remedy"), [((), "save=full"), (("save=full", "shard.count=2"), r"shard\.count")])
 def test_it_is_refused_where_not_all_restorations_will_be_there(out: Path, words: tuple[str, ...], remedy: str) -> None:
     with pytest.raises(InputError, match=rf"^method\.display: white-99@scene .*; .* {remedy}$"):
         run(out, "method.display=white-99@scene", *words)

@@ -177,8 +177,7 @@ def test_a_label_does_not_change_its_meaning_silently(out: Path):
 
 
 @pytest.mark.parametrize(
-    ("choice", "kept"),
-    [("views=[v2.png]", {"v2.png"}), ("every=2", {"v0.png", "v2.png"}), ("first=1", {"v0.png"})],
+    ("choice", "kept"), [("views=[v2.png]", {"v2.png"}), ("every=2", {"v0.png", "v2.png"}), ("first=1", {"v0.png"})]
 )
 def test_views_can_be_chosen(out: Path, choice: str, kept: set[str]):
     assert set(run(out, choice).rows["view"]) == kept

@@ -41,11 +41,7 @@ CASES: dict[str, tuple[str, int, str]] = {
     "a file as results folder": (f"{RUN} out=dive/images/a.png", 2, r"a\.png: .*file; "),
     "a results folder below a file": (f"{RUN} out=dive/images/a.png/x", 2, r"a\.png: .*file; "),
     "a results folder of the kernel": (f"{RUN} out=/proc/x", 2, r"/proc/x.*; "),
-    "a water that is not there": (
-        f"{RUN_SUCRE} method.water=none.json",
-        2,
-        r"none\.json: .*; .*method\.water",
-    ),
+    "a water that is not there": (f"{RUN_SUCRE} method.water=none.json", 2, r"none\.json: .*; .*method\.water"),
     "a water of one method that is not there": (
         f"{RUN.replace('=gray_world', '=sucre,gray_world')} -m sucre.water=none.json",
         2,

@@ -115,12 +115,7 @@ CASES = {
         r"`sucre-bench (lineup) RESULTS` writes one",
         ("{1} done", "run done/lineup.yaml out=again tracking.uri=off report=false"),
     ),
-    "a damaged table": Case(
-        "compare done",
-        r"; .*delete",
-        (f"{RUN} {GRAY} out=fresh", "compare fresh"),
-        damaged_table,
-    ),
+    "a damaged table": Case("compare done", r"; .*delete", (f"{RUN} {GRAY} out=fresh", "compare fresh"), damaged_table),
     "no results to compare": Case("compare results", RESULTS, (f"{RUN} {GRAY} {{1}}results", "compare results")),
     "no results to show": Case("report results", RESULTS, (f"{RUN} {GRAY} {{1}}results", "report results")),
     "no results to bundle": Case(

@@ -254,8 +254,7 @@ def test_it_leaves_its_input_alone():
 
 
 @pytest.mark.parametrize(
-    ("shape", "levels"),
-    [((1, 1), 1), ((2, 3), 1), ((4, 6), 2), ((61, 47), 5), ((4000, 6000), 11)],
+    ("shape", "levels"), [((1, 1), 1), ((2, 3), 1), ((4, 6), 2), ((61, 47), 5), ((4000, 6000), 11)]
 )
 def test_an_image_has_room_for_as_many_levels_as_it_can_be_halved(shape: tuple[int, int], levels: int):
     assert most_levels(shape) == levels

@@ -300,10 +300,7 @@ def test_the_line_up_of_a_folder_has_what_older_commands_made_in_it(tmp_path: Pa
     made = from_file(tmp_path / "l.yaml", found.line_up.as_yaml())
     assert labelled(made, "gain") == {"double": 2.0, "gain": 1.0, "halved": None}
     assert [job.method.label for job in made] == ["double", "gain", "halved"]
-    assert {m.plugin.name: m.variants for m in made[0].metrics} == {
-        "psnr": ("raw",),
-        "redness": ("plain",),
-    }
+    assert {m.plugin.name: m.variants for m in made[0].metrics} == {"psnr": ("raw",), "redness": ("plain",)}
 
 
 def test_the_line_up_of_a_folder_says_where_it_asks_for_more(tmp_path: Path):

@@ -20,11 +20,7 @@ def scores(variant: str, water: Water | None, image: Array = IMAGE) -> list[Scor
 
 @pytest.mark.parametrize(
     ("name", "values"),
-    [
-        ("veiling_light", [0.1, 0.2, 0.4]),
-        ("attenuation", [0.5, 0.3, 0.2]),
-        ("backscatter", [0.7, np.nan, 0.6]),
-    ],
+    [("veiling_light", [0.1, 0.2, 0.4]), ("attenuation", [0.5, 0.3, 0.2]), ("backscatter", [0.7, np.nan, 0.6])],
 )
 def test_every_channel_of_every_parameter_passes_through(name: str, values: list[float]) -> None:
     found = [scores(f"{name}-{channel}", WATER) for channel in ("red", "green", "blue")]

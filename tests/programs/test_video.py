@@ -82,10 +82,7 @@ def test_points_differ_by_the_difference_of_their_colours(tmp_path: Path):
 
     shift = 4  # pixels: 4 * 2.005 / 40 m
     colours = np.random.default_rng(3).uniform(0.1, 0.9, (48, 64 + shift, 3))
-    views = [
-        wall_view("a.png", colours[:, :64]),
-        wall_view("b.png", colours[:, shift:], x=shift * 2.005 / 40),
-    ]
+    views = [wall_view("a.png", colours[:, :64]), wall_view("b.png", colours[:, shift:], x=shift * 2.005 / 40)]
     restored = [brightened(view.rgb, gain) for view, gain in zip(views, (1, 0.8), strict=True)]
     frames = [make_frame(tmp_path, view, restored=picture) for view, picture in zip(views, restored, strict=True)]
     found = flicker(frames, ["restored"])

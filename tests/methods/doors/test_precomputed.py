@@ -13,16 +13,7 @@ import tifffile
 from PIL import Image
 from support.messages import names
 
-from sucre_bench import (
-    Arrays,
-    InputError,
-    NotApplicableError,
-    Restoration,
-    Scene,
-    View,
-    restore,
-    score,
-)
+from sucre_bench import Arrays, InputError, NotApplicableError, Restoration, Scene, View, restore, score
 from sucre_bench.errors import FileError, MissingFileError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.methods.doors import Precomputed, precomputed

@@ -175,9 +175,7 @@ def test_a_method_that_has_no_water_to_give_is_refused(name: str, named: set[str
     assert name != "haze_lines" or "B" not in names(fault.value)  # which it estimates
 
 
-def test_single_view_colours_are_the_model_inverted_on_the_images_own_intensities(
-    plain: Restoration,
-) -> None:
+def test_single_view_colours_are_the_model_inverted_on_the_images_own_intensities(plain: Restoration) -> None:
     """J = (I - B (1 - exp(-gamma z))) exp(beta z), with the water of all views: the paper's eq. 3 on one image."""
     single = Sucre(colours="single_view").restore(SCENE, TARGET)
     water = as_array(plain.water)

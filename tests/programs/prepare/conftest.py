@@ -6,14 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.photographed_valley import (
-    HEIGHT,
-    NAMES,
-    POSES,
-    WIDTH,
-    photograph,
-    write,
-)
+from support.photographed_valley import HEIGHT, NAMES, POSES, WIDTH, photograph, write
 
 
 @pytest.fixture(scope="session")

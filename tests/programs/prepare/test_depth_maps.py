@@ -7,11 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.photographed_valley import (
-    CAMERA,
-    WIDTH,
-    make_shots,
-)
+from support.photographed_valley import CAMERA, WIDTH, make_shots
 
 from sucre_bench.camera import depth_at, pixel_rays
 from sucre_bench.loading.depth_maps import read_depth

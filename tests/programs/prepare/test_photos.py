@@ -7,12 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.photographed_valley import (
-    HEIGHT,
-    POSES,
-    photograph,
-    write,
-)
+from support.photographed_valley import HEIGHT, POSES, photograph, write
 
 from sucre_bench.errors import InputError
 from sucre_bench.programs.prepare import Options

@@ -16,17 +16,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from support.messages import Lines
-from support.photographed_valley import (
-    DISTORTION,
-    HEIGHT,
-    NAMES,
-    PLACES,
-    POSES,
-    WIDTH,
-    photograph,
-    true_depth,
-    write,
-)
+from support.photographed_valley import DISTORTION, HEIGHT, NAMES, PLACES, POSES, WIDTH, photograph, true_depth, write
 
 import sucre_bench as sb
 from sucre_bench.arrays import Array

@@ -6,11 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.photographed_valley import (
-    HEIGHT,
-    WIDTH,
-    make_shots,
-)
+from support.photographed_valley import HEIGHT, WIDTH, make_shots
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError

@@ -116,10 +116,7 @@ def test_every_dataset_has_tables_of_its_own(tmp_path: Path):
 
 def test_a_method_without_the_option_is_left_out_and_said():
     rows = frame(
-        [
-            *(replace(row("m", "v0", 1.0, options={"k": k}), method=f"m,k={k}") for k in (1, 2)),
-            row("plain", "v0", 3.0),
-        ]
+        [*(replace(row("m", "v0", 1.0, options={"k": k}), method=f"m,k={k}") for k in (1, 2)), row("plain", "v0", 3.0)]
     )
     one = followed(rows, "method.k")
     assert (words(one), one.methods) == (["1", "2"], ("m",))
