@@ -52,18 +52,6 @@ def test_a_broken_plugin_file_is_one_line_and_exit_2(bench, tmp_path: Path):
     assert re.search(r"broken\.py: .*ModuleNotFoundError", done.stderr)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [(["run", "dataset=colmap", "dataset.root=nowhere"], "nowhere"), (["score", "nowhere"], "nowhere: ")],
-)
-def test_a_mistake_is_one_line_on_stderr_and_exit_2(bench, arguments: list[str], said: str):
-    done = bench(*arguments)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert len(done.errors) == 1
-    assert said in done.stderr
-
-
 def test_ctrl_c_before_the_work_begins_is_one_word_and_130(bench, tmp_path: Path):
     (tmp_path / "stops.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
     done = bench("list", "methods", "--plugin", "stops.py")

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from support.forward_model import restored_image as restored
 
-from sucre_bench import Arrays, Scene, View
 from sucre_bench.imaging.cielab import to_lab
 from sucre_bench.methods.clahe import Clahe
 
 RNG = np.random.default_rng(0)
 DULL = np.float32([0.2, 0.4, 0.45]) + np.float32(0.1) * RNG.random((64, 80, 1), dtype=np.float32)
-
-
-def restored(method: Clahe, rgb: np.ndarray) -> np.ndarray:
-    view = View("photo.png", Arrays(rgb))
-    return method.restore(Scene("alone", [view], frozenset()), view).image
 
 
 def test_contrast_rises_and_colour_is_kept():

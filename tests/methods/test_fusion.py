@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 from skimage.color import rgb2lab
+from support.forward_model import restored_image as restored
 
-from sucre_bench import Arrays, Scene, View
 from sucre_bench.methods.fusion import (
     Fusion2012,
     Fusion2018,
@@ -24,11 +24,6 @@ IMAGE = RNG.random((13, 17, 3), dtype=np.float32)
 WATER = np.float32([0.1, 0.4, 0.5]) * (0.7 + 0.6 * RNG.random((61, 47, 3), dtype=np.float32))
 KERNEL = np.outer([1, 4, 6, 4, 1], [1, 4, 6, 4, 1]) / 256
 BOTH = pytest.mark.parametrize("method", [Fusion2012(), Fusion2018()], ids=["2012", "2018"])
-
-
-def restored(method: Fusion2012 | Fusion2018, rgb: np.ndarray) -> np.ndarray:
-    view = View("photo.png", Arrays(rgb))
-    return method.restore(Scene("alone", [view], frozenset()), view).image
 
 
 def filtered(plane: np.ndarray, kernel: np.ndarray) -> np.ndarray:

@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.forward_model import restored_image as restored
 
-from sucre_bench import Arrays, Scene, View
 from sucre_bench.methods.red_compensation import RedCompensation
 
 RNG = np.random.default_rng(0)
 WATER = np.float32([0.1, 0.4, 0.5]) * (0.7 + 0.6 * RNG.random((61, 47, 3), dtype=np.float32))
-
-
-def restored(method: RedCompensation, rgb: np.ndarray) -> np.ndarray:
-    view = View("photo.png", Arrays(rgb))
-    return method.restore(Scene("alone", [view], frozenset()), view).image
 
 
 @pytest.mark.parametrize("strength", [0.0, 0.5, 1.0])

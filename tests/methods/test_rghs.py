@@ -7,18 +7,13 @@ import warnings
 import numpy as np
 import pytest
 import skimage.color
+from support.forward_model import restored_image as restored
 
-from sucre_bench import Arrays, Scene, View
 from sucre_bench.imaging.cielab import to_lab
 from sucre_bench.methods.rghs import Rghs
 
 RNG = np.random.default_rng(0)
 WATER = np.float32([0.15, 0.4, 0.5]) * (0.6 + 0.8 * RNG.random((61, 47, 3), dtype=np.float32))
-
-
-def restored(method: Rghs, rgb: np.ndarray) -> np.ndarray:
-    view = View("photo.png", Arrays(rgb))
-    return method.restore(Scene("alone", [view], frozenset()), view).image
 
 
 SPREAD = 0.655136  # of a Rayleigh distribution of mode 1, sqrt((4 - pi) / 2)

@@ -80,6 +80,10 @@ def restored(method: Method, rgb: np.ndarray) -> Restoration:
     return method.restore(Scene("photo", [view], frozenset()), view)
 
 
+def restored_image(method: Method, rgb: np.ndarray) -> np.ndarray:
+    return restored(method, rgb).image
+
+
 def hazy(J: np.ndarray, A: np.ndarray, t: np.ndarray) -> np.ndarray:
     """I = J t + A (1 - t) in float64; t: (H, W) or (H, W, 3)."""
     t = t if t.ndim == 3 else t[..., None]

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import pytest
 
-from sucre_bench import Arrays, Restoration, Scene, View
 from support.places import DATA
 
 
@@ -26,12 +25,6 @@ def read(file: Path) -> np.ndarray:
     image = cv2.imread(str(file))
     assert image is not None, file
     return image[..., ::-1].astype(np.float32) / 255
-
-
-def restored(method: object, rgb: np.ndarray) -> Restoration:
-    """What a method makes of one image by itself."""
-    view = View("photo.png", Arrays(rgb))
-    return method.restore(Scene("alone", [view], frozenset()), view)  # type: ignore[attr-defined]
 
 
 def psnr_db(image: np.ndarray, other: np.ndarray) -> float:
