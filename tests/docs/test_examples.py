@@ -48,9 +48,8 @@ def test_all_that_it_brings_is_run_together_with_what_is_built_in(
     assert (tmp_path / "results" / "restored" / "ramp" / "white_patch").is_dir()
 
 
-@pytest.mark.parametrize("name", ["white_patch", "colourfulness", "ramp"])
-def test_all_that_it_brings_keeps_the_contract(program: Bench, installed: str, name: str) -> None:
-    done = program("check", name, "--on", "ramp", "--json", PYTHONPATH=installed)
+def test_its_method_keeps_the_contract_on_its_dataset(program: Bench, installed: str) -> None:
+    done = program("check", "white_patch", "--on", "ramp", "--json", PYTHONPATH=installed)
     (told,) = json.loads(done.stdout)
     assert {rule["status"] for rule in told["rules"]} == {"kept"}, told
     assert done.returncode == 0
