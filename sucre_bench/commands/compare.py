@@ -107,12 +107,12 @@ def compare(
     with progress.live():
         rows = compare.load(folders)
     compare.refuse(rows, metrics, common)
-    if pixels == "common" and compare.leaves_holes(rows):
-        rows = compare.on_pixels(rows, _common(folders, rows))
+    if pixels == "common":
+        rows = compare.on_pixels(rows, lambda: _common(folders, rows))
     compared = compare.compare(rows, metrics, by, baseline=baseline)
     if not any(table.columns for table in compared):
         raise InputError("\n".join(f"{t.title}: {note}" for t in compared for note in left_out(t)))
-    verdicts = compare.gated(rows, gates, baseline)
+    verdicts = compare.gated(rows, gates, baseline) if gates else []
     _print(compared, folders, "json" if as_json else how, (spread, intervals, all_metrics, bool(metrics)))
     for verdict in verdicts:
         _say_gated(verdict, baseline)

@@ -33,7 +33,7 @@ def report(folder: Path) -> None:
     from sucre_bench.reports import page
     from sucre_bench.results.common_scores import read_common
 
-    rows = compare.on_pixels(results.read(folder), read_common(folder))
+    rows = compare.on_pixels(results.read(folder), lambda: read_common(folder))
     click.echo(page.write(folder, rows, compare.compare(rows)))
 
 
@@ -212,7 +212,7 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
     if ui and not is_server:
         mlflow.check_port(port)
     rows = results.read(folder)
-    comparisons = compare.compare(compare.on_pixels(rows, read_common(folder)))
+    comparisons = compare.compare(compare.on_pixels(rows, lambda: read_common(folder)))
     with progress.live():
         new = mlflow.log(folder, rows, comparisons, uri, experiment)
     page = mlflow.runs_page(uri, experiment, port) if ui else ""

@@ -115,7 +115,8 @@ def score(
 
 def _summary(rows: pd.DataFrame) -> Table:
     """A line a metric and variant, for the terminal: mean, spread and extremes over the images."""
-    from sucre_bench.compare.words import ARROW, number, standard_deviation
+    from sucre_bench.compare.statistics import standard_deviation
+    from sucre_bench.compare.words import ARROW, number
 
     table = terminal.table(["metric", "variant"], ["mean", "std", "lowest", "highest", "images"])
     ok = rows[rows["status"] == "ok"]

@@ -7,8 +7,8 @@ own ones.
 
 import json
 import math
-from collections.abc import Mapping
-from typing import Literal, NamedTuple
+from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame, Series
 from sucre_bench.results.common_scores import COMMON_PIXELS, LEAST_DIFFERENCE, LEAST_FILLED
 from sucre_bench.results.reasons import Reason
-from sucre_bench.results.rows import restorations, values_of
+from sucre_bench.results.rows import KEYS, restorations, values_of
 from sucre_bench.results.table import is_fresh
 
 Pixels = Literal["own", "common"]
@@ -28,101 +28,79 @@ _SCORE = [*_VIEW, "metric", "variant"]
 _KEY = [*_SCORE, "method", "code", "_mask"]
 _RESULT = ["value", "n_pixels", "coverage", "status", "reason"]
 
-_Place = tuple[str, str, str]
-
 
 def leaves_holes(rows: DataFrame) -> bool:
     """Whether a method leaves a hole in a view, in data old or new: else all fill the same pixels."""
     return bool((restorations(rows)["coverage"] < 1).any())
 
 
-def on_pixels(rows: DataFrame, common: DataFrame | None, pixels: Pixels = "common") -> DataFrame:
+def on_own_pixels(rows: DataFrame) -> DataFrame:
+    """Return rows with the columns of `on_pixels`, every score as it is."""
+    return rows.assign(pixels="own", pixels_share=math.nan, pixels_reason="")
+
+
+def on_pixels(rows: DataFrame, read: Callable[[], DataFrame]) -> DataFrame:
     """Return rows with scores on common pixels in the place of own ones, where methods fill a view differently.
 
-    rows: of the score table; common: of `results.read_common`, None where no method `leaves_holes`; pixels: "own"
-    leaves every score as it is.
+    rows: of the score table; read: returns the scores on common pixels, see `results.read_common`; it is called only
+    where a method `leaves_holes`.
     Three columns are added. `pixels`: "own" or "common"; `pixels_share`: the share of the image that the common pixels
     have, else NaN; `pixels_reason`: why a score is on own pixels although methods fill the view differently.
     """
-    rows = rows.assign(pixels="own", pixels_share=math.nan, pixels_reason="")
-    if common is None or pixels == "own" or not leaves_holes(rows):
+    rows = on_own_pixels(rows)
+    if not leaves_holes(rows):
         return rows
+    common = read()
     whole = restorations(rows[is_fresh(rows)])
+    enough = whole[whole["coverage"] >= LEAST_FILLED]
     scored = rows[scores_of_pixels(rows) & (rows["status"] == "ok")]
-    is_little = whole["coverage"] < LEAST_FILLED
-    some = {*values_of(whole[~is_little], *_VIEW)}  # a method that fills less has no score of such a view
-    little = {which for which in values_of(whole[is_little], *_VIEW, "method") if which[:3] in some}
-    is_lost = [which in little for which in values_of(scored, *_VIEW, "method")]
-    if any(is_lost):
-        lost, scored = scored.index[is_lost], scored[np.logical_not(is_lost)]
-        rows.loc[lost, _RESULT] = [math.nan, 0, 0.0, "skipped", Reason.FILLS_LITTLE.value]
-    states = _states(whole[~is_little], common)
-    scored = scored.loc[[place in states for place in values_of(scored, *_VIEW)]]
-    return _replaced(rows, scored, common, states) if len(scored) else rows
-
-
-class _State(NamedTuple):
-    """What is known of a view whose methods fill different pixels.
-
-    kind: "common", "none" or "unknown" of `sucre_bench.results.common_scores.Kind`; pixels: hash of the common mask;
-    share: of the image that it has; reason: why it is not known.
-    """
-
-    kind: str
-    pixels: str = ""
-    share: float = math.nan
-    reason: str = ""
-
-
-def _states(whole: DataFrame, common: DataFrame) -> dict[_Place, _State]:
-    """The views whose methods fill different pixels. whole: their restorations.
-
-    A view in the table of common scores counts only if it covers all methods and their newest results.
-    """
-    rows = common[common["metric"] == COMMON_PIXELS]
-    columns = ("variant", "pixels", "value", "reason", "methods", "time")
-    known = dict(zip(values_of(rows, *_VIEW), values_of(rows, *columns), strict=True))
-    coverage = ("coverage", "min"), ("coverage", "max")
-    filled = whole.groupby(_VIEW).agg(low=coverage[0], high=coverage[1], methods=("method", set), last=("time", "max"))
-    states: dict[_Place, _State] = {}
-    for place, low, high, methods, last in filled[filled["low"] < 1].itertuples(name=None):
-        *found, names, time = known.get(place, ("unknown", "", math.nan, "", "[]", ""))
-        state = _State(*found)
-        if not methods <= set(json.loads(names)) or last > time:
-            state = _State("unknown" if high - low > LEAST_DIFFERENCE else "equal", reason=NOT_SCORED)
-        if state.kind != "equal" and len(methods) > 1:
-            states[place] = state
-    return states
-
-
-def _replaced(rows: DataFrame, scored: DataFrame, common: DataFrame, states: Mapping[_Place, _State]) -> DataFrame:
-    """Put common scores in the place of own ones.
-
-    scored: the own scores of views whose methods fill different pixels.
-    """
-    import pandas as pd
-
-    of = [states[place] for place in values_of(scored, *_VIEW)]
-    scored = scored.assign(_mask=[state.pixels for state in of], _kind=[state.kind for state in of])
+    # A method that fills next to nothing of a view has no score of it, if another one fills more.
+    some = {*values_of(enough, *_VIEW)}
+    little = {which for which in values_of(whole.drop(enough.index), *KEYS) if which[:3] in some}
+    is_lost = np.array([which in little for which in values_of(scored, *KEYS)], dtype=bool)
+    rows.loc[scored.index[is_lost], _RESULT] = [math.nan, 0, 0.0, "skipped", Reason.FILLS_LITTLE.value]
+    scored = scored[~is_lost].join(_views(enough, common), on=_VIEW, how="inner")
+    if scored.empty:
+        return rows
     found = common[common["metric"] != COMMON_PIXELS].rename(columns={"pixels": "_mask"})
     found = found[[*_KEY, *_RESULT]].drop_duplicates(_KEY, keep="last")
     new = scored[_KEY].merge(found, on=_KEY, how="left").set_axis(scored.index)
     # No score is on common pixels that are not known, whatever a bundle says: `verify` does not compute it again.
     new.loc[~scored["_kind"].isin(["common", "none"]), ["status", "reason"]] = None
-    none = scored["_kind"] == "none"
-    new.loc[none, _RESULT] = [math.nan, 0, 0.0, "skipped", Reason.NO_SHARED_PIXELS.value]
+    new.loc[scored["_kind"] == "none", _RESULT] = [math.nan, 0, 0.0, "skipped", Reason.NO_SHARED_PIXELS.value]
     # Of one score of a view, either all methods are on common pixels or none.
     lacks = new["status"].isna() | new["reason"].isin([Reason.NOT_STORED.value, Reason.NOT_HELD.value])
-    why = new["reason"].fillna(pd.Series([state.reason or NOT_SCORED for state in of], scored.index)).where(lacks)
+    why = new["reason"].fillna(scored["_why"].where(scored["_why"] != "", NOT_SCORED)).where(lacks)
     score = [scored[name] for name in _SCORE]
     lacks, why = lacks.groupby(score).transform("any"), why.groupby(score).transform("first")
     placed = scored.index[~lacks]
     for name in _RESULT:
         rows.loc[placed, name] = new.loc[placed, name].astype(rows[name].dtype)
     rows.loc[placed, "pixels"] = "common"
-    rows.loc[scored.index, "pixels_share"] = [state.share for state in of]
+    rows.loc[scored.index, "pixels_share"] = scored["_share"]
     rows.loc[scored.index[lacks], "pixels_reason"] = why[lacks]
     return rows
+
+
+def _views(whole: DataFrame, common: DataFrame) -> DataFrame:
+    """What is known of each view that methods fill differently, by `_VIEW`. whole: the views' restorations.
+
+    `_kind`: "common", "none" or "unknown" of `sucre_bench.results.common_scores.Kind`; `_mask`: hash of the common
+    mask; `_share`: of the image that it has; `_why`: why it is not known. A view in the table of common scores counts
+    only if it covers all methods and their newest results.
+    """
+    said = common[common["metric"] == COMMON_PIXELS].drop_duplicates(_VIEW, keep="last").set_index(_VIEW)
+    said = said[["variant", "pixels", "value", "reason", "methods", "time"]]
+    said.columns = [*(state := ["_kind", "_mask", "_share", "_why"]), "_methods", "_time"]
+    coverage = ("coverage", "min"), ("coverage", "max")
+    views = whole.groupby(_VIEW).agg(low=coverage[0], high=coverage[1], by=("method", set), last=("time", "max"))
+    views = views[(views["low"] < 1) & (views["by"].map(len) > 1)].join(said)
+    names = views["_methods"].fillna("[]").map(json.loads).map(set)
+    is_known = np.array([by <= of for by, of in zip(views["by"], names, strict=True)], dtype=bool)
+    is_known &= (views["last"] <= views["_time"].fillna("")).to_numpy()
+    views.loc[~is_known, state] = ["unknown", "", math.nan, NOT_SCORED]
+    differs = np.where(is_known, views["_kind"] != "equal", views["high"] - views["low"] > LEAST_DIFFERENCE)
+    return views.loc[differs, state]
 
 
 def scores_of_pixels(rows: DataFrame) -> Series:
@@ -130,5 +108,6 @@ def scores_of_pixels(rows: DataFrame) -> Series:
 
     A metric that is not installed does not.
     """
-    known = [name for name, plugin in plugins.usable("metric").items() if plugin.is_of_pixels]
-    return rows["metric"].isin(known) & (rows["region"] == "image")
+    metrics = {str(name): plugins.installed("metric", str(name)) for name in rows["metric"].unique()}
+    of_pixels = [name for name, plugin in metrics.items() if plugin and plugin.is_of_pixels]
+    return rows["metric"].isin(of_pixels) & (rows["region"] == "image")

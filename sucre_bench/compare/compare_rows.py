@@ -1,16 +1,18 @@
 """Makes comparisons from rows: the units that all methods have, and a table for each dataset, view or region."""
 
 import json
+import math
+from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame, Series
-from sucre_bench.compare import ranks
-from sucre_bench.compare.choose_pixels import on_pixels
-from sucre_bench.compare.missing_scores import filled_rows, notes, pixel_notes
-from sucre_bench.compare.model import Cell, Column, Comparison, Note, says_filled
-from sucre_bench.compare.ranks import column_of, measured_column, repetitions_of
+from sucre_bench.compare import statistics
+from sucre_bench.compare.choose_pixels import leaves_holes, on_own_pixels
+from sucre_bench.compare.missing_scores import REPETITION, fault_notes, filled_rows, notes, pixel_notes
+from sucre_bench.compare.model import FILLED, Cell, Column, Comparison, Note, says_filled
+from sucre_bench.compare.statistics import ColumnScores, Units
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import COSTS, RESTORATION, By, values_of
@@ -18,6 +20,7 @@ from sucre_bench.results.table import is_fresh
 
 # Columns that nothing here looks at; they are most of a table's memory.
 _UNUSED = frozenset({"options", "options_id", "n_pixels", "seconds", "peak_mb", "device", "seed", "code"})
+_UNIT = ["scene", "view", "region"]
 
 
 def compare(
@@ -35,13 +38,10 @@ def compare(
     order = list(dict.fromkeys([*order, *rows["method"].unique()]))
     if baseline and baseline not in order:
         raise InputError(f"no scores of '{baseline}' to compare with; {did_you_mean(baseline, order)}")
-    rows = rows.assign(_fresh=is_fresh(rows), _asked=asked)
+    rows = without_replicates(rows.assign(_fresh=is_fresh(rows), _asked=asked))
     if "pixels" not in rows:
-        rows = on_pixels(rows, None)
-    numbers = {name: results.unreplicated(name)[1] for name in rows["scene"].unique()}
-    rows = without_replicates(rows.assign(_replicate=rows["scene"].map(numbers)))
-    of_patch = rows["region"].str.contains("/", regex=False)
-    rows = rows[~of_patch] if of_patch.any() else rows  # patches are inside their charts' scores
+        rows = on_own_pixels(rows)
+    rows = rows[~rows["region"].str.contains("/", regex=False)]  # patches are inside their charts' scores
     groups = ["dataset"]
     if by != "method":
         rows = rows[rows["view"] != ""]
@@ -67,11 +67,10 @@ def against(comparison: Comparison, baseline: str, methods: Collection[str] = ()
     methods = tuple(name for name in comparison.methods if name in methods or not methods or name == baseline)
     cells: dict[tuple[str, Column], Cell] = {}
     for column, measured in comparison.measured.items():
-        chosen = [m for m, name in enumerate(measured.methods) if name in methods]
-        scores = measured.of(chosen)
+        scores = measured.of([m for m, name in enumerate(measured.methods) if name in methods])
         made = [comparison.cells[name, column] for name in scores.methods]
         if baseline in scores.methods:
-            made = ranks.against(column, scores, made, scores.methods.index(baseline))
+            made = statistics.against(column, scores, made, scores.methods.index(baseline))
         cells |= {(name, column): cell for name, cell in zip(scores.methods, made, strict=True)}
     return replace(comparison, methods=methods, cells=cells, baseline=baseline)
 
@@ -79,35 +78,24 @@ def against(comparison: Comparison, baseline: str, methods: Collection[str] = ()
 def only(comparison: Comparison, metrics: Sequence[str]) -> Comparison:
     """Return the comparison with only the columns of these metrics, in their order; all of them if there are none.
 
-    metrics: "name" or "name:variant".
+    metrics: "name" or "name:variant". The share that methods fill stays, and comes first.
     """
-
-    def place(column: Column) -> int | None:
+    places: dict[Column, int] = {}
+    for column in comparison.columns:
         names = (column.metric, f"{column.metric}:{column.variant}")
+        found = [n for n, metric in enumerate(metrics) if metric in names]
         if says_filled(column.metric, column.variant):
-            return -1
-        return next((n for n, metric in enumerate(metrics) if metric in names), None if metrics else 0)
-
-    places = {column: n for column in comparison.columns if (n := place(column)) is not None}
-    columns = tuple(sorted(places, key=places.__getitem__))
-    notes = [replace(note, columns=tuple(c for c in note.columns if place(c) is not None)) for note in comparison.notes]
+            places[column] = -1
+        elif found or not metrics:
+            places[column] = found[0] if found else 0
+    notes = [replace(note, columns=tuple(c for c in note.columns if c in places)) for note in comparison.notes]
     return replace(
         comparison,
-        columns=columns,
+        columns=tuple(sorted(places, key=places.__getitem__)),
         cells={key: cell for key, cell in comparison.cells.items() if key[1] in places},
         measured={column: measured for column, measured in comparison.measured.items() if column in places},
         notes=tuple(new for new, old in zip(notes, comparison.notes, strict=True) if new.columns or not old.columns),
     )
-
-
-def _with_reasons(region: DataFrame, everywhere: DataFrame) -> DataFrame:
-    """A region's rows, and other rows with the reasons for missing scores: a failure concerns a whole image."""
-    import pandas as pd
-
-    elsewhere = everywhere.drop(region.index)
-    has_reason = (elsewhere["metric"] == RESTORATION) | (elsewhere["status"] != "ok")
-    scored = region["_asked"] & (region["status"] == "ok").any()
-    return pd.concat([region.assign(_asked=scored), elsewhere[has_reason].assign(_asked=False)])
 
 
 def asked_for(rows: DataFrame, metrics: Sequence[str]) -> Series:
@@ -127,9 +115,30 @@ def asked_for(rows: DataFrame, metrics: Sequence[str]) -> Series:
 
 
 def without_replicates(rows: DataFrame) -> DataFrame:
-    """Give the scenes of repetitions the name of what they repeat."""
-    names = {name: results.unreplicated(name)[0] for name in rows["scene"].unique()}
-    return rows.assign(scene=rows["scene"].map(names))
+    """Give the scenes of repetitions the name of what they repeat; a column `_replicate` has their numbers."""
+    names = {name: results.unreplicated(name) for name in rows["scene"].unique()}
+    numbers = rows["scene"].map({name: number for name, (_, number) in names.items()})
+    return rows.assign(scene=rows["scene"].map({name: plain for name, (plain, _) in names.items()}), _replicate=numbers)
+
+
+def _with_reasons(region: DataFrame, everywhere: DataFrame) -> DataFrame:
+    """A region's rows, and other rows with the reasons for missing scores: a failure concerns a whole image."""
+    import pandas as pd
+
+    elsewhere = everywhere.drop(region.index)
+    has_reason = (elsewhere["metric"] == RESTORATION) | (elsewhere["status"] != "ok")
+    scored = region["_asked"] & (region["status"] == "ok").any()
+    return pd.concat([region.assign(_asked=scored), elsewhere[has_reason].assign(_asked=False)])
+
+
+def _photographs(rows: DataFrame) -> set[tuple[str, str]]:
+    """The methods that return the photograph itself, each with its dataset."""
+    each = rows[["dataset", "method", "options"]].drop_duplicates(["dataset", "method"], keep="last")
+    plugin_of = {
+        (dataset, method): plugins.installed("method", json.loads(options).get("name", ""))
+        for dataset, method, options in values_of(each, *each.columns)
+    }
+    return {of for of, plugin in plugin_of.items() if plugin and plugin.is_photograph}
 
 
 def _table(
@@ -141,47 +150,85 @@ def _table(
     stale = tuple(name for name in methods if name not in with_fresh)
     methods = [name for name in methods if name in with_fresh]
     ok = rows[rows["_fresh"] & (rows["status"] == "ok") & rows["value"].notna()]
-    of_colours = {name: plugin.needs for name, plugin in plugins.usable("metric").items() if plugin.knows_colours}
+    metrics = {str(name): plugins.installed("metric", str(name)) for name in rows["metric"].unique()}
+    of_colours = {name: plugin.needs for name, plugin in metrics.items() if plugin and plugin.knows_colours}
     knows = bool(ok["metric"].isin(of_colours).any())  # be it among the requested metrics or not
     is_lack = (rows["status"] == "skipped") & rows["reason"].str.startswith(Reason.LACK.value)
     lacks = frozenset[str]().union(*(of_colours.get(name, ()) for name in rows.loc[is_lack, "metric"].unique()))
     ok = ok[ok["_asked"]]
-    if len(filled := filled_rows(rows)):
+    has_holes = leaves_holes(rows[rows["_fresh"]])  # else all methods fill the same pixels
+    if has_holes and len(filled := filled_rows(rows)):
         ok = pd.concat([filled, ok])
-    scores, repetitions = dict[Column, DataFrame](), dict[Column, DataFrame]()
+    made, repetitions = dict[Column, DataFrame](), dict[Column, DataFrame]()
     for _, of_column in ok.groupby(["metric", "variant"], sort=False):
-        repeats = repetitions_of(of_column)
-        column, values = column_of(of_column, repeats, knows)
-        scores[column], repetitions[column] = values, repeats
-    columns = sorted(scores, key=_order)
-    found = [*pixel_notes(rows, columns), *notes(rows[rows["method"].isin(methods)], scores, repetitions, methods)]
+        in_order = of_column.sort_values("value", kind="stable")  # sums must not depend on the order of rows
+        repeated = in_order.groupby([*REPETITION, "method"])["value"].mean().unstack("method")
+        values = _averaged(repeated)
+        column = _column(of_column, values, knows)
+        made[column], repetitions[column] = values, repeated
+    # The share that methods fill comes first; what only describes and costs come last; else as they were run.
+    columns = sorted(made, key=lambda c: (not says_filled(c.metric, c.variant), c.better == "none", c.metric in COSTS))
+    found = [*fault_notes(rows), *(pixel_notes(rows, columns) if has_holes else ())]
+    found += notes(rows[rows["method"].isin(methods)], made, repetitions, methods)
     if stale:
         found.append(Note("older data", stale))
     if baseline and baseline not in methods:
         found.append(Note("no baseline", (baseline,)))
         baseline = ""
-    measured = {column: measured_column(column, values) for column, values in scores.items() if column.n_units}
     photographs = tuple(name for name in methods if name in all_photographs)
-    made = {
-        (name, column): cell
-        for column, of_column in measured.items()
-        for name, cell in zip(of_column.methods, ranks.cells(column, of_column, photographs), strict=True)
-    }
+    cells, measured = dict[tuple[str, Column], Cell](), dict[Column, ColumnScores]()
+    for column, values in made.items():
+        if column.n_units:
+            measured[column] = scores = _scores(column, values.dropna())
+            std, holes = statistics.standard_deviation(values.dropna().to_numpy()), values.isna().sum().to_numpy()
+            of_column = statistics.cells(column, scores, std, holes, photographs)
+            cells |= {(name, column): cell for name, cell in zip(scores.methods, of_column, strict=True)}
     has_none = lacks >= {"reference", "charts"}
     table = Comparison(
-        title, tuple(methods), tuple(columns), made, stale, "", tuple(found), measured, photographs, has_none
+        title, tuple(methods), tuple(columns), cells, stale, "", tuple(found), measured, photographs, has_none
     )
     return against(table, baseline) if baseline else table
 
 
-def _photographs(rows: DataFrame) -> set[tuple[str, str]]:
-    """The methods that return the photograph itself, each with its dataset."""
-    known, columns = plugins.usable("method"), ["dataset", "method", "options"]
-    each = rows[columns].drop_duplicates(columns[:2], keep="last")
-    plugin_of = {(d, m): known.get(json.loads(options).get("name", "")) for d, m, options in values_of(each, *columns)}
-    return {of for of, plugin in plugin_of.items() if plugin and plugin.is_photograph}
+def _averaged(repetitions: DataFrame) -> DataFrame:
+    """Means over the repetitions that all methods have: units x methods, both sorted, NaN = a hole.
+
+    Of a unit without any such repetition, methods that lack one have a hole.
+    """
+    lacking = repetitions.isna()
+    shared = repetitions[~lacking.any(axis=1)].groupby(level=_UNIT).mean()
+    means = repetitions.groupby(level=_UNIT).mean().mask(lacking.groupby(level=_UNIT).any())
+    return shared.reindex(means.index).fillna(means)
 
 
-def _order(column: Column) -> tuple[bool, bool, bool]:
-    """The share that methods fill comes first; what only describes and costs come last; else as they were run."""
-    return not says_filled(column.metric, column.variant), column.better == "none", column.metric in COSTS
+def _column(rows: DataFrame, values: DataFrame, knows_colours: bool) -> Column:
+    """What a column is. values: units x methods; knows_colours: whether a score of the table knows true colours."""
+    left, first = values.dropna().index, next(rows.itertuples())
+    metric, variant = str(first.metric), str(first.variant)
+    plugin = plugins.installed("metric", metric)
+    of_unknown = (0 if metric in (*COSTS, FILLED) else -math.inf, 1 if metric == FILLED else math.inf)
+    return Column(
+        metric=metric,
+        variant=variant,
+        unit=str(first.unit),
+        better="none" if plugin and variant in plugin.unranked else str(first.better),
+        range=plugin.range if plugin else of_unknown,
+        of="image" if (rows["region"] == "image").all() else "chart",
+        n_units=len(left),
+        n_views=len(left.droplevel("region").unique()),
+        n_scenes=left.get_level_values("scene").nunique(),
+        missing=len(values) - len(left),
+        pixels="common" if "pixels" in rows and (rows["pixels"] == "common").any() else "own",
+        competes=knows_colours or plugin is None or not plugin.is_of_picture_alone,
+    )
+
+
+def _scores(column: Column, complete: DataFrame) -> ColumnScores:
+    """The numbers of a column. complete: units x methods, both sorted, without holes."""
+    per_view = complete.groupby(level=_UNIT[:2]).mean()
+    views, scenes = per_view.to_numpy(), [*Counter(scene for scene, _ in per_view.index).values()]
+    is_of_pairs = len(scenes) == 1 and column.plugin is not None and column.plugin.is_of_pairs
+    units = None
+    if column.metric != FILLED and len(views) > (2 if is_of_pairs else 1):
+        units = Units.of(statistics.pseudo_values(views) if is_of_pairs else views, scenes)
+    return ColumnScores(tuple(map(str, complete.columns)), tuple(per_view.index), views, units)

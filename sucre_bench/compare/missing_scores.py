@@ -6,10 +6,11 @@ from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
-from sucre_bench import plugins
-from sucre_bench.arrays import DataFrame, Series
+import numpy as np
+
+from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.choose_pixels import scores_of_pixels
-from sucre_bench.compare.model import FILLED, Column, Note, says_filled
+from sucre_bench.compare.model import FILLED, Column, Note, has_role, says_filled
 from sucre_bench.results.common_scores import LEAST_DIFFERENCE, LEAST_FILLED
 from sucre_bench.results.reasons import Reason, without_view
 from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, restorations, tuples, values_of
@@ -17,17 +18,13 @@ from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, resto
 # More than this share of a picture without colour, or of its colours below zero, and a table says so.
 _MUCH = 0.1
 
-_REPETITION = ["scene", "view", "_replicate"]
+REPETITION = ["scene", "view", "region", "_replicate"]
 
 _View = tuple[str, str]  # scene and view
+_Tables = Mapping[Column, DataFrame]
 
 
-def notes(
-    rows: DataFrame,
-    scores: Mapping[Column, DataFrame],
-    repetitions: Mapping[Column, DataFrame],
-    methods: Sequence[str],
-) -> Iterator[Note]:
+def notes(rows: DataFrame, scores: _Tables, repetitions: _Tables, methods: Sequence[str]) -> Iterator[Note]:
     """Yield what each method lacks that others have.
 
     rows: of the table, whatever became of them, with `_fresh` saying which are of the data compared, and `_replicate`;
@@ -56,7 +53,8 @@ def notes(
         for name in some:
             pairs = values_of(unscored[unscored["method"] == name], "status", "reason")
             yield Note("no score", (name,), reasons=_counted(map(": ".join, pairs)))
-    yield from _repeats_lost(rows, repetitions)
+    if rows["_replicate"].nunique() > 1:
+        yield from _repeats_lost(rows, repetitions)
 
 
 class _Why:
@@ -105,58 +103,51 @@ def _counted(reasons: Iterable[str]) -> str:
     return "; ".join(parts)
 
 
-def _scores_lost(
-    name: str, lost: set[_View], scores: Mapping[Column, DataFrame], repetitions: Mapping[Column, DataFrame], why: _Why
-) -> Iterator[Note]:
+def _scores_lost(name: str, lost: set[_View], scores: _Tables, repetitions: _Tables, why: _Why) -> Iterator[Note]:
     """A note for the metrics that lack the same units, apart from views that were not restored."""
     alike: dict[Note, list[Column]] = {}
     for column, values in scores.items():
         if column.metric in COSTS or name not in values or column.n_units == len(values):
             continue
-        missing = values.index[values[name].isna()].droplevel("region")
+        is_missing = values[name].isna()
+        missing, there = (values.index[is_some].droplevel("region") for is_some in (is_missing, ~is_missing))
         views = set(missing)
-        if not views or views <= lost:
+        if views <= lost:
             continue
-        there = set(values.index[values[name].notna()].droplevel("region"))
-        of_method = repetitions[column][name]
-        partly = views & set(of_method.index[of_method.notna()].droplevel(["region", "_replicate"])) - there
+        has_any = repetitions[column][name].dropna().index.droplevel(["region", "_replicate"])
+        partly = (views & set(has_any)) - set(there)
+        concerned, unit = list[_View](views), "image"
         counts = (len(views), len(values.index.droplevel("region").unique()), column.n_views)
-        if is_of_charts := bool(views & there):  # some charts of a view, not all
-            counts = (len(missing), len(values), column.n_units)
-        concerned = missing if is_of_charts else views
+        if views & set(there):  # some charts of a view, not all
+            concerned, unit, counts = [*missing], column.of, (len(missing), len(values), column.n_units)
         reasons = _counted("no repetition that all have" if v in partly else why(name, v, column) for v in concerned)
-        unit = column.of if is_of_charts else "image"
         alike.setdefault(Note("images lost", (name,), (), *counts, unit=unit, reasons=reasons), []).append(column)
     yield from (replace(note, columns=tuple(columns)) for note, columns in alike.items())
 
 
-def _repeats_lost(rows: DataFrame, repetitions: Mapping[Column, DataFrame]) -> Iterator[Note]:
-    """Replicates that a method lacks, failed or never run, of images that have at least one other replicate."""
-    if rows["_replicate"].nunique() < 2:
-        return
+def _repeats_lost(rows: DataFrame, repetitions: _Tables) -> Iterator[Note]:
+    """Replicates that a method lacks, failed or never run, of images that have at least one other replicate.
 
-    def partly(has: DataFrame, of: list[str]) -> DataFrame:
-        return ~has & has.groupby(level=of).transform("any")
-
-    def found(lost: DataFrame) -> Iterator[Note]:
-        for name in lost.columns[lost.any()]:
-            of_method = lost[name]
-            n = len(of_method.index[of_method].droplevel("_replicate").unique())
-            yield Note("replicates lost", (str(name),), n=n, total=len(of_method), lost=int(of_method.sum()))
-
+    First those without a restoration, then those that only lack scores of some metrics.
+    """
     whole = restoration_rows(rows[rows["_fresh"] & (rows["view"] != "")])
-    keys = [whole[name] for name in (*_REPETITION, "method")]
-    lost = partly((whole["status"] == "ok").groupby(keys).any().unstack("method", fill_value=False), _REPETITION[:2])
-    yield from found(lost)
-    alike: dict[Note, list[Column]] = {}
-    for column, values in repetitions.items():
-        if column.metric in COSTS or not values.isna().to_numpy().any():
-            continue
-        lacking = partly(values.notna(), [*_REPETITION[:2], "region"]).groupby(level=_REPETITION).any()
-        noted = lost.reindex(index=lacking.index, columns=lacking.columns, fill_value=False)
-        for note in found(lacking & ~noted):
-            alike.setdefault(note, []).append(column)
-    yield from (replace(note, columns=tuple(columns)) for note, columns in alike.items())
+    ok = (whole["status"] == "ok").groupby([whole[name] for name in (*REPETITION, "method")]).any()
+    has: dict[Column | None, DataFrame] = {None: ok.unstack("method", fill_value=False)}
+    has |= {column: values.notna() for column, values in repetitions.items() if column.metric not in COSTS}
+    noted, alike = ~has[None] & False, dict[tuple[Note, bool], list[Column]]()
+    noted = noted.droplevel("region")
+    for column, there in has.items():
+        partly = ~there & there.groupby(level=REPETITION[:3]).transform("any")
+        lost = partly.groupby(level=["scene", "view", "_replicate"]).any()
+        if column is None:
+            noted = lost
+        else:
+            lost &= ~noted.reindex(index=lost.index, columns=lost.columns, fill_value=False)
+        for name, of_method in lost.loc[:, lost.any()].items():
+            n = len(of_method.index[of_method].droplevel("_replicate").unique())
+            note = Note("replicates lost", (str(name),), n=n, total=len(of_method), lost=int(of_method.sum()))
+            alike.setdefault((note, column is None), []).extend([column] if column else [])
+    yield from (replace(note, columns=tuple(columns)) for (note, _), columns in alike.items())
 
 
 # -- pixels ------------------------------------------------------------------------------------------------
@@ -168,25 +159,25 @@ def filled_rows(rows: DataFrame) -> DataFrame:
     rows: of one table, with `_fresh` and `_asked`. No rows if the metric of coverage is among them.
     """
     asked = rows[rows["_fresh"] & rows["_asked"]]
-    is_there = any(says_filled(*pair) for pair in set(values_of(asked, "metric", "variant")))
     whole = restorations(rows[rows["_fresh"]])
-    has_holes = (whole["coverage"] < 1 - LEAST_DIFFERENCE).any()
-    if is_there or not has_holes or not scores_of_pixels(asked).any():
+    if not (whole["coverage"] < 1 - LEAST_DIFFERENCE).any() or not scores_of_pixels(asked).any():
+        return whole.iloc[:0]
+    if any(says_filled(*pair) for pair in set(values_of(asked, "metric", "variant"))):
         return whole.iloc[:0]
     about = {"metric": FILLED, "variant": "image", "unit": "share", "better": "none", "region": "image"}
     return whole.assign(**about, value=whole["coverage"])
 
 
-def pixel_notes(rows: DataFrame, columns: Iterable[Column]) -> Iterator[Note]:
-    """Yield which methods leave much of a picture without colour, and whose colours are often below zero; then on
-    which pixels scores are that methods would have of different ones.
+def fault_notes(rows: DataFrame) -> Iterator[Note]:
+    """Yield what is wrong with pictures: which methods leave much without colour, and whose colours are below zero.
 
-    rows: of one table, with `_fresh`, `_asked` and the columns of `on_pixels`; columns: of the table.
+    rows: of one table, with `_fresh`.
     """
     fresh = rows[rows["_fresh"]]
     whole = restorations(fresh)
-    of_any = {(name, p.default[0]) for name, p in plugins.usable("metric").items() if p.role == "negative"}
     negative = fresh[(fresh["status"] == "ok") & (fresh["view"] != "")]
+    pairs = {*values_of(negative, "metric", "variant")}
+    of_any = {pair for pair in pairs if has_role(*pair, "negative")}
     negative = negative.loc[[pair in of_any for pair in values_of(negative, "metric", "variant")]]
     for kind, of, shares in (
         ("holes", whole, 1 - whole["coverage"]),
@@ -196,9 +187,15 @@ def pixel_notes(rows: DataFrame, columns: Iterable[Column]) -> Iterator[Note]:
         worst = by_method[by_method["max"] > _MUCH].sort_values("mean", ascending=False, kind="stable")["mean"]
         if len(worst):
             yield Note(kind, tuple(map(str, worst.index)), shares=tuple(map(float, worst)))
-    if not (whole["coverage"] < 1).any():  # all methods fill the same pixels
-        return
 
+
+def pixel_notes(rows: DataFrame, columns: Iterable[Column]) -> Iterator[Note]:
+    """Yield on which pixels scores are that methods would have of different ones.
+
+    rows: of one table, with `_fresh`, `_asked` and the columns of `on_pixels`; columns: of the table.
+    """
+    fresh = rows[rows["_fresh"]]
+    whole = restorations(fresh)
     scores = fresh[fresh["_asked"] & scores_of_pixels(fresh)]
 
     def note(kind: str, concerned: DataFrame, **more: Any) -> Note:
@@ -213,18 +210,12 @@ def pixel_notes(rows: DataFrame, columns: Iterable[Column]) -> Iterator[Note]:
         yield note("common pixels", common, share=share)
     if none.any():
         yield note("no shared pixels", scores[none])
-    reasons = scores["pixels_reason"].where(_is_own(scores, whole) | (scores["pixels_reason"] != ""))
-    for reason, each in scores.groupby(reasons, sort=False):
+    # Scores on own pixels: with a reason, or of views of which methods fill shares that differ by much.
+    filled = whole[whole["coverage"] >= LEAST_FILLED].groupby(["scene", "view"])["coverage"]
+    differing = {*(filled.max() - filled.min()).loc[lambda share: share > LEAST_DIFFERENCE].index}
+    is_differing = np.array([view in differing for view in values_of(scores, "scene", "view")], dtype=bool)
+    is_own = (is_differing & (scores["pixels"] == "own")) | (scores["pixels_reason"] != "")
+    for reason, each in scores[is_own].groupby("pixels_reason", sort=False):
         made = note("own pixels", each, reasons=str(reason))
         if made.columns:  # a metric that lacks a reference, say, has none
             yield made
-
-
-def _is_own(scores: DataFrame, whole: DataFrame) -> Series:
-    """Which scores are on own pixels, of views of which methods fill shares that differ by much."""
-    import pandas as pd
-
-    filled = whole[whole["coverage"] >= LEAST_FILLED].groupby(["scene", "view"])["coverage"]
-    differing = set((filled.max() - filled.min()).loc[lambda share: share > LEAST_DIFFERENCE].index)
-    places = (place in differing for place in values_of(scores, "scene", "view"))
-    return pd.Series(places, scores.index, dtype=bool) & (scores["pixels"] == "own")

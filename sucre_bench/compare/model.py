@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
 
 from sucre_bench import plugins
-from sucre_bench.arrays import Array
-from sucre_bench.compare.bootstrap import Units
-from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.plugins.plugin import Plugin, Role
 from sucre_bench.results.rows import COSTS
+
+if TYPE_CHECKING:
+    from sucre_bench.compare.statistics import ColumnScores
 
 # A difference and the ends of its 95 % interval.
 Difference = tuple[float, float, float]
@@ -61,7 +62,7 @@ class Column:
     @property
     def plugin(self) -> Plugin | None:
         """The metric; None if it is not installed."""
-        return plugins.usable("metric").get(self.metric)
+        return plugins.installed("metric", self.metric)
 
     @property
     def directed(self) -> bool:
@@ -111,34 +112,6 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class ColumnScores:
-    """The numbers behind one column's cells.
-
-    methods: (M,) labels; places: (V,) scene and view; views: (V, M) means per view, no holes; std: (M,) over units;
-    holes: (M,) units that others have; independent: the same by independent unit, None where there are fewer than two
-    views.
-    """
-
-    methods: tuple[str, ...]
-    places: tuple[tuple[str, str], ...]
-    views: Array
-    std: Array
-    holes: Array
-    independent: Units | None
-
-    def of(self, methods: Sequence[int]) -> ColumnScores:
-        """Return the scores of some methods, by their numbers."""
-        return replace(
-            self,
-            methods=tuple(self.methods[m] for m in methods),
-            views=self.views[:, methods],
-            std=self.std[methods],
-            holes=self.holes[methods],
-            independent=self.independent and self.independent.of_methods(methods),
-        )
-
-
-@dataclass(frozen=True)
 class Note:
     """Something that a comparison does not count.
 
@@ -168,7 +141,7 @@ class Verdict:
     """Which of two methods is ahead in a score, and whether this is a lead.
 
     difference: of the means, paired, at least 0; interval: its 95 % interval, for which all methods are judged together
-    (`sucre_bench.compare.bootstrap`), NaN without one; wins: in how many views the leader is the best, or beats the
+    (`sucre_bench.compare.statistics`), NaN without one; wins: in how many views the leader is the best, or beats the
     baseline; effect: the difference in standard deviations of the views' differences, NaN if they do not vary;
     may_be_chance: whether the interval has 0.
     """
@@ -233,8 +206,12 @@ class Comparison:
         return tuple(name for name in self.methods if name not in self.photographs)
 
 
+def has_role(metric: str, variant: str, role: Role) -> bool:
+    """Return whether a score is of the first default variant of a metric that has a role."""
+    plugin = plugins.installed("metric", metric)
+    return plugin is not None and plugin.role == role and variant == plugin.default[0]
+
+
 def says_filled(metric: str, variant: str) -> bool:
     """Return whether a score is the share of the image that a method fills."""
-    plugin = plugins.usable("metric").get(metric)
-    is_coverage = plugin is not None and plugin.role == "coverage" and variant == plugin.default[0]
-    return metric == FILLED or is_coverage
+    return metric == FILLED or has_role(metric, variant, "coverage")

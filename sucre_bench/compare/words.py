@@ -5,9 +5,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-
-from sucre_bench.arrays import Array
 from sucre_bench.compare.model import Column, Comparison, Note, Verdict, may_be_chance, says_filled
 from sucre_bench.machine.text_formats import counted
 
@@ -46,18 +43,6 @@ def number(value: float) -> str:
 def signed(value: float) -> str:
     """A number that says that it is a difference: "+0.31"."""
     return f"+{number(value)}" if value > 0 else number(value)
-
-
-def standard_deviation(values: Array) -> Array:
-    """Return the sample standard deviation over the first axis, with n - 1: the images are a sample of all images.
-
-    values: (N, ...). NaN for fewer than two values, and where one is infinite. The SUCRe paper does not say which
-    definition its tables have.
-    """
-    if len(values) < 2:
-        return np.full(values.shape[1:], np.nan)
-    with np.errstate(invalid="ignore"):  # infinity minus infinity
-        return np.asarray(values.std(axis=0, ddof=1))
 
 
 def title(column: Column) -> str:

@@ -34,11 +34,10 @@ from sucre_bench.results.common_scores import (
     Kind,
     ViewKey,
     common_frame,
-    common_mask,
+    common_pixels,
     common_rows,
     differing_views,
     filled_restorations,
-    kind_of,
     read_common,
     write_common,
 )
@@ -158,22 +157,23 @@ class CommonView:
             return [CommonRow.of(failed, "", list(self.whole))]
 
     def _scored(self, base: Row) -> list[CommonRow]:
-        common, differing = common_mask({name: source.mask() for name, source in self.sources.items()})
-        kind, pixels = kind_of(common, differing)
-        share = float(common.mean())
-        reason = Reason.NO_SHARED_PIXELS.value if kind == "none" else ""
-        base = replace(base, value=share, coverage=share, n_pixels=int(common.sum()), variant=kind, reason=reason)
-        rows = [CommonRow.of(base, pixels, list(self.whole))]
-        if kind != "common":
+        common = common_pixels({name: source.mask() for name, source in self.sources.items()})
+        reason = Reason.NO_SHARED_PIXELS.value if common.kind == "none" else ""
+        n_pixels = int(common.mask.sum())
+        base = replace(
+            base, value=common.share, coverage=common.share, n_pixels=n_pixels, variant=common.kind, reason=reason
+        )
+        rows = [CommonRow.of(base, common.id, list(self.whole))]
+        if common.kind != "common":
             return rows
-        known = self.scores if self.before is not None and self.before.pixels == pixels else {}
+        known = self.scores if self.before is not None and self.before.pixels == common.id else {}
         for method, source in self.sources.items():
             rows += [row for key, row in known.items() if key[0] == method]  # also by metrics not asked for now
             todo = [row for row in self.own_rows if row.method == method and _score(row) not in known]
             if todo:
-                shown = locked(source.shown(common, f"the restored image of {method}"))
-                scored, started = Scored(source.restoration(common), shown, self.view), now()
-                rows += [CommonRow.of(row, pixels) for own in todo for row in self._again(own, scored, started)]
+                shown = locked(source.shown(common.mask, f"the restored image of {method}"))
+                scored, started = Scored(source.restoration(common.mask), shown, self.view), now()
+                rows += [CommonRow.of(row, common.id) for own in todo for row in self._again(own, scored, started)]
         return rows
 
     def _again(self, own: Row, scored: Scored, started: str) -> Iterator[Row]:

@@ -65,7 +65,8 @@ class Compared:
         """Means, paired differences, ranks and ties; None if there are no scores."""
         if not len(self.rows):
             return None
-        rows = self.rows if self.common is None else compare.on_pixels(self.rows, self.common)
+        common = self.common
+        rows = self.rows if common is None else compare.on_pixels(self.rows, lambda: common)
         return next(iter(compare.compare(rows, order=self.labels)), None)
 
     def __repr__(self) -> str:

@@ -58,10 +58,11 @@ def check(command: Command) -> list[Planned]:
     for plugin in {(p.kind, p.name): p for p in every}.values():
         if line := plugins.missing_packages(plugin):
             problems.append(f"{plugin.kind} '{plugin.name}': not installed; {line}")
-    study, known = jobs[0].study, {*(job.method.label for job in jobs), *plugins.discover("method")}
+    study, known = jobs[0].study, {job.method.label for job in jobs}
     named = {"baseline": jobs[0].baseline} if jobs[0].baseline or not study else {"study.baseline": study.baseline}
     for key, label in named.items():  # one that is a method, but not of this sweep, is left out
-        if label and label not in known:
+        if label and label not in known and plugins.get("method", label) is None:
+            known |= plugins.discover("method").keys()
             problems.append(f"{key}: no method is called '{label}'; {did_you_mean(label, known)}")
     rows = results.frame([])
     try:

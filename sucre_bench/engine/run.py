@@ -220,7 +220,7 @@ def _outcome(rows: DataFrame, planned: Sequence[Planned], interrupted: bool, cra
             elif status == "failed" or not interrupted:
                 failed.append(fault)
     first = planned[0].job
-    scores = compare.on_pixels(rows, read_common(first.out) if compare.leaves_holes(rows) else None)
+    scores = compare.on_pixels(rows, partial(read_common, first.out))
     restored = restoration_rows(rows)
     is_requested = [row[:-1] in metrics and row[-1] == "ok" for row in values_of(restored, *keys, "status")]
     restored = restored.loc[is_requested]

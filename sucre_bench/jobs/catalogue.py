@@ -55,15 +55,15 @@ def presets(group: str) -> tuple[Preset, ...]:
 
 def preset_of(kind: Kind, name: str) -> Preset | None:
     """Return the preset of this name, unless a plugin has it; None where there is none."""
-    known = () if name in plugins.discover(kind) else presets(GROUPS[kind])
+    known = presets(GROUPS[kind]) if plugins.get(kind, name) is None else ()
     return next((preset for preset in known if preset.name == name), None)
 
 
 def plugin_of(kind: Kind, name: str) -> Plugin | None:
     """Return the plugin of this name, or that a preset of this name is of; None where there is none."""
-    known = plugins.usable(kind)
     preset = preset_of(kind, name)
-    return known.get(next((base for base in preset.builds_on if base in known), name) if preset else name)
+    bases = preset.builds_on if preset else (name,)
+    return next((plugin for base in bases if (plugin := plugins.installed(kind, base))), None)
 
 
 def named(kind: Kind, name: str) -> Plugin:
@@ -73,7 +73,7 @@ def named(kind: Kind, name: str) -> Plugin:
     """
     if plugin := plugin_of(kind, name):
         return plugin
-    if name in plugins.discover(kind):
+    if plugins.get(kind, name) is not None:
         return plugins.find(kind, name)  # raises with the reason
     if kind == "dataset" and Path(name).exists():
         remedy = f"sucre-bench run {name}" if Path(name).is_file() else f"dataset=./{name}"

@@ -183,7 +183,7 @@ def given(kind: Kind, record: Mapping[str, Any], seed: int = 0) -> dict[str, Any
 
     seed: the run's, which a plugin has that was given none.
     """
-    plugin = plugins.usable(kind).get(str(record.get("name")))
+    plugin = plugins.installed(kind, str(record.get("name")))
     defaults: dict[str, Any] = {option.name: option.default for option in options_of(plugin.cls)} if plugin else {}
     defaults |= {"seed": seed, "display": plugin.display} if plugin else {}  # of the run, unless it is given
     return {name: v for name, v in record.items() if name != "name" and plain_value(defaults.get(name, ...)) != v}
@@ -191,7 +191,7 @@ def given(kind: Kind, record: Mapping[str, Any], seed: int = 0) -> dict[str, Any
 
 def metric_words(metric: str, variants: Collection[str]) -> list[str]:
     """The words that ask for variants of a metric, beside its name in metrics=[...]."""
-    plugin = plugins.usable("metric").get(metric)
+    plugin = plugins.installed("metric", metric)
     is_default = plugin is not None and set(variants) == set(plugin.default)
     return [] if is_default else [f"metrics.{metric}.variants={value_of(list(variants))}"]
 

@@ -103,6 +103,12 @@ def get(kind: Kind, name: str) -> Plugin | Broken | None:
     return known[kind if kind in known else (kind, name)].get(name)
 
 
+def installed(kind: Kind, name: str) -> Plugin | None:
+    """Return the plugin of that name; None where there is none that works. Of this package, it imports no others."""
+    plugin = get(kind, name)
+    return plugin if isinstance(plugin, Plugin) else None
+
+
 def find(kind: Kind, name: str) -> Plugin:
     """Return the plugin of that name. InputError with the nearest name, or PluginError with why it is broken."""
     plugin = get(kind, name)

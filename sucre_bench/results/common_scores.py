@@ -70,8 +70,22 @@ def differing_views(whole: DataFrame) -> set[ViewKey]:
     return set(may_differ.index[may_differ])
 
 
-def common_mask(masks: Mapping[str, Mask | None]) -> tuple[Mask, float]:
-    """Return the pixels (H, W) that all methods fill, and the share of the image that only some of them fill.
+@dataclass(frozen=True)
+class CommonPixels:
+    """The pixels of a view that all methods fill.
+
+    mask: (H, W); share: of the image that they are; kind: whether scores are on them; id: hash of the mask, "" if no
+    scores are on them.
+    """
+
+    mask: Mask
+    share: float
+    kind: Kind
+    id: str
+
+
+def common_pixels(masks: Mapping[str, Mask | None]) -> CommonPixels:
+    """Return the pixels that all methods fill.
 
     masks: by method, the pixels (H, W) with a colour; None for a method that fills all of them, but not for all
     methods. Raises InputError for masks of different sizes.
@@ -85,14 +99,9 @@ def common_mask(masks: Mapping[str, Mask | None]) -> tuple[Mask, float]:
             raise InputError(fault, f"the mask of {name}", remedy)
     common = np.logical_and.reduce([*holed.values()])
     some = 1.0 if len(holed) < len(masks) else float(np.logical_or.reduce([*holed.values()]).mean())
-    return common, some - float(common.mean())
-
-
-def kind_of(common: Mask, differing: float) -> tuple[Kind, str]:
-    """Return what is known of a view by its `common_mask`, and the hash of the pixels if scores are on them."""
-    if differing <= LEAST_DIFFERENCE:
-        return "equal", ""
-    return ("common", mask_id(common)) if common.any() else ("none", "")
+    share = float(common.mean())
+    kind: Kind = "equal" if some - share <= LEAST_DIFFERENCE else "common" if common.any() else "none"
+    return CommonPixels(common, share, kind, mask_id(common) if kind == "common" else "")
 
 
 def common_frame(rows: Iterable[CommonRow]) -> DataFrame:

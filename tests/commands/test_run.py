@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from sucre_bench.commands.run import run
-from sucre_bench.compare.bootstrap import Units
+from sucre_bench.compare.statistics import Units
 
 pytestmark = pytest.mark.usefixtures("toys")
 

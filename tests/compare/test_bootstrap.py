@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sucre_bench.compare.bootstrap import Units, differences, mean_intervals, pseudo_values
+from sucre_bench.compare.statistics import Units, differences, mean_intervals, pseudo_values
 
 pytestmark = pytest.mark.short
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sucre_bench.compare.bootstrap import Units, changes, differences, leads
+from sucre_bench.compare.statistics import Units, changes, differences, leads
 
 pytestmark = pytest.mark.short
 

@@ -27,7 +27,7 @@ from sucre_bench.machine import progress
 from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.machine.text_formats import filled_in
 from sucre_bench.results import layout
-from sucre_bench.results.common_scores import LEAST_FILLED, common_mask, filled_restorations
+from sucre_bench.results.common_scores import LEAST_FILLED, common_pixels, filled_restorations
 from sucre_bench.results.restorations import stored_mask
 from sucre_bench.results.rows import restorations, row_objects
 
@@ -108,7 +108,7 @@ def common_masks(folder: Path, key: Key) -> dict[tuple[str, str], Mask]:
         where, place = (row.scene, row.view), layout.find(key.dataset, row.scene, row.view, folder)
         if where in shown and place is not None:
             masks.setdefault(where, {})[row.method] = stored_mask(folder, place, row)
-    made = {where: common_mask(of_view)[0] for where, of_view in masks.items()}
+    made = {where: common_pixels(of_view).mask for where, of_view in masks.items()}
     for (_, view), mask in made.items():
         if mask.mean() < LEAST_FILLED:
             raise InputError(

@@ -9,6 +9,7 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import partial
 
 from sucre_bench import compare, plugins
 from sucre_bench.arrays import DataFrame
@@ -133,7 +134,8 @@ def _tables(dataset: str, groups: Sequence[_Group]) -> Iterator[Table]:
     import pandas as pd
 
     for group in groups:
-        for comparison in compare.compare(compare.on_pixels(group.rows, pd.concat(group.common, ignore_index=True))):
+        common = partial(pd.concat, group.common, ignore_index=True)
+        for comparison in compare.compare(compare.on_pixels(group.rows, common)):
             columns = dict.fromkeys((*decisive(comparison).columns, *comparison.columns))  # those that decide first
             if ranked := tuple(column for column in columns if column.ranked):
                 chosen = compare.only(comparison, [f"{column.metric}:{column.variant}" for column in ranked])

@@ -23,7 +23,7 @@ from sucre_bench.programs.verify import TOLERANCE
 from sucre_bench.programs.verify.open_data import Scenes, open_data
 from sucre_bench.programs.verify.score_again import Pictured, metrics_of
 from sucre_bench.results.bundle_format import COMMON, SCORES, Bundle
-from sucre_bench.results.common_scores import COMMON_PIXELS, common_frame, common_mask, filled_restorations, kind_of
+from sucre_bench.results.common_scores import COMMON_PIXELS, common_frame, common_pixels, filled_restorations
 from sucre_bench.results.layout import possible_places
 from sucre_bench.results.reasons import Reason, brief
 from sucre_bench.results.restorations import masked
@@ -263,16 +263,16 @@ class _Check:
             restoration, is_this_sure = kept.open(int(row.n_pixels))
             masks[method] = restoration.valid
             is_sure &= is_this_sure
-        common, differing = common_mask(masks)
-        share, (kind, pixels) = float(common.mean()), kind_of(common, differing)
-        is_as_said = (kind, pixels) == (said.variant, said.pixels)
-        if is_sure and not (is_as_said and math.isclose(share, said.value, abs_tol=1e-6)):  # it is written as text
+        common = common_pixels(masks)
+        is_as_said = (common.kind, common.id) == (said.variant, said.pixels)
+        is_of_share = math.isclose(common.share, said.value, abs_tol=1e-6)  # it is written as text
+        if is_sure and not (is_as_said and is_of_share):
             there, here = (
                 "methods fill the same pixels" if kind == "equal" else f"methods have {100 * of:.6g} % in common"
-                for kind, of in ((said.variant, said.value), (kind, share))
+                for kind, of in ((said.variant, said.value), (common.kind, common.share))
             )
             raise InputError(f"{there}, in the pictures {here}")
-        return common, is_sure or is_as_said
+        return common.mask, is_sure or is_as_said
 
     def _score(self, row: Any, scores: DataFrame, common: Mask | None = None, is_common_sure: bool = True) -> None:
         """Compute scores again, and judge each. row: of the restoration; common: the pixels (H, W) to score."""

@@ -1,0 +1,370 @@
+"""The statistics of one column of scores: means, 95 % intervals, differences, ranks, wins and effects.
+
+Replicates are averaged to units, units to views, views to a score: a view counts once.
+
+**Intervals of means.** Views of a scene share its water, and charts of a view share its light: they are not
+independent repetitions. The independent units are therefore the scenes, or the views if there is one scene. A resample
+draws as many units as there are, with replacement, each with everything in it. The spread between units already
+contains the spread within them, so nothing is drawn within a unit (Davison and Hinkley 1997, sec. 3.8, strategy 1). All
+methods of a table are drawn together, which pairs their differences.
+
+A bootstrap of few units is too narrow: its spread is too small by sqrt((n - 1) / n), and its tails are normal instead
+of Student's. Intervals of means are widened by both, about the mean (Hesterberg 2015, sec. 5.3).
+
+A score of a pair of views stands in the means of both views, so views are not independent, and the spread between them
+shows half of what a view brings to the overall mean or less. Each view then counts by its pseudo-value: how the overall
+mean changes without it (jackknife of a U-statistic of degree 2, Arvesen 1969).
+
+**Intervals of differences.** Differences of several pairs are judged at once, so each gets the same multiple of its
+standard error, chosen so that all of their intervals hold together in 95 % of tables (max-t: Romano and Wolf 2005, sec.
+4). Differences from one method, the best or a baseline, are fewer than those of all pairs, so they are judged in steps
+(step-down max-t): methods that differ by more than chance leave, and the others are judged anew by shorter intervals.
+
+Which method is the best is seen only in the scores, so the family of its leads is all pairs of the methods that are
+left. But if the best method beats every other one by the pair's own Student's interval, it leads them all, however many
+they are (Hung and Fithian 2019): to do this by chance, it must beat a method that is as good as itself.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sucre_bench.arrays import Array
+from sucre_bench.compare.model import EQUAL, NO_DIFFERENCE, Cell, Column, Difference, may_be_chance
+
+# With 5000 resamples, half an interval differs between seeds by 2 %, with 2000 by 3 %: enough for its two figures.
+_RESAMPLES, _FEWEST = 5000, 2000
+_DRAWS = 10_000_000  # more than these only for the fewest resamples
+_AT_ONCE = 500_000  # units drawn at a time
+_LEVEL = 0.95
+_EXACT = 1e-12  # relative spread that is rounding only
+
+Pair = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Units:
+    """A column of scores by independent unit.
+
+    sums: (S, M) the sum over a unit's views, a column a method, NaN for a method with a score that is not finite;
+    sizes: (S,) how many views a unit has.
+    """
+
+    sums: Array
+    sizes: Array
+
+    @classmethod
+    def of(cls, views: Array, scenes: Sequence[int]) -> Units:
+        """views: (V, M), those of a scene together; scenes: how many views each scene has."""
+        sizes = np.asarray(scenes if len(scenes) > 1 else np.ones(len(views)), dtype=np.float64)
+        views = np.where(np.isfinite(views).all(axis=0), views, np.nan)
+        starts = np.cumsum([0, *sizes[:-1]]).astype(int)
+        return cls(np.add.reduceat(views, starts, axis=0), sizes)
+
+    @functools.cached_property
+    def residuals(self) -> Array:
+        """(S, M): a unit's sum, less what the mean over all views gives for a unit of its size."""
+        mean = self.sums.sum(axis=0) / self.sizes.sum()
+        return np.asarray(self.sums - mean * self.sizes[:, None])
+
+
+@dataclass(frozen=True)
+class ColumnScores:
+    """The numbers behind one column's cells.
+
+    methods: (M,) labels; places: (V,) scene and view; views: (V, M) means per view, no holes; independent: the same by
+    independent unit, None where there are no intervals.
+    """
+
+    methods: tuple[str, ...]
+    places: tuple[tuple[str, str], ...]
+    views: Array
+    independent: Units | None
+
+    def of(self, methods: Sequence[int]) -> ColumnScores:
+        """Return the scores of some methods, by their numbers."""
+        units = self.independent and Units(self.independent.sums[:, methods], self.independent.sizes)
+        return replace(
+            self, methods=tuple(self.methods[m] for m in methods), views=self.views[:, methods], independent=units
+        )
+
+
+def pseudo_values(views: Array) -> Array:
+    """Return the jackknife's pseudo-values (V, M) of views whose scores (V, M) are means over pairs of them; V > 2.
+
+    They have the mean of the scores. Exact if every view is paired with every other; too wide, by sqrt(2) at most, if
+    a view is paired with few.
+    """
+    n, mean = len(views), views.mean(axis=0)
+    return np.asarray(mean + 2 * (n - 1) / (n - 2) * (views - mean))
+
+
+def mean_intervals(units: Units) -> tuple[Array, Array]:
+    """Return the ends (M,) of the 95 % interval of each method's mean over views; NaN where scores are not finite.
+
+    There must be at least two units.
+    """
+    from scipy.special import ndtri, stdtrit  # quantiles of the normal law and of Student's
+
+    n, tails = len(units.sizes), (1 - _LEVEL) / 2
+    deviations = np.concatenate([counts @ units.residuals / views for counts, views in _resamples(units.sizes)])
+    widening = stdtrit(n - 1, 1 - tails) / ndtri(1 - tails) * np.sqrt(n / (n - 1))
+    low, high = np.quantile(deviations, [tails, 1 - tails], axis=0)
+    mean = units.sums.sum(axis=0) / units.sizes.sum()
+    return mean + widening * low, mean + widening * high
+
+
+def differences(units: Units, pairs: Sequence[Pair]) -> Array:
+    """Return half the length of the 95 % interval of each pair's difference of means (P,), valid for all pairs at once.
+
+    A length is a multiple of a standard error (Cochran 1977, sec. 6.4: a ratio's error). For one pair, the multiple is
+    Student's. For several, it is the quantile of the greatest t over the pairs in resamples, but no more than what
+    Student's law and Sidak's inequality allow whatever the correlation: with few units, resamples that drew a unit
+    repeatedly have errors near 0, and the quantile becomes far too great.
+
+    pairs: numbers of methods (i, j); NaN for pairs with scores that are not finite, which do not count. There must be
+    at least two units.
+    """
+    from scipy.special import stdtrit
+
+    i, j = np.transpose(pairs)
+    n, spread = len(units.sizes), units.residuals[:, i] - units.residuals[:, j]
+    errors = np.sqrt((spread**2).sum(axis=0) * n / (n - 1)) / units.sizes.sum()
+    varying = errors > _EXACT * np.nanmax(np.abs(units.sums), initial=0)
+    count = int(varying.sum())
+    if count == 0:
+        return np.asarray(errors * 0.0)
+    single, most = (float(stdtrit(n - 1, (1 + _LEVEL ** (1 / k)) / 2)) for k in (1, count))
+    if count == 1:
+        return np.asarray(errors * single)
+    greatest = _greatest_t(units, i[varying], j[varying])
+    return np.asarray(errors * np.clip(np.quantile(greatest, _LEVEL, method="higher"), single, most))
+
+
+def _greatest_t(units: Units, i: npt.NDArray[Any], j: npt.NDArray[Any]) -> Array:
+    """The greatest |t| over the pairs of methods i and j (P,), in each resample (R,).
+
+    With r a unit's residual, s its size, c how often it is drawn, and N = sum c s: the deviation of the mean is
+    d = sum c r / N, its squared standard error n / (n - 1) sum c (r - d s)^2 / N^2.
+    """
+    r, s, n = units.residuals, units.sizes, len(units.sizes)
+    made = []
+    for counts, views in _resamples(s, _FEWEST):
+        deviation, mixed = counts @ r / views, counts @ (r * s[:, None])
+        greatest, step = np.zeros(len(counts)), max(1, _AT_ONCE // len(counts))
+        for start in range(0, len(i), step):
+            a, b = i[start : start + step], j[start : start + step]
+            d, m = deviation[:, a] - deviation[:, b], mixed[:, a] - mixed[:, b]
+            squares = counts @ (r[:, a] - r[:, b]) ** 2 - 2 * d * m + d**2 * (counts @ s**2)[:, None]
+            error = np.sqrt(np.maximum(squares, 0) * n / (n - 1)) / views
+            with np.errstate(divide="ignore", invalid="ignore"):  # the same unit drawn n times has no spread
+                t = np.where(error > _EXACT * np.abs(d), np.abs(d) / error, np.where(d == 0, 0.0, np.inf))
+            greatest = np.maximum(greatest, t.max(axis=1))
+        made.append(greatest)
+    return np.concatenate(made)
+
+
+def _resamples(sizes: Array, most: int = _RESAMPLES) -> Iterator[tuple[Array, Array]]:
+    """Yield how often each unit is drawn (B, S), and how many views that are (B, 1), some resamples at a time."""
+    draws, step = _draws(len(sizes))[:most], max(1, _AT_ONCE // len(sizes))
+    for start in range(0, len(draws), step):
+        counts = draws[start : start + step].astype(np.float64)
+        yield counts, counts @ sizes[:, None]
+
+
+@functools.lru_cache(maxsize=2)
+def _draws(n: int) -> npt.NDArray[np.uint8]:
+    """How often each of n units is drawn, a line a resample: always the same, for all columns of as many units."""
+    rng = np.random.default_rng(0)
+    resamples, step = min(_RESAMPLES, max(_FEWEST, _DRAWS // n)), max(1, _AT_ONCE // n)
+    draws = np.empty((resamples, n), dtype=np.uint8)
+    for start in range(0, resamples, step):
+        rows = min(step, resamples - start)
+        drawn = rng.integers(n, size=(rows, n)) + n * np.arange(rows)[:, None]
+        draws[start : start + rows] = np.bincount(drawn.ravel(), minlength=rows * n).reshape(rows, n)
+    return draws
+
+
+def leads(units: Units, best: int) -> Array:
+    """Return half the length of the interval of the best method's lead over each other one (M,).
+
+    In at most 5 % of tables, any of these intervals excludes 0 for a method that is as good as the best. best: the
+    number of the method with the best mean; NaN for it, and for pairs with scores that are not finite. There must be
+    at least two units.
+    """
+    rivals, gaps = _rivals(units, best)
+    half = np.full(len(gaps), np.nan)
+    half[rivals] = [differences(units, [(best, m)])[0] for m in rivals]  # Student's, each by itself
+    if all(gaps[m] > half[m] or gaps[m] == half[m] == 0 for m in rivals):
+        return half
+    return _in_steps(units, best, lambda left: list(combinations([best, *left], 2)))
+
+
+def changes(units: Units, baseline: int) -> Array:
+    """Return half the length of the interval of each other method's difference from a baseline (M,).
+
+    In at most 5 % of tables, any of these intervals excludes 0 for a method that does not differ from the baseline.
+    baseline: its number; NaN as in `leads`. There must be at least two units.
+    """
+    return _in_steps(units, baseline, lambda left: [(baseline, m) for m in left])
+
+
+def _in_steps(units: Units, reference: int, family: Callable[[list[int]], list[Pair]]) -> Array:
+    """Judge differences from a method, then judge anew those that may be chance, until all of these stay.
+
+    family: the pairs that are judged together while some methods are left, those of the reference first.
+    """
+    left, gaps = _rivals(units, reference)
+    half = np.full(len(gaps), np.nan)
+    while left:
+        half[left] = differences(units, family(left))[: len(left)]
+        behind = [m for m in left if gaps[m] <= half[m]]
+        left = behind if len(behind) < len(left) else []
+    return half
+
+
+def _rivals(units: Units, reference: int) -> tuple[list[int], Array]:
+    """The methods with an interval of their difference from a method, by number; and these differences' sizes (M,)."""
+    gaps = np.abs((units.sums - units.sums[:, [reference]]).sum(axis=0)) / units.sizes.sum()
+    return [m for m in np.flatnonzero(np.isfinite(gaps)).tolist() if m != reference], gaps
+
+
+# -- the cells of a column ---------------------------------------------------------------------------------
+
+
+def means(views: Array) -> Array:
+    """Return means (M,) of (V, M), each summed without rounding: no order of views changes it."""
+    finite = np.isfinite(views).all(axis=0)
+    return np.array([math.fsum(of) / len(of) if ok else of.mean() for of, ok in zip(views.T, finite, strict=True)])
+
+
+def standard_deviation(values: Array) -> Array:
+    """Return the sample standard deviation over the first axis, with n - 1: the images are a sample of all images.
+
+    values: (N, ...). NaN for fewer than two values, and where one is infinite. The SUCRe paper does not say which
+    definition its tables have.
+    """
+    if len(values) < 2:
+        return np.full(values.shape[1:], np.nan)
+    with np.errstate(invalid="ignore"):  # infinity minus infinity
+        return np.asarray(values.std(axis=0, ddof=1))
+
+
+def cells(column: Column, scores: ColumnScores, std: Array, holes: Array, apart: Collection[str] = ()) -> list[Cell]:
+    """Return the cell of each method, compared with the best.
+
+    std: (M,) over units; holes: (M,) units that others have; apart: methods that are not compared, unless all are:
+    their cells have no place.
+    """
+    size, mean = _size(scores.views), means(scores.views)
+    low = high = np.full_like(mean, np.nan)
+    if scores.independent is not None:  # within the range of the metric: with few views intervals would leave it
+        low, high = np.clip(mean_intervals(scores.independent), *column.range)
+    numbers = (*(_less(each, 0.0, size) for each in (mean, low, high)), holes)
+    made = [Cell(float(m), float(s), float(a), float(b), int(n)) for m, a, b, n, s in zip(*numbers, std, strict=True)]
+    if column.better == "none" or not column.competes:
+        return made
+    rivals = [m for m, name in enumerate(scores.methods) if name not in apart] or [*range(len(made))]
+    for m, cell in zip(rivals, _ranked(column, scores.of(rivals), [made[m] for m in rivals]), strict=True):
+        made[m] = cell
+    return made
+
+
+def _ranked(column: Column, scores: ColumnScores, made: Sequence[Cell]) -> list[Cell]:
+    """Compare all methods with the best, by its leads; for ranks below it compare all pairs [i, j]."""
+    worse = scores.views * _sign(column)
+    mean, size = means(worse), _size(worse)
+    sizes = np.maximum(size, size[:, None])
+    gap, half = _less(mean, mean[:, None], sizes), np.full_like(sizes, np.nan)  # how far j is behind i; half interval
+    places = 1 + (gap > 0).sum(axis=0)
+    best = int(np.argmin(places))
+    if scores.independent is not None:
+        if pairs := list(combinations(range(len(made)), 2)):
+            i, j = np.transpose(pairs)
+            half[i, j] = half[j, i] = differences(scores.independent, pairs)
+        half[best] = half[:, best] = leads(scores.independent, best)
+        half[best, best] = 0.0 if np.isfinite(mean[best]) else np.nan
+    may_be_equal = (_less(gap, half, sizes) <= 0) & (_less(gap, -half, sizes) >= 0)
+    ranks = 1 + ((gap > 0) & ~may_be_equal).sum(axis=0)  # by the mean where chance is not known
+    of_best = np.maximum(size, size[worse.argmin(axis=1)][:, None])
+    is_best = _less(worse, worse.min(axis=1, keepdims=True), of_best) == 0  # equal methods share a view
+    wins = (is_best / is_best.sum(axis=1, keepdims=True)).sum(axis=0)
+    return [
+        replace(
+            cell,
+            place=int(places[m]),
+            rank=int(ranks[m]) if column.ranked else int(places[m]),
+            tie=bool(column.ranked and places[m] > 1 and may_be_chance(behind)),
+            behind=behind,
+            wins=float(wins[m]),
+            effect=_effect(lead),
+        )
+        for m, (cell, (behind, lead)) in enumerate(zip(made, _behind(worse, best, half[best]), strict=True))
+    ]
+
+
+def against(column: Column, scores: ColumnScores, cells: Sequence[Cell], baseline: int) -> list[Cell]:
+    """Return the cells with change, wins and effect against the baseline, the method of that number in `scores`.
+
+    The methods of `scores` are judged together.
+    """
+    if column.better == "none":
+        return list(cells)
+    half = np.full(len(cells), np.nan)
+    if scores.independent is not None:
+        half = changes(scores.independent, baseline)
+    made = []
+    for cell, (behind, lead) in zip(cells, _behind(scores.views * _sign(column), baseline, half), strict=True):
+        change = behind if column.better == "lower" else (0 - behind[0], 0 - behind[2], 0 - behind[1])
+        wins = float((lead > 0).sum() + 0.5 * (lead == 0).sum())
+        made.append(replace(cell, change=change, wins=wins, effect=_effect(lead)))
+    made[baseline] = replace(cells[baseline], change=NO_DIFFERENCE, wins=math.nan, effect=math.nan)
+    return made
+
+
+def _behind(worse: Array, reference: int, half: Array) -> Iterator[tuple[Difference, Array]]:
+    """For each method, how far it is behind the reference with the interval, and its lead in each view (V,).
+
+    worse: (V, M), the smallest is the best; half: (M,) of the intervals.
+    """
+    mean, size = means(worse), _size(worse)
+    size = np.maximum(size, size[reference])
+    gap = _less(mean, mean[reference], size)
+    lead = _less(worse[:, [reference]], worse, size)
+    low, high = _less(gap, half, size), _less(gap, -half, size)
+    for m, of_method in enumerate(lead.T):
+        yield (float(gap[m]), float(low[m]), float(high[m])), of_method
+
+
+def _sign(column: Column) -> int:
+    """What turns scores into numbers of which the best is the smallest."""
+    return -1 if column.better == "higher" else 1
+
+
+def _size(views: Array) -> Array:
+    """(M,) how large a method's scores are, their mean without signs; 0 if one is not finite. views: (V, M)."""
+    size = np.abs(views).mean(axis=0)
+    return np.where(np.isfinite(size), size, 0.0)
+
+
+def _less(values: Array, others: Array | float, size: Array) -> Array:
+    """Differences of scores of a size; 0 between equals, be they infinite, and for what is nothing beside the size."""
+    with np.errstate(invalid="ignore"):  # infinity minus infinity
+        difference = values - others
+    return np.where((values == others) | (np.abs(difference) <= EQUAL * size), 0.0, difference)
+
+
+def _effect(lead: Array) -> float:
+    """The mean lead over a reference, in standard deviations of the lead. lead: (V,); positive = better."""
+    if len(lead) < 2 or not np.isfinite(lead).all():
+        return math.nan
+    spread = float(standard_deviation(lead))
+    return float(lead.mean() / spread) if spread > EQUAL * np.abs(lead).mean() else math.nan
