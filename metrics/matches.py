@@ -42,6 +42,7 @@ _NEAR = 0.01  # of the diagonal
     symbol="verified matches, restored / photograph",
     cites="Summers, Sensors 2025, 25(22) 6966; Lowe 2004",
     default=["doublings", "ratio"],
+    agreement={"doublings": 0.35},  # over three made waters and the charts of D5, 18 restorers
     variants={
         "doublings": "log2 of (matches restored + 1) / (matches before + 1), the mean over pairs",
         "ratio": "verified matches restored over before; of several pairs the ratio of the sums",

@@ -1,4 +1,4 @@
-"""The answer of a comparison: which columns decide, who leads by each, and that in two sentences."""
+"""The answer of a comparison: which columns decide, who leads by each, and that in a few sentences."""
 
 import math
 from collections.abc import Iterator
@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 
 from sucre_bench.compare.compare_rows import against
 from sucre_bench.compare.model import EQUAL, Column, Comparison, Verdict, may_be_chance, says_filled
-from sucre_bench.compare.words import listed, verdict_text, with_unit
+from sucre_bench.compare.statistics import undone_by
+from sucre_bench.compare.words import by_score, faults, listed, verdict_text, with_unit
 from sucre_bench.plugins.plugin import Role
 from sucre_bench.results.rows import PREFERENCE, RESTORATION
 
 _MOST = 4
+_MOST_BLIND = 2  # metrics that are evidence, and metrics that are taste, in a table without truth
 # Roles of scores that know the true colours, in the order in which metrics are taken and then shown.
 _TRUE_COLOURS: tuple[Role, ...] = ("colours", "colours", "similarity", "chart-error", "similarity", "colour-difference")
 
@@ -18,8 +20,7 @@ _TRUE_COLOURS: tuple[Role, ...] = ("colours", "colours", "similarity", "chart-er
 @dataclass(frozen=True)
 class Deciding:
     """scores: the main one first; filled: share of pixels with a colour; seconds: a restoration's; None where it was
-    not measured; knows_colours: False if scores of the picture alone stand in a table without any that compares with
-    true colours, and nobody voted.
+    not measured; knows_colours: False if no score compares with what is true, and nobody voted.
     """
 
     scores: tuple[Column, ...]
@@ -46,8 +47,9 @@ class Deciding:
 def deciding(comparison: Comparison, every: bool = False) -> Deciding:
     """Return the columns of a comparison that decide; every: all of them, which someone has asked for.
 
-    Scores that know the true colours come first. Without any, people's votes and scores of the picture alone take their
-    place. If there is room, scores of several views and those without a role follow: those of a plugin under test, say.
+    Scores that know the true colours come first. Without any, people's votes, evidence and scores of the picture alone
+    take their place, in this order. If there is room, scores of several views and those without a role follow: those of
+    a plugin under test, say.
     """
     scores, filled, seconds = comparison.columns, None, None
     if not every:
@@ -62,17 +64,19 @@ def deciding(comparison: Comparison, every: bool = False) -> Deciding:
         left = {role: iter(of_role) for role, of_role in by_role.items()}
         found = [(role, one) for role in _TRUE_COLOURS if (one := next(left.get(role, iter(())), None))]
         known = [column for _, column in sorted(found[:_MOST], key=lambda each: _TRUE_COLOURS.index(each[0]))]
-        of_people = [column for column in once.values() if column.metric == PREFERENCE]
-        known = known or [*of_people, *by_role.get("no-reference", [])[:2]]
+        if not known:
+            of_people = [column for column in once.values() if column.metric == PREFERENCE]
+            evidence = [column for column in once.values() if column.knows == "evidence"]
+            taste = [column for column in by_role.get("no-reference", []) if column.knows == "taste"]
+            known = [*of_people, *evidence[:_MOST_BLIND], *taste[:_MOST_BLIND]]
         others = [c for c in once.values() if c not in known and (c.plugin.role if c.plugin else "") in _OTHERS]
         filled = next((column for column in scores if says_filled(column.metric, column.variant)), None)
         seconds = next((column for column in scores if column.metric == RESTORATION), None)
         chosen = (known + others)[:_MOST] or [*once.values()][:_MOST]
         scores = tuple(column for column in chosen if column != filled)
     directed = [column for column in scores if column.directed]
-    # People may have judged, or a metric that is not installed here may know the colours.
-    knows = all(column.competes for column in directed) or any(column.plugin is None for column in directed)
-    return Deciding(scores, filled, seconds, knows)
+    knows = not directed or any(column.knows == "truth" for column in directed)
+    return Deciding(tuple(sorted(scores, key=lambda column: column.knows == "taste")), filled, seconds, knows)
 
 
 _OTHERS: frozenset[Role] = frozenset({"", "change-with-distance"})
@@ -100,7 +104,20 @@ def _lead_of_best(comparison: Comparison, column: Column) -> Iterator[Verdict]:
     behind = cells[second]
     gap, low, high = behind.behind
     if behind.place > 1 and math.isfinite(gap):
-        yield Verdict(column, best, second, gap, (low, high), cells[best].wins, abs(behind.effect), behind.tie)
+        found = Verdict(column, best, second, gap, (low, high), cells[best].wins, abs(behind.effect), behind.tie)
+        yield replace(found, undone_by=_undone_by(comparison, found)) if found.is_lead else found
+
+
+def _undone_by(comparison: Comparison, lead: Verdict) -> str:
+    """The view or scene without which a lead may be chance; "" if no one decides."""
+    scores = comparison.measured[lead.column]
+    if scores.independent is None:
+        return ""
+    unit = undone_by(scores.independent, *map(scores.methods.index, (lead.leader, lead.second)))
+    if unit is None:
+        return ""
+    names = [*dict.fromkeys(scene for scene, _ in scores.places)]
+    return names[unit] if len(names) > 1 else scores.places[unit][1]
 
 
 def _differences_from_baseline(comparison: Comparison, column: Column) -> Iterator[Verdict]:
@@ -117,16 +134,18 @@ def _differences_from_baseline(comparison: Comparison, column: Column) -> Iterat
 
 
 def answer(comparison: Comparison, chosen: Deciding) -> list[str]:
-    """Return one or two sentences by the chosen columns; none where there is nothing to decide.
+    """Return a few sentences by the chosen columns: what is wrong with the pictures, and who leads.
 
-    Where no score shows which colours are true, the sentence says that.
+    Where no score shows which colours are true, the first sentence says that, evidence is named as that, and the last
+    sentence says what to do.
     """
-    if not chosen.knows_colours:
-        return [comparison.blind]
-    if chosen.main is None:
-        return []
     lines = _against_baseline if comparison.baseline else _leaders
-    return [line for line in lines(comparison, [c for c in chosen.scores if c.ranked]) if line]
+    ranked = [column for column in chosen.scores if column.ranked]
+    if chosen.knows_colours:
+        said = lines(comparison, ranked) if chosen.main else ()
+        return [*faults(comparison), *filter(None, said)]
+    by_evidence = (line for column in ranked for line in lines(comparison, [column]))
+    return [comparison.blind, *faults(comparison), *filter(None, by_evidence), comparison.advice]
 
 
 def _leaders(comparison: Comparison, columns: list[Column]) -> Iterator[str]:
@@ -149,7 +168,7 @@ def _leaders(comparison: Comparison, columns: list[Column]) -> Iterator[str]:
         names = " and ".join(first) if len(first) == 2 else listed(first)  # labels may have commas
         gain = "" if main.metric in beaten else _over_photograph(comparison, main, best[main])
         said = "; ".join(filter(None, [f"{names} are equal" if len(first) > 1 else "", gain]))
-        yield f"{main.metric}: {said}" if said else ""
+        yield f"{by_score(main)}: {said}" if said else ""
     leading: dict[str, list[str]] = {}
     for column in columns[1:]:
         if column in found:
@@ -192,7 +211,7 @@ def _against_baseline(comparison: Comparison, columns: list[Column]) -> Iterator
             sides[verdict.column][side].append(verdict.second if is_behind else verdict.leader)
     main, *others = columns
     text = "; ".join(f"{side}: {listed(names)}" for side, names in sides[main].items() if names)
-    yield f"{main.metric}, against {comparison.baseline}: {text}" if text else ""
+    yield f"{by_score(main)}, against {comparison.baseline}: {text}" if text else ""
     alike: dict[str, list[str]] = {}
     for column in others:
         text = ", ".join(f"{len(names)} {side}" for side, names in sides[column].items() if names)

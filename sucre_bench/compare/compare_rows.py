@@ -15,7 +15,7 @@ from sucre_bench.compare.model import FILLED, Cell, Column, Comparison, Note, sa
 from sucre_bench.compare.statistics import ColumnScores, Units
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.results.reasons import Reason
-from sucre_bench.results.rows import COSTS, RESTORATION, By, values_of
+from sucre_bench.results.rows import COSTS, PREFERENCE, RESTORATION, By, values_of
 from sucre_bench.results.table import is_fresh
 
 # Columns that nothing here looks at; they are most of a table's memory.
@@ -32,7 +32,7 @@ def compare(
     method to compare the others with, instead of with the best.
     Raises InputError for a metric or a baseline that the rows do not have.
     """
-    asked, photographs = asked_for(rows, metrics), _photographs(rows)
+    asked, photographs, tracks = asked_for(rows, metrics), _photographs(rows), _tracks(rows)
     rows = rows[[name for name in rows.columns if name not in _UNUSED]]
     rows = rows.sort_values("time", kind="stable")  # datasets, methods and metrics as they were run
     order = list(dict.fromkeys([*order, *rows["method"].unique()]))
@@ -54,7 +54,8 @@ def compare(
         if of_table["_asked"].any():
             methods = sorted(of_table["method"].unique(), key=order.index)
             of_dataset = {name for dataset, name in photographs if dataset == key[0]}
-            tables.append(_table(" · ".join(map(str, key)), of_table, methods, baseline, of_dataset))
+            is_track = key[0] in tracks
+            tables.append(_table(" · ".join(map(str, key)), of_table, methods, baseline, of_dataset, is_track))
     scored = [table for table in tables if table.columns]
     return scored if by != "method" and scored else tables  # of a region that some views lack
 
@@ -141,8 +142,23 @@ def _photographs(rows: DataFrame) -> set[tuple[str, str]]:
     return {of for of, plugin in plugin_of.items() if plugin and plugin.is_photograph}
 
 
+def _tracks(rows: DataFrame) -> set[str]:
+    """The datasets whose views lie along a track: all but those that have no poses, whose views have no order."""
+    each = rows[["dataset", "options"]].drop_duplicates("dataset", keep="last")
+    plugin_of = {
+        dataset: plugins.installed("dataset", json.loads(options).get("dataset", {}).get("name", ""))
+        for dataset, options in values_of(each, *each.columns)
+    }
+    return {dataset for dataset, plugin in plugin_of.items() if plugin is None or "poses" in plugin.has}
+
+
 def _table(
-    title: str, rows: DataFrame, methods: list[str], baseline: str, all_photographs: Collection[str]
+    title: str,
+    rows: DataFrame,
+    methods: list[str],
+    baseline: str,
+    all_photographs: Collection[str],
+    is_track: bool,
 ) -> Comparison:
     import pandas as pd
 
@@ -151,23 +167,25 @@ def _table(
     methods = [name for name in methods if name in with_fresh]
     ok = rows[rows["_fresh"] & (rows["status"] == "ok") & rows["value"].notna()]
     metrics = {str(name): plugins.installed("metric", str(name)) for name in rows["metric"].unique()}
-    of_colours = {name: plugin.needs for name, plugin in metrics.items() if plugin and plugin.knows_colours}
-    knows = bool(ok["metric"].isin(of_colours).any())  # be it among the requested metrics or not
+    of_colours = {name: p.needs for name, p in metrics.items() if p and p.needs & {"reference", "charts"}}
     is_lack = (rows["status"] == "skipped") & rows["reason"].str.startswith(Reason.LACK.value)
     lacks = frozenset[str]().union(*(of_colours.get(name, ()) for name in rows.loc[is_lack, "metric"].unique()))
     ok = ok[ok["_asked"]]
     has_holes = leaves_holes(rows[rows["_fresh"]])  # else all methods fill the same pixels
     if has_holes and len(filled := filled_rows(rows)):
         ok = pd.concat([filled, ok])
-    made, repetitions = dict[Column, DataFrame](), dict[Column, DataFrame]()
+    made, repetitions, measured = dict[Column, DataFrame](), dict[Column, DataFrame](), dict[Column, ColumnScores]()
     for _, of_column in ok.groupby(["metric", "variant"], sort=False):
         in_order = of_column.sort_values("value", kind="stable")  # sums must not depend on the order of rows
         repeated = in_order.groupby([*REPETITION, "method"])["value"].mean().unstack("method")
         values = _averaged(repeated)
-        column = _column(of_column, values, knows)
+        column = _column(of_column, values)
+        if column.n_units:
+            scores = _scores(column, values.dropna(), is_track)
+            column = replace(column, worth=scores.independent.worth if scores.independent else math.inf)
+            measured[column] = scores
         made[column], repetitions[column] = values, repeated
-    # The share that methods fill comes first; what only describes and costs come last; else as they were run.
-    columns = sorted(made, key=lambda c: (not says_filled(c.metric, c.variant), c.better == "none", c.metric in COSTS))
+    columns = sorted(made, key=_place)
     found = [*fault_notes(rows), *(pixel_notes(rows, columns) if has_holes else ())]
     found += notes(rows[rows["method"].isin(methods)], made, repetitions, methods)
     if stale:
@@ -176,13 +194,12 @@ def _table(
         found.append(Note("no baseline", (baseline,)))
         baseline = ""
     photographs = tuple(name for name in methods if name in all_photographs)
-    cells, measured = dict[tuple[str, Column], Cell](), dict[Column, ColumnScores]()
-    for column, values in made.items():
-        if column.n_units:
-            measured[column] = scores = _scores(column, values.dropna())
-            std, holes = statistics.standard_deviation(values.dropna().to_numpy()), values.isna().sum().to_numpy()
-            of_column = statistics.cells(column, scores, std, holes, photographs)
-            cells |= {(name, column): cell for name, cell in zip(scores.methods, of_column, strict=True)}
+    cells = dict[tuple[str, Column], Cell]()
+    for column, scores in measured.items():
+        values = made[column]
+        std, holes = statistics.standard_deviation(values.dropna().to_numpy()), values.isna().sum().to_numpy()
+        of_column = statistics.cells(column, scores, std, holes, photographs)
+        cells |= {(name, column): cell for name, cell in zip(scores.methods, of_column, strict=True)}
     has_none = lacks >= {"reference", "charts"}
     table = Comparison(
         title, tuple(methods), tuple(columns), cells, stale, "", tuple(found), measured, photographs, has_none
@@ -201,8 +218,14 @@ def _averaged(repetitions: DataFrame) -> DataFrame:
     return shared.reindex(means.index).fillna(means)
 
 
-def _column(rows: DataFrame, values: DataFrame, knows_colours: bool) -> Column:
-    """What a column is. values: units x methods; knows_colours: whether a score of the table knows true colours."""
+def _place(column: Column) -> tuple[bool, bool, bool, bool]:
+    """The share that methods fill comes first; what describes, costs and taste come last; else as they were run."""
+    is_cost = column.metric in COSTS
+    return not says_filled(column.metric, column.variant), column.knows == "taste", column.better == "none", is_cost
+
+
+def _column(rows: DataFrame, values: DataFrame) -> Column:
+    """What a column is. values: units x methods."""
     left, first = values.dropna().index, next(rows.itertuples())
     metric, variant = str(first.metric), str(first.variant)
     plugin = plugins.installed("metric", metric)
@@ -219,16 +242,16 @@ def _column(rows: DataFrame, values: DataFrame, knows_colours: bool) -> Column:
         n_scenes=left.get_level_values("scene").nunique(),
         missing=len(values) - len(left),
         pixels="common" if "pixels" in rows and (rows["pixels"] == "common").any() else "own",
-        competes=knows_colours or plugin is None or not plugin.is_of_picture_alone,
+        knows=plugin.knows(variant) if plugin else "truth" if metric in (*COSTS, FILLED, PREFERENCE) else "taste",
     )
 
 
-def _scores(column: Column, complete: DataFrame) -> ColumnScores:
-    """The numbers of a column. complete: units x methods, both sorted, without holes."""
+def _scores(column: Column, complete: DataFrame, is_track: bool) -> ColumnScores:
+    """The numbers of a column. complete: units x methods, both sorted, without holes; is_track: of their views."""
     per_view = complete.groupby(level=_UNIT[:2]).mean()
     views, scenes = per_view.to_numpy(), [*Counter(scene for scene, _ in per_view.index).values()]
     is_of_pairs = len(scenes) == 1 and column.plugin is not None and column.plugin.is_of_pairs
     units = None
     if column.metric != FILLED and len(views) > (2 if is_of_pairs else 1):
-        units = Units.of(statistics.pseudo_values(views) if is_of_pairs else views, scenes)
+        units = Units.of(statistics.pseudo_values(views) if is_of_pairs else views, scenes, is_track)
     return ColumnScores(tuple(map(str, complete.columns)), tuple(per_view.index), views, units)

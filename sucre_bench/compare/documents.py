@@ -8,10 +8,10 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Literal
 
 from sucre_bench.compare import Comparison
-from sucre_bench.compare.answer import deciding
+from sucre_bench.compare.answer import answer, deciding
 from sucre_bench.compare.model import says_filled
 from sucre_bench.compare.terminal_table import blocks
-from sucre_bench.compare.words import left_out, legend, shown, title
+from sucre_bench.compare.words import faults, left_out, legend, shown, title
 from sucre_bench.machine.text_formats import json_text
 from sucre_bench.results.rows import csv_text
 
@@ -53,7 +53,7 @@ def _records(comparison: Comparison) -> Iterator[dict[str, Any]]:
                 "behind": behind, "behind_low": behind_low, "behind_high": behind_high,
                 "wins": cell.wins, "effect": cell.effect, "holes": cell.holes,
                 "n_units": c.n_units, "n_views": c.n_views, "n_scenes": c.n_scenes,
-                "pixels": c.pixels, "filled": filled.get(name, math.nan),
+                "knows": c.knows, "pixels": c.pixels, "filled": filled.get(name, math.nan),
             }  # fmt: skip
             if comparison.baseline:
                 record |= {"baseline": comparison.baseline, "change": change}
@@ -73,7 +73,8 @@ def _grid(comparison: Comparison, spread: bool) -> list[list[tuple[str, str]]]:
 
 def _below(comparison: Comparison, spread: bool) -> list[str]:
     """The notes below a table; with a baseline, also in how many views each method beats it, and the effect."""
-    lines = [] if deciding(comparison, every=True).knows_colours else [comparison.blind]
+    knows = deciding(comparison, every=True).knows_colours
+    lines = faults(comparison) if knows else answer(comparison, deciding(comparison))
     lines.append(legend(comparison, spread))
     for name in comparison.methods if comparison.baseline else ():
         parts = [

@@ -116,10 +116,10 @@ def _scores_lost(name: str, lost: set[_View], scores: _Tables, repetitions: _Tab
             continue
         has_any = repetitions[column][name].dropna().index.droplevel(["region", "_replicate"])
         partly = (views & set(has_any)) - set(there)
-        concerned, unit = list[_View](views), "image"
+        concerned, unit = list[_View](views), column.of if views & set(there) else "image"  # some charts of a view
         counts = (len(views), len(values.index.droplevel("region").unique()), column.n_views)
-        if views & set(there):  # some charts of a view, not all
-            concerned, unit, counts = [*missing], column.of, (len(missing), len(values), column.n_units)
+        if views & set(there):
+            concerned, counts = [*missing], (len(missing), len(values), column.n_units)
         reasons = _counted("no repetition that all have" if v in partly else why(name, v, column) for v in concerned)
         alike.setdefault(Note("images lost", (name,), (), *counts, unit=unit, reasons=reasons), []).append(column)
     yield from (replace(note, columns=tuple(columns)) for note, columns in alike.items())
@@ -177,16 +177,17 @@ def fault_notes(rows: DataFrame) -> Iterator[Note]:
     whole = restorations(fresh)
     negative = fresh[(fresh["status"] == "ok") & (fresh["view"] != "")]
     pairs = {*values_of(negative, "metric", "variant")}
-    of_any = {pair for pair in pairs if has_role(*pair, "negative")}
+    of_any = {(metric, variant) for metric, variant in pairs if has_role(metric, variant, "negative")}
     negative = negative.loc[[pair in of_any for pair in values_of(negative, "metric", "variant")]]
-    for kind, of, shares in (
-        ("holes", whole, 1 - whole["coverage"]),
-        ("negative colours", negative, negative["value"]),
+    of_method: dict[str, list[str]] = {}
+    for words, methods, shares in (
+        ("without colour", whole["method"], 1 - whole["coverage"]),
+        ("of the colours below zero, which no real scene has", negative["method"], negative["value"]),
     ):
-        by_method = shares.groupby(of["method"]).agg(["mean", "max"])
-        worst = by_method[by_method["max"] > _MUCH].sort_values("mean", ascending=False, kind="stable")["mean"]
-        if len(worst):
-            yield Note(kind, tuple(map(str, worst.index)), shares=tuple(map(float, worst)))
+        each = shares.groupby(methods, sort=False).agg(["mean", "max"])
+        for name, share in each.loc[each["max"] > _MUCH, "mean"].items():
+            of_method.setdefault(str(name), []).append(f"{100 * share:.0f} % {words}")
+    yield from (Note("faults", (name,), reasons=", ".join(faults)) for name, faults in of_method.items())
 
 
 def pixel_notes(rows: DataFrame, columns: Iterable[Column]) -> Iterator[Note]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from sucre_bench import plugins
-from sucre_bench.plugins.plugin import Plugin, Role
+from sucre_bench.plugins.plugin import Knows, Plugin, Role
 from sucre_bench.results.rows import COSTS
 
 if TYPE_CHECKING:
@@ -42,8 +42,9 @@ class Column:
 
     better: "higher", "lower", or "none" for a number that only describes; range: of possible values; of: "image" or
     "chart", what a unit is; n_units, n_views, n_scenes: what all methods have; missing: units some method lacks;
-    pixels: "common" if methods fill different pixels, and the scores are on those that all of them fill; competes:
-    False for a score of the picture alone in a table without a score that knows the true colours.
+    pixels: "common" if methods fill different pixels, and the scores are on those that all of them fill; knows: what
+    the score knows of the true colours; worth: how many independent views the differences are worth, less than n_views
+    where neighbours are alike.
     """
 
     metric: str
@@ -57,7 +58,8 @@ class Column:
     n_scenes: int
     missing: int
     pixels: Literal["own", "common"] = "own"
-    competes: bool = True
+    knows: Knows = "truth"
+    worth: float = math.inf
 
     @property
     def plugin(self) -> Plugin | None:
@@ -72,7 +74,12 @@ class Column:
     @property
     def ranked(self) -> bool:
         """Whether methods win or lose by it."""
-        return self.directed and self.competes
+        return self.directed and self.knows != "taste"
+
+    @property
+    def agreement(self) -> float:
+        """In which share of pairs of methods a score that is evidence has the order of true colours, 0 to 1."""
+        return (1 + self.plugin.agreement[self.variant]) / 2 if self.plugin and self.knows == "evidence" else math.nan
 
     @property
     def has_few_views(self) -> bool:
@@ -118,8 +125,7 @@ class Note:
     kind: a key of `words.NOTES`, which has its sentence; methods: labels it is about; columns: scores it is about, none
     if it is about restorations; n, total: number of lost units, and of all units; left: number of units that remain for
     all methods; lost: the lost replicates; unit: unit of n; reasons: how often each reason occurs, as text; option: the
-    followed option; share: of the image, 0 to 1, where pixels are left out; shares: for each method, 0 to 1, the mean
-    over its views.
+    followed option; share: of the image, 0 to 1, where pixels are left out.
     """
 
     kind: str
@@ -133,7 +139,6 @@ class Note:
     reasons: str = ""
     option: str = ""
     share: float = 1.0
-    shares: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -143,7 +148,8 @@ class Verdict:
     difference: of the means, paired, at least 0; interval: its 95 % interval, for which all methods are judged together
     (`sucre_bench.compare.statistics`), NaN without one; wins: in how many views the leader is the best, or beats the
     baseline; effect: the difference in standard deviations of the views' differences, NaN if they do not vary;
-    may_be_chance: whether the interval has 0.
+    may_be_chance: whether the interval has 0; undone_by: the view or scene without which a lead may be chance, "" if no
+    one decides.
     """
 
     column: Column
@@ -154,6 +160,7 @@ class Verdict:
     wins: float
     effect: float
     may_be_chance: bool
+    undone_by: str = ""
 
     @property
     def is_lead(self) -> bool:
@@ -189,15 +196,18 @@ class Comparison:
 
     @property
     def blind(self) -> str:
-        """What a table says in which no score shows which colours are true."""
+        """What a table says first in which no score shows which colours are true."""
+        why = "No chart and no reference" if self.lacks_truth else "No score here compares with a chart or a reference"
+        return f"{why}: nobody can say from these numbers which colours are true."
+
+    @property
+    def advice(self) -> str:
+        """What a table says last in which no score shows which colours are true."""
         if self.lacks_truth:
-            why, look = "No chart and no reference", "Look"
-        else:
-            why = "No chosen metric compares with a chart or a reference"
-            look = "If the data have one, choose such a metric (`sucre-bench list metrics`); else look"
+            return "Look at the pictures, mark a chart (`sucre-bench charts`), or ask people (`study`)."
         return (
-            f"{why}: these numbers do not show which colours are true. {look} at the pictures, mark a chart"
-            " (`sucre-bench charts`), or ask people (`study`)."
+            "If the data have one, choose such a metric (`sucre-bench list metrics`); else look at the pictures, mark a"
+            " chart (`sucre-bench charts`), or ask people (`study`)."
         )
 
     @property

@@ -23,6 +23,10 @@ standard error, chosen so that all of their intervals hold together in 95 % of t
 Which method is the best is seen only in the scores, so the family of its leads is all pairs of the methods that are
 left. But if the best method beats every other one by the pair's own Student's interval, it leads them all, however many
 they are (Hung and Fithian 2019): to do this by chance, it must beat a method that is as good as itself.
+
+**Neighbours.** Views along a track show much the same, so their differences are alike and count for fewer independent
+ones. The correlation of differences between neighbours is estimated, and intervals grow as for a series with that
+correlation (`Units.dependence`). Views without poses have no order, and scenes are independent.
 """
 
 from __future__ import annotations
@@ -38,7 +42,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.arrays import Array
-from sucre_bench.compare.model import EQUAL, NO_DIFFERENCE, Cell, Column, Difference, may_be_chance
+from sucre_bench.compare.model import EQUAL, FEWEST_VIEWS, NO_DIFFERENCE, Cell, Column, Difference, may_be_chance
 
 # With 5000 resamples, half an interval differs between seeds by 2 %, with 2000 by 3 %: enough for its two figures.
 _RESAMPLES, _FEWEST = 5000, 2000
@@ -46,6 +50,8 @@ _DRAWS = 10_000_000  # more than these only for the fewest resamples
 _AT_ONCE = 500_000  # units drawn at a time
 _LEVEL = 0.95
 _EXACT = 1e-12  # relative spread that is rounding only
+_MOST_LEFT_OUT = 100  # units, each left out once: of more, no one decides
+_MOST_ALIKE = 0.9  # correlation of neighbours: a larger one cannot be told from a trend
 
 Pair = tuple[int, int]
 
@@ -55,19 +61,61 @@ class Units:
     """A column of scores by independent unit.
 
     sums: (S, M) the sum over a unit's views, a column a method, NaN for a method with a score that is not finite;
-    sizes: (S,) how many views a unit has.
+    sizes: (S,) how many views a unit has; in_order: whether units are views along a track, where neighbours are alike.
     """
 
     sums: Array
     sizes: Array
+    in_order: bool = False
 
     @classmethod
-    def of(cls, views: Array, scenes: Sequence[int]) -> Units:
-        """views: (V, M), those of a scene together; scenes: how many views each scene has."""
+    def of(cls, views: Array, scenes: Sequence[int], in_order: bool = False) -> Units:
+        """views: (V, M), those of a scene together; scenes: how many views each scene has; in_order: within a scene."""
         sizes = np.asarray(scenes if len(scenes) > 1 else np.ones(len(views)), dtype=np.float64)
         views = np.where(np.isfinite(views).all(axis=0), views, np.nan)
         starts = np.cumsum([0, *sizes[:-1]]).astype(int)
-        return cls(np.add.reduceat(views, starts, axis=0), sizes)
+        return cls(np.add.reduceat(views, starts, axis=0), sizes, in_order and len(scenes) == 1)
+
+    @functools.cached_property
+    def alike(self) -> float:
+        """The correlation between neighbours of the methods' differences, 0 to 0.9; 0 for units without order.
+
+        It is of all methods together: of many pairs, one would seem independent by chance. The estimate from few views
+        is too small on average, and (n r + 1) / (n - 4) is not (Marriott and Pope 1954).
+        """
+        n = len(self.sizes)
+        known = self.residuals[:, np.isfinite(self.residuals).all(axis=0)]
+        if not self.in_order or n < FEWEST_VIEWS or known.shape[1] < 2:
+            return 0.0
+        known = known - known.mean(axis=1, keepdims=True)
+        squares = float((known**2).sum())
+        r = float((known[1:] * known[:-1]).sum()) / squares if squares > 0 else -1.0
+        return min(max((n * r + 1) / (n - 4), 0.0), _MOST_ALIKE)
+
+    def dependence(self) -> tuple[float, float]:
+        """Return how much the squared error of a difference grows beyond that of equal independent units, and how many
+        degrees of freedom the new error has.
+
+        Views in order, five or more: the variance of a mean is f times that of independent views, for a series in
+        which neighbours have the correlation r. The sample variance is too small by (n - f) / (n - 1), and n / f views
+        are worth as much as n. Units of unequal size: the moments of the error if views vary alike (Satterthwaite 1946;
+        Bell and McCaffrey 2002).
+        """
+        n, sizes, r = len(self.sizes), self.sizes, self.alike
+        if r > 0:
+            f = (1 + r) / (1 - r) - 2 * r * (1 - r**n) / (n * (1 - r) ** 2)
+            return f * (n - 1) / (n - f), (n - 1) / f
+        if np.ptp(sizes) == 0:
+            return 1.0, n - 1.0
+        made_of = sizes[:, None] * (np.eye(n) - sizes / sizes.sum()) / np.sqrt(sizes)  # residuals of independent views
+        moments = made_of.T @ made_of
+        expected, squared = float(np.trace(moments)), float((moments**2).sum())
+        return float(sizes.sum()) * (n - 1) / n / expected, expected**2 / squared
+
+    @property
+    def worth(self) -> float:
+        """How many independent units the differences between methods are worth."""
+        return 1 + self.dependence()[1] if self.alike > 0 else float(len(self.sizes))
 
     @functools.cached_property
     def residuals(self) -> Array:
@@ -91,7 +139,7 @@ class ColumnScores:
 
     def of(self, methods: Sequence[int]) -> ColumnScores:
         """Return the scores of some methods, by their numbers."""
-        units = self.independent and Units(self.independent.sums[:, methods], self.independent.sizes)
+        units = self.independent and replace(self.independent, sums=self.independent.sums[:, methods])
         return replace(
             self, methods=tuple(self.methods[m] for m in methods), views=self.views[:, methods], independent=units
         )
@@ -116,7 +164,8 @@ def mean_intervals(units: Units) -> tuple[Array, Array]:
 
     n, tails = len(units.sizes), (1 - _LEVEL) / 2
     deviations = np.concatenate([counts @ units.residuals / views for counts, views in _resamples(units.sizes)])
-    widening = stdtrit(n - 1, 1 - tails) / ndtri(1 - tails) * np.sqrt(n / (n - 1))
+    factor, freedom = replace(units, in_order=False).dependence()
+    widening = stdtrit(freedom, 1 - tails) / ndtri(1 - tails) * np.sqrt(factor * n / (n - 1))
     low, high = np.quantile(deviations, [tails, 1 - tails], axis=0)
     mean = units.sums.sum(axis=0) / units.sizes.sum()
     return mean + widening * low, mean + widening * high
@@ -142,11 +191,30 @@ def differences(units: Units, pairs: Sequence[Pair]) -> Array:
     count = int(varying.sum())
     if count == 0:
         return np.asarray(errors * 0.0)
-    single, most = (float(stdtrit(n - 1, (1 + _LEVEL ** (1 / k)) / 2)) for k in (1, count))
+    factor, freedom = units.dependence()
+    errors *= np.sqrt(factor)
+    single, most = (float(stdtrit(freedom, (1 + _LEVEL ** (1 / k)) / 2)) for k in (1, count))
     if count == 1:
         return np.asarray(errors * single)
-    greatest = _greatest_t(units, i[varying], j[varying])
-    return np.asarray(errors * np.clip(np.quantile(greatest, _LEVEL, method="higher"), single, most))
+    greatest = np.quantile(_greatest_t(units, i[varying], j[varying]), _LEVEL, method="higher")
+    return np.asarray(errors * np.clip(greatest * single / stdtrit(n - 1, (1 + _LEVEL) / 2), single, most))
+
+
+def undone_by(units: Units, best: int, second: int) -> int | None:
+    """Return the number of a unit without which the best method's lead over the second may be chance; None if no one
+    unit decides.
+    """
+    pair = Units(units.sums[:, [best, second]], units.sizes)
+    alone = differences(pair, [(0, 1)])
+    if not (alone > 0).all() or not 2 < len(units.sizes) <= _MOST_LEFT_OUT:
+        return None
+    wider = differences(units, [(best, second)]) / alone  # by what neighbours have in common
+    for unit in range(len(units.sizes)):
+        rest = Units(np.delete(pair.sums, unit, axis=0), np.delete(pair.sizes, unit))
+        change = np.diff(rest.sums.sum(axis=0)) / rest.sizes.sum() * np.sign(np.diff(pair.sums.sum(axis=0)))
+        if change[0] <= (wider * differences(rest, [(0, 1)]))[0]:
+            return unit
+    return None
 
 
 def _greatest_t(units: Units, i: npt.NDArray[Any], j: npt.NDArray[Any]) -> Array:
@@ -242,7 +310,7 @@ def _rivals(units: Units, reference: int) -> tuple[list[int], Array]:
 
 def means(views: Array) -> Array:
     """Return means (M,) of (V, M), each summed without rounding: no order of views changes it."""
-    finite = np.isfinite(views).all(axis=0)
+    finite = np.asarray(np.isfinite(views).all(axis=0))
     return np.array([math.fsum(of) / len(of) if ok else of.mean() for of, ok in zip(views.T, finite, strict=True)])
 
 
@@ -270,7 +338,7 @@ def cells(column: Column, scores: ColumnScores, std: Array, holes: Array, apart:
         low, high = np.clip(mean_intervals(scores.independent), *column.range)
     numbers = (*(_less(each, 0.0, size) for each in (mean, low, high)), holes)
     made = [Cell(float(m), float(s), float(a), float(b), int(n)) for m, a, b, n, s in zip(*numbers, std, strict=True)]
-    if column.better == "none" or not column.competes:
+    if column.better == "none" or column.knows == "taste":
         return made
     rivals = [m for m, name in enumerate(scores.methods) if name not in apart] or [*range(len(made))]
     for m, cell in zip(rivals, _ranked(column, scores.of(rivals), [made[m] for m in rivals]), strict=True):

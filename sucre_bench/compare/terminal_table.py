@@ -16,6 +16,7 @@ from sucre_bench.compare.model import FEWEST_VIEWS, Column, Comparison
 from sucre_bench.compare.words import (
     ARROW,
     Shown,
+    faults,
     left_out,
     legend,
     over_views,
@@ -37,10 +38,11 @@ _MOST_BLOCKS = 3  # datasets with a block of their own
 
 @dataclass(frozen=True)
 class _Laid:
-    """A column: its heading in two lines, and its cells."""
+    """A column: its heading in two lines, its cells, and whether all of it is dim, because nobody wins by it."""
 
     head: tuple[str, str]
     cells: list[Shown]
+    is_dim: bool = False
 
     def texts(self) -> list[Text]:
         """Its lines, all of one width: numbers, intervals and holes stand each below those of the cells above."""
@@ -50,9 +52,11 @@ class _Laid:
         value, interval, holes = (
             max(map(len, parts)) for parts in (marked, [c.interval for c in self.cells], [c.holes for c in self.cells])
         )
-        lines = [Text(self.head[0], "bold"), Text(self.head[1], "dim")]
+        lines = [Text(self.head[0], "dim" if self.is_dim else "bold"), Text(self.head[1], "dim")]
         for cell, text in zip(self.cells, marked, strict=True):
-            line = Text(" " * (value - len(text))).append(text, _STYLE.get(cell.look, "dim" if cell.mark else ""))
+            line = Text(" " * (value - len(text))).append(
+                text, _STYLE.get(cell.look, "dim" if cell.mark or self.is_dim else "")
+            )
             for part, width in ((cell.interval, interval), (cell.holes, holes)):
                 line.append(f" {part:<{width}}" if width else "", "dim")
             lines.append(line)
@@ -122,7 +126,8 @@ def as_table(comparison: Comparison, width: int, spread: bool = False, intervals
     tables = [part for table in _aligned(comparison.methods, laid_out, width) for part in (table, Text(""))]
     dim = [legend(comparison, spread, colours=True, intervals=intervals), *left_out(comparison)]
     said = [verdict_text(comparison, verdict) for verdict in verdicts(comparison)] if intervals else []
-    said += [] if chosen.knows_colours else [comparison.blind]
+    said = [*faults(comparison), *said]
+    said = said if chosen.knows_colours else [comparison.blind, *said, comparison.advice]
     return _joined(_head(comparison, chosen), tables, dim, said, width)
 
 
@@ -169,7 +174,7 @@ def _block(comparison: Comparison, width: int, every: bool) -> Text:
             cells = [
                 replace(cell, value=_percent(block, name, column)) for name, cell in zip(methods, cells, strict=True)
             ]
-        laid_out.append(_Laid(head, cells))
+        laid_out.append(replace(laid, cells=cells))
     more = len(notes) - _MOST_NOTES
     lines = left_out(block) if more <= 0 else left_out(block)[:_MOST_NOTES]
     lines += [f"and {more} more of this kind, with --all-metrics"] * (more > 0)
@@ -188,7 +193,7 @@ def _overview(comparisons: Sequence[Comparison], width: int) -> Text:
         name: [ranking.index(name) for ranking in ranked if name in ranking] for ranking in ranked for name in ranking
     }
     apart = {name for one in comparisons if one.restorers for name in one.photographs}
-    blind = [one.blind for one, each in zip(comparisons, chosen, strict=True) if not each.knows_colours]
+    blind = [one for one, each in zip(comparisons, chosen, strict=True) if not each.knows_colours]
     methods = [*places] if blind else sorted(places, key=lambda name: (name in apart, fmean(places[name])))
     titles = [one.title for one in comparisons]
     letters = itertools.takewhile(lambda signs: len({*signs}) == 1, zip(*titles, strict=False))
@@ -215,15 +220,17 @@ def _overview(comparisons: Sequence[Comparison], width: int) -> Text:
     )
     counts = ", ".join(f"{name} in {times}" for name, times in best.most_common())
     said = [f"best {mains[0].metric}: {counts} of {n}"] if best else []
+    said += [text for one in blind[:1] for text in (one.blind, one.advice)]
     head = f"{title(mains[0])} of {n} datasets{': ' + prefix if prefix else ''}"
-    return _joined(head, _aligned(methods, laid_out, width, apart), dim, said + blind[:1], width)
+    return _joined(head, _aligned(methods, laid_out, width, apart), dim, said, width)
 
 
 def _laid(
     comparison: Comparison, column: Column, head: tuple[str, str], spread: bool = False, intervals: bool = True
 ) -> _Laid:
     cells = [shown(comparison, name, column, spread) for name in comparison.methods]
-    return _Laid(head, cells if intervals else [replace(cell, interval="") for cell in cells])
+    cells = cells if intervals else [replace(cell, interval="") for cell in cells]
+    return _Laid(head, cells, column.knows == "taste")
 
 
 def _head(comparison: Comparison, chosen: Deciding) -> str:

@@ -27,6 +27,7 @@ NUMBERS = NumberRule(((100, 0), (10, 1), (1, 2), (0.1, 3)), 2, 1e-4)
 ARROW = {"higher": "↑", "lower": "↓", "none": ""}
 
 _MOST_NAMES = 4
+_ALIKE = 0.75  # of the views: if they are worth fewer independent ones, a table says so
 
 
 def number(value: float) -> str:
@@ -89,7 +90,7 @@ def shown(comparison: Comparison, method: str, column: Column, spread: bool = Fa
         is_chance = may_be_chance(cell.change)
         is_sure = column.ranked and math.isfinite(low) and not is_chance
         is_better = (change > 0) == (column.better == "higher")
-        mark = "≈" if change and is_chance else ""
+        mark = "≈" if change and is_chance and column.knows != "taste" else ""
         look: Literal["", "better", "worse"] = "" if not is_sure else "better" if is_better else "worse"
         return Shown(mark, signed(change), _interval(low, high, signed), holes, look)
     value = number(cell.mean) + (f" ± {number(cell.std)}" if spread and not math.isnan(cell.std) else "")
@@ -122,10 +123,12 @@ def over_views(columns: Sequence[Column]) -> list[str]:
 
 
 def roughness(column: Column) -> str:
-    """Return what to say where views are too few for more than rough intervals: they do not show the distribution."""
-    if not column.has_few_views:
+    """Return what to say of the intervals of a score: that there are few views, or that neighbours are alike."""
+    if column.has_few_views:  # they do not show the distribution
+        return ", no intervals" if column.n_views < 2 else ", intervals are rough"
+    if column.worth > _ALIKE * column.n_views or not column.ranked:
         return ""
-    return ", no intervals" if column.n_views < 2 else ", intervals are rough"
+    return f" (neighbours are alike: worth about {column.worth:.0f} independent ones; every=4 gives more)"
 
 
 def signs(comparison: Comparison, cells: Sequence[Shown], colours: bool) -> list[str]:
@@ -166,8 +169,8 @@ def _of_differences(comparison: Comparison) -> list[str]:
     if n < 3:
         return ["of the difference: Student's"] if n == 2 else []
     of = f"differences from {comparison.baseline}" if comparison.baseline else "leads of the best"
-    condition = "if views are an independent sample"  # not neighbours on a track
-    return [f"of {of}: step-down max-t over {n} methods: at most 5 % of tables have a false one, {condition}"]
+    condition = "if no method fails rarely"
+    return [f"of {of}: step-down max-t over {n} methods: about 5 % of tables have a false one, {condition}"]
 
 
 # What the kinds of notes say.
@@ -181,8 +184,6 @@ NOTES = {
     "common pixels": "{metrics} on the pixels that all methods fill: {share} % of the image{in_some}",
     "own pixels": "{metrics}{in_some} on each method's own pixels, which differ{why}",
     "no shared pixels": "no score in {note.n} of {note.total} images, because they have no pixel that all methods fill",
-    "holes": "share of the picture without colour: {shares}",
-    "negative colours": "share of colours below zero, which no real scene has: {shares}",
     "older data": "left out, because they ran on other data: {names}",
     "no baseline": "{names} was not run here: there is nothing to compare with",
     "no option": "{names} is left out: it has no option {note.option}",
@@ -191,7 +192,13 @@ NOTES = {
 
 def left_out(comparison: Comparison) -> list[str]:
     """Return a sentence for everything that the comparison does not count, with the reason."""
-    return [_note_text(note) for note in comparison.notes]
+    return [_note_text(note) for note in comparison.notes if note.kind != "faults"]
+
+
+def faults(comparison: Comparison) -> list[str]:
+    """Return a sentence that says what is wrong with the pictures of each method; none where nothing is."""
+    said = "; ".join(f"{note.methods[0]}: {note.reasons}" for note in comparison.notes if note.kind == "faults")
+    return [f"What is wrong with the pictures: {said}"] if said else []
 
 
 def _note_text(note: Note) -> str:
@@ -208,7 +215,6 @@ def _note_text(note: Note) -> str:
         why=f" ({note.reasons})" if note.reasons else "",
         in_some=f" in {note.n} of {note.total} images" if note.n < note.total else "",
         share=number(100 * note.share),
-        shares=listed(f"{name} {100 * s:.0f} %" for name, s in zip(note.methods, note.shares, strict=False)),
     )
 
 
@@ -222,7 +228,7 @@ def verdict_text(comparison: Comparison, verdict: Verdict, interval: bool = True
     """
     column, baseline, views = verdict.column, comparison.baseline, verdict.column.n_views
     several = [c.metric for c in comparison.columns].count(column.metric) > 1
-    name = f"{column.metric} ({column.variant})" if several else column.metric
+    name = by_score(column, f"{column.metric} ({column.variant})" if several else column.metric)
     if baseline and not verdict.difference:
         return f"{name}: {verdict.leader} equals {verdict.second}"
     lead, wins = f"{verdict.leader} {'leads' if verdict.is_lead else 'is ahead of'} {verdict.second}", "best"
@@ -236,7 +242,16 @@ def verdict_text(comparison: Comparison, verdict: Verdict, interval: bool = True
         return f"{name}: {lead} by {by}, on one view"
     effect = f", effect {verdict.effect:.1f}" if interval and math.isfinite(verdict.effect) else ""
     chance = ", which may be chance" if verdict.may_be_chance else ""
+    chance = f", but without {verdict.undone_by} it may be chance" if verdict.undone_by else chance
     return f"{name}: {lead} by {by}, {wins} in {round(verdict.wins, 1):g} of {views} views{effect}{chance}"
+
+
+def by_score(column: Column, name: str = "") -> str:
+    """Return what stands before a verdict: the score, and of evidence how well it agrees with truth."""
+    name = name or column.metric
+    if column.knows != "evidence":
+        return name
+    return f"By {name}, which agrees with true colours in {10 * column.agreement:.0f} of 10 pairs of methods"
 
 
 def with_unit(value: float, column: Column) -> str:

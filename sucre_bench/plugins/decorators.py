@@ -139,6 +139,7 @@ def metric(
     symbol: str = "",
     unranked: Iterable[str] = (),
     faults: Mapping[str, Fault] | None = None,
+    agreement: Mapping[str, float] | None = None,
 ) -> Callable[[_C], _C]:
     """Make a metric of a frozen dataclass with ``score(restored, shown, view, variant)``.
 
@@ -155,7 +156,10 @@ def metric(
     - role: what tables, figures and the page use the metric for, besides its column (`Role` in plugin.py);
     - symbol: its name on the axis of a figure, with TeX between dollars; default name and unit;
     - unranked: variants that only describe: tables show them, but no method wins by them;
-    - faults: variants that are faults of pictures. Tables say them in words, and have no column of them.
+    - faults: variants that are faults of pictures. Tables say them in words, and have no column of them;
+    - agreement: how well variants that need no truth agree with it: Kendall's tau (-1 to 1) between their order of
+      methods and that of true colours, the mean over scenes. Only for those that agree by more than chance, on scenes
+      that did not choose them. By other variants that need no truth, no method wins.
 
     Raises PluginError if the class is no frozen dataclass, or an argument is not allowed.
 
@@ -179,6 +183,7 @@ def metric(
     about: dict[str, Any] = {"unit": unit, "better": better, "range": range, "variants": dict(variants)}
     about |= {"default": chosen, "role": role, "symbol": symbol, "unranked": frozenset(unranked)}
     about["faults"] = faults or {}
+    about["agreement"] = dict(agreement or {})
     return _decorator("metric", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)
 
 

@@ -16,6 +16,10 @@ from sucre_bench.scene import Restoration, Scene, Score, View
 
 Better = Literal["higher", "lower", "none"]
 
+# What a metric knows of the true colours. "truth": it compares with what is true; "evidence": its order of methods
+# agrees with theirs by more than chance, on scenes that did not choose it; "taste": neither, so nobody wins by it.
+Knows = Literal["truth", "evidence", "taste"]
+
 # What figures and the page show of a metric beside its table: none knows a metric by its name.
 Role = Literal[
     "",
@@ -28,7 +32,7 @@ Role = Literal[
     "diagnosis",  # how a method works, not how good its picture is
     "negative",  # share of the colours that are below zero, which no real scene has
     "distance-variance",  # of a view's distances, m^2
-    "no-reference",  # a picture alone: shown where there is neither reference nor chart, but nobody wins by it there
+    "no-reference",  # a picture alone: shown where there is neither reference nor chart
     "observations",  # how many a restoration used
     "patch-colour",  # measured and expected colour of a patch: variants "red" and "red-expected", and so on
     "patch-hue",  # measured and expected hue of a patch, degrees: variants NAME and "NAME-expected"
@@ -101,7 +105,7 @@ class Plugin:
 
     needs: what a scene must offer; requires: packages it imports when it runs; display: how its image is brought
     to the screen, encoding, reads, is_photograph: see `method`; source, has, charts_file, signs: see `dataset`; unit,
-    better, range, variants, default, role, symbol, unranked, faults: see `metric`.
+    better, range, variants, default, role, symbol, unranked, faults, agreement: see `metric`.
     """
 
     kind: Kind
@@ -126,6 +130,7 @@ class Plugin:
     symbol: str = ""
     unranked: frozenset[str] = frozenset()
     faults: Mapping[str, Fault] = field(default_factory=dict)
+    agreement: Mapping[str, float] = field(default_factory=dict)
     charts_file: str = ""
     signs: tuple[str, ...] = ()
 
@@ -138,15 +143,11 @@ class Plugin:
         ranks = self.kind == "metric" and self.better != "none"
         return ranks and self.needs <= {"reference", "depth", "poses"}
 
-    @property
-    def knows_colours(self) -> bool:
-        """Whether it is a metric that compares with true colours: those of a reference or of charts."""
-        return self.kind == "metric" and bool(self.needs & {"reference", "charts"})
-
-    @property
-    def is_of_picture_alone(self) -> bool:
-        """Whether it is a metric of the restored picture alone, which cannot show which colours are true."""
-        return self.kind == "metric" and self.needs <= {"restoration"}
+    def knows(self, variant: str) -> Knows:
+        """Return what a variant of a metric knows of the true colours."""
+        if self.needs & {"reference", "charts", "truth"}:
+            return "truth"
+        return "evidence" if variant in self.agreement else "taste"
 
     def better_of(self, variant: str) -> Better:
         """Which direction of a variant's scores is better; "none" for a variant that only describes."""

@@ -452,7 +452,7 @@ def test_a_score_that_nobody_has_is_in_no_note_about_pixels():
     assert named == [("common pixels", {"uciqe"})]
 
 
-def test_differences_between_views_of_a_scene_are_shown_and_only_the_relative_ones_ranked():
+def test_differences_between_views_of_a_scene_are_shown_and_only_the_relative_ones_have_a_direction():
     """Pictures without contrast differ least between views, so nobody wins by the absolute differences."""
     row = replace(ROW, metric="consistency", unit="dE00", better="lower")
     rows = frame(
@@ -462,5 +462,5 @@ def test_differences_between_views_of_a_scene_are_shown_and_only_the_relative_on
         for variant in ("patches", "relative")
     )
     (comparison,) = compare.compare(rows)
-    assert {column.variant: column.ranked for column in comparison.columns} == {"patches": False, "relative": True}
+    assert {column.variant: column.better for column in comparison.columns} == {"patches": "none", "relative": "lower"}
     assert len(comparison.cells) == 4
