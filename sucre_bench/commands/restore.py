@@ -139,8 +139,9 @@ def _trust(done: Done) -> str:
     if done.unknown_water == done.together:
         trust = "The distances are too alike to measure the water: these are balanced colours, not true ones"
     else:
+        measures = "The water was measured" if done.has_water else "The method balances colours and measures no water"
         share = f"{done.measured:.0%} of the pixels have a measured distance, and colours of the others are guesses"
-        trust = f"The water was measured; {share}"
+        trust = f"{measures}; {share}"
         if done.unknown_water:
             trust += f"; it could not be measured in {counted(done.unknown_water, 'picture')}"
     others = f"; {counted(alone, 'photograph')} without a place in the dive got balanced colours" if alone else ""

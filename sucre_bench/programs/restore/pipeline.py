@@ -64,13 +64,14 @@ class Source:
 @dataclass(frozen=True)
 class Done:
     """The outcome. names: of the pictures; faults: why a photograph has none; together: how many the method of the
-    dive restored; measured: the share of their pixels with a measured distance; unknown_water: in how many of them the
-    views do not determine the water."""
+    dive restored; measured: the share of their pixels with a measured distance; has_water: whether it estimates the
+    water; unknown_water: in how many of them the views do not determine it."""
 
     names: tuple[str, ...]
     faults: Mapping[str, str]
     together: int
     measured: float
+    has_water: bool
     unknown_water: int
 
 
@@ -124,11 +125,11 @@ def restore(
     with progress.live():
         restored = [*dive.restored, *alone.restored]
         written = write_pictures(restored, out, options.quality, options.original_geometry, note.stat().st_mtime_ns)
-    covered = [coverage for coverage, _ in dive.trust]
-    unknown = sum(not is_known for _, is_known in dive.trust)
+    covered = [coverage for coverage, _, _ in dive.trust]
+    has_water, unknown = any(has for _, has, _ in dive.trust), sum(not is_known for _, _, is_known in dive.trust)
     faults = {name: alone.faults.get(name, "") for name in names if name not in {*written.names, *written.faults}}
     measured = sum(covered) / max(1, len(covered))
-    return Done(written.names, faults | written.faults, len(dive.restored), measured, unknown)
+    return Done(written.names, faults | written.faults, len(dive.restored), measured, has_water, unknown)
 
 
 def _refuse_words(options: Options) -> None:
@@ -172,11 +173,11 @@ def _words_of_dive(options: Options) -> list[str]:
 @dataclass(frozen=True, eq=False)
 class _Run:
     """What a run restored. faults: by photograph; trust: of each restored one the share of pixels with a measured
-    distance, and whether the water is known."""
+    distance, whether a water was estimated, and whether the views determine it."""
 
     restored: list[Restored]
     faults: dict[str, str]
-    trust: tuple[tuple[float, bool], ...]
+    trust: tuple[tuple[float, bool, bool], ...]
 
 
 def _run(source: Source, words: Sequence[str], out: Path, before: Callable[[Sequence[Planned]], None]) -> _Run:
@@ -191,7 +192,7 @@ def _run(source: Source, words: Sequence[str], out: Path, before: Callable[[Sequ
     views = {(scene.name, view.name): view for scene in scenes for view in scene.views}
     named = view_of_each(source.photographs, {view for _, view in views})
 
-    restored, trust = list[Restored](), list[tuple[float, bool]]()
+    restored, trust = list[Restored](), list[tuple[float, bool, bool]]()
     rows = restoration_rows(outcome.requested_rows)
     for row in tuples(rows[rows["status"] == "ok"]):
         view = views[row.scene, row.view]
@@ -202,9 +203,10 @@ def _run(source: Source, words: Sequence[str], out: Path, before: Callable[[Sequ
         photograph = source.photographs.get(name) or next(source_files(view))
         lens = source.prepared.lens_of(view.camera) if source.prepared else getattr(view.pixels, "lens", None)
         image, mask = place.restored(folder, row.method), place.mask(folder, row.method)
-        is_known = bool(read_record(row, folder).get("veil_known", True))
+        record = read_record(row, folder)
+        is_known = bool(record.get("veil_known", True))
         restored.append(Restored(name, photograph, view, image, mask, lens, row.method, is_known))
-        trust.append((row.coverage, is_known))
+        trust.append((row.coverage, "beta" in record, is_known))
     missing = (*outcome.failed, *outcome.skipped)
     faults = {named.get(fault.view, fault.view): with_remedy(fault.reason) for fault in missing}
     return _Run(restored, faults, tuple(trust))
