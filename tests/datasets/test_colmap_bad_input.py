@@ -24,26 +24,17 @@ from support.colmap_folder import (
     write_image,
     write_model,
 )
+from support.spots import Change
+from support.spots import check_message as check
 
 from sucre_bench.datasets.colmap import Colmap
 from sucre_bench.errors import InputError
 from sucre_bench.scene import Scene
 
-Change = Callable[[Path], Any]
-
 
 def load(root: Path, **options: Any) -> Scene:
     (scene,) = Colmap(root=root, **options).scenes()
     return scene
-
-
-def check(message: str, *parts: str) -> None:
-    """One line, "place: fault; remedy", that holds these parts."""
-    assert "\n" not in message
-    assert ": " in message.split("; ")[0]
-    assert "; " in message
-    for part in parts:
-        assert part in message, message
 
 
 # -- faults of the whole dataset: scenes() raises -----------------------------------------------------------
