@@ -77,7 +77,7 @@ def on_pixels(rows: DataFrame, read: Callable[[], DataFrame]) -> DataFrame:
     for name in _RESULT:
         rows.loc[placed, name] = new.loc[placed, name].astype(rows[name].dtype)
     rows.loc[placed, "pixels"] = "common"
-    rows.loc[scored.index, "pixels_share"] = scored["_share"]
+    rows.loc[scored.index, "pixels_share"] = scored["_share"].astype(float)
     rows.loc[scored.index[lacks], "pixels_reason"] = why[lacks]
     return rows
 
