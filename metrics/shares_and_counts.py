@@ -40,7 +40,6 @@ class Coverage:
 
 
 @metric(
-    role="negative",
     needs={"restoration"},
     unit="share",
     better="lower",

@@ -10,7 +10,8 @@ from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame, Series
 from sucre_bench.compare import statistics
 from sucre_bench.compare.choose_pixels import leaves_holes, on_own_pixels
-from sucre_bench.compare.missing_scores import REPETITION, fault_notes, filled_rows, notes, pixel_notes
+from sucre_bench.compare.faults import fault_notes, metrics_of_faults
+from sucre_bench.compare.missing_scores import REPETITION, filled_rows, notes, pixel_notes
 from sucre_bench.compare.model import FILLED, Cell, Column, Comparison, Note, says_filled
 from sucre_bench.compare.statistics import ColumnScores, Units
 from sucre_bench.errors import InputError, did_you_mean
@@ -41,7 +42,8 @@ def compare(
     rows = without_replicates(rows.assign(_fresh=is_fresh(rows), _asked=asked))
     if "pixels" not in rows:
         rows = on_own_pixels(rows)
-    rows = rows[~rows["region"].str.contains("/", regex=False)]  # patches are inside their charts' scores
+    is_part = rows["region"].str.contains("/", regex=False) & ~rows["metric"].isin(metrics_of_faults(rows))
+    rows = rows[~is_part]  # patches are inside their charts' scores
     groups = ["dataset"]
     if by != "method":
         rows = rows[rows["view"] != ""]
@@ -100,9 +102,9 @@ def only(comparison: Comparison, metrics: Sequence[str]) -> Comparison:
 
 
 def asked_for(rows: DataFrame, metrics: Sequence[str]) -> Series:
-    """Return which rows are of these metrics, "name" or "name:variant"; without metrics, all."""
+    """Return which rows are of these metrics, "name" or "name:variant"; without metrics, all but those of faults."""
     if not metrics:
-        return rows["metric"].notna()
+        return ~rows["metric"].isin(metrics_of_faults(rows))
     full = rows["metric"] + ":" + rows["variant"]
     known = set(rows["metric"].unique())
     for text in metrics:
@@ -162,6 +164,8 @@ def _table(
 ) -> Comparison:
     import pandas as pd
 
+    faults = [*fault_notes(rows)]
+    rows = rows[~rows["region"].str.contains("/", regex=False)]  # names of faults
     with_fresh = set(rows.loc[rows["_fresh"], "method"].unique())
     stale = tuple(name for name in methods if name not in with_fresh)
     methods = [name for name in methods if name in with_fresh]
@@ -186,7 +190,7 @@ def _table(
             measured[column] = scores
         made[column], repetitions[column] = values, repeated
     columns = sorted(made, key=_place)
-    found = [*fault_notes(rows), *(pixel_notes(rows, columns) if has_holes else ())]
+    found = [*faults, *(pixel_notes(rows, columns) if has_holes else ())]
     found += notes(rows[rows["method"].isin(methods)], made, repetitions, methods)
     if stale:
         found.append(Note("older data", stale))

@@ -10,13 +10,10 @@ import numpy as np
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.choose_pixels import scores_of_pixels
-from sucre_bench.compare.model import FILLED, Column, Note, has_role, says_filled
+from sucre_bench.compare.model import FILLED, Column, Note, says_filled
 from sucre_bench.results.common_scores import LEAST_DIFFERENCE, LEAST_FILLED
 from sucre_bench.results.reasons import Reason, without_view
 from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, restorations, tuples, values_of
-
-# More than this share of a picture without colour, or of its colours below zero, and a table says so.
-_MUCH = 0.1
 
 REPETITION = ["scene", "view", "region", "_replicate"]
 
@@ -166,28 +163,6 @@ def filled_rows(rows: DataFrame) -> DataFrame:
         return whole.iloc[:0]
     about = {"metric": FILLED, "variant": "image", "unit": "share", "better": "none", "region": "image"}
     return whole.assign(**about, value=whole["coverage"])
-
-
-def fault_notes(rows: DataFrame) -> Iterator[Note]:
-    """Yield what is wrong with pictures: which methods leave much without colour, and whose colours are below zero.
-
-    rows: of one table, with `_fresh`.
-    """
-    fresh = rows[rows["_fresh"]]
-    whole = restorations(fresh)
-    negative = fresh[(fresh["status"] == "ok") & (fresh["view"] != "")]
-    pairs = {*values_of(negative, "metric", "variant")}
-    of_any = {(metric, variant) for metric, variant in pairs if has_role(metric, variant, "negative")}
-    negative = negative.loc[[pair in of_any for pair in values_of(negative, "metric", "variant")]]
-    of_method: dict[str, list[str]] = {}
-    for words, methods, shares in (
-        ("without colour", whole["method"], 1 - whole["coverage"]),
-        ("of the colours below zero, which no real scene has", negative["method"], negative["value"]),
-    ):
-        each = shares.groupby(methods, sort=False).agg(["mean", "max"])
-        for name, share in each.loc[each["max"] > _MUCH, "mean"].items():
-            of_method.setdefault(str(name), []).append(f"{100 * share:.0f} % {words}")
-    yield from (Note("faults", (name,), reasons=", ".join(faults)) for name, faults in of_method.items())
 
 
 def pixel_notes(rows: DataFrame, columns: Iterable[Column]) -> Iterator[Note]:

@@ -175,8 +175,9 @@ def _block(comparison: Comparison, width: int, every: bool) -> Text:
                 replace(cell, value=_percent(block, name, column)) for name, cell in zip(methods, cells, strict=True)
             ]
         laid_out.append(replace(laid, cells=cells))
-    more = len(notes) - _MOST_NOTES
-    lines = left_out(block) if more <= 0 else left_out(block)[:_MOST_NOTES]
+    lines = left_out(block)
+    more = len(lines) - _MOST_NOTES
+    lines = lines[:_MOST_NOTES]
     lines += [f"and {more} more of this kind, with --all-metrics"] * (more > 0)
     over = [f"means {over}" if n == 0 else over for n, over in enumerate(over_views(block.columns))]
     dim = [_signs(block, laid_out, over), *lines]

@@ -30,7 +30,6 @@ Role = Literal[
     "colour-difference",  # the same, as a difference between colours that swatches show
     "coverage",  # share of pixels with a colour
     "diagnosis",  # how a method works, not how good its picture is
-    "negative",  # share of the colours that are below zero, which no real scene has
     "distance-variance",  # of a view's distances, m^2
     "no-reference",  # a picture alone: shown where there is neither reference nor chart
     "observations",  # how many a restoration used

@@ -33,7 +33,6 @@ KINDS = {
     "uiqm": replace(PSNR, metric="uiqm", variant="panetta2016", unit=""),
     "preference": replace(PSNR, metric="preference", variant="bradley-terry", unit=""),
     "saturated_red": replace(PSNR, metric="saturated_red", variant="hsv", unit="share", better="lower"),
-    "negative": replace(PSNR, metric="negative", variant="any", unit="share", better="lower"),
     "water": replace(PSNR, metric="water", variant="attenuation", unit="relative", better="lower"),
     "coverage": COVERAGE,
     "mine": replace(PSNR, metric="mine", variant="own", unit=""),
@@ -182,22 +181,28 @@ def test_many_datasets_without_a_reference_name_no_best_method():
     assert not WINNING.search(block.text)
 
 
-def test_a_table_says_who_leaves_holes_and_who_has_colours_below_zero():
-    scores = {"psnr": {"whole": [1.0, 2], "holed": [3.0, 4]}, "negative": {"whole": [0.05, 0.09], "holed": [0.02, 0.6]}}
+def test_a_table_says_in_words_what_is_wrong_with_the_pictures():
+    """Of one method in half of the views, of another in too few; faults have no columns unless asked for."""
+    scores = [
+        *(("holed", "holes", "image", v, 0.5 * (v > 4)) for v in range(10)),
+        *(
+            ("orange", "cast", region, v, 30.0)
+            for v in range(10)
+            for region in ("image", f"image/{'orange' * (v > 0)}")
+        ),
+        *(("whole", "clipped", "image", v, 0.9 * (v == 0)) for v in range(10)),
+    ]
     rows = [
-        replace(KINDS[metric], method=method, view=f"v{view}", value=value, options=json.dumps({"name": "gray_world"}))
-        for metric, by_method in scores.items()
-        for method, values in by_method.items()
-        for view, value in enumerate(values)
+        replace(PSNR, metric="faults", unit="", method=m, variant=variant, region=r, view=f"v{v}", value=value)
+        for m, variant, r, v, value in scores
     ]
-    rows += [
-        replace(SECONDS, method=method, view=f"v{view}", coverage=0.5 if (method, view) == ("holed", 1) else 1.0)
-        for method in ("whole", "holed")
-        for view in range(2)
-    ]
-    text = printed(compare.compare(frame(rows))).text
-    assert re.search(r"\bholed: 25 % without colour, 31 % of the colours below zero", text)
-    assert not re.search(r"\bwhole: \d", text)
+    rows += [replace(PSNR, method=m, view=f"v{v}", value=3.0) for m in ("holed", "orange", "whole") for v in range(10)]
+    block = printed(compare.compare(frame(rows)))
+    said = "What is wrong with the pictures: holed: 50 % of it is black in 5 of 10 views; orange: orange cast "
+    assert said in block.text + " "
+    assert "whole:" not in block.text
+    assert block.heads == ["psnr ↑"]
+    assert {c.metric for c in compare.compare(frame(rows), ["faults"])[0].columns} == {"faults"}
 
 
 @pytest.mark.parametrize(("dataset", "is_track"), [("demo", True), ("photos", False)])

@@ -143,8 +143,10 @@ class Section:
         """The table's rows: by the main score, the photograph below the methods."""
         columns = [cells(self.table, column) for column in self._columns]
         photographs, names = self.table.photographs, self.table.methods
+        faults = {note.methods[0]: note.reasons for note in self.table.notes if note.kind == "faults"}
         rows = [
             {"label": name, "place": self.places[name], "photograph": name in photographs, "cells": of_method}
+            | {"faults": faults.get(name, "")}
             for name, *of_method in zip(names, *columns, strict=True)
         ]
         return sorted(rows, key=lambda row: (row["photograph"], self._rank(row["label"])))
