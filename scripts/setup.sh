@@ -28,7 +28,7 @@ stamp=$venv/.setup
 state=$(cat constraints.txt pyproject.toml scripts/* | cksum; echo "${TORCH:-} $gpu"; version "$python"; pwd)
 if [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$state" ]; then exit 0; fi
 
-# What open3d's wheel expects of a Debian or Ubuntu system; without them everything but the ray-cast demo scene runs.
+# What open3d's wheel expects of a Debian or Ubuntu system; without them everything but surfaces runs.
 missing=()
 libraries=$(PATH=$PATH:/usr/sbin:/sbin ldconfig -p 2>/dev/null || true)
 while IFS=: read -r library package; do
@@ -38,9 +38,9 @@ if [ ${#missing[@]} -gt 0 ] && command -v apt-get >/dev/null; then
   if [ "$(id -u)" = 0 ]; then
     say "installing ${missing[*]}"
     { apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -o DPkg::Lock::Timeout=120 -y -qq --no-install-recommends "${missing[@]}"; } >/dev/null ||
-      say "could not install ${missing[*]}; the demo scene needs them"
+      say "could not install ${missing[*]}; surfaces need them"
   else
-    say "the demo scene needs: sudo apt-get install -y ${missing[*]}"
+    say "surfaces (texture, prepare --surface sparse) need: sudo apt-get install -y ${missing[*]}"
   fi
 fi
 

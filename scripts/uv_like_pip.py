@@ -1,4 +1,4 @@
-"""Run `uv pip install ARGUMENTS...` into this Python's environment with the settings that the user gave pip.
+"""Run `uv pip install ARGUMENTS...` with the user's settings of pip, into this Python's environment or --python's.
 
 uv reads neither pip's configuration files nor PIP_* variables. This program translates the settings that decide where
 packages come from and which may be taken. A UV_* variable that the user has set wins over pip's setting.
@@ -78,7 +78,7 @@ def main() -> None:
     if any(word.startswith("--torch-backend") for word in sys.argv) and settings.keys() & {"index-url", "no-index"}:
         sys.exit("pip is configured to use one index alone, so PyTorch's own index is not asked")
     uv = str(Path(sys.executable).with_name("uv"))
-    install = [uv, "pip", "install", "--python", sys.executable]
+    install = [uv, "pip", "install", *([] if "--python" in sys.argv else ["--python", sys.executable])]
     os.execve(uv, [*install, *options(settings), *sys.argv[1:]], environment(settings, os.environ))
 
 

@@ -2,7 +2,7 @@
 
 import sucre_bench as sb
 
-scene = next(sb.load_scenes("colmap", root="dive/"))
+scene = sb.load_scene("colmap", root="dive/")
 result = sb.restore("gray_world", scene, scene["a.png"])
 rows = sb.score(result, scene["a.png"], metrics=["psi"])
 """
@@ -12,7 +12,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+__version__ = "1.0.0rc1"
 
 # Where each public name lives: nothing is imported until it is asked for, so that the command line answers at once.
 _HOME = {
@@ -22,6 +22,7 @@ _HOME = {
         "list_experiments",
         "list_methods",
         "list_metrics",
+        "load_scene",
         "load_scenes",
         "restore",
         "score",
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     from sucre_bench.engine.python_api import list_experiments as list_experiments
     from sucre_bench.engine.python_api import list_methods as list_methods
     from sucre_bench.engine.python_api import list_metrics as list_metrics
+    from sucre_bench.engine.python_api import load_scene as load_scene
     from sucre_bench.engine.python_api import load_scenes as load_scenes
     from sucre_bench.engine.python_api import restore as restore
     from sucre_bench.engine.python_api import score as score

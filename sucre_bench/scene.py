@@ -8,6 +8,7 @@ metres, 0 where unknown. The last axis of an image is colour, in RGB order.
 
 import threading
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
@@ -15,10 +16,11 @@ import numpy as np
 import numpy.typing as npt
 from cachetools import LRUCache, cached
 
-from sucre_bench.arrays import Array, Mask, coloured
+from sucre_bench.arrays import Array, Mask, coloured, evenly
 from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.machine.text_formats import counted
+from sucre_bench.thumbnails import as_html
 
 Encoding = Literal["gamma", "linear"]
 
@@ -105,6 +107,8 @@ _MOST_TYPICAL = 16.0
 # Rows and columns of an image that tell its range.
 _LOOKED_AT = 48
 
+_MOST_SHOWN = 4  # views of a scene, in a notebook
+
 
 def _check_intensities(image: object, place: str) -> None:
     """Raise InputError for an image of 0 to 255 or 0 to 65535, by its type or a sample of its values; place: its name.
@@ -189,6 +193,9 @@ class View:
         charts = f"charts {', '.join(chart.name for chart in self.charts)}" if self.charts else "no charts"
         return f"View '{self.name}': {self.encoding}-encoded, {size}, {pose}, {charts}"
 
+    def _repr_html_(self) -> str:
+        return as_html(repr(self), _pictures([self]))
+
     @property
     def rgb(self) -> Array:
         """(H, W, 3) float32 in [0, 1], in the encoding of the view. Raises InputError if the view has no image."""
@@ -255,6 +262,15 @@ class View:
         return np.ones(self.rgb.shape[:2], dtype=bool) if depth is None else np.asarray(depth > 0)
 
 
+def _pictures(views: Sequence[View]) -> dict[str, Array]:
+    """The images of views by name, roughly encoded where they are linear; one that cannot be read is left out."""
+    pictures = {}
+    for view in views:
+        with suppress(InputError):
+            pictures[view.name] = view.rgb if view.encoding == "gamma" else view.rgb ** (1 / 2.2)
+    return pictures
+
+
 @cached(
     LRUCache(_KEPT_BYTES, getsizeof=lambda plane: max(0 if plane is None else plane.nbytes, _LEAST_KEPT_BYTES)),
     lock=threading.Lock(),
@@ -276,7 +292,8 @@ class Scene:
     - views: in capture order;
     - has: what at least one view has: "depth", "poses", "reference", "charts", "truth";
     - water: the true water, or None if unknown;
-    - data_id: a short hash of the data. Equal data have equal ids, other data other ids.
+    - data_id: a short hash of the data. Equal data have equal ids, other data other ids;
+    - dataset: the name of the dataset that it was loaded from, "" for a scene made in Python.
 
     Index a scene by the place or the name of a view:
 
@@ -294,6 +311,7 @@ class Scene:
     has: frozenset[str]
     water: Water | None = None
     data_id: str = ""
+    dataset: str = ""
 
     def __repr__(self) -> str:
         names = [view.name for view in self.views]
@@ -301,6 +319,9 @@ class Scene:
         lines = [f"Scene '{self.name}': {counted(len(names), 'view')}{span}"]
         lines.append(f"  has {', '.join(sorted(self.has)) or 'only images'}")
         return "\n".join(lines + ([repr(self.water)] if self.water else []))
+
+    def _repr_html_(self) -> str:
+        return as_html(repr(self), _pictures([self.views[n] for n in evenly(len(self.views), _MOST_SHOWN)]))
 
     def __getitem__(self, name: str | int) -> View:
         """Return the view with this name, or at this place (from 0; negative from the end).
@@ -361,6 +382,9 @@ class Restoration:
         span = f", values {values.min():.3g} to {values.max():.3g}" if values.size else ""
         line = f"{type(self).__name__}: {width}x{height} pixels, {100 * valid.mean():.0f} % with colour{span}"
         return "\n".join([line, *([repr(self.water)] if self.water else [])])
+
+    def _repr_html_(self) -> str:
+        return as_html(repr(self), {"": self.image})
 
     @property
     def valid(self) -> Mask:

@@ -25,7 +25,7 @@ WATERS = {preset: Water(*np.array(rows)) for preset, rows in _PARAMETERS.items()
 
 
 @dataset(
-    requires=("cv2", "open3d", "platformdirs", "scipy"),
+    requires=("cv2", "numba", "platformdirs", "scipy"),
     licence="MIT, made by sucre_bench",
     source="made on this machine when first asked for",
     has=("poses", "depth", "reference", "charts", "truth"),

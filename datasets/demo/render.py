@@ -9,15 +9,14 @@ distance from the camera.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, moved, pixel_rays, project
 from sucre_bench.datasets.demo import WATERS, Preset
-from sucre_bench.datasets.demo.seabed import Board, Terrain, Texture, sample, triangles
-from sucre_bench.errors import InputError
+from sucre_bench.datasets.demo.cast_rays import RayCaster
+from sucre_bench.datasets.demo.seabed import Board, Terrain, Texture, sample
 from sucre_bench.scene import Chart, Water
 
 # The camera path: a survey that comes down to one place, sways, and looks more ahead as it comes nearer.
@@ -72,33 +71,21 @@ _TOLERANCE = 0.01  # of the depth, between a chart and what the ray meets
 
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """All there is to see: the ray caster, whose geometry number i is painted with textures[i]."""
+    """All there is to see. near: the seabed's texture; far: a coarser one where `is_near` (a bool for each cell, row by
+    row) says that the near one does not reach."""
 
-    caster: Any
-    textures: tuple[Texture, ...]
+    caster: RayCaster
+    near: Texture
+    far: Texture
+    is_near: np.ndarray
     boards: tuple[Board, ...]
 
 
 def build(terrain: Terrain, near: Texture, far: Texture, boards: Sequence[Board]) -> Surfaces:
-    """Return the seabed and the boards, ready to be seen; near: the seabed's texture where it reaches, far: elsewhere.
-
-    InputError where Open3D does not load.
-    """
-    try:
-        import open3d
-    except (ImportError, OSError) as fault:
-        raise InputError(
-            f"dataset demo: Open3D does not load ({fault}); `sucre-bench doctor` says what to install"
-        ) from fault
-    tensor = open3d.core.Tensor.from_numpy
-    caster = open3d.t.geometry.RaycastingScene()
-    vertices, faces, ground = triangles(terrain)
-    inside = near.covers(ground)
-    quad = np.array([[0, 2, 1], [0, 3, 2]], dtype=np.uint32)
-    meshes = [(vertices, faces[inside]), (vertices, faces[~inside]), *((board.outline, quad) for board in boards)]
-    for corners, triples in meshes:
-        caster.add_triangles(tensor(corners.astype(np.float32)), tensor(np.ascontiguousarray(triples)))
-    return Surfaces(caster, (near, far, *(board.texture for board in boards)), tuple(boards))
+    """Return the seabed and the boards, ready. near: the seabed's texture where it reaches; far: elsewhere."""
+    x, y = (axis[:-1] for axis in terrain.grid.axes())
+    is_near = near.covers(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    return Surfaces(RayCaster(terrain, tuple(boards)), near, far, is_near, tuple(boards))
 
 
 def render(surfaces: Surfaces, camera: Camera, cam_from_world: Array) -> tuple[Array, Array]:
@@ -109,9 +96,8 @@ def render(surfaces: Surfaces, camera: Camera, cam_from_world: Array) -> tuple[A
     world_from_cam = cam_from_world[:3, :3].T
     centre = (-world_from_cam @ cam_from_world[:3, 3]).astype(np.float32)
     rays = (pixel_rays(camera) @ world_from_cam.T).astype(np.float32).reshape(-1, 3)
-    hits = _cast(surfaces, centre, rays)
-    depth, normal, surface = (hits[what].numpy() for what in ("t_hit", "primitive_normals", "geometry_ids"))
-    depth = np.where(np.isfinite(depth), depth, 0)  # 0 where a ray meets nothing
+    hits = surfaces.caster.cast(centre, rays)
+    depth, normal = hits.depth, hits.normal
 
     # The plane that a neighbouring ray is cut with: the surface's, tilted towards the camera where it is grazed.
     towards = -rays / np.linalg.norm(rays, axis=1, keepdims=True)
@@ -124,8 +110,11 @@ def render(surfaces: Surfaces, camera: Camera, cam_from_world: Array) -> tuple[A
 
     reference = np.zeros_like(rays)
     points = centre + rays * depth[:, None]
-    for number, texture in enumerate(surfaces.textures):
-        here = np.flatnonzero(surface == number)
+    is_near = (hits.cell >= 0) & surfaces.is_near[hits.cell]
+    seen = [(surfaces.near, is_near), (surfaces.far, (hits.cell >= 0) & ~is_near)]
+    seen += [(board.texture, hits.board == number) for number, board in enumerate(surfaces.boards)]
+    for texture, which in seen:
+        here = np.flatnonzero(which)
         at, right, down = (values.take(here, axis=0) @ texture.axes.T for values in (points, *sides))
         reference[here] = sample(texture, at, right, down)
     shape = (camera.height, camera.width)
@@ -142,15 +131,6 @@ def visible_charts(surfaces: Surfaces, camera: Camera, cam_from_world: Array) ->
         if clear and _unhidden(surfaces, board, cam_from_world):
             charts.append(Chart(board.site.name, board.site.kind, corners))
     return tuple(charts)
-
-
-def _cast(surfaces: Surfaces, centre: Array, rays: Array) -> Any:
-    """Cast rays (P, 3) whose component along the optical axis is 1, so that t_hit is the planar depth."""
-    import open3d
-
-    lines = np.empty((len(rays), 6), dtype=np.float32)
-    lines[:, :3], lines[:, 3:] = centre, rays
-    return surfaces.caster.cast_rays(open3d.core.Tensor.from_numpy(lines))
 
 
 def _front(corners: Array) -> bool:
@@ -171,7 +151,7 @@ def _unhidden(surfaces: Surfaces, board: Board, cam_from_world: Array) -> bool:
     seen = moved(targets, cam_from_world)
     centre = -cam_from_world[:3, :3].T @ cam_from_world[:3, 3]
     rays = (targets - centre) / seen[:, 2:]
-    met = _cast(surfaces, centre, rays)["t_hit"].numpy()
+    met = surfaces.caster.cast(centre, rays).depth
     return bool((np.abs(met - seen[:, 2]) < _TOLERANCE * seen[:, 2]).all())
 
 

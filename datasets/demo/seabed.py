@@ -302,16 +302,6 @@ def height_at(terrain: Terrain, x: float, y: float) -> float:
     return float(terrain.height[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)])
 
 
-def triangles(terrain: Terrain) -> tuple[Array, np.ndarray, np.ndarray]:
-    """Return vertices (V, 3) float32, triangles (T, 3) uint32 facing up, and the ground (T, 2) they lie on, metres."""
-    x, y = terrain.grid.axes()
-    vertices = np.stack([*np.meshgrid(x, y), terrain.height], axis=-1).reshape(-1, 3)
-    corner = np.arange(vertices.shape[0], dtype=np.uint32).reshape(terrain.grid.shape)
-    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, :-1], corner[1:, 1:]))
-    faces = np.concatenate([np.stack([a, b, d], axis=1), np.stack([a, d, c], axis=1)])
-    return vertices, faces, vertices[faces[:, 0], :2]
-
-
 # The colour charts: boards that stand on the seabed, painted with the reference colours of their kind.
 
 _FRAME_M, _RIM_M, _FOOT_M = 0.02, 0.05, 0.12  # the board around the chart: black frame, bare rim, bare foot

@@ -22,6 +22,7 @@ from sucre_bench import plugins
 from sucre_bench.arrays import evenly
 from sucre_bench.errors import InputError, MissingFileError, SolveError
 from sucre_bench.machine.files import expanded
+from sucre_bench.machine.packages import require
 from sucre_bench.machine.progress import say, track
 from sucre_bench.methods.sucre.apply_gains import relative_to
 from sucre_bench.methods.sucre.model import WaterParameters
@@ -107,8 +108,7 @@ def check_source(source: str) -> None:
             plugin = plugins.find("method", source)
         except InputError as fault:
             raise InputError(f"method.water={source}: {fault}") from fault
-        if missing := plugins.missing_packages(plugin):
-            raise InputError(f"method.water={source}: is not installed; {missing}")
+        require(f"method.water={source}", *plugin.requires)
         try:
             create(plugin, {})
         except InputError as fault:

@@ -16,6 +16,7 @@ from sucre_bench.imaging.display import normalisation
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.fill import FillOption
 from sucre_bench.machine.compute import Device
+from sucre_bench.machine.packages import require
 from sucre_bench.methods.sucre.known_water import WORDS, check_source, shared_water, water_of
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.paper import CITES, solve_adam, start_of
@@ -33,7 +34,14 @@ if TYPE_CHECKING:
 _AFTER = f"by this project, after {CITES}; its authors have not seen it"
 
 
-@method(needs={"depth", "poses"}, requires=("numba", "torch"), display="stretch-1-99", cites=_AFTER, reads=("water",))
+@method(
+    needs={"depth", "poses"},
+    requires=("numba",),
+    may_use=("jax", "torch"),
+    display="stretch-1-99",
+    cites=_AFTER,
+    reads=("water",),
+)
 @dataclass(frozen=True)
 class Sucre(FillOption):
     """This project's method on SUCRe's model, to measure the water: one water for a view, one colour for each pixel.
@@ -299,7 +307,12 @@ class Sucre(FillOption):
 
 
 @method(
-    needs={"depth", "poses"}, requires=("numba", "torch"), display="black-0.5-white-99", cites=_AFTER, reads=("water",)
+    needs={"depth", "poses"},
+    requires=("numba",),
+    may_use=("jax", "torch"),
+    display="black-0.5-white-99",
+    cites=_AFTER,
+    reads=("water",),
 )
 @dataclass(frozen=True)
 class SucrePlus(Sucre):
@@ -374,3 +387,7 @@ def check(options: Any, method: str) -> None:
         )
     if options.water not in WORDS:
         check_source(options.water)
+    for name, value in (("solver", "adam"), ("backend", "torch"), ("backend", "jax"), ("device", "cuda")):
+        if getattr(options, name) == value:
+            library = "jax" if options.backend == "jax" else "torch"
+            require(f"{method}.{name}={value}", library)

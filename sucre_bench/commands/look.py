@@ -81,8 +81,10 @@ def texture(
     from sucre_bench.engine.reopen_results import INPUT, revisit
     from sucre_bench.loading.view_files import source_files
     from sucre_bench.machine import progress
+    from sucre_bench.machine.packages import load
     from sucre_bench.programs.texture import choose_cells, fuse, mean_up, write_model
 
+    load("texture", "open3d")
     check_output(out, "surface")
     if picture is not None:
         check_output(picture, "picture")
@@ -203,10 +205,12 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
     """
     from sucre_bench import compare, results
     from sucre_bench.machine import progress
+    from sucre_bench.machine.packages import require
     from sucre_bench.machine.text_formats import masked
     from sucre_bench.reports import mlflow
     from sucre_bench.results.common_scores import read_common
 
+    require("track", "mlflow")
     uri = uri or mlflow.default_uri(folder)
     is_server = uri.startswith(("http://", "https://"))
     if ui and not is_server:

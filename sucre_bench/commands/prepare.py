@@ -112,12 +112,15 @@ def prepare(
     """
     from sucre_bench.jobs.words import quoted
     from sucre_bench.machine import progress
+    from sucre_bench.machine.packages import require
     from sucre_bench.machine.processes import terminated_as_interrupt
     from sucre_bench.programs.prepare import pipeline
     from sucre_bench.programs.prepare.scale import known_scale
     from sucre_bench.programs.prepare.shots import load_pycolmap
 
     known = known_scale(factor, distances, lengths, depth_track)
+    if options["surface"] == "sparse":
+        require("--surface sparse", "open3d")
     load_pycolmap()  # before the next line, for it makes a kill dump its stack
     with progress.live(), terminated_as_interrupt():
         try:

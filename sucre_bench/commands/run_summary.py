@@ -18,6 +18,7 @@ from sucre_bench.compare.terminal_table import as_blocks
 from sucre_bench.engine.run import Outcome
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.machine import progress, terminal
+from sucre_bench.machine.packages import absent
 from sucre_bench.machine.text_formats import counted, masked
 from sucre_bench.results import with_remedy
 from sucre_bench.results.layout import log_path
@@ -134,9 +135,12 @@ def _grouped(faults: Sequence[Fault]) -> Iterator[str]:
 
 
 def track(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
-    """Log the run in mlflow, unless tracking is off or knows all of it. If that fails, print the reason in one line."""
+    """Log the run in mlflow, where it is installed, unless tracking is off or knows all of it.
+
+    If that fails, print the reason in one line.
+    """
     uri, experiment = outcome.tracking.uri, outcome.tracking.experiment
-    if uri == "off":
+    if uri == "off" or absent("mlflow"):
         return
     from sucre_bench.reports import mlflow
 

@@ -73,6 +73,10 @@ class Compared:
         found = self.comparison
         return as_text([found], "md") if found else "no scores"
 
+    def _repr_html_(self) -> str:
+        found = self.comparison
+        return as_text([found], "html") if found else "no scores"
+
     def plot(self, view: str | int = 0, labels: Sequence[str] = (), metric: str = "", height: int = 360) -> Image:
         """Return a picture of one view before and after: the photograph, each method, and the reference if known.
 
@@ -139,8 +143,8 @@ def compare_methods(
 
     Raises InputError for an unknown method, option, metric or view, before any work.
 
-    >>> from sucre_bench.engine.python_api import load_scenes
-    >>> scene = next(load_scenes("demo", views=2, width=160, height=120))
+    >>> from sucre_bench.engine.python_api import load_scene
+    >>> scene = load_scene("demo", views=2, width=160, height=120)
     >>> compared = compare_methods(scene, ["underwater", "gray_world"], metrics=["psnr"])
     >>> compared.table["psnr"].groupby("method").mean().idxmax()
     'gray_world'

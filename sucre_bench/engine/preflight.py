@@ -17,6 +17,7 @@ from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job
 from sucre_bench.loading.view_files import with_shared_pixels
 from sucre_bench.machine.compute import usable_cores
+from sucre_bench.machine.packages import absent
 from sucre_bench.plugins.options import Choice
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.reasons import Reason
@@ -54,10 +55,9 @@ def check(command: Command) -> list[Planned]:
     jobs, problems = command.jobs, list[str]()
     if len({job.out.resolve() for job in jobs}) > 1:
         problems.append("out: not the same for all jobs of the sweep; give one folder")
-    every = [p for job in jobs for p in (job.dataset.plugin, job.method.plugin, *(m.plugin for m in job.metrics))]
-    for plugin in {(p.kind, p.name): p for p in every}.values():
-        if line := plugins.missing_packages(plugin):
-            problems.append(f"{plugin.kind} '{plugin.name}': not installed; {line}")
+    uri = jobs[0].tracking.uri
+    if uri not in ("off", f"sqlite:///{jobs[0].out}/mlflow.db") and (lacking := absent("mlflow")):
+        problems.append(f"tracking.uri: {lacking}, or leave it out")
     study, known = jobs[0].study, {job.method.label for job in jobs}
     named = {"baseline": jobs[0].baseline} if jobs[0].baseline or not study else {"study.baseline": study.baseline}
     for key, label in named.items():  # one that is a method, but not of this sweep, is left out

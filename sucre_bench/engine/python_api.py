@@ -1,7 +1,8 @@
 """Functions for Python scripts: load scenes, restore a view, score the restoration, list plugins and experiments."""
 
+import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from sucre_bench import plugins, results
 from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.engine.job import make_ready, measured_restore
 from sucre_bench.engine.score import score_rows, scorers
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.imaging.display import displayed, is_of_scene
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import SUFFIXES, write_image
@@ -22,6 +23,7 @@ from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.options import Choice, create
 from sucre_bench.results.restorations import Measured, write_arrays
 from sucre_bench.scene import Encoding, Restoration, Scene, View
+from sucre_bench.thumbnails import as_html
 
 # Methods with their options that have imported and compiled what they need.
 _ready: set[str] = set()
@@ -34,7 +36,7 @@ class Restored(Restoration):
     - display: name of the normalisation that makes the restored image;
     - encoding: encoding of the view, "gamma" or "linear".
 
-    >>> scene = next(load_scenes("demo", views=2, width=160, height=120))
+    >>> scene = load_scene("demo", views=2, width=160, height=120)
     >>> result = restore("stitching", scene, 0)
     >>> bool(np.nanmin(result.shown) >= 0 and np.nanmax(result.shown) <= 1)
     True
@@ -53,6 +55,9 @@ class Restored(Restoration):
         """(H, W, 3) like `shown`, but with filled pixels: the picture that `save` writes and `show` shows."""
         shown, filled = displayed(self, self.display, self.encoding)
         return shown if filled is None else np.asarray(np.where(np.isnan(shown), filled, shown))
+
+    def _repr_html_(self) -> str:
+        return as_html(repr(self), {str(self.info.get("method", "")): self.picture})
 
     def save(self, path: str | Path) -> None:
         """Write the restored image with 8 bits and black holes. With the suffix .npz, write J, B, beta and gamma.
@@ -85,18 +90,46 @@ class Restored(Restoration):
 
 
 def load_scenes(name: str, **options: Any) -> Iterator[Scene]:
-    """Yield the scenes of a dataset.
+    """Return the scenes of a dataset. The first is opened at once, each other when its turn comes.
 
     - name: the dataset's name, see `list_datasets`;
     - options: its options, for example root="dive/".
 
     Raises InputError for an unknown name or option, and for data that are not as expected.
 
-    >>> scene = next(load_scenes("demo", views=2, width=160, height=120))
-    >>> len(scene)
-    2
+    >>> [len(scene) for scene in load_scenes("demo", views=2, width=160, height=120)]
+    [2]
     """
-    yield from create(plugins.find("dataset", name), options).scenes()
+    scenes = iter(create(plugins.find("dataset", name), options).scenes())
+    first = itertools.islice(scenes, 1)
+    return (replace(scene, dataset=name) for scene in itertools.chain(list(first), scenes))
+
+
+def load_scene(name: str, scene: str = "", **options: Any) -> Scene:
+    """Return the scene of a dataset: the only one, or that with a name.
+
+    - name: the dataset's name, see `list_datasets`;
+    - scene: the scene's name; it may be left out if the dataset has one scene;
+    - options: options of the dataset, for example root="dive/".
+
+    Raises what `load_scenes` raises, and InputError if no scene has the name, or if there are several and no name.
+
+    >>> load_scene("demo", views=2, width=160, height=120)["view_001.png"].rgb.shape
+    (120, 160, 3)
+    """
+    names = []
+    for found in load_scenes(name, **options):
+        if found.name == scene:
+            return found
+        names.append(found.name)
+        only = found
+    if not names:
+        raise InputError("has no scene", f"dataset '{name}'", "check its options")
+    if scene:
+        raise InputError(f"has no scene '{scene}'", f"dataset '{name}'", did_you_mean(scene, names))
+    if len(names) > 1:
+        raise InputError(f"has {len(names)} scenes", f"dataset '{name}'", f"give scene=, one of {', '.join(names)}")
+    return only
 
 
 def restore(method: str | Any, scene: Scene, view: View | str | int, **options: Any) -> Restored:
@@ -114,7 +147,7 @@ def restore(method: str | Any, scene: Scene, view: View | str | int, **options: 
     contract, SolveError if the estimation has no answer, and NotApplicableError (a SolveError) if the method is not
     made for the view.
 
-    >>> scene = next(load_scenes("demo", views=2, width=160, height=120))
+    >>> scene = load_scene("demo", views=2, width=160, height=120)
     >>> result = restore("gray_world", scene, 0)
     >>> result.shown.shape
     (120, 160, 3)
@@ -144,6 +177,7 @@ def restore(method: str | Any, scene: Scene, view: View | str | int, **options: 
         "display": how,
         "seconds": measured.seconds,
         "peak_mb": measured.peak_mb,
+        "dataset": scene.dataset or scene.name,
         "scene": scene.name,
         "data_id": scene.data_id,
         "code": source_hash(plugin),
@@ -162,13 +196,13 @@ def score(
     - view: the restored view;
     - metrics: "name", "name:variant" or "name:all", or a list of these;
     - how: the display normalisation; default the method's own;
-    - dataset: the dataset's name in the rows.
+    - dataset: the dataset's name in the rows; default that of the scene.
 
     If a metric cannot score the view, its row has the status "skipped" and the reason. `sucre_bench.wide` turns the
     rows into a table with one column for each metric. Raises InputError for an image of another size than the view's,
     and for an unknown metric.
 
-    >>> scene = next(load_scenes("demo", views=2, width=160, height=120))
+    >>> scene = load_scene("demo", views=2, width=160, height=120)
     >>> rows = score(restore("gray_world", scene, 0), scene[0], metrics=["psnr", "uciqe"])
     >>> sorted(set(rows["metric"]) & {"psnr", "uciqe"})
     ['psnr', 'uciqe']
@@ -184,7 +218,7 @@ def score(
     options, options_id = results.fingerprint({**info.get("options", {}), "display": how})
     shown = displayed(result, how, view.encoding)[0]
     base = results.Row(
-        dataset=dataset,
+        dataset=dataset or info.get("dataset", ""),
         scene=info.get("scene", ""),
         view=view.name,
         method=info.get("method", ""),

@@ -16,6 +16,7 @@ from sucre_bench.imaging.resizing import split_variant
 from sucre_bench.jobs.run_options import CONF_FOLDER
 from sucre_bench.jobs.words import quoted
 from sucre_bench.machine import progress
+from sucre_bench.machine.packages import absent
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import Choice, Option, options_of, plain_value, plugin_choice
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
@@ -246,7 +247,7 @@ def entry(plugin: Plugin | Broken) -> dict[str, Any]:
     """Return what is known of a plugin: name, description, needs, options ... or "broken": why it cannot be used."""
     if isinstance(plugin, Broken):
         return {"name": plugin.name, "broken": plugin.reason}
-    install = plugins.missing_packages(plugin)
+    lacking = absent(*plugin.requires)
     about: dict[str, Any] = {
         "name": plugin.name,
         "description": plugin.summary,
@@ -257,8 +258,8 @@ def entry(plugin: Plugin | Broken) -> dict[str, Any]:
         "licence": plugin.licence,
         "cites": plugin.cites,
         "options": {option.name: option_entry(option) for option in options_of(plugin.cls)},
-        "installed": not install,
-        "install": install,
+        "installed": lacking is None,
+        "install": lacking.install if lacking else "",
         "variants": dict(plugin.variants),
     }
     if plugin.kind == "method":

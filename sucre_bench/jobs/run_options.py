@@ -120,7 +120,7 @@ class Tracking:
     """Where mlflow logs the run."""
 
     uri: str = "sqlite:///${out}/mlflow.db"
-    """mlflow's tracking URI; the default is a store in the results folder. off: no mlflow."""
+    """mlflow's tracking URI; the default is a store in the results folder, if mlflow is installed; off: no mlflow."""
     experiment: str = "sucre_bench"
     """Name of the experiment in mlflow."""
 

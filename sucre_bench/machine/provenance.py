@@ -8,11 +8,9 @@ from __future__ import annotations
 import ast
 import functools
 import hashlib
-import importlib.metadata
 import json
 import os
 import platform
-import re
 import subprocess
 import sys
 import time
@@ -25,16 +23,8 @@ from sucre_bench.errors import InputError
 from sucre_bench.machine.cache import get_or_make
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.files import regular, user_cache, write_atomically
+from sucre_bench.machine.packages import distribution_of, requirements, version_of
 from sucre_bench.machine.text_formats import masked
-
-# Import name -> name in the package index, where the two differ.
-_PACKAGE = {
-    "cv2": "opencv-python-headless",
-    "skimage": "scikit-image",
-    "colour": "colour-science",
-    "hydra": "hydra-core",
-    "PIL": "Pillow",
-}
 
 
 def environment(command: list[str], seed: int, data: dict[str, str]) -> dict[str, Any]:
@@ -46,8 +36,6 @@ def environment(command: list[str], seed: int, data: dict[str, str]) -> dict[str
     if sys.platform == "linux":
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         processor = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")
-    required = [line for line in importlib.metadata.requires("sucre-bench") or () if "extra ==" not in line]
-    packages = sorted(re.split(r"[^\w-]", line)[0] for line in required)
     return {
         "command": command,
         "sucre_bench": version_of("sucre-bench"),
@@ -56,7 +44,7 @@ def environment(command: list[str], seed: int, data: dict[str, str]) -> dict[str
         "seed": seed,
         "data": data,
         "python": platform.python_version(),
-        "packages": {name: version_of(name) for name in packages},
+        "packages": {name: version_of(name) for name in sorted(requirements()) if version_of(name)},
         "machine": {
             "system": platform.platform(),
             "processor": processor or platform.processor() or platform.machine(),
@@ -65,20 +53,6 @@ def environment(command: list[str], seed: int, data: dict[str, str]) -> dict[str
             "gpu": gpu(),
         },
     }
-
-
-def distribution_of(package: str) -> str:
-    """Return the name in the package index of an import name."""
-    return _PACKAGE.get(package, package)
-
-
-@functools.cache
-def version_of(package: str) -> str | None:
-    """Return an installed package's version, or None."""
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return None
 
 
 def source_commit() -> tuple[str | None, bool | None]:
@@ -124,8 +98,8 @@ def read(path: Path) -> dict[str, Any] | None:
 _NUMERICS = ("arrays", "camera", "degrade", "imaging", "loading", "multiview", "restored_pair", "scene")
 
 
-# Libraries that the numerics compute with, or plugins for some value of an option. Those in `requires` come on top.
-_LIBRARIES = ("cv2", "jax", "numba", "numpy", "scipy", "skimage")
+# Libraries that the numerics compute with. Those that plugins name come on top.
+_LIBRARIES = ("cv2", "numba", "numpy", "scipy", "skimage")
 
 # A file that changed less than so many seconds ago may change again without a new time stamp.
 _SETTLED_S = 2.0

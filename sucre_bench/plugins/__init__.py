@@ -19,7 +19,6 @@ from sucre_bench.plugins.plugin import (
     PairMetric,
     Plugin,
     missing_needs,
-    missing_packages,
 )
 from sucre_bench.plugins.registry import (
     Registry,
@@ -58,7 +57,6 @@ __all__ = [
     "method",
     "metric",
     "missing_needs",
-    "missing_packages",
     "snake_case",
     "unknown",
     "usable",

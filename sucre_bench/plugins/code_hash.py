@@ -20,7 +20,9 @@ def source_hash(*used: Plugin, files: Iterable[Path] = ()) -> str:
     typed_in = [_typed_in(plugin) for plugin in used if _source_of(plugin) is None]
     places = tuple(file for plugin in used if (file := _source_of(plugin)))
     stamps = [stamp for place in files for stamp in _stamps(place)]
-    return hash_of(places, {name for plugin in used for name in plugin.requires}, (typed_in, stamps))
+    return hash_of(
+        places, {name for plugin in used for name in (*plugin.requires, *plugin.may_use)}, (typed_in, stamps)
+    )
 
 
 def _stamps(place: Path) -> Iterator[tuple[str, int, int]]:

@@ -35,6 +35,7 @@ def method(
     name: str = "",
     needs: Iterable[str] = (),
     requires: Iterable[str] = (),
+    may_use: Iterable[str] = (),
     cites: str = "",
     licence: str = "",
     display: str = "none",
@@ -47,6 +48,7 @@ def method(
     - name: the method's name; default the class name in snake_case;
     - needs: what a scene must have: "depth", "poses", "reference", "charts", "truth";
     - requires: import names of the packages that the method uses when it runs;
+    - may_use: those that it uses for some values of its options only. The method itself must check for them;
     - cites, licence: publication and licence of the method;
     - display: the normalisation that makes a picture of the result, see `sucre_bench.imaging.display.display`;
     - encoding: "gamma" if the method assumes gamma-encoded intensities. sucre_bench then encodes linear views (sRGB)
@@ -76,7 +78,7 @@ def method(
     if encoding == "gamma" and "poses" in needs:
         raise PluginError("encoding=gamma is for methods of one view", "method", "other views are given as they are")
     about: dict[str, Any] = {"display": display, "encoding": encoding, "reads": tuple(reads)}
-    about["is_photograph"] = is_photograph
+    about |= {"is_photograph": is_photograph, "may_use": tuple(may_use)}
     return _decorator("method", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)
 
 

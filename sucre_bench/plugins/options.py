@@ -19,6 +19,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 from sucre_bench.errors import InputError, did_you_mean, unknown_name
 from sucre_bench.imaging.display import normalisation
 from sucre_bench.machine.files import expanded, fault_of
+from sucre_bench.machine.packages import require
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin, fits
 from sucre_bench.plugins.registry import find, get
 
@@ -232,12 +233,14 @@ def plugin_choice(kind: Kind, values: Any) -> Choice:
 
 
 def create(plugin: Plugin, values: Mapping[str, Any], out: Path | None = None) -> Any:
-    """Make the plugin with these options. Raises what `checked_options` and the plugin's own __post_init__ raise.
+    """Make the plugin with these options. Raises what `checked_options` and the plugin's own __post_init__ raise, and
+    InputError, with the command that installs them, where packages are missing that it requires.
 
     A path may be given as text, a tuple as a list. An option that the plugin `reads` must lead to a file or folder;
     none is opened.
     out: the folder of results of a command that is about to run; what is to lie in it may be made by an earlier job.
     """
+    require(f"{plugin.kind} '{plugin.name}'", *plugin.requires)
     made = plugin.cls(**checked_options(plugin.cls, values))
     for option, path in read_by_options(plugin, values):
         if isinstance(path, Plugin):

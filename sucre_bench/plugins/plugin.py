@@ -10,7 +10,6 @@ from typing import Any, Literal, Protocol, Union, get_args, get_origin
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import Lack
-from sucre_bench.machine.provenance import distribution_of
 from sucre_bench.restored_pair import RestoredPair
 from sucre_bench.scene import Restoration, Scene, Score, View
 
@@ -102,9 +101,10 @@ class PairMetric(Protocol):
 class Plugin:
     """What is known of a plugin without running it.
 
-    needs: what a scene must offer; requires: packages it imports when it runs; display: how its image is brought
-    to the screen, encoding, reads, is_photograph: see `method`; source, has, charts_file, signs: see `dataset`; unit,
-    better, range, variants, default, role, symbol, unranked, faults, agreement: see `metric`.
+    needs: what a scene must offer; requires, may_use: packages it imports when it runs, or for some options; display:
+    how its image is brought to the screen, encoding, reads, is_photograph: see `method`; source, has, charts_file,
+    signs: see `dataset`; unit, better, range, variants, default, role, symbol, unranked, faults,
+    agreement: see `metric`.
     """
 
     kind: Kind
@@ -112,6 +112,7 @@ class Plugin:
     cls: type[Any]
     needs: frozenset[str] = frozenset()
     requires: tuple[str, ...] = ()
+    may_use: tuple[str, ...] = ()
     cites: str = ""
     licence: str = ""
     display: str = "none"
@@ -196,20 +197,6 @@ class Broken:
 
     name: str
     reason: str
-
-
-def missing_packages(plugin: Plugin) -> str:
-    """Return the line that installs what a plugin requires and this machine lacks; empty when nothing is missing."""
-    import importlib.util
-
-    def is_installed(package: str) -> bool:
-        try:
-            return importlib.util.find_spec(package) is not None
-        except ModuleNotFoundError:  # of a package that it is in
-            return False
-
-    absent = [name for name in plugin.requires if not is_installed(name)]
-    return f"pip install {' '.join(map(distribution_of, absent))}" if absent else ""
 
 
 def missing_needs(plugin: Plugin, has: frozenset[str], of: Literal["scene", "view"] = "scene") -> str:

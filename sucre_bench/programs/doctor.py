@@ -17,6 +17,7 @@ from typing import Literal
 from sucre_bench import plugins
 from sucre_bench.machine import provenance
 from sucre_bench.machine.compute import usable_cores
+from sucre_bench.machine.packages import absent, distribution_of, version_of
 from sucre_bench.machine.processes import python
 from sucre_bench.plugins.plugin import Broken
 
@@ -32,20 +33,22 @@ OPEN3D_LIBRARIES = {
     "libgomp.so.1": "libgomp1",
 }
 
-# The packages of each feature that must be there, and of those that only some need.
+# The packages of each feature that must be there, and of those that only some need; import names.
 _REQUIRED = {
-    "SUCRe on the CPU": ["torch", "numba"],
-    "SUCRe and others by JAX": ["jax"],
-    "prepare: photos to a scene": ["pycolmap", "opencv-python-headless"],
-    "colour charts, metrics": ["colour-science", "scikit-image", "scipy"],
-    "networks from ONNX files": ["onnxruntime"],
-    "results, configuration": ["pandas", "pyarrow", "hydra-core", "numpy"],
-    "mlflow": ["mlflow"],
+    "SUCRe on the CPU": ["numba"],
+    "metrics, colour charts": ["skimage", "scipy", "cv2"],
+    "results, configuration": ["pandas", "pyarrow", "hydra", "numpy"],
 }
 _OPTIONAL = {
+    "the paper's SUCRe, networks": "torch",
+    "SUCRe by JAX": "jax",
+    "networks from ONNX files": "onnxruntime",
+    "prepare: photos to a scene": "pycolmap",
+    "runs in mlflow": "mlflow",
+    "ColorChecker SG": "colour",
     "raw photos (.arw, .cr2, .nef)": "rawpy",
     "depth maps in OpenEXR": "OpenEXR",
-    "MATLAB tables (squid)": "mat-io",
+    "MATLAB tables (squid)": "matio",
     "documentation as a site": "mkdocs",
 }
 _PROGRAMS = {
@@ -104,21 +107,21 @@ def examine(out: Path = Path()) -> Examined:
         "disk": f"{disk.free / 2**30:.0f} of {disk.total / 2**30:.0f} GB free at {out.resolve()}",
         "gpu": gpu or "none found: torch and JAX run on the CPU",
     }
-    features = [_packages(name, *packages) for name, packages in _REQUIRED.items()]
-    features += [_gpu(gpu), _open3d(), _plugins()]
+    features = [_packages(name, *imports) for name, imports in _REQUIRED.items()]
+    features += [_plugins(), _gpu(gpu), _open3d()]
     features += [_packages(name, package, lacking="missing") for name, package in _OPTIONAL.items()]
     for name, programs in _PROGRAMS.items():
         found = next((path for program in programs if (path := shutil.which(program))), None)
         missing = Feature(name, "missing", f"no {programs[0]}", _apt(programs[0]))
         features.append(Feature(name, "ready", found) if found else missing)
-    cluster, absent = "a cluster, by SLURM", [name for name in _SLURM if not shutil.which(name)]
-    no_cluster = Feature(cluster, "absent", f"no {''.join(absent[:1])}: not a login node of a cluster")
-    features.append(no_cluster if absent else _packages(cluster, "submitit"))
+    cluster, lacking = "a cluster, by SLURM", [name for name in _SLURM if not shutil.which(name)]
+    no_cluster = Feature(cluster, "absent", f"no {''.join(lacking[:1])}: not a login node of a cluster")
+    features.append(no_cluster if lacking else _packages(cluster, "submitit"))
     if disk.free < _LITTLE_DISK_GB * 2**30:
         said = f"less than {_LITTLE_DISK_GB:.0f} GB free; give another out=FOLDER"
         features.append(Feature("disk for results", "broken", said))
     return Examined(
-        provenance.version_of("sucre-bench") or "not installed",
+        version_of("sucre-bench") or "not installed",
         f"{platform.python_version()}, {sys.prefix}",
         f"{commit[:12]}{' with uncommitted changes' if dirty else ''}" if commit else "",
         machine,
@@ -126,22 +129,22 @@ def examine(out: Path = Path()) -> Examined:
     )
 
 
-def _packages(name: str, *packages: str, lacking: State = "broken") -> Feature:
-    """A feature that needs packages. lacking: its state if one is not installed."""
-    versions = {package: provenance.version_of(package) for package in packages}
-    if absent := [package for package, version in versions.items() if version is None]:
-        return Feature(name, lacking, f"no {', '.join(absent)}", _pip(*absent))
-    return Feature(name, "ready", ", ".join(f"{package} {version}" for package, version in versions.items()))
+def _packages(name: str, *imports: str, lacking: State = "broken") -> Feature:
+    """A feature that needs packages. lacking: its state if one is not installed, or too old."""
+    if missing := absent(*imports):
+        return Feature(name, lacking, missing.fault, _in_this_python(missing.install))
+    versions = ((package, version_of(package)) for package in map(distribution_of, imports))
+    return Feature(name, "ready", ", ".join(f"{package} {version}" for package, version in versions))
 
 
 def _gpu(gpu: str | None) -> Feature:
-    feature = _packages("SUCRe on the GPU", "torch")
+    feature = _packages("SUCRe on the GPU", "torch", lacking="missing")
     if gpu is None:
         return Feature(feature.name, "absent", "no GPU here, or no driver (nvidia-smi)")
-    if feature.state == "broken":
+    if feature.state == "missing":
         return feature
     if "+cpu" in feature.said:
-        remedy = _pip("--force-reinstall", feature.said.partition("+")[0].replace(" ", "=="))
+        remedy = _in_this_python("pip install --force-reinstall " + feature.said.partition("+")[0].replace(" ", "=="))
         return Feature(feature.name, "broken", f"{feature.said} is built for CPUs alone", remedy)
     works, line = _try("import torch; torch.zeros(1).cuda(); print(torch.cuda.get_device_name())")
     if works:
@@ -151,35 +154,41 @@ def _gpu(gpu: str | None) -> Feature:
 
 def _plugins() -> Feature:
     """All plugins as one feature, naming those that cannot be used."""
-    counts, faults = [], {}  # faults: with the remedy of each
+    counts, faults, remedies = [], [], []
     for kind in plugins.KINDS:
         known = plugins.discover(kind).values()
         counts.append(f"{len(known)} {kind}s")
         for plugin in known:
             if isinstance(plugin, Broken):
-                faults[f"{kind} {plugin.name}: {plugin.reason}"] = ""
-            elif remedy := plugins.missing_packages(plugin):
-                faults[f"{kind} {plugin.name}: a package is missing"] = remedy
+                faults.append(f"{kind} {plugin.name}: {plugin.reason}")
+            elif (lacking := absent(*plugin.requires)) and not lacking.is_extra:
+                faults.append(f"{kind} {plugin.name}: {lacking.fault}")
+                remedies.append(_in_this_python(lacking.install))
     if faults:
-        return Feature("plugins", "broken", "; ".join(faults), next(filter(None, faults.values()), ""))
+        return Feature("plugins", "broken", "; ".join(faults), "".join(remedies[:1]))
     return Feature("plugins", "ready", ", ".join(counts))
 
 
 def _open3d() -> Feature:
     """Open3D is imported in another process, because it may crash."""
-    feature = _packages("demo scene, surfaces", "open3d")
+    feature = _packages("surfaces", "open3d", lacking="missing")
     works, line = _try("import open3d") if feature.state == "ready" else (True, "")
     if works:
         return feature
-    absent = []
+    packages = []
     for library, package in OPEN3D_LIBRARIES.items():
         try:
             ctypes.CDLL(library)
         except OSError:
-            absent.append(package)
-    if absent:
-        return Feature(feature.name, "broken", "open3d lacks libraries of the system", _apt(*absent))
-    return Feature(feature.name, "broken", f"open3d does not import: {line}", _pip("--force-reinstall", "open3d"))
+            packages.append(package)
+    if packages:
+        return Feature(feature.name, "broken", "open3d lacks libraries of the system", _apt(*packages))
+    return Feature(
+        feature.name,
+        "broken",
+        f"open3d does not import: {line}",
+        _in_this_python("pip install --force-reinstall open3d"),
+    )
 
 
 def _try(code: str) -> tuple[bool, str]:
@@ -189,8 +198,8 @@ def _try(code: str) -> tuple[bool, str]:
     return done.returncode == 0, lines[-1] if lines else f"exit code {done.returncode}"
 
 
-def _pip(*words: str) -> str:
-    return f"{shlex.quote(sys.executable)} -m pip install {' '.join(words)}"
+def _in_this_python(pip: str) -> str:
+    return f"{shlex.quote(sys.executable)} -m {pip}"
 
 
 def _apt(*packages: str) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import re
 from pathlib import Path
 
 import cv2
@@ -147,3 +149,41 @@ def test_only_a_restoration_of_the_views_size_is_scored(scene: sb.Scene):
         sb.score(scene[0].rgb, scene[0], "uciqe")  # type: ignore[arg-type]
     with pytest.raises(sb.InputError, match=r"\(24, 64, 3\).*\(48, 64, 3\)"):
         sb.score(sb.Restoration(scene[0].rgb[:24]), scene[0], "uciqe")
+
+
+def test_a_notebook_shows_small_pictures_and_escaped_names():
+    hidden = np.full((300, 400, 3), 0.5)
+    hidden[:100] = np.nan
+    names = [f"<b>{n}</b>.png" for n in range(9)]
+    scene = sb.Scene(
+        "<i>reef</i>", [sb.View(name, sb.Arrays(np.full((300, 400, 3), 0.5))) for name in names], frozenset()
+    )
+    for shown, count in (
+        (scene, 4),
+        (scene[0], 1),
+        (sb.Restoration(hidden), 1),
+        (sb.restore("gray_world", scene, 0), 1),
+    ):
+        page = shown._repr_html_()  # type: ignore[attr-defined]
+        pictures = re.findall(r'src="data:image/jpeg;base64,([^"]+)"', page)
+        assert len(pictures) == count
+        assert "<b>" not in page
+        assert "<i>" not in page
+        decoded = cv2.imdecode(np.frombuffer(base64.b64decode(pictures[0]), np.uint8), cv2.IMREAD_COLOR)
+        assert decoded.shape == (180, 240, 3)
+        assert abs(int(decoded[150, 100, 0]) - 127) < 4
+    compared = sb.compare_methods(scene, ["underwater", "gray_world"], metrics=["uciqe"], views=[0])
+    assert "<table" in compared._repr_html_()
+
+
+def test_scenes_are_opened_when_they_are_asked_for(tmp_path: Path):
+    with pytest.raises(sb.InputError, match="demo"):
+        sb.load_scenes("demmo")
+    with pytest.raises(sb.InputError):
+        sb.load_scenes("colmap", root=tmp_path)
+    scene = sb.load_scene("demo", views=2, width=96, height=72, root=tmp_path)
+    assert scene.dataset == "demo"
+    assert set(sb.score(sb.restore("gray_world", scene, 0), scene[0], "psnr")["dataset"]) == {"demo"}
+    assert sb.load_scene("demo", scene.name, views=2, width=96, height=72, root=tmp_path).data_id == scene.data_id
+    with pytest.raises(sb.InputError, match=r"no scene 'costal'.*'coastal'"):
+        sb.load_scene("demo", "costal", views=2, width=96, height=72, root=tmp_path)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import email
 import re
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -12,6 +14,7 @@ import pytest
 from support.places import ROOT
 
 from sucre_bench.datasets.demo import Demo
+from sucre_bench.machine.packages import requirements
 
 
 @pytest.fixture(scope="module")
@@ -66,9 +69,26 @@ def test_the_pins_name_no_host_and_cover_every_dependency():
     assert "://" not in pins
     assert "@" not in pins
     pinned = {line.split("==")[0].lower().replace("_", "-") for line in pins.splitlines() if "==" in line}
-    asked = re.findall(r'^  "([A-Za-z0-9_.-]+)>=', (ROOT / "pyproject.toml").read_text(), flags=re.MULTILINE)
-    assert asked
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]["all"][0]
+    asked = {one.partition(">=")[0] for one in project["dependencies"]}
+    asked |= {name for name, (_, extra) in requirements().items() if extra and extra in extras}
+    assert asked > {"numpy", "torch", "open3d"}
     assert {name.lower().replace("_", "-") for name in asked} <= pinned
+
+
+def test_the_description_of_the_package_leads_to_whole_addresses(wheel: zipfile.ZipFile):
+    """Where README's own links are relative, and would lead nowhere from a package index."""
+    (name,) = (name for name in wheel.namelist() if name.endswith(".dist-info/METADATA"))
+    about = email.message_from_bytes(wheel.read(name))
+    assert about["Author"] == "sucre_bench contributors"
+    links = re.findall(r"\]\(([^)]+)\)", str(about.get_payload()))
+    assert len(links) > 20
+    assert {link for link in links if not link.startswith(("https://", "#"))} == set()
+    version = about["Version"]
+    assert any(link.endswith(f"/raw/v{version}/docs/pictures/demo.jpg") for link in links)
+    assert f"\n## {version}\n" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
 
 
 def blocks(page: str, language: str) -> list[str]:

@@ -14,7 +14,7 @@ import sucre_bench
 from sucre_bench import InputError, PluginError, method, metric, plugins
 from sucre_bench.jobs.compose_jobs import jobs
 from sucre_bench.plugins.options import create, options_of
-from sucre_bench.plugins.plugin import Broken, missing_packages
+from sucre_bench.plugins.plugin import Broken
 from sucre_bench.plugins.registry import discover, find, load_file
 
 
@@ -271,9 +271,13 @@ def test_what_is_not_installed_comes_with_the_line_that_installs_it():
     @method(requires=("numpy", "skimage", "nonexistent_package_xyz.part"))
     @dataclass(frozen=True)
     class Needy:
-        pass
+        def restore(self, scene, view):
+            raise AssertionError("not reached")
 
-    assert missing_packages(Needy.__plugin__) == "pip install nonexistent_package_xyz.part"
+    with pytest.raises(InputError) as fault:
+        create(Needy.__plugin__, {})
+    assert fault.value.place == "method 'needy'"
+    assert fault.value.remedy == "pip install nonexistent_package_xyz.part"
 
 
 def test_what_one_registry_loads_another_does_not_have(tmp_path: Path):

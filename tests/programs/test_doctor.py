@@ -9,8 +9,9 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from support.hidden_packages import hide
 
-from sucre_bench.machine import provenance
+from sucre_bench.machine import packages, provenance
 from sucre_bench.programs import doctor
 
 
@@ -36,25 +37,27 @@ def test_doctor_tells_programs_what_people_read(bench):
             assert re.search(r"pip install \S+|apt-get install \S+|make setup", feature["remedy"])
 
 
-def test_doctor_counts_a_missing_dependency_but_nothing_optional(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    version_of = provenance.version_of
-    monkeypatch.setattr(provenance, "version_of", lambda name: None if name == "pycolmap" else version_of(name))
+def test_doctor_counts_a_missing_dependency_but_no_extra(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    hide(monkeypatch, "pycolmap", "torch", "pyarrow")
     monkeypatch.setattr(doctor.shutil, "which", lambda program: None)
     other_pythons_end(monkeypatch, 0)
     found = doctor.examine(tmp_path / "not" / "there")
     assert found.faults == 1
     lacking = states(found)["prepare: photos to a scene"]
-    assert (lacking.state, lacking.remedy.split("-m ")[1]) == ("broken", "pip install pycolmap")
+    assert (lacking.state, lacking.remedy.split("-m ")[1]) == ("missing", "pip install 'sucre-bench[prepare]'")
+    broken = states(found)["results, configuration"]
+    assert (broken.state, broken.remedy.split("-m ")[1]) == ("broken", "pip install 'pyarrow>=17'")
     assert states(found)["tests in a browser"].state == "missing"
     assert states(found)["a cluster, by SLURM"].state == "absent"
 
 
 def test_doctor_sees_a_torch_that_cannot_use_the_gpu(monkeypatch: pytest.MonkeyPatch):
-    version_of = provenance.version_of
+    version_of = packages.version_of
     monkeypatch.setattr(provenance, "gpu", lambda: "NVIDIA H100")
     other_pythons_end(monkeypatch, 1, "Traceback\nRuntimeError: driver too old")
     for torch, said in (("2.6.0+cpu", "CPUs"), ("2.6.0+cu124", "NVIDIA H100: RuntimeError")):
-        monkeypatch.setattr(provenance, "version_of", lambda n, t=torch: t if n == "torch" else version_of(n))
+        for module in (doctor, packages):
+            monkeypatch.setattr(module, "version_of", lambda n, t=torch: t if n == "torch" else version_of(n))
         feature = states(doctor.examine())["SUCRe on the GPU"]
         assert feature.state == "broken"
         assert said in feature.said

@@ -19,6 +19,7 @@ from typing import Any, Literal, NamedTuple
 
 from sucre_bench import plugins
 from sucre_bench.errors import ANY_FAULT, InputError, NotApplicableError, SucreBenchError, one_line
+from sucre_bench.machine.packages import absent
 from sucre_bench.plugins.options import create, options_of
 from sucre_bench.plugins.plugin import KINDS, Kind, Plugin, fits
 
@@ -59,11 +60,11 @@ class Subject:
     @property
     def obstacle(self) -> str:
         """Why it cannot be run, with the remedy; empty if it can."""
-        if line := plugins.missing_packages(self.plugin):
-            return f"not installed; {line}"
+        if lacking := absent(*self.plugin.requires):
+            return str(lacking)
         needed = [o.name for o in options_of(self.plugin.cls) if o.default is MISSING]
-        absent = [f"{self.plugin.kind}.{name}=..." for name in needed if name not in self.options]
-        return f"options must be given; add {' '.join(absent)}" if absent else ""
+        missing = [f"{self.plugin.kind}.{name}=..." for name in needed if name not in self.options]
+        return f"options must be given; add {' '.join(missing)}" if missing else ""
 
     def make(self) -> Any:
         """Make the plugin, after importing its packages: settings that these change are not its fault."""
@@ -241,8 +242,8 @@ def is_configurable(subject: Subject) -> Iterator[str]:
 
 def is_installed(subject: Subject) -> Iterator[str]:
     """Is installed with all that it requires."""
-    if line := plugins.missing_packages(subject.plugin):
-        yield f"packages are missing; {line}"
+    if lacking := absent(*subject.plugin.requires):
+        yield str(lacking)
 
 
 def imports_lightly(subject: Subject) -> Iterator[str]:

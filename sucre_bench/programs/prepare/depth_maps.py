@@ -6,13 +6,11 @@ sweeps and for seabeds without overhangs: a place has one height.
 """
 
 import functools
-import importlib
 import io
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 import numpy as np
 
@@ -22,6 +20,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import decode, write_png
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.packages import load
 from sucre_bench.machine.progress import say, track
 from sucre_bench.programs.prepare.photos import read_mask
 from sucre_bench.programs.prepare.plane_sweep import agreeing, neighbours, planes_of, sweep
@@ -194,11 +193,7 @@ def relief(shots: Sequence[Shot]) -> DepthMaps:
     edges = np.linalg.norm(in_plane[triangles][:, :, :2] - np.roll(in_plane[triangles][:, :, :2], 1, axis=1), axis=2)
     triangles = triangles[edges.max(axis=1) <= _LONG * np.median(edges)]
 
-    try:
-        o3d: Any = importlib.import_module("open3d")
-    except (ImportError, OSError) as fault:
-        remedy = "give --surface dense, or install what sucre-bench doctor says"
-        raise InputError(f"does not load ({fault})", "open3d", remedy) from fault
+    o3d = load("--surface sparse", "open3d")
     middle, tensor, scene = points.mean(axis=0), o3d.core.Tensor, o3d.t.geometry.RaycastingScene()
     scene.add_triangles(tensor((points - middle).astype(np.float32)), tensor(triangles.astype(np.uint32)))  # float32
 

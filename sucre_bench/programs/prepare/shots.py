@@ -14,27 +14,24 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, moved, project
-from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import write_png
 from sucre_bench.loading.colmap_model import Posed, read_model
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.compute import usable_cores
+from sucre_bench.machine.packages import load
 from sucre_bench.machine.progress import track
 from sucre_bench.programs.prepare.photos import Photo, read_mask, read_photo
 
 
 def load_pycolmap() -> ModuleType:
-    """Return pycolmap with its log switched off. Raises InputError if it is too old."""
+    """Return pycolmap with its log switched off. Raises InputError if it is missing, too old, or does not import."""
     # pycolmap's wheel has its own zlib, png and jpeg. If it were the first to load them, writing a PNG later
     # would abort the process.
     import zlib  # noqa: F401
 
     import cv2  # noqa: F401
-    import pycolmap
 
-    if not hasattr(pycolmap.Database, "num_verified_image_pairs") or not hasattr(pycolmap, "FeatureExtractionOptions"):
-        fault = f"is {pycolmap.__version__}, too old to prepare photos"
-        raise InputError(fault, "pycolmap", "run pip install 'pycolmap>=4.0'")
+    pycolmap: ModuleType = load("prepare", "pycolmap")
     pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
     return pycolmap
 

@@ -1,0 +1,72 @@
+"""A package that is missing, too old or broken is one line with the command that mends it, before any work."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from support.hidden_packages import hide
+
+import sucre_bench as sb
+from sucre_bench.errors import InputError
+from sucre_bench.machine import packages
+
+
+@pytest.mark.parametrize(
+    ("words", "hidden", "place", "extra"),
+    [
+        (["run", "method=sucre_paper"], "torch", "method 'sucre_paper'", "torch"),
+        (["run", "method=sucre", "method.solver=adam"], "torch", "sucre.solver=adam", "torch"),
+        (["run", "method=sucre", "method.backend=jax"], "jax", "sucre.backend=jax", "jax"),
+        (["run", "method=sucre_plus", "method.backend=torch"], "torch", "sucre_plus.backend=torch", "torch"),
+        (["run", "method=gray_world", "tracking.uri=sqlite:///elsewhere.db"], "mlflow", "tracking.uri", "mlflow"),
+        (["track", "."], "mlflow", "track", "mlflow"),
+        (["texture", ".", "a.ply"], "open3d", "texture", "surfaces"),
+        (["prepare", "photos", "dive"], "pycolmap", "prepare", "prepare"),
+        (["prepare", "photos", "dive", "--surface", "sparse"], "open3d", "--surface sparse", "surfaces"),
+    ],
+)
+def test_what_is_missing_is_said_before_any_work(
+    bench, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, small_demo, words: list[str], hidden: str, place, extra: str
+):
+    hide(monkeypatch, hidden)
+    done = bench(*words, *(small_demo if words[0] == "run" else []))
+    assert done.returncode == 2
+    (line,) = done.stderr.strip().splitlines()
+    assert f"{place}: {hidden} is not installed; pip install 'sucre-bench[{extra}]'" in line
+    assert not list(tmp_path.rglob("*.png"))
+
+
+def test_an_onnx_network_names_its_extra(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    hide(monkeypatch, "onnxruntime")
+    scene = next(iter(sb.load_scenes("demo", views=2, width=64, height=48, root=tmp_path)))
+    with pytest.raises(InputError, match=r"pip install 'sucre-bench\[onnx\]'"):
+        sb.restore("onnx", scene, 0, model="network.onnx")
+
+
+def test_a_run_without_mlflow_and_torch_is_silent_about_them(bench, monkeypatch: pytest.MonkeyPatch, small_demo):
+    hide(monkeypatch, "mlflow", "torch", "jax", "open3d", "pycolmap", "onnxruntime", "colour")
+    done = bench("run", "method=gray_world", *small_demo, "workers=0", "first=1")
+    assert done.returncode == 0, done.stderr
+    assert "mlflow" not in done.stdout + done.stderr
+    listed = json.loads(bench("list", "methods", "--json").stdout)
+    assert {one["name"] for one in listed if not one["installed"]} >= {"sucre_paper", "onnx", "waternet"}
+    assert {one["name"] for one in listed if one["installed"]} >= {"sucre", "sucre_plus", "gray_world"}
+
+
+def test_a_package_that_is_too_old_or_does_not_import_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    version_of = packages.version_of
+    monkeypatch.setattr(packages, "version_of", lambda name: "3.9" if name == "pycolmap" else version_of(name))
+    with pytest.raises(InputError, match=r"prepare: pycolmap is 3\.9, not >=4\.0; pip install .*prepare"):
+        packages.require("prepare", "pycolmap")
+    (tmp_path / "broken_library_xyz.py").write_text("raise OSError('libGL.so.1: cannot open')\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(InputError, match=r"texture: broken_library_xyz does not import, .*libGL\.so\.1.*doctor"):
+        packages.load("texture", "broken_library_xyz")
+
+
+def test_every_package_of_an_extra_stands_in_one_so_that_messages_can_name_it():
+    extras = {name: extra for name, (_, extra) in packages.requirements().items() if extra}
+    assert extras.items() >= {"torch": "torch", "open3d": "surfaces", "pycolmap": "prepare", "mlflow": "mlflow"}.items()
+    assert not {"torch", "jax", "open3d", "mlflow", "pycolmap", "onnxruntime"} - extras.keys()

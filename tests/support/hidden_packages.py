@@ -1,0 +1,13 @@
+"""Packages that seem not to be installed."""
+
+from __future__ import annotations
+
+import importlib.util
+
+import pytest
+
+
+def hide(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+    """Let Python find none of these packages, by import name, for the time of a test."""
+    find_spec = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name in names else find_spec(name))
