@@ -17,7 +17,7 @@ from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job
 from sucre_bench.loading.view_files import with_shared_pixels
 from sucre_bench.machine.compute import usable_cores
-from sucre_bench.machine.packages import absent
+from sucre_bench.machine.packages import require
 from sucre_bench.plugins.options import Choice
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.reasons import Reason
@@ -53,11 +53,10 @@ class Planned:
 def check(command: Command) -> list[Planned]:
     """Return what each job will do. Raises ProblemsError with everything that is wrong, a line each."""
     jobs, problems = command.jobs, list[str]()
+    if jobs[0].tracking.uri not in ("off", f"sqlite:///{jobs[0].out}/mlflow.db"):  # the default: where mlflow is there
+        require("tracking.uri", "mlflow")
     if len({job.out.resolve() for job in jobs}) > 1:
         problems.append("out: not the same for all jobs of the sweep; give one folder")
-    uri = jobs[0].tracking.uri
-    if uri not in ("off", f"sqlite:///{jobs[0].out}/mlflow.db") and (lacking := absent("mlflow")):
-        problems.append(f"tracking.uri: {lacking}, or leave it out")
     study, known = jobs[0].study, {job.method.label for job in jobs}
     named = {"baseline": jobs[0].baseline} if jobs[0].baseline or not study else {"study.baseline": study.baseline}
     for key, label in named.items():  # one that is a method, but not of this sweep, is left out

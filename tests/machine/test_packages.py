@@ -55,6 +55,17 @@ def test_a_run_without_mlflow_and_torch_is_silent_about_them(bench, monkeypatch:
     assert {one["name"] for one in listed if one["installed"]} >= {"sucre", "sucre_plus", "gray_world"}
 
 
+def test_an_experiment_goes_on_without_a_method_that_lacks_an_extra(bench, monkeypatch: pytest.MonkeyPatch, small_demo):
+    hide(monkeypatch, "torch")
+    done = bench("run", "-m", "experiment=demo", *small_demo, "--dry-run")
+    assert done.returncode == 0, done.stderr
+    assert "sucre_paper is left out: torch is not installed; pip install 'sucre-bench[torch]'" in done.stderr
+    assert "sucre_plus" in done.stdout
+    refused = bench("run", "-m", "experiment=residuals", *small_demo, "--dry-run")
+    assert refused.returncode == 2
+    assert "method 'sucre_paper': torch is not installed" in refused.stderr
+
+
 def test_a_package_that_is_too_old_or_does_not_import_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     version_of = packages.version_of
     monkeypatch.setattr(packages, "version_of", lambda name: "3.9" if name == "pycolmap" else version_of(name))
