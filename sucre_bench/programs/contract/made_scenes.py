@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 
 from sucre_bench.arrays import Array, Mask
-from sucre_bench.camera import Camera
+from sucre_bench.camera import Camera, scaled_camera
 from sucre_bench.imaging.chart_kinds import chart_kind
 from sucre_bench.scene import Arrays, Chart, Scene, View, Water
 
@@ -56,6 +56,21 @@ def wall(
         views.append(View(name, Arrays(rgb, depth, rgb if reference is None else reference), camera, pose, charts))
     has = {"depth", "poses", "reference", "truth"} | ({"charts"} if charts else set())
     return Scene("wall", views, frozenset(has), water)
+
+
+def enlarged(scene: Scene, factor: int) -> Scene:
+    """The scene with each pixel as a square of factor x factor pixels."""
+    if factor == 1:
+        return scene
+    views = []
+    for view in scene:
+        loaded = [view.pixels.load(plane) for plane in ("rgb", "depth", "reference")]
+        rgb, *others = (None if p is None else p.repeat(factor, axis=0).repeat(factor, axis=1) for p in loaded)
+        assert rgb is not None
+        camera = view.camera and scaled_camera(view.camera, (view.camera.width * factor, view.camera.height * factor))
+        charts = [replace(chart, corners=chart.corners * factor) for chart in view.charts]
+        views.append(replace(view, pixels=Arrays(rgb, *others), camera=camera, charts=charts))
+    return replace(scene, views=views)
 
 
 def submerged() -> Scene:

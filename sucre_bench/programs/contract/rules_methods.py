@@ -3,6 +3,7 @@
 import functools
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from sucre_bench.engine import python_api
 from sucre_bench.errors import ANY_FAULT, NotApplicableError, PluginError, SolveError, one_line
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.programs.contract.contract import Doubt, Note, Rule, Subject, raised
-from sucre_bench.programs.contract.made_scenes import HARD, NOISE, TARGET, WATER, least, submerged, wall
+from sucre_bench.programs.contract.made_scenes import HARD, NOISE, TARGET, WATER, enlarged, least, submerged, wall
 from sucre_bench.programs.contract.side_effects import in_fresh_process, watched
 from sucre_bench.scene import Chart, Plane, Restoration, Scene, Water
 
@@ -34,8 +35,33 @@ def rules(plugin: Plugin) -> list[Rule]:
     return [leaves_the_process, leaves_its_input, colours_what_is_valid, *of_depth, *of_needs, *of_result]
 
 
+_FACTORS = (2, 4, 8)  # the made scenes are then up to 512 x 384 pixels
+
+
 def _restore(subject: Subject, scene: Scene) -> Restoration:
-    return python_api.restore(subject.make(), scene, scene[TARGET])
+    """The restoration of a made scene, enlarged for the subject."""
+    return _of_enlarged(subject, enlarged(scene, subject.factor))
+
+
+def _of_enlarged(subject: Subject, scene: Scene) -> Restoration:
+    """The restoration of an enlarged scene: one value of each square of pixels."""
+    every = slice(subject.factor // 2, None, subject.factor)
+    result = python_api.restore(subject.make(), scene, scene[TARGET])
+    if subject.factor == 1:
+        return result
+    confidence = None if result.confidence is None else np.asarray(result.confidence)[every, every]
+    return replace(result, image=result.image[every, every], confidence=confidence, filled=None)
+
+
+def with_scenes_large_enough(subject: Subject) -> Subject:
+    """Return the subject with the least factor at which it restores a made scene; as it is if there is none."""
+    for one in (subject, *(replace(subject, factor=factor) for factor in _FACTORS)):
+        try:
+            _plain(one)
+        except ANY_FAULT:
+            continue
+        return one
+    return subject
 
 
 @functools.lru_cache(maxsize=1)
@@ -58,8 +84,8 @@ def _rich(**other: Any) -> Scene:
 
 @functools.lru_cache(maxsize=1)
 def _of_rich(subject: Subject) -> tuple[Scene, Restoration]:
-    scene = _rich()
-    return scene, _restore(subject, scene)
+    scene = enlarged(_rich(), subject.factor)
+    return scene, _of_enlarged(subject, scene)
 
 
 def _chart(left: float) -> Chart:
@@ -71,13 +97,16 @@ def leaves_the_process(subject: Subject) -> Iterator[str]:
     subject.make()  # imports what it requires
     with watched() as changes:
         _plain(subject)
+    if subject.factor > 1:
+        height, width = (side * subject.factor for side in NOISE.shape[:2])
+        yield Note(f"fails on images of {width // 2} x {height // 2} pixels; checked on {width} x {height}")
     yield from changes
 
 
 def leaves_its_input(subject: Subject) -> Iterator[str]:
     """Does not change its input."""
     scene, result = _of_rich(subject)
-    for view, fresh in zip(scene, _rich(), strict=True):
+    for view, fresh in zip(scene, enlarged(_rich(), subject.factor), strict=True):
         for plane in _PLANES:
             now = np.asarray(getattr(view, plane))
             if not np.array_equal(now, np.asarray(getattr(fresh, plane))) or now.flags.writeable:
@@ -90,6 +119,8 @@ def colours_what_is_valid(subject: Subject) -> Iterator[str]:
     """Gives every valid pixel a finite colour, whatever the image."""
     heard = set[str]()  # a fault of every image is reported for the first
     for name, rgb in HARD.items():
+        if name == "tiny" and subject.factor > 1:
+            continue
         try:
             image = _restore(subject, wall(rgb)).image
         except SolveError as reason:

@@ -27,7 +27,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import ANY_FAULT, PluginError, one_line
 from sucre_bench.machine.processes import python
 from sucre_bench.programs.contract.contract import Doubt, Subject
-from sucre_bench.programs.contract.made_scenes import TARGET, submerged
+from sucre_bench.programs.contract.made_scenes import TARGET, enlarged, submerged
 
 # Packages that take long to import; they belong inside the functions that use them.
 HEAVY = {
@@ -158,7 +158,7 @@ def in_fresh_process(subjects: tuple[Subject, ...], restore: bool = True) -> lis
         is_file = module.startswith("sucre_bench_plugin_")
         place = str(sys.modules[module.partition(".")[0]].__file__) if is_file else module
         does_restore = restore and subject.plugin.kind == "method" and not subject.obstacle
-        tasks.append((place, is_file, subject.plugin.name if does_restore else "", options))
+        tasks.append((place, is_file, subject.plugin.name if does_restore else "", options, subject.factor))
     # The environment that this process was started with: a loaded plugin may have altered it since.
     entries = Path("/proc/self/environ").read_bytes().split(b"\0")
     environment = {os.fsdecode(name): os.fsdecode(value) for name, _, value in (e.partition(b"=") for e in entries)}
@@ -175,12 +175,12 @@ def in_fresh_process(subjects: tuple[Subject, ...], restore: bool = True) -> lis
         return [Fresh(*values) for values in pickle.loads(file.read_bytes())]
 
 
-def _do(tasks: Sequence[tuple[str, bool, str, dict[str, Any]]]) -> list[tuple[Any, ...]]:
+def _do(tasks: Sequence[tuple[str, bool, str, dict[str, Any], int]]) -> list[tuple[Any, ...]]:
     """Do in the fresh process what `in_fresh_process` is asked for."""
     from sucre_bench import plugins
 
     imported = []
-    for place, is_file, _, _ in tasks:
+    for place, is_file, *_ in tasks:
         known, before, started = set(sys.modules), snapshot(), time.process_time()
         plugins.load_file(place) if is_file else importlib.import_module(place)
         seconds = time.process_time() - started  # of the processor: others may be at work
@@ -191,10 +191,12 @@ def _do(tasks: Sequence[tuple[str, bool, str, dict[str, Any]]]) -> list[tuple[An
     random.seed(11)
     np.random.seed(11)
     images: list[Array | str] = []
-    for _, _, method, options in tasks:
-        scene = submerged()
+    for _, _, method, options, factor in tasks:
+        scene = enlarged(submerged(), factor)
         try:
-            image = np.asarray(python_api.restore(method, scene, scene[TARGET], **options).image) if method else ""
+            every = slice(factor // 2, None, factor)
+            restored = python_api.restore(method, scene, scene[TARGET], **options).image if method else None
+            image = "" if restored is None else np.asarray(restored)[every, every]
         except ANY_FAULT as fault:
             image = one_line(fault)
         images.append(image)

@@ -31,6 +31,43 @@ def test_what_keeps_the_contract_is_found_to_keep_it(tmp_path: Path, needs: str,
     assert broken(tmp_path, "method", METHOD, body, needs=needs) == {}
 
 
+SMALL_IMAGES_FAIL = """
+import numpy as np
+from dataclasses import dataclass
+from sucre_bench import Restoration, method
+
+@method()
+@dataclass(frozen=True)
+class Deep:
+    '''Needs 100 pixels, as networks with many strides do.'''
+    def restore(self, scene, view):
+        if min(view.rgb.shape[:2]) < LEAST:
+            raise ValueError("Kernel size can't be greater than actual input size")
+        return Restoration(view.rgb * 0.9)
+"""
+
+
+def test_a_network_that_fails_on_small_images_is_checked_on_larger_ones(tmp_path: Path) -> None:
+    """The made scenes are 64 x 48 pixels; twice that is too small, four times is not."""
+    (tmp_path / "deep.py").write_text(SMALL_IMAGES_FAIL.replace("LEAST", "100"))
+    load_file(tmp_path / "deep.py")
+    outcomes = {one.name: one for one in check(Subject(find("method", "deep")))}
+    assert [one.name for one in outcomes.values() if one.status == "broken"] == []
+    assert [text for _, text in outcomes["leaves_the_process"].findings] == [
+        "fails on images of 128 x 96 pixels; checked on 256 x 192"
+    ]
+    assert not outcomes["is_the_same_elsewhere"].skipped
+
+
+def test_one_cause_is_said_once(tmp_path: Path) -> None:
+    (tmp_path / "deep.py").write_text(SMALL_IMAGES_FAIL.replace("LEAST", "10_000"))
+    load_file(tmp_path / "deep.py")
+    outcomes = list(check(Subject(find("method", "deep")), lasting=False))
+    said = [text for one in outcomes for _, text in one.findings if text.startswith("raises ValueError")]
+    assert len(said) == 1
+    assert sum(one.skipped == "for the reason above" for one in outcomes) >= 3
+
+
 # By rule: what a method's restore() does between GOOD and the return of `image`, and the words of the breach.
 BREACHES: list[tuple[str, str, set[str]]] = [
     ("colours_what_is_valid", "image = image / view.rgb.max(axis=2, keepdims=True)", {"black", "colour"}),
