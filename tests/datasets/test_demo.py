@@ -252,7 +252,7 @@ def test_rays_meet_the_ground_and_a_board_where_plane_geometry_says() -> None:
         v, t = side @ ray * scale, (side * (r - p)).sum(axis=1) * scale
         expected[i] = min(t[(u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)], default=0)
     hits = RayCaster(terrain, (board,)).cast(centre, rays)
-    np.testing.assert_allclose(hits.depth, expected, rtol=1e-6)
+    np.testing.assert_allclose(hits.depth, expected, rtol=5e-6)  # float32
     assert 50 < (hits.cell >= 0).sum() < 350
     assert (hits.board == 0).sum() > 5
     assert ((hits.board < 0) & (hits.cell < 0)).sum() > 5

@@ -114,7 +114,7 @@ def test_the_documented_plugin_runs_as_it_stands(bench, tmp_path: Path, small_de
 def test_the_documented_python_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     Demo(root=tmp_path, views=2, width=96, height=72).folder().rename(tmp_path / "dive")
     monkeypatch.chdir(tmp_path)
-    code = next(block for block in blocks("docs/api.md", "python") if "load_scenes" in block)
+    code = next(block for block in blocks("docs/api.md", "python") if "load_scene(" in block)
     names: dict[str, object] = {}
     exec(compile(code.replace("a.png", "view_001.png"), "api.md", "exec"), names)
     assert {"psi", "uciqe"} <= set(names["rows"]["metric"])  # type: ignore[index]

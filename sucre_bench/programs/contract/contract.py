@@ -157,7 +157,7 @@ def check(subject: Subject, lasting: bool = True) -> Iterator[Outcome]:
                 subject = rules_methods.with_scenes_large_enough(subject)
                 outcome = check_rule(subject, rule) if subject.factor > 1 else outcome
             breaches = {text for level, text in outcome.findings if level == "breach"}
-            if breaches and breaches <= heard:  # one cause, which would break every rule
+            if of_kind is rules_methods and breaches and breaches <= heard:  # one cause, which breaks every rule
                 outcome = outcome._replace(findings=(), skipped="for the reason above")
             heard |= breaches
             yield outcome
