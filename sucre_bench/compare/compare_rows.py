@@ -186,7 +186,8 @@ def _table(
         column = _column(of_column, values)
         if column.n_units:
             scores = _scores(column, values.dropna(), is_track)
-            column = replace(column, worth=scores.independent.worth if scores.independent else math.inf)
+            units = scores.independent
+            column = replace(column, worth=units.worth if units and units.alike > 0 else math.inf)
             measured[column] = scores
         made[column], repetitions[column] = values, repeated
     columns = sorted(made, key=_place)

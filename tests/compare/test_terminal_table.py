@@ -219,6 +219,16 @@ def test_views_along_a_track_are_worth_fewer_than_photographs_without_poses(data
     assert ("b leads a" in text) != is_track
 
 
+def test_views_of_several_scenes_are_not_called_neighbours():
+    rows = [
+        replace(PSNR, method=method, scene=scene, view=f"v{view}", value=20.0 + view + gain * (view + 1))
+        for method, gain in (("a", 0), ("b", 1))
+        for scene in ("reef", "wreck")
+        for view in range(6)
+    ]
+    assert "neighbours" not in printed(compare.compare(frame(rows))).text
+
+
 def test_where_nothing_knows_the_true_colours_people_decide():
     votes = {
         "preference": {"clever": [1.0, 2.0], "plain": [-1.0, -2.0]},
