@@ -21,6 +21,24 @@ _MOST_NAMED = 5  # left-out photos of a kind that are named
     help="Folder of masks: a.jpg.png or a.png for a.jpg. Black pixels get no matches and no depth.",
 )
 @click.option(
+    "--model",
+    type=click.Path(path_type=Path),
+    help="Model of another program, whose camera positions are kept: folder of COLMAP, hloc, Metashape or nerfstudio.",
+)
+@click.option(
+    "--mesh",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Mesh in the coordinates of --model, .ply, .obj or .glb: its depths are taken.",
+)
+@click.option(
+    "--depth",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    help="Depth or disparity maps of the photos in any unit, .npy, .npz, .png, .tif or .exr. They are fitted to the"
+    " sparse points.",
+)
+@click.option(
     "--matching",
     type=click.Choice(get_args(Matching)),
     default=_DEFAULT.matching,
@@ -103,6 +121,7 @@ def prepare(
     \b
     sucre-bench prepare photos/ dive/
     sucre-bench prepare photos/ dive/ --distance IMG_1.jpg IMG_9.jpg 1.85
+    sucre-bench prepare photos/ dive/ --model colmap/sparse --scale 1
     sucre-bench restore dive/ restored/
     sucre-bench run dataset=./dive method=sucre_plus method.fill=true
 
@@ -119,8 +138,7 @@ def prepare(
     from sucre_bench.programs.prepare.shots import load_pycolmap
 
     known = known_scale(factor, distances, lengths, depth_track)
-    if options["surface"] == "sparse":
-        require("--surface sparse", "open3d")
+    require("--surface sparse" if options["surface"] == "sparse" else "prepare", "open3d")
     load_pycolmap()  # before the next line, for it makes a kill dump its stack
     with progress.live(), terminated_as_interrupt():
         try:
@@ -138,6 +156,12 @@ def prepare(
         click.echo(f"warning  {warning}")
     covered = sum(q.coverage for q in done.qualities) / len(done.qualities)
     click.echo(f"placed   {len(done.qualities)} of {done.photos} photos, {100 * covered:.0f} % of pixels with depth")
+    off = sorted((q.depth_error, q.name) for q in done.qualities if q.depth_error == q.depth_error)
+    if off:
+        median, (worst, name) = off[len(off) // 2][0], off[-1]
+        click.echo(
+            f"depth    {100 * median:.2f} % off the sparse points (median), {100 * worst:.2f} % in {name} at worst"
+        )
     click.echo(f"scale    {done.scale.note}{', kept from before' if done.is_kept else ''}")
     click.echo(f"page     {out / 'quality.html'}")
     restored = out.with_name(f"{out.name}-restored")

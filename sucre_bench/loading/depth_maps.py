@@ -1,7 +1,7 @@
 """Finds and reads depth maps: planar depth along the optical axis, in metres, 0 where unknown.
 
 The map of image ``sub/a.jpg`` is ``sub/depth_a``, ``sub/deptha`` or ``sub/a`` in the depth folder, or else one of
-these names at its top: a .png (16-bit millimetres), .tif, .tiff (float metres, 16-bit floats too), .npy or .exr
+these names at its top: a .png (16-bit millimetres), .tif, .tiff (float metres, 16-bit floats too), .npy, .npz or .exr
 (float metres, by the optional package OpenEXR: OpenCV's wheels, tifffile, Pillow and imageio do not read it). A map
 that could belong to two images is used for neither.
 """
@@ -19,7 +19,7 @@ from sucre_bench.imaging.image_files import check_pixels, decode, read_array, re
 from sucre_bench.loading.find_folders import walk
 from sucre_bench.machine.files import regular
 
-_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".exr")
+_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr")
 _FARTHEST_M = 1000.0
 
 
@@ -73,10 +73,22 @@ def read_depth(path: Path) -> Array:
         return np.asarray(read_16_bit(path, "millimetres").astype(np.float32) / 1000)
     if suffix == ".exr":
         return _read_exr(path)
-    values = read_array(path) if suffix == ".npy" else _read_tiff(path)
+    values = read_numbers(path) if suffix in (".npy", ".npz") else _read_tiff(path)
     if values.dtype.kind != "f" or values.ndim != 2:
         raise InputError(f"is {_kind(values)}", path, "expected float metres in one channel (16-bit millimetres: .png)")
     return values.astype(np.float32)
+
+
+def read_numbers(path: Path) -> np.ndarray:
+    """Return the array of an .npy, or that of an .npz called depth, or the only one. Raises as `read_array`."""
+
+    def of_archive(names: list[str]) -> str:
+        known = [name for name in ("depth", "disparity", "disp", "inverse_depth", "arr_0") if name in names]
+        if not known and len(names) != 1:
+            raise ValueError(f"holds {', '.join(names)}, none called depth or disparity")
+        return (known or names)[0]
+
+    return read_array(path, of_archive if path.suffix.lower() == ".npz" else None)
 
 
 def fitted(metres: Array, size: tuple[int, int], path: Path) -> Array:

@@ -1,6 +1,7 @@
 """Makes a scene of a folder of photos, on the CPU.
 
-In: photos and one known length. Out: undistorted images, a COLMAP model, depth maps, a page and prepare.json.
+In: photos and one known length; poses, a mesh or depth maps of other programs. Out: undistorted images, a COLMAP model,
+depth maps, a page and prepare.json.
 """
 
 from dataclasses import dataclass
@@ -20,7 +21,8 @@ class Options:
     masks: folder of masks, white where a photo is used; matching: pairs of photos, by their number if "auto"; camera:
     COLMAP's camera model; cameras: photos that share one; max_size: longest side in pixels that photos are shrunk to,
     0: not at all; surface: plane sweep or relief of the sparse points, by number if "auto"; depth_size: longest side in
-    pixels of swept images.
+    pixels of swept images; model: of another program, whose poses are kept; mesh: in the frame of that model, for the
+    depths; depth: folder of depth or disparity maps of the photos, in any unit.
     """
 
     masks: Path | None = None
@@ -30,3 +32,6 @@ class Options:
     max_size: int = 0
     surface: Surface = "auto"
     depth_size: int = 800
+    model: Path | None = None
+    mesh: Path | None = None
+    depth: Path | None = None

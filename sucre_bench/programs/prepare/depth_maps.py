@@ -1,8 +1,8 @@
-"""Depth maps of all photos: plane sweeps at reduced size, or a relief of the sparse points.
+"""Depth maps of all photos: of the surface that plane sweeps give, or of a relief of the sparse points.
 
-A sweep is kept where photos agree; small holes are filled, and the map is enlarged to the photo's size. A relief has
-the heights of the sparse points over their main plane, as triangles for ray casting. It is for dives too long for plane
-sweeps and for seabeds without overhangs: a place has one height.
+Sweeps are made at reduced size and kept where photos agree. The surface through all of them closes their holes. A
+relief has the heights of the sparse points over their main plane. It is for dives too long for plane sweeps and for
+seabeds without overhangs: a place has one height.
 """
 
 import functools
@@ -11,29 +11,29 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from sucre_bench.arrays import Array
-from sucre_bench.camera import pixel_rays, scaled_camera
+from sucre_bench.camera import scaled_camera
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import decode, write_png
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.packages import load
 from sucre_bench.machine.progress import say, track
 from sucre_bench.programs.prepare.photos import read_mask
 from sucre_bench.programs.prepare.plane_sweep import agreeing, neighbours, planes_of, sweep
 from sucre_bench.programs.prepare.shots import Shot
+from sucre_bench.programs.prepare.surface import Surface, fused
 
 _SOURCES = 4
 _FEWEST_POINTS = 6  # sparse points of a photo that a sweep needs
 _SMOOTH = 0.01  # a larger relative difference between neighbours is a border
-# A hole is filled up to this size, a share of the image, where its rim lies on one plane.
-_LARGEST_HOLE = 0.01  # share of the image
-_RIM = 3  # pixels: width of the rim around a hole
-_FEWEST_RIM = 12  # fewest pixels of a rim
-_FLAT_RIM = 0.005  # relative distance from one plane that nine tenths of the rim must keep
+_EDGE = 0.05  # relative difference of the surface from what the photo measured, above which the latter counts
+_WIDEST = 0.1  # gap in the surface from a measured point, as a share of the distance from the nearest camera
+_NEXT = 0.01  # likewise: closer to a measured point, another photo measured the place
 _MOST_MILLIMETRES = 65_500
 _NEAR_M = 0.5  # metres; nearer scenes need finer steps than a millimetre
 _LEAST_TRACK, _FEWEST_OF_RELIEF = 3, 20
@@ -41,48 +41,37 @@ _NEAREST = 8
 _ODD = 6.0  # in median absolute deviations of a height from its neighbours
 _LONG = 6.0  # longest edge, in median edges
 
-# A photo's planar depth (H, W) float32 at its size, in the model's unit, 0 = unknown.
-DepthMaps = Callable[[Shot], Array]
+# How a pixel got its depth, as `depth_origin/` stores it; 0: it has none.
+MEASURED, FUSED, INTERPOLATED, GIVEN = 1, 2, 3, 4
 
 
-def depth_maps(
-    shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longest: int | None
-) -> tuple[str, DepthMaps]:
-    """Return what depth maps are made from, for people, and the function that gives them.
+class DepthMap(NamedTuple):
+    """depth: (H, W) float32 at the photo's size, planar, in the model's unit, 0 = unknown; origin: (H, W) uint8, how
+    each pixel got it: 1 measured in this photo, 2 in another one, 3 between measured points, 4 given."""
 
-    masks: folder of masks (may be empty); longest: longest side in pixels of swept images, which are stored in
-    `folder`; None: no sweep, but the relief of the sparse points.
+    depth: Array
+    origin: npt.NDArray[np.uint8]
+
+
+DepthMaps = Callable[[Shot], DepthMap]
+
+
+def swept(shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longest: int) -> DepthMaps:
+    """Return the depth maps of the surface that all plane sweeps give.
+
+    masks: folder of masks (may be empty); folder: for sweeps and surface, those that are there are not made again;
+    longest: longest side in pixels of swept images.
     """
-    if longest is None:
-        say(f"{len(shots)} photos: surface through the sparse points")
-        made_from, maps = "relief of the sparse points", relief(shots)
-    else:
-        made_from, maps = "plane sweep, confirmed by other photos", _swept(shots, images, masks, folder, longest)
-    return made_from, lambda shot: _masked(maps(shot), shot, masks)
-
-
-def _masked(values: Array, shot: Shot, masks: Path) -> Array:
-    if not (masks / shot.name).is_file():
-        return values
-    return np.where(read_mask(masks / shot.name, values.shape[1::-1]) > 0, values, np.float32(0))
-
-
-def _swept(shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longest: int) -> DepthMaps:
-    """Sweep every photo that has no file in the folder yet; a depth map is what several sweeps agree on."""
     place = {shot.name: i for i, shot in enumerate(shots)}
     near = [
         [j for j in best if len(shots[j].points)] if len(shot.points) >= _FEWEST_POINTS else []
         for shot, best in zip(shots, neighbours(shots, _SOURCES), strict=True)
     ]
     sizes = [(shot.camera.width, shot.camera.height) for shot in shots]
-    scales = [min(1.0, longest / max(size)) for size in sizes]
     small = [
-        replace(shot, camera=scaled_camera(shot.camera, size, scale))
-        for shot, size, scale in zip(shots, sizes, scales, strict=True)
+        replace(shot, camera=scaled_camera(shot.camera, size, min(1.0, longest / max(size))))
+        for shot, size in zip(shots, sizes, strict=True)
     ]
-
-    def file(i: int) -> Path:
-        return folder / f"{i:06d}.npy"
 
     @functools.lru_cache(32)
     def gray(i: int) -> Array:
@@ -92,64 +81,83 @@ def _swept(shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longe
         values = cv2.cvtColor(stored.astype(np.float32), cv2.COLOR_BGR2GRAY) * (255 / np.iinfo(stored.dtype).max)
         size = (small[i].camera.width, small[i].camera.height)
         reduced = cv2.resize(values, size, interpolation=cv2.INTER_AREA)
-        return _masked(np.asarray(reduced, dtype=np.float32) + 1, shots[i], masks)
+        return masked(np.asarray(reduced, dtype=np.float32) + 1, shots[i], masks)
 
     @functools.lru_cache(32)
     def raw(i: int) -> Array:
-        return np.asarray(np.load(file(i)))
+        return np.asarray(np.load(folder / f"{i:06d}.npy"))
+
+    @functools.lru_cache(64)
+    def agreed(i: int) -> Array:
+        return agreeing(small[i], raw(i), [small[j] for j in near[i]], lambda k: raw(near[i][k]))
 
     def sweep_one(i: int) -> None:
-        if file(i).is_file():
+        if (folder / f"{i:06d}.npy").is_file():
             return
         depth = np.zeros((small[i].camera.height, small[i].camera.width), dtype=np.float32)
         if near[i]:
             sources = [small[j] for j in near[i]]
             depth = sweep(small[i], gray(i), sources, [gray(j) for j in near[i]], *planes_of(small[i], sources))
-        content = io.BytesIO()
-        np.save(content, depth)
-        write_atomically(file(i), content.getvalue())
-
-    def depth(shot: Shot) -> Array:
-        i = place[shot.name]
-        agreed = agreeing(small[i], raw(i), [small[j] for j in near[i]], lambda k: raw(near[i][k]))
-        return _enlarged(without_small_holes(agreed), sizes[i])
+        _store(folder / f"{i:06d}.npy", depth)
 
     with ThreadPoolExecutor(usable_cores()) as pool:
         list(track(pool.map(sweep_one, range(len(shots))), "sweeping", len(shots)))
+    surface = _stored_surface(folder, lambda: fused(small, agreed, _WIDEST))
+    cast = surface.caster()
+
+    def depth(shot: Shot) -> DepthMap:
+        i = place[shot.name]
+        on_surface, triangle = cast(small[i])
+        measured = agreed(i)
+        gap = surface.gaps[surface.triangles[triangle, 0]] / np.maximum(on_surface, 1e-9)
+        # At edges and thin things, which the surface smooths, what several photos measured is better.
+        own = (measured > 0) & ~(np.abs(on_surface - measured) < _EDGE * measured)
+        both = np.where(own, measured, on_surface)
+        origin = np.where(measured > 0, MEASURED, np.where(gap < _NEXT, FUSED, INTERPOLATED)) * (both > 0)
+        return DepthMap(_enlarged(both, sizes[i]), _nearest(origin.astype(np.uint8), sizes[i]))
+
     return depth
 
 
-def without_small_holes(depth: Array) -> Array:
-    """Return planar depth (H, W) with every hole filled whose rim lies on one plane.
+def _store(file: Path, values: npt.NDArray[Any]) -> None:
+    content = io.BytesIO()
+    np.save(content, values)
+    write_atomically(file, content.getvalue())
 
-    On a plane inverse depth is linear in pixel coordinates. A hole at the image's border, or between an object and its
-    background, has no such rim and stays 0.
-    """
+
+def _stored_surface(folder: Path, make: Callable[[], Surface | None]) -> Surface:
+    """The surface that an earlier command left in the folder, or a new one. Without points it has no triangles."""
+    files = [folder / f"surface_{part}.npy" for part in ("vertices", "triangles", "gaps")]
+    if not all(file.is_file() for file in files):
+        say("fusing the depths of all photos into one surface")
+        surface = make() or Surface(np.zeros((3, 3)), np.zeros((1, 3), np.int64), np.zeros(3))
+        for file, values in zip(files, (surface.vertices, surface.triangles, surface.gaps), strict=True):
+            _store(file, values)
+    return Surface(*(np.load(file) for file in files))
+
+
+def masked(values: npt.NDArray[Any], shot: Shot, masks: Path) -> npt.NDArray[Any]:
+    """Return values (H, W) of a shot, 0 where its mask is black; masks: folder of masks (may be empty)."""
+    if not (masks / shot.name).is_file():
+        return values
+    return np.where(read_mask(masks / shot.name, values.shape[1::-1]) > 0, values, 0).astype(values.dtype)
+
+
+def of_surface(surface: Surface, origin: int) -> DepthMaps:
+    """Return the depth maps of a surface, at the photos' sizes; origin: of all pixels that it gives a depth."""
+    cast = surface.caster()
+
+    def depth(shot: Shot) -> DepthMap:
+        seen, _ = cast(shot)
+        return DepthMap(seen, ((seen > 0) * origin).astype(np.uint8))
+
+    return depth
+
+
+def _nearest(values: npt.NDArray[Any], size: tuple[int, int]) -> npt.NDArray[Any]:
     import cv2
 
-    count, labels, stats, _ = cv2.connectedComponentsWithStats((depth <= 0).astype(np.uint8), connectivity=8)
-    filled = depth.copy()
-    height, width = depth.shape
-    for label in range(1, count):
-        x, y, wide, high, area = stats[label]
-        if area > _LARGEST_HOLE * depth.size or x == 0 or y == 0 or x + wide == width or y + high == height:
-            continue
-        window = np.s_[max(0, y - _RIM) : y + high + _RIM, max(0, x - _RIM) : x + wide + _RIM]
-        hole = labels[window] == label
-        around = cv2.dilate(hole.astype(np.uint8), np.ones((2 * _RIM + 1, 2 * _RIM + 1), np.uint8)) > 0
-        rows, columns = np.nonzero(around & (depth[window] > 0))
-        if len(rows) < _FEWEST_RIM:
-            continue
-        w = 1 / depth[window][rows, columns].astype(np.float64)
-        design = np.column_stack([columns, rows, np.ones(len(rows))])
-        plane = np.linalg.lstsq(design, w, rcond=None)[0]
-        if np.quantile(np.abs(design @ plane / w - 1), 0.9) > _FLAT_RIM:
-            continue
-        rows, columns = np.nonzero(hole)
-        inside = plane[0] * columns + plane[1] * rows + plane[2]
-        if inside.min() > 0:
-            filled[window][hole] = 1 / inside
-    return filled
+    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_NEAREST_EXACT))
 
 
 def _enlarged(depth: Array, size: tuple[int, int]) -> Array:
@@ -158,18 +166,15 @@ def _enlarged(depth: Array, size: tuple[int, int]) -> Array:
 
     if depth.shape[::-1] == size:
         return depth
-    nearest = cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT)
+    nearest = _nearest(depth, size)
     filled = cv2.resize((depth > 0).astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
     smooth = cv2.resize(depth, size, interpolation=cv2.INTER_LINEAR)
     one_surface = (filled > 0.999) & (np.abs(smooth - nearest) <= _SMOOTH * nearest)
     return np.where(one_surface, smooth, nearest).astype(np.float32)
 
 
-def relief(shots: Sequence[Shot]) -> DepthMaps:
-    """Return depth maps of the surface through points seen in three photos or more.
-
-    Raises InputError if there are too few such points, or if open3d does not load.
-    """
+def relief(shots: Sequence[Shot]) -> Surface:
+    """Return the surface through points seen in three photos or more. Raises InputError if there are too few."""
     from scipy.spatial import Delaunay, cKDTree
 
     ids = np.concatenate([shot.point_ids for shot in shots])
@@ -192,19 +197,7 @@ def relief(shots: Sequence[Shot]) -> DepthMaps:
     triangles = Delaunay(in_plane[:, :2]).simplices
     edges = np.linalg.norm(in_plane[triangles][:, :, :2] - np.roll(in_plane[triangles][:, :, :2], 1, axis=1), axis=2)
     triangles = triangles[edges.max(axis=1) <= _LONG * np.median(edges)]
-
-    o3d = load("--surface sparse", "open3d")
-    middle, tensor, scene = points.mean(axis=0), o3d.core.Tensor, o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(tensor((points - middle).astype(np.float32)), tensor(triangles.astype(np.uint32)))  # float32
-
-    def depth(shot: Shot) -> Array:
-        # Along rays of unit depth, the distance to the hit is the planar depth.
-        rays = pixel_rays(shot.camera) @ shot.cam_from_world[:3, :3].astype(np.float32)
-        origin = np.broadcast_to((shot.centre - middle).astype(np.float32), rays.shape)
-        hit = scene.cast_rays(tensor(np.concatenate([origin, rays], axis=-1)))["t_hit"].numpy()
-        return np.where(np.isfinite(hit), hit, 0).astype(np.float32)
-
-    return depth
+    return Surface(points, triangles, np.zeros(len(points)))
 
 
 def write_depth(folder: Path, name: str, metres: Array) -> bool:

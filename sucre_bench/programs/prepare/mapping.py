@@ -9,13 +9,14 @@ import itertools
 import json
 import shutil
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
 from sucre_bench.errors import InputError
+from sucre_bench.loading.colmap_model import Posed
 from sucre_bench.machine import processes
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.files import write_atomically
@@ -76,20 +77,21 @@ def _stored(folder: Path) -> Mapped | None:
     return Mapped(**json.loads(file.read_bytes()) | {"model": folder / "model"}) if file.is_file() else None
 
 
-def map_photos(photos: Sequence[Photo], folder: Path, rules: Rules) -> Mapped:
+def map_photos(photos: Sequence[Photo], folder: Path, rules: Rules, given: Mapping[str, Posed] | None = None) -> Mapped:
     """Return the best model of the photos. Files go below `folder`; existing ones are used.
 
+    given: known cameras, at the photos' sizes, and poses, by the photos' keys: only points are sought, in one attempt.
     With fewer than two readable photos it registers none. Raises InputError, with the best pair's matches, if no two
     photos can be related.
     """
     best: Mapped | None = None
     readable = len(photos)
-    for attempt in _ATTEMPTS:
+    for attempt in _ATTEMPTS[:1] if given else _ATTEMPTS:
         mapped = _stored(folder / attempt.name)
         if mapped is None:
             if best is not None:
                 say(f"{len(best.registered)} of {readable} photos are placed; trying again for faint features")
-            processes.call(partial(_attempt, photos, folder / attempt.name, rules, attempt), _REMEDY)
+            processes.call(partial(_attempt, photos, folder / attempt.name, rules, attempt, given), _REMEDY)
             mapped = _stored(folder / attempt.name)
             assert mapped is not None
         if best is None or len(mapped.registered) > len(best.registered):
@@ -107,7 +109,9 @@ def map_photos(photos: Sequence[Photo], folder: Path, rules: Rules) -> Mapped:
     return best
 
 
-def _attempt(photos: Sequence[Photo], folder: Path, rules: Rules, attempt: _Attempt) -> None:
+def _attempt(
+    photos: Sequence[Photo], folder: Path, rules: Rules, attempt: _Attempt, given: Mapping[str, Posed] | None
+) -> None:
     """Leave a model and its record in the folder."""
     pycolmap = load_pycolmap()
     pycolmap.set_random_seed(0)
@@ -121,10 +125,14 @@ def _attempt(photos: Sequence[Photo], folder: Path, rules: Rules, attempt: _Atte
         database = folder / "database.db"
         with processes.step("COLMAP's search for features"):
             _find_features(database, photos, rules, attempt)
+        posed = _with_cameras(database, given) if given else None
         with processes.step("COLMAP's matching"):
             _match(database, [photo.key for photo in photos], rules, attempt)
         with processes.step("COLMAP's reconstruction"):
-            models = _map(database, len(photos), attempt)
+            if posed is None:
+                models = _map(database, len(photos), attempt)
+            else:
+                models = [pycolmap.triangulate_points(posed, database, folder / "gray", folder)]
         if models:
             _to_photos(models[0], {photo.key: photo for photo in photos})
             names = sorted(models[0].image(number).name for number in models[0].reg_image_ids())
@@ -222,6 +230,48 @@ def _map(database: Path, count: int, attempt: _Attempt) -> list[Any]:
             next_image_callback=lambda: placed(in_model + 1),
         )
     return sorted(models.values(), key=lambda m: (-m.num_reg_images(), -m.num_points3D()))
+
+
+def _with_cameras(database: Path, given: Mapping[str, Posed]) -> Any:
+    """Write the given cameras into the database; return the model of them and the given poses, without points."""
+    pycolmap = load_pycolmap()
+    model = pycolmap.Reconstruction()
+    with pycolmap.Database.open(database) as opened:
+        for stored in opened.read_all_images():
+            one, found = given[stored.name], opened.read_camera(stored.camera_id)
+            K, lens = one.camera.K, one.lens
+            terms = lens.coefficients if lens is not None else ()
+            name, count = ("OPENCV_FISHEYE", 4) if lens is not None and lens.model == "fisheye" else ("FULL_OPENCV", 8)
+            params = [K[0, 0], K[1, 1], K[0, 2], K[1, 2], *terms, *[0.0] * (count - len(terms))]
+            size = {"width": one.camera.width, "height": one.camera.height}
+            camera = pycolmap.Camera(camera_id=found.camera_id, model=name, params=params, **size)
+            camera.rescale(found.width, found.height)
+            opened.update_camera(camera)
+            model.add_camera_with_trivial_rig(camera)
+            image = pycolmap.Image(name=stored.name, camera_id=camera.camera_id, image_id=stored.image_id)
+            model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(one.cam_from_world[:3]))
+    return model
+
+
+def adopted(sparse: Path, photos: dict[str, Photo], folder: Path, fewest: int) -> Mapped | None:
+    """Return a COLMAP model as that of the photos, points included; None if it has few. Files go into `folder`.
+
+    photos: by the names that the model has for them; images without a photo are left out; fewest: points that a photo
+    must see on average.
+    """
+    pycolmap = load_pycolmap()
+    with processes.step("COLMAP's reading of the model"):
+        model = pycolmap.Reconstruction(sparse)
+    for image in [model.image(number) for number in model.reg_image_ids()]:
+        if image.name not in photos:
+            model.deregister_frame(image.frame_id)
+    if model.num_points3D() == 0 or model.compute_mean_observations_per_reg_image() < fewest:
+        return None
+    _to_photos(model, photos)
+    names = sorted(model.image(number).name for number in model.reg_image_ids())
+    (folder / "model").mkdir(parents=True, exist_ok=True)
+    model.write_binary(folder / "model")
+    return Mapped(folder / "model", names, "given", {}, {}, [len(names)])
 
 
 def _to_photos(model: Any, photos: dict[str, Photo]) -> None:

@@ -9,16 +9,20 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sucre_bench.errors import InputError, OutputError, SucreBenchError
+from sucre_bench.errors import InputError, MissingFileError, OutputError, SucreBenchError
+from sucre_bench.loading.colmap_model import read_model
+from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import say
 from sucre_bench.programs.prepare import Options
-from sucre_bench.programs.prepare.depth_maps import depth_maps
+from sucre_bench.programs.prepare.depth_maps import INTERPOLATED, DepthMap, DepthMaps, masked, of_surface, relief, swept
+from sucre_bench.programs.prepare.given_depth import mesh_maps, network_maps
+from sucre_bench.programs.prepare.given_model import given_model
 from sucre_bench.programs.prepare.mapping import Mapped, Rules, map_photos
 from sucre_bench.programs.prepare.photos import Photo, find_photos, too_few
 from sucre_bench.programs.prepare.result import Prepared, read_record, write_result
 from sucre_bench.programs.prepare.scale import Known, Scale, find_scale
-from sucre_bench.programs.prepare.shots import read_shots, undistort
+from sucre_bench.programs.prepare.shots import Shot, read_shots, undistort
 
 _MOST_DENSE = 500  # photos: about an hour of plane sweeps on two cores
 
@@ -67,18 +71,22 @@ def prepare(
 
 def _prepare(folder: Path, out: Path, options: Options, known: Known, again: bool) -> Prepared:
     work, images = out / ".prepare", out / "images"
+    _check_options(options)
     _check_out(folder, out)
     photos, damaged = find_photos(folder, options.masks, options.max_size, out)
     before = read_record(out)
-    values = asdict(options) | {"masks": options.masks and options.masks.resolve()}
+    values = {name: value.resolve() if isinstance(value, Path) else value for name, value in asdict(options).items()}
     asked = json.loads(json.dumps({"photos": folder.resolve(), **values}, default=str))
-    _check_asked(work / "options.json", asked, again)
+    _check_asked(work / "options.json", asked, again or before is None)
 
     rules = Rules(options.matching, options.camera, options.cameras)
-    mapping = _stage(work, "model", [photo.stamp for photo in photos], rules)
+    mapping = _stage(work, "model", [photo.stamp for photo in photos], rules, *_stamps(options.model))
     if damaged and not mapping.done.is_file():  # before mapping, which may take long
         say(f"{len(damaged)} of {len(photos) + len(damaged)} photos are damaged, {min(damaged)} among them")
-    mapped = map_photos(photos, mapping.folder, rules)
+    if options.model is None:
+        mapped = map_photos(photos, mapping.folder, rules)
+    else:
+        mapped = given_model(options.model, photos, folder, mapping.folder, rules)
     if not mapped.registered:
         raise too_few(folder, len(photos) + len(damaged), damaged | mapped.damaged)
     if not mapping.done.is_file():
@@ -92,8 +100,8 @@ def _prepare(folder: Path, out: Path, options: Options, known: Known, again: boo
         straight.done.touch()
 
     is_dense = options.surface == "dense" or (options.surface == "auto" and len(mapped.registered) <= _MOST_DENSE)
-    longest = options.depth_size if is_dense else None
-    surface = _stage(work, "sweeps", straight.key, longest or 0)
+    longest = options.depth_size if is_dense and not (options.mesh or options.depth) else 0
+    surface = _stage(work, "sweeps", straight.key, longest, "fused", *_stamps(options.mesh), *_stamps(options.depth))
     keys = mapping.key, surface.key
     scale, known, is_kept, warnings = settled_scale(before, known, keys)
     if before is not None and scale is not None and before.is_whole:
@@ -102,15 +110,72 @@ def _prepare(folder: Path, out: Path, options: Options, known: Known, again: boo
             return replace(before, is_new=False, is_kept=is_kept)
 
     shots = read_shots(pinhole)
-    made_from, maps = depth_maps(shots, images, masks, surface.folder, longest)
-    scale = scale or find_scale(known, shots, {photo.name: photo.output for photo in photos}, maps)
-    warnings += _warnings(mapped, scale)
-    made = Prepared(out, (), damaged, _unplaced(photos, mapped), scale, known, warnings, keys, True, is_kept)
+    if not any(len(shot.points) for shot in shots):
+        fault = "its poses give the photos no point in common"
+        raise InputError(fault, options.model or folder, "see that the model was made of these photos")
+    outputs = {photo.name: photo.output for photo in photos}
+    lenses = {one.name: one.lens for one in read_model(mapped.model, images, distorted=True)}
+    made_from, given, faults = _depth_maps(options, shots, outputs, lenses, longest, images, masks, surface.folder)
+
+    def maps(shot: Shot) -> DepthMap:
+        depth, origin = given(shot)
+        return DepthMap(masked(depth, shot, masks), masked(origin, shot, masks))
+
+    scale = scale or find_scale(known, shots, outputs, lambda shot: maps(shot).depth, options.model is not None)
+    warnings += (*_warnings(mapped, scale), *(f"no depth for {name}: {why}" for name, why in faults.items()))
+    made = Prepared(
+        out, (), damaged, _unplaced(photos, mapped, options.model), scale, known, warnings, keys, True, is_kept
+    )
     result = _stage(work, "result", surface.key, scale, sorted(damaged))
     result.done.unlink(missing_ok=True)
     made = write_result(made, pinhole, mapped, shots, (made_from, maps), asked, result.folder)
     result.done.touch()
     return made
+
+
+def _depth_maps(
+    options: Options,
+    shots: Sequence[Shot],
+    outputs: Mapping[str, str],
+    lenses: Mapping[str, Lens | None],
+    longest: int,
+    images: Path,
+    masks: Path,
+    folder: Path,
+) -> tuple[str, DepthMaps, dict[str, str]]:
+    """What depth maps are made from, for people, the maps, and the faults of photos that get none.
+
+    longest: see `swept`, 0: no plane sweep; folder: of this stage.
+    """
+    if options.mesh:
+        return "mesh, given", mesh_maps(options.mesh, shots), {}
+    if options.depth:
+        return network_maps(
+            options.depth, shots, {output: name for name, output in outputs.items() if output in lenses}, lenses
+        )
+    if longest:
+        return "plane sweeps of all photos, fused", swept(shots, images, masks, folder, longest), {}
+    say(f"{len(shots)} photos: surface through the sparse points")
+    return "relief of the sparse points", of_surface(relief(shots), INTERPOLATED), {}
+
+
+def _stamps(path: Path | None) -> list[object]:
+    """What identifies the version of a file, or of the files of a folder."""
+    if path is None:
+        return []
+    files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
+    return [path.resolve(), *((file.name, file.stat().st_size, file.stat().st_mtime_ns) for file in files)]
+
+
+def _check_options(options: Options) -> None:
+    if options.mesh and options.depth:
+        raise InputError("gives depths, as --depth does", "--mesh", "give one of them")
+    if options.mesh and not options.model:
+        fault = "is in the frame of a model, and a new model of the photos has another one"
+        raise InputError(fault, "--mesh", "add --model with the model that it was made with")
+    for option, path in (("--model", options.model), ("--mesh", options.mesh), ("--depth", options.depth)):
+        if path is not None and not path.exists():
+            raise MissingFileError("no such file or folder", path, f"correct {option}")
 
 
 def _check_out(folder: Path, out: Path) -> None:
@@ -155,11 +220,15 @@ def settled_scale(
     return None, known, False, (old,) if before.scale.is_metric else ()
 
 
-def _unplaced(photos: Sequence[Photo], mapped: Mapped) -> dict[str, str]:
+def _unplaced(photos: Sequence[Photo], mapped: Mapped, model: Path | None) -> dict[str, str]:
     """Photos that the model lacks, each with its best matches and the remedy."""
     unplaced = {}
     for photo in photos:
-        if photo.output not in mapped.registered and photo.name not in mapped.damaged:
+        if photo.output in mapped.registered or photo.name in mapped.damaged:
+            continue
+        if model is not None:
+            unplaced[photo.name] = f"{model} has no pose for it; place it there, or prepare without --model"
+        else:
             count, other = mapped.best_matches.get(photo.name, (0, ""))
             best = f"{count} matches at best, with {other}" if count else "no matches with those placed"
             remedy = "add photos between it and the others, or mask what moves"
@@ -172,7 +241,7 @@ def _warnings(mapped: Mapped, scale: Scale) -> tuple[str, ...]:
     if len(mapped.groups) > 1 and mapped.groups[1] > 2:
         sizes = " and ".join(map(str, mapped.groups))
         warnings.append(f"the photos fall into groups of {sizes} that share no views; only the first is used")
-    if not scale.is_metric:
+    if not scale.is_metric and mapped.attempt != "given":
         warnings.append(
             "the scale is arbitrary: depths are not metres, and a beta or gamma fitted on them is per unit, not"
             " 1/m; restored colours do not depend on it. For metres give --distance, --length, --depth-track or --scale"

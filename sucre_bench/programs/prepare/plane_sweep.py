@@ -20,6 +20,7 @@ from sucre_bench.programs.prepare.shots import Shot
 
 _TELLING_ANGLE = np.deg2rad(5.0)  # degrees: depth is well determined; more only changes the appearance
 _WIDEST_ANGLE = np.deg2rad(45.0)
+_WANTED = 2.0  # photos that are to see each point under telling angles
 _WINDOW = (7, 7)  # pixels
 _LEAST_LIKENESS = 0.5
 _LEAST_VARIANCE = 0.6**2  # standard deviation of 8-bit gray levels in a window; below it is rounding
@@ -30,9 +31,10 @@ _AGREEMENT = 0.01  # relative difference of depths
 
 
 def neighbours(shots: Sequence[Shot], most: int) -> list[list[int]]:
-    """Return, for each photo, the indices of the photos that determine its depths best, the best first.
+    """Return, for each photo, the indices of the photos that together determine its depths best, the best first.
 
-    A common point counts by the angle it is seen under, up to 5 degrees in full, beyond 45 not at all.
+    A common point counts by the angle it is seen under, up to 5 degrees in full, beyond 45 not at all, and until the
+    chosen photos see it twice in full: so they see all parts of the photo.
     """
     from scipy.sparse import csc_array
 
@@ -46,16 +48,24 @@ def neighbours(shots: Sequence[Shot], most: int) -> list[list[int]]:
     for i, (shot, first) in enumerate(zip(shots, firsts, strict=True)):
         of_points = seers[:, columns[by == i]]
         others = of_points.indices  # who sees which point
-        points = np.repeat(shot.points[first], np.diff(of_points.indptr), axis=0)
+        which = np.repeat(np.arange(len(first)), np.diff(of_points.indptr))
+        points = shot.points[first][which]
         rays = [centres[i] - points, centres[others] - points]
         lengths = [np.maximum(np.linalg.norm(ray, axis=1), 1e-12) for ray in rays]
         angles = np.arccos(np.clip((rays[0] * rays[1]).sum(axis=1) / (lengths[0] * lengths[1]), -1, 1))
         weight = np.minimum(angles / _TELLING_ANGLE, 1) * (angles < _WIDEST_ANGLE) * (others != i)
         # A photo from half or twice the distance shows the same ground with other detail.
-        nearness = np.exp(-(np.log(lengths[0] / lengths[1]) ** 2) / (2 * np.log(2) ** 2))
-        score = np.bincount(others, weight * nearness, minlength=len(shots))
-        order = np.argsort(-score, kind="stable")
-        best.append(order[score[order] > 0][:most].tolist())
+        weight *= np.exp(-(np.log(lengths[0] / lengths[1]) ** 2) / (2 * np.log(2) ** 2))
+        wanted, chosen = np.full(len(first), _WANTED), list[int]()
+        while len(chosen) < most:
+            gain = np.bincount(others, np.minimum(weight, wanted[which]), minlength=len(shots))
+            if gain.max(initial=0) < 1e-9:
+                break
+            chosen.append(int(gain.argmax()))
+            seen = others == chosen[-1]
+            wanted[which[seen]] = np.maximum(wanted[which[seen]] - weight[seen], 0)
+            weight[seen] = 0
+        best.append(chosen)
     return best
 
 
@@ -146,7 +156,6 @@ def sweep(
             cv2.multiply(warped, warped, square)
             means = tuple(np.asarray(cv2.blur(image, _WINDOW)) for image in (warped, square, product))
             compare(best.first, best.second, mean, deviation, warped, *means, _LEAST_VARIANCE)
-        # The better half of the photos counts, two of four, so that a blocked view does not decide.
         decide(k, len(sources) > 2, best)
     return _depth(shot.camera, slope, offsets, best) * telling
 
@@ -184,7 +193,8 @@ def _decide(k: int, two: bool, state: _Best) -> None:
     first, second, previous, best, before, after, at = state
     for y in range(first.shape[0]):
         for x in range(first.shape[1]):
-            score = 0.5 * (first[y, x] + second[y, x]) if two else first[y, x]
+            # The better half of the photos counts, two of four, so that a blocked view does not decide.
+            score = 0.5 * (first[y, x] + second[y, x]) if two and second[y, x] > -1 else first[y, x]
             if k > 0 and at[y, x] == k - 1:
                 after[y, x] = score
             if score > best[y, x]:
@@ -223,18 +233,15 @@ def _depth(camera: Camera, slope: Array, offsets: Array, state: _Best) -> Array:
     return np.where(found, 1 / np.where(found, w, 1), 0).astype(np.float32)
 
 
-def agreeing(
-    shot: Shot, depth: Array, sources: Sequence[Shot], depth_of: Callable[[int], Array], least: int = 2
-) -> Array:
-    """Return the depths (H, W) that at least `least` sources confirm (one if there is but one), averaged with theirs.
+def agreeing(shot: Shot, depth: Array, sources: Sequence[Shot], depth_of: Callable[[int], Array]) -> Array:
+    """Return the depths (H, W) that two sources confirm, or the only one that sees the place, averaged with theirs.
 
     depth_of: gives the swept depth map of a source by its place in `sources`. A source confirms a depth when the point
     there projects to a pixel of its own whose depth differs by no more than 1 %.
     """
-    least = min(least, len(sources))
     filled = depth > 0
     points = pixel_rays(shot.camera)[filled] * depth[filled][:, None]  # (P, 3)
-    confirmed = np.zeros(len(points), dtype=np.int32)
+    seen, confirmed = np.zeros((2, len(points)), dtype=np.int32)
     ratios = np.ones(len(points))
     for place, source in enumerate(sources):
         pose = relative_pose(source.cam_from_world, shot.cam_from_world)
@@ -242,9 +249,11 @@ def agreeing(
         stored = depth_at(depth_of(place), xy)
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = stored / z
+            seen += ((xy >= 0) & (xy < (source.camera.width, source.camera.height))).all(axis=1)
         agrees = (stored > 0) & (np.abs(ratio - 1) < _AGREEMENT)
         confirmed += agrees
         ratios[agrees] += ratio[agrees]
     kept = np.zeros_like(depth)
-    kept[filled] = np.where(confirmed >= least, depth[filled] * ratios / (1 + confirmed), 0)
+    enough = (confirmed > 0) & (confirmed >= np.minimum(seen, 2))
+    kept[filled] = np.where(enough, depth[filled] * ratios / (1 + confirmed), 0)
     return kept

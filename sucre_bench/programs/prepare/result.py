@@ -15,21 +15,22 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import depth_at
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.drawing import depth_colours
-from sucre_bench.imaging.image_files import decode
+from sucre_bench.imaging.image_files import decode, write_png
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import track
 from sucre_bench.machine.text_formats import filled_in
-from sucre_bench.programs.prepare.depth_maps import DepthMaps, write_depth
+from sucre_bench.programs.prepare.depth_maps import INTERPOLATED, MEASURED, DepthMap, DepthMaps, write_depth
 from sucre_bench.programs.prepare.mapping import Mapped
 from sucre_bench.programs.prepare.scale import Known, Scale
 from sucre_bench.programs.prepare.shots import Shot, load_pycolmap
 
 _FILE = "prepare.json"
 _MODEL = ("sparse/cameras.bin", "sparse/images.bin", "sparse/points3D.bin")
+_FOLDERS = ("sparse", "depths", "depth_origin")  # that go together
 _PACKAGES = ("sucre-bench", "pycolmap", "opencv-python-headless", "open3d", "numpy")
 _THUMBNAIL = 420  # pixels wide
 _MOST_SHOWN = 100  # images on the page
-_ATTEMPTS = {"usual": "first", "faint": "second"}  # as the page calls them
+_ATTEMPTS = {"usual": "in the first attempt", "faint": "in the second attempt", "given": "by the given model"}
 _MILD_COVERAGE, _MILD_ERROR = 0.1, 0.02  # the page marks worse values
 
 
@@ -40,7 +41,7 @@ class Quality:
     points: sparse points seen; reprojection_px: their mean distance from where they were found, in
     pixels of the undistorted image, NaN without points; coverage: share of pixels with depth; depth_error: median
     relative difference of the depth map from the sparse points, NaN if none has both; nearest_m, farthest_m: 1 and
-    99 % of depths.
+    99 % of depths; measured, interpolated: shares of pixels whose depth this photo measured, and whose place none did.
     """
 
     name: str
@@ -50,6 +51,8 @@ class Quality:
     depth_error: float
     nearest_m: float
     farthest_m: float
+    measured: float = 0.0
+    interpolated: float = 0.0
 
     @property
     def is_poor(self) -> bool:
@@ -132,7 +135,7 @@ def write_result(
     pycolmap, out, factor = load_pycolmap(), made.out, made.scale.metres_per_unit
     model = pycolmap.Reconstruction(pinhole)
     model.transform(pycolmap.Sim3d(factor, pycolmap.Rotation3d(), np.zeros(3)))
-    for folder in ("sparse", "depths"):
+    for folder in _FOLDERS:
         shutil.rmtree(aside / folder, ignore_errors=True)
         (aside / folder).mkdir()
     model.write_binary(aside / "sparse")
@@ -142,13 +145,14 @@ def write_result(
     on_page = shots[:: -(-len(shots) // _MOST_SHOWN)]  # all, or evenly chosen ones of a long dive
     pictures, qualities = {}, []
     for shot in track(shots, "depth maps"):
-        depth = maps(shot)
-        write_depth(aside / "depths", shot.name, depth * np.float32(factor))
-        qualities.append(quality_of(shot, depth, factor))
+        depth, origin = maps(shot)
+        if write_depth(aside / "depths", shot.name, depth * np.float32(factor)):
+            write_png(aside / "depth_origin" / PurePosixPath(shot.name).with_suffix(".png"), origin)
+        qualities.append(quality_of(shot, DepthMap(depth, origin), factor))
         if shot in on_page:
             pictures[shot.name] = _thumbnails(out / "images" / shot.name, depth, (near, far))
     made = replace(made, qualities=tuple(qualities))
-    for folder in ("sparse", "depths"):
+    for folder in _FOLDERS:
         old = aside / f"old-{folder}"
         shutil.rmtree(old, ignore_errors=True)
         if (out / folder).exists():
@@ -159,10 +163,10 @@ def write_result(
     seen = [(q.reprojection_px, q.points) for q in qualities if q.points]
     error = np.average([px for px, _ in seen], weights=[count for _, count in seen])
     facts = {
-        "photos placed": f"{len(shots)} of {made.photos}, in the {_ATTEMPTS[mapped.attempt]} attempt",
+        "photos placed": f"{len(shots)} of {made.photos}, {_ATTEMPTS[mapped.attempt]}",
         "sparse points": f"{model.num_points3D()}, each seen by {model.compute_mean_track_length():.1f} photos",
         "reprojection error": f"{error:.2f} px",
-        "pixels with depth": f"{100 * np.mean([q.coverage for q in qualities]):.0f} %",
+        "pixels with depth": _shares(qualities),
         "depth against sparse points": f"{100 * np.nanmedian([q.depth_error for q in qualities]):.2f} % (median)",
         "surface": made_from,
         "scale": made.scale.note,
@@ -201,8 +205,15 @@ def _write_record(made: Prepared, asked: Mapping[str, Any], facts: Any, cameras:
     write_atomically(made.out / _FILE, (json.dumps(record, indent=1, ensure_ascii=False) + "\n").encode())
 
 
-def quality_of(shot: Shot, depth: Array, metres_per_unit: float) -> Quality:
-    """Return the figures of an image. depth: (H, W) in the model's unit, as the shot's points are."""
+def _shares(qualities: Sequence[Quality]) -> str:
+    covered, measured, between = 100 * np.mean([(q.coverage, q.measured, q.interpolated) for q in qualities], axis=0)
+    parts = f"{measured:.0f} % measured in the photo itself, {between:.0f} % between measured points"
+    return f"{covered:.0f} %" + (f" ({parts})" if measured else "")
+
+
+def quality_of(shot: Shot, seen: DepthMap, metres_per_unit: float) -> Quality:
+    """Return the figures of an image. seen: its depth map in the model's unit, as the shot's points are."""
+    depth, origin = seen
     xy, z = shot.seen_points()
     off = np.linalg.norm(xy - shot.xy, axis=1)
     off = off[np.isfinite(off)]
@@ -218,6 +229,8 @@ def quality_of(shot: Shot, depth: Array, metres_per_unit: float) -> Quality:
         float(np.median(error)) if len(error) else float("nan"),
         float(near),
         float(far),
+        float((origin == MEASURED).mean()),
+        float((origin == INTERPOLATED).mean()),
     )
 
 

@@ -75,10 +75,15 @@ class Scale:
 
 
 def find_scale(
-    known: Known, shots: Sequence[Shot], output_of: Mapping[str, str], depth_of: Callable[[Shot], Array]
+    known: Known,
+    shots: Sequence[Shot],
+    output_of: Mapping[str, str],
+    depth_of: Callable[[Shot], Array],
+    is_given: bool = False,
 ) -> Scale:
     """Return the scale. output_of: output names by photo; depth_of: a shot's depth map (H, W), in the model's unit.
 
+    is_given: the model is of another program, so its unit stays unless something is known.
     Raises InputError if a photo is unknown or not registered, or if the input does not determine a scale.
     """
     by_name = {shot.name: shot for shot in shots}
@@ -106,6 +111,8 @@ def find_scale(
             return _ratio(units, [length["metres"] for length in lengths], "--length")
         case {"depth_track": {"file": file}}:
             return _from_track(Path(file), placed)
+    if is_given:
+        return Scale(1.0, False, "the unit of the given model; if that is the metre, add --scale 1")
     depths = np.concatenate([shot.seen_points()[1] for shot in shots])
     return Scale(_USUAL_DEPTH / float(np.median(depths)), False, f"arbitrary: median depth set to {_USUAL_DEPTH:g}")
 

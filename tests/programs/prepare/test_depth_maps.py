@@ -1,4 +1,4 @@
-"""Depth maps: from points, their holes, their files, and the neighbours they are swept with."""
+"""Depth maps: from points, of the fused surface, their files, and the neighbours they are swept with."""
 
 from __future__ import annotations
 
@@ -7,39 +7,48 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.photographed_valley import CAMERA, WIDTH, make_shots
+from support.photographed_valley import CAMERA, POSES, make_shots, true_depth
 
-from sucre_bench.camera import depth_at, pixel_rays
+from sucre_bench.camera import depth_at, moved, pixel_rays
 from sucre_bench.loading.depth_maps import read_depth
-from sucre_bench.programs.prepare.depth_maps import relief, without_small_holes, write_depth
+from sucre_bench.programs.prepare.depth_maps import of_surface, relief, write_depth
 from sucre_bench.programs.prepare.plane_sweep import neighbours
+from sucre_bench.programs.prepare.surface import fused
 
 
 def test_the_relief_of_points_on_a_plane_is_that_plane():
     shots = make_shots(np.array([[0.3, -0.2, 0.1]]))
     rays = pixel_rays(CAMERA)
     truth = (2 + 0.03 - 0.1) / (1 - rays[..., 0] / 10)  # z = 2 + x / 10, from the camera's place
-    depth = relief(shots)(shots[0])
+    depth = of_surface(relief(shots), 1)(shots[0]).depth
     assert (depth > 0).mean() > 0.95
     assert depth[depth > 0] == pytest.approx(truth[depth > 0], rel=1e-5)
     odd = shots[0].points.copy()
     odd[7, 2] -= 1  # one wrong point makes no spike
-    spiked = relief([replace(shots[0], points=odd)])(shots[0])
+    spiked = of_surface(relief([replace(shots[0], points=odd)]), 1)(shots[0]).depth
     assert spiked[spiked > 0] == pytest.approx(truth[spiked > 0], rel=1e-5)
 
 
-def test_holes_are_filled_where_their_rim_is_one_plane_only():
-    rays = pixel_rays(CAMERA)
-    plane = (1 / (rays @ np.array([0.1, 0.2, 0.4]))).astype(np.float32)
-    holed = plane.copy()
-    holed[100:120, 100:120] = 0
-    holed[:10, 50:60] = 0  # at the border nobody knows what goes on
-    step = np.where(np.arange(WIDTH) < 205, 1, np.float32(1.5))
-    holed[100:120, 200:210] = 0
-    filled = without_small_holes((holed * step).astype(np.float32))
-    assert filled[100:120, 100:120] == pytest.approx(plane[100:120, 100:120], rel=1e-5)
-    assert (filled[:10, 50:60] == 0).all()
-    assert (filled[100:120, 200:210] == 0).all()
+def test_the_fused_surface_closes_small_holes_shows_what_other_photos_measured_and_leaves_open_water_open():
+    shots, truth, measured = [], [], []
+    for i, pose in enumerate(POSES):
+        shot = make_shots(np.zeros((1, 3)))[0]
+        depth = true_depth(pose, pixel_rays(CAMERA))
+        world = moved(pixel_rays(CAMERA) * depth[..., None], np.linalg.inv(pose))
+        kept = np.hypot(world[..., 0] - 0.6, world[..., 1]) > 0.08  # a hole in all photos
+        kept &= world[..., 0] < 1  # no photo sees anything beyond
+        if i == 0:
+            kept[80:160, 120:200] = False  # measured in other photos alone
+        shots.append(replace(shot, name=f"{i}.png", cam_from_world=pose))
+        truth.append((depth, world[..., 0]))
+        measured.append(np.where(kept, depth, 0).astype(np.float32))
+    surface = fused(shots, lambda i: measured[i], widest=0.1)
+    assert surface is not None
+    for shot, (depth, x) in zip(shots, truth, strict=True):
+        seen, _ = surface.caster()(shot)
+        assert (seen[x < 0.95] > 0).mean() > 0.97
+        assert np.quantile(np.abs(seen / depth - 1)[(x < 0.95) & (seen > 0)], 0.99) < 0.01
+        assert not (seen[x > 1.35] > 0).any()
 
 
 @pytest.mark.parametrize(("metres", "suffix"), [(2.5, ".png"), (90.0, ".tif"), (0.123456, ".tif")])
@@ -62,7 +71,7 @@ def test_neighbours_are_those_under_the_telling_angles_by_every_pair():
     for shot in make_shots(random.uniform(-2, 2, (9, 3)) * [1, 1, 0.3]):
         kept = np.sort(random.choice(400, 150, replace=False))
         shots.append(replace(shot, point_ids=3 * kept + 7, points=shot.points[kept]))
-    for i, near in enumerate(neighbours(shots, 3)):
+    for i, near in enumerate(neighbours(shots, 1)):
         scores = {}
         for j, other in enumerate(shots):
             own = [k for k, number in enumerate(shots[i].point_ids) if number in set(other.point_ids)]
@@ -72,6 +81,13 @@ def test_neighbours_are_those_under_the_telling_angles_by_every_pair():
             weight = np.where(angle < 45, np.minimum(angle / 5, 1), 0) * np.exp(-0.5 * np.log2(one / two) ** 2)
             if j != i:
                 scores[j] = weight.sum()
-        assert near == sorted(scores, key=lambda j: -scores[j])[:3]
+        assert near == [max(scores, key=lambda j: scores[j])]
     apart = replace(shots[0], point_ids=shots[0].point_ids + 5000)
     assert neighbours([apart, shots[1]], 3) == [[], []]
+
+
+def test_neighbours_together_see_all_parts_of_a_photo():
+    whole = make_shots(np.array([[0.0, 0, 0], [0.4, 0, 0], [0.5, 0, 0], [0.6, 0, 0], [0.1, 0, 0]]))
+    left = [replace(s, point_ids=s.point_ids[:300], points=s.points[:300]) for s in whole[1:4]]
+    rest = replace(whole[4], point_ids=whole[4].point_ids[300:], points=whole[4].points[300:])
+    assert 4 in neighbours([whole[0], *left, rest], 3)[0]

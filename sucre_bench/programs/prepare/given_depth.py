@@ -1,0 +1,182 @@
+"""Depth of other programs: a mesh in the model's frame, or a network's maps, which are fitted to the sparse points.
+
+A network gives depth or disparity, often up to scale and shift. The sparse points of each photo tell these. What the
+values are is decided for all photos together, because one network made them.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from sucre_bench.arrays import Array
+from sucre_bench.camera import depth_at
+from sucre_bench.errors import InputError
+from sucre_bench.imaging.image_files import decode, same_shape
+from sucre_bench.loading.depth_maps import find_depths, read_depth, read_numbers
+from sucre_bench.loading.lens import Lens
+from sucre_bench.machine.progress import say, track
+from sucre_bench.programs.prepare.depth_maps import GIVEN, DepthMap, DepthMaps, of_surface
+from sucre_bench.programs.prepare.shots import Shot
+from sucre_bench.programs.prepare.surface import read_mesh
+
+_UNITS = {1.0: "", 0.001: "millimetres", 0.01: "centimetres", 1000.0: "kilometres", 100.0: "hectometres"}
+_NEAR, _ENOUGH = 0.05, 0.5  # relative: a mesh is at a point; least share of points at which it is
+_MOST_CHECKED = 12  # photos
+_FEWEST_POINTS = 12  # of a photo, to fit its map
+_WORST = 0.05  # median relative difference of a fitted map from the sparse points
+_BETTER, _FLAT = 0.7, 0.02  # a map must be so much better than one constant depth, unless that is this good already
+_SIMPLER = 1.1  # a fit with one more parameter must be better than this
+
+
+def mesh_maps(path: Path, shots: Sequence[Shot]) -> DepthMaps:
+    """Return the depth maps of a mesh in the model's frame. Raises InputError if it is in another one.
+
+    A mesh in millimetres or centimetres, in a model in metres, is converted.
+    """
+    mesh = read_mesh(path)
+    checked = [shot for shot in shots if len(shot.points)][:: -(-len(shots) // _MOST_CHECKED)]
+    shares = {}
+    for unit in _UNITS:
+        surface = replace(mesh, vertices=mesh.vertices * unit)
+        off = _differences(of_surface(surface, GIVEN), checked)
+        shares[unit] = float((off < _NEAR).mean()) if len(off) else 0.0
+        if shares[unit] >= _ENOUGH:
+            if _UNITS[unit]:
+                say(f"{path} fits the model when multiplied by {unit:g}; it seems to be in {_UNITS[unit]}")
+            return of_surface(surface, GIVEN)
+    fault = f"is in another frame than the model: {100 * shares[1.0]:.0f} % of the sparse points lie on it"
+    raise InputError(fault, path, "export it from the program that made the model, in the same coordinates")
+
+
+def _differences(maps: DepthMaps, shots: Sequence[Shot]) -> Array:
+    """Relative differences of depth maps from the sparse points; infinite where there is no depth."""
+    off = [np.zeros(0)]
+    for shot in shots:
+        xy, z = shot.seen_points()
+        there = depth_at(maps(shot).depth, xy)
+        off.append(np.where(there > 0, np.abs(there / z - 1), np.inf))
+    return np.concatenate(off)
+
+
+class _Form(NamedTuple):
+    """What the values d of a map are: z = a d + b, or 1 / z = a d + b if inverse; b = 0 unless shifted."""
+
+    inverse: bool
+    shifted: bool
+
+    def __str__(self) -> str:
+        return f"{'disparity' if self.inverse else 'depth'} up to scale{' and shift' if self.shifted else ''}"
+
+    def fit(self, values: Array, z: Array) -> Array:
+        """Return (a, b) of least absolute relative differences from the depths z."""
+        column = np.stack([values, np.full_like(values, self.shifted)], axis=1)
+        design = column * z[:, None] if self.inverse else column / z[:, None]
+        weight: Array = np.ones(len(z))
+        solution: Array = np.zeros(2)
+        for _ in range(20):
+            root = np.sqrt(weight)
+            solution = np.linalg.lstsq(design * root[:, None], root, rcond=None)[0]
+            weight = 1 / np.maximum(np.abs(design @ solution - 1), 1e-4)
+        return solution
+
+    def depth(self, values: Array, fitted: Array) -> Array:
+        """Return the depths of values; 0 where the values or the depths are not above 0."""
+        line = np.where(values > 0, fitted[0] * values + fitted[1] * self.shifted, 0)
+        with np.errstate(divide="ignore"):
+            return np.where(line > 0, 1 / line if self.inverse else line, 0).astype(np.float32)
+
+
+_FORMS = tuple(_Form(inverse, shifted) for shifted in (False, True) for inverse in (False, True))
+
+
+def network_maps(
+    folder: Path, shots: Sequence[Shot], photo_of: Mapping[str, str], lens_of: Mapping[str, Lens | None]
+) -> tuple[str, DepthMaps, dict[str, str]]:
+    """Return what the maps are, for people, the fitted depth maps, and the fault of each photo without one.
+
+    photo_of: the name of each shot's photo, after which its map is named; lens_of: by shot, the lens of that photo.
+    Raises InputError if no map can be used.
+    """
+    found, faults = find_depths(folder, [photo_of[shot.name] for shot in shots])
+    faults |= {name: f"{folder} has no map of it" for name in photo_of.values() if name not in found | faults}
+    seen: dict[str, tuple[Callable[[], Array], Array, Array]] = {}  # reader, values at sparse points, their depths
+    for shot in track([shot for shot in shots if photo_of[shot.name] in found], "reading depth maps"):
+        name = photo_of[shot.name]
+        try:
+            read = _reader(found[name], shot, lens_of[shot.name])
+            xy, z = shot.seen_points()
+            height, width = (values := read()).shape
+            at = depth_at(values, xy * (width / shot.camera.width, height / shot.camera.height))
+            if (known := at > 0).sum() < _FEWEST_POINTS:
+                raise InputError(f"{known.sum()} sparse points have a value", found[name], "it cannot be fitted")
+            seen[shot.name] = read, at[known], z[known]
+        except InputError as fault:
+            faults[name] = str(fault)
+    if not seen:
+        raise InputError("no depth map can be used", folder, f"first fault: {next(iter(faults.values()))}")
+    errors = {form: [_error(form, values, z) for _, values, z in seen.values()] for form in _FORMS}
+    form = min(_FORMS, key=lambda form: np.median(errors[form]) * (_SIMPLER if form.shifted else 1))
+    fitted: dict[str, Array] = {}
+    for (name, (_, values, z)), error in zip(seen.items(), errors[form], strict=True):
+        constant = float(np.median(np.abs(np.median(z) / z - 1)))
+        if error > _WORST or (error > _BETTER * constant and constant > _FLAT):
+            faults[photo_of[name]] = f"its depth map {_misfit(error)}; make it as the others, of this photo"
+        else:
+            fitted[name] = form.fit(values, z)
+    if not fitted:
+        best = f"none of {len(seen)} depth maps fits; the best {_misfit(min(errors[form]))}"
+        raise InputError(best, folder, "give maps of these photos, as depth or disparity")
+
+    def depth(shot: Shot) -> DepthMap:
+        import cv2
+
+        size = shot.camera.width, shot.camera.height
+        if shot.name not in fitted:
+            return DepthMap(np.zeros(size[::-1], np.float32), np.zeros(size[::-1], np.uint8))
+        z = form.depth(seen[shot.name][0](), fitted[shot.name])
+        z = z if z.shape[::-1] == size else np.asarray(cv2.resize(z, size, interpolation=cv2.INTER_NEAREST_EXACT))
+        return DepthMap(z, ((z > 0) * GIVEN).astype(np.uint8))
+
+    return f"given maps, {form}", depth, faults
+
+
+def _error(form: _Form, values: Array, z: Array) -> float:
+    """The median relative difference of fitted values from depths; infinite if they are inverted."""
+    fitted = form.fit(values, z)
+    return float(np.median(np.abs(form.depth(values, fitted) / z - 1))) if fitted[0] > 0 else np.inf
+
+
+def _misfit(error: float) -> str:
+    return f"is {100 * error:.1f} % off the sparse points (median)" if error < np.inf else "is inverted"
+
+
+def _reader(path: Path, shot: Shot, lens: Lens | None) -> Callable[[], Array]:
+    """The function that reads a map (h, w) float32 of the undistorted photo, 0 = unknown, at its own size."""
+
+    def read() -> Array:
+        values = np.squeeze(_values(path)).astype(np.float32)
+        if values.ndim == 3 and (values == values[..., :1]).all():
+            values = values[..., 0]
+        size = shot.camera.width, shot.camera.height
+        if values.ndim != 2 or not same_shape(values.shape[::-1], size):
+            fault = f"is {'x'.join(map(str, values.shape[::-1]))}, its photo {size[0]}x{size[1]}"
+            raise InputError(fault, path, "make the map of the whole photo, with one channel")
+        values = np.where(np.isfinite(values), values, 0)
+        if lens is None:
+            return values
+        scale = np.diag([values.shape[1] / size[0], values.shape[0] / size[1], 1.0])
+        to = replace(shot.camera, K=scale @ shot.camera.K, width=values.shape[1], height=values.shape[0])
+        return lens.resampled(values, to, nearest=True)
+
+    return read
+
+
+def _values(path: Path) -> Array:
+    import cv2
+
+    if path.suffix.lower() == ".png":
+        return decode(path, cv2.IMREAD_UNCHANGED)
+    return read_numbers(path) if path.suffix.lower() in (".npy", ".npz") else read_depth(path)
