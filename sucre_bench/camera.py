@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from sucre_bench.arguments import array_of, check_fields
 from sucre_bench.arrays import Array
+from sucre_bench.errors import InputError, check_number
 
 
 def pixel_rays(camera: Camera) -> Array:
@@ -96,6 +98,14 @@ class Camera:
     K: Array
     width: int
     height: int
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        object.__setattr__(self, "K", array_of("Camera.K", self.K, (3, 3), finite=True, kinds="fiu"))
+        if not np.linalg.det(self.K):
+            raise InputError("has no inverse", "Camera.K", "pass [[f, 0, cx], [0, f, cy], [0, 0, 1]] in pixels")
+        check_number("Camera.width", self.width, "[1, 1e6]")
+        check_number("Camera.height", self.height, "[1, 1e6]")
 
 
 def scaled_camera(camera: Camera, size: tuple[int, int], image_scale: float = 1.0) -> Camera:

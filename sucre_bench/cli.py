@@ -37,6 +37,12 @@ def _ended() -> int:
 def _status() -> int:
     """Run the command line and return its exit code."""
     try:
+        os.getcwd()  # noqa: PTH109 - numerous libraries ask for it
+    except OSError as fault:
+        return _fault(f"the current folder: {fault.strerror}; go to another one, for example `cd ~`", 2)
+    if (path := os.environ.get("PYTHONPATH")) and "" in path.split(os.pathsep):
+        say("note: PYTHONPATH has an empty part: Python imports from the current folder; remove that part", "yellow")
+    try:
         with isolated_children(), escaped_output():
             cli(prog_name="sucre-bench", standalone_mode=False)
     except SystemExit as ended:

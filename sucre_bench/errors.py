@@ -218,16 +218,16 @@ def is_number_in(interval: str, value: Any, whole: bool = False) -> bool:
     """
     if isinstance(value, bool) or not isinstance(value, Integral if whole else Real):
         return False
-    value = float(value)
+    number: Any = value  # not as a float: a whole number may be greater than any
     low, high = (float(bound) for bound in interval[1:-1].split(","))
-    is_above = value > low if interval[0] == "(" else value >= low
-    return bool(is_above and (value < high if interval[-1] == ")" else value <= high))
+    is_above = number > low if interval[0] == "(" else number >= low
+    return bool(is_above and (number < high if interval[-1] == ")" else number <= high))
 
 
 def check_number(place: str, value: Any, interval: str) -> None:
     """Raise InputError unless a value is a number in an interval, see `is_number_in`. place: as the user typed it."""
     if not is_number_in(interval, value):
-        raise InputError(f"{value!r}", place, f"give a number in {interval}")
+        raise InputError(shown_value(value), place, f"give a number in {interval}")
 
 
 def in_one_line(text: object) -> str:
@@ -236,6 +236,12 @@ def in_one_line(text: object) -> str:
         return " ".join(str(text).split())
     except Exception:  # of a plugin, whose exception has no text
         return ""
+
+
+def shown_value(value: object) -> str:
+    """Return a value as Python writes it, if that is short; else its type."""
+    text = in_one_line(repr(value))
+    return text if len(text) <= 40 else type(value).__name__
 
 
 def one_line(fault: BaseException) -> str:

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from sucre_bench.arguments import check_fields
 from sucre_bench.arrays import Array, Indices, locked
 from sucre_bench.scene import View
 
@@ -81,6 +82,9 @@ class RestoredPair:
     there: RestoredView
     points: CommonPoints
     are_neighbours: bool = True
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     def means(self, here: Array, there: Array) -> tuple[Array, Array]:
         """Return the mean colours (P, 3) float64 of the common patches in images (H, W, 3) of the two views.

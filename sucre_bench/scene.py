@@ -7,6 +7,7 @@ metres, 0 where unknown. The last axis of an image is colour, in RGB order.
 """
 
 import threading
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -16,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from cachetools import LRUCache, cached
 
+from sucre_bench.arguments import array_of, check_fields, checked
 from sucre_bench.arrays import Array, Mask, coloured, evenly
 from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, did_you_mean
@@ -26,6 +28,8 @@ Encoding = Literal["gamma", "linear"]
 
 
 Plane = Literal["rgb", "depth", "reference"]
+
+HAS = frozenset({"depth", "poses", "reference", "charts", "truth"})  # what views of a scene may have
 
 
 # A cache of decoded planes. A method may use `view.rgb` five times and the file is decoded once; a dive of 5,000 images
@@ -58,6 +62,14 @@ class Water:
     backscatter: Array
     encoding: Encoding | None = None
 
+    def __post_init__(self) -> None:
+        for name in ("veiling_light", "attenuation", "backscatter"):
+            numbers = array_of(f"Water.{name}", getattr(self, name), (3,), kinds="fiu")
+            if np.isinf(numbers).any():
+                raise InputError("is infinite", f"Water.{name}", "pass three numbers, NaN for what is not known")
+            object.__setattr__(self, name, numbers)
+        check_fields(self)
+
     def __repr__(self) -> str:
         named = {"B": self.veiling_light, "beta 1/m": self.attenuation, "gamma 1/m": self.backscatter}
         lines = ["Water           red   green    blue"]
@@ -81,6 +93,10 @@ class Chart:
     name: str
     kind: str
     corners: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "corners", array_of("Chart.corners", self.corners, (4, 2), finite=True, kinds="fiu"))
+        check_fields(self)
 
 
 class Pixels(Protocol):
@@ -110,13 +126,13 @@ _LOOKED_AT = 48
 _MOST_SHOWN = 4  # views of a scene, in a notebook
 
 
-def _check_intensities(image: object, place: str) -> None:
-    """Raise InputError for an image of 0 to 255 or 0 to 65535, by its type or a sample of its values; place: its name.
+def _intensities(given: object, place: str) -> Array:
+    """Return an image as (H, W, 3) floats with 1 for white. place: its name.
 
-    Intensities are floats with 1 for white. What is no NumPy array is not looked at.
+    Raises InputError for another shape, and for an image of 0 to 255 or 0 to 65535, by its type or a sample of its
+    values.
     """
-    if not isinstance(image, np.ndarray) or image.ndim < 2 or image.dtype.kind not in "iuf":
-        return
+    image: Array = array_of(place, given, ("H", "W", 3), kinds="fiu")
     white = np.iinfo(np.uint16).max
     sample = image[:: max(1, image.shape[0] // _LOOKED_AT), :: max(1, image.shape[1] // _LOOKED_AT)]
     sample = sample[np.isfinite(sample)]
@@ -124,11 +140,11 @@ def _check_intensities(image: object, place: str) -> None:
     if image.dtype.kind in "iu":
         fault = f"is {image.dtype}"
     elif sample.min(initial=0) < 0:  # no file has such values, but a strong restoration
-        return
+        return image
     elif _MOST_TYPICAL < top <= white and (np.median(sample) > _MOST_TYPICAL or (sample == np.rint(sample)).all()):
         fault = f"has values up to {top:g}"
     else:
-        return
+        return image
     remedy = f"divide by {255 if top <= 255 else white}: intensities are floats with 1 for white"
     raise InputError(fault, place, remedy)
 
@@ -141,7 +157,7 @@ class Arrays:
     - depth: (H, W) metres along the optical axis, 0 = unknown, or None;
     - reference: (H, W, 3) floats in [0, 1], the view without water, or None.
 
-    Raises InputError for an image of 0 to 255.
+    Raises InputError for an image of 0 to 255, and for planes of different sizes.
 
     >>> View("a.png", Arrays(np.full((48, 64, 3), 0.5))).rgb.dtype
     dtype('float32')
@@ -152,8 +168,13 @@ class Arrays:
     reference: Array | None = None
 
     def __post_init__(self) -> None:
-        _check_intensities(self.rgb, "Arrays.rgb")
-        _check_intensities(self.reference, "Arrays.reference")
+        object.__setattr__(self, "rgb", _intensities(self.rgb, "Arrays.rgb"))
+        size = self.rgb.shape[:2]
+        if self.depth is not None:
+            object.__setattr__(self, "depth", array_of("Arrays.depth", self.depth, size, kinds="fiu"))
+        if self.reference is not None:
+            array_of("Arrays.reference", self.reference, (*size, 3), kinds="fiu")
+            object.__setattr__(self, "reference", _intensities(self.reference, "Arrays.reference"))
 
     def load(self, plane: Plane) -> Array | None:
         values: Array | None = getattr(self, plane)
@@ -186,6 +207,14 @@ class View:
     cam_from_world: Array | None = None
     charts: Sequence[Chart] = ()
     encoding: Encoding = "gamma"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not callable(getattr(self.pixels, "load", None)):
+            raise InputError(f"is {type(self.pixels).__name__}", "View.pixels", "pass Arrays(rgb), floats 0 to 1")
+        if self.cam_from_world is not None:
+            pose = array_of("View.cam_from_world", self.cam_from_world, (4, 4), finite=True, kinds="fiu")
+            object.__setattr__(self, "cam_from_world", pose)
 
     def __repr__(self) -> str:  # of what is known without decoding a file
         size = f"{self.camera.width}x{self.camera.height} pixels" if self.camera else "no camera"
@@ -313,6 +342,14 @@ class Scene:
     data_id: str = ""
     dataset: str = ""
 
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if unknown := sorted(set(self.has) - HAS):
+            raise InputError(f"holds '{unknown[0]}'", "Scene.has", f"pass a set of {', '.join(sorted(HAS))}")
+        names = Counter(view.name for view in self.views)
+        if twice := [name for name, n in names.items() if n > 1]:
+            raise InputError(f"two views are called '{twice[0]}'", "Scene.views", "give each view a name of its own")
+
     def __repr__(self) -> str:
         names = [view.name for view in self.views]
         span = f", {names[0]} to {names[-1]}" if len(names) > 1 else f", {names[0]}" if names else ""
@@ -323,12 +360,15 @@ class Scene:
     def _repr_html_(self) -> str:
         return as_html(repr(self), _pictures([self.views[n] for n in evenly(len(self.views), _MOST_SHOWN)]))
 
+    @checked
     def __getitem__(self, name: str | int) -> View:
         """Return the view with this name, or at this place (from 0; negative from the end).
 
-        Raises InputError if no view has the name, and IndexError if there is no such place.
+        Raises InputError if no view has the name, or there is no such place.
         """
-        if isinstance(name, int):
+        if not isinstance(name, str):
+            if not -len(self) <= name < len(self):
+                raise InputError(f"no view at place {name}", self.name, f"the scene has {counted(len(self), 'view')}")
             return self.views[name]
         for view in self.views:
             if view.name == name:
@@ -372,8 +412,14 @@ class Restoration:
     filled: Array | None = None
 
     def __post_init__(self) -> None:
-        _check_intensities(self.image, "Restoration.image")
-        _check_intensities(self.filled, "Restoration.filled")
+        object.__setattr__(self, "image", _intensities(self.image, "Restoration.image"))
+        if self.filled is not None:
+            object.__setattr__(self, "filled", _intensities(self.filled, "Restoration.filled"))
+            array_of("Restoration.filled", self.filled, self.image.shape)
+        if self.confidence is not None:
+            confidence = array_of("Restoration.confidence", self.confidence, self.image.shape[:2], kinds="fiu")
+            object.__setattr__(self, "confidence", confidence)
+        check_fields(self)
 
     def __repr__(self) -> str:
         height, width = self.image.shape[:2]
@@ -413,5 +459,4 @@ class Score:
     weight: float = 1.0
 
     def __post_init__(self) -> None:
-        if not isinstance(self.region, str):
-            raise TypeError(f"Score(region={self.region!r}): a region is text, for example 'image'; mend the metric")
+        check_fields(self)

@@ -10,6 +10,7 @@ import numpy as np
 
 from sucre_bench.errors import InputError
 from sucre_bench.plugins.decorators import dataset
+from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.scene import Scene, Water
 
 Preset = Literal["clear", "coastal", "turbid", "deep_sea"]
@@ -22,6 +23,9 @@ _PARAMETERS: dict[Preset, list[tuple[float, float, float]]] = {
     "deep_sea": [(0.02, 0.13, 0.17), (0.19, 0.06, 0.055), (0.08, 0.07, 0.07)],
 }
 WATERS = {preset: Water(*np.array(rows)) for preset, rows in _PARAMETERS.items()}
+
+
+_MOST_PIXELS = 2_000_000_000  # of all views: a bundle of a stranger may ask for them
 
 
 @dataset(
@@ -58,9 +62,11 @@ class Demo:
     """Folder that stores made scenes; null = the user's cache folder."""
 
     def __post_init__(self) -> None:
-        for name, least in (("views", 2), ("width", 64), ("height", 48), ("seed", 0), ("noise", 0)):
-            if not getattr(self, name) >= least:
-                raise InputError(f"demo.{name}: {getattr(self, name)} is too small; give {least} or more")
+        sizes = {"views": "[2, 5000]", "width": "[64, 16384]", "height": "[48, 16384]"}
+        check_ranges(self, **sizes, seed="[0, inf)", noise="[0, 1]")
+        if (pixels := self.views * self.width * self.height) > _MOST_PIXELS:
+            fault = f"{pixels / 1e9:.1f} gigapixels in all views"
+            raise InputError(fault, "demo", f"give {_MOST_PIXELS / 1e9:g} or fewer: smaller or fewer views")
 
     def scenes(self) -> Iterator[Scene]:
         """Yield the one scene, named after its water. InputError where it must be made and Open3D does not load."""

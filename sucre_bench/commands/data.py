@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import click
 
 from sucre_bench.commands import completion
-from sucre_bench.commands.shared_options import check_output, json_option, plugin_option, print_json, refuse_options
+from sucre_bench.commands.shared_options import force_option, json_option, plugin_option, print_json, refuse_options
+from sucre_bench.machine.outputs import check_output
 from sucre_bench.machine.text_formats import counted
 
 if TYPE_CHECKING:
@@ -47,7 +48,8 @@ _HEADS = ("view", "depth", "{unit} (1, 50, 99 %)", "overlap", "views", "disagree
     help="Describe at most this many views of a scene, evenly spread.",
 )
 @plugin_option
-def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet: bool, most: int) -> None:
+@force_option
+def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet: bool, most: int, force: bool) -> None:
     """Describe what a dataset holds, write a contact sheet, and list faults with their remedies.
 
     \b
@@ -68,7 +70,7 @@ def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet
     from sucre_bench.programs.describe import description
 
     if sheet is not None:
-        check_output(sheet, "contact sheet")
+        check_output(sheet, "contact sheet", force=force)
     refuse_options(words, "describe")
     overrides = [word if "=" in word else f"dataset={word}" for word in words]
     with progress.live():
@@ -76,7 +78,7 @@ def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet
         sheets = [] if no_sheet else _sheets(sheet, [selection.scene.name for selection in selections])
         inputs = [file for selection in selections for view in selection.views for file in source_files(view)]
         for path in sheets:
-            check_output(path, "contact sheet", inputs)
+            check_output(path, "contact sheet", inputs, force)
         described = [description.described(selection, most) for selection in selections]
     if as_json:
         print_json([one.as_object() for one in described])

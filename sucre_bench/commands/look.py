@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sucre_bench.commands.shared_options import check_output, labels_of, plugin_option, scene_options
+from sucre_bench.commands.shared_options import force_option, labels_of, plugin_option, scene_options
+from sucre_bench.machine.outputs import check_links, check_output, is_ours
 from sucre_bench.machine.text_formats import counted, json_text
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ def report(folder: Path) -> None:
     from sucre_bench.reports import page
     from sucre_bench.results.common_scores import read_common
 
+    check_links(folder)
     rows = compare.on_pixels(results.read(folder), lambda: read_common(folder))
     click.echo(page.write(folder, rows, compare.compare(rows)))
 
@@ -58,6 +60,7 @@ def report(folder: Path) -> None:
     help="Also write a .png with the input beside the restored surface.",
 )
 @plugin_option
+@force_option
 def texture(
     results: Path,
     out: Path,
@@ -67,6 +70,7 @@ def texture(
     voxel: float | None,
     mesh: bool,
     picture: Path | None,
+    force: bool,
 ) -> None:
     """Write a scene as points or a mesh in restored colours.
 
@@ -85,25 +89,32 @@ def texture(
     from sucre_bench.programs.texture import choose_cells, fuse, mean_up, write_model
 
     load("texture", "open3d")
-    check_output(out, "surface")
+    check_output(out, "surface", force=force)
     if picture is not None:
-        check_output(picture, "picture")
+        check_output(picture, "picture", force=force)
+    check_links(results)
     started = time.perf_counter()
     triangles = mesh or out.suffix.lower() == ".glb"
     with progress.live():
         found = revisit(results, [method], dataset, scene)
         if picture is not None:
-            check_output(picture, "picture", (file for frame in found.frames for file in source_files(frame.view)))
+            inputs = [file for frame in found.frames for file in source_files(frame.view)]
+            check_output(picture, "picture", inputs, force)
         cells = choose_cells(found.frames, voxel)
         model = fuse(found.frames, method, cells, triangles)
         write_model(out, model, mean_up([frame.view for frame in found.frames]))
         if picture is not None:
-            from sucre_bench.imaging.image_files import write_png
+            from PIL import Image
+
+            from sucre_bench.imaging.drawing import save_marked
             from sucre_bench.programs.texture import side_by_side
 
             restored = model if triangles else fuse(found.frames, method, cells)
             models = {INPUT: fuse(found.frames, INPUT, cells, mask=method), method: restored}
-            write_png(picture, side_by_side(models, found.frames)[..., ::-1])
+            from sucre_bench.machine.files import open_atomically
+
+            with open_atomically(picture) as file:
+                save_marked(file, Image.fromarray(side_by_side(models, found.frames)), ".png")
     what = f"{len(model.points)} points" + (f", {len(model.triangles)} triangles" if triangles else "")
     size = f"{out.stat().st_size / 1e6:.1f} MB, voxels of {cells.voxel:.3g} m"
     click.echo(
@@ -134,8 +145,9 @@ def texture(
     help="Greatest height of a panel, in pixels.",
 )
 @plugin_option
+@force_option
 def video(
-    results: Path, out: Path, methods: str, dataset: str, scene: str, fps: float, split: bool, height: int
+    results: Path, out: Path, methods: str, dataset: str, scene: str, fps: float, split: bool, height: int, force: bool
 ) -> None:
     """Write a video of the views before and after, and measure how much each method flickers.
 
@@ -153,8 +165,9 @@ def video(
     from sucre_bench.programs.video import FORMULAE, composed, flicker, panel_size, write_video
 
     numbers = out.with_name(f"{out.name}.json")
-    check_output(out, "video")
-    check_output(numbers, "numbers")
+    check_output(out, "video", force=force or is_ours(numbers))
+    check_output(numbers, "numbers", force=force)
+    check_links(results)
     labels = labels_of(methods)
     if not labels:
         raise InputError("--methods: no label; give labels with commas between them")
@@ -169,7 +182,7 @@ def video(
     click.echo("flicker: " + "; ".join(f"{name}: {text}" for name, text in FORMULAE.items()))
     by_method = {method: {name: asdict(f) for name, f in values.items()} for method, values in flickers.items()}
     about = {"dataset": found.dataset, "scene": found.scene, "views": [frame.view.name for frame in found.frames]}
-    told = {**about, "fps": fps, "formulae": FORMULAE, "flicker": by_method}
+    told = {"program": "sucre_bench", **about, "fps": fps, "formulae": FORMULAE, "flicker": by_method}
     write_atomically(numbers, f"{json_text(told)}\n".encode())
     click.echo(f"video    {out}\nnumbers  {numbers}")
 
@@ -215,6 +228,7 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
     is_server = uri.startswith(("http://", "https://"))
     if ui and not is_server:
         mlflow.check_port(port)
+    check_links(folder)
     rows = results.read(folder)
     comparisons = compare.compare(compare.on_pixels(rows, lambda: read_common(folder)))
     with progress.live():

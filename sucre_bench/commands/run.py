@@ -13,13 +13,14 @@ import click
 
 from sucre_bench.commands import completion
 from sucre_bench.commands.shared_options import (
-    check_output,
+    force_option,
     json_option,
     plugin_files_option,
     plugin_option,
     print_json,
     refuse_options,
 )
+from sucre_bench.machine.outputs import check_output
 from sucre_bench.machine.terminal import say
 
 
@@ -136,7 +137,8 @@ def _run(overrides: Sequence[str], multirun: bool, as_json: bool, printed: Abstr
     help="Where to write the line-up; - prints it. [default: RESULTS/lineup.yaml]",
 )
 @plugin_option
-def lineup(folder: Path, out: Path | None) -> None:
+@force_option
+def lineup(folder: Path, out: Path | None, force: bool) -> None:
     """Write the line-up of a results folder: one file with its datasets, configurations, metrics and settings.
 
     \b
@@ -156,7 +158,7 @@ def lineup(folder: Path, out: Path | None) -> None:
     file = folder / "lineup.yaml" if out is None else out
     is_printed = str(file) == "-"
     if not is_printed:
-        check_output(file, "line-up")
+        check_output(file, "line-up", force=force)
     found = line_up_of(folder, Path() if is_printed else file.parent)
     for note in found.notes:
         say(f"note: {note}", "yellow")

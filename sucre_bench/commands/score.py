@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 import click
 
 from sucre_bench.commands import completion
-from sucre_bench.commands.shared_options import check_output, plugin_option, print_json
+from sucre_bench.commands.shared_options import force_option, plugin_option, print_json
 from sucre_bench.machine import terminal
+from sucre_bench.machine.outputs import check_output
 from sucre_bench.machine.terminal import say
 
 if TYPE_CHECKING:
@@ -55,8 +56,16 @@ _MOST_VARIANTS = 10  # that a table shows
 @click.option("--json", "as_json", is_flag=True, help="The same as --format json.")
 @click.option("--csv", "file", type=click.Path(path_type=Path), help="Also write every score to this CSV file.")
 @plugin_option
+@force_option
 def score(
-    images: Path, reference: Path | None, metrics: str, like: Path | None, how: str, as_json: bool, file: Path | None
+    images: Path,
+    reference: Path | None,
+    metrics: str,
+    like: Path | None,
+    how: str,
+    as_json: bool,
+    file: Path | None,
+    force: bool,
 ) -> None:
     """Score a folder of images, or one image, with any metric in any published variant.
 
@@ -79,7 +88,7 @@ def score(
     from sucre_bench.results.rows import RESTORATION, csv_text
 
     if file:
-        check_output(file, "table", [like] if like else ())
+        check_output(file, "table", [like] if like else (), force)
     names = [name.strip() for name in metrics.split(",") if name.strip()]
     published = None
     if like:
@@ -92,7 +101,7 @@ def score(
     with contextlib.redirect_stdout(sys.stderr), progress.live():
         rows = score_folder.score_folder(images, reference, names)
     if file:
-        write_atomically(file, csv_text(rows).encode())
+        write_atomically(file, csv_text(rows, for_spreadsheets=True).encode())
     form = "json" if as_json else how
     if published:
         _print_matches(published, rows, form)
@@ -135,7 +144,7 @@ def _print_records(table: pd.DataFrame, form: str) -> None:
     if form == "json":
         print_json(table.to_dict("records"))
     else:
-        click.echo(csv_text(table), nl=False)
+        click.echo(csv_text(table, for_spreadsheets=True), nl=False)
 
 
 def _print_matches(published: PublishedTable, rows: pd.DataFrame, form: str) -> None:

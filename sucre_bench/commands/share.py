@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sucre_bench.commands.shared_options import check_output, echo_wrapped, json_option, plugin_option, print_json
+from sucre_bench.commands.shared_options import echo_wrapped, force_option, json_option, plugin_option, print_json
 from sucre_bench.errors import InputError, SucreBenchError, unknown_name
 from sucre_bench.machine.files import check_folder, open_atomically, regular
+from sucre_bench.machine.outputs import check_links, check_output
 from sucre_bench.machine.terminal import say
 from sucre_bench.machine.text_formats import counted
 from sucre_bench.programs.verify import TOLERANCE
@@ -43,7 +44,8 @@ _MOST = 20  # scores that are listed
 @click.option("--by", default="", metavar="TEXT", help='Who publishes the bundle, for example "Reef Lab".')
 @click.option("--code", is_flag=True, help="Put the files of --plugin in, so that others can run lineup.yaml.")
 @plugin_option
-def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool) -> None:
+@force_option
+def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool, force: bool) -> None:
     """Write a results folder as one file: scores, configuration and hashes.
 
     \b
@@ -57,7 +59,8 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool) -> None
     from sucre_bench.machine import progress
     from sucre_bench.programs.bundle import bundle_results
 
-    check_output(file, "bundle")
+    check_output(file, "bundle", force=force)
+    check_links(folder)
     with progress.live():
         made = bundle_results(folder, file, pictures, by, _line_up(folder, code))
     size = file.stat().st_size
@@ -227,7 +230,8 @@ def _print_outcome(found: Outcome, tolerance: float) -> None:
 )
 @click.option("--data", "data", multiple=True, metavar="DATASET=DIR", help="Folder of the data; may be repeated.")
 @plugin_option
-def site(bundles: Path, out: Path, heading: str, data: Sequence[str]) -> None:
+@force_option
+def site(bundles: Path, out: Path, heading: str, data: Sequence[str], force: bool) -> None:
     """Write a lab's board: a page of tables over all bundles of a folder.
 
     \b
@@ -252,7 +256,10 @@ def site(bundles: Path, out: Path, heading: str, data: Sequence[str]) -> None:
     paths = sorted(bundles.glob("*.zip"))
     if not paths:
         raise InputError(f"{bundles}: holds no bundle; give a folder of files that `sucre-bench bundle` wrote")
-    check_output(out / "index.html", "page")
+    check_output(out / "index.html", "page", force=force)
+    check_links(out)
+    for path in paths:
+        check_output(out / "bundles" / path.name, "bundle", force=force)
     with progress.live():
         entries = [_entry(path, data) for path in paths]
         made = board(entries)

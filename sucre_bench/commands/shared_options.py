@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import click
 
-from sucre_bench.errors import InputError, NotAFileError
-from sucre_bench.machine.files import is_file, regular
 from sucre_bench.machine.text_formats import json_text
 
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -28,6 +25,12 @@ def json_option(command: _F) -> _F:
     """Add --json, for programs: the command prints one JSON value on stdout and nothing else there."""
     text = "Print one JSON object on stdout and nothing else, for programs."
     return click.option("--json", "as_json", is_flag=True, help=text)(command)
+
+
+def force_option(command: _F) -> _F:
+    """Add --force: the parameter force of `check_output`."""
+    text = "Write over a file that sucre-bench did not write."
+    return click.option("--force", is_flag=True, help=text)(command)
 
 
 _PLUGIN: Any = {"multiple": True, "metavar": "FILE", "help": "Load the plugins of this .py file; may be repeated."}
@@ -103,44 +106,3 @@ def echo_wrapped(text: str, indent: int = 2) -> None:
 
     width, rest = terminal.out.width, " " * indent
     click.echo(textwrap.fill(text, width, subsequent_indent=rest, break_long_words=False, break_on_hyphens=False))
-
-
-ENDINGS: Mapping[str, tuple[str, ...]] = {
-    "bundle": (".zip",),
-    "contact sheet": (".png", ".jpg", ".jpeg"),
-    "line-up": (".yaml", ".yml"),
-    "numbers": (".json",),
-    "page": (".html", ".htm"),
-    "picture": (".png",),
-    "surface": (".ply", ".glb"),
-    "table": (".csv",),
-    "video": (".mp4", ".webm"),
-}
-
-
-def check_output(path: Path, kind: str, inputs: Iterable[Path] = ()) -> None:
-    """Raise InputError if a command must not write to a path.
-
-    kind: a key of `ENDINGS`, one of which the name must have, in small or capital letters; inputs: the files that the
-    command reads. Also refused: a path where something is that is no regular file, and a part of a results folder.
-    """
-    from sucre_bench.results.layout import is_own_part
-
-    if path.is_dir():
-        example = path / f"{kind.split()[-1]}{ENDINGS[kind][0]}"
-        raise InputError("is a folder", path, f"give a file, for example {example}")
-    if path.suffix.lower() not in ENDINGS[kind]:
-        noun = "picture" if kind == "contact sheet" else kind
-        *others, last = ENDINGS[kind]
-        endings = f"{', '.join(others)} or {last}" if others else last
-        raise InputError(f"has no suffix of a {noun}", path, f"end it in {endings}")
-    try:
-        regular(path)
-    except FileNotFoundError:
-        return
-    except NotAFileError as fault:
-        raise InputError(fault.fault, path, "give another file") from fault
-    if is_own_part(path):
-        raise InputError("is a part of a results folder", path, "give a file elsewhere")
-    if any(is_file(one) and path.samefile(one) for one in inputs):
-        raise InputError("is an input of this command", path, "give another file")

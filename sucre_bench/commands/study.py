@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sucre_bench.commands.shared_options import (
-    check_output,
     dataset_option,
     echo_wrapped,
+    force_option,
     json_option,
     labels_of,
     print_json,
 )
+from sucre_bench.machine.outputs import check_links, check_output
 from sucre_bench.machine.terminal import say
 from sucre_bench.machine.text_formats import counted
 
@@ -54,6 +55,7 @@ _LARGE = 20_000_000  # bytes; many mail servers refuse more
 @click.option("--votes", is_flag=True, help="Evaluate the files of votes after FOLDER.")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path), metavar="[VOTES.json]...")
 @json_option
+@force_option
 def study(
     folder: Path,
     methods: str,
@@ -67,6 +69,7 @@ def study(
     votes: bool,
     files: Sequence[Path],
     as_json: bool,
+    force: bool,
 ) -> None:
     """Ask people which restored images they prefer, without names, and evaluate their votes.
 
@@ -90,7 +93,8 @@ def study(
         from sucre_bench.machine import progress
         from sucre_bench.programs.people import design
 
-        check_output(out, "page")
+        check_output(out, "page", force=force)
+        check_links(folder)
         key = design.design(folder, labels_of(methods), dataset, views)
         masks = design.common_masks(folder, key) if pixels == "common" else {}
         with progress.live():
@@ -160,7 +164,6 @@ def _preferences(found: Evaluated) -> Table:
 def _sentences(found: Evaluated) -> list[str]:
     """What the numbers mean: the lead, over what intervals are, and how far observers agree."""
     from sucre_bench.compare.words import number
-    from sucre_bench.programs.people.statistics import FEWEST_OBSERVERS
 
     people = found.people
     best, next_best = (-people.scores).argsort(kind="stable")[:2].tolist()
@@ -175,8 +178,7 @@ def _sentences(found: Evaluated) -> list[str]:
         interval = f"{number(gap)} [{number(low)}, {number(high)}]"
         equal = f"{lines[0]}; the difference is at most {number(high)}"
         lines = [f"{first} {verb} {second} by {interval}, {chance}" if gap else equal]
-        few = f"votes: of these observers, not of people in general, for which {FEWEST_OBSERVERS} are needed"
-        lines.append(f"intervals: bootstrap over {'observers' if people.over_observers else few}")
+        lines.append("intervals: over observers, for people like them")
     agree = "unknown, no pair was judged by several with different answers"
     if not math.isnan(found.observers.alpha):
         alpha = f"Krippendorff's alpha {number(found.observers.alpha)} on {found.observers.n} pairs"
@@ -207,7 +209,6 @@ def _as_object(found: Evaluated) -> dict[str, Any]:
         "votes": len(numbered.votes),
         "observers": len(numbered.observers),
         "views": len(numbered.views),
-        "over_observers": people.over_observers,
         "missing": people.want,
         "preference": [{"method": m, "score": s, "low": a, "high": b} for m, s, a, b in scores],
         "agreement": asdict(found.observers),

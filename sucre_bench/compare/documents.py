@@ -31,7 +31,7 @@ def as_text(comparisons: Sequence[Comparison], how: Format, spread: bool = False
             return json_text(records) + "\n"
         import pandas as pd
 
-        return csv_text(pd.DataFrame(records))
+        return csv_text(pd.DataFrame(records), for_spreadsheets=True)
     one = {"md": _markdown, "latex": _latex, "html": _html}[how]
     return "\n".join(one(comparison, len(comparisons) > 1, spread) for comparison in comparisons)
 
@@ -90,11 +90,11 @@ def _below(comparison: Comparison, spread: bool) -> list[str]:
 
 def _markdown(comparison: Comparison, titled: bool, spread: bool) -> str:
     def plain(text: str) -> str:
-        return re.sub(r"([*`<\\])", r"\\\1", text)  # a label is no markup
+        return re.sub(r"([*`\[\]\\])", r"\\\1", html.escape(text, quote=False))  # a label is no markup
 
     sets = {"best": "**{}**", "second": "<u>{}</u>", "": "{}"}
     heads, *rows = _grid(comparison, spread)
-    lines = [[text for text, _ in heads], ["---", *["---:"] * len(comparison.columns)]]
+    lines = [[plain(text) for text, _ in heads], ["---", *["---:"] * len(comparison.columns)]]
     lines += [[plain(name), *(sets[look].format(text) for text, look in cells)] for (name, _), *cells in rows]
     head = f"**{plain(comparison.title)}**\n\n" if titled else ""
     table = "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from sucre_bench.arguments import checked
 from sucre_bench.arrays import Array
 from sucre_bench.camera import distance_map, scaled_camera
 from sucre_bench.degrade.options import VIEWS, Degradation, hashed
@@ -25,6 +26,7 @@ from sucre_bench.scene import Chart, Encoding, Pixels, Plane, Scene, View, Water
 __all__ = ["Degradation", "around", "degraded", "degraded_whole"]
 
 
+@checked
 def degraded(scene: Scene, degradation: Degradation | None = None, target: str = "", **options: Any) -> Scene:
     """Return a scene with a degradation applied; pixels are degraded when they are loaded.
 

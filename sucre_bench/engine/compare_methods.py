@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sucre_bench import compare, plugins, results
+from sucre_bench.arguments import check_fields, checked
 from sucre_bench.arrays import DataFrame, Picture
 from sucre_bench.compare import Comparison
 from sucre_bench.compare.answer import deciding
@@ -19,7 +20,15 @@ from sucre_bench.compare.words import number
 from sucre_bench.engine.common_pixels import Source, score_in_memory
 from sucre_bench.engine.python_api import restore, score
 from sucre_bench.engine.score import row_without_value
-from sucre_bench.errors import InputError, NotApplicableError, SucreBenchError, one_line
+from sucre_bench.errors import (
+    InputError,
+    NotApplicableError,
+    SucreBenchError,
+    check_number,
+    did_you_mean,
+    one_line,
+    shown_value,
+)
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.drawing import captioned
 from sucre_bench.imaging.encoding import to_8bit
@@ -55,6 +64,11 @@ class Compared:
     pictures: Mapping[tuple[str, str], Picture] = field(default_factory=dict)
     common: DataFrame | None = None
 
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not hasattr(self.rows, "columns"):
+            raise InputError(f"is {shown_value(self.rows)}", "Compared.rows", "pass the table that score returns")
+
     @property
     def table(self) -> DataFrame:
         """A table with one row for each view and method, and one column for each metric: see `sucre_bench.wide`."""
@@ -77,6 +91,7 @@ class Compared:
         found = self.comparison
         return as_text([found], "html") if found else "no scores"
 
+    @checked
     def plot(self, view: str | int = 0, labels: Sequence[str] = (), metric: str = "", height: int = 360) -> Image:
         """Return a picture of one view before and after: the photograph, each method, and the reference if known.
 
@@ -92,8 +107,11 @@ class Compared:
         from PIL import Image
 
         shown = self.scene[view]
+        check_number("plot(height)", height, "[16, 10000]")
+        if metric and metric not in self.table:
+            raise InputError(f"no column '{metric}'", "plot(metric)", did_you_mean(metric, self.table))
         if unknown := [label for label in labels if label not in self.labels]:
-            raise InputError(f"no method '{unknown[0]}'", "labels", f"there are {', '.join(self.labels)}")
+            raise InputError(f"no method '{unknown[0]}'", "plot(labels)", f"there are {', '.join(self.labels)}")
         main = deciding(found).main if not metric and (found := self.comparison) else None
         metric = f"{main.metric}:{main.variant}" if main else metric
         panels = {"photograph": to_8bit(display(shown.rgb, "none", shown.encoding))}
@@ -121,10 +139,11 @@ class Compared:
         return f"{label}, {name} {number(scores['value'].iloc[0])} {scores['unit'].iloc[0]}".rstrip()
 
 
+@checked
 def compare_methods(
     scene: Scene,
     methods: Methods,
-    metrics: Sequence[str] = (),
+    metrics: str | Sequence[str] = (),
     views: Iterable[str | int | View] | None = None,
     show_progress: bool | None = None,
     pixels: compare.Pixels = "common",
@@ -156,7 +175,8 @@ def compare_methods(
     made = _made(methods)
     chosen = [view if isinstance(view, View) else scene[view] for view in (scene if views is None else views)]
     # By default, the metrics of a `run` that names none.
-    metrics = list(metrics) or [n for p in presets("metrics") if p.name == "default" for n in p.builds_on]
+    metrics = [metrics] if isinstance(metrics, str) else list(metrics)
+    metrics = metrics or [n for p in presets("metrics") if p.name == "default" for n in p.builds_on]
     metric_choices(metrics)  # raises for a mistyped name, before any view is restored
     tables, held = [results.frame([])], dict[tuple[str, str], Source]()
     is_shown = sys.stderr.isatty() if show_progress is None else show_progress
@@ -174,14 +194,12 @@ def compare_methods(
 
 def _made(methods: Methods) -> dict[str, Any]:
     """Choices and method objects by label. InputError for an unknown name or option, or a label that is there twice."""
-    if isinstance(methods, str):
-        raise InputError(f"'{methods}' is one word", "methods", f"give a list, ['{methods}']")
     given = methods.items() if isinstance(methods, Mapping) else [(None, each) for each in methods]
     made: dict[str, Any] = {}
     for label, what in given:
         options = dict(what) if isinstance(what, Mapping) else {"name": what}
         name = options.pop("name", label or "")
-        label = label or (name if isinstance(name, str) else str(name.__plugin__.name))
+        label = label or (name if isinstance(name, str) else plugins.plugin_of(name).name)
         if label in made:
             raise InputError(f"'{label}' is there twice", "methods", "give a mapping from labels to methods")
         made[label] = method_choice(name, options) if isinstance(name, str) else name
@@ -195,7 +213,7 @@ def _one(scene: Scene, view: View, label: str, method: Any, metrics: Sequence[st
     try:
         result = restore(method, scene, view)
     except SucreBenchError as fault:
-        plugin = method.plugin if isinstance(method, Choice) else method.__plugin__
+        plugin = method.plugin if isinstance(method, Choice) else plugins.plugin_of(method)
         is_skipped = isinstance(fault, NotApplicableError) or bool(plugins.missing_needs(plugin, scene.has))
         status: results.Status = "skipped" if is_skipped else "failed"
         row = results.Row(dataset=scene.name, scene=scene.name, view=view.name, method=label, data_id=scene.data_id)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench import plugins, results
+from sucre_bench.arguments import checked
 from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.engine.job import make_ready, measured_restore
 from sucre_bench.engine.score import score_rows, scorers
@@ -59,6 +60,7 @@ class Restored(Restoration):
     def _repr_html_(self) -> str:
         return as_html(repr(self), {str(self.info.get("method", "")): self.picture})
 
+    @checked
     def save(self, path: str | Path) -> None:
         """Write the restored image with 8 bits and black holes. With the suffix .npz, write J, B, beta and gamma.
 
@@ -89,6 +91,7 @@ class Restored(Restoration):
             picture.show()
 
 
+@checked
 def load_scenes(name: str, **options: Any) -> Iterator[Scene]:
     """Return the scenes of a dataset. The first is opened at once, each other when its turn comes.
 
@@ -132,6 +135,7 @@ def load_scene(name: str, scene: str = "", **options: Any) -> Scene:
     return only
 
 
+@checked
 def restore(method: str | Any, scene: Scene, view: View | str | int, **options: Any) -> Restored:
     """Restore one view with a method.
 
@@ -159,7 +163,7 @@ def restore(method: str | Any, scene: Scene, view: View | str | int, **options: 
         method, label, how = method.make(), method.label, method.display
     if options:
         raise InputError("options given beside a method object", type(method).__name__, "give them when making it")
-    plugin: plugins.Plugin = method.__plugin__
+    plugin = plugins.plugin_of(method)
     if absent := plugins.missing_needs(plugin, scene.has):
         raise InputError(absent, plugin.name, "choose another method or dataset")
     how = how or plugin.display
@@ -187,6 +191,7 @@ def restore(method: str | Any, scene: Scene, view: View | str | int, **options: 
     return Restored(**{**known, "info": {**restoration.info, **about}}, display=how, encoding=view.encoding)
 
 
+@checked
 def score(
     result: Restoration, view: View, metrics: str | Sequence[str], how: str | None = None, dataset: str = ""
 ) -> DataFrame:
@@ -207,9 +212,6 @@ def score(
     >>> sorted(set(rows["metric"]) & {"psnr", "uciqe"})
     ['psnr', 'uciqe']
     """
-    if not isinstance(result, Restoration):
-        given = type(result).__name__
-        raise InputError(f"is no Restoration but {given}", "score(result)", "give Restoration(image), floats 0 to 1")
     if result.image.shape != view.rgb.shape:
         sizes = f"is {result.image.shape}, the view {view.rgb.shape}"
         raise InputError(sizes, "score(result)", "restore the view at its own size")

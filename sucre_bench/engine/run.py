@@ -27,6 +27,7 @@ from sucre_bench.jobs.lineup_of_results import record_line_up
 from sucre_bench.jobs.run_options import Study, Tracking
 from sucre_bench.machine import progress, provenance
 from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.outputs import check_results_folder
 from sucre_bench.machine.processes import terminated_as_interrupt
 from sucre_bench.machine.text_formats import keep_traceback, masked
 from sucre_bench.results.common_scores import read_common
@@ -99,6 +100,7 @@ def run(
     """
     with progress.live(), opening_once():
         command = compose_jobs.jobs(overrides, multirun)
+        check_results_folder(command.jobs[0].out)
         planned, first = check(command), command.jobs[0]
         _write_provenance(command, planned)
         _share_decoded(planned)

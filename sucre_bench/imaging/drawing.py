@@ -1,8 +1,15 @@
 """Draws captions into pictures, and maps of depth as pictures."""
 
+from __future__ import annotations
+
+from typing import IO, TYPE_CHECKING
+
 import numpy as np
 
 from sucre_bench.arrays import Array, Picture
+
+if TYPE_CHECKING:
+    import PIL.Image
 
 
 def captioned(picture: Picture, text: str, right: bool = False) -> Picture:
@@ -24,6 +31,18 @@ def captioned(picture: Picture, text: str, right: bool = False) -> Picture:
     place = slice(-words.shape[1], None) if right else slice(words.shape[1])
     marked[: words.shape[0], place] = words
     return marked
+
+
+def save_marked(file: IO[bytes], picture: PIL.Image.Image, suffix: str) -> None:
+    """Write a picture as a PNG or, for any other suffix, a JPEG, with a comment that sucre_bench wrote it."""
+    from PIL.PngImagePlugin import PngInfo
+
+    if suffix.lower() == ".png":
+        mark = PngInfo()
+        mark.add_text("Software", "sucre_bench")
+        picture.save(file, "PNG", pnginfo=mark)
+    else:
+        picture.save(file, "JPEG", quality=92, comment="sucre_bench")
 
 
 def depth_colours(depth: Array, near: float, far: float, unknown: int) -> np.ndarray:

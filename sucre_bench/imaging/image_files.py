@@ -45,6 +45,12 @@ def image_size(path: Path) -> tuple[int, int] | None:
     return header.size if header else None
 
 
+def size_of_bytes(data: bytes) -> tuple[int, int] | None:
+    """Return what `image_size` does, of a file's content."""
+    header = _header(io.BytesIO(data))
+    return header.size if header else None
+
+
 def size_of_only_page(path: Path) -> tuple[int, int] | None:
     """Return what `image_size` does; None for a TIFF of several pages, which may be layers of one array."""
     header = _header_of(path)

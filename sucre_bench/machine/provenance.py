@@ -84,12 +84,15 @@ def write(path: Path, content: dict[str, Any]) -> None:
 
 
 def read(path: Path) -> dict[str, Any] | None:
-    """Read an environment; None if the file does not exist or is no JSON."""
+    """Read an environment; None if the file does not exist or is not one that `write` wrote."""
     try:
         content: dict[str, Any] = json.loads(regular(path).read_text(encoding="utf-8"))
-    except (OSError, InputError, ValueError, RecursionError):
+        is_ours = set(content) >= {"command", "sucre_bench", "git_commit", "python", "seed"} and all(
+            isinstance(content[name], dict) for name in ("machine", "data", "packages")
+        )
+        return content if is_ours and isinstance(content["command"], list) else None
+    except (OSError, InputError, ValueError, TypeError, KeyError, RecursionError):
         return None
-    return content
 
 
 # -- hashes of code ------------------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ from sucre_bench.plugins.plugin import (
     PairMetric,
     Plugin,
     missing_needs,
+    plugin_of,
 )
 from sucre_bench.plugins.registry import (
     Registry,
@@ -57,6 +58,7 @@ __all__ = [
     "method",
     "metric",
     "missing_needs",
+    "plugin_of",
     "snake_case",
     "unknown",
     "usable",

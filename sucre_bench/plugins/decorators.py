@@ -5,9 +5,15 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import is_dataclass
 from typing import Any, Literal, TypeVar, get_args
 
+from sucre_bench.arguments import checked
 from sucre_bench.errors import PluginError, did_you_mean
 from sucre_bench.imaging.display import normalisation
+<<<<<<< HEAD
 from sucre_bench.plugins.plugin import NEEDS, Better, Fault, Kind, Plugin, Role
+=======
+from sucre_bench.plugins.plugin import NEEDS, Better, Kind, Plugin, Role
+from sucre_bench.scene import HAS
+>>>>>>> 063698e (Public functions check their arguments, outputs replace only files of sucre_bench, and votes need six people)
 
 _C = TypeVar("_C", bound=type[Any])
 
@@ -30,6 +36,7 @@ def _decorator(kind: Kind, name: str, needs: Iterable[str], **about: Any) -> Cal
     return attach
 
 
+@checked
 def method(
     *,
     name: str = "",
@@ -82,6 +89,7 @@ def method(
     return _decorator("method", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)
 
 
+@checked
 def dataset(
     *,
     name: str = "",
@@ -120,11 +128,14 @@ def dataset(
     >>> GreenTank.__plugin__.name
     'green_tank'
     """
-    about: dict[str, Any] = {"source": source, "has": frozenset(has), "charts_file": charts_file}
+    if unknown := (has := frozenset(has)) - HAS:
+        raise PluginError(f"unknown has {sorted(unknown)}", "dataset", did_you_mean(min(unknown), HAS))
+    about: dict[str, Any] = {"source": source, "has": has, "charts_file": charts_file}
     about["signs"] = tuple(signs)
     return _decorator("dataset", name, (), requires=tuple(requires), cites=cites, licence=licence, **about)
 
 
+@checked
 def metric(
     *,
     variants: Mapping[str, str],

@@ -16,7 +16,7 @@ from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-from sucre_bench.errors import InputError, did_you_mean, unknown_name
+from sucre_bench.errors import InputError, did_you_mean, shown_value, unknown_name
 from sucre_bench.imaging.display import normalisation
 from sucre_bench.machine.files import expanded, fault_of
 from sucre_bench.machine.packages import require
@@ -103,8 +103,7 @@ def checked_options(cls: Any, given: Mapping[str, Any], place: str = "") -> dict
             raise unknown_name(where, name, known)
         kind, value = known[name].type, typed(known[name].type, value)
         if not fits(kind, value):
-            text = f"'{value}'" if isinstance(value, str) else repr(value)
-            raise InputError(f"{text} is not {_NOUNS.get(kind, kind)}", where, remedy)
+            raise InputError(f"{shown_value(value)} is not {_NOUNS.get(kind, kind)}", where, remedy)
         each = value if isinstance(value, (list, tuple)) else [value]
         # Options of a run have ranges, which name the numbers that are allowed.
         if plugin and not all(math.isfinite(one) for one in each if isinstance(one, float)):

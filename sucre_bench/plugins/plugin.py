@@ -9,9 +9,9 @@ from types import UnionType
 from typing import Any, Literal, Protocol, Union, get_args, get_origin
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import Lack
+from sucre_bench.errors import InputError, Lack
 from sucre_bench.restored_pair import RestoredPair
-from sucre_bench.scene import Restoration, Scene, Score, View
+from sucre_bench.scene import HAS, Restoration, Scene, Score, View
 
 Better = Literal["higher", "lower", "none"]
 
@@ -48,7 +48,7 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 
 # What a scene may offer, and what only metrics need: "restoration", where just any picture makes no sense;
 # "restored_views", where two restored views of a scene are scored together, see `PairMetric`.
-NEEDS = frozenset({"depth", "poses", "reference", "charts", "truth", "restoration", "restored_views"})
+NEEDS = HAS | {"restoration", "restored_views"}
 
 
 @dataclass(frozen=True)
@@ -172,6 +172,15 @@ class Plugin:
     def summary(self) -> str:
         """The first sentence of the class's docstring."""
         return (inspect.getdoc(self.cls) or "").split("\n\n")[0].replace("\n", " ")
+
+
+def plugin_of(made: object) -> Plugin:
+    """Return the plugin that an object is made of. Raises InputError for an object of any other class."""
+    plugin = getattr(made, "__plugin__", None)
+    if not isinstance(plugin, Plugin) or isinstance(made, type):
+        fault = f"is {made.__name__ if isinstance(made, type) else type(made).__name__}"
+        raise InputError(fault, "method", "pass a name, or an object of a class under @method")
+    return plugin
 
 
 def fits(annotation: Any, value: Any) -> bool:

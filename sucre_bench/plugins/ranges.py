@@ -2,7 +2,7 @@
 
 from typing import Any, get_args, get_origin
 
-from sucre_bench.errors import InputError, is_number_in
+from sucre_bench.errors import InputError, is_number_in, shown_value
 from sucre_bench.plugins.options import options_of
 
 
@@ -23,5 +23,5 @@ def check_ranges(options: Any, place: str | None = None, /, **ranges: str) -> No
                 continue
             before = type(options).__plugin__.name if place is None else place
             noun = ("" if is_many else "a ") + ("whole number" if is_whole else "number") + "s" * is_many
-            fault, remedy = f"{value!r}", f"give {noun} in {interval}{' or none' * is_optional}"
+            fault, remedy = shown_value(value), f"give {noun} in {interval}{' or none' * is_optional}"
             raise InputError(fault, f"{before}.{option}" if before else option, remedy)

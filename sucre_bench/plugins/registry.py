@@ -19,6 +19,7 @@ from pathlib import Path
 from types import ModuleType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
+from sucre_bench.arguments import checked
 from sucre_bench.errors import ANY_FAULT, PluginError, UnknownPluginError, did_you_mean, one_line, raise_if_stop
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 
@@ -60,6 +61,7 @@ def current() -> Registry:
     return _current.get()
 
 
+@checked
 def load_file(path: str | Path) -> list[Plugin]:
     """Register the plugins of one Python file, and return them in its order.
 

@@ -7,6 +7,7 @@ these metrics is computed on the images, also of the images at 256x256, and comp
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -24,9 +25,8 @@ from sucre_bench.machine.files import regular
 from sucre_bench.machine.text_formats import counted
 
 # Words that a column is headed by whose cells name images, or folders of them.
-_NAMES = frozenset(
-    ["image", "img", "images", "name", "file", "filename", "picture", "view", "method", "folder", "model"]
-)
+_OF_IMAGES = frozenset(["image", "img", "images", "file", "filename", "picture", "view"])
+_NAMES = _OF_IMAGES | {"name", "method", "folder", "model"}
 _SIZES = ("@256", "@256-bilinear", "@256-nearest")  # at which papers score, see `imaging.resizing`
 
 # A variant gives the published numbers if 95 % of them agree to the printed digits or to 2 in 10,000, and all to 1 %:
@@ -159,8 +159,12 @@ def _number(text: str) -> tuple[float, float] | None:
     found = re.match(r"[+-]?\d+([.,]\d+)?([eE][+-]?\d+)?", text.replace("\N{MINUS SIGN}", "-"))
     if not found:
         return None
-    number = Decimal(found[0].replace(",", "."))
-    return float(number), 0.5 * 10.0 ** int(number.as_tuple().exponent)
+    try:
+        number = Decimal(found[0].replace(",", "."))
+        value, rounding = float(number), 0.5 * 10.0 ** int(number.as_tuple().exponent)
+    except ArithmeticError:  # of thousands of digits
+        return None
+    return (value, rounding) if math.isfinite(value) else None
 
 
 class _Naming:
@@ -175,9 +179,11 @@ class _Naming:
             for folder in (*path.parent.parts, str(path.parent), root.resolve().name):
                 self._folders[folder.casefold()].add(name)
         known = {*self._files, *self._folders}
-        likely = [h for h in headers if _NAMES & set(re.findall(r"[a-z]+", h.lower()))] or headers
+        words = {header: set(re.findall(r"[a-z]+", header.lower())) for header in headers}
+        likely = [header for header in headers if _NAMES & words[header]] or headers
         self._headers = [header for header in likely if any(row[header].casefold() in known for row in rows)]
-        self._order = tuple(images) if self._headers or len(rows) == 1 else ()
+        is_of_all = len(rows) == 1 and not any(_OF_IMAGES & words[header] for header in headers)
+        self._order = tuple(images) if self._headers or is_of_all else ()
 
     def label(self, row: Mapping[str, str]) -> str:
         """Return how to call a row."""

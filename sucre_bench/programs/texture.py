@@ -28,7 +28,7 @@ import numpy.typing as npt
 from sucre_bench.arrays import Array, Mask, Picture, evenly
 from sucre_bench.camera import Camera, moved, unproject
 from sucre_bench.engine.reopen_results import Frame
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, check_number
 from sucre_bench.imaging.drawing import captioned
 from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.machine.files import write_atomically
@@ -93,6 +93,8 @@ def choose_cells(frames: Sequence[Frame], voxel: float | None = None, *, most_ce
     if not known:
         raise InputError("texture: no view has camera, pose and depth; choose a dataset that has them")
     footprint = float(np.median(known))
+    if voxel is not None:
+        check_number("--voxel", voxel, "(0, 1000]")
     if voxel is not None and voxel < _FINEST * footprint:
         fault = f"finer than the views, whose pixels show {footprint:.2g} m"
         raise InputError(f"--voxel {voxel:g}: {fault}; give {_FINEST * footprint:.2g} or more")
@@ -207,7 +209,7 @@ def mean_up(views: Sequence[View]) -> Array:
 def _ply(model: Model) -> bytes:
     vertices = np.empty(len(model.points), [("xyz", "<f4", 3), ("rgb", "u1", 3)])
     vertices["xyz"], vertices["rgb"] = model.points, model.colours
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    header = ["ply", "format binary_little_endian 1.0", "comment sucre_bench", f"element vertex {len(vertices)}"]
     header += [f"property float {name}" for name in "xyz"]
     header += [f"property uchar {name}" for name in ("red", "green", "blue")]
     faces = np.empty(len(model.triangles), [("count", "u1"), ("corners", "<i4", 3)])

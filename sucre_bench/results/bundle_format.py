@@ -250,7 +250,7 @@ def _described(bundle: Bundle, manifest: bytes) -> Bundle:
             for where in ("inside", "outside")
         ]
         by, version = str(told["by"])[:200], str(told["sucre_bench"])[:40]
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as fault:
+    except (ValueError, OverflowError, KeyError, TypeError, AttributeError, RecursionError) as fault:
         raise InputError(f"{MANIFEST} is not one of ours ({one_line(fault)})", bundle.path, "bundle again") from fault
     return replace(bundle, id=_id(manifest), by=by, version=version, inside=hashes[0], outside=hashes[1])
 

@@ -76,22 +76,6 @@ class Place:
         return _inside(out / "references" / self.dataset, f"{self.stem}.jpg")
 
 
-# What the commands write into a results folder; lineup.yaml, and files that a user puts there, are not among it.
-_FILES = frozenset({"scores.parquet", "common.parquet", "config.yaml", "environment.json", "mlflow.db"})
-_FOLDERS = frozenset({"parts", "restored", "masks", "views", "references", "report", "people", "tables", "figures"})
-_FOLDERS |= {"logs", ".pairs", ".decoded", ".at-work", "mlartifacts"}
-
-
-def is_own_part(path: Path) -> bool:
-    """Whether a path is, or lies in, something that the commands keep in a results folder."""
-    path = path.resolve()
-    for folder in path.parents:
-        if (folder / "scores.parquet").is_file() or (folder / "parts").is_dir():
-            first, *rest = path.relative_to(folder).parts
-            return first in _FOLDERS if rest else first in _FILES
-    return False
-
-
 @functools.lru_cache(maxsize=1024)
 def _folder(out: Path, kind: str, dataset: str, method: str) -> Path:
     """The folder of a method's files, which the thousands of views of a dive share."""

@@ -11,7 +11,9 @@ from dataclasses import dataclass, field, fields
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Literal
 
+from sucre_bench.arguments import checked
 from sucre_bench.arrays import DataFrame
+from sucre_bench.errors import InputError
 from sucre_bench.machine.text_formats import now
 
 if TYPE_CHECKING:
@@ -160,15 +162,23 @@ By = Literal["method", "view", "region"]
 COSTS = ("seconds", "peak_mb")
 
 
-def csv_text(table: DataFrame) -> str:
+_FORMULA = ("=", "+", "-", "@")  # how it begins
+
+
+def csv_text(table: DataFrame, for_spreadsheets: bool = False) -> str:
     """Return a table as CSV without its index, lines ending in one newline. NaN: an empty cell.
+
+    for_spreadsheets: put an apostrophe before text that a spreadsheet would take for a formula, such as "=1+1".
 
     pandas alone writes numbers as numpy prints them, and packages alter that for a whole process: importing
     colour-science leaves 12 digits of 17.
     """
+    if for_spreadsheets:
+        table = table.map(lambda cell: f"'{cell}" if isinstance(cell, str) and cell.startswith(_FORMULA) else cell)
     return str(table.to_csv(index=False, lineterminator="\n", float_format=float.__repr__))
 
 
+@checked
 def wide(rows: DataFrame) -> DataFrame:
     """Return scores with one row for each view and method, and one column for each metric.
 
@@ -185,6 +195,9 @@ def wide(rows: DataFrame) -> DataFrame:
     >>> float(wide(rows)["psi"].iloc[0])
     5.0
     """
+    needed = (*KEYS, "metric", "variant", "region", "value", "status")
+    if absent := [name for name in needed if name not in getattr(rows, "columns", ())]:
+        raise InputError(f"has no column '{absent[0]}'", "wide(rows)", "pass the table that sucre_bench.score returns")
     scores = rows[(rows["status"] == "ok") & ~rows["region"].str.contains("/", regex=False)]
     several = rows.groupby("metric")["variant"].nunique() > 1
     full = scores["metric"] + ":" + scores["variant"]

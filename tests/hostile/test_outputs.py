@@ -47,7 +47,7 @@ CASES: dict[str, tuple[str, str, str]] = {
         "part of a results folder.*elsewhere",
     ),
     "a contact sheet over a view": (
-        "describe colmap dataset.root=dive --sheet dive/images/a.png",
+        "describe colmap dataset.root=dive --sheet dive/images/a.png --force",
         "dive/images/a.png",
         "input.*another file",
     ),
@@ -70,12 +70,38 @@ CASES: dict[str, tuple[str, str, str]] = {
     ),
     "a surface into a pipe": ("texture results pipe.ply --method clahe", "pipe.ply", "pipe"),
     "a picture of the surface over a view": (
-        "texture results surface.ply --method clahe --picture dive/images/a.png",
+        "texture results surface.ply --method clahe --picture dive/images/a.png --force",
         "dive/images/a.png",
         "input",
     ),
     "a video into a device": ("video results device.mp4 --methods clahe", "device.mp4", "device"),
     "the numbers of a video into a pipe": ("video results dive.mp4 --methods clahe", "dive.mp4.json", "pipe"),
+    "scores over a table of others": (
+        "score dive/images --metrics uciqe --csv theirs.csv",
+        "theirs.csv",
+        "did not write",
+    ),
+    "a study over a page of others": (
+        "study results --methods gray_world,clahe --out theirs.html",
+        "theirs.html",
+        "did not write.*--force",
+    ),
+    "a line-up over a file of others": ("lineup results --out theirs.yaml", "theirs.yaml", "did not write"),
+    "a contact sheet over a photograph of others": (
+        "describe colmap dataset.root=dive --sheet theirs.png",
+        "theirs.png",
+        "did not write",
+    ),
+    "a video over footage": ("video results theirs.mp4 --methods clahe", "theirs.mp4", "did not write"),
+    "a surface over a model of others": ("texture results theirs.ply --method clahe", "theirs.ply", "did not write"),
+    "a bundle over an archive of others": ("bundle results theirs.zip", "theirs.zip", "did not write"),
+    "a board over a home page": ("site bundles home", "home/index.html", "did not write"),
+    "a board over an archive of others": ("site bundles archive", "archive/bundles/one.zip", "did not write"),
+    "results over the files of a project": (
+        "run dataset=colmap dataset.root=dive method=clahe out=project",
+        "project/config.yaml",
+        "did not write.*out=",
+    ),
     "a board over the report": ("site bundles results/report", "results/report/index.html", "part of a results folder"),
 }
 
@@ -91,6 +117,10 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert run_here(place, "bundle", "results", "bundles/one.zip").returncode == 0
     (place / "published.csv").write_text("image,uciqe\na.png,0.5\nb.png,0.6\n")
     (place / "link.csv").symlink_to("published.csv")
+    others = [f"theirs.{suffix}" for suffix in ("csv", "html", "yaml", "png", "mp4", "ply", "zip")]
+    for name in (*others, "home/index.html", "archive/bundles/one.zip", "project/config.yaml"):
+        (place / name).parent.mkdir(parents=True, exist_ok=True)
+        (place / name).write_text("years of work\n")
     return place
 
 
@@ -127,6 +157,10 @@ def _state(path: Path) -> tuple[int, int, bytes]:
         "score dive/images --metrics uciqe --csv out.csv",
         "study results --methods gray_world,clahe --out results/study.html",
         "describe colmap dataset.root=dive --sheet out.png",
+        "describe colmap dataset.root=dive --sheet out.jpg",
+        "video results out.mp4 --methods clahe",
+        "texture results out.ply --method clahe --picture surface.png",
+        "texture results out.glb --method clahe",
         "lineup results",
         "bundle results results/out.zip",
         "site bundles out",
@@ -136,6 +170,23 @@ def test_a_command_replaces_what_it_wrote_before(place: Path, command: str):
     for _ in range(2):
         done = run_here(place, *command.split())
         assert done.returncode == 0, done.stderr
+
+
+def test_force_writes_over_a_file_of_others(place: Path):
+    done = run_here(place, "score", "dive/images", "--metrics", "uciqe", "--csv", "theirs.csv", "--force")
+    assert done.returncode == 0
+    assert (place / "theirs.csv").read_text().startswith("dataset,")
+
+
+@pytest.mark.parametrize("command", ["report results", "run dataset=colmap dataset.root=dive method=clahe out=results"])
+def test_nothing_is_written_where_a_link_leads_out_of_the_results(place: Path, command: str):
+    (place / "results/report").rename(place / "elsewhere")
+    (place / "results/report").symlink_to("../elsewhere")
+    before = _state(place / "elsewhere/index.html")
+    done = run_here(place, *command.split())
+    assert done.returncode == 2
+    assert "results/report: leads out of the results folder; " in done.stderr
+    assert _state(place / "elsewhere/index.html") == before
 
 
 def test_what_is_no_file_is_not_replaced_by_one(tmp_path: Path):

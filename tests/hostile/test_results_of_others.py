@@ -116,6 +116,15 @@ def test_a_bundle_publishes_nothing_that_a_link_leads_to(place: Path, name: str)
     assert not (place / "out.zip").exists()
 
 
+@pytest.mark.parametrize("name", ["report", "study", "track", "video", "texture"])
+def test_no_page_log_or_picture_shows_what_a_link_leads_to(place: Path, name: str):
+    (place / "theirs/restored/colmap/clahe/a.png").unlink()
+    (place / "theirs/restored/colmap/clahe/a.png").symlink_to(place / "mine/restored/colmap/gray_world/a.png")
+    done = run_here(place, *COMMANDS[name].split(), *(["--plugin", "evil.py"] if name in OF_CONFIG else []))
+    assert done.returncode == 2
+    assert "a.png: leads out of the results folder; " in done.stderr
+
+
 def test_a_bundle_of_a_folder_that_is_reached_by_a_link_is_made(place: Path):
     (place / "elsewhere").symlink_to("mine")
     assert run_here(place, "bundle", "elsewhere", "out.zip", "--pictures", "all").returncode == 0
@@ -135,7 +144,7 @@ def test_yaml_that_stands_for_more_than_it_is_long_is_refused_by_each_reader(pla
     assert done.returncode == 2
     assert "config.yaml: is no run's configuration" in done.stderr
     (place / "mine/lineup.yaml").write_text(BOMB)
-    done = run_here(place, "lineup", "mine")
+    done = run_here(place, "lineup", "mine", "--out", "-")
     assert done.returncode == 2
     assert "lineup.yaml: line 2: is no plain YAML, *a is an alias" in done.stderr
     assert run_here(place, "report", "mine").returncode == 0

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from sucre_bench import plugins
+from sucre_bench.arguments import checked
 from sucre_bench.errors import ANY_FAULT, InputError, NotApplicableError, SucreBenchError, one_line
 from sucre_bench.machine.packages import absent
 from sucre_bench.plugins.options import create, options_of
@@ -190,6 +191,7 @@ def check_rule(subject: Subject, rule: Rule, obstacle: str = "") -> Outcome:
     return Outcome(name, says, findings, time.perf_counter() - started, skipped)
 
 
+@checked
 def breaches(kind: Kind, name: str, **options: Any) -> list[str]:
     """Check a plugin against the contract, for its own test. Return one line for each breach.
 

@@ -13,7 +13,7 @@ import numpy as np
 from sucre_bench.arrays import Array, evenly
 from sucre_bench.engine.select_views import Selection
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.drawing import depth_colours
+from sucre_bench.imaging.drawing import depth_colours, save_marked
 from sucre_bench.machine.files import expanded, regular
 from sucre_bench.machine.progress import track
 from sucre_bench.programs.describe.exposure import Exposure, NoExposure, estimate_exposure
@@ -119,7 +119,7 @@ class Described:
             caption = f"{facts.name}   depth on {facts.coverage:.0%}" if facts.has_depth else facts.name
             pen.text((x, y + height + 2), caption[-80:], fill="black", font=font)
         content = io.BytesIO()
-        sheet.save(content, "PNG" if suffix.lower() == ".png" else "JPEG", quality=92)
+        save_marked(content, sheet, suffix)
         return content.getvalue()
 
 

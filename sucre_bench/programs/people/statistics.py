@@ -2,13 +2,14 @@
 
 The model: a person prefers method i to j with probability 1 / (1 + exp(s_j - s_i)) (Bradley and Terry 1952). Scores are
 log-odds with mean 0. A tie counts half a vote each way. The fit is that of the library choix (iterative Luce spectral
-ranking, Maystre and Grossglauser 2015), regularised as if each pair had a tenth of a vote more each way, so that a
-method that won or lost every vote has a finite score.
+ranking, Maystre and Grossglauser 2015). As in Firth's method (1993), which for two methods adds half a vote each way,
+each of M methods has 1 / M of a vote more for and against each other one. So a method that won every vote has a finite
+score, and an interval.
 
-An interval is the score +- 1.96 bootstrap standard errors. In simulations of 60 to 200 votes it held the true score in
-95 to 98 % of studies, percentiles of the bootstrap in 90 to 95 %. From six observers on, whole observers are drawn:
-their votes are not independent, and the interval is for people like them. With fewer, votes are drawn, and the interval
-is for these observers alone. Few votes, and votes that all agree, get no interval: `want`.
+An interval is the score +- Student's t times the bootstrap's standard error over observers, or 1.96 times that of the
+model if it is greater: votes that all agree give the bootstrap no spread. In simulations of two and four equal methods,
+with observers who differ by 0.7 in log-odds or not at all, at most 5 % of studies with 6 observers and 30 votes had a
+false lead, and up to 32 % of those with 3 to 5 observers. These get no interval, see `want`.
 """
 
 from __future__ import annotations
@@ -25,10 +26,7 @@ from sucre_bench.machine.text_formats import counted
 
 Numbers = npt.NDArray[np.intp]
 
-FEWEST_OBSERVERS = 6  # to draw whole observers
-# With fewer votes, votes of fewer people, or votes that all agree a bootstrap has hardly a spread, whatever is true.
-_FEWEST_VOTES, _FEWEST_PEOPLE = 20, 3
-_PRIOR = 0.1
+_FEWEST_VOTES, _FEWEST_PEOPLE = 30, 6
 _RESAMPLES = 500
 _LEVEL = 0.95
 
@@ -69,22 +67,20 @@ class Votes:
 class Preferences:
     """Scores (M,) in log-odds, mean 0; low, high: (M,) ends of their 95 % intervals, NaN without them.
 
-    want: what is missing for intervals, empty if they are there; resampled: (R, M) scores of the bootstrap;
-    over_observers: whether it drew observers, else votes; widening: how many standard errors half an interval has.
+    want: what is missing for intervals, empty if they are there; resampled: (R, M) scores of the bootstrap over
+    observers; half: (M, M) half the interval of each difference.
     """
 
     scores: Array
     low: Array
     high: Array
     resampled: Array
-    over_observers: bool
-    widening: float
+    half: Array
     want: str
 
     def difference(self, i: int, j: int) -> tuple[float, float, float]:
         """Return the score of i less that of j, and the ends of its 95 % interval, NaN without one."""
-        gap = float(self.scores[i] - self.scores[j])
-        half = self.widening * float((self.resampled[:, i] - self.resampled[:, j]).std())
+        gap, half = float(self.scores[i] - self.scores[j]), float(self.half[i, j])
         return gap, gap - half, gap + half
 
 
@@ -93,9 +89,25 @@ def fit(votes: Votes, start: Array | None = None) -> Array:
     import choix
 
     begin = None if start is None else np.array(start, dtype=np.float64)
-    wins = votes.wins.astype(np.float64)
-    scores = choix.ilsr_pairwise_dense(wins, alpha=_PRIOR, initial_params=begin, tol=1e-6)
+    scores = choix.ilsr_pairwise_dense(_more_than_wins(votes), initial_params=begin, tol=1e-6)
     return np.asarray(np.round(scores - scores.mean(), 9))  # the fit has no further digits; equal methods are equal
+
+
+def _more_than_wins(votes: Votes) -> npt.NDArray[np.float64]:
+    """Return the votes (M, M) for each method against each other one, with 1 / M more."""
+    wins = np.asarray(votes.wins + 1 / votes.methods, dtype=np.float64)
+    np.fill_diagonal(wins, 0)
+    return wins
+
+
+def _model_covariance(votes: Votes, scores: Array) -> Array:
+    """Return the covariance (M, M) of scores as the model has it: the inverse of the information in all votes."""
+    wins = _more_than_wins(votes)
+    chance = 1 / (1 + np.exp(scores - scores[:, None]))
+    information = -(wins + wins.T) * chance * (1 - chance)
+    information -= np.diag(information.sum(axis=1))
+    mean = 1 / votes.methods  # the information knows no mean of all scores, which is 0
+    return np.asarray(np.linalg.inv(information + mean) - mean)
 
 
 def preferences(votes: Votes, resamples: int = _RESAMPLES) -> Preferences:
@@ -105,28 +117,24 @@ def preferences(votes: Votes, resamples: int = _RESAMPLES) -> Preferences:
     """
     from scipy.special import stdtrit
 
-    scores = fit(votes)
-    rng = np.random.default_rng(0)
-    observers = np.unique(votes.observer)
-    over_observers = len(observers) >= FEWEST_OBSERVERS
-    n = len(observers) if over_observers else len(votes)
-    groups = [np.flatnonzero(votes.observer == one) for one in observers]
+    scores, rng = fit(votes), np.random.default_rng(0)
+    observers, which = np.unique(votes.observer, return_inverse=True)
+    n, groups = len(observers), [np.flatnonzero(which == one) for one in range(len(observers))]
     resampled = np.empty((resamples, votes.methods))
-    for r in range(resamples):
-        some = rng.integers(n, size=n)
-        drawn = np.concatenate([groups[observer] for observer in some]) if over_observers else some
-        resampled[r] = fit(votes.of(drawn), scores)
-
-    wins, want = votes.wins, ""
-    if len(votes) < _FEWEST_VOTES or len(observers) < _FEWEST_PEOPLE:
-        these = f"these are {counted(len(votes), 'vote')} of {len(observers)}"
+    for r in range(resamples):  # whole observers, whose votes are not independent
+        resampled[r] = fit(votes.of(np.concatenate([groups[one] for one in rng.integers(n, size=n)])), scores)
+    want = ""
+    if len(votes) < _FEWEST_VOTES or n < _FEWEST_PEOPLE:
+        these = f"these are {counted(len(votes), 'vote')} of {n}"
         want = f"{_FEWEST_VOTES} votes of {_FEWEST_PEOPLE} people are needed, {these}"
-    elif ((wins == 0) | (wins.T == 0)).all() or (votes.won == 0.5).all():
-        want = "all votes agree; ask more people, and for more views"
-    # Student's for n independent units, and the bootstrap's own bias undone.
+    # Student's for n independent observers, and the bootstrap's own bias undone.
     widening = math.nan if want else float(stdtrit(n - 1, (1 + _LEVEL) / 2)) * math.sqrt(n / (n - 1))
-    half = widening * resampled.std(axis=0)
-    return Preferences(scores, scores - half, scores + half, resampled, over_observers, widening, want)
+    model, normal = _model_covariance(votes, scores), float(stdtrit(math.inf, (1 + _LEVEL) / 2))
+    variances = np.diag(model)
+    of_model = normal * np.sqrt(np.maximum(variances + variances[:, None] - 2 * model, 0))
+    half = np.maximum(widening * (resampled[:, :, None] - resampled[:, None]).std(axis=0), of_model)
+    alone = np.maximum(widening * resampled.std(axis=0), normal * np.sqrt(variances))
+    return Preferences(scores, scores - alone, scores + alone, resampled, half, want)
 
 
 def pseudo_values(votes: Votes, n_views: int) -> Array:
@@ -200,8 +208,8 @@ def krippendorff(units: Sequence[Sequence[float]]) -> float:
 def metric_agreement(scores: Array, is_lower_better: bool, votes: Votes, people: Preferences) -> MetricAgreement:
     """Return how a metric agrees with people.
 
-    scores: (V, M) of each view and method, NaN = none. The interval is of a bootstrap over votes (or observers) and
-    over views, both drawn anew.
+    scores: (V, M) of each view and method, NaN = none. The interval is of a bootstrap over observers and over
+    views, both drawn anew.
     """
     better = -scores if is_lower_better else scores
     known = better[np.isfinite(better).all(axis=1)]

@@ -16,13 +16,13 @@ from sucre_bench.arrays import Array, DataFrame, Mask
 from sucre_bench.compare import Pixels
 from sucre_bench.engine.score import Scorer
 from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError
-from sucre_bench.imaging.image_files import decode_bytes
+from sucre_bench.imaging.image_files import decode_bytes, size_of_bytes
 from sucre_bench.machine import progress
 from sucre_bench.plugins.call_method import with_truth
 from sucre_bench.programs.verify import TOLERANCE
 from sucre_bench.programs.verify.open_data import Scenes, open_data
 from sucre_bench.programs.verify.score_again import Pictured, metrics_of
-from sucre_bench.results.bundle_format import COMMON, SCORES, Bundle
+from sucre_bench.results.bundle_format import COMMON, LIMITS, SCORES, Bundle
 from sucre_bench.results.common_scores import COMMON_PIXELS, common_frame, common_pixels, filled_restorations
 from sucre_bench.results.layout import possible_places
 from sucre_bench.results.reasons import Reason, brief
@@ -144,6 +144,10 @@ def _picture(bundle: Bundle, name: str) -> Array:
     content = bundle.read(name)
     if not content.startswith(_PNG if name.endswith(".png") else (_PNG, _JPEG)):
         raise InputError(f"{name}: is no PNG or JPEG", bundle.path, "ask who made the bundle for another")
+    width, height = size_of_bytes(content) or (0, 0)
+    if 3 * width * height > max(1 << 20, LIMITS.ratio * len(content)):
+        fault = f"{name}: would decode to {3 * width * height / 1e6:.0f} MB, far more than its size"
+        raise InputError(fault, bundle.path, "ask who made the bundle for another")
     try:
         stored = decode_bytes(content, cv2.IMREAD_COLOR, name)[..., ::-1]
     except InputError as fault:

@@ -141,7 +141,8 @@ def _tables(results: StudyResults) -> Iterator[tuple[str, str]]:
     if study.along:
         tables = [table for each in results.followed for table in each.comparisons]
         sentences = ""  # the tables against a baseline have the differences
-        csv = csv_text(pd.DataFrame([record for each in results.followed for record in each.records()]))
+        records = [record for each in results.followed for record in each.records()]
+        csv = csv_text(pd.DataFrame(records), for_spreadsheets=True)
     else:
         tables = results.comparisons
         sentences = "".join(f"- {verdict_text(table, each)}\n" for table in tables for each in verdicts(table))

@@ -1,0 +1,128 @@
+"""Checks what a Python script passes to public functions and classes: a wrong argument is one line that names it."""
+
+import functools
+import inspect
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
+from dataclasses import fields
+from numbers import Integral, Real
+from pathlib import Path
+from types import SimpleNamespace, UnionType
+from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from sucre_bench.errors import InputError, shown_value
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+_WORDS = {str: "text", int: "a whole number", float: "a number", bool: "True or False", type(None): "None"}
+_WORDS |= {Mapping: "a dict", Path: "a path"}
+
+
+def checked(call: Callable[P, T]) -> Callable[P, T]:
+    """Decorate a public function: what does not fit its parameters is an InputError, see `check_argument`."""
+    signature, name = inspect.signature(call), call.__qualname__
+
+    @functools.cache
+    def hints() -> dict[str, Any]:
+        named = {one.name: one.annotation for one in signature.parameters.values() if one.annotation is not one.empty}
+        return get_type_hints(SimpleNamespace(__annotations__=named), inspect.unwrap(call).__globals__)
+
+    @functools.wraps(call)
+    def checking(*args: P.args, **kwargs: P.kwargs) -> T:
+        try:
+            given = signature.bind(*args, **kwargs).arguments
+        except TypeError as fault:
+            raise InputError(str(fault), name, f"see help({name})") from fault
+        for parameter, hint in hints().items():
+            if parameter in given and signature.parameters[parameter].kind is not inspect.Parameter.VAR_KEYWORD:
+                check_argument(f"{name}({parameter})", given[parameter], hint)
+        return call(*args, **kwargs)
+
+    return checking
+
+
+def check_fields(made: Any) -> None:
+    """Raise InputError for a field of a dataclass whose value does not fit, see `check_argument`."""
+    cls: Any = type(made)
+    for name, hint in _hints(cls).items():
+        check_argument(f"{cls.__name__}.{name}", getattr(made, name), hint)
+
+
+@functools.cache
+def _hints(cls: type) -> dict[str, Any]:
+    hints = get_type_hints(cls)
+    return {one.name: hints[one.name] for one in fields(cls)}
+
+
+def check_argument(place: str, value: object, hint: Any) -> None:
+    """Raise InputError unless a value fits a type: None fits no text, a text is no list. place: as the user typed it.
+
+    Arrays are looked at by `array_of`.
+    """
+    if not _fits(value, hint):
+        raise InputError(f"is {shown_value(value)}", place, f"pass {_wording(hint)}")
+
+
+def _fits(value: object, hint: Any) -> bool:
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        return any(_fits(value, one) for one in inner)
+    if origin is Literal:
+        return isinstance(value, str) and value in inner
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        if not isinstance(value, Mapping):
+            return False
+        return all(_fits(key, inner[0]) and _fits(one, inner[1]) for key, one in value.items())
+    if origin is tuple:
+        kinds = inner[:1] * len(value) if isinstance(value, tuple) and inner[-1] is ... else inner
+        return isinstance(value, tuple) and len(value) == len(kinds) and all(map(_fits, value, kinds))
+    if isinstance(origin, type) and issubclass(origin, Iterable) and origin.__module__ != "numpy":
+        kind: Any = Set if origin is frozenset else origin
+        ndim, is_any = getattr(value, "ndim", 1), isinstance(inner[0], TypeVar)
+        if not isinstance(value, kind) or isinstance(value, (str, bytes, Mapping)):
+            return False
+        if ndim != 1 and not (ndim and is_any):
+            return False
+        # What an iterator yields is seen when it is used.
+        return is_any or isinstance(value, Iterator) or all(_fits(one, inner[0]) for one in value)
+    if hint in (int, float):
+        return isinstance(value, Integral if hint is int else Real) and not isinstance(value, bool)
+    is_class = isinstance(hint, type) and origin is None and not getattr(hint, "_is_protocol", False)
+    return hint is Any or not is_class or isinstance(value, hint)
+
+
+def _wording(hint: Any) -> str:
+    """What to pass for a type: "a Scene", "text or None"."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        return " or ".join(dict.fromkeys(map(_wording, inner)))
+    if origin is Literal:
+        return " or ".join(map(repr, inner))
+    if isinstance(origin, type) and not issubclass(origin, Mapping):
+        return "a set of text" if issubclass(origin, Set) else f"a list of {_wording(inner[0])}"
+    kind = Mapping if origin else hint
+    return _WORDS.get(kind, f"a {getattr(kind, '__name__', kind)}")
+
+
+def array_of(place: str, value: Any, shape: tuple[int | str, ...], finite: bool = False, kinds: str = "f") -> Any:
+    """Return a value as a NumPy array of numbers of this shape. Letters stand for any length but 0: ("H", "W", 3).
+
+    kinds: of numbers, as `numpy.dtype.kind`. Raises InputError for another shape, other numbers, and if finite is True
+    for NaN and infinity. place: as the user typed it.
+    """
+    import numpy as np
+
+    lengths = ", ".join(map(str, shape)) + "," * (len(shape) == 1)
+    remedy = f"pass {'finite ' if finite else ''}floats of shape ({lengths})"
+    try:
+        array = np.asarray(value)
+    except Exception as fault:  # of a list of lists of other lengths, or another library's array on a GPU
+        raise InputError(f"is a {type(value).__name__} that is no array", place, remedy) from fault
+    pairs = zip(array.shape, shape, strict=False)
+    if array.ndim != len(shape) or not all(n == want or (isinstance(want, str) and n) for n, want in pairs):
+        raise InputError(f"has shape {array.shape}" if array.ndim else f"is {shown_value(value)}", place, remedy)
+    if array.dtype.kind not in kinds:
+        raise InputError(f"is of {array.dtype}", place, remedy)
+    if finite and not np.isfinite(array).all():
+        raise InputError("is not finite", place, remedy)
+    return array

@@ -1,0 +1,135 @@
+"""What a script passes wrongly to a public name: always an error of sucre_bench, in one line that says what to pass."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import sucre_bench as sb
+from sucre_bench.restored_pair import CommonPoints, RestoredView
+
+RGB = np.full((12, 16, 3), 0.5, np.float32)
+DEPTH = np.ones((12, 16), np.float32)
+K = np.array([[20.0, 0, 8], [0, 20, 6], [0, 0, 1]])
+ONE = np.ones(3)
+VIEW = sb.View("a.png", sb.Arrays(RGB, DEPTH), sb.Camera(K, 16, 12), np.eye(4))
+SCENE = sb.Scene("reef", [VIEW, sb.View("b.png", sb.Arrays(RGB, DEPTH))], frozenset({"depth"}))
+RESULT = sb.restore("gray_world", SCENE, 0)
+ROWS = sb.score(RESULT, VIEW, "uciqe")
+COMPARED = sb.compare_methods(SCENE, ["gray_world"], "uciqe")
+SEEN = RestoredView(VIEW, lambda: RGB)
+POINTS = CommonPoints(*[np.zeros(1, np.int32)] * 4, np.ones((2, 1)))
+
+# By public name: what to call, and arguments that it takes.
+TAKES: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
+    "Arrays": (sb.Arrays, {"rgb": RGB, "depth": DEPTH, "reference": RGB}),
+    "Camera": (sb.Camera, {"K": K, "width": 16, "height": 12}),
+    "Chart": (sb.Chart, {"name": "near", "kind": "dgk", "corners": K[:2].repeat(2, 0)[:, :2]}),
+    "Compared": (sb.Compared, {"scene": SCENE, "labels": ("a",), "rows": ROWS}),
+    "Compared.plot": (COMPARED.plot, {"view": 0, "labels": ["gray_world"], "metric": "uciqe", "height": 40}),
+    "Degradation": (sb.Degradation, {"noise": 0.1, "within": 3, "bits": 8, "add_water": [0.1] * 9}),
+    "Restoration": (sb.Restoration, {"image": RGB, "water": None, "confidence": DEPTH, "info": {}, "filled": RGB}),
+    "Restored": (sb.Restored, {"image": RGB, "display": "none", "encoding": "gamma"}),
+    "Restored.save": (RESULT.save, {"path": "a.png"}),
+    "RestoredPair": (sb.RestoredPair, {"here": SEEN, "there": SEEN, "points": POINTS, "are_neighbours": True}),
+    "Scene": (sb.Scene, {"name": "reef", "views": [VIEW], "has": frozenset(), "water": None, "data_id": ""}),
+    "Scene.__getitem__": (SCENE.__getitem__, {"name": "a.png"}),
+    "Score": (sb.Score, {"value": 1.0, "region": "image", "n_pixels": 1, "coverage": 1.0, "weight": 1.0}),
+    "View": (
+        sb.View,
+        {
+            "name": "a.png",
+            "pixels": sb.Arrays(RGB),
+            "camera": None,
+            "cam_from_world": np.eye(4),
+            "charts": [],
+            "encoding": "gamma",
+        },
+    ),
+    "Water": (sb.Water, {"veiling_light": ONE, "attenuation": ONE, "backscatter": ONE, "encoding": "linear"}),
+    "breaches": (sb.breaches, {"kind": "metric", "name": "uciqe"}),
+    "compare_methods": (
+        sb.compare_methods,
+        {"scene": SCENE, "methods": ["gray_world"], "metrics": "uciqe", "views": [0], "pixels": "own"},
+    ),
+    "dataset": (sb.dataset, {"name": "a", "requires": (), "cites": "", "licence": "", "source": "", "has": ()}),
+    "degraded": (sb.degraded, {"scene": SCENE, "degradation": None, "target": "a.png"}),
+    "load_file": (sb.load_file, {"path": f"{sb.__path__[0]}/methods/gray_world.py"}),
+    "load_scenes": (lambda **given: list(sb.load_scenes(**given)), {"name": "demo", "width": 64, "height": 48}),
+    "method": (sb.method, {"name": "a", "needs": (), "display": "none", "encoding": "gamma", "cites": ""}),
+    "metric": (
+        sb.metric,
+        {"variants": {"a": "b"}, "unit": "", "better": "none", "range": (0, 1), "name": "a", "default": ("a",)},
+    ),
+    "restore": (sb.restore, {"method": "gray_world", "scene": SCENE, "view": "a.png"}),
+    "score": (sb.score, {"result": RESULT, "view": VIEW, "metrics": "uciqe", "how": "none", "dataset": ""}),
+    "track": (lambda **given: list(sb.track(**given)), {"items": [1], "what": "a", "total": 1}),
+    "wide": (sb.wide, {"rows": ROWS}),
+}
+BAD: dict[str, Any] = {
+    "None": None,
+    "int": -99,
+    "big": 10**400,
+    "float": 1.5,
+    "nan": float("nan"),
+    "bool": True,
+    "text": "no such thing",
+    "bytes": b"a",
+    "list": [object()],
+    "letters": ["no such thing"],
+    "dict": {"a": object()},
+    "object": object(),
+    "class": sb.View,
+    "0-d": np.array(1.0),
+    "2-d": RGB[..., 0][:5],
+    "uint8": np.full((12, 16, 3), 200, np.uint8),
+    "objects": np.full((12, 16, 3), None),
+    "complex": RGB * 1j,
+    "texts": np.full((12, 16, 3), "a"),
+    "empty": np.zeros((0, 16, 3)),
+    "table": pd.DataFrame(),
+    "generator": (n for n in ()),
+    "function": len,
+}
+ANY_TEXT = """cites licence source unit what region data_id score.dataset Restored.display Chart.kind Chart.name
+    Scene.name View.name dataset.name method.name metric.name"""
+OPTIONAL = """water confidence filled camera cam_from_world degradation how within bits add_water Water.encoding total
+    Arrays.depth Arrays.reference compare_methods.views"""
+# Values that an argument takes all the same, by argument or "name.argument".
+TAKEN: dict[str, str] = {
+    **dict.fromkeys(ANY_TEXT.split(), "text"),
+    **dict.fromkeys(OPTIONAL.split(), "None"),
+    **dict.fromkeys(["weight", "coverage", "value"], "int big float nan"),
+    **dict.fromkeys(["dataset.has", "requires", "needs", "default"], "generator"),
+    "dataset.requires": "letters generator",
+    "metric.default": "letters generator",
+    "compare_methods.views": "None generator",
+    "track.items": "list letters 2-d uint8 objects complex texts empty table generator",
+    "total": "None int big",
+    "within": "None big",
+    "n_pixels": "int big",
+    "info": "dict",
+    "Compared.rows": "table",
+    "are_neighbours": "bool",
+}
+
+
+@pytest.mark.parametrize("name", TAKES)
+def test_a_wrong_argument_is_one_line_that_says_what_to_pass(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    call, good = TAKES[name]
+    call(**good)
+    for argument in good:
+        taken = TAKEN.get(f"{name}.{argument}", TAKEN.get(argument, "")).split()
+        for kind, value in BAD.items():
+            if kind in taken:
+                continue
+            with pytest.raises(sb.SucreBenchError, match=r"\A[^\n]+; [^\n]+\Z"):
+                pytest.fail(f"{argument} took {kind}: {type(call(**{**good, argument: value}))}")
