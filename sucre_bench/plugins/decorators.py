@@ -8,12 +8,8 @@ from typing import Any, Literal, TypeVar, get_args
 from sucre_bench.arguments import checked
 from sucre_bench.errors import PluginError, did_you_mean
 from sucre_bench.imaging.display import normalisation
-<<<<<<< HEAD
 from sucre_bench.plugins.plugin import NEEDS, Better, Fault, Kind, Plugin, Role
-=======
-from sucre_bench.plugins.plugin import NEEDS, Better, Kind, Plugin, Role
 from sucre_bench.scene import HAS
->>>>>>> 063698e (Public functions check their arguments, outputs replace only files of sucre_bench, and votes need six people)
 
 _C = TypeVar("_C", bound=type[Any])
 
