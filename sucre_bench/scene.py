@@ -64,10 +64,7 @@ class Water:
 
     def __post_init__(self) -> None:
         for name in ("veiling_light", "attenuation", "backscatter"):
-            numbers = array_of(f"Water.{name}", getattr(self, name), (3,), kinds="fiu")
-            if np.isinf(numbers).any():
-                raise InputError("is infinite", f"Water.{name}", "pass three numbers, NaN for what is not known")
-            object.__setattr__(self, name, numbers)
+            object.__setattr__(self, name, array_of(f"Water.{name}", getattr(self, name), (3,), kinds="fiu"))
         check_fields(self)
 
     def __repr__(self) -> str:

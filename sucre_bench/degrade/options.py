@@ -42,8 +42,7 @@ def read_water(given: Any, place: str = _PLACE) -> Water:
     elif np.shape(given) == (9,):
         parts = [given[0:3], given[3:6], given[6:9]]
     try:
-        numbers = np.array(parts)
-        numbers = numbers.astype(np.float64) if numbers.dtype.kind in "fiu" else np.empty(0)
+        numbers = np.empty(0) if np.iscomplexobj(given) else np.array(parts, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         numbers = np.empty(0)
     if numbers.shape != (3, 3):

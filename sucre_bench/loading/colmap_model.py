@@ -109,14 +109,14 @@ def _read_cameras(file: Path, distorted: bool, undistort: str) -> dict[int, tupl
         if model not in (_PARAMETERS if distorted else _PINHOLE):
             usable = "of these distortions none is known here" if distorted else "only pinhole cameras can be used"
             raise InputError(f"{place} is {model}, {usable}; undistort: {undistort}")
-        lens = lens_of_model(model, width, height, parameters)
-        camera = lens.camera
-        if not (min(width, height, *camera.K[[0, 1], [0, 1]]) > 0 and all(map(math.isfinite, parameters))):
+        focals = parameters[: 1 if model in _ONE_FOCAL else 2]
+        if not (min(width, height, *focals) > 0 and all(map(math.isfinite, parameters))):
             raise InputError(
                 f"{place} is {width}x{height} with parameters {parameters}, which no camera has; {_REMEDY}"
             )
+        lens = lens_of_model(model, width, height, parameters)
         if model in _PINHOLE:
-            cameras[number] = (camera, None)
+            cameras[number] = (lens.camera, None)
         elif lens.fault:
             raise InputError(f"{place} is {model} with parameters {parameters}, {lens.fault}; undistort: {undistort}")
         else:

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import is_dataclass
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, TypeVar
 
 from sucre_bench.arguments import checked
 from sucre_bench.errors import PluginError, did_you_mean
@@ -184,10 +184,6 @@ def metric(
     >>> Redness.__plugin__.default
     ('mean',)
     """
-    if better not in get_args(Better):
-        raise PluginError(f"better='{better}'", "metric", "it is 'higher', 'lower' or 'none'")
-    if role not in get_args(Role):
-        raise PluginError(f"unknown role '{role}'", "metric", did_you_mean(role, get_args(Role)))
     chosen = tuple(default) or tuple(variants)[:1]
     about: dict[str, Any] = {"unit": unit, "better": better, "range": range, "variants": dict(variants)}
     about |= {"default": chosen, "role": role, "symbol": symbol, "unranked": frozenset(unranked)}

