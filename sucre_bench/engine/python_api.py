@@ -108,6 +108,7 @@ def load_scenes(name: str, **options: Any) -> Iterator[Scene]:
     return (replace(scene, dataset=name) for scene in itertools.chain(list(first), scenes))
 
 
+@checked
 def load_scene(name: str, scene: str = "", **options: Any) -> Scene:
     """Return the scene of a dataset: the only one, or that with a name.
 

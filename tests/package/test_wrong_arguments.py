@@ -60,6 +60,7 @@ TAKES: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "dataset": (sb.dataset, {"name": "a", "requires": (), "cites": "", "licence": "", "source": "", "has": ()}),
     "degraded": (sb.degraded, {"scene": SCENE, "degradation": None, "target": "a.png"}),
     "load_file": (sb.load_file, {"path": f"{sb.__path__[0]}/methods/gray_world.py"}),
+    "load_scene": (sb.load_scene, {"name": "demo", "scene": "coastal", "width": 64, "height": 48}),
     "load_scenes": (lambda **given: list(sb.load_scenes(**given)), {"name": "demo", "width": 64, "height": 48}),
     "method": (sb.method, {"name": "a", "needs": (), "display": "none", "encoding": "gamma", "cites": ""}),
     "metric": (
@@ -117,6 +118,12 @@ TAKEN: dict[str, str] = {
     "Compared.rows": "table",
     "are_neighbours": "bool",
 }
+
+
+def test_the_table_has_every_public_name():
+    errors = {name for name in sb.__all__ if name.endswith("Error")}
+    lists = {name for name in sb.__all__ if name.startswith("list_")}
+    assert {name.partition(".")[0] for name in TAKES} == set(sb.__all__) - errors - lists - {"Pixels", "__version__"}
 
 
 @pytest.mark.parametrize("name", TAKES)
