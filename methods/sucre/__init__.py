@@ -12,6 +12,7 @@ one water and one colour a pixel.
 | `solution.py`, `known_water.py` | the result of every solver; water from elsewhere, or shared by a scene |
 | `own_water.py`, `undetermined_water.py` | the exact fit to one image; what replaces it without a determined water |
 | `robust.py`, `lamp.py`, `exposure.py` | one option each, found together with the water |
+| `choose_encoding.py` | whether stored intensities or linear light are fitted |
 | `falloff.py`, `light_and_water.py` | light that falls off across images; light fitted together with water |
 | `uneven_light.py` | which model removes uneven light: a lamp, or the place in the image |
 | `apply_gains.py` | observations of all views in one exposure |

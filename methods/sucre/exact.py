@@ -57,10 +57,9 @@ _ALIKE, _UNDECIDED = 0.05, 0.01
 
 # The cost has twin minima: one with a backscatter like the attenuation, and one with a far larger backscatter, whose
 # veil is full at all distances: an offset of all colours, most of which it makes negative. Light that differs between
-# views, and pixels that are paired wrongly, change which of them is lower. No water scatters so much more than it
-# attenuates (Jerlov's types: a factor of 2). So a minimum whose gamma is more than this many times its beta counts only
-# if its cost is lower by this share.
-_IMPLAUSIBLE, _HANDICAP = 5.0, 0.05
+# views, and pixels that are paired wrongly, change which of them is lower. So a minimum that scatters implausibly much
+# (model.py) counts only if its cost is lower by this share.
+_HANDICAP = 0.05
 
 # Tolerances on the promised gain, relative to the cost: to tell minima apart, on the sample, and at the end.
 _SCREENED, _ROUGHLY, _TOLERANCE = 1e-4, 1e-6, 1e-7
@@ -301,8 +300,8 @@ def _distinct(ends: Sequence[Minimum], within: float = 1e9) -> list[Array]:
 
 def _plausible_cost(end: Minimum) -> Array:
     """Return the costs (3,), higher for waters that scatter far more than they attenuate."""
-    implausible = end.at[:, 2] > _IMPLAUSIBLE * end.at[:, 1]
-    return np.where(implausible, 1 + _HANDICAP, 1.0) * end.system.cost
+    is_implausible = WaterParameters.of_channels(end.at).is_implausible
+    return np.where(is_implausible, 1 + _HANDICAP, 1.0) * end.system.cost
 
 
 def _best(ends: Sequence[Minimum]) -> Minimum:

@@ -25,7 +25,10 @@ from typing import Any
 
 import numpy as np
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, Mask
+
+# No water scatters this many times more than it attenuates (Jerlov's types: a factor of 2).
+_IMPLAUSIBLE = 5.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,6 +55,11 @@ class WaterParameters:
     def channel(self, c: int) -> tuple[float, float, float]:
         """Return B, beta and gamma of one channel as plain numbers."""
         return float(self.B[c]), float(self.beta[c]), float(self.gamma[c])
+
+    @property
+    def is_implausible(self) -> Mask:
+        """The channels (3,) bool that scatter far more than they attenuate."""
+        return np.asarray(self.gamma > _IMPLAUSIBLE * self.beta)
 
     def columns(self) -> tuple[Array, Array, Array]:
         """Return B, beta, gamma as (3, 1), to be broadcast over observations (3, N)."""

@@ -15,7 +15,9 @@ where s is the typical e a of pixels at a similar distance, from its median.
 1. A contradicted pixel near an edge of depth takes the side whose pixels look like it in the photograph, with weights
    exp(-|I - I_q|^2 / 2 s^2), if these are many on the other side and few on its own. Its colour is its own intensity
    at that side's distance.
-2. Other contradicted pixels take their own detail: J + e, faded in between two thresholds of chi. One observation
+2. Specks stay as the other views show them: a few contradicted pixels side by side, whose own observation robust
+   weights call wrong while two others agree. Marine snow looks like that.
+3. Other contradicted pixels take their own detail: J + e, faded in between two thresholds of chi. One observation
    tells no more than all of them, so their standard deviation does not fall.
 """
 
@@ -29,7 +31,9 @@ import numpy as np
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.machine.compute import compiled
 from sucre_bench.methods.sucre.model import WaterParameters, inverted
-from sucre_bench.methods.sucre.refine_noise import box_sum
+from sucre_bench.methods.sucre.refine_noise import box_sum, robust_part
+from sucre_bench.methods.sucre.robust import WRONG
+from sucre_bench.multiview.observations import Observations
 
 # Half a window, of means and of sides, as a share of the image's width; at least so many pixels.
 _HALF, _FEWEST = 0.005, 3
@@ -51,6 +55,9 @@ _DARK = 1e-3
 # Pixels that typical differences are taken from, and entries of their table over distance.
 _SAMPLE, _FINE = 200_000, 1000
 
+# Sum of the robust weights of other views that agree.
+_AGREE = 1.5
+
 # Metres that no distance exceeds.
 _FAR = 1e9
 
@@ -61,11 +68,13 @@ _CLASSES, _MEDIAN_OF_SQUARE, _LEAST_NOISE = 12, 0.455, 2e-3
 @dataclass(frozen=True, eq=False)
 class Target:
     """What the target itself shows: intensity (H, W, 3) as fitted, picture (H, W, 3) as stored, distance (H, W) metres,
-    0 where unknown."""
+    0 where unknown; is_wrong (H, W): pixels that the other views agree to contradict, where robust weights tell.
+    """
 
     intensity: Array
     picture: Array
     distance: Array
+    is_wrong: Mask | None = None
 
     @property
     def half(self) -> int:
@@ -89,6 +98,8 @@ def corrected_edges(target: Target, J: Array, deviation: Array, water: WaterPara
     share = np.where(known, np.clip((chi - _DOUBT) / (_SURE - _DOUBT), 0, 1), 0)[..., None]
     side = _other_side(target, share[..., 0] > 0)
     moved = side > 0
+    if target.is_wrong is not None:
+        share[_small_spots((share[..., 0] > 0) & ~moved, target.half**2) & target.is_wrong] = 0
     corrected = J + share * e
     corrected[moved], there = _alone(target.intensity[moved], side[moved], water)
     share[moved] = 1
@@ -98,6 +109,29 @@ def corrected_edges(target: Target, J: Array, deviation: Array, water: WaterPara
     least = np.where(np.isfinite(deviation) & ~moved[..., None], deviation, 0)
     left = np.maximum(left, least)  # one observation tells no more than all of them
     return corrected.astype(np.float32), np.where(share > 0, left, deviation).astype(np.float32)
+
+
+def wrong_in_target(observations: Observations, weight: Array, target: str) -> Mask:
+    """Return (H, W) the pixels whose own observation is wrong while at least two others agree.
+
+    observations: with `view`, without robust weights; weight: (N,) with them; target: name of the view.
+    """
+    assert observations.view is not None, "observe with views"
+    place = np.concatenate([np.arange(n) for n, _ in observations.slots()])
+    v = np.atleast_2d(robust_part(observations, weight, slice(None))).max(axis=0)
+    is_own = observations.view == observations.views.index(target)
+    others, own = np.bincount(place[~is_own], v[~is_own], len(observations.pixels)), place[is_own]
+    wrong = np.zeros(observations.shape, dtype=bool)
+    wrong.ravel()[observations.pixels[own[(v[is_own] < WRONG) & (others[own] > _AGREE)]]] = True
+    return wrong
+
+
+def _small_spots(contradicted: Mask, most: int) -> Mask:
+    """Return those (H, W) of the contradicted pixels that form spots of at most so many."""
+    import cv2
+
+    _, spot, sizes, _ = cv2.connectedComponentsWithStats(contradicted.astype(np.uint8), connectivity=8)
+    return np.asarray(contradicted & (sizes[spot, cv2.CC_STAT_AREA] <= most))
 
 
 def _alone(intensity: Array, distance: Array, water: WaterParameters) -> tuple[Array, Array]:

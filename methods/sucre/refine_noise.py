@@ -135,13 +135,13 @@ def calibrated(observations: Observations, solution: Solution, *, decoded: bool 
     A, At2, A2 = np.zeros((3, 3, len(observations.pixels)), dtype=np.float32)
     for n, part in observations.slots():
         a = transmission(observations.distance[part], solution.water.columns()[1].astype(np.float32))
-        information, v = _information(observations, a, part), _robust(observations, solution.weight, part)
+        information, v = _information(observations, a, part), robust_part(observations, solution.weight, part)
         A[:, :n] += v * information
         At2[:, :n] += v**2 * information * _slope(observations, part, decoded) ** 2
         A2[:, :n] += (v * information) ** 2
     k, repeated = 1.0, observations.n_repeated
     if solution.weight is not None:
-        parts = [_robust(observations, solution.weight, part)[..., :repeated] for _, part in observations.slots()]
+        parts = [robust_part(observations, solution.weight, part)[..., :repeated] for _, part in observations.slots()]
         v = np.concatenate(parts, axis=-1).astype(np.float64)
         slope = v * (1 - 4 / 3 * (1 - np.sqrt(v)))
         k = float(v.sum() / max(slope.sum(), _LEAST_SLOPE * v.sum())) ** 2
@@ -163,7 +163,7 @@ def noise_parts(observations: Observations, solution: Solution, *, decoded: bool
     places = np.arange(0, observations.n_repeated, -(-observations.n_repeated // _SAMPLE))
     few = observations.take(places)
     weight = None if solution.weight is None else replace(observations, weight=solution.weight).take(places).weight
-    counted = np.broadcast_to(_robust(few, weight, slice(None)), few.colour.shape)
+    counted = np.broadcast_to(robust_part(few, weight, slice(None)), few.colour.shape)
     r, h, strength, _ = residuals_of(few, solution.J[:, places], solution.water, counted)
     slopes = _slope(few, slice(None), decoded) ** 2
     parts = np.zeros((3, 2))
@@ -206,7 +206,7 @@ def residuals_of(
     return root * r, h, information, I - r
 
 
-def _robust(observations: Observations, weight: Array | None, part: slice) -> Array:
+def robust_part(observations: Observations, weight: Array | None, part: slice) -> Array:
     """Return the robust part v, (n,) or (3, n), of the weights of a solution, 1 without any."""
     if weight is None:
         return np.ones(len(observations.distance[part]), dtype=np.float32)

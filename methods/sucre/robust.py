@@ -9,6 +9,14 @@ observation's misfit in the current water is the squared studentised residual, s
 animal stops pulling on the water. So the start of J decides which observations count as wrong. It is the weighted
 median, the L1 minimum. Of two observations either may be wrong. They start from the mean and, being studentised, have
 the same misfit, so such a pixel counts less as a whole and its colour stays the mean.
+
+Weights help where a few observations are wrong and the model explains the others. They harm where the model explains
+nothing well, as in photographs with unknown tone curves and coarse depth maps: misfits are then everywhere, and a water
+that leaves out the inconvenient ones is no better. `is_better` tells the two apart:
+
+- an animal, or a view that is paired wrongly, spoils whole patches of single views: most observations that do not fit
+  lie in patches where many do not fit, and few lie elsewhere;
+- marine snow is everywhere, but noise explains all other observations.
 """
 
 from __future__ import annotations
@@ -20,7 +28,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, Mask
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.methods.sucre.passes import Block, blocks, fill
@@ -32,6 +40,17 @@ if TYPE_CHECKING:
 # c^2, in the misfit's units: a good observation has s^2 about 3, one for each channel. On clean data with normal noise
 # colours lose .1 dB to the weights; a third of it would lose .6 dB.
 _C2 = 30.0
+
+# An observation is wrong if its weight is below this: s^2 > c^2, which noise makes in one of 700,000. It is doubtful
+# below the other: s^2 > c^2 / 3, as noise makes in one of 50.
+WRONG, _DOUBTFUL = 1 / 4, 9 / 16
+
+# Patches of a view: the parts of the target, down and across. In a spoilt one more than this share is wrong. Fewer
+# observations tell nothing.
+_PATCHES, _SPOILT, _TOLD = (6, 8), 0.3, 10
+
+# Weights help if spoilt patches hold this share of the wrong observations, or if at most this share is doubtful.
+_IN_PATCHES, _NOISE = 0.5, 0.07
 
 # Rounds of J and v for given water: started at the median they settle at once.
 _ROUNDS = 4
@@ -51,14 +70,16 @@ def fit_robustly(
     *,
     tolerance: float = 5e-4,
     max_rounds: int = 6,
+    plain: WaterFit | None = None,
 ) -> tuple[WaterFit, Observations]:
     """Fit the water and the weights in turn until a round changes no intensity by more than the tolerance.
 
-    fit: finds the water of weighted observations; tolerance: of a and b at the distances observed, as an intensity.
+    fit: finds the water of weighted observations; tolerance: of a and b at the distances observed, as an intensity;
+    plain: what fit finds without robust weights, if that is known.
     Returns the last fit, and the observations with the weights it was made with.
     """
     weighted = observations
-    found = fit(weighted)
+    found = plain or fit(weighted)
     z = np.quantile(observations.distance, (0.05, 0.5, 0.95))
     for _ in range(max_rounds):
         before = found.water
@@ -67,6 +88,38 @@ def fit_robustly(
         if np.abs(_effect(found.water, z) - _effect(before, z)).max() <= tolerance:
             break
     return found, weighted
+
+
+def wrong_share(observations: Observations, water: WaterParameters) -> float:
+    """Return the share of the observations that do not fit a water."""
+    return float((trust(observations, water) < WRONG).mean())
+
+
+def is_better(observations: Observations, plain: WaterParameters, robust: WaterParameters) -> bool:
+    """Return whether the water that was fitted with robust weights serves better than that of the plain fit.
+
+    observations: without robust weights. A water that scatters far more than it attenuates, where the
+    plain fit does not, is never better: weights can leave out what speaks against it.
+    """
+    if (robust.is_implausible & ~plain.is_implausible).any():
+        return False
+    v = trust(observations, robust)
+    doubtful = (v < _DOUBTFUL) & (v >= WRONG)
+    if doubtful.mean() < _NOISE:
+        return True
+    return _share_in_patches(observations, v < WRONG) > _IN_PATCHES
+
+
+def _share_in_patches(observations: Observations, wrong: Mask) -> float:
+    """Return the share of the wrong observations (N,) that lie in spoilt patches of views; 0 without `view`."""
+    if observations.view is None:
+        return 0.0
+    place = np.concatenate([np.arange(n) for n, _ in observations.slots()])
+    y, x = np.divmod(observations.pixels[place], observations.shape[1])
+    (rows, columns), (height, width) = _PATCHES, observations.shape
+    patch = (observations.view * rows + y * rows // height) * columns + x * columns // width
+    n, spoilt = np.bincount(patch), np.bincount(patch, wrong)
+    return float(spoilt[(n >= _TOLD) & (spoilt > _SPOILT * n)].sum() / max(spoilt.sum(), 1))
 
 
 def _effect(water: WaterParameters, z: Array) -> Array:
@@ -92,22 +145,27 @@ def robust_noise(observations: Observations, water: WaterParameters) -> Array:
     return noise
 
 
-def reweighted(observations: Observations, water: WaterParameters, noise: Array) -> Observations:
-    """Return the observations with each weight lowered by how badly it fits the water; those seen once keep theirs.
+def trust(observations: Observations, water: WaterParameters, noise: Array | None = None) -> Array:
+    """Return the robust weight (N,) float32, 0 to 1, of observations in a water: how well each fits; 1 if seen once.
 
-    noise: (3,) standard deviation of an observation of weight 1, in intensity.
+    noise: (3,) standard deviation of an observation of weight 1, in intensity; default `robust_noise`.
     """
-    weight = np.empty(len(observations), dtype=np.float32)
+    noise = robust_noise(observations, water) if noise is None else noise
+    v = np.empty(len(observations), dtype=np.float32)
 
     def work(block: Block) -> None:
-        v, _ = _settled(observations, block, water, noise)
+        settled, _ = _settled(observations, block, water, noise)
         for k, (n, part) in enumerate(observations.slots(block.start, block.start + block.n)):
-            weight[part] = v[k, :n]
+            v[part] = settled[k, :n]
 
     _in_threads(work, blocks(observations, _ELEMENTS))
-    if observations.weight is not None:
-        weight *= observations.weight
-    return replace(observations, weight=weight)
+    return v
+
+
+def reweighted(observations: Observations, water: WaterParameters, noise: Array) -> Observations:
+    """Return the observations with each weight lowered by how badly it fits the water; noise: as in `trust`."""
+    v = trust(observations, water, noise)
+    return replace(observations, weight=v if observations.weight is None else v * observations.weight)
 
 
 def _in_threads(work: Callable[[Block], None], cut: Iterable[Block]) -> None:
@@ -123,7 +181,7 @@ def _settled(observations: Observations, block: Block, water: WaterParameters, n
     B, beta, gamma = (column[:, None].astype(np.float32) for column in water.columns())
     x = s * transmission(z, beta)
     y = s * (I - veil(z, B, gamma)) / noise[:, None, None].astype(np.float32)
-    there = s > 0
+    there = s > 0 if s.ndim == 2 else (s > 0).all(axis=0)
     several = there.sum(axis=0) > 2
     v = np.where(several, _weights(y - _l1_minimum(x, y)[:, None] * x), 1) * there
     for _ in range(_ROUNDS):

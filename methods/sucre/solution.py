@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -26,6 +26,14 @@ SAMPLE = 20_000
 
 # Pixels that the water is fitted to with matched footprints, and the fewest that are worth a fit of their own.
 _MATCHED, _FEWEST_MATCHED = 20_000, 200
+
+# A fit with colours above zero may leave residuals whose cost is larger by this share: .01 to .02 on photographs whose
+# free fit takes shade for a veil. Noise of JPEG files makes dark colours negative with any veil; pushing them up raised
+# the cost by .2 to 2.5.
+_RISE = 0.05
+
+# Fewer wrong observations than this share change no water.
+_FEW_WRONG = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,32 +67,42 @@ def solve_exact(
     *,
     matched: Observations | None = None,
     physical: bool = False,
-    robust: bool = False,
+    robust: bool | Literal["auto"] = False,
     backend: Backend = "auto",
     device: Device = "auto",
     seed: int = 0,
 ) -> Solution:
     """Find the minimum; with `robust`, of observations weighted by how well they fit. Raises what `fit` raises.
 
+    robust: auto weights them if robust.py's `is_better` says so.
     matched: observations of some pixels that the water is fitted to instead (see multiview/footprints.py); all colours
     are those of `observations`.
     """
     from sucre_bench.methods.sucre.exact import fit
-    from sucre_bench.methods.sucre.robust import fit_robustly, reweighted, robust_noise
+    from sucre_bench.methods.sucre.robust import fit_robustly, is_better, reweighted, robust_noise, wrong_share
 
     sharp = sampled(observations, SAMPLE, singles=physical, seed=seed) if robust or matched is not None else None
-    held = [sharp] if physical and matched is not None and sharp is not None else []
-    fitted = partial(fit, physical=physical, sharp=held, backend=backend, device=device, seed=seed)
+    fitted = partial(fit, backend=backend, device=device, seed=seed)
     to_fit = observations if matched is None else matched
-    noise: Array | None = None
-    if robust and sharp is not None:  # water and weights are iterated on a sample; then all observations are weighted
-        few = sharp if matched is None else matched
-        water, weighted = fit_robustly(few, fitted)
-        noise = robust_noise(sharp, water.water)
-        observations = reweighted(observations, water.water, noise)
-        to_fit = observations if matched is None else weighted
     found = fitted(to_fit)
-    about = {"solver": "exact", "steps": found.passes, "converged": found.converged}
+    about: dict[str, Any] = {}
+    noise: Array | None = None
+    few = sharp if matched is None else matched
+    is_tried = few is not None and (robust is True or (robust == "auto" and wrong_share(few, found.water) > _FEW_WRONG))
+    if is_tried and few is not None and sharp is not None:  # water and weights are iterated on a sample
+        again, weighted = fit_robustly(few, fitted, plain=None if matched is None else found)
+        if robust is True or is_better(few, found.water, again.water):
+            noise = robust_noise(sharp, again.water)
+            observations = reweighted(observations, again.water, noise)
+            to_fit = observations if matched is None else weighted
+            found = fitted(to_fit) if matched is None else again
+            about["robust"] = {"wrong": wrong_share(few, again.water)}
+    if physical:
+        held = [sharp] if matched is not None and sharp is not None else []
+        above = fitted(to_fit, physical=True, sharp=held)
+        about["physical"] = matched is None or bool((above.cost <= (1 + _RISE) * found.cost).all())
+        found = above if about["physical"] else found
+    about |= {"solver": "exact", "steps": found.passes, "converged": found.converged}
     with opened(observations, backend, device) as kernel:
         uncertainty = found.uncertainty
         if noise is not None and sharp is not None:
@@ -157,14 +175,16 @@ def first_slot(observations: Observations) -> Observations:
     )
 
 
-def matched_sample(options: Sucre, scene: Scene, view: View, observations: Observations) -> Observations | None:
+def matched_sample(
+    options: Sucre, scene: Scene, view: View, observations: Observations, most: int = _MATCHED
+) -> Observations | None:
     """Return a sample with matched footprints (multiview/footprints.py), None where too few pixels have one."""
     from sucre_bench.multiview.footprints import matched_footprints
 
     n = observations.n_repeated
     if n < _FEWEST_MATCHED:
         return None
-    places = np.random.default_rng(options.seed).choice(n, min(n, _MATCHED), replace=False)
+    places = np.random.default_rng(options.seed).choice(n, min(n, most), replace=False)
     shown = set(observations.views)
     views = [other for other in scene.views if other.name in shown]
     how = options.pairing_with(with_view=True, with_ray=True)

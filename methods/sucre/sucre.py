@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import time
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
@@ -60,10 +60,12 @@ class Sucre(FillOption):
     single pixels, which makes attenuation too high. Needs solver=exact, and water=own or shared."""
 
     physical: bool = False
-    """Keep colours above zero, up to noise; a veil brighter than the darkest pixels raises the cost (solver=exact)."""
+    """Keep colours above zero, up to noise; a veil brighter than the darkest pixels raises the cost (solver=exact).
+    With footprint=true, only if the observations are then explained nearly as well."""
 
-    robust: bool = False
-    """Give less weight to observations that do not fit: animals that move, pixels paired wrongly (solver=exact)."""
+    robust: bool | Literal["auto"] = "auto"
+    """true: give less weight to observations that do not fit, such as animals that move and pixels paired wrongly
+    (solver=exact); auto: only if these lie together in single views, or if noise explains the others; false: never."""
 
     exposure: Literal["auto", "constant", "per_view"] = "auto"
     """per_view: fit one gain for each view with the water, for cameras that expose automatically (solver=exact);
@@ -79,8 +81,9 @@ class Sucre(FillOption):
     """mutual: the paper's rule, pixels that project onto each other; depth: points whose depths agree within 3 %, with
     interpolated colours, and more observations if views differ in scale."""
 
-    encoding: Literal["view", "linear"] = "view"
-    """Fit intensities as stored, as the paper does, or decoded to linear light (sRGB)."""
+    encoding: Literal["auto", "view", "linear"] = "auto"
+    """view: fit intensities as stored, as the paper does; linear: fit linear light, decoded from sRGB; auto: linear
+    light only if it leaves less than 95 % of the residuals (solver=exact, water=own)."""
 
     water: Literal["own", "shared", "truth"] | str = "own"
     """own: fit each image; shared: fit many images of the scene together; truth: the dataset's true water; METHOD: the
@@ -93,7 +96,7 @@ class Sucre(FillOption):
 
     refine: bool = False
     """Refine colours after the fit. Dots, lines and steps go that gaps of single views make. Edges and animals show
-    what the image shows, where other views contradict it (no effect with robust). Noise goes: in each window by the
+    what the image shows, where other views contradict it (not with robust=true). Noise goes: in each window by the
     channel that is known best, then towards the image's mean colour."""
 
     backend: Backend = "auto"
@@ -143,9 +146,14 @@ class Sucre(FillOption):
         Raises NotApplicableError when no pixel has depth or none is seen twice, SolveError when the fit fails,
         InputError for a water that cannot be read.
         """
+        from sucre_bench.methods.sucre.choose_encoding import nearer_encoding
         from sucre_bench.methods.sucre.record import named, restoration, with_residuals
         from sucre_bench.methods.sucre.refine_gaps import fill_pixels_without_depth
 
+        if self.encoding == "auto":
+            nearer = nearer_encoding(self, scene, view)
+            restored = replace(self, encoding=nearer.encoding).restore(scene, view)
+            return replace(restored, info={**restored.info, "encoding": asdict(nearer)})
         observations = self.observe(scene, view)
         stages = {"read": observations.read_s, "pair": observations.pair_s}
         started = time.perf_counter()
@@ -207,21 +215,24 @@ class Sucre(FillOption):
 
         view: in even light, as the observations are.
         """
-        if solution.is_photograph or not (self.refine or self.robust):
+        if solution.is_photograph or (solution.weight is None and not self.refine):
             return solution
-        from sucre_bench.methods.sucre.refine_edges import Target, corrected_edges
+        from sucre_bench.methods.sucre.refine_edges import Target, corrected_edges, wrong_in_target
         from sucre_bench.methods.sucre.refine_gaps import even_deviation, evened
         from sucre_bench.methods.sucre.refine_noise import calibrated, followed
 
         solution = calibrated(observations, solution, decoded=self._decodes(view))
         if not self.refine:
             return solution
+        is_wrong = None
         if solution.weight is not None:
+            is_wrong = wrong_in_target(observations, solution.weight, view.name)
             observations = replace(observations, weight=solution.weight)
         way = view.distance if solution.light is None else solution.light.way
         J, deviation = evened(observations, solution.J, solution.water, view.name), solution.deviation
-        if not self.robust:
-            target = Target(self.intensities(view).reshape(*observations.shape, 3), view.rgb, way)
+        if self.robust is not True:
+            intensity = self.intensities(view).reshape(*observations.shape, 3)
+            target = Target(intensity, view.rgb, way, is_wrong)
             images = corrected_edges(target, observations.image(J), observations.image(deviation), solution.water)
             J, deviation = (image.reshape(-1, 3)[observations.pixels].T for image in images)
         deviation = even_deviation(observations, deviation, way)
@@ -243,7 +254,7 @@ class Sucre(FillOption):
         """Return the options of pairing."""
         return {
             "rule": self.pairing,
-            "encoding": self.encoding,
+            "encoding": "linear" if self.encoding == "linear" else "view",
             "with_ray": with_ray or self.lamp is True,
             "with_view": with_view or self.refine or self.exposure == "per_view",
         }
@@ -360,8 +371,9 @@ def check(options: Any, method: str) -> None:
     water = f"{method}.water={options.water}"
     if not options.water:
         raise InputError(f"{method}.water: is empty; use own, shared, truth, a method, a file or a folder")
-    if options.lamp != "auto" and not isinstance(options.lamp, bool):
-        raise InputError(f"{method}.lamp: '{options.lamp}' is not a choice; use true, false or auto")
+    for name in ("lamp", "robust"):
+        if (value := getattr(options, name)) != "auto" and not isinstance(value, bool):
+            raise InputError(f"{method}.{name}: '{value}' is not a choice; use true, false or auto")
     extras = [name for name in ("physical", "robust", "lamp") if getattr(options, name) is True]
     extras += ["exposure"] if options.exposure == "per_view" else []
     if options.solver != "exact":

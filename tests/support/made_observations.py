@@ -22,8 +22,12 @@ def made(
     n_single: int = 0,
     seed: int = 0,
     colours: tuple[float, float] = (0.1, 0.9),
+    shape: tuple[int, int] | None = None,
 ) -> tuple[Observations, np.ndarray]:
-    """Return observations and the true J (3, P): pixels in 70 % of the views each, the last n_single in one only."""
+    """Return observations and the true J (3, P): pixels in 70 % of the views each, the last n_single in one only.
+
+    shape: (H, W) of the target, H W pixels; with it, observations have their views.
+    """
     rng = np.random.default_rng(seed)
     J = rng.uniform(*colours, (n_pixels, 3))
     seen = []
@@ -35,7 +39,7 @@ def made(
         I = I + noise * rng.standard_normal(I.shape)  # noqa: E741
         stored = np.rint(I.clip(0, 1) * 255).astype(np.uint8) if eight_bit else I.astype(np.float32)
         seen.append(Seen(f"{k}.png", chosen, z, stored))
-    observations = arrange((1, n_pixels), seen)
+    observations = arrange(shape or (1, n_pixels), seen, with_view=shape is not None)
     return observations, J[observations.pixels].T
 
 

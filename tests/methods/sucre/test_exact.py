@@ -159,6 +159,19 @@ def test_noise_alone_puts_no_pixel_of_lost_red_below_the_limit_of_a_physical_fit
     np.testing.assert_allclose(table(held.water)[:, 0], TRUTH[:, 0], rtol=5e-3)
 
 
+def test_noise_with_heavy_tails_pulls_no_water_from_its_minimum() -> None:
+    """JPEG leaves errors in dark pixels, some far larger than most. With equal footprints they are averaged out."""
+    dark = {"distances_m": (2, 8), "colours": (0.0, 0.3)}
+    sharp, _ = made(10_000, **dark)  # type: ignore[arg-type]
+    errors = 0.006 * np.random.default_rng(2).standard_t(2, sharp.colour.shape)
+    sharp = replace(sharp, colour=(sharp.colour + errors).astype(np.float32))
+    averaged, _ = made(10_000, noise=0.001, **dark)  # type: ignore[arg-type]
+    assert np.abs(table(fit(averaged, physical=True, sharp=[sharp]).water) / TRUTH - 1).max() > 0.05
+    found = solve_exact(sharp, matched=averaged, physical=True)
+    assert found.about["physical"] is False
+    np.testing.assert_allclose(table(found.water), TRUTH, rtol=0.03)
+
+
 def test_where_the_model_holds_a_physical_fit_finds_the_same_water() -> None:
     observations, _ = made(30_000, noise=0.004, eight_bit=True, n_single=5_000)
     np.testing.assert_allclose(table(fit(observations, physical=True).water), TRUTH, rtol=0.02)

@@ -44,6 +44,18 @@ def test_pixels_on_the_wrong_side_of_a_depth_edge_take_the_side_that_they_look_l
     assert np.abs(found - J)[right].mean() < 1.1 * np.abs(paired - J)[right].mean()
 
 
+def test_only_small_spots_that_are_wrong_in_the_image_itself_stay_as_other_views_show_them() -> None:
+    J, I = scene()  # noqa: E741
+    snow, fish = (ROW % 16 == 4) & (COLUMN % 16 == 4), (ROW >= 66) & (COLUMN >= 90)
+    I[snow | fish] = 0.9
+    deviation = np.full((*SHAPE, 3), 0.01, np.float32)
+    target = Target(I, I, np.where(BOARD, NEAR, FAR), is_wrong=snow | fish)
+    found, _ = corrected_edges(target, J.astype(np.float32), deviation, WATER)
+    flake, fin = (np.abs(found - J)[where].min(axis=-1) for where in (snow & ~fish, fish))
+    assert flake.max() < 0.02
+    assert np.median(fin) > 0.5
+
+
 def test_pixels_that_other_views_show_wrongly_get_what_the_image_shows_and_its_noise() -> None:
     rng = np.random.default_rng(1)
     J = (0.5 + 0.05 * rng.standard_normal((*SHAPE, 3))).astype(np.float32)

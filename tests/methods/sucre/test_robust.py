@@ -12,6 +12,7 @@ from support.made_scene import WATER
 from sucre_bench.methods.sucre.exact import WaterFit, fit
 from sucre_bench.methods.sucre.passes import opened
 from sucre_bench.methods.sucre.robust import fit_robustly, reweighted, robust_noise
+from sucre_bench.methods.sucre.solution import solve_exact
 from sucre_bench.multiview.observations import Observations
 
 TRUE = parameters(WATER)
@@ -44,6 +45,33 @@ def test_water_and_colours_survive_an_animal_in_every_eighth_observation() -> No
     assert np.abs(table(robust.water) / table(TRUE) - 1).max() < 0.08
     often = (observations.counts >= 5) & (np.bincount(flat(observations)[0], wrong) <= 1)  # a majority is right
     assert psnr(weighted, robust, J, often) > 35 > 25 > psnr(observations, plain, J, often)
+
+
+def animal(observations: Observations) -> np.ndarray:
+    """What a gray animal in a corner of view 2 covers, (N,) bool."""
+    assert observations.view is not None
+    row, column = np.divmod(observations.pixels[flat(observations)[0]], observations.shape[1])
+    return (observations.view == 2) & (row < 30) & (column < 40)
+
+
+@pytest.mark.parametrize("what", ["animal", "snow", "misfits everywhere", "nothing"])
+def test_auto_leaves_out_what_is_wrong_and_nothing_where_the_model_explains_little(what: str) -> None:
+    observations, _ = made(4800, distances_m=(1, 6), noise=NOISE, shape=(60, 80))
+    rng = np.random.default_rng(3)
+    colour = observations.colour.copy()
+    if what == "misfits everywhere":  # far more large ones than noise makes
+        colour += 0.02 * rng.standard_t(2, colour.shape).astype(np.float32)
+    elif what != "nothing":
+        colour[:, animal(observations) if what == "animal" else rng.random(len(observations)) < 0.01] = 0.6
+    observations = replace(observations, colour=colour)
+    plain, auto = (solve_exact(observations, robust=robust) for robust in (False, "auto"))  # type: ignore[arg-type]
+    is_left_out = what in ("animal", "snow")
+    assert (auto.weight is not None) is is_left_out is ("robust" in auto.about)
+    if is_left_out:
+        before, after = (np.abs(table(one.water) / table(TRUE) - 1).max() for one in (plain, auto))
+        assert after < 0.03 < before
+    else:
+        np.testing.assert_array_equal(auto.J, plain.J)
 
 
 def test_clean_observations_lose_next_to_nothing() -> None:

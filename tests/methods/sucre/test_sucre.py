@@ -208,11 +208,14 @@ def test_shared_water_is_fitted_once_and_the_same_for_every_view(monkeypatch: py
 def test_linear_encoding_finds_water_that_acts_on_linear_light(plain: Restoration) -> None:
     """The made scene's intensities are light here, and stored gamma-encoded as a camera's are."""
     scene = with_images(lambda rgb: np.rint(srgb_encode(rgb) * 65535) / 65535)
-    linear, as_stored = (Sucre(encoding=e, water="own").restore(scene, scene["a.png"]) for e in ("linear", "view"))
+    linear, as_stored, auto = (Sucre(encoding=e).restore(scene, scene["a.png"]) for e in ("linear", "view", "auto"))  # type: ignore[arg-type]
     dry = make_scene_without_water()
     errors = [np.sqrt(np.mean((srgb_decode(r.image) - dry)[r.valid] ** 2)) for r in (linear, as_stored)]
     assert errors[0] < 0.6 * errors[1]
     np.testing.assert_allclose(as_array(linear.water), as_array(plain.water), rtol=0.05)
+    np.testing.assert_array_equal(auto.image, linear.image)
+    assert (auto.info["encoding"]["encoding"], plain.info["encoding"]["encoding"]) == ("linear", "view")
+    assert auto.info["encoding"]["ratio"] < 0.95 < 1.1 < plain.info["encoding"]["ratio"]
     np.testing.assert_allclose(srgb_decode(linear.image)[linear.valid], plain.image[plain.valid], atol=0.02)
 
 
