@@ -258,5 +258,8 @@ def _scores(column: Column, complete: DataFrame, is_track: bool) -> ColumnScores
     is_of_pairs = len(scenes) == 1 and column.plugin is not None and column.plugin.is_of_pairs
     units = None
     if column.metric != FILLED and len(views) > (2 if is_of_pairs else 1):
-        units = Units.of(statistics.pseudo_values(views) if is_of_pairs else views, scenes, is_track)
+        # Pseudo-values hold what neighbours that are paired have in common.
+        units = Units.of(
+            statistics.pseudo_values(views) if is_of_pairs else views, scenes, is_track and not is_of_pairs
+        )
     return ColumnScores(tuple(map(str, complete.columns)), tuple(per_view.index), views, units)

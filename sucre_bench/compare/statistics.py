@@ -51,7 +51,8 @@ _AT_ONCE = 500_000  # units drawn at a time
 _LEVEL = 0.95
 _EXACT = 1e-12  # relative spread that is rounding only
 _MOST_LEFT_OUT = 100  # units, each left out once: of more, no one decides
-_MOST_ALIKE = 0.9  # correlation of neighbours: a larger one cannot be told from a trend
+_LEAST_FREEDOM = 3.0  # degrees of freedom of neighbours: with fewer, no lead is found however large it is
+_MOST_ALIKE = 0.8  # correlation of neighbours: a larger one cannot be told from a trend, and would hide any lead
 
 Pair = tuple[int, int]
 
@@ -78,7 +79,7 @@ class Units:
 
     @functools.cached_property
     def alike(self) -> float:
-        """The correlation between neighbours of the methods' differences, 0 to 0.9; 0 for units without order.
+        """The correlation between neighbours of the methods' differences, 0 to 0.8; 0 for units without order.
 
         It is of all methods together: of many pairs, one would seem independent by chance. The estimate from few views
         is too small on average, and (n r + 1) / (n - 4) is not (Marriott and Pope 1954).
@@ -103,8 +104,8 @@ class Units:
         """
         n, sizes, r = len(self.sizes), self.sizes, self.alike
         if r > 0:
-            f = (1 + r) / (1 - r) - 2 * r * (1 - r**n) / (n * (1 - r) ** 2)
-            return f * (n - 1) / (n - f), (n - 1) / f
+            f = n / self.worth
+            return f * (n - 1) / (n - f), max((n - 1) / f, _LEAST_FREEDOM)
         if np.ptp(sizes) == 0:
             return 1.0, n - 1.0
         made_of = sizes[:, None] * (np.eye(n) - sizes / sizes.sum()) / np.sqrt(sizes)  # residuals of independent views
@@ -114,8 +115,9 @@ class Units:
 
     @property
     def worth(self) -> float:
-        """How many independent units the differences between methods are worth."""
-        return 1 + self.dependence()[1] if self.alike > 0 else float(len(self.sizes))
+        """How many independent units the differences between methods are worth: the variance of a mean is theirs."""
+        n, r = len(self.sizes), self.alike
+        return n / ((1 + r) / (1 - r) - 2 * r * (1 - r**n) / (n * (1 - r) ** 2))
 
     @functools.cached_property
     def residuals(self) -> Array:
