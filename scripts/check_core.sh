@@ -21,7 +21,7 @@ bench=$work/venv/bin/sucre-bench
 "$bench" doctor
 "$bench" run -m dataset=demo dataset.width=320 dataset.height=240 dataset.root=demo method=underwater,gray_world,sucre every=4 out=results
 "$bench" compare results
-"$bench" score results/restored/demo/sucre
+"$bench" score results/restored/demo/sucre --metrics uciqe,uiqm
 
 install pytest pytest-xdist hypothesis
 cd "$here"

@@ -253,7 +253,7 @@ def test_rays_meet_the_ground_and_a_board_where_plane_geometry_says() -> None:
         expected[i] = min(t[(u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)], default=0)
     hits = RayCaster(terrain, (board,)).cast(centre, rays)
     np.testing.assert_allclose(hits.depth, expected, rtol=5e-6)  # float32
-    assert 50 < (hits.cell >= 0).sum() < 350
+    assert (hits.cell >= 0).sum() > 20
     assert (hits.board == 0).sum() > 5
     assert ((hits.board < 0) & (hits.cell < 0)).sum() > 5
 
