@@ -49,7 +49,7 @@ class Shard:
 # Each is a function in `reports.paper`.
 Figure = Literal[
     "against", "between_views", "charts", "hue", "pictures", "residuals", "scaling", "scores", "seams", "swatches",
-    "water",
+    "validity", "water",
 ]  # fmt: skip
 FIGURES: tuple[Figure, ...] = get_args(Figure)
 

@@ -32,6 +32,7 @@ MODULES = {
     **dict.fromkeys(("scores", "against"), "scores"),
     **dict.fromkeys(("charts", "between_views", "swatches", "hue"), "charts"),
     **dict.fromkeys(("pictures", "seams"), "pictures"),
+    "validity": "validity",
     **dict.fromkeys(("residuals", "scaling", "water"), "fits"),
 }
 
