@@ -72,7 +72,7 @@ def _fits(value: object, hint: Any) -> bool:
     if isinstance(origin, type) and issubclass(origin, Mapping):
         if not isinstance(value, Mapping):
             return False
-        return all(_fits(key, inner[0]) and _fits(one, inner[1]) for key, one in value.items())
+        return inner[1] is Any or all(_fits(key, inner[0]) and _fits(one, inner[1]) for key, one in value.items())
     if origin is tuple:
         kinds = inner[:1] * len(value) if isinstance(value, tuple) and inner[-1] is ... else inner
         return isinstance(value, tuple) and len(value) == len(kinds) and all(map(_fits, value, kinds))

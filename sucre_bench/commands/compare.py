@@ -111,7 +111,8 @@ def compare(
         rows = compare.on_pixels(rows, lambda: _common(folders, rows))
     compared = compare.compare(rows, metrics, by, baseline=baseline)
     if not any(table.columns for table in compared):
-        raise InputError("\n".join(f"{t.title}: {note}" for t in compared for note in left_out(t)))
+        notes = "\n".join(f"{t.title}: {note}" for t in compared for note in left_out(t))
+        raise InputError(notes or f"{', '.join(map(str, folders))}: no score there; run methods into it first")
     verdicts = compare.gated(rows, gates, baseline) if gates else []
     _print(compared, folders, "json" if as_json else how, (spread, intervals, all_metrics, bool(metrics)))
     for verdict in verdicts:

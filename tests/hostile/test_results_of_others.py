@@ -11,10 +11,12 @@ import yaml
 from support.colmap_folder import write_dive
 from support.command_line import run_here
 
+from sucre_bench import results
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.lineup import read_line_up
 from sucre_bench.loading.lens import read_kalibr
 from sucre_bench.machine.text_formats import read_yaml
+from sucre_bench.results.bundle_format import write_bundle
 
 EVIL = """
 from dataclasses import dataclass
@@ -156,6 +158,14 @@ def test_yaml_that_stands_for_more_than_it_is_long_is_refused_by_each_reader(pla
 def test_odd_yaml_is_one_kind_of_error(text: str):
     with pytest.raises(yaml.YAMLError):
         read_yaml(text)
+
+
+def test_a_bundle_without_a_score_is_one_line(place: Path):
+    rows = results.read(place / "mine")
+    write_bundle(place / "empty.zip", rows[:0], {}, {}, "", "")
+    done = run_here(place, "compare", "empty.zip")
+    assert done.returncode == 2
+    assert "empty.zip: no score there; " in done.stderr
 
 
 def test_dates_and_words_stay_as_they_are_typed():
