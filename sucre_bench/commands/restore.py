@@ -136,13 +136,11 @@ def _trust(done: Done) -> str:
     alone = len(done.names) - done.together
     if not done.together:
         return "Nothing measured the water: these are balanced colours, not true ones."
-    if done.unknown_water == done.together:
-        trust = "The distances are too alike to measure the water: these are balanced colours, not true ones"
-    else:
-        measures = "The water was measured" if done.has_water else "The method balances colours and measures no water"
-        share = f"{done.measured:.0%} of the pixels have a measured distance, and colours of the others are guesses"
-        trust = f"{measures}; {share}"
-        if done.unknown_water:
-            trust += f"; it could not be measured in {counted(done.unknown_water, 'picture')}"
+    share = f"{done.measured:.0%} of the pixels have a measured distance, and colours of the others are guesses"
+    trust = "The water was measured" if done.has_water else "The method balances colours and measures no water"
+    if done.unknown_water:
+        pictures = counted(done.unknown_water, "picture")
+        trust = f"The views do not determine all of the water of {pictures}, so colours there may be wrong"
+    trust = f"{trust}; {share}"
     others = f"; {counted(alone, 'photograph')} without a place in the dive got balanced colours" if alone else ""
     return f"{trust}{others}."
