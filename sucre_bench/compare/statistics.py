@@ -166,8 +166,7 @@ def mean_intervals(units: Units) -> tuple[Array, Array]:
 
     n, tails = len(units.sizes), (1 - _LEVEL) / 2
     deviations = np.concatenate([counts @ units.residuals / views for counts, views in _resamples(units.sizes)])
-    factor, freedom = replace(units, in_order=False).dependence()
-    widening = stdtrit(freedom, 1 - tails) / ndtri(1 - tails) * np.sqrt(factor * n / (n - 1))
+    widening = stdtrit(n - 1, 1 - tails) / ndtri(1 - tails) * np.sqrt(n / (n - 1))
     low, high = np.quantile(deviations, [tails, 1 - tails], axis=0)
     mean = units.sums.sum(axis=0) / units.sizes.sum()
     return mean + widening * low, mean + widening * high
