@@ -15,7 +15,7 @@ def test_a_run_compares_each_score_once(tmp_path: Path, monkeypatch: pytest.Monk
     """Terminal, page and mlflow show one comparison: two methods by redness, seconds and memory, on two views."""
     made: list[int] = []
     of = Units.of
-    monkeypatch.setattr(Units, "of", lambda views, scenes: made.append(len(views)) or of(views, scenes))
+    monkeypatch.setattr(Units, "of", lambda views, *more: made.append(len(views)) or of(views, *more))
     words = ["-m", "dataset=toy", "method=gain", "method.gain=1,2", "metrics=[redness]", "workers=0"]
     result = CliRunner().invoke(run, [*words, f"out={tmp_path}"], catch_exceptions=False)
     assert (tmp_path / "report" / "index.html").is_file(), result.output
