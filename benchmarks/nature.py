@@ -2,7 +2,7 @@
 
 Run: python benchmarks/nature.py --methods sucre,sucre_plus,sucre_paper --cache /tmp/nature. A case is
 CONDITION/WATER/GEOMETRY; water and geometry may be left out (coastal, approach). `--conditions` takes cases, separated
-by commas, or `all`. A method may have options: `sucre:robust=true:lamp=false`.
+by commas, or `all`. A method may have options: `sucre:robust=true:light=even`.
 
 Each cell has a number a method, in their order, the worst of the targets:
 
@@ -95,9 +95,7 @@ def scores_of(result: sb.Restored, water: sb.Water, J: Array) -> dict[str, Any]:
         spread = [np.nan if x is None else x for x in result.info.get("standard_error", {}).get("beta", [np.nan] * 3)]
         with np.errstate(divide="ignore", invalid="ignore"):
             row["z"] = float(np.abs((result.water.attenuation - water.attenuation) / np.array(spread)).max())
-    about = {
-        key: value for key, value in result.info.items() if key in ("gains", "lamp", "falloff", "robust", "unexplained")
-    }
+    about = {key: value for key, value in result.info.items() if key in ("gains", "light", "robust", "unexplained")}
     limits = list(result.info.get("limits", ()))
     return row | {"limits": len(limits) > 0, "limits_text": " | ".join(limits), "about": str(about)[:500]}
 

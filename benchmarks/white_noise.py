@@ -24,7 +24,7 @@ from support.made_ground import WATERS, make_ground
 
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "sucre_paper": ("sucre_paper", {}),
-    "sucre_exact": ("sucre", {"footprint": False, "exposure": "constant", "lamp": False}),
+    "sucre_exact": ("sucre", {"footprint": False, "light": "even"}),
     "sucre": ("sucre", {}),
     "sucre_plus": ("sucre_plus", {}),
 }

@@ -170,6 +170,9 @@ class Lamp:
     covariance: Array
 
 
+_LAMP_REACH_M, _LAMP_STEPS = 3.0, 32
+
+
 def _lamp(left: float, above: float, right_deg: float, down_deg: float, covariance: tuple[float, ...]) -> Lamp:
     """Return a lamp so many metres left of and above the camera, turned right and down by so many degrees."""
     (ca, cb), (sa, sb) = np.cos(np.deg2rad((right_deg, down_deg))), np.sin(np.deg2rad((right_deg, down_deg)))
@@ -190,11 +193,15 @@ def apply(J: Array, z: Array, water: Water) -> Array:
 
 
 def lamp_light(lamp: Lamp, points: Array) -> tuple[Array, Array]:
-    """Return the lamp's light (...,) in [0, 1] at points (..., 3) of the camera's frame, and its way there, metres."""
+    """Return the lamp's light (...,) at points (..., 3) of the camera's frame, and its way there, metres.
+
+    The light falls with the square of the way, and is 1 in the middle of the lobe _LAMP_REACH_M away.
+    """
     seen = moved(points, lamp.lamp_from_cam)
-    plane = seen[..., :2] / seen[..., 2:]
+    plane = seen[..., :2] / np.maximum(seen[..., 2:], 1e-6)
     lobe = np.exp(-0.5 * np.einsum("...i,ij,...j->...", plane, np.linalg.inv(lamp.covariance), plane))
-    return np.where(seen[..., 2] > 0, lobe, 0), np.linalg.norm(seen, axis=-1)
+    way = np.linalg.norm(seen, axis=-1)
+    return np.where(seen[..., 2] > 0, lobe * (_LAMP_REACH_M / np.maximum(way, 0.1)) ** 2, 0), way
 
 
 def underwater(J: Array, rays: Array, depth: Array, preset: Preset) -> Array:
@@ -208,4 +215,12 @@ def underwater(J: Array, rays: Array, depth: Array, preset: Preset) -> Array:
     if preset != "deep_sea":
         return apply(J, distance, WATERS[preset])
     light, way = lamp_light(LAMP, points)
-    return light[..., None] * apply(J, distance + way, WATERS[preset])
+    water = WATERS[preset]
+    seen = J * light[..., None] * np.exp(-water.attenuation * (distance + way)[..., None])
+    for s in (np.arange(_LAMP_STEPS) + 0.5) / _LAMP_STEPS:  # finer near the camera, where the lamp is bright
+        light, way = lamp_light(LAMP, points * s**2)
+        along = distance * s**2
+        fade = np.exp(-water.backscatter * along[..., None] - water.attenuation * way[..., None])
+        scattered = light * distance * 2 * s / _LAMP_STEPS
+        seen = seen + water.veiling_light * water.backscatter * fade * scattered[..., None]
+    return np.asarray(seen)

@@ -11,11 +11,10 @@ one water and one colour a pixel.
 | `exact.py`, `levenberg.py` | the minimum: starts, steps, choice between minima, weak priors |
 | `solution.py`, `known_water.py` | the result of every solver; water from elsewhere, or shared by a scene |
 | `own_water.py`, `undetermined_water.py` | the exact fit to one image; what replaces it without a determined water |
-| `robust.py`, `lamp.py`, `exposure.py` | one option each, found together with the water |
+| `robust.py` | weights of observations that do not fit |
+| `light.py`, `strobe.py`, `light_parts.py` | light that differs between observations, fitted with the water |
+| `choose_light.py` | which parts the observations pay for |
 | `choose_encoding.py` | whether stored intensities or linear light are fitted |
-| `falloff.py`, `light_and_water.py` | light that falls off across images; light fitted together with water |
-| `uneven_light.py` | which model removes uneven light: a lamp, or the place in the image |
-| `apply_gains.py` | observations of all views in one exposure |
 | `refine_noise.py`, `refine_edges.py`, `refine_gaps.py` | colours after the fit, and of pixels without depth |
 | `diagnostics.py`, `record.py` | uncertainty of the water; the restoration and its record |
 """

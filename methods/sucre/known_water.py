@@ -19,12 +19,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sucre_bench import plugins
-from sucre_bench.arrays import evenly
+from sucre_bench.arrays import Array, evenly
 from sucre_bench.errors import InputError, MissingFileError, SolveError
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.packages import require
 from sucre_bench.machine.progress import say, track
-from sucre_bench.methods.sucre.apply_gains import relative_to
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.plugins.call_method import restored
@@ -54,7 +53,7 @@ class KnownWater:
     """A water in the exposure of the restored view, and the gains of views by name, if it was fitted with some."""
 
     water: WaterParameters
-    gains: Mapping[str, float]
+    gains: Mapping[str, Array]
 
 
 def water_of(source: str, scene: Scene, view: View, encoding: Encoding) -> KnownWater:
@@ -132,9 +131,9 @@ def _of_file(path: Path) -> Water:
 
 def _known(place: str, water: Water, lighting: Lighting, view: View, encoding: Encoding) -> KnownWater:
     """Return the checked water in the view's exposure. InputError when it cannot explain the view's observations."""
-    if lighting.has_lamp:
+    if lighting.falls_off:
         raise InputError(
-            f"{place}: was fitted together with a lamp, and explains no other light; give method.lamp=true instead"
+            f"{place}: was fitted together with light that falls off, and explains no other; use method.water=own"
         )
     parameters, gains = _checked(place, water, view, encoding), lighting.gains
     if not gains:
@@ -142,10 +141,11 @@ def _known(place: str, water: Water, lighting: Lighting, view: View, encoding: E
     if view.name not in gains:
         fault = f"was fitted with gains of views, and has none of {view.name}"
         raise InputError(
-            f"{place}: {fault}; give a folder with the water of each view, or fit it with method.exposure=constant"
+            f"{place}: {fault}; give a folder with the water of each view, or fit it with method.light=even"
         )
-    B = parameters.B * gains[view.name]
-    return KnownWater(replace(parameters, B=B), relative_to(gains, view.name))
+    of_view = np.asarray(gains[view.name])
+    relative = {name: np.asarray(gain) / of_view for name, gain in gains.items()}
+    return KnownWater(replace(parameters, B=parameters.B * of_view), relative)
 
 
 def _checked(place: str, water: Water, view: View, encoding: Encoding) -> WaterParameters:

@@ -12,7 +12,7 @@ Least squares is the best estimator where residuals r = I - J a - b are normal, 
   which has spread sigma everywhere (Huber 1981, sec. 7.2). Observations with h > 0.9, near ones beside far ones, decide
   their colour alone. Their residual is magnified rounding, and they are left out.
 
-Intensities are those that were fitted. For weighted observations (lamp=true) the residual is sqrt(w) r. With
+Intensities are those that were fitted. For weighted observations (light was removed) the residual is sqrt(w) r. Under
 robust=true all observations count alike here, so that those with little weight show.
 """
 

@@ -78,7 +78,7 @@ def evened(observations: Observations, J: Array, water: WaterParameters, target:
     Am, A_sum, Am_whole, A_whole = np.zeros((4, *shape, 3), dtype=np.float32)
     for v in range(len(observations.views)):
         where, A, J_v = shown_by(v)
-        if v == own or not len(where):  # its pixels may have lain in the dark of a lamp
+        if v == own or not len(where):  # a view whose light is not known
             continue
         sides = np.divmod(where, shape[1])
         part = tuple(slice(max(0, int(at.min()) - _WINDOW), int(at.max()) + _WINDOW + 1) for at in sides)

@@ -16,7 +16,7 @@ Noise is alike in stored intensities. In linear light decoded from them it is si
 in dark pixels. The first term is then sigma^2 (sum w a^2 t^2) / A^2.
 
 Robust weights v = 1 / (1 + s^2 / c^2)^2 (robust.py) are no known precisions: they are small because residuals are
-large, and colours follow the observations that they favour. With w the weights that are known beforehand (a lamp's,
+large, and colours follow the observations that they favour. With w the weights that are known beforehand (of light,
 gains), the variance of an observation is then that of the residuals, each counted v times, and J has the variance
 
     k sum w (v a)^2 (sigma^2 t^2 + tau^2 w a^2) / (sum w v a^2)^2,    k = (sum v / sum psi')^2,
@@ -219,7 +219,7 @@ def robust_part(observations: Observations, weight: Array | None, part: slice) -
 def _slope(observations: Observations, part: slice, decoded: bool) -> Array:
     """Return how many times larger than in stored intensities the noise of recorded light is, (3, n).
 
-    Under a lamp or with gains, intensities are recorded light over l, of weight l^2.
+    In light that was removed, intensities are recorded light over l, of weight l^2.
     """
     linear = observations.intensity(part)
     if not decoded:

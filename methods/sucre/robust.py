@@ -52,6 +52,9 @@ _PATCHES, _SPOILT, _TOLD = (6, 8), 0.3, 10
 # Weights help if spoilt patches hold this share of the wrong observations, or if at most this share is doubtful.
 _IN_PATCHES, _NOISE = 0.5, 0.07
 
+# Light below this share tells no colour; dividing by it would overflow.
+_FAINTEST = 1e-20
+
 # Rounds of J and v for given water: started at the median they settle at once.
 _ROUNDS = 4
 
@@ -205,7 +208,8 @@ def _studentised(x: Array, y: Array, v: Array) -> Array:
 
 def _l1_minimum(x: Array, y: Array) -> Array:
     """The J (3, n) of least sum |y - J x|: the median of y / x with weights x (3, K, n)."""
-    ratio = np.where(x > 0, y / np.where(x > 0, x, 1), np.inf)  # the empty places last
+    there = x > _FAINTEST
+    ratio = np.where(there, y / np.where(there, x, 1), np.inf)  # the empty places last
     order = np.argsort(ratio, axis=1)
     below = np.cumsum(np.take_along_axis(x, order, axis=1), axis=1)
     middle = (below < below[:, -1:] / 2).sum(axis=1, keepdims=True)

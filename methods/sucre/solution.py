@@ -18,8 +18,8 @@ from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Scene, View
 
 if TYPE_CHECKING:
+    from sucre_bench.methods.sucre.light import Light
     from sucre_bench.methods.sucre.sucre import Sucre
-    from sucre_bench.methods.sucre.uneven_light import TargetLight
 
 # Pixels of the sample: a fit on 5,000 was within 1e-4 of the full cost; four times as many cost little.
 SAMPLE = 20_000
@@ -43,7 +43,7 @@ class Solution:
     J, deviation: (3, P) float32, in the order of `Observations.pixels`, intensities without water and their standard
     deviation; cost: (3,) sum of squared residuals; uncertainty: of the water; about: solver, steps, and the like;
     weight: of each observation, as in `Observations`, from robust=true; is_photograph: J is the photograph, without a
-    water; light: on the target, where uneven light was removed from the observations.
+    water; light: that was removed from the observations.
     """
 
     J: Array
@@ -54,7 +54,7 @@ class Solution:
     about: dict[str, Any] = field(default_factory=dict)
     weight: Array | None = None
     is_photograph: bool = False
-    light: TargetLight | None = None
+    light: Light | None = None
 
     def with_limits(self, limits: Iterable[str]) -> Solution:
         """Return the solution with more limits."""
@@ -155,7 +155,7 @@ def sampled(observations: Observations, n: int, *, singles: bool, seed: int) -> 
 def first_slot(observations: Observations) -> Observations:
     """Return each pixel with its first observation alone, which any water explains: it can only hold a colour up.
 
-    The first that has a weight in all channels: what a lamp leaves in the dark has none.
+    The first that has a weight in all channels: those of a view whose light is not known have none.
     """
     n = len(observations.pixels)
     first = np.arange(n)

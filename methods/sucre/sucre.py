@@ -11,7 +11,7 @@ import numpy as np
 
 from sucre_bench import Arrays, InputError, Restoration, Scene, View, method
 from sucre_bench.arrays import Array
-from sucre_bench.camera import Camera
+from sucre_bench.camera import Camera, pixel_rays
 from sucre_bench.imaging.display import normalisation
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.fill import FillOption
@@ -26,8 +26,8 @@ from sucre_bench.plugins.call_method import display_of
 from sucre_bench.scene import Encoding
 
 if TYPE_CHECKING:
+    from sucre_bench.methods.sucre.light import Light
     from sucre_bench.methods.sucre.solution import Solution
-    from sucre_bench.methods.sucre.uneven_light import TargetLight
     from sucre_bench.multiview.observations import Observations
     from sucre_bench.multiview.observe import Options
 
@@ -67,15 +67,10 @@ class Sucre(FillOption):
     """true: give less weight to observations that do not fit, such as animals that move and pixels paired wrongly
     (solver=exact); auto: only if these lie together in single views, or if noise explains the others; false: never."""
 
-    exposure: Literal["auto", "constant", "per_view"] = "auto"
-    """per_view: fit one gain for each view with the water, for cameras that expose automatically (solver=exact);
-    constant: one exposure for all views; auto: per_view only if exposures differ, gains explain the observations far
-    better, and attenuation is lower with them (footprint=true)."""
-
-    lamp: bool | Literal["auto"] = "auto"
-    """true: fit a lamp that is fixed to the camera and is the only light (solver=exact), as in the deep sea; false:
-    none; auto: only if light falls off across the images, a lamp or a polynomial of the place, whichever explains the
-    observations better (footprint=true)."""
+    light: str = "auto"
+    """What differs in the light of the views, fitted with the water (solver=exact): exposure (a gain for each view),
+    white_balance (three), lens (vignetting), strobe (the only light, beside the camera), or some joined by +; even:
+    nothing; auto: what explains pixels that the fit has not seen (footprint=true)."""
 
     pairing: Literal["mutual", "depth"] = "mutual"
     """mutual: the paper's rule, pixels that project onto each other; depth: points whose depths agree within 3 %, with
@@ -200,7 +195,8 @@ class Sucre(FillOption):
         from sucre_bench.methods.sucre.undetermined_water import has_unknown_veil, without_darkest
 
         black = prior = None
-        if self.refine and solution.light is not None and (solution.is_photograph or has_unknown_veil(solution)):
+        falls_off = solution.light is not None and solution.light.falls_off
+        if self.refine and falls_off and (solution.is_photograph or has_unknown_veil(solution)):
             solution, black = without_darkest(solution)
         if self.refine and not solution.is_photograph:
             spread = LEAST_SPREAD_LINEAR if self._fitted(view) == "linear" else LEAST_SPREAD
@@ -228,14 +224,13 @@ class Sucre(FillOption):
         if solution.weight is not None:
             is_wrong = wrong_in_target(observations, solution.weight, view.name)
             observations = replace(observations, weight=solution.weight)
-        way = view.distance if solution.light is None else solution.light.way
         J, deviation = evened(observations, solution.J, solution.water, view.name), solution.deviation
         if self.robust is not True:
             intensity = self.intensities(view).reshape(*observations.shape, 3)
-            target = Target(intensity, view.rgb, way, is_wrong)
+            target = Target(intensity, view.rgb, view.distance, is_wrong)
             images = corrected_edges(target, observations.image(J), observations.image(deviation), solution.water)
             J, deviation = (image.reshape(-1, 3)[observations.pixels].T for image in images)
-        deviation = even_deviation(observations, deviation, way)
+        deviation = even_deviation(observations, deviation, view.distance)
         images = followed(observations.image(J), observations.image(deviation))
         J, deviation = (image.reshape(-1, 3)[observations.pixels].T for image in images)
         return replace(solution, J=J, deviation=deviation)
@@ -255,13 +250,13 @@ class Sucre(FillOption):
         return {
             "rule": self.pairing,
             "encoding": "linear" if self.encoding == "linear" else "view",
-            "with_ray": with_ray or self.lamp is True,
-            "with_view": with_view or self.refine or self.exposure == "per_view",
+            "with_ray": with_ray,
+            "with_view": with_view or self.refine,
         }
 
     def _solve(self, scene: Scene, view: View, observations: Observations) -> tuple[Observations, Solution]:
-        """Return the solution, and the observations that it explains: a lamp leaves some out."""
-        from sucre_bench.methods.sucre.apply_gains import AtOneExposure
+        """Return the solution, and the observations that it explains."""
+        from sucre_bench.methods.sucre.light import Light
         from sucre_bench.methods.sucre.own_water import OwnWater
         from sucre_bench.methods.sucre.solution import colours_for_water
 
@@ -277,10 +272,10 @@ class Sucre(FillOption):
         known = water_of(self.water, scene, view, self._fitted(view))
         if not known.gains:
             return observations, colours_for_water(observations, known.water, None, *where)
-        even = AtOneExposure.of(self.with_views(scene, view, observations), known.gains, known.water, view.name)
-        solution = colours_for_water(even.observations, known.water, None, *where)
-        solution = replace(solution, about=solution.about | {"gains": dict(even.gains)})
-        return even.observations, solution.with_limits(even.limits)
+        light = Light.of_gains(known.gains, known.water)
+        observations = light.removed(self.observe(scene, view, with_view=True, with_ray=True))
+        solution = colours_for_water(observations, known.water, None, *where)
+        return observations, replace(solution, about=solution.about | {"gains": dict(known.gains)})
 
     @property
     def compute(self) -> dict[str, Any]:
@@ -303,9 +298,14 @@ class Sucre(FillOption):
         rgb = view.rgb.reshape(-1, 3)
         return srgb_decode(rgb) if self._decodes(view) else rgb
 
-    def in_even_light(self, view: View, light: TargetLight) -> View:
-        """Return the view as even light would show it; colours may exceed 1, and are NaN where it is dark."""
-        linear = self.intensities(view).reshape(view.rgb.shape) / light.light[..., None]
+    def in_even_light(self, view: View, light: Light) -> View:
+        """Return the view as even light would show it. May exceed 1; a strobe needs depth, else NaN."""
+        assert view.camera is not None
+        rays = np.moveaxis(pixel_rays(view.camera), -1, 0)[:2]
+        z = np.where(view.depth > 0, view.distance, np.nan if light.parts.strobe else 1.0).astype(np.float64)
+        even = replace(light, gains=np.zeros((1, 3)))
+        recorded = np.moveaxis(self.intensities(view).reshape(view.rgb.shape), -1, 0)
+        linear = np.moveaxis(even.evened(recorded, rays, z, 0)[0], 0, -1)
         rgb = srgb_encode(linear) if self._decodes(view) else linear
         return replace(view, pixels=Arrays(rgb.astype(np.float32), view.depth, view.reference))
 
@@ -348,7 +348,7 @@ def _encoded(solution: Solution) -> Solution:
 
 
 def typed(options: Any, name: str, value: bool | str) -> str:
-    """Return an option as a user types it, "method.lamp=true".
+    """Return an option as a user types it, "method.physical=true".
 
     It is empty where it would change nothing, or does not go with the other options.
     """
@@ -364,38 +364,33 @@ def typed(options: Any, name: str, value: bool | str) -> str:
 def check(options: Any, method: str) -> None:
     """Raise InputError for values that are no choice, and for options that do not go together; method: its name.
 
-    With water=own, solver=exact takes physical, robust, and one of lamp=true and exposure=per_view with
-    colours=multi_view; solver=adam takes none of these. With another water there is nothing to solve, and of these
-    options only physical may stay, with an effect for water=shared.
+    With water=own, solver=exact takes physical, robust and light; solver=adam takes none of these. With another water
+    there is nothing to solve, and of these options only physical may stay, with an effect for water=shared.
     """
+    from sucre_bench.methods.sucre.light_parts import Parts, parts_of
+
     water = f"{method}.water={options.water}"
     if not options.water:
         raise InputError(f"{method}.water: is empty; use own, shared, truth, a method, a file or a folder")
-    for name in ("lamp", "robust"):
-        if (value := getattr(options, name)) != "auto" and not isinstance(value, bool):
-            raise InputError(f"{method}.{name}: '{value}' is not a choice; use true, false or auto")
-    extras = [name for name in ("physical", "robust", "lamp") if getattr(options, name) is True]
-    extras += ["exposure"] if options.exposure == "per_view" else []
+    if options.robust != "auto" and not isinstance(options.robust, bool):
+        raise InputError(f"{method}.robust: '{options.robust}' is not a choice; use true, false or auto")
+    parts = parts_of(options.light, f"{method}.light")
+    extras = [name for name in ("physical", "robust") if getattr(options, name) is True]
+    extras += ["light"] if parts not in (None, Parts()) else []
     if options.solver != "exact":
         if extras:
-            off = "constant" if extras[0] == "exposure" else "false"
+            off = "even" if extras[0] == "light" else "false"
             fault = f"goes with {method}.solver=exact, not with {method}.solver={options.solver}"
             raise InputError(f"{method}.{extras[0]}: {fault}; give {method}.{extras[0]}={off}")
         if options.water != "own":
             raise InputError(f"{water}: leaves nothing to {method}.solver={options.solver}; leave one out")
-    light = [name for name in extras if name in ("lamp", "exposure")]
     if options.water != "own" and extras not in ([], ["physical"]):
         name = next(name for name in extras if name != "physical")
         raise InputError(f"{method}.{name}: is found with the image's own water; leave out {water}")
-    if options.lamp is True and options.fill:
-        raise InputError(f"{method}.fill: a lamp lights pixels without depth in an unknown way; use {method}.lamp=auto")
-    if len(light) == 2:
+    if parts is not None and parts.strobe and (options.fill or options.colours == "single_view"):
+        name = "fill" if options.fill else "colours"
         raise InputError(
-            f"{method}.exposure: a lamp explains the same differences of light; leave out {method}.lamp=true"
-        )
-    if light and options.colours == "single_view":
-        raise InputError(
-            f"{method}.{light[0]}: is found with colours of all views; leave out {method}.colours=single_view"
+            f"{method}.{name}: a strobe's light on pixels without depth is not known; use {method}.light=auto"
         )
     if options.water not in WORDS:
         check_source(options.water)

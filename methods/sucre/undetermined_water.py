@@ -9,22 +9,14 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.machine.compute import Device
 from sucre_bench.methods.sucre.diagnostics import is_determined
-from sucre_bench.methods.sucre.light_and_water import ObservationsByPixel, promised_noise
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.paper import start_of
 from sucre_bench.methods.sucre.passes import Backend
-from sucre_bench.methods.sucre.robust import robust_noise
-from sucre_bench.methods.sucre.solution import Solution, colours_for_water, sampled
+from sucre_bench.methods.sucre.solution import Solution, colours_for_water
 from sucre_bench.multiview.observations import Observations
-
-# Gains count if they remove at least this share of the residuals of a fit without gains.
-_BETTER = 0.3
 
 # Less optical depth than this over the farthest distances is none. Pure water has as much in red over .2 m.
 _CLEAR = 0.05
-
-# Pixels that one step towards gains is taken on.
-_SAMPLE = 1_500
 
 # A channel is lost if its typical colour has a larger standard deviation than this, the whole scale.
 _LOST = 1.0
@@ -70,32 +62,6 @@ def is_in_air(observations: Observations, solution: Solution) -> bool:
     return bool((solution.water.beta * far < _CLEAR).all() and known.any() and (error[known] < _CLEAR).all())
 
 
-def gains_may_explain(matched: Observations, target: str, without: WaterParameters, *, seed: int = 0) -> bool:
-    """Return whether one linear step towards gains of views promises half of what makes them count.
-
-    matched: with `view`; target: the view whose gain is 1; without: the water that was fitted without gains, which may
-    have taken most of them.
-    """
-    if matched.view is None:
-        return False
-    few = sampled(matched, _SAMPLE, singles=False, seed=seed)
-    assert few.view is not None
-    sample = ObservationsByPixel.of(few)
-    others = [k for k in np.unique(few.view) if few.views[k] != target]
-    columns = (few.view[sample.pixels.order] == np.array(others)[:, None]).astype(np.float64)
-    noise, promised = promised_noise(sample, columns, without)
-    return promised < (1 - _BETTER / 2) * noise
-
-
-def gains_explain_better(even: Observations, water: WaterParameters, without: Solution) -> bool:
-    """Return whether gains of views explain the observations clearly better than one exposure does.
-
-    even: observations with matched footprints, in one exposure; water: fitted with the gains; without: the solution
-    without gains. Its `about` has `unexplained`, the standard deviation of residuals over matched footprints.
-    """
-    return float(robust_noise(even, water).mean()) < (1 - _BETTER) * float(without.about["unexplained"])
-
-
 def is_guess(solution: Solution) -> bool:
     """Return whether weak priors decide the water of most channels, and noise fills a channel."""
     lost = np.median(solution.deviation, axis=1) > _LOST
@@ -103,19 +69,17 @@ def is_guess(solution: Solution) -> bool:
 
 
 def photograph_as_colours(
-    observations: Observations, intensities: Array, solution: Solution, lamp: str, backend: Backend, device: Device
+    observations: Observations, intensities: Array, solution: Solution, backend: Backend, device: Device
 ) -> Solution:
     """Return the target's intensities (H W, 3) as the colours, no water, and the limit that says so.
 
-    lamp: the word that fits a lamp, empty where it does not go with the other options. The standard deviation is that
-    of one observation.
+    The standard deviation is that of one observation.
     """
     none = WaterParameters.of_channels(np.zeros((3, 3)))
     without = colours_for_water(observations, none, None, backend, device)
-    remedy = f"if a lamp on the camera lights the scene, use {lamp}; otherwise " * bool(lamp)
     limit = (
         "these views do not determine the water; the colours are those of the photograph, and the display stretches "
-        f"them; {remedy}take views from more distances"
+        "them; take views from more distances"
     )
     uncertainty = replace(without.uncertainty, limits=(limit,), is_weak=(True, True, True))
     J = start_of(observations, intensities).astype(np.float32)

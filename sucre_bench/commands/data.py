@@ -195,12 +195,14 @@ def _exposure(exposure: Exposure | NoExposure) -> str:
     if isinstance(exposure, NoExposure):
         return f"not known: {exposure.value}"
     if exposure.falls_off:
-        light = f"light falls off across the images, to {exposure.least:.0%} of its peak, as from a lamp on the camera"
-        return f"gains of views not known: {light}; sucre removes it with lamp=auto, its default"
+        light = (
+            f"light falls off across the images, to {exposure.least:.0%} of its peak, as from a strobe on the camera"
+        )
+        return f"gains of views not known: {light}; sucre removes it by itself"
     low, high = min(exposure.gains), max(exposure.gains)
     gains = f"gains of {len(exposure.views)} views {low:.2f} to {high:.2f}, ± {exposure.error:.1%}"
     if exposure.differs:
-        return f"{gains}; they differ: method=sucre method.exposure=per_view fits them"
+        return f"{gains}; they differ: sucre fits them by itself"
     return f"{gains}; no difference beyond chance"
 
 

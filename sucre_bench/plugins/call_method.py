@@ -36,7 +36,7 @@ def display_of(method: Any) -> str:
 
 
 def with_name(text: str, name: str) -> str:
-    """Return what a method says with its name before its options: "sucre.lamp=true" for "method.lamp=true"."""
+    """Return what a method says with its name before its options: "sucre.robust=true" for "method.robust=true"."""
     return re.sub(r"\bmethod\.(?=[a-z])", f"{name}.", text)
 
 
@@ -51,7 +51,7 @@ def restored(method: Any, scene: Scene, view: View, word: str = "method") -> Res
     """Return a method's restoration, checked: the image in the view's encoding, float32 as the confidence is, the water
     saying what it explains.
 
-    word: what a user writes before the method's options, "sucre_exact" for "sucre_exact.lamp=true"; "method": its name.
+    word: what a user writes before the method's options, "sucre_exact" for "sucre_exact.fill=true"; "method": its name.
     A method that assumes encoded intensities gets those of a linear view, and its image is decoded again. Raises
     PluginError when the result is not what a method must return, and what the method raises.
     """

@@ -4,7 +4,7 @@
 
 beta and gamma may be left out, or null, where they are not known. "encoding" is that of the intensities that the water
 explains; left out, or "view", it is that of the images the water is used with. A run may also write how the water was
-lit, "gains" of views by name and "lamp". What else such a file holds is ignored.
+lit, "gains" of views by name and "light". What else such a file holds is ignored.
 """
 
 import json
@@ -26,12 +26,12 @@ from sucre_bench.scene import Encoding, Water
 class Lighting:
     """How the observations were lit that a water was fitted to.
 
-    gains: the exposure of each view, by name, in the water's units; empty for one exposure. has_lamp: whether a lamp on
-    the camera was the light.
+    gains: of each view by name, a number or one for each channel, in the water's units; empty for one exposure.
+    falls_off: whether the light differed across the images.
     """
 
-    gains: Mapping[str, float] = field(default_factory=dict)
-    has_lamp: bool = False
+    gains: Mapping[str, Any] = field(default_factory=dict)
+    falls_off: bool = False
 
 
 _ENCODINGS: dict[Any, Encoding | None] = {None: None, "view": None, "gamma": "gamma", "linear": "linear"}
@@ -75,14 +75,17 @@ def lighting_of(record: Any, place: str, view: str = "") -> Lighting:
     """
     if not isinstance(record, Mapping):
         return Lighting()
-    gains, lamp, falloff = record.get("gains"), record.get("lamp"), record.get("falloff")
+    gains, light = record.get("gains"), record.get("light")
     if not isinstance(gains, Mapping) or (view and view not in gains):
         gains = {}
-    if not all(is_number_in("(0, inf)", gain) for gain in gains.values()):
-        raise InputError(f"{place}: gains must be one positive number for each view; run its method again")
-    has_lamp = bool(isinstance(lamp, Mapping) and lamp.get("found"))
-    is_removed = isinstance(falloff, Mapping) and falloff.get("removed_by") in ("lamp", "place")
-    return Lighting(dict(gains), has_lamp or is_removed)
+    for gain in gains.values():
+        each = gain if isinstance(gain, list) and len(gain) == 3 else [gain]
+        if not all(is_number_in("(0, inf)", one) for one in each):
+            raise InputError(
+                f"{place}: gains must be one or three positive numbers for each view; run its method again"
+            )
+    parts = light.get("parts", ()) if isinstance(light, Mapping) else ()
+    return Lighting(dict(gains), bool({"lens", "strobe"} & set(parts)))
 
 
 _NAMES = ("B", "beta", "gamma")

@@ -15,7 +15,7 @@ from sucre_bench.camera import pixel_rays
 from sucre_bench.datasets.demo import WATERS, Demo, Preset, made_scene
 from sucre_bench.datasets.demo.cast_rays import RayCaster
 from sucre_bench.datasets.demo.made_scene import MadeScene, make, make_once
-from sucre_bench.datasets.demo.render import LAMP, apply, build, make_camera, render, underwater
+from sucre_bench.datasets.demo.render import LAMP, apply, build, lamp_light, make_camera, render, underwater
 from sucre_bench.datasets.demo.seabed import (
     SITES,
     Grid,
@@ -315,20 +315,28 @@ def test_open_water_has_no_depth_and_shows_the_veil() -> None:
     np.testing.assert_allclose(shown, np.broadcast_to(WATERS["coastal"].veiling_light, shown.shape))
 
 
-def test_the_deep_sea_is_lit_by_a_lamp_whose_light_crosses_the_water_too(deep: MadeScene) -> None:
-    """I = l (J a + b) with z = |camera to point| + |lamp to point|: red and blue must tell the same l."""
+def test_the_deep_sea_is_lit_by_a_lamp_whose_light_falls_and_crosses_the_water_too(deep: MadeScene) -> None:
+    """Without its veil, summed up finely along the ray, I / J tells the lobe; all channels must tell the same."""
     B, beta, gamma = np.array([(0.02, 0.17), (0.19, 0.055), (0.08, 0.07)])
-    K, lamp = deep.camera.K, np.array([-0.15, -0.25, 0])  # the lamp is above the camera and to its left
-    u, v = np.meshgrid(np.arange(160) + 0.5, np.arange(120) + 0.5)
-    image, J = deep.rgb[-1, ..., ::2] / 255, deep.reference[-1, ..., ::2]
-    point = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones_like(u)], axis=-1)
-    point *= deep.depth[-1, ..., None]
-    z = (np.linalg.norm(point, axis=-1) + np.linalg.norm(point - lamp, axis=-1))[..., None]
-    light = image / (J * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z)))
-    assert 0.9 < np.percentile(light[..., 1], 99) < 1.05
-    bright = (image > 0.15).all(axis=-1) & (v > 70)  # below, where the way from the lamp is longer than to the camera
-    assert bright.sum() > 500
-    assert abs(np.log(light[bright][:, 0] / light[bright][:, 1]).mean()) < 0.003
+    K = deep.camera.K
+    for u, v in ((80, 60), (100, 70), (60, 75)):
+        pixel = deep.rgb[-1, v, u, ::2] / 255, deep.reference[-1, v, u, ::2]
+        ray = np.array([(u + 0.5 - K[0, 2]) / K[0, 0], (v + 0.5 - K[1, 2]) / K[1, 1], 1.0])
+        point, z = ray * deep.depth[-1, v, u], np.linalg.norm(ray) * deep.depth[-1, v, u]
+        steps = (np.arange(4000) + 0.5) / 4000
+        light, way = lamp_light(LAMP, point * steps[:, None])
+        lit = light[:, None] * np.exp(-gamma * z * steps[:, None] - beta * way[:, None])
+        on_ground, way = lamp_light(LAMP, point)
+        expected = pixel[1] * on_ground * np.exp(-beta * (z + way)) + B * gamma * z * lit.mean(axis=0)
+        np.testing.assert_allclose(pixel[0], expected, atol=0.02)
+
+
+def test_the_lamps_light_falls_with_the_square_of_its_way() -> None:
+    ahead = np.linalg.inv(LAMP.lamp_from_cam)
+    points = (np.array([[0, 0, 1.5], [0, 0, 3.0]]) @ ahead[:3, :3].T) + ahead[:3, 3]
+    light, way = lamp_light(LAMP, points)
+    np.testing.assert_allclose(light, [4, 1])
+    np.testing.assert_allclose(way, [1.5, 3])
 
 
 def test_the_deep_sea_is_dark_at_the_border(deep: MadeScene) -> None:

@@ -20,7 +20,7 @@ FAMILY = ["sucre", "sucre_plus", "sucre_paper", "sucre_exact"]
 
 
 def test_there_are_hints() -> None:
-    assert {"method=dive_gray_world", "method.lamp=auto", "method.exposure=constant"} <= set(WORDS)
+    assert {"method=dive_gray_world", "method.light=even"} <= set(WORDS)
 
 
 @pytest.mark.parametrize("word", WORDS)

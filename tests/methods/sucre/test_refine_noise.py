@@ -104,7 +104,7 @@ def test_deviations_of_robust_colours_are_their_errors(tau: float, wrong: float)
         np.testing.assert_allclose(error, np.median(solution.deviation[:, several], axis=1), rtol=0.2)
 
 
-def test_noise_under_a_lamp_has_the_slope_of_recorded_light() -> None:
+def test_noise_in_removed_light_has_the_slope_of_recorded_light() -> None:
     """Pixels at the rim of the light: their intensities in even light are many times those that were recorded."""
     rng, sigma = np.random.default_rng(0), 0.004
     light = np.where(np.arange(N) % 2 == 0, 0.9, 0.05)

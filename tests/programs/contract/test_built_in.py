@@ -32,7 +32,7 @@ ORDINARY_WORDS = {"command", "photos", "onnx", "coverage", "hue", "negative", "o
 NORMALISATIONS = {"display.py", "white_balance.py"}  # gray_world is one of them too
 QUICK: dict[str, dict[str, Any]] = {
     "sucre_paper": {"steps": 3},
-    "sucre_plus": {"exposure": "constant", "lamp": False},  # whose fits are those of sucre
+    "sucre_plus": {"light": "even"},  # whose fits are those of sucre
     "command": {"run": "cp {input} {output}"},
 }
 

@@ -1,0 +1,346 @@
+"""Light that differs between observations, fitted together with the water.
+
+    I = l (J a + b)
+
+a and b as in model.py, or in the light of a strobe (strobe.py). All that multiplies light is one family: log l is a sum
+of known terms with unknown coefficients.
+
+| part | what it adds | what it stands for |
+|---|---|---|
+| exposure | to log l one number for each view but the target | a camera that exposes automatically |
+| white_balance | the same for each channel | a camera that also balances white automatically |
+| lens | to log l six terms of the place in the image, the same in all views | vignetting |
+| strobe | another a and b | a strobe or lamp beside the camera |
+
+Colours are eliminated as in model.py, and what is left is solved by Levenberg-Marquardt over water and coefficients
+together. Coefficients have weak priors, worth one observation each. l is 1 in the middle of the target.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from sucre_bench.arrays import Array, Indices, Mask
+from sucre_bench.methods.sucre.levenberg import Bounds, minimise
+from sucre_bench.methods.sucre.light_parts import Parts
+from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters, transmission, veil
+from sucre_bench.methods.sucre.strobe import TERMS, UNKNOWNS, Lit, Strobe, terms
+from sucre_bench.multiview.observations import Observations
+
+# Standard deviations of coefficients beforehand: logarithms of light, and metres of a strobe's position; the noise of
+# the one observation that a weak prior is worth.
+_WEAK, _ASIDE, _NOISE = 0.7, 0.5, 0.01
+
+# Starts of beta and gamma, as optical depths over the median distance, besides the water fitted without light.
+_STARTS = ((0.1, 0.3), (0.7, 0.7))
+
+# Pixels that the starts are tried on, and that a strobe is fitted to; tolerance there and of the last descent; most
+# steps.
+_SCREEN, _STROBE, _ROUGHLY, _TOLERANCE, _STEPS = 300, 500, 1e-4, 1e-6, 40
+
+# Largest logarithm of a coefficient, metres of a position, and optical depth over the median distance.
+_MOST, _FARTHEST, _DEEPEST = 3.0, 1.5, 30.0
+
+_PART = 1 << 16  # observations at a time
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """P pixels that several views show, in V views: a table with a gap where a view does not show a pixel.
+
+    z: (P, V) metres; I: (3, P, V); weight: (3, P, V) of squared residuals, 0 in gaps; ray: (2, P, V), x / z and y / z
+    in the view's camera; views: names; target: index of the view whose gain is 1; place: (2, P), x and y of the pixel
+    in the target, from 0 to 1.
+    """
+
+    z: Array
+    I: Array  # noqa: E741
+    weight: Array
+    ray: Array
+    views: tuple[str, ...]
+    target: int
+    place: Array
+
+    @staticmethod
+    def of(few: Observations, target: str) -> Sample:
+        """Return the sample of observations with `view` and `ray`; target: a name; if no view has it, the fullest."""
+        assert few.view is not None
+        assert few.ray is not None
+        size = (len(few.pixels), len(few.views))
+        z, I, weight, ray = np.ones(size), np.zeros((3, *size)), np.zeros((3, *size)), np.zeros((2, *size))  # noqa: E741
+        for n, part in few.slots():
+            at = np.arange(n), few.view[part]
+            z[at], ray[:, *at] = few.distance[part], few.ray[:, part]
+            I[:, *at] = few.intensity(part)
+            weight[:, *at] = 1 if few.weight is None else few.weight[..., part]
+        fullest = few.views[int((weight[0] > 0).sum(axis=0).argmax())]
+        y, x = np.divmod(few.pixels, few.shape[1])
+        place = np.stack([x / few.shape[1], y / few.shape[0]])
+        return Sample(z, I, weight, ray, few.views, few.views.index(target if target in few.views else fullest), place)
+
+    def take(self, which: Mask | slice) -> Sample:
+        """Return the sample of some pixels."""
+        I, weight, ray = self.I[:, which], self.weight[:, which], self.ray[:, which]  # noqa: E741
+        return Sample(self.z[which], I, weight, ray, self.views, self.target, self.place[:, which])
+
+    @property
+    def shown(self) -> Mask:
+        """(P, V) bool: whether a view shows a pixel."""
+        return np.asarray((self.weight > 0).any(axis=0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Light:
+    """Light, and the water it was fitted with, which a strobe's veil depends on.
+
+    gains: (V, 3) logarithms, 0 for the target, NaN for a view that the fit did not see; lens: (6,); extent: largest
+    |x / z| or |y / z| of the sample.
+    """
+
+    parts: Parts
+    water: WaterParameters
+    views: tuple[str, ...]
+    gains: Array
+    lens: Array
+    extent: float
+    strobe: Strobe | None = None
+
+    @staticmethod
+    def even(water: WaterParameters, views: tuple[str, ...]) -> Light:
+        return Light(Parts(), water, views, np.zeros((len(views), 3)), np.zeros(TERMS), 1.0)
+
+    @staticmethod
+    def of_gains(gains: Mapping[str, Any], water: WaterParameters) -> Light:
+        """Return the light of gains by name, each a number or three; water: in the exposure of gain 1."""
+        known = np.stack([np.broadcast_to(np.asarray(gain, dtype=np.float64), 3) for gain in gains.values()])
+        return Light(Parts(3), water, tuple(gains), np.log(known), np.zeros(TERMS), 1.0)
+
+    @property
+    def falls_off(self) -> bool:
+        """Whether the light differs across an image."""
+        return self.parts.lens or self.parts.strobe
+
+    @property
+    def least(self) -> float:
+        """The least light of the lens at the middle and the corners of a square of the sample, over the largest."""
+        light = np.exp(self.lens @ terms(np.array([[0, 1, 1, -1, -1], [0, 1, -1, 1, -1]]) * 0.7))
+        return float(light.min() / light.max())
+
+    def falling(self, ray: Array, view: Indices | int) -> Array:
+        """Return l (3, ...) of rays (2, ...); view: index into `views` of each, or of all."""
+        log = np.tensordot(self.lens, terms(ray / self.extent), 1)
+        gains = np.moveaxis(self.gains[np.broadcast_to(view, log.shape)], -1, 0)
+        return np.asarray(np.exp(log + gains))
+
+    def eq_6(self, ray: Array, z: Array) -> tuple[Array, Array]:
+        """Return a and b (3, ...) of I = l (J a + b); ray: (2, ...); z: (...) metres."""
+        water = self.water
+        if self.strobe is None:
+            both = [_eq_6(z, water.channel(c))[:2] for c in range(3)]
+        else:
+            lit, beta = Lit.of(self.strobe, ray, z), water.beta
+            both = [(transmission(z, beta[c]) * lit.light(beta[c]), lit.veil(water.channel(c))) for c in range(3)]
+        return np.stack([a for a, _ in both]), np.stack([b for _, b in both])
+
+    def evened(self, I: Array, ray: Array, z: Array, view: Indices | int) -> tuple[Array, Array]:  # noqa: E741
+        """Return intensities (3, ...) as even light would show them, may exceed 1, and what I was divided by.
+
+        NaN where the light is not known. A strobe's veil is subtracted: its form is not eq. 6's.
+        """
+        falling = self.falling(ray, view)
+        if self.strobe is None:
+            return I / falling, falling
+        a, b = self.eq_6(ray, z)
+        on_ground = a / transmission(z, self.water.beta.reshape(3, *[1] * z.ndim))
+        return I / (falling * on_ground) - b / on_ground, falling * on_ground
+
+    def removed(self, observations: Observations) -> Observations:
+        """Return the observations as they would be in even light (float32), weights multiplied by l^2.
+
+        observations: with `view` and `ray`. The least squares of I / l = J a + b with these weights are those of
+        I = l (J a + b). Those of views that the fit did not see have weight 0. Pixels without any weight are left out.
+        """
+        assert observations.view is not None
+        assert observations.ray is not None
+        place = np.array([self.views.index(name) if name in self.views else -1 for name in observations.views])
+        light = replace(self, gains=np.concatenate([self.gains, np.full((1, 3), np.nan)]))
+        colour, weight = np.empty((2, 3, len(observations)), dtype=np.float32)
+        for start in range(0, len(observations), _PART):
+            part = slice(start, min(start + _PART, len(observations)))
+            ray, z = observations.ray[:, part].astype(np.float64), observations.distance[part].astype(np.float64)
+            view = place[observations.view[part]]
+            colour[:, part], weight[:, part] = light.evened(observations.intensity(part), ray, z, view)
+        weight = np.nan_to_num(weight) ** 2 * (1 if observations.weight is None else observations.weight)
+        even = replace(observations, colour=np.nan_to_num(colour), weight=weight)
+        known = np.zeros(len(even.pixels), dtype=bool)
+        for n, part in even.slots():
+            known[:n] |= (weight[:, part] > 0).all(axis=0)
+        return even if known.all() else even.take(np.flatnonzero(known))
+
+
+def _eq_6(z: Array, water: tuple[float, float, float]) -> tuple[Array, Array, Array, Array]:
+    """Return a and b (...), and their derivatives by B, beta and gamma, (3, ...) each."""
+    B, beta, gamma = water
+    a, D_B = transmission(z, beta), veil(z, 1, gamma)
+    none = np.zeros_like(z)
+    return a, B * D_B, np.stack([none, -z * a, none]), np.stack([D_B, none, B * z * (1 - D_B)])
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Water and light over a sample.
+
+    Unknowns: nine of the water (B, beta, gamma of each channel); those of a strobe; terms of the lens; logarithms of
+    the gains of all views, or of each channel and view.
+    """
+
+    sample: Sample
+    parts: Parts
+
+    @cached_property
+    def extent(self) -> float:
+        return max(float(np.abs(self.sample.ray).max()), 1e-9)
+
+    @cached_property
+    def distance(self) -> float:
+        """The median distance, metres."""
+        return float(np.median(self.sample.z[self.sample.shown]))
+
+    @cached_property
+    def terms(self) -> Array:
+        """The terms (6, P, V) of the lens."""
+        return terms(self.sample.ray / self.extent)
+
+    @cached_property
+    def sizes(self) -> list[int]:
+        """Numbers of unknowns: water, strobe, lens, gains."""
+        return [9, UNKNOWNS * self.parts.strobe, TERMS * self.parts.lens, self.parts.gains * len(self.sample.views)]
+
+    @property
+    def size(self) -> int:
+        return sum(self.sizes)
+
+    @cached_property
+    def prior(self) -> Array:
+        """The weight (n,) of each unknown's square."""
+        prior = np.full(self.size, (_NOISE / _WEAK) ** 2)
+        prior[:9] = 0
+        prior[9 : 9 + 3 * self.parts.strobe] = (_NOISE / _ASIDE) ** 2
+        return prior
+
+    @property
+    def bounds(self) -> Bounds:
+        most = np.full(self.size, _MOST)
+        most[9 : 9 + 3 * self.parts.strobe] = _FARTHEST
+        least = -most
+        least[:9], most[:9] = 0, np.tile([1.0, _DEEPEST / self.distance, _DEEPEST / self.distance], 3)
+        damped = np.ones(len(most), dtype=bool)
+        damped[[0, 3, 6]] = False
+        return Bounds(least, most, damped)
+
+    def unknowns(self, light: Light) -> Array:
+        """Return the unknowns of a light with fewer parts; the others are 0."""
+        strobe = np.zeros(UNKNOWNS) if light.strobe is None else np.r_[light.strobe.position, light.strobe.lobe]
+        gains = np.nan_to_num(light.gains).T[: self.parts.gains]
+        kinds = zip((light.water.by_channel().ravel(), strobe, light.lens, gains.ravel()), self.sizes, strict=True)
+        return np.concatenate([kind[:n] for kind, n in kinds])
+
+    def light(self, u: Array) -> Light:
+        """Return the light of unknowns."""
+        water, strobe, lens, gains = np.split(u, np.cumsum(self.sizes)[:-1])
+        views = len(self.sample.views)
+        return Light(
+            self.parts,
+            WaterParameters.of_channels(water.reshape(3, 3)),
+            self.sample.views,
+            np.broadcast_to(gains.reshape(-1, views).T, (views, 3)) if self.parts.gains else np.zeros((views, 3)),
+            lens if self.parts.lens else np.zeros(TERMS),
+            self.extent,
+            Strobe.of(strobe, self.distance) if self.parts.strobe else None,
+        )
+
+    def system(self, u: Array) -> ReducedSystem:
+        """Return H (1, n, n), g and the cost around unknowns, colours eliminated, with the priors.
+
+        Of a column D of the unknowns only the part D' counts that no colour imitates (model.py). The column of a gain
+        is 0 in all other views. So products of the D' of two views need sums over pixels only: with M = sum_v x D,
+        D'^T D' = D^T D - M^T M / A and A = sum_v x^2, x being the column of the colour.
+        """
+        sample, views, parts = self.sample, len(self.sample.views), self.parts
+        light = self.light(u)
+        l = light.falling(sample.ray, np.arange(views))  # noqa: E741
+        lit = None if light.strobe is None else Lit.of(light.strobe, sample.ray, sample.z, slopes=True)
+        n, shared = len(u), np.arange(9, sum(self.sizes[:3]))
+        H, g, cost = np.diag(self.prior), -self.prior * u, float(self.prior @ (u * u))
+        for c in range(3):
+            s, water = np.sqrt(sample.weight[c]), light.water.channel(c)
+            a, b, of_a, of_b = _eq_6(sample.z, water) if lit is None else lit.derivatives(water)
+            sl = s * l[c]
+            x = sl * a
+            A = np.maximum((x * x).sum(axis=1), 1e-30)
+            J = ((x * (s * sample.I[c] - sl * b)).sum(axis=1) / A)[:, None]
+            seen = x * J + sl * b
+            r = s * sample.I[c] - seen
+            D = sl * (J * of_a + of_b)
+            D = np.concatenate([D, self.terms * seen]) if parts.lens else D
+            M, flat = np.einsum("kpv,pv->kp", D, x), D.reshape(len(D), -1)
+            common = np.r_[3 * c : 3 * c + 3, shared]
+            H[np.ix_(common, common)] += flat @ flat.T - (M / A) @ M.T
+            g[common] += flat @ r.ravel()
+            cost += float((r * r).sum())
+            if parts.gains:
+                own = n - views * (parts.gains - c * (parts.gains == 3)) + np.arange(views)
+                K = seen * x
+                mixed = (D * seen).sum(axis=1) - (M / A) @ K
+                H[np.ix_(common, own)] += mixed
+                H[np.ix_(own, common)] += mixed.T
+                H[np.ix_(own, own)] += np.diag((seen * seen).sum(axis=0)) - (K / A[:, None]).T @ K
+                g[own] += (seen * r).sum(axis=0)
+        held = n - views * np.arange(1, parts.gains + 1) + sample.target
+        H[held], H[:, held], g[held] = 0, 0, 0
+        return ReducedSystem(H[None], g[None], np.array([cost]))
+
+    def descend(self, start: Array, tolerance: float) -> tuple[Array, ReducedSystem]:
+        end = minimise(lambda u: self.system(u[0]), start[None], self.bounds, tolerance=tolerance, max_steps=_STEPS)
+        return end.at[0], end.system
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LightFit:
+    """light; covariance: (3, 3, 3) of B, beta and gamma of each channel, the light being unknown too."""
+
+    light: Light
+    covariance: Array
+
+    @property
+    def beta_error(self) -> Array:
+        """Standard error (3,) of beta."""
+        return np.asarray(np.sqrt(self.covariance[:, 1, 1].clip(min=0)))
+
+
+def fit_light(sample: Sample, parts: Parts, light: Light) -> LightFit:
+    """Fit water and light to a sample; light: fitted with fewer parts."""
+    if parts.strobe:
+        sample = sample.take(slice(None, None, max(1, len(sample.z) // _STROBE)))
+    problem = Problem(sample.take(slice(None, None, max(1, len(sample.z) // _SCREEN))), parts)
+    start, far = light.water.by_channel(), problem.distance
+    rows = [start, *(np.c_[start[:, 0], np.full(3, beta / far), np.full(3, gamma / far)] for beta, gamma in _STARTS)]
+    if parts.strobe:  # its light crosses the water twice, and the water is not that of a fit without
+        rows = [row * (0.1, 0.5, 1) for row in rows]
+    first = problem.unknowns(light)
+    ends = [problem.descend(np.concatenate([row.ravel(), first[9:]]), _ROUGHLY) for row in rows]
+    at, system = Problem(sample, parts).descend(min(ends, key=lambda end: float(end[1].cost[0]))[0], _TOLERANCE)
+    light = Problem(sample, parts).light(at)
+    n_excess = 3 * (np.count_nonzero(sample.shown) - len(sample.z)) - len(at)
+    H, free = system.H[0], np.flatnonzero(np.diag(system.H[0]) > 0)
+    covariance = np.zeros_like(H)
+    covariance[np.ix_(free, free)] = np.linalg.pinv(H[np.ix_(free, free)], rcond=1e-14, hermitian=True)
+    covariance *= system.cost[0] / max(n_excess, 1)
+    of_water = np.stack([covariance[3 * c : 3 * c + 3, 3 * c : 3 * c + 3] for c in range(3)])
+    known: Mask = np.asarray(sample.shown.any(axis=0))
+    return LightFit(replace(light, gains=np.where(known[:, None], light.gains, np.nan)), of_water)

@@ -1,0 +1,278 @@
+"""Light that differs between views, on made ground whose light is known."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.command_line import registry
+from support.made_ground import WATERS, make_ground, make_survey
+
+from sucre_bench import Arrays, InputError, Restoration, Scene, Water
+from sucre_bench.imaging.display import display
+from sucre_bench.methods.sucre import Sucre, SucrePlus
+from sucre_bench.methods.sucre.light import Light, Problem, Sample
+from sucre_bench.methods.sucre.light_parts import Parts
+from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.passes import opened
+from sucre_bench.methods.sucre.solution import matched_sample, sampled
+from sucre_bench.methods.sucre.strobe import Lit, Strobe
+from sucre_bench.multiview.observations import Observations
+from sucre_bench.multiview.observe import observe
+from sucre_bench.plugins.registry import using
+
+GAINS = (0.75, 1.2, 0.9, 1.0, 1.3, 0.7, 1.1)
+GROUND = {"width": 160, "height": 120, "heights_m": (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5), "tilt_deg": 30.0, "seed": 3}
+
+
+def rates(result: Restoration, truth: Water) -> np.ndarray:
+    """Relative errors of beta and gamma, (2, 3)."""
+    assert result.water is not None
+    found = result.water
+    return np.array([found.attenuation / truth.attenuation, found.backscatter / truth.backscatter]) - 1
+
+
+def parts(result: Restoration) -> list[str]:
+    return result.info["light"]["parts"] if "light" in result.info else []
+
+
+def with_light(scene: Scene, light: np.ndarray) -> Scene:
+    """The scene with all views times light (V, 1 or H, 1 or W, 3), as 8-bit images."""
+    views = []
+    for view, one in zip(scene.views, light, strict=True):
+        stored = np.rint((view.rgb * one).clip(0, 1) * 255) / 255
+        views.append(replace(view, pixels=Arrays(stored, view.depth, view.reference)))
+    return replace(scene, views=views)
+
+
+@pytest.fixture(scope="module")
+def plain() -> Scene:
+    return make_ground(WATERS["green"], **GROUND)
+
+
+@pytest.fixture(scope="module")
+def exposed() -> Scene:
+    return make_ground(WATERS["green"], gains=GAINS, **GROUND)
+
+
+@pytest.fixture(scope="module")
+def by_itself(exposed: Scene) -> Restoration:
+    return Sucre().restore(exposed, exposed["3.png"])
+
+
+def test_gains_are_found_with_the_water(exposed: Scene, by_itself: Restoration) -> None:
+    even = Sucre(light="even").restore(exposed, exposed["3.png"])
+    assert np.abs(rates(even, WATERS["green"])).max() > 0.2
+    assert parts(by_itself) == ["exposure"]
+    assert np.abs(rates(by_itself, WATERS["green"])).max() < 0.03
+    assert by_itself.info["gains"]["3.png"] == 1
+    for name, gain in by_itself.info["gains"].items():
+        assert gain == pytest.approx(GAINS[int(name[0])] / GAINS[3], rel=0.01)
+    assert any("exposure differs" in limit for limit in by_itself.info["limits"])
+
+
+def test_white_balance_is_found_with_the_water(plain: Scene) -> None:
+    balance = np.exp(0.05 * np.random.default_rng(0).normal(size=(7, 1, 1, 3)))
+    scene = with_light(plain, balance / balance[3])
+    result = Sucre().restore(scene, scene["3.png"])
+    assert parts(result) == ["white_balance"]
+    assert np.abs(rates(result, WATERS["green"])[0]).max() < 0.05  # .39 in even light
+    for name, gains in result.info["gains"].items():
+        np.testing.assert_allclose(gains, (balance / balance[3])[int(name[0]), 0, 0], rtol=0.01)
+
+
+def test_vignetting_is_found_with_the_water(plain: Scene) -> None:
+    y, x = np.mgrid[-1:1:120j, -1:1:160j]
+    lens = 1 - 0.25 * (x * x + y * y)[..., None] / 2
+    scene = with_light(plain, np.repeat(lens[None], 7, axis=0))
+    even, result = (Sucre(light=light).restore(scene, scene["3.png"]) for light in ("even", "auto"))
+    assert parts(result) == ["lens"]
+    assert result.info["light"]["least"] == pytest.approx(1 - 0.125 * (0.7**2 + (0.7 / 0.75) ** 2), abs=0.02)
+    assert np.abs(rates(result, WATERS["green"])[0]).max() < 0.5 * np.abs(rates(even, WATERS["green"])[0]).max()
+    truth = scene["3.png"].reference
+    errors = [np.sqrt(np.nanmean((one.image - truth) ** 2)) for one in (even, result)]
+    assert errors[1] < 0.7 * errors[0]
+
+
+def test_even_light_is_left_as_it_is(plain: Scene) -> None:
+    auto, even = (SucrePlus(light=light).restore(plain, plain["3.png"]) for light in ("auto", "even"))
+    assert "light" not in auto.info
+    np.testing.assert_array_equal(auto.image, even.image)
+
+
+def test_photographs_in_air_whose_exposure_varies_get_no_water() -> None:
+    air = Water(np.zeros(3), np.zeros(3), np.zeros(3))
+    scene = make_ground(air, gains=(0.8, 1.2, 0.95, 1.3, 0.85, 1.1), width=80, height=60)
+    even, found = (Sucre(light=light).restore(scene, scene["3.png"]) for light in ("even", "auto"))
+    assert even.water.attenuation.max() > 0.05
+    assert found.water.attenuation.max() < 5e-3  # 1/m, at a median distance of 3 m
+
+
+# -- a strobe ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def survey() -> Scene:
+    return make_survey(WATERS["coast"], width=64, height=48)
+
+
+@pytest.fixture(scope="module")
+def under_a_strobe(survey: Scene) -> Restoration:
+    return SucrePlus(light="strobe").restore(survey, survey["4.png"])
+
+
+def test_the_light_of_a_strobe_is_removed_from_the_picture(survey: Scene, under_a_strobe: Restoration) -> None:
+    view = survey["4.png"]
+    errors = [
+        float(np.sqrt(np.nanmean((display(image, "black-0.5-white-99") - view.reference) ** 2)))
+        for image in (view.rgb, under_a_strobe.image)
+    ]
+    assert errors[1] < 0.7 * errors[0]
+    assert under_a_strobe.valid.mean() > 0.99
+
+
+def test_the_place_of_a_strobe_is_found_and_over_flat_ground_its_water_is_doubted(under_a_strobe: Restoration) -> None:
+    np.testing.assert_allclose(under_a_strobe.info["light"]["strobe"]["position"], (0.7, 0, 0), atol=0.15)
+    assert any("do not separate" in limit for limit in under_a_strobe.info["limits"])
+    assert not under_a_strobe.info["veil_known"]
+
+
+def test_a_strobes_veil_is_its_light_scattered_once() -> None:
+    """Against a fine sum along one ray, written out again."""
+    strobe, z, (B, beta, gamma) = (
+        Strobe(np.array([0.3, -0.2, 0.1]), np.array([0.1, 0, -1, 0, -1.2, 0]), 2.0),
+        3.0,
+        (0.3, 0.2, 0.4),
+    )
+    ray = np.array([[0.2], [-0.1]])
+    t = (np.arange(20_000) + 0.5) / 20_000 * z
+    X = np.array([0.2, -0.1, 1])[:, None] / np.linalg.norm([0.2, -0.1, 1]) * t
+    Y = X - np.array([[0.3], [-0.2], [0.1]])
+    d = np.linalg.norm(Y, axis=0)
+    x, y = Y[:2] / d
+    light = (2 / d) ** 2 * np.exp(0.1 * x - x * x - 1.2 * y * y) * np.exp(-beta * d - gamma * t)
+    expected = B * gamma * light.mean() * z
+    assert Lit.of(strobe, ray, np.array([z])).veil((B, beta, gamma))[0] == pytest.approx(expected, rel=0.01)
+
+
+# -- the fit -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def matched(exposed: Scene) -> Observations:
+    method, view = Sucre(), exposed["3.png"]
+    found = matched_sample(method, exposed, view, method.observe(exposed, view))
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("which", [Parts(1, lens=True), Parts(3), Parts(1, strobe=True)])
+def test_gradient_is_that_of_finite_differences(matched: Observations, which: Parts) -> None:
+    problem = Problem(Sample.of(sampled(matched, 60, singles=False, seed=0), "3.png"), which)
+    rng = np.random.default_rng(0)
+    u = np.concatenate([np.tile([0.3, 0.2, 0.3], 3), rng.normal(0, 0.1, problem.size - 9)])
+    system, step = problem.system(u), 1e-6 * np.eye(problem.size)
+    numeric = [(problem.system(u - one).cost[0] - problem.system(u + one).cost[0]) / 4e-6 for one in step]
+    free = np.diag(system.H[0]) > 0
+    assert free.sum() == problem.size - which.gains  # the target's gains are held
+    np.testing.assert_allclose(system.g[0][free], np.array(numeric)[free], rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("strobe", [False, True])
+def test_removed_light_has_the_least_squares_of_the_recorded_one(matched: Observations, strobe: bool) -> None:
+    few = sampled(matched, 200, singles=False, seed=0)
+    problem = Problem(Sample.of(few, "3.png"), Parts(1, strobe=strobe))
+    u = np.concatenate([np.tile([0.3, 0.2, 0.3], 3), np.random.default_rng(0).normal(0, 0.1, problem.size - 9)])
+    light, recorded = problem.light(u), problem.system(u).cost[0] - problem.prior @ (u * u)
+    none = np.zeros(3)
+    water = WaterParameters(none, light.water.beta, none) if strobe else light.water
+    with opened(light.removed(few), "numpy", "cpu") as kernel:
+        assert kernel.system(water).cost.sum() == pytest.approx(recorded, rel=1e-3)
+
+
+def test_a_view_whose_light_is_not_known_takes_no_part(exposed: Scene) -> None:
+    view = exposed["3.png"]
+    seen = observe(view, exposed.views, with_view=True, with_ray=True)
+    water = WaterParameters.of_channels(np.full((3, 3), 0.2))
+    even = Light.of_gains({name: 1.0 for name in seen.views if name != "4.png"}, water).removed(seen)
+    assert even.weight is not None
+    assert even.view is not None
+    unknown = even.view == even.views.index("4.png")
+    assert unknown.any()
+    assert (even.weight[:, unknown] == 0).all()
+    assert (even.weight[:, ~unknown] == 1).all()
+
+
+# -- water that was fitted with light, used elsewhere --------------------------------------------------------
+
+
+def test_water_that_was_fitted_with_gains_is_used_with_them(
+    exposed: Scene, by_itself: Restoration, tmp_path: Path
+) -> None:
+    water = by_itself.water
+    assert water is not None
+    names = {"B": "veiling_light", "beta": "attenuation", "gamma": "backscatter"}
+    record = {name: getattr(water, long).tolist() for name, long in names.items()}
+    record |= {name: by_itself.info[name] for name in ("gains", "light")}
+    file = tmp_path / "3.json"
+    file.write_text(json.dumps(record))
+    for name in ("3.png", "1.png"):
+        own = by_itself if name == "3.png" else Sucre(light="exposure").restore(exposed, exposed[name])
+        given = Sucre(water=str(file)).restore(exposed, exposed[name])
+        assert np.sqrt(np.nanmean((given.image - own.image) ** 2)) < 0.015
+    file.write_text(json.dumps(record | {"gains": {"1.png": 1.0}}))
+    with pytest.raises(InputError, match=r"3\.json.*3\.png"):
+        Sucre(water=str(file)).restore(exposed, exposed["3.png"])
+    file.write_text(json.dumps(record | {"light": {"parts": ["lens"]}}))
+    with pytest.raises(InputError, match="light"):
+        Sucre(water=str(file)).restore(exposed, exposed["3.png"])
+
+
+FOREIGN = """
+from dataclasses import dataclass
+import numpy as np
+import sucre_bench as sb
+
+@sb.method()
+@dataclass(frozen=True)
+class Foreign:
+    def restore(self, scene, view):
+        return sb.Restoration(view.rgb, scene.water, info={"gains": GAINS})
+"""
+
+
+@pytest.mark.parametrize("gains", ["[1.2, 1.0, 0.8]", "{'red': 1.2}", "np.ones(3)", "{'3.png': np.float32(1)}"])
+def test_water_of_a_method_that_calls_something_else_gains_is_used(plain: Scene, tmp_path: Path, gains: str) -> None:
+    (tmp_path / "foreign.py").write_text(FOREIGN.replace("GAINS", gains))
+    with using(registry(tmp_path / "foreign.py")):
+        image = Sucre(water="foreign").restore(plain, plain["3.png"]).image
+    told = Sucre(water="truth").restore(plain, plain["3.png"]).image
+    one_gain = gains.startswith("{'3")  # then the other views have none, and take no part
+    assert np.isfinite(image).any() if one_gain else np.array_equal(image, told, equal_nan=True)
+
+
+@pytest.mark.parametrize("gain", [True, 0.0, -1.0, "1", [1.0, 2.0], [1.0, 1.0, 0.0]])
+def test_gains_of_views_that_are_no_positive_numbers_are_refused(plain: Scene, tmp_path: Path, gain: object) -> None:
+    record = {"B": [0.1, 0.2, 0.3], "beta": [0.3] * 3, "gamma": [0.3] * 3, "gains": {"3.png": gain}}
+    (tmp_path / "3.json").write_text(json.dumps(record))
+    with pytest.raises(InputError, match=r"3\.json: gains"):
+        Sucre(water=str(tmp_path / "3.json")).restore(plain, plain["3.png"])
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"light": "exposure", "solver": "adam"},
+        {"light": "lens", "water": "truth"},
+        {"light": "strobe", "fill": True},
+        {"light": "strobe", "colours": "single_view"},
+        {"light": "lamp"},
+        {"light": "lens+"},
+    ],
+)
+def test_options_that_do_not_go_with_light_are_refused(options: dict[str, object]) -> None:
+    with pytest.raises(InputError, match="light"):
+        Sucre(**options)  # type: ignore[arg-type]
