@@ -12,7 +12,7 @@ from sucre_bench.methods.sucre.choose_light import Chosen, choose
 from sucre_bench.methods.sucre.light import Light
 from sucre_bench.methods.sucre.light_parts import Parts, parts_of
 from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.methods.sucre.robust import robust_noise
+from sucre_bench.methods.sucre.robust import reweighted, robust_noise
 from sucre_bench.methods.sucre.solution import Solution, colours_for_water, matched_sample, solve_exact
 from sucre_bench.methods.sucre.undetermined_water import is_guess, photograph_as_colours
 from sucre_bench.multiview.observations import Observations
@@ -49,7 +49,10 @@ class OwnWater:
         if matched is None or (parts is None and to_fit is None):
             return observations, self._determined(observations, solution)
         may_be_strobe = not self.options.fill and self.options.colours == "multi_view"
-        chosen = choose(matched, self.view.name, solution.water, parts, may_be_strobe=may_be_strobe)
+        few = matched
+        if "robust" in solution.about:  # animals tell nothing of the light
+            few = reweighted(matched, solution.water, robust_noise(matched, solution.water))
+        chosen = choose(few, self.view.name, solution.water, parts, may_be_strobe=may_be_strobe)
         if chosen.fit is None:
             limits = () if chosen.is_separable else (f"light differs between views; {_MIXED}",)
             return observations, self._determined(observations, solution.with_limits(limits))

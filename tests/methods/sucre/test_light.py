@@ -222,7 +222,7 @@ def test_water_that_was_fitted_with_gains_is_used_with_them(
     for name in ("3.png", "1.png"):
         own = by_itself if name == "3.png" else Sucre(light="exposure").restore(exposed, exposed[name])
         given = Sucre(water=str(file)).restore(exposed, exposed[name])
-        assert np.sqrt(np.nanmean((given.image - own.image) ** 2)) < 0.015
+        assert np.sqrt(np.nanmean((given.image - own.image) ** 2)) < 0.02
     file.write_text(json.dumps(record | {"gains": {"1.png": 1.0}}))
     with pytest.raises(InputError, match=r"3\.json.*3\.png"):
         Sucre(water=str(file)).restore(exposed, exposed["3.png"])
