@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support.colmap_folder import write_dive
 from support.command_line import commands as commands_by_name
 from support.places import ROOT, write_line_ups
 
@@ -89,6 +90,7 @@ def test_a_documented_command_exists_with_its_options(
     words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     write_line_ups(tmp_path)
+    write_dive(tmp_path / "dive")
     monkeypatch.chdir(tmp_path)
     if words[0] == "run":
         overrides = [word for word in words[1:] if not word.startswith("-")]

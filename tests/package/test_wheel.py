@@ -11,6 +11,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from support.colmap_folder import write_dive
 from support.places import ROOT
 
 from sucre_bench.datasets.demo import Demo
@@ -120,8 +121,9 @@ def test_the_documented_python_runs_as_it_stands(tmp_path: Path, monkeypatch: py
     assert {"psi", "uciqe"} <= set(names["rows"]["metric"])  # type: ignore[index]
 
 
-def test_the_readmes_run_commands_are_valid(bench):
+def test_the_readmes_run_commands_are_valid(bench, tmp_path):
     """Every `run` line composes, every option of it exists: --cfg reads all of it and runs nothing."""
+    write_dive(tmp_path / "dive")
     lines = [line for block in blocks("README.md", "sh") for line in block.splitlines()]
     runs = [line for line in lines if line.startswith("sucre-bench run")]
     assert runs
