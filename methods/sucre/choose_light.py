@@ -84,7 +84,7 @@ def choose(
             return Chosen(None, True, tuple(tried))
     sample = Sample.of(sampled(whole, _FITTED, singles=False, seed=0), target)
     found = fit_light(sample, parts, Light.even(water, sample.views))
-    is_separable = bool((found.beta_error * float(np.median(whole.distance)) < _LOOSE).all())
+    is_separable = bool((found.error[:, 1] * float(np.median(whole.distance)) < _LOOSE).all())
     if tried and not is_separable and not (parts.lens or parts.strobe):
         return Chosen(None, False, tuple(tried))
     return Chosen(found, is_separable, tuple(tried))

@@ -312,15 +312,10 @@ class Problem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LightFit:
-    """light; covariance: (3, 3, 3) of B, beta and gamma of each channel, the light being unknown too."""
+    """light; error: (3 channels, 3) standard errors of B, beta and gamma, the light being unknown too."""
 
     light: Light
-    covariance: Array
-
-    @property
-    def beta_error(self) -> Array:
-        """Standard error (3,) of beta."""
-        return np.asarray(np.sqrt(self.covariance[:, 1, 1].clip(min=0)))
+    error: Array
 
 
 def fit_light(sample: Sample, parts: Parts, light: Light) -> LightFit:
@@ -337,10 +332,10 @@ def fit_light(sample: Sample, parts: Parts, light: Light) -> LightFit:
     at, system = Problem(sample, parts).descend(min(ends, key=lambda end: float(end[1].cost[0]))[0], _TOLERANCE)
     light = Problem(sample, parts).light(at)
     n_excess = 3 * (np.count_nonzero(sample.shown) - len(sample.z)) - len(at)
-    H, free = system.H[0], np.flatnonzero(np.diag(system.H[0]) > 0)
-    covariance = np.zeros_like(H)
-    covariance[np.ix_(free, free)] = np.linalg.pinv(H[np.ix_(free, free)], rcond=1e-14, hermitian=True)
-    covariance *= system.cost[0] / max(n_excess, 1)
-    of_water = np.stack([covariance[3 * c : 3 * c + 3, 3 * c : 3 * c + 3] for c in range(3)])
+    H, free, variance = system.H[0], np.flatnonzero(np.diag(system.H[0]) > 0), np.zeros(len(at))
+    scale = 1 / np.sqrt(np.diag(H)[free])
+    scaled = H[np.ix_(free, free)] * scale[:, None] * scale
+    variance[free] = scale**2 * np.diag(np.linalg.pinv(scaled, rcond=1e-14, hermitian=True))
+    error = np.sqrt((variance[:9] * system.cost[0] / max(n_excess, 1)).clip(min=0)).reshape(3, 3)
     known: Mask = np.asarray(sample.shown.any(axis=0))
-    return LightFit(replace(light, gains=np.where(known[:, None], light.gains, np.nan)), of_water)
+    return LightFit(replace(light, gains=np.where(known[:, None], light.gains, np.nan)), error)

@@ -91,20 +91,14 @@ class OwnWater:
             )
         if light.strobe is None:
             solution = self._solved(even, light.removed(matched) if self.options.footprint else None)
-            uncertainty = solution.uncertainty
         else:
             none = np.zeros(3)
-            water = WaterParameters(none, light.water.beta, none)
-            solution = colours_for_water(even, water, None, *where)
-            uncertainty = solution.uncertainty
-        covariance = np.maximum(uncertainty.covariance, chosen.fit.covariance)
-        error = np.sqrt(np.einsum("cii->ci", covariance).clip(min=0))
+            solution = colours_for_water(even, WaterParameters(none, light.water.beta, none), None, *where)
         is_mixed = not chosen.is_separable or (light.falls_off and is_alike(matched))
-        uncertainty = replace(
-            uncertainty,
-            standard_error=WaterParameters.of_channels(np.fmax(uncertainty.standard_error.by_channel(), error)),
-            is_weak=(True, True, True) if is_mixed else uncertainty.is_weak,
-        )
+        uncertainty = solution.uncertainty
+        error = np.fmax(uncertainty.standard_error.by_channel(), chosen.fit.error)
+        is_weak = (True, True, True) if is_mixed else uncertainty.is_weak
+        uncertainty = replace(uncertainty, standard_error=WaterParameters.of_channels(error), is_weak=is_weak)
         solution = replace(solution, uncertainty=uncertainty, light=light)
         view = self.options.in_even_light(self.view, light)
         solution = replace(self, view=view)._determined(even, solution)
