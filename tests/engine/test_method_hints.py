@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import re
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -20,9 +19,8 @@ class Wary:
     strong: bool = False
 
     def restore(self, scene, view):
-        say(f"{view.name}: {len(view.name)}.5% are dark; method.strong=true helps")
         say("no view has this")
-        return Restoration(view.rgb)
+        return Restoration(view.rgb, info={"hints": [f"{len(view.name)}.5% are dark; method.strong=true helps"]})
 """
 
 
@@ -34,15 +32,10 @@ def test_a_hint_names_method_and_dataset_once_and_an_option_as_the_command_takes
     done = bench("run", "-m", "--plugin", toys, "--plugin", "wary.py", "dataset=toy", f"method={methods}",
                  "metrics=[redness]", "tracking.uri=off", "report=false", "out=results")  # fmt: skip
     assert done.returncode == 0, done.stderr
-    hints = [line for line in done.stderr.splitlines() if "are dark" in line]
+    (hint,) = [line for line in done.stdout.splitlines() if "are dark" in line]
     views = len(list((tmp_path / "results/restored/toy/wary").glob("*.png")))
-    assert len(hints) == 1
-    place, _, hint = hints[0].partition(": ")
-    assert [place.count(name) for name in ("wary", "toy")] == [1, 1]
-    assert re.match(r"v\d+\.png: ", hint)
-    assert "toy" not in hint
-    assert f" {word}.strong=true" in hints[0]
-    assert re.search(rf"wary .*toy: {views - 1} ", done.stderr)
+    assert f"in {views} of {views} views" in hint
+    assert f" {word}.strong=true" in hint
     assert done.stderr.splitlines().count("no view has this") == views
 
 

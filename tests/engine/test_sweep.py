@@ -264,7 +264,7 @@ def test_a_metric_without_a_value_says_so_and_one_that_writes_into_the_picture_i
 
 
 def test_a_dataset_with_two_views_of_one_name_is_refused(out: Path):
-    with pytest.raises(preflight.ProblemsError, match=r"2 views .*'a.png'"):
+    with pytest.raises(preflight.ProblemsError, match=r"two views are called 'a.png'"):
         run(out, "dataset=twins")
 
 

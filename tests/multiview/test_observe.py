@@ -280,7 +280,7 @@ def test_no_file_is_read_of_a_view_that_looks_elsewhere_and_no_image_of_one_that
 
 
 def test_an_image_of_another_size_than_its_cameras_is_left_out_and_told() -> None:
-    wrong = replace(SCENE["far.png"], pixels=Arrays(SCENE["far.png"].rgb[:-1], SCENE["far.png"].depth))
+    wrong = replace(SCENE["far.png"], pixels=Arrays(SCENE["far.png"].rgb[:-1], SCENE["far.png"].depth[:-1]))
     (fault,) = observe(TARGET, [TARGET, wrong]).unreadable
     assert re.match(r"far\.png: .*56x49, .*56x50; ", fault)
 

@@ -263,7 +263,7 @@ def test_matches_do_not_depend_on_how_the_points_are_cut_up() -> None:
 
 
 def test_a_target_that_cannot_be_paired_is_named_with_the_reason() -> None:
-    camera, arrays = make_camera(40, 30, 40), Arrays(np.zeros((30, 40, 3)), np.ones((15, 20)))
+    camera, arrays = make_camera(40, 30, 40), Arrays(np.zeros((15, 20, 3)), np.ones((15, 20)))
     with pytest.raises(InputError, match=r"^a\.png: .*pose;"):
         lift(View("a.png", arrays, camera, None))
     with pytest.raises(InputError, match=r"^a\.png: .*20x15, .*40x30;"):

@@ -49,7 +49,7 @@ def test_without_a_choice_every_variant_of_what_applies_is_scored(bench, folders
     assert set(variants.index) == {"uciqe", "uiqm", "uicm", "uism", "uiconm", "saturated_red"}
     assert variants.drop("saturated_red").min() >= 5
     with_truth = scores(bench("score", str(folders[0]), "--reference", str(folders[1]), "--format", "csv").stdout)
-    assert set(with_truth["metric"]) == {"psnr", "ssim"} | set(rows["metric"])
+    assert set(with_truth["metric"]) == {"psnr", "ssim", "colours", "colours_de00"} | set(rows["metric"])
 
 
 def test_the_table_and_the_file_hold_every_variant(bench, folders, tmp_path: Path):

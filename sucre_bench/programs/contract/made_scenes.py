@@ -9,7 +9,7 @@ import numpy as np
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.camera import Camera, scaled_camera
 from sucre_bench.imaging.chart_kinds import chart_kind
-from sucre_bench.scene import Arrays, Chart, Scene, View, Water
+from sucre_bench.scene import HAS, Arrays, Chart, Scene, View, Water
 
 TARGET = "far.png"  # the view to restore; the other view is nearer to the wall
 WATER = Water(np.array([0.1, 0.3, 0.4]), np.array([0.4, 0.15, 0.1]), np.array([0.3, 0.17, 0.13]))
@@ -110,4 +110,4 @@ def least(scene: Scene, needs: frozenset[str], cameras: bool = False) -> Scene:
         pose = view.cam_from_world if "poses" in needs else None
         charts = view.charts if "charts" in needs else ()
         views.append(View(view.name, Arrays(view.rgb, depth, reference), camera, pose, charts, view.encoding))
-    return Scene("least", views, needs, scene.water if "truth" in needs else None)
+    return Scene("least", views, needs & HAS, scene.water if "truth" in needs else None)

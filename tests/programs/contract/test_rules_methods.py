@@ -88,9 +88,9 @@ BREACHES: list[tuple[str, str, set[str]]] = [
     ("runs_with_least", "image *= view.depth.mean()", {"far.png", "depth", "needs="}),
     ("keeps_its_eyes_off", "image = image if view.reference is None else view.reference * 1", {"reference", "needs="}),
     ("keeps_its_eyes_off", "image *= scene.water.attenuation[0] if scene.water else 1", {"truth", "needs="}),
-    ("tells_what_can_be_kept", "return Restoration(image, confidence=np.ones(5))", {"Restoration.confidence", "(5,)"}),
+    ("leaves_the_process", "return Restoration(image, confidence=np.ones(5))", {"Restoration.confidence", "(5,)"}),
     (
-        "tells_what_can_be_kept",
+        "leaves_the_process",
         "return Restoration(image, Water(np.ones(2), np.ones(3), np.ones(3)))",
         {"Water.veiling_light", "(3,)"},
     ),

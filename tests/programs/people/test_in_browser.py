@@ -91,7 +91,7 @@ def test_three_observers_of_known_preference_give_the_right_order(browser: Brows
     assert (told["votes"], told["observers"], told["skipped"]) == (60, 3, [])
     found = {one["method"]: one for one in told["preference"]}
     assert sorted(found, key=lambda name: found[name]["score"]) == list(SCORES)
-    assert found["gain,gain=1.0"]["low"] > 0 > found["gain,gain=0.5"]["high"]
+    assert found["gain,gain=1.0"]["low"] is None, "three observers are too few for an interval"
     assert told["agreement"]["n"] > 5, "several observers judged the same pairs"
     (redness,) = told["metrics"]  # grows with the gain, as these people's preference does
     assert redness["tau"] == 1
