@@ -36,8 +36,8 @@ class Options:
     original_geometry: distort pictures back; words: of `sucre-bench run`, for the dive.
     """
 
-    method: str = "sucre_plus"
-    single_view: str = "fusion_2018"
+    method: str
+    single_view: str
     quality: int = 95
     original_geometry: bool = False
     words: tuple[str, ...] = ()
