@@ -46,6 +46,9 @@ _SCREEN, _STROBE, _ROUGHLY, _TOLERANCE, _STEPS = 300, 500, 1e-4, 1e-6, 40
 # Largest logarithm of a coefficient, metres of a position, and optical depth over the median distance.
 _MOST, _FARTHEST, _DEEPEST = 3.0, 1.5, 30.0
 
+# Terms x^2 and y^2 of the lobe that a strobe starts from: a Gaussian of 40 degrees.
+_LOBE = -1.0
+
 _PART = 1 << 16  # observations at a time
 
 
@@ -327,8 +330,12 @@ def fit_light(sample: Sample, parts: Parts, light: Light) -> LightFit:
     rows = [start, *(np.c_[start[:, 0], np.full(3, beta / far), np.full(3, gamma / far)] for beta, gamma in _STARTS)]
     if parts.strobe:  # its light crosses the water twice, and the water is not that of a fit without
         rows = [row * (0.1, 0.5, 1) for row in rows]
-    first = problem.unknowns(light)
-    ends = [problem.descend(np.concatenate([row.ravel(), first[9:]]), _ROUGHLY) for row in rows]
+    first = problem.unknowns(light)[9:]
+    others = [first]
+    if parts.strobe:
+        others.append(first.copy())
+        others[1][[5, 7]] = _LOBE
+    ends = [problem.descend(np.r_[row.ravel(), other], _ROUGHLY) for other in others for row in rows]
     at, system = Problem(sample, parts).descend(min(ends, key=lambda end: float(end[1].cost[0]))[0], _TOLERANCE)
     light = Problem(sample, parts).light(at)
     n_excess = 3 * (np.count_nonzero(sample.shown) - len(sample.z)) - len(at)
