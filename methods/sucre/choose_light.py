@@ -18,7 +18,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.methods.sucre.light import Light, LightFit, Problem, Sample, fit_light
 from sucre_bench.methods.sucre.light_parts import Parts
 from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.methods.sucre.robust import robust_noise
+from sucre_bench.methods.sucre.robust import C2, robust_noise
 from sucre_bench.methods.sucre.solution import sampled
 from sucre_bench.multiview.observations import Observations
 
@@ -33,9 +33,6 @@ _SURE, _SHARE = 3.0, 0.1
 
 # The share of the squared residuals that one linear step must promise before a part is fitted.
 _PROMISED = 0.1
-
-# c^2 of the bounded misfit.
-_C2 = 30.0
 
 # From here on, a channel may have been cut off.
 _FULL = 0.99
@@ -167,4 +164,4 @@ def _misfit(sample: Sample, light: Light, noise: Array) -> Array:
     A = np.maximum((x * x).sum(axis=2, keepdims=True), 1e-30)
     r = y - (x * y).sum(axis=2, keepdims=True) / A * x
     squares = (r * r / np.maximum(1 - x * x / A, 1e-3)).sum(axis=0)
-    return np.asarray((squares / (1 + squares / _C2)).sum(axis=1))
+    return np.asarray((squares / (1 + squares / C2)).sum(axis=1))

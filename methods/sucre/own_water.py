@@ -99,7 +99,7 @@ class OwnWater:
         error = np.fmax(uncertainty.standard_error.by_channel(), chosen.fit.error)
         is_weak = (True, True, True) if is_mixed else uncertainty.is_weak
         uncertainty = replace(uncertainty, standard_error=WaterParameters.of_channels(error), is_weak=is_weak)
-        solution = replace(solution, uncertainty=uncertainty, light=light)
+        solution = replace(solution, uncertainty=uncertainty)
         view = self.options.in_even_light(self.view, light)
         solution = replace(self, view=view)._determined(even, solution)
         about = {**solution.about, **record_of(chosen, self.view.name)}

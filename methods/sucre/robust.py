@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 # c^2, in the misfit's units: a good observation has s^2 about 3, one for each channel. On clean data with normal noise
 # colours lose .1 dB to the weights; a third of it would lose .6 dB.
-_C2 = 30.0
+C2 = 30.0
 
 # An observation is wrong if its weight is below this: s^2 > c^2, which noise makes in one of 700,000. It is doubtful
 # below the other: s^2 > c^2 / 3, as noise makes in one of 50.
@@ -195,7 +195,7 @@ def _settled(observations: Observations, block: Block, water: WaterParameters, n
 
 def _weights(t: Array) -> Array:
     """v (K, n) of studentised residuals (3, K, n)."""
-    return 1 / (1 + (t * t).sum(axis=0) / np.float32(_C2)) ** 2
+    return 1 / (1 + (t * t).sum(axis=0) / np.float32(C2)) ** 2
 
 
 def _studentised(x: Array, y: Array, v: Array) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import time
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -99,8 +99,6 @@ class Sucre(FillOption):
 
     device: Device = "auto"
     """Where to compute: auto takes a GPU, when there is one, for torch, jax and solver=adam, else the CPU."""
-
-    seed: ClassVar[int] = 0  # of samples of pixels
 
     def __post_init__(self) -> None:
         check(self, type(self).__plugin__.name)  # type: ignore[attr-defined]
@@ -240,10 +238,6 @@ class Sucre(FillOption):
         from sucre_bench.multiview.stored_pairs import paired
 
         return paired(scene, view, **self.pairing_with(with_view=with_view, with_ray=with_ray))
-
-    def with_views(self, scene: Scene, view: View, observations: Observations) -> Observations:
-        """Return the observations of a view with their views; they are paired again only if they have none."""
-        return observations if observations.view is not None else self.observe(scene, view, with_view=True)
 
     def pairing_with(self, *, with_view: bool = False, with_ray: bool = False) -> Options:
         """Return the options of pairing."""
