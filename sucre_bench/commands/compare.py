@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sucre_bench.commands import completion
-from sucre_bench.commands.shared_options import plugin_files_option
+from sucre_bench.commands import completion, shared
 from sucre_bench.errors import InputError
 from sucre_bench.machine.terminal import say
 
@@ -22,15 +21,13 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
+@shared.argument("folders", nargs=-1, required=True)
+@shared.option(
     "--by",
-    type=click.Choice(["method", "view", "region"]),
-    default="method",
-    show_default=True,
+    of=("method", "view", "region"),
     help="One table for each dataset, for each view, or for each region (a chart).",
 )
-@click.option(
+@shared.option(
     "--metric",
     "metrics",
     multiple=True,
@@ -38,8 +35,8 @@ if TYPE_CHECKING:
     shell_complete=completion.complete_metrics,
     help="Show only this column; may be repeated.",
 )
-@click.option("--baseline", default="", metavar="METHOD", help="Show how the others differ from this method.")
-@click.option(
+@shared.option("--baseline", default="", metavar="METHOD", help="Show how the others differ from this method.")
+@shared.option(
     "--fail-below",
     "limits",
     multiple=True,
@@ -47,28 +44,24 @@ if TYPE_CHECKING:
     help="With --baseline: exit with 1 if a method is worse than the baseline by more than LIMIT and by more than"
     " chance. psnr=-0.5 means 0.5 dB. May be repeated.",
 )
-@click.option("--common", is_flag=True, help="If methods ran on different images, compare on the images they share.")
-@click.option("--intervals", is_flag=True, help="Show 95 % intervals, and a sentence for each lead.")
-@click.option("--all-metrics", is_flag=True, help="Show all columns, not only those that decide.")
-@click.option(
+@shared.flag("--common", help="If methods ran on different images, compare on the images they share.")
+@shared.flag("--intervals", help="Show 95 % intervals, and a sentence for each lead.")
+@shared.flag("--all-metrics", help="Show all columns, not only those that decide.")
+@shared.option(
     "--pixels",
-    type=click.Choice(["common", "own"]),
-    default="common",
-    show_default=True,
+    of=("common", "own"),
     help="If methods fill different pixels of an image (by more than 1 %): score all on the common pixels, or each on"
     " its own.",
 )
-@click.option("--spread", is_flag=True, help="Show standard deviations too (with n - 1).")
-@click.option(
+@shared.flag("--spread", help="Show standard deviations too (with n - 1).")
+@shared.option(
     "--format",
     "how",
-    type=click.Choice(["terminal", "md", "latex", "html", "csv", "json"]),
-    default="terminal",
-    show_default=True,
+    of=("terminal", "md", "latex", "html", "csv", "json"),
     help="Format of the tables. All formats but terminal have every column, with 95 % intervals.",
 )
-@click.option("--json", "as_json", is_flag=True, help="The same as --format json.")
-@plugin_files_option
+@shared.flag("--json", "as_json", help="The same as --format json.")
+@shared.plugin_files_option
 def compare(
     folders: Sequence[Path],
     by: Any,

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sucre_bench.commands import completion
-from sucre_bench.commands.shared_options import force_option, json_option, plugin_option, print_json, refuse_options
+from sucre_bench.commands import completion, shared
 from sucre_bench.machine.outputs import check_output
 from sucre_bench.machine.text_formats import counted
 
@@ -24,31 +23,21 @@ _ROWS = 30  # of the table of views
 _HEADS = ("view", "depth", "{unit} (1, 50, 99 %)", "overlap", "views", "disagrees", "mean R G B", "charts")
 
 
-@click.command(context_settings={"ignore_unknown_options": True})
-@click.argument(
-    "words",
-    nargs=-1,
-    type=click.UNPROCESSED,
-    metavar="[DATASET|FOLDER] [KEY=VALUE]...",
-    shell_complete=completion.complete_datasets,
-)
-@json_option
-@click.option(
+@click.command(context_settings=shared.OF_WORDS)
+@shared.words_argument("words", "[DATASET|FOLDER] [KEY=VALUE]...", completion.complete_datasets)
+@shared.json_option
+@shared.option(
     "--sheet",
-    type=click.Path(path_type=Path),
+    of=shared.PATH,
     metavar="FILE",
     help="Where to write the contact sheet, .png or .jpg [default: SCENE-sheet.png]",
 )
-@click.option("--no-sheet", is_flag=True, help="Write no contact sheet.")
-@click.option(
-    "--most",
-    default=400,
-    show_default=True,
-    type=click.IntRange(1),
-    help="Describe at most this many views of a scene, evenly spread.",
+@shared.flag("--no-sheet", help="Write no contact sheet.")
+@shared.option(
+    "--most", default=400, of=click.IntRange(1), help="Describe at most this many views of a scene, evenly spread."
 )
-@plugin_option
-@force_option
+@shared.plugin_option
+@shared.force_option
 def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet: bool, most: int, force: bool) -> None:
     """Describe what a dataset holds, write a contact sheet, and list faults with their remedies.
 
@@ -71,7 +60,7 @@ def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet
 
     if sheet is not None:
         check_output(sheet, "contact sheet", force=force)
-    refuse_options(words, "describe")
+    shared.refuse_options(words, "describe")
     overrides = [word if "=" in word else f"dataset={word}" for word in words]
     with progress.live():
         selections = select(overrides)
@@ -81,7 +70,7 @@ def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet
             check_output(path, "contact sheet", inputs, force)
         described = [description.described(selection, most) for selection in selections]
     if as_json:
-        print_json([one.as_object() for one in described])
+        shared.print_json([one.as_object() for one in described])
     for n, one in enumerate(described):
         if not as_json:
             _show(one)
@@ -206,18 +195,12 @@ def _exposure(exposure: Exposure | NoExposure) -> str:
     return f"{gains}; no difference beyond chance"
 
 
-@click.command(context_settings={"ignore_unknown_options": True})
-@click.argument(
-    "words",
-    nargs=-1,
-    type=click.UNPROCESSED,
-    metavar="VIEW... [KEY=VALUE]...",
-    shell_complete=completion.complete_views,
-)
-@click.option("--kind", default="dgk", show_default=True, metavar="NAME|FILE.csv", help="Kind of the charts to mark.")
-@click.option("--accept", is_flag=True, help="Open no page; accept all proposals whose patches are in order.")
-@click.option("--no-browser", is_flag=True, help="Print the address of the page; do not open a browser.")
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page; 0 (default): any free port.")
+@click.command(context_settings=shared.OF_WORDS)
+@shared.words_argument("words", "VIEW... [KEY=VALUE]...", completion.complete_views)
+@shared.option("--kind", default="dgk", metavar="NAME|FILE.csv", help="Kind of the charts to mark.")
+@shared.flag("--accept", help="Open no page; accept all proposals whose patches are in order.")
+@shared.flag("--no-browser", help="Print the address of the page; do not open a browser.")
+@shared.option("--port", of=click.IntRange(0, 65535), default=0, help="Port of the page; 0 (default): any free port.")
 def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, port: int) -> None:
     """Mark colour charts: click their four corners on a page in your browser.
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sucre_bench.commands.shared_options import json_option, print_json
+from sucre_bench.commands import shared
 
 if TYPE_CHECKING:
     from sucre_bench.programs.doctor import Examined
@@ -18,14 +18,9 @@ _COLOURS = {"ready": "green", "missing": "yellow", "broken": "red", "absent": "d
 
 
 @click.command("doctor")
-@click.option(
-    "--out",
-    default=Path(),
-    type=click.Path(path_type=Path),
-    help="Results folder whose disk to check [default: the current folder].",
-)
-@json_option
-def doctor(out: Path, as_json: bool) -> None:
+@shared.option("--out", of=shared.PATH, help="Results folder whose disk to check [default: the current folder].")
+@shared.json_option
+def doctor(out: Path | None, as_json: bool) -> None:
     """List what works on this machine, what is missing, and the commands that install it.
 
     \b
@@ -38,9 +33,9 @@ def doctor(out: Path, as_json: bool) -> None:
     """
     from sucre_bench.programs import doctor
 
-    found = doctor.examine(out)
+    found = doctor.examine(out or Path())
     if as_json:
-        print_json({**asdict(found), "faults": found.faults})
+        shared.print_json({**asdict(found), "faults": found.faults})
     else:
         _show(found)
     sys.exit(1 if found.faults else 0)

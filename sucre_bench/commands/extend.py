@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sucre_bench import plugins
+from sucre_bench.commands import shared
 from sucre_bench.commands.completion import complete_words
-from sucre_bench.commands.shared_options import KINDS, json_option, plugin_option, print_json, refuse_options
 from sucre_bench.degrade import Degradation
 from sucre_bench.jobs.catalogue import GROUPS, entry, option_entry, preset_entries
 from sucre_bench.plugins.options import Option, options_of
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 @click.command("list")
 @click.argument("what", type=click.Choice(["methods", "datasets", "metrics", "experiments", "degradations"]))
 @click.argument("names", nargs=-1, metavar="[NAME]...")
-@json_option
-@plugin_option
+@shared.json_option
+@shared.plugin_option
 def list_(what: str, names: tuple[str, ...], as_json: bool) -> None:
     """List plugins, experiments or degradations, with their options, and whether they run here.
 
@@ -52,9 +52,9 @@ def list_(what: str, names: tuple[str, ...], as_json: bool) -> None:
     if not as_json:
         terminal.out.print(Text.from_ansi(_as_text(what, items)), soft_wrap=True)
     elif what == "degradations":
-        print_json({item.name: option_entry(item) for item in items if isinstance(item, Option)})
+        shared.print_json({item.name: option_entry(item) for item in items if isinstance(item, Option)})
     else:
-        print_json([entry(item) if isinstance(item, Plugin | Broken) else item for item in items])
+        shared.print_json([entry(item) if isinstance(item, Plugin | Broken) else item for item in items])
 
 
 _Item = Plugin | Broken | Option | dict[str, Any]  # the last of conf/: a preset
@@ -126,15 +126,15 @@ def _wrapped(head: str, text: str) -> list[str]:
 
 
 @click.command()
-@click.argument("kind", type=KINDS)
-@click.argument("name")
-@click.option(
+@shared.argument("kind", of=shared.KINDS)
+@shared.argument("name", of=None)
+@shared.option(
     "--package",
-    type=click.Path(path_type=Path, file_okay=False),
+    of=click.Path(path_type=Path, file_okay=False),
     metavar="DIR",
     help="Write a package with this plugin into DIR.",
 )
-@click.option("--depth", is_flag=True, help="Write a method that needs depth.")
+@shared.flag("--depth", help="Write a method that needs depth.")
 def new(kind: Any, name: str, package: Path | None, depth: bool) -> None:
     """Write a working plugin to start from, and its test.
 
@@ -157,15 +157,13 @@ def new(kind: Any, name: str, package: Path | None, depth: bool) -> None:
         click.echo(f"{what:8} {command}")
 
 
-@click.command(context_settings={"ignore_unknown_options": True})
-@click.argument("plugin")
-@click.argument("overrides", nargs=-1, type=click.UNPROCESSED, shell_complete=complete_words)
-@click.option("--kind", type=KINDS, help="Needed if plugins of two kinds have this name.")
-@click.option(
-    "--on", default="demo", show_default=True, metavar="DATASET", help="Dataset of the real view in the last rule."
-)
-@click.option("--quick", is_flag=True, help="Leave out rules that start processes or make scenes.")
-@json_option
+@click.command(context_settings=shared.OF_WORDS)
+@shared.argument("plugin", of=None)
+@shared.words_argument("overrides", None, complete_words)
+@shared.option("--kind", of=shared.KINDS, help="Needed if plugins of two kinds have this name.")
+@shared.option("--on", default="demo", metavar="DATASET", help="Dataset of the real view in the last rule.")
+@shared.flag("--quick", help="Leave out rules that start processes or make scenes.")
+@shared.json_option
 def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bool, as_json: bool) -> None:
     """Check whether a plugin keeps the contract, and say what to change.
 
@@ -186,7 +184,7 @@ def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bo
     from sucre_bench.programs.contract import contract
     from sucre_bench.programs.contract.write_plugin import shown_path
 
-    refuse_options(overrides, "check")
+    shared.refuse_options(overrides, "check")
     checked: list[dict[str, Any]] = []
     for subject in contract.subjects(plugin, overrides, kind, on):
         about = {"kind": subject.plugin.kind, "name": subject.plugin.name, "file": str(subject.file)}
@@ -207,7 +205,7 @@ def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bo
         is_kept = all(outcome.status != "broken" for outcome in outcomes)
         checked.append({**about, "ok": is_kept, "rules": [_as_object(outcome) for outcome in outcomes]})
     if as_json:
-        print_json(checked)
+        shared.print_json(checked)
     sys.exit(0 if all(one["ok"] for one in checked) else 1)
 
 

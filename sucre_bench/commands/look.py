@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sucre_bench.commands.shared_options import force_option, labels_of, plugin_option, scene_options
+from sucre_bench.commands import shared
 from sucre_bench.machine.outputs import check_links, check_output, is_ours
 from sucre_bench.machine.text_formats import counted, json_text
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @click.command("report")
-@click.argument("folder", type=click.Path(path_type=Path))
+@shared.argument("folder")
 def report(folder: Path) -> None:
     """Write the page of a results folder: FOLDER/report/index.html.
 
@@ -40,27 +40,24 @@ def report(folder: Path) -> None:
 
 
 @click.command()
-@click.argument("results", type=click.Path(path_type=Path))
-@click.argument("out", type=click.Path(path_type=Path))
-@click.option(
+@shared.argument("results")
+@shared.argument("out")
+@shared.option(
     "--method", required=True, metavar="LABEL", help='Label of the method that gives the colours; "input": the views.'
 )
-@scene_options
-@click.option(
+@shared.scene_options
+@shared.option(
     "--voxel",
-    type=click.FloatRange(0, min_open=True),
+    of=click.FloatRange(0, min_open=True),
     metavar="METRES",
     help="Edge of a voxel [default: the median size of a pixel on the surface].",
 )
-@click.option("--mesh", is_flag=True, help="Write triangles, not points, into a .ply. A .glb always has triangles.")
-@click.option(
-    "--picture",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Also write a .png with the input beside the restored surface.",
+@shared.flag("--mesh", help="Write triangles, not points, into a .ply. A .glb always has triangles.")
+@shared.option(
+    "--picture", of=shared.PATH, metavar="FILE", help="Also write a .png with the input beside the restored surface."
 )
-@plugin_option
-@force_option
+@shared.plugin_option
+@shared.force_option
 def texture(
     results: Path,
     out: Path,
@@ -127,25 +124,17 @@ def texture(
 
 
 @click.command()
-@click.argument("results", type=click.Path(path_type=Path))
-@click.argument("out", type=click.Path(path_type=Path))
-@click.option("--methods", required=True, metavar="A,B", help="Labels of methods, in the order of the panels.")
-@scene_options
-@click.option("--fps", default=10.0, show_default=True, type=click.FloatRange(0.1, 120), help="Views a second.")
-@click.option(
-    "--split",
-    is_flag=True,
-    help="Show one panel for each method: the input left of a moving divider, the method right of it.",
+@shared.argument("results")
+@shared.argument("out")
+@shared.option("--methods", required=True, metavar="A,B", help="Labels of methods, in the order of the panels.")
+@shared.scene_options
+@shared.option("--fps", default=10.0, of=click.FloatRange(0.1, 120), help="Views a second.")
+@shared.flag(
+    "--split", help="Show one panel for each method: the input left of a moving divider, the method right of it."
 )
-@click.option(
-    "--height",
-    default=540,
-    show_default=True,
-    type=click.IntRange(64, 4320),
-    help="Greatest height of a panel, in pixels.",
-)
-@plugin_option
-@force_option
+@shared.option("--height", default=540, of=click.IntRange(64, 4320), help="Greatest height of a panel, in pixels.")
+@shared.plugin_option
+@shared.force_option
 def video(
     results: Path, out: Path, methods: str, dataset: str, scene: str, fps: float, split: bool, height: int, force: bool
 ) -> None:
@@ -168,7 +157,7 @@ def video(
     check_output(out, "video", force=force or is_ours(numbers))
     check_output(numbers, "numbers", force=force)
     check_links(results)
-    labels = labels_of(methods)
+    labels = shared.labels_of(methods)
     if not labels:
         raise InputError("--methods: no label; give labels with commas between them")
     with progress.live():
@@ -202,11 +191,11 @@ def _table(flickers: Mapping[str, Mapping[str, Flicker]]) -> Any:
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--uri", default="", metavar="URI", help="mlflow's tracking URI [default: a store in FOLDER].")
-@click.option("--experiment", default="sucre_bench", show_default=True, help="Name of the experiment in mlflow.")
-@click.option("--ui", is_flag=True, help="Then serve mlflow's page on this machine until Ctrl-C.")
-@click.option("--port", default=5000, show_default=True, type=click.IntRange(1, 65535), help="Port of that page.")
+@shared.argument("folder")
+@shared.option("--uri", default="", metavar="URI", help="mlflow's tracking URI [default: a store in FOLDER].")
+@shared.option("--experiment", default="sucre_bench", help="Name of the experiment in mlflow.")
+@shared.flag("--ui", help="Then serve mlflow's page on this machine until Ctrl-C.")
+@shared.option("--port", default=5000, of=click.IntRange(1, 65535), help="Port of that page.")
 def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
     """Log a results folder in mlflow, for example after a run on a cluster.
 

@@ -6,6 +6,7 @@ from typing import Any, get_args
 
 import click
 
+from sucre_bench.commands import shared
 from sucre_bench.programs.prepare import CameraModel, Cameras, Matching, Options, Surface
 
 _DEFAULT = Options()
@@ -13,99 +14,86 @@ _MOST_NAMED = 5  # left-out photos of a kind that are named
 
 
 @click.command()
-@click.argument("photos", type=click.Path(path_type=Path))
-@click.argument("out", type=click.Path(path_type=Path))
-@click.option(
+@shared.argument("photos")
+@shared.argument("out")
+@shared.option(
     "--masks",
-    type=click.Path(path_type=Path),
+    of=shared.PATH,
     help="Folder of masks: a.jpg.png or a.png for a.jpg. Black pixels get no matches and no depth.",
 )
-@click.option(
+@shared.option(
     "--model",
-    type=click.Path(path_type=Path),
+    of=shared.PATH,
     help="Model of another program, whose camera positions are kept: folder of COLMAP, hloc, Metashape or nerfstudio.",
 )
-@click.option(
+@shared.option(
     "--mesh",
-    type=click.Path(path_type=Path),
+    of=shared.PATH,
     metavar="FILE",
     help="Mesh in the coordinates of --model, .ply, .obj or .glb: its depths are taken.",
 )
-@click.option(
+@shared.option(
     "--depth",
-    type=click.Path(path_type=Path),
+    of=shared.PATH,
     metavar="FOLDER",
     help="Depth or disparity maps of the photos in any unit, .npy, .npz, .png, .tif or .exr. They are fitted to the"
     " sparse points.",
 )
-@click.option(
+@shared.option(
     "--matching",
-    type=click.Choice(get_args(Matching)),
-    default=_DEFAULT.matching,
-    show_default=True,
+    of=get_args(Matching),
     help="exhaustive: match all pairs of photos; sequential: neighbours by name; auto: all pairs up to 80 photos.",
 )
-@click.option(
-    "--camera",
-    type=click.Choice(get_args(CameraModel)),
-    default=_DEFAULT.camera,
-    show_default=True,
-    help="COLMAP's camera model.",
-)
-@click.option(
+@shared.option("--camera", of=get_args(CameraModel), default=_DEFAULT.camera, help="COLMAP's camera model.")
+@shared.option(
     "--cameras",
-    type=click.Choice(get_args(Cameras)),
-    default=_DEFAULT.cameras,
-    show_default=True,
+    of=get_args(Cameras),
     help="single: all photos share a camera; folder: those of a folder do; image: none do. Photos of different sizes"
     " never do.",
 )
-@click.option(
+@shared.option(
     "--max-size",
-    type=click.IntRange(min=0),
+    of=click.IntRange(min=0),
     default=_DEFAULT.max_size,
     metavar="PIXELS",
     help="Shrink larger photos to this longest side; 0 (default): do not.",
 )
-@click.option(
+@shared.option(
     "--surface",
-    type=click.Choice(get_args(Surface)),
-    default=_DEFAULT.surface,
-    show_default=True,
+    of=get_args(Surface),
     help="dense: plane sweep; sparse: a relief of the sparse points, for flat seabeds; auto: dense up to 500 photos.",
 )
-@click.option(
+@shared.option(
     "--depth-size",
-    type=click.IntRange(min=64),
+    of=click.IntRange(min=64),
     default=_DEFAULT.depth_size,
-    show_default=True,
     metavar="PIXELS",
     help="Longest side of the images in the plane sweep.",
 )
-@click.option("--scale", "factor", type=float, metavar="FACTOR", help="Metres per unit of the model, if you know it.")
-@click.option(
+@shared.option("--scale", "factor", of=float, metavar="FACTOR", help="Metres per unit of the model, if you know it.")
+@shared.option(
     "--distance",
     "distances",
-    type=(str, str, float),
+    of=click.Tuple([str, str, float]),
     multiple=True,
     metavar="A B METRES",
     help="Distance between the cameras of two photos; may be repeated.",
 )
-@click.option(
+@shared.option(
     "--length",
     "lengths",
-    type=(str, float, float, float, float, float),
+    of=click.Tuple([str, float, float, float, float, float]),
     multiple=True,
     metavar="IMAGE X Y X Y METRES",
     help="Distance between two pixels of an undistorted image; may be repeated.",
 )
-@click.option(
+@shared.option(
     "--depth-track",
-    type=click.Path(path_type=Path),
+    of=shared.PATH,
     metavar="CSV",
     help="Table with the columns image,depth: metres below the water's surface.",
 )
-@click.option("--again", is_flag=True, help="Replace an OUT that was made with other options.")
+@shared.flag("--again", help="Replace an OUT that was made with other options.")
 def prepare(
     photos: Path,
     out: Path,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sucre_bench.commands.shared_options import plugin_option, refuse_options
+from sucre_bench.commands import shared
 from sucre_bench.errors import InputError, OutputError
 from sucre_bench.machine.text_formats import counted
 
@@ -18,31 +18,28 @@ if TYPE_CHECKING:
 _MOST_NAMED = 5
 
 
-@click.command(context_settings={"ignore_unknown_options": True})
-@click.argument("source", metavar="PHOTOS|DIVE", type=click.Path(path_type=Path))
-@click.argument("out", metavar="OUT", type=click.Path(path_type=Path))
-@click.argument("words", nargs=-1, type=click.UNPROCESSED, metavar="[KEY=VALUE]...")
-@click.option("--method", default="sucre_plus", show_default=True, metavar="NAME", help="Method for the dive.")
-@click.option(
+@click.command(context_settings=shared.OF_WORDS)
+@shared.argument("source", metavar="PHOTOS|DIVE")
+@shared.argument("out", metavar="OUT")
+@shared.words_argument("words", "[KEY=VALUE]...")
+@shared.option("--method", default="sucre_plus", metavar="NAME", help="Method for the dive.")
+@shared.option(
     "--single-view",
     default="fusion_2018",
-    show_default=True,
     metavar="NAME",
     help="Method for photographs that overlap with no other.",
 )
-@click.option(
+@shared.option(
     "--photos",
-    type=click.Path(path_type=Path),
+    of=shared.PATH,
     metavar="FOLDER",
     help="Photographs that a DIVE was prepared from [default: where they were then].",
 )
-@click.option(
-    "--original-geometry",
-    is_flag=True,
-    help="Distort pictures back, as the camera saw them; without it they are undistorted.",
+@shared.flag(
+    "--original-geometry", help="Distort pictures back, as the camera saw them; without it they are undistorted."
 )
-@click.option("--quality", type=click.IntRange(1, 100), default=95, show_default=True, help="Of JPEG and WebP.")
-@plugin_option
+@shared.option("--quality", of=click.IntRange(1, 100), default=95, help="Of JPEG and WebP.")
+@shared.plugin_option
 def restore(
     source: Path,
     out: Path,
@@ -73,7 +70,7 @@ def restore(
     from sucre_bench.commands.measurable import say_whether_measurable
     from sucre_bench.programs.restore import pipeline
 
-    refuse_options(words, "restore")
+    shared.refuse_options(words, "restore")
     _check_out(source, out, photos)
     options = pipeline.Options(method, single_view, quality, original_geometry, words)
     found = _prepared(pipeline.source_of(source, photos), source, out, options)

@@ -11,32 +11,18 @@ from pathlib import Path
 
 import click
 
-from sucre_bench.commands import completion
-from sucre_bench.commands.shared_options import (
-    force_option,
-    json_option,
-    plugin_files_option,
-    plugin_option,
-    print_json,
-    refuse_options,
-)
+from sucre_bench.commands import completion, shared
 from sucre_bench.machine.outputs import check_output
 from sucre_bench.machine.terminal import say
 
 
-@click.command(context_settings={"ignore_unknown_options": True})
-@click.argument(
-    "overrides",
-    nargs=-1,
-    type=click.UNPROCESSED,
-    metavar="[LINE-UP.yaml] [KEY=VALUE]...",
-    shell_complete=completion.complete_run,
-)
-@click.option("-m", "--multirun", is_flag=True, help="Run every combination of comma-separated values.")
-@plugin_files_option
-@click.option("--cfg", is_flag=True, help="Print the configuration of all jobs and stop.")
-@click.option("--dry-run", is_flag=True, help="Print jobs, views, and the expected time, memory and disk, and stop.")
-@json_option
+@click.command(context_settings=shared.OF_WORDS)
+@shared.words_argument("overrides", "[LINE-UP.yaml] [KEY=VALUE]...", completion.complete_run)
+@shared.flag("-m", "--multirun", help="Run every combination of comma-separated values.")
+@shared.plugin_files_option
+@shared.flag("--cfg", help="Print the configuration of all jobs and stop.")
+@shared.flag("--dry-run", help="Print jobs, views, and the expected time, memory and disk, and stop.")
+@shared.json_option
 def run(
     overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...], cfg: bool, dry_run: bool, as_json: bool
 ) -> None:
@@ -82,7 +68,7 @@ def run(
     """
     from sucre_bench.jobs.words import value_of
 
-    refuse_options(overrides, "run")
+    shared.refuse_options(overrides, "run")
     if plugin_files:
         overrides = (*overrides, f"plugins={value_of([str(Path(file).resolve()) for file in plugin_files])}")
     if cfg:
@@ -100,7 +86,7 @@ def run(
 
         with printed:
             found = forecast(overrides, multirun)
-        print_json(asdict(found)) if as_json else run_forecast.show(found)
+        shared.print_json(asdict(found)) if as_json else run_forecast.show(found)
     else:
         sys.exit(_run(overrides, multirun, as_json, printed))
 
@@ -117,7 +103,7 @@ def _run(overrides: Sequence[str], multirun: bool, as_json: bool, printed: Abstr
         summary = run_summary.as_object(outcome, comparisons) if as_json else None
     try:
         if as_json:
-            print_json(summary)
+            shared.print_json(summary)
         else:
             run_summary.show(outcome, comparisons)
         sys.stdout.flush()
@@ -129,15 +115,15 @@ def _run(overrides: Sequence[str], multirun: bool, as_json: bool, printed: Abstr
 
 
 @click.command()
-@click.argument("folder", metavar="RESULTS", type=click.Path(path_type=Path))
-@click.option(
+@shared.argument("folder", metavar="RESULTS")
+@shared.option(
     "--out",
-    type=click.Path(path_type=Path, allow_dash=True),
+    of=click.Path(path_type=Path, allow_dash=True),
     metavar="FILE",
     help="Where to write the line-up; - prints it. [default: RESULTS/lineup.yaml]",
 )
-@plugin_option
-@force_option
+@shared.plugin_option
+@shared.force_option
 def lineup(folder: Path, out: Path | None, force: bool) -> None:
     """Write the line-up of a results folder: one file with its datasets, configurations, metrics and settings.
 

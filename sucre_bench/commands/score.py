@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sucre_bench.commands import completion
-from sucre_bench.commands.shared_options import force_option, plugin_option, print_json
+from sucre_bench.commands import completion, shared
 from sucre_bench.machine import terminal
 from sucre_bench.machine.outputs import check_output
 from sucre_bench.machine.terminal import say
@@ -26,37 +25,26 @@ _MOST_VARIANTS = 10  # that a table shows
 
 
 @click.command()
-@click.argument("images", type=click.Path(path_type=Path))
-@click.option(
-    "--reference",
-    type=click.Path(path_type=Path),
-    help="Folder of images with the same names (any suffix), or one image.",
-)
-@click.option(
+@shared.argument("images")
+@shared.option("--reference", of=shared.PATH, help="Folder of images with the same names (any suffix), or one image.")
+@shared.option(
     "--metrics",
     default="",
     metavar="A,B",
     shell_complete=completion.complete_metrics,
     help="Metrics: name, name:variant or name:all. Default: all that apply.",
 )
-@click.option(
+@shared.option(
     "--like",
-    type=click.Path(path_type=Path),
+    of=shared.PATH,
     metavar="TABLE.csv",
     help="Find the variants that give these published numbers. One row an image or folder, one column a metric.",
 )
-@click.option(
-    "--format",
-    "how",
-    type=click.Choice(["terminal", "csv", "json"]),
-    default="terminal",
-    show_default=True,
-    help="Format of the scores.",
-)
-@click.option("--json", "as_json", is_flag=True, help="The same as --format json.")
-@click.option("--csv", "file", type=click.Path(path_type=Path), help="Also write every score to this CSV file.")
-@plugin_option
-@force_option
+@shared.option("--format", "how", of=("terminal", "csv", "json"), help="Format of the scores.")
+@shared.flag("--json", "as_json", help="The same as --format json.")
+@shared.option("--csv", "file", of=shared.PATH, help="Also write every score to this CSV file.")
+@shared.plugin_option
+@shared.force_option
 def score(
     images: Path,
     reference: Path | None,
@@ -142,7 +130,7 @@ def _print_records(table: pd.DataFrame, form: str) -> None:
     from sucre_bench.results.rows import csv_text
 
     if form == "json":
-        print_json(table.to_dict("records"))
+        shared.print_json(table.to_dict("records"))
     else:
         click.echo(csv_text(table, for_spreadsheets=True), nl=False)
 

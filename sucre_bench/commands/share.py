@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sucre_bench.commands.shared_options import echo_wrapped, force_option, json_option, plugin_option, print_json
+from sucre_bench.commands import shared
 from sucre_bench.errors import InputError, SucreBenchError, unknown_name
 from sucre_bench.machine.files import check_folder, open_atomically, regular
 from sucre_bench.machine.outputs import check_links, check_output
@@ -32,19 +32,17 @@ _MOST = 20  # scores that are listed
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
-@click.argument("file", type=click.Path(path_type=Path), metavar="FILE.zip")
-@click.option(
+@shared.argument("folder")
+@shared.argument("file", metavar="FILE.zip")
+@shared.option(
     "--pictures",
-    type=click.Choice(["none", "restored", "all"]),
-    default="none",
-    show_default=True,
+    of=("none", "restored", "all"),
     help="restored: put the restored images in; all: also views and references, if you may publish them.",
 )
-@click.option("--by", default="", metavar="TEXT", help='Who publishes the bundle, for example "Reef Lab".')
-@click.option("--code", is_flag=True, help="Put the files of --plugin in, so that others can run lineup.yaml.")
-@plugin_option
-@force_option
+@shared.option("--by", default="", metavar="TEXT", help='Who publishes the bundle, for example "Reef Lab".')
+@shared.flag("--code", help="Put the files of --plugin in, so that others can run lineup.yaml.")
+@shared.plugin_option
+@shared.force_option
 def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool, force: bool) -> None:
     """Write a results folder as one file: scores, configuration and hashes.
 
@@ -117,18 +115,17 @@ def _line_up(folder: Path, has_code: bool) -> dict[str, str]:
 
 
 @click.command()
-@click.argument("file", type=click.Path(path_type=Path), metavar="FILE.zip")
-@click.option("--data", "data", multiple=True, metavar="[DATASET=]DIR", help="Folder of the data; may be repeated.")
-@click.option("--id", "wanted", default="", metavar="ID", help="The id that was published with the bundle.")
-@click.option(
+@shared.argument("file", metavar="FILE.zip")
+@shared.option("--data", multiple=True, metavar="[DATASET=]DIR", help="Folder of the data; may be repeated.")
+@shared.option("--id", "wanted", default="", metavar="ID", help="The id that was published with the bundle.")
+@shared.option(
     "--tolerance",
     default=TOLERANCE,
-    show_default=True,
-    type=click.FloatRange(0, 1),
+    of=click.FloatRange(0, 1),
     help="How far a score may differ, as a share of the score.",
 )
-@json_option
-@plugin_option
+@shared.json_option
+@shared.plugin_option
 def verify(file: Path, data: Sequence[str], wanted: str, tolerance: float, as_json: bool) -> None:
     """Check a bundle: verify its hashes and its data, and compute its scores again.
 
@@ -155,7 +152,7 @@ def verify(file: Path, data: Sequence[str], wanted: str, tolerance: float, as_js
             {k: str(v) if isinstance(v, float) and v - v else v for k, v in asdict(one).items()}
             for one in found.differing
         ]
-        print_json({**asdict(found), "differing": differing, "holds": holds})
+        shared.print_json({**asdict(found), "differing": differing, "holds": holds})
         sys.exit(0 if holds else 1)
     if is_other:
         say(f"differs  the bundle's id is {found.id}, not {wanted}: it is not the one that was published", "red")
@@ -163,7 +160,7 @@ def verify(file: Path, data: Sequence[str], wanted: str, tolerance: float, as_js
     if not data and found.needs_data:
         words = shlex.join(["sucre-bench", "verify", str(file), "--data", "DIR"])
         made = "; for the dataset demo, DIR may be any folder" if "demo" in datasets else ""
-        echo_wrapped(f"more     {words}{made}", 9)
+        shared.echo_wrapped(f"more     {words}{made}", 9)
     if not holds:
         verdict = "NOT verified: something differs"
     elif found.is_whole:
@@ -172,7 +169,7 @@ def verify(file: Path, data: Sequence[str], wanted: str, tolerance: float, as_js
         verdict = f"in part: every hash holds, {found.n_agree} of {found.n_scores} scores were computed again and agree"
     else:
         verdict = "hashes hold; no score could be computed again"
-    echo_wrapped(verdict)
+    shared.echo_wrapped(verdict)
     sys.exit(0 if holds else 1)
 
 
@@ -198,7 +195,7 @@ def _print_outcome(found: Outcome, tolerance: float) -> None:
     click.echo(f"files    {found.n_files} hashes checked")
     n_not = sum(found.unchecked.values())
     common = f" ({found.n_common} on common pixels)" if found.n_common else ""
-    echo_wrapped(
+    shared.echo_wrapped(
         f"scores   {found.n_agree} computed again{common} agree within {100 * tolerance:g} % or 8-bit rounding, "
         f"{len(found.differing)} differ, {n_not} not computed again",
         9,
@@ -223,14 +220,12 @@ def _print_outcome(found: Outcome, tolerance: float) -> None:
 
 
 @click.command()
-@click.argument("bundles", type=click.Path(path_type=Path))
-@click.argument("out", type=click.Path(path_type=Path))
-@click.option(
-    "--title", "heading", default="Restoration of underwater images", show_default=True, help="Title of the page."
-)
-@click.option("--data", "data", multiple=True, metavar="DATASET=DIR", help="Folder of the data; may be repeated.")
-@plugin_option
-@force_option
+@shared.argument("bundles")
+@shared.argument("out")
+@shared.option("--title", "heading", default="Restoration of underwater images", help="Title of the page.")
+@shared.option("--data", multiple=True, metavar="DATASET=DIR", help="Folder of the data; may be repeated.")
+@shared.plugin_option
+@shared.force_option
 def site(bundles: Path, out: Path, heading: str, data: Sequence[str], force: bool) -> None:
     """Write a lab's board: a page of tables over all bundles of a folder.
 

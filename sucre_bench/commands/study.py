@@ -10,14 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sucre_bench.commands.shared_options import (
-    dataset_option,
-    echo_wrapped,
-    force_option,
-    json_option,
-    labels_of,
-    print_json,
-)
+from sucre_bench.commands import shared
 from sucre_bench.machine.outputs import check_links, check_output
 from sucre_bench.machine.terminal import say
 from sucre_bench.machine.text_formats import counted
@@ -31,31 +24,23 @@ _LARGE = 20_000_000  # bytes; many mail servers refuse more
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--methods", default="", metavar="A,B", help="Labels of the methods to compare.")
-@click.option("--out", type=click.Path(path_type=Path), metavar="FILE.html", help="The page to write.")
-@dataset_option
-@click.option("--question", default="", metavar="TEXT", help="The question on the page.")
-@click.option("--pairs", default=20, show_default=True, type=click.IntRange(2, 500), help="Pairs in one sitting.")
-@click.option("--views", default=12, show_default=True, type=click.IntRange(1, 200), help="Most views, evenly spread.")
-@click.option(
-    "--width",
-    default=1200,
-    show_default=True,
-    type=click.IntRange(100, 8000),
-    help="Greatest width of a picture, in pixels.",
-)
-@click.option(
+@shared.argument("folder")
+@shared.option("--methods", default="", metavar="A,B", help="Labels of the methods to compare.")
+@shared.option("--out", of=shared.PATH, metavar="FILE.html", help="The page to write.")
+@shared.dataset_option
+@shared.option("--question", default="", metavar="TEXT", help="The question on the page.")
+@shared.option("--pairs", default=20, of=click.IntRange(2, 500), help="Pairs in one sitting.")
+@shared.option("--views", default=12, of=click.IntRange(1, 200), help="Most views, evenly spread.")
+@shared.option("--width", default=1200, of=click.IntRange(100, 8000), help="Greatest width of a picture, in pixels.")
+@shared.option(
     "--pixels",
-    type=click.Choice(["common", "own"]),
-    default="common",
-    show_default=True,
+    of=("common", "own"),
     help="If methods leave different holes: show the pixels that all methods fill, or the own pixels of each.",
 )
-@click.option("--votes", is_flag=True, help="Evaluate the files of votes after FOLDER.")
-@click.argument("files", nargs=-1, type=click.Path(path_type=Path), metavar="[VOTES.json]...")
-@json_option
-@force_option
+@shared.flag("--votes", help="Evaluate the files of votes after FOLDER.")
+@shared.argument("files", nargs=-1, metavar="[VOTES.json]...")
+@shared.json_option
+@shared.force_option
 def study(
     folder: Path,
     methods: str,
@@ -95,7 +80,7 @@ def study(
 
         check_output(out, "page", force=force)
         check_links(folder)
-        key = design.design(folder, labels_of(methods), dataset, views)
+        key = design.design(folder, shared.labels_of(methods), dataset, views)
         masks = design.common_masks(folder, key) if pixels == "common" else {}
         with progress.live():
             design.write_page(out, folder, key, question or design.QUESTION, pairs, width, masks)
@@ -122,7 +107,7 @@ def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
         say(line, "yellow")
     n = evaluate.store(folder, found)
     if as_json:
-        print_json(_as_object(found))
+        shared.print_json(_as_object(found))
         return
     numbered = found.numbered
     ties = int((numbered.votes.won == 0.5).sum())
@@ -133,7 +118,7 @@ def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
             terminal.out.print(table)
             click.echo()
             for line in lines:
-                echo_wrapped(line)
+                shared.echo_wrapped(line)
             click.echo()
     if n:
         click.echo(f"rows     {n} of metric preference: sucre-bench compare {folder} --metric preference")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, TypeVar
 
 import click
@@ -12,8 +13,35 @@ from sucre_bench.machine.text_formats import json_text
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
+PATH: Any = click.Path(path_type=Path)
 # As `plugins.KINDS`, which would import numpy for every --help.
 KINDS = click.Choice(["method", "dataset", "metric"])
+# Of a command whose words belong to `sucre-bench run`: click passes them on, and `refuse_options` reads them.
+OF_WORDS: dict[str, Any] = {"ignore_unknown_options": True}
+
+
+def argument(*names: str, of: Any = PATH, **settings: Any) -> Callable[[_F], _F]:
+    """Add an argument, a path if `of` names no other type."""
+    return click.argument(*names, type=of, **settings)
+
+
+def words_argument(name: str, metavar: str | None, complete: Any = None) -> Callable[[_F], _F]:
+    """Add the words of `sucre-bench run`. complete: completes them in a shell."""
+    return click.argument(name, nargs=-1, type=click.UNPROCESSED, metavar=metavar, shell_complete=complete)
+
+
+def flag(*names: str, help: str) -> Callable[[_F], _F]:
+    """Add an option that is there or not."""
+    return click.option(*names, is_flag=True, help=help)
+
+
+def option(*names: str, of: Any = None, help: str, **settings: Any) -> Callable[[_F], _F]:
+    """Add an option. of: click's type, or the words to choose from, the first by default. --help shows a default."""
+    if isinstance(of, tuple):
+        settings = {"default": of[0], **settings}
+        of = click.Choice(of)
+    shows = bool(settings.get("default"))
+    return click.option(*names, type=of, help=help, **{"show_default": shows, **settings})
 
 
 def print_json(value: Any) -> None:
@@ -23,14 +51,12 @@ def print_json(value: Any) -> None:
 
 def json_option(command: _F) -> _F:
     """Add --json, for programs: the command prints one JSON value on stdout and nothing else there."""
-    text = "Print one JSON object on stdout and nothing else, for programs."
-    return click.option("--json", "as_json", is_flag=True, help=text)(command)
+    return flag("--json", "as_json", help="Print one JSON object on stdout and nothing else, for programs.")(command)
 
 
 def force_option(command: _F) -> _F:
     """Add --force: the parameter force of `check_output`."""
-    text = "Write over a file that sucre-bench did not write."
-    return click.option("--force", is_flag=True, help=text)(command)
+    return flag("--force", help="Write over a file that sucre-bench did not write.")(command)
 
 
 _PLUGIN: Any = {"multiple": True, "metavar": "FILE", "help": "Load the plugins of this .py file; may be repeated."}
@@ -59,14 +85,14 @@ def _load_plugins(context: click.Context, _: click.Parameter, files: Sequence[st
 
 def scene_options(command: _F) -> _F:
     """Add --dataset and --scene, which choose one scene of a results folder."""
-    text = "Needed if the dataset has several scenes."
-    return dataset_option(click.option("--scene", default="", metavar="NAME", help=text)(command))
+    scene = option("--scene", default="", metavar="NAME", help="Needed if the dataset has several scenes.")
+    return dataset_option(scene(command))
 
 
 def dataset_option(command: _F) -> _F:
     """Add --dataset, which chooses one dataset of a results folder."""
     text = "Needed if the results have several datasets."
-    return click.option("--dataset", default="", metavar="LABEL", help=text)(command)
+    return option("--dataset", default="", metavar="LABEL", help=text)(command)
 
 
 def refuse_options(words: Sequence[str], command: str) -> None:
