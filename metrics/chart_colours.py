@@ -42,6 +42,7 @@ _LOST_DEG = 90.0  # the mean error of a hue at random
     variants={
         "colour": "the chromatic patches against the sRGB list (SUCRe's; DGK: patches 7-18)",
         "colour-lab": "the chromatic patches against the maker's Lab list, taken to sRGB and clipped to its gamut",
+        "colour-measured": "the chromatic patches against their reflectances under D65, where measured",
         "gray": "the gray patches against pure gray (Berman's)",
         "all": "all patches against the sRGB list",
     },
@@ -71,6 +72,7 @@ class Psi:
     variants={
         "lab": "the chromatic patches against the maker's Lab list",
         "srgb": "the chromatic patches against the sRGB list",
+        "measured": "the chromatic patches against their reflectances under D65, where measured",
     },
 )
 @dataclass(frozen=True)
@@ -143,6 +145,8 @@ def _expected_rgb(patches: tuple[Patch, ...], variant: str) -> Array:
         return np.ones((len(patches), 3))
     if variant == "colour-lab":
         return srgb_of_lab_d50(np.array([patch.lab for patch in patches]))
+    if variant == "colour-measured":
+        return _measured_rgb(patches)
     return np.array([patch.srgb for patch in patches])
 
 
@@ -150,7 +154,12 @@ def _expected_rgb(patches: tuple[Patch, ...], variant: str) -> Array:
 def _expected_lab(patches: tuple[Patch, ...], variant: str) -> Array:
     if variant == "lab":
         return np.array([patch.lab for patch in patches])
-    return lab_d50(np.array([patch.srgb for patch in patches]))
+    return lab_d50(_measured_rgb(patches) if variant == "measured" else np.array([patch.srgb for patch in patches]))
+
+
+def _measured_rgb(patches: tuple[Patch, ...]) -> Array:
+    """The colours of measured reflectances (P, 3); NaN for patches whose reflectance nobody measured."""
+    return np.array([patch.measured or (np.nan,) * 3 for patch in patches])
 
 
 @metric(

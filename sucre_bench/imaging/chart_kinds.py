@@ -12,6 +12,16 @@ right and bottom edge in that unit, from the frame's top left; L, a, b: CIE Lab 
 degree observer), brought to D50 by Bradford's adaptation. Columns R, G, B, 0 to 255, may give the expected sRGB; else
 it is the Lab's, clipped. Patches are numbered as they are listed; those of a chroma of 5 or more count as colours.
 
+Measured reflectances, in [0, 1], may stand in place of L, a, b: one column a wavelength, named by its nm, from 400 or
+less to 700 or more. The illuminant may then be a CSV file, too, and a third line may name a camera's responses:
+
+    # illuminant: D65
+    # frame: 120 x 80
+    # camera: responses.csv
+    name,x0,y0,x1,y1,400,410,420,...,700
+
+See `imaging.spectra` for these files, whose paths start at the chart's file.
+
 The ColorChecker Digital SG is given in the maker's values of charts made after November 2014, as colour-science has
 them. Its corners are the outer corners of the four corner patches, A1, N1, N10, A10; a patch is taken as 7/8 of its
 pitch, as for the Classic; only its inner half is read.
@@ -33,6 +43,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, did_you_mean, one_line
 from sucre_bench.imaging.cielab import colour_science, lab_d50_from, srgb_of_lab_d50
+from sucre_bench.imaging.spectra import colours, on_grid
 from sucre_bench.machine.files import fault_of, regular
 
 _CHROMATIC = 5.0  # chroma in Lab: the "neutral" patches of sold charts stay below 2, their dark skin is at 19
@@ -76,13 +87,15 @@ def _parsed(place: str, text: str) -> ChartKind:
     rows = list(csv.DictReader(line for _, line in table))
     if len(rows) != len(table) - 1:
         raise InputError(f"{place}: a line ends within quotes; close them")
-    missing = [name for name in _COLUMNS if not rows or name not in rows[0]]
+    spectral = [name for name in (rows[0] if rows else ()) if re.fullmatch(_LENGTH, name or "")]
+    wanted = (*_COLUMNS[:5], *(spectral or _COLUMNS[5:]))
+    missing = [name for name in wanted if not rows or name not in rows[0]]
     if missing:
         raise InputError(f"{place}: no column '{missing[0]}'; name the columns {','.join(_COLUMNS)}")
     names, boxes, lab, srgb = [], [], [], []
     for (number, _), row in zip(table[1:], rows, strict=True):
         at = f"{place}: line {number}"
-        x0, y0, x1, y1, *colour = _numbers(at, row, _COLUMNS[1:])
+        x0, y0, x1, y1, *colour = _numbers(at, row, wanted[1:])
         if not (0 <= x0 < x1 <= width * 1.0001 and 0 <= y0 < y1 <= height * 1.0001):
             raise InputError(
                 f"{at}: the patch is not inside the frame of {width:g} x {height:g}; give x0,y0,x1,y1 in it"
@@ -90,13 +103,21 @@ def _parsed(place: str, text: str) -> ChartKind:
         names.append((row["name"] or str(number)).strip().replace("/", "-"))
         boxes.append((x0 / width, y0 / height, min(x1 / width, 1.0), min(y1 / height, 1.0)))
         lab.append(colour)
-        if {"R", "G", "B"} <= row.keys():
+        if spectral and not 0 <= min(colour) <= max(colour) <= 1:
+            raise InputError(f"{at}: a reflectance is outside of 0 to 1; divide percentages by 100")
+        if {"R", "G", "B"} <= row.keys() and not spectral:
             srgb.append([value / 255 for value in _numbers(at, row, ("R", "G", "B"))])
+    expected, measured = np.array(srgb) if srgb else None, None
     try:
-        adapted = lab_d50_from(np.array(lab), said["illuminant"])
+        if spectral:
+            reflectance = on_grid("reflectances", np.array(spectral, dtype=np.float64), np.array(lab))
+            adapted, measured = colours(reflectance, said["illuminant"], said.get("camera"), Path(place).parent)
+            expected = measured
+        else:
+            adapted = lab_d50_from(np.array(lab), said["illuminant"])
     except InputError as fault:
         raise InputError(f"{place}: {fault}") from fault
-    return ChartKind(place, _patches(names, boxes, adapted, np.array(srgb) if srgb else None), width, height)
+    return ChartKind(place, _patches(names, boxes, adapted, expected, measured), width, height)
 
 
 def _numbers(at: str, row: dict[str, str], columns: tuple[str, ...]) -> Iterator[float]:
@@ -110,10 +131,13 @@ def _numbers(at: str, row: dict[str, str], columns: tuple[str, ...]) -> Iterator
         yield value
 
 
-def _patches(names: Sequence[str], boxes: Sequence[Box], lab: Array, srgb: Array | None = None) -> tuple[Patch, ...]:
+def _patches(
+    names: Sequence[str], boxes: Sequence[Box], lab: Array, srgb: Array | None = None, measured: Array | None = None
+) -> tuple[Patch, ...]:
     chromatic = (np.hypot(lab[:, 1], lab[:, 2]) >= _CHROMATIC).tolist()
-    colours = (srgb_of_lab_d50(lab) if srgb is None else srgb).tolist()
-    rows = zip(names, boxes, map(tuple, colours), map(tuple, lab.tolist()), chromatic, strict=True)
+    listed = (srgb_of_lab_d50(lab) if srgb is None else srgb).tolist()
+    spectra = [None] * len(lab) if measured is None else [tuple(of_one) for of_one in measured.tolist()]
+    rows = zip(names, boxes, map(tuple, listed), map(tuple, lab.tolist()), chromatic, spectra, strict=True)
     return tuple(Patch(name, number, *row) for number, (name, *row) in enumerate(rows, 1))
 
 
@@ -132,7 +156,8 @@ class Patch:
 
     name, number: as printed on the chart or in its data sheet, numbered from 1 row by row;
     box: (x0, y0, x1, y1) in the chart's unit square; srgb: expected colour, [0, 1], gamma-encoded;
-    lab: expected colour, CIE Lab under D50; colour: whether it is chromatic, not one of the grays.
+    lab: expected colour, CIE Lab under D50; colour: whether it is chromatic, not one of the grays;
+    measured: the colour of its measured reflectance, as srgb is given; None where nobody has measured it.
     """
 
     name: str
@@ -141,6 +166,7 @@ class Patch:
     srgb: Triple
     lab: Triple
     colour: bool
+    measured: Triple | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,30 +199,35 @@ def kind_id(name: str) -> str:
     if not name.lower().endswith(".csv"):
         return name
     try:
-        return f"csv-{hashlib.blake2b(regular(Path(name)).read_bytes(), digest_size=6).hexdigest()}"
+        content = regular(Path(name)).read_bytes()
+        for other in re.findall(rb"^#\s*(?:illuminant|camera)\s*:\s*(.+\.csv)\s*$", content, flags=re.MULTILINE | re.I):
+            content += regular(Path(name).parent / other.decode()).read_bytes()
+        return f"csv-{hashlib.blake2b(content, digest_size=6).hexdigest()}"
     except (OSError, InputError):
         return "csv-unreadable"
 
 
+# sRGB list, maker's Lab, and the sRGB under D65 of reflectances that D. Akkaynak's course in underwater colorimetry
+# publishes (2025; 400 to 700 nm by 10). Whether the boards of Sea-thru's D5 have these reflectances is not known.
 _DGK = (
-    ("white", (255, 255, 255), (97, 0, 1)),
-    ("light-gray", (176, 180, 183), (73, 0, 0)),
-    ("gray", (150, 151, 155), (62, 0, 0)),
-    ("middle-gray", (119, 120, 124), (50, 0, 0)),
-    ("dark-gray", (88, 89, 91), (38, 0, 0)),
-    ("black", (1, 1, 1), (23, 0, 0)),
-    ("red", (235, 28, 36), (48, 59, 39)),
-    ("yellow", (254, 242, 0), (92, 1, 95)),
-    ("green", (106, 189, 71), (64, -40, 54)),
-    ("light-blue", (0, 173, 239), (57, -41, -42)),
-    ("dark-blue", (1, 27, 84), (18, -3, -25)),
-    ("magenta", (239, 2, 142), (49, 60, -3)),
-    ("brick", (175, 51, 59), (41, 51, 26)),
-    ("orange", (209, 127, 41), (61, 29, 57)),
-    ("turquoise", (7, 136, 165), (52, -24, -24)),
-    ("purple", (188, 86, 149), (52, 47, -14)),
-    ("beige", (200, 159, 139), (69, 14, 17)),
-    ("brown", (183, 147, 126), (64, 12, 17)),
+    ("white", (255, 255, 255), (97, 0, 1), (212, 219, 221)),
+    ("light-gray", (176, 180, 183), (73, 0, 0), (121, 139, 135)),
+    ("gray", (150, 151, 155), (62, 0, 0), (108, 123, 115)),
+    ("middle-gray", (119, 120, 124), (50, 0, 0), (87, 102, 95)),
+    ("dark-gray", (88, 89, 91), (38, 0, 0), (73, 82, 76)),
+    ("black", (1, 1, 1), (23, 0, 0), (48, 51, 47)),
+    ("red", (235, 28, 36), (48, 59, 39), (155, 55, 47)),
+    ("yellow", (254, 242, 0), (92, 1, 95), (178, 180, 52)),
+    ("green", (106, 189, 71), (64, -40, 54), (67, 144, 62)),
+    ("light-blue", (0, 173, 239), (57, -41, -42), (29, 119, 147)),
+    ("dark-blue", (1, 27, 84), (18, -3, -25), (39, 74, 88)),
+    ("magenta", (239, 2, 142), (49, 60, -3), (126, 37, 72)),
+    ("brick", (175, 51, 59), (41, 51, 26), (101, 57, 48)),
+    ("orange", (209, 127, 41), (61, 29, 57), (125, 85, 44)),
+    ("turquoise", (7, 136, 165), (52, -24, -24), (30, 98, 96)),
+    ("purple", (188, 86, 149), (52, 47, -14), (107, 65, 84)),
+    ("beige", (200, 159, 139), (69, 14, 17), (105, 94, 68)),
+    ("brown", (183, 147, 126), (64, 12, 17), (82, 78, 54)),
 )
 
 
@@ -230,15 +261,16 @@ _COLORCHECKER = (
 
 def _grid(
     name: str,
-    colours: Sequence[tuple[str, Triple, Triple]],
+    table: Sequence[tuple[str, Triple, Triple]] | Sequence[tuple[str, Triple, Triple, Triple]],
     columns: Sequence[tuple[float, float]],
     rows: Sequence[tuple[float, float]],
     size: tuple[float, float],
 ) -> ChartKind:
-    """Lay a table of colours (name, sRGB of 0 to 255, Lab) out on a grid of columns (x0, x1) and rows (y0, y1)."""
-    names, srgb, lab = zip(*colours, strict=True)
+    """Lay a table (name, sRGB of 0 to 255, Lab, perhaps sRGB of reflectances) on a grid of (x0, x1) and (y0, y1)."""
+    names, srgb, lab, *measured = zip(*table, strict=True)
     boxes = [(x0, y0, x1, y1) for y0, y1 in rows for x0, x1 in columns]
-    return ChartKind(name, _patches(names, boxes, np.array(lab, np.float64), np.array(srgb) / 255), *size)
+    spectra = np.array(measured[0]) / 255 if measured else None
+    return ChartKind(name, _patches(names, boxes, np.array(lab, np.float64), np.array(srgb) / 255, spectra), *size)
 
 
 @functools.cache

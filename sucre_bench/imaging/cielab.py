@@ -49,7 +49,7 @@ def lab_d50(srgb: npt.NDArray[Any]) -> Array:
 
 def lab_d50_of_linear(rgb: Array) -> Array:
     """Return CIE Lab under D50 of linear light (..., 3) in sRGB's primaries, adapted from D65."""
-    return _lab_of_xyz(_mapped(_adaptation("D65", "D50") @ _XYZ_OF_RGB, rgb) / _white("D50"))
+    return lab_d50_of_xyz(_mapped(_XYZ_OF_RGB, rgb), _white("D65"))
 
 
 def srgb_of_lab_d50(lab: npt.NDArray[Any]) -> Array:
@@ -63,8 +63,12 @@ def lab_d50_from(lab: npt.NDArray[Any], illuminant: str) -> Array:
     white = _white(illuminant)
     if illuminant == "D50":
         return lab
-    XYZ = _xyz_of_lab(np.asarray(lab, dtype=np.float64)) * white
-    return _lab_of_xyz(_mapped(_adaptation(illuminant, "D50"), XYZ) / _white("D50"))
+    return lab_d50_of_xyz(_xyz_of_lab(np.asarray(lab, dtype=np.float64)) * white, white)
+
+
+def lab_d50_of_xyz(XYZ: Array, white: Array) -> Array:
+    """Return CIE Lab under D50 of XYZ (..., 3) seen under another white, XYZ (3,) with Y = 1."""
+    return _lab_of_xyz(_mapped(_adaptation(white, "D50"), XYZ) / _white("D50"))
 
 
 def ciede2000(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> Array:
@@ -100,9 +104,10 @@ def _mapped(matrix: Array, colours: Array) -> Array:
     return np.asarray(np.einsum("ij,...j->...i", matrix, colours))
 
 
-def _adaptation(source: str, target: str) -> Array:
-    """The matrix (3, 3) that takes XYZ under one illuminant to what looks alike under another (Bradford)."""
-    ratio = (_BRADFORD @ _white(target)) / (_BRADFORD @ _white(source))
+def _adaptation(source: str | Array, target: str) -> Array:
+    """The matrix (3, 3) that takes XYZ under an illuminant, or a white, to what looks alike under another: Bradford."""
+    white = _white(source) if isinstance(source, str) else source
+    ratio = (_BRADFORD @ _white(target)) / (_BRADFORD @ white)
     return np.linalg.solve(_BRADFORD, ratio[:, None] * _BRADFORD)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -226,6 +227,69 @@ def test_no_description_is_refused_by_line(tmp_path: Path, change: tuple[str, st
     path.write_text(OWN.replace(*change).replace("{illuminant}", "D65"))
     with pytest.raises(InputError, match=r"own\.csv: ") as fault:
         chart_kind(str(path))
+    assert named <= names(fault.value)
+
+
+def write_spectra(path: Path, header: str, nm: Iterable[int], patches: dict[str, list[float]]) -> None:
+    rows = [f"{name},0,{k},9,{k + 1},{','.join(map(str, of_one))}" for k, (name, of_one) in enumerate(patches.items())]
+    top = f"{header}# frame: 9 x 24\nname,x0,y0,x1,y1,{','.join(map(str, nm))}"
+    path.write_text("\n".join([top, *rows]))
+
+
+def test_measured_reflectances_give_the_colours_that_are_published_of_them(tmp_path: Path) -> None:
+    colour = colour_science()
+    spectra, published = (
+        table["BabelColor Average"] for table in (colour.SDS_COLOURCHECKERS, colour.CCS_COLOURCHECKERS)
+    )
+    path, nm = tmp_path / "own.csv", range(380, 740, 10)
+    write_spectra(path, "# illuminant: D50\n", nm, {name: spectra[name].values.tolist() for name in spectra})
+    lab = np.array([patch.lab for patch in chart_kind(str(path)).patches])
+    xyY = np.array([published.data[name] for name in spectra])
+    np.testing.assert_allclose(lab, colour.XYZ_to_Lab(colour.xyY_to_XYZ(xyY), published.illuminant), atol=0.8)
+
+
+def test_a_camera_and_an_illuminant_of_ones_own_say_how_a_reflectance_looks(tmp_path: Path) -> None:
+    half = [0.5] * 4
+    (tmp_path / "lamp.csv").write_text("wavelength,power\n400,1\n700,4\n")
+    # A camera whose red is all that is over 600 nm, and so on; the second patch reflects that alone.
+    edges = {400: (0, 0, 1), 499: (0, 0, 1), 500: (0, 1, 0), 599: (0, 1, 0), 600: (1, 0, 0), 700: (1, 0, 0)}
+    (tmp_path / "camera.csv").write_text("nm,R,G,B\n" + "\n".join(f"{n},{r},{g},{b}" for n, (r, g, b) in edges.items()))
+    path = tmp_path / "own.csv"
+    write_spectra(
+        path, "# illuminant: lamp.csv\n# camera: camera.csv\n", (400, 599, 600, 700), {"a": half, "b": [0, 0, 1, 1]}
+    )
+    gray, red = chart_kind(str(path)).patches
+    np.testing.assert_allclose(gray.lab, (76.07, 0, 0), atol=0.01)  # a gray under any light
+    np.testing.assert_allclose(gray.srgb, [188 / 255] * 3, atol=2e-3)
+    np.testing.assert_allclose(red.srgb, (1, 0, 0), atol=1e-6)
+    assert red.measured == red.srgb
+    same = kind_id(str(path))
+    (tmp_path / "lamp.csv").write_text("wavelength,power\n400,1\n700,2\n")
+    assert kind_id(str(path)) != same
+
+
+@pytest.mark.parametrize(
+    ("lamp", "nm", "value", "named"),
+    [
+        ("D65", (400, 650), 0.5, {"reflectances", "400", "650", "700"}),
+        ("D65", (400, 700), 50, {"line", "4", "reflectance", "100"}),
+        ("D65", (400, 700), -0.1, {"line", "4", "reflectance"}),
+        ("short.csv", (400, 700), 0.5, {"450", "700"}),
+        ("words.csv", (400, 700), 0.5, {"table", "spectra"}),
+        ("wide.csv", (400, 700), 0.5, {"columns", "finite"}),
+        ("none.csv", (400, 700), 0.5, {"file", "path"}),
+        ("D51", (400, 700), 0.5, {"'D51'", "D50"}),
+    ],
+)
+def test_reflectances_are_refused_by_what_they_lack(
+    tmp_path: Path, lamp: str, nm: tuple[int, int], value: float, named: set[str]
+) -> None:
+    (tmp_path / "short.csv").write_text("wavelength,power\n450,1\n700,4\n")
+    (tmp_path / "words.csv").write_text("wavelength,power\n400,bright\n700,4\n")
+    (tmp_path / "wide.csv").write_text("wavelength,power\n400,1,2\n700,4,3\n")
+    write_spectra(tmp_path / "own.csv", f"# illuminant: {lamp}\n", nm, {"a": [value, value]})
+    with pytest.raises(InputError, match=r"own\.csv: ") as fault:
+        chart_kind(str(tmp_path / "own.csv"))
     assert named <= names(fault.value)
 
 

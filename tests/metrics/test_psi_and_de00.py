@@ -180,6 +180,15 @@ def test_the_reference_list_shifts_psi() -> None:
     assert by_lab["c/13-brick"].value < 0.5
 
 
+def test_measured_reflectances_are_the_third_list_and_other_charts_lack_it() -> None:
+    shown = painted(chart_kind("dgk"), TILTED)
+    by_spectra = scores(Psi(), shown, "colour-measured")
+    red = angle_deg(np.array([235.0, 28, 36]), np.array([155.0, 55, 47]))
+    assert by_spectra["c/7-red"].value == pytest.approx(red, abs=0.1)
+    others = scores(Psi(), shown, "colour-measured", "colorchecker24")
+    assert all(np.isnan(s.value) and s.coverage == 0 for s in others.values())
+
+
 def test_patch_colour_gives_each_channel_as_shown_and_as_the_list_has_it() -> None:
     shown = painted(chart_kind("dgk"), TILTED) * np.float32([0.5, 0.25, 1])
     for c, channel in enumerate(("red", "green", "blue")):
