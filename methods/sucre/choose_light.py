@@ -5,6 +5,11 @@ and judged on the others, then the reverse. Its cost is the bounded misfit of ro
 the new part. Errors within a tile are alike, so tiles count as the independent ones: a part is taken if the mean gain
 over the tiles is more than three of its standard errors, and more than a small share of the cost. Parts are added one
 by one until none is taken: of those that gain about as much as the best, the one with the fewest unknowns.
+
+Gains of views can stand for what a simple model of water leaves out, if each view sees the ground from another
+distance. Then they explain a little, and beta is known worse with them. So gains are taken only if beta is known
+better: where light does differ, the residuals fall so much that the standard errors of beta fall, though there are more
+unknowns.
 """
 
 from __future__ import annotations
@@ -30,6 +35,9 @@ _TILES = 6
 
 # Standard errors, and the share of the cost, that a part must gain.
 _SURE, _SHARE = 3.0, 0.1
+
+# With gains, the standard errors of beta must be below this share of those without, in the mean of the channels.
+_SHARPER = 0.8
 
 # The share of the squared residuals that one linear step must promise before a part is fitted.
 _PROMISED = 0.1
@@ -112,7 +120,7 @@ def _chosen(sample: Sample, water: WaterParameters, noise: Array, *, may_be_stro
     at = np.floor(sample.place * _TILES).astype(np.int64)
     tile, fold = at[1] * _TILES + at[0], at.sum(axis=0) % 2
     halves = [(sample.take(fold == k), tile[fold == k]) for k in range(2)]
-    light, tried, cost = Light.even(water, sample.views), [], None
+    light, tried, cost, before = Light.even(water, sample.views), [], None, None
     while True:
         found = []
         for one in _richer(light.parts, may_be_strobe=may_be_strobe):
@@ -127,12 +135,25 @@ def _chosen(sample: Sample, water: WaterParameters, noise: Array, *, may_be_stro
         found = [pair for pair in found if pair[0].counts]
         if not found:
             return light.parts, tried
-        most = max(one.gain for one, _ in found)  # what gains as much with fewer unknowns is the better part
-        best, cost = min(
-            (pair for pair in found if pair[0].gain > most - _SHARE),
-            key=lambda pair: Problem(sample, pair[0].parts).size,
-        )
-        light = fit_light(sample, best.parts, light).light
+        before = fit_light(sample, light.parts, light) if before is None else before
+        taken = None
+        while found and taken is None:
+            most = max(one.gain for one, _ in found)  # what gains as much with fewer unknowns is the better part
+            near = [pair for pair in found if pair[0].gain > most - _SHARE]
+            best = min(near, key=lambda pair: Problem(sample, pair[0].parts).size)
+            fit = fit_light(sample, best[0].parts, light)
+            if best[0].parts.gains == light.parts.gains or _is_sharper(fit, before):
+                taken = fit
+            found.remove(best)
+        if taken is None:
+            return light.parts, tried
+        light, before, cost = taken.light, taken, best[1]
+
+
+def _is_sharper(fit: LightFit, before: LightFit) -> bool:
+    """Return whether beta is known better than in a fit before."""
+    old, new = before.error[:, 1], fit.error[:, 1]
+    return bool(np.divide(new, old, out=np.ones(3), where=old > 0).mean() < _SHARPER)
 
 
 def _promised(sample: Sample, parts: Parts, light: Light) -> float:
