@@ -14,7 +14,7 @@ import shutil
 import tempfile
 import weakref
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from errno import ENOSPC
 from math import nan
@@ -30,6 +30,7 @@ from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.image_files import write_png
 from sucre_bench.machine.files import expanded, temporary_folder, write_atomically
 from sucre_bench.machine.progress import track
+from sucre_bench.methods.doors.environments import Environment
 from sucre_bench.methods.doors.precomputed import (
     SUFFIXES,
     ImageFolder,
@@ -83,11 +84,24 @@ class Command(RestoredElsewhere):
     '{stem}_out'."""
 
     rests_on: Path | None = None
-    """File or folder of the program or its weights. If it changes, views are restored again."""
+    """File or folder of the program or its weights. If it changes, views are restored again. A container sees it."""
+
+    env: str = ""
+    """Environment of the program: uv:FILE (requirements.txt, pylock.toml or uv.lock), conda:NAME, or
+    docker:IMAGE@sha256:DIGEST; empty: this one. Rows have it with the digest of the file or of conda's list of
+    packages. If you give such a digest, @sha256:..., it is checked."""
+
+    @staticmethod
+    def pinned(options: Mapping[str, Any]) -> dict[str, Any]:
+        """Return options with the digest of their environment: what rows and configurations record."""
+        environment = Environment.of(options["env"]) if options.get("env") else None
+        return {**options, **({"env": str(environment.pinned)} if environment else {})}
 
     def __post_init__(self) -> None:
         words = self._words
-        if not words or shutil.which(words[0]) is None:
+        if self._environment:
+            self._environment.check()
+        if not words or (not self._environment and shutil.which(words[0]) is None):
             what = f"'{words[0]}' is not found or not executable" if words else "is empty"
             raise InputError(f"command.run: {what}; give a program that is installed, or its path")
         used = placeholders(self.run, _PER_VIEW, "command.run")
@@ -122,6 +136,15 @@ class Command(RestoredElsewhere):
         if isinstance(batch, SucreBenchError):
             raise batch
         return self._read(batch, view)
+
+    def warm_up(self) -> None:
+        """Make the environment, so that the first view's time is not that of downloads."""
+        if self._environment:
+            self._environment.make()
+
+    @functools.cached_property
+    def _environment(self) -> Environment | None:
+        return Environment.of(self.env) if self.env else None
 
     @property
     def _words(self) -> list[str]:
@@ -171,7 +194,10 @@ class Command(RestoredElsewhere):
             values |= files if self.per == "view" else {}
             work.names[view.name] = name
         if work.names:
-            work.ended = run_program([word.format_map(values) for word in self._words], self.timeout)
+            words = [word.format_map(values) for word in self._words]
+            if self._environment:
+                words = self._environment.command(words, [place], [self.rests_on] if self.rests_on else [])
+            work.ended = run_program(words, self.timeout)
         for plane in self._planes:
             shutil.rmtree(place / plane, ignore_errors=True)
         return work
@@ -219,6 +245,7 @@ class Command(RestoredElsewhere):
         except InputError as fault:
             raise InputError(f"{who}: {str(fault).replace(f'{work.place}/', '')}") from (printed or fault)
         told = {"said": ended.said[-2000:], "fault": about}
+        told["environment"] = str(self._environment.pinned) if self._environment else ""
         info = {"seconds": ended.seconds / len(work.names), "peak_mb": ended.peak_mb, "device": "unknown"}
         return replace(restored, info=restored.info | info | {key: text for key, text in told.items() if text})
 

@@ -96,7 +96,7 @@ class Job:
         """
         run = RunConfig.of(values)
         dataset, method = plugin_choice("dataset", run.dataset), plugin_choice("method", run.method)
-        dataset, method = _labelled(dataset, swept), _labelled(method, swept)
+        dataset, method = _labelled(dataset, swept), _labelled(method, swept).pinned
         if is_of_scene(method.display) and run.save != "full":
             fault = f"{method.display} reads all stored restorations of a scene"
             raise InputError(fault, "method.display", "add save=full")

@@ -12,7 +12,7 @@ import os
 import textwrap
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -202,6 +202,12 @@ class Choice:
         """The other methods that options name, and results rest on."""
         read = (read for _, read in read_by_options(self.plugin, self.options))
         return tuple(method for method in read if isinstance(method, Plugin))
+
+    @property
+    def pinned(self) -> Choice:
+        """The choice with the options as rows are to record them, where the plugin has a function `pinned` for it."""
+        pin = getattr(self.plugin.cls, "pinned", None)
+        return replace(self, options=pin(self.options)) if pin else self
 
     @property
     def record(self) -> dict[str, Any]:

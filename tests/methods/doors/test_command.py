@@ -112,10 +112,9 @@ DOORS = ROOT / "docs" / "doors.md"
 STAND_INS = {
     "matlab": "import re, shutil, sys\n"
     "shutil.copy(*re.fullmatch(r\"restore\\('(.*)', '(.*)'\\)\", sys.argv[2]).groups())",
-    "docker": "import shutil, sys\nfirst, second = [a.split(':')[0] for a in sys.argv if ':/' in a]\n"
-    "assert sys.argv[-2:] == ['/in', '/out']\nshutil.copytree(first, second, dirs_exist_ok=True)",
-    "conda": "import os, sys\nos.execvp(sys.executable, [sys.executable, *sys.argv[sys.argv.index('python') + 1:]])",
-    "envs/theirs/bin/python": "import os, sys\nos.execv(sys.executable, [sys.executable, *sys.argv[1:]])",
+    "docker": "import shutil, sys\nshutil.copytree(*sys.argv[-2:], dirs_exist_ok=True)",
+    "uv": "import os, sys\nos.execv(sys.executable, [sys.executable, *sys.argv[sys.argv.index('--') + 2:]])",
+    "theirs.txt": "",
     "envs/deepseecolor/bin/python": "import os, sys\nos.execv(sys.executable, [sys.executable, *sys.argv[1:]])",
     # What its README and --help say: depth maps paired with images by order, results called NAME-corrected.png.
     "DeepSeeColor/deepseecolor.py": "import argparse, os, shutil\n"
@@ -163,7 +162,7 @@ def test_the_examples_of_the_documentation_restore(tmp_path: Path, toys: str, mo
             np.save(tmp_path / folder / view.name.replace(".png", ".npy"), view.rgb)
 
     lines = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("sucre-bench run")]
-    assert len(lines) == 11
+    assert len(lines) == 10
     for line in lines:
         words = [w for w in shlex.split(line)[2:] if w not in ("--plugin", "known_water.py")]
         overrides = [w for w in words if not w.startswith("dataset")]
