@@ -1,4 +1,4 @@
-"""Variants of SUCRe on grounds of white noise in five waters: the rows "white noise" of docs/sucre.md.
+"""Variants of SUCRe on grounds of white noise in five waters: the rows "white noise" of docs/sucre-measured.md.
 
 Run: python benchmarks/white_noise.py [--views 3,5]
 

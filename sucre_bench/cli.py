@@ -83,31 +83,31 @@ def _fault(text: str, status: int) -> int:
 # The table of contents of --help: each command with its module and its line of help. Its module is imported when it is
 # called.
 SECTIONS: dict[str, dict[str, tuple[str, str]]] = {
-    "Restore and compare": {
-        "restore": ("restore", "Restore photographs for use: whole pictures with EXIF and GPS."),
-        "run": ("run", "Restore views of a dataset with methods, and score them."),
-        "lineup": ("run", "Write the line-up of a results folder, to run it again."),
-        "compare": ("compare", "Compare methods: one table, and who leads."),
+    "Is this number comparable?": {
         "score": ("score", "Score a folder of images with any published metric."),
     },
-    "Your own data": {
+    "Restore my dive": {
+        "restore": ("restore", "Restore photographs for use: whole pictures with EXIF and GPS."),
         "prepare": ("prepare", "Make a scene of photos: cameras, depth maps."),
         "describe": ("data", "Describe what a dataset holds, and list its faults."),
-        "charts": ("data", "Mark colour charts on a page in your browser."),
-    },
-    "Look at results": {
-        "report": ("look", "Write the page of a results folder: tables, pictures."),
         "texture": ("look", "Write a scene as points or a mesh in restored colours."),
         "video": ("look", "Write a video of the views before and after."),
+    },
+    "Which method is better, by how much, is it chance?": {
+        "run": ("run", "Restore views of a dataset with methods, and score them."),
+        "compare": ("compare", "Compare methods: one table, and who leads."),
+        "lineup": ("run", "Write the line-up of a results folder, to run it again."),
+        "report": ("look", "Write the page of a results folder: tables, pictures."),
+        "charts": ("data", "Mark colour charts on a page in your browser."),
         "study": ("study", "Ask people which restored images they prefer."),
-        "track": ("look", "Log a results folder in mlflow, and open its page."),
     },
     "Share results": {
         "bundle": ("share", "Write a results folder as one file, with hashes."),
         "verify": ("share", "Check a bundle: hashes, data, scores."),
         "site": ("share", "Write a lab's board: a page over many bundles."),
+        "track": ("look", "Log a results folder in mlflow, and open its page."),
     },
-    "Extend": {
+    "Add methods, metrics and datasets": {
         "list": ("extend", "List plugins, their options, and whether they run here."),
         "new": ("extend", "Write a working plugin to start from, and its test."),
         "check": ("extend", "Check whether a plugin keeps the contract."),
@@ -144,7 +144,8 @@ class _LazyGroup(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         width = max(map(len, _COMMANDS))
         for title, commands in SECTIONS.items():
-            with formatter.section(title):
+            formatter.write(f"\n{title}\n")
+            with formatter.indentation():
                 formatter.write_dl([(name.ljust(width), text) for name, (_, text) in commands.items()])
 
 
@@ -153,15 +154,13 @@ class _LazyGroup(click.Group):
 )
 @click.version_option(package_name="sucre-bench", prog_name="sucre-bench")
 def cli() -> None:
-    """Compare methods that restore the colours of underwater images.
+    """Score, restore and compare underwater images.
 
     \b
-    sucre-bench run dataset=demo method=gray_world     one method, built-in scene
+    sucre-bench score restored/ --like published.csv   is this number comparable?
+    sucre-bench restore photos/ restored/              restore my dive
     sucre-bench run -m dataset=demo method=underwater,gray_world,sucre out=results
-    sucre-bench compare results                        which leads, by how much?
-    sucre-bench restore photos/ restored/              your photos, restored
-    sucre-bench prepare photos/ dive/                  make a scene of them
-    sucre-bench run dataset=./dive method=sucre_plus method.fill=true
+    sucre-bench compare results                        which is better? chance?
 
     The --help of each command begins with examples.
     """

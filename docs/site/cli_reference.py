@@ -1,4 +1,4 @@
-"""Writes docs/cli.md from the program itself: the help of each command, and the keys of `sucre-bench run`.
+"""Writes docs/cli.md from the program itself: the options of each command, and the keys of `sucre-bench run`.
 
 python docs/site/cli_reference.py            write docs/cli.md
 python docs/site/cli_reference.py --check    exit with 1 if docs/cli.md is not what this would write
@@ -15,19 +15,28 @@ from typing import Any
 import click
 
 from sucre_bench.cli import SECTIONS, cli
-from sucre_bench.degrade import Degradation
 from sucre_bench.jobs.run_options import RunConfig, Shard, Tracking
 from sucre_bench.plugins.options import options_of
 
 _PAGE = Path(__file__).parent.parent / "cli.md"
-_WIDTH = 100
-_GROUPS: dict[str, type[Any]] = {"shard": Shard, "tracking": Tracking, "degrade": Degradation}
+_GROUPS: dict[str, type[Any]] = {"shard": Shard, "tracking": Tracking}
 _HEAD = """\
 # Commands
 
-This page has the help of every command, and every key of `sucre-bench run`. `python docs/site/cli_reference.py` writes
-it; do not edit it by hand. [Running methods](run.md) explains the keys with examples.
+Each command with its options, and every key of `sucre-bench run`. Examples stand in the `--help` of each command.
+`python docs/site/cli_reference.py` writes this page; do not edit it by hand.
+
+These options mean the same in every command that has them:
+
+| option | what it does |
+|---|---|
+| `--help` | Show the help and exit. |
+| `--json` | Print one [JSON value](json.md) on stdout and nothing else, for programs. |
+| `--plugin FILE` | Load the plugins of this .py file; may be repeated. |
+| `--force` | Write over a file that sucre-bench did not write. |
 """
+_PIPE = r"\|"  # within a cell of a table
+_EVERYWHERE = ("--help", "--json", "--plugin", "--force")
 
 
 def reference() -> str:
@@ -36,22 +45,37 @@ def reference() -> str:
 
 
 def _commands() -> Iterator[str]:
-    context = click.Context(cli, info_name="sucre-bench", max_content_width=_WIDTH, terminal_width=_WIDTH)
+    context = click.Context(cli, info_name="sucre-bench")
     for title, names in SECTIONS.items():
         yield f"## {title}\n"
         for name in names:
             command = cli.get_command(context, name)
             assert command is not None
-            own = click.Context(command, info_name=name, parent=context, terminal_width=_WIDTH)
-            yield f"### sucre-bench {name}\n\n```text\n{command.get_help(own)}\n```\n"
+            own = click.Context(command, info_name=name, parent=context)
+            first = (command.help or "").partition("\b\n")[0]
+            arguments = " ".join(command.collect_usage_pieces(own)[1:])
+            yield f"### {name}\n\n`{f'sucre-bench {name} {arguments}'.rstrip()}`: {' '.join(first.split())}\n"
+            yield from _options(command, own)
+
+
+def _options(command: click.Command, context: click.Context) -> Iterator[str]:
+    records = [record for one in command.get_params(context) if (record := one.get_help_record(context))]
+    rows = [(name, text) for name, text in records if text and name.split()[0] not in _EVERYWHERE]
+    if rows:
+        yield "| option | what it does |\n|---|---|"
+        for name, text in rows:
+            cells = (f"`{name}`", " ".join(text.split()))
+            yield f"| {' | '.join(cell.replace('|', _PIPE) for cell in cells)} |"
+        yield ""
 
 
 def _keys() -> Iterator[str]:
     yield "## Keys of `sucre-bench run`\n"
-    yield "`dataset=`, `method=` and `metrics=` choose plugins; `sucre-bench list` has their options. The other keys:\n"
+    yield "`dataset=`, `method=` and `metrics=` choose plugins; `sucre-bench list` has their options.\n"
+    yield "The keys of `degrade.` have [a page](degrade.md), and those of `study.` [another](paper.md). The others:\n"
     yield "| key | default | what it does |\n|---|---|---|"
     for option in options_of(RunConfig):
-        if option.name not in ("dataset", "method", "metrics", "study", *_GROUPS):
+        if option.name not in ("dataset", "method", "metrics", "study", "degrade", *_GROUPS):
             yield _row(option.name, option)
     for group, of in _GROUPS.items():
         for option in options_of(of):

@@ -1,4 +1,4 @@
-"""What the site does beyond mkdocs: formulae as MathML, the notebook as a page, links out of docs/ as words.
+"""What the site does beyond mkdocs: README as the first page, formulae as MathML, the notebook as a page.
 
 mkdocs calls these functions by their names. Pages stay plain Markdown that reads well anywhere: `$...$` and `$$...$$`
 are formulae as LaTeX writes them, and a link such as ../examples leads somewhere in the repository, not in the site.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import html
 import json
 import re
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -22,7 +23,10 @@ _LINK_OUT = re.compile(r"\[([^\]]+)\]\(\.\./[^)]*\)")
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add the page that is made of the tutorial's notebook, which itself can be downloaded from there."""
+    """Add the pages made of README and of the tutorial's notebook, which itself can be downloaded from there."""
+    readme = (Path(config.config_file_path).parent / "README.md").read_text(encoding="utf-8")
+    first = readme.replace("](docs/tutorial.ipynb", "](tutorial.md").replace("](CONTRIB", "](../CONTRIB")
+    files.append(File.generated(config, "index.md", content=first.replace("](docs/", "](")))
     notebook = files.get_file_from_path("tutorial.ipynb")
     if notebook is None:
         raise FileNotFoundError("docs/tutorial.ipynb")

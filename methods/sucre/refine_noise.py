@@ -104,7 +104,7 @@ _PLAIN, _WORST = 10, 90
 _DARK, _UNKNOWN, _TINY = 0.02, 1e4, 1e-9
 
 # `ImagePrior`. Least deviation of reflectances. Less of it helps made scenes as shown, more of it charts:
-# docs/sucre.md has figures. In linear light: sRGB's curve raises bright intensities to nearly the power 2.4, which
+# docs/solver.md has figures. In linear light: sRGB's curve raises bright intensities to nearly the power 2.4, which
 # multiplies relative deviations by as much. A photograph agreed.
 LEAST_SPREAD = 0.2
 LEAST_SPREAD_LINEAR = 2.4 * LEAST_SPREAD

@@ -54,8 +54,8 @@ def test_no_page_asks_for_anything_from_elsewhere_and_nothing_is_missing(site: P
 def test_every_formula_is_written_for_the_browser(site: Path):
     pages = {page.stem: page.read_text(encoding="utf-8") for page in site.glob("*.html")}
     assert not [name for name, text in pages.items() if "arithmatex" in text or "\\frac" in text]
-    assert pages["metrics"].count('<div class="formula"><math') >= 10
-    assert "<munder><mo>∑</mo>" in pages["metrics"]
+    assert pages["formulas"].count('<div class="formula"><math') >= 10
+    assert "<munder><mo>∑</mo>" in pages["formulas"]
 
 
 def test_the_notebook_is_a_page_and_can_be_had(site: Path):
