@@ -35,6 +35,7 @@ fuzz: setup
 		tests/hostile/test_readers.py tests/hostile/test_words.py tests/hostile/test_killed.py --hypothesis-seed=$(strip $(SEED))
 
 docs: setup
+	@$(bin)/python docs/site/show_at_work.py
 	@NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --quiet --strict
 	@echo outputs/site/index.html
 

@@ -23,25 +23,49 @@ _LINK_OUT = re.compile(r"\[([^\]]+)\]\(\.\./[^)]*\)")
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add the pages made of README and of the tutorial's notebook, which itself can be downloaded from there."""
-    readme = (Path(config.config_file_path).parent / "README.md").read_text(encoding="utf-8")
+    """Add the first page, made of README; the tutorial's, made of its notebook; and a page of results.
+
+    outputs/ has the notebook with its outputs, and the page of results, where show_at_work.py has made them.
+    """
+    root = Path(config.config_file_path).parent
+    readme = (root / "README.md").read_text(encoding="utf-8")
     first = readme.replace("](docs/tutorial.ipynb", "](tutorial.md").replace("](CONTRIB", "](../CONTRIB")
-    files.append(File.generated(config, "index.md", content=first.replace("](docs/", "](")))
+    first = first.replace("](docs/", "](")
+    sample, executed = (root / "outputs" / name for name in ("sample/report/index.html", "tutorial.ipynb"))
+    if sample.is_file():
+        files.append(File.generated(config, "sample.html", abs_src_path=str(sample)))
+        first = first.replace("pictures/page.jpg)\n", "pictures/page.jpg)\n\n**[Open such a page](sample.html).**\n")
+    files.append(File.generated(config, "index.md", content=first))
     notebook = files.get_file_from_path("tutorial.ipynb")
     if notebook is None:
         raise FileNotFoundError("docs/tutorial.ipynb")
-    files.append(File.generated(config, "tutorial.md", content=page_of(notebook.content_string)))
+    text = executed.read_text(encoding="utf-8") if executed.is_file() else notebook.content_string
+    files.append(File.generated(config, "tutorial.md", content=page_of(text)))
     return files
 
 
 def page_of(notebook: str) -> str:
-    """Return a notebook's cells as Markdown."""
-    cells = json.loads(notebook)["cells"]
-    texts = ["".join(cell["source"]) for cell in cells]
-    return "\n\n".join(
-        f"```python\n{text}\n```" if cell["cell_type"] == "code" else text
-        for cell, text in zip(cells, texts, strict=True)
-    )
+    """Return a notebook's cells and outputs as Markdown."""
+    parts = []
+    for cell in json.loads(notebook)["cells"]:
+        text = "".join(cell["source"])
+        parts.append(f"```python\n{text}\n```" if cell["cell_type"] == "code" else text)
+        parts += [shown for output in cell.get("outputs", []) if (shown := _output(output))]
+    return "\n\n".join(parts)
+
+
+def _output(output: Any) -> str:
+    """An output of a cell as HTML in one line each: its richest form; nothing of what is on stderr."""
+    data = {kind: "".join(text) for kind, text in output.get("data", {}).items()}
+    if "text/html" in data:
+        inner = data["text/html"]
+    elif "image/png" in data:
+        inner = f'<img alt="" src="data:image/png;base64,{data["image/png"].strip()}">'
+    elif text := data.get("text/plain") or ("".join(output["text"]) if output.get("name") == "stdout" else ""):
+        inner = f"<pre>{html.escape(text.rstrip())}</pre>"
+    else:
+        return ""
+    return f'<div class="output">{inner}</div>'.replace("\n\n", "\n")
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 )
 @shared.flag("--common", help="If methods ran on different images, compare on the images they share.")
 @shared.flag("--intervals", help="Show 95 % intervals, and a sentence for each lead.")
-@shared.flag("--all-metrics", help="Show all columns, not only those that decide.")
+@shared.flag("--all-metrics", help="Show all columns, also seconds and memory.")
 @shared.option(
     "--pixels",
     of=("common", "own"),
@@ -139,8 +139,10 @@ def _print(compared: Sequence[Comparison], folders: Sequence[Path], how: Any, wa
     """Print the tables. wanted: standard deviations, intervals, all metrics, chosen metrics."""
     spread, intervals, all_metrics, metrics = wanted
     if how != "terminal":
-        from sucre_bench.compare.documents import as_text
+        from sucre_bench.compare.documents import as_text, without_costs
 
+        if how not in ("csv", "json") and not (metrics or all_metrics):
+            compared = [without_costs(table) for table in compared]
         click.echo(as_text(compared, how, spread), nl=False)
         return
     from sucre_bench.compare.answer import decisive

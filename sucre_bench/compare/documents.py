@@ -5,9 +5,10 @@ import math
 import re
 import unicodedata
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
-from sucre_bench.compare import Comparison
+from sucre_bench.compare import COSTS, Comparison
 from sucre_bench.compare.answer import answer, deciding
 from sucre_bench.compare.model import says_filled
 from sucre_bench.compare.terminal_table import blocks
@@ -34,6 +35,12 @@ def as_text(comparisons: Sequence[Comparison], how: Format, spread: bool = False
         return csv_text(pd.DataFrame(records), for_spreadsheets=True)
     one = {"md": _markdown, "latex": _latex, "html": _html}[how]
     return "\n".join(one(comparison, len(comparisons) > 1, spread) for comparison in comparisons)
+
+
+def without_costs(comparison: Comparison) -> Comparison:
+    """Return a comparison without seconds and memory, which papers do not print."""
+    columns = tuple(column for column in comparison.columns if column.metric not in COSTS)
+    return replace(comparison, columns=columns)
 
 
 def _records(comparison: Comparison) -> Iterator[dict[str, Any]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -18,6 +19,7 @@ from sucre_bench.errors import (
     SucreBenchError,
     file_error,
     one_line,
+    unknown_name,
 )
 from sucre_bench.imaging.display import is_of_scene
 from sucre_bench.jobs.catalogue import MetricChoice, chosen_metrics
@@ -121,12 +123,19 @@ class Job:
 
 
 def _labelled(choice: Choice, swept: Sequence[str]) -> Choice:
-    """A choice whose label has the swept options: "sucre,pairing=depth". A path counts by its last part."""
+    """A choice whose label has the swept options: "sucre,pairing=depth". A path counts by its last part.
+
+    A label with {OPTION} in it has that value there instead: "gain {strength}". InputError for an unknown option.
+    """
     options, kind = {**choice.options, "display": choice.display}, choice.plugin.kind
-    parts = [choice.label]
-    for name, value in options.items():
-        if f"{kind}.{name}" in swept or (name == "seed" and "seed" in swept):
-            parts.append(f"{name}={value.name if isinstance(value, Path) else plain_value(value)}".replace(" ", ""))
+    texts = {name: str(v.name if isinstance(v, Path) else plain_value(v)) for name, v in options.items()}
+    named = set(re.findall(r"\{(\w+)\}", choice.label))
+    if unknown := named - texts.keys():
+        raise unknown_name(f"{kind}.label", min(unknown), texts, "option")
+    parts = [re.sub(r"\{(\w+)\}", lambda found: texts[found[1]], choice.label)]
+    for name, text in texts.items():
+        if name not in named and (f"{kind}.{name}" in swept or (name == "seed" and "seed" in swept)):
+            parts.append(f"{name}={text}".replace(" ", ""))
     return replace(choice, label=",".join(parts))
 
 

@@ -56,6 +56,17 @@ def test_every_format_holds_every_method():
     assert [line["mean"] for line in json.loads(as_text([comparison], "json"))] == [2, 3]
 
 
+def test_seconds_and_memory_are_in_a_document_only_when_asked_for(bench, tmp_path: Path, small_demo: list[str]):
+    assert bench("run", *small_demo, "method=gray_world", "tracking.uri=off", "out=r").returncode == 0
+    plain = bench("compare", "r", "--format", "latex").stdout
+    for asked in ("--all-metrics", "--metric=seconds"):
+        assert "seconds" in bench("compare", "r", "--format", "latex", asked).stdout
+    assert "psnr" in plain
+    assert "seconds" not in plain
+    assert "peak" not in plain
+    assert "seconds" in bench("compare", "r", "--format", "csv").stdout
+
+
 def test_several_tables_are_one_text_a_program_can_read():
     both = compare.compare(frame([replace(ROW, method="m", view="a", value=1.0, dataset=d) for d in ("sea", "lake")]))
     assert [line["table"] for line in json.loads(as_text(both, "json"))] == ["sea", "lake"]

@@ -102,6 +102,13 @@ def test_a_sweep_makes_a_job_of_every_combination():
 def test_a_label_of_ones_own_says_which_swept_value_it_has():
     sweep = jobs("method.gain=1,2", "method.label=my own", multirun=True)
     assert [job.method.label for job in sweep.jobs] == ["my own,gain=1.0", "my own,gain=2.0"]
+    own = jobs("method.gain=1,2", "method.mode=plain,fancy", "method.label='gain {gain}'", multirun=True)
+    assert [job.method.label for job in own.jobs] == [
+        f"gain {n}.0,mode={m}" for n in (1, 2) for m in ("plain", "fancy")
+    ]
+    with pytest.raises(InputError) as fault:
+        jobs("method.label='gain {gian}'")
+    assert {"gian", "gain"} <= names(fault.value)
 
 
 @pytest.mark.parametrize(
