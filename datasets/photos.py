@@ -27,7 +27,7 @@ from typing import Literal
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.image_files import SUFFIXES
 from sucre_bench.loading.find_folders import chosen, existing, folders_below, scene_name
-from sucre_bench.loading.image_folder import image_folder_scene, image_names, paired_folders
+from sucre_bench.loading.image_folder import SplitOption, image_folder_scene, image_names, paired_folders
 from sucre_bench.loading.view_files import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Encoding, Scene
@@ -42,7 +42,7 @@ from sucre_bench.scene import Encoding, Scene
     signs=("GT", "*/GT"),
 )
 @dataclass(frozen=True)
-class Lsui(ImageScaleOption):
+class Lsui(ImageScaleOption, SplitOption):
     """The LSUI photographs: one scene for each folder that holds input/ and GT/, single images with references."""
 
     root: Path
@@ -55,7 +55,7 @@ class Lsui(ImageScaleOption):
             found = True
             if references is None:
                 raise MissingFileError("no such folder", place / "GT", f"unpack the references there, beside {images}")
-            yield image_folder_scene(scene_name(place, root), images, references, self.image_scale)
+            yield image_folder_scene(scene_name(place, root), images, references, self.image_scale, split=self.split)
         if not found:
             raise InputError(f"{root}: holds no folder input; unpack it there, or give the folder that holds it")
 
@@ -68,7 +68,7 @@ class Lsui(ImageScaleOption):
     signs=("U45", "*/U45"),
 )
 @dataclass(frozen=True)
-class U45(ImageScaleOption):
+class U45(ImageScaleOption, SplitOption):
     """The U45 test images, one scene: single images without depth or reference."""
 
     root: Path
@@ -81,7 +81,7 @@ class U45(ImageScaleOption):
         folder = next(named, root)  # the download holds results of other methods beside it
         if not image_names(folder):
             raise InputError(f"{root}: holds no image, nor a folder U45 of images; give the folder of 1.png to 45.png")
-        yield image_folder_scene("U45", folder, image_scale=self.image_scale)
+        yield image_folder_scene("U45", folder, image_scale=self.image_scale, split=self.split)
 
 
 _RAW = ("raw-890", "raw890", "raw")
@@ -98,7 +98,7 @@ _CHALLENGING = ("challenging-60", "challengingset-60", "challenging")
     signs=("raw-890", "*/raw-890"),
 )
 @dataclass(frozen=True)
-class Uieb(ImageScaleOption):
+class Uieb(ImageScaleOption, SplitOption):
     """The UIEB photographs, one scene: single images without depth, with references that people chose."""
 
     root: Path
@@ -118,7 +118,8 @@ class Uieb(ImageScaleOption):
             raise MissingFileError(
                 "no such folder", place / _REFERENCES[0], f"unpack the references there, beside {images}"
             )
-        yield image_folder_scene(self.subset, images, references if paired else None, self.image_scale)
+        targets = references if paired else None
+        yield image_folder_scene(self.subset, images, targets, self.image_scale, split=self.split)
 
 
 @dataset(
@@ -129,7 +130,7 @@ class Uieb(ImageScaleOption):
     signs=tuple(f"*{suffix}" for small in SUFFIXES for suffix in (small, small.upper())),
 )
 @dataclass(frozen=True)
-class Photos(ImageScaleOption):
+class Photos(ImageScaleOption, SplitOption):
     """The images in a folder, one scene, in order of name, for methods that need no depth.
 
     References and colour charts are optional; metrics that need them are skipped without them.
@@ -162,4 +163,5 @@ class Photos(ImageScaleOption):
             self.encoding,
             self.subfolders,
             chosen(self, root, "charts", "file"),
+            self.split,
         )

@@ -34,11 +34,25 @@ _HEADS = ("view", "depth", "{unit} (1, 50, 99 %)", "overlap", "views", "disagree
 )
 @shared.flag("--no-sheet", help="Write no contact sheet.")
 @shared.option(
+    "--write-set",
+    of=shared.PATH,
+    metavar="FILE.csv",
+    help="Write the views' names, sizes and fingerprints as a test set, for dataset.split=FILE.csv.",
+)
+@shared.option(
     "--most", default=400, of=click.IntRange(1), help="Describe at most this many views of a scene, evenly spread."
 )
 @shared.plugin_option
 @shared.force_option
-def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet: bool, most: int, force: bool) -> None:
+def describe(
+    words: tuple[str, ...],
+    as_json: bool,
+    sheet: Path | None,
+    no_sheet: bool,
+    write_set: Path | None,
+    most: int,
+    force: bool,
+) -> None:
     """Describe what a dataset holds, write a contact sheet, and list faults with their remedies.
 
     \b
@@ -60,6 +74,8 @@ def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet
 
     if sheet is not None:
         check_output(sheet, "contact sheet", force=force)
+    if write_set is not None:
+        check_output(write_set, "table", force=force)
     shared.refuse_options(words, "describe")
     overrides = [word if "=" in word else f"dataset={word}" for word in words]
     with progress.live():
@@ -77,6 +93,11 @@ def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet
         if sheets:
             write_atomically(sheets[n], one.sheet(sheets[n].suffix))
             click.echo(f"sheet    {sheets[n]}", err=as_json)
+    if write_set is not None:
+        if len(described) > 1:
+            raise InputError(f"{len(described)} scenes are chosen", "--write-set", "describe one alone")
+        write_atomically(write_set, described[0].table().encode())
+        click.echo(f"set      {write_set}", err=as_json)
     if not any(view.mean for one in described for view in one.facts):
         raise InputError("describe: no view could be read; mend the files named above")
 
@@ -99,6 +120,9 @@ def _show(one: Described) -> None:
 
     for name, text in _facts(one).items():
         terminal.out.print(Text(f"{name:8} {text}"), soft_wrap=True)
+    for name, texts in (("set", [found.sentence() for found in one.sets]), ("overlap", one.shared)):
+        for text in texts:
+            terminal.out.print(Text(f"{name:8} {text}"), soft_wrap=True)
     between = {overlap.view: overlap for overlap in one.overlaps}
     rows = [_row(view, between.get(view.name)) for view in one.facts[:_ROWS]]
     _print_table([head.format(unit=one.unit) for head in _HEADS], rows)

@@ -28,18 +28,19 @@ if TYPE_CHECKING:
 
 
 @click.command("list")
-@click.argument("what", type=click.Choice(["methods", "datasets", "metrics", "experiments", "degradations"]))
+@click.argument("what", type=click.Choice(["methods", "datasets", "metrics", "experiments", "degradations", "sets"]))
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @shared.json_option
 @shared.plugin_option
 def list_(what: str, names: tuple[str, ...], as_json: bool) -> None:
-    """List plugins, experiments or degradations, with their options, and whether they run here.
+    """List plugins with their options and whether they run here, experiments, degradations, or named test sets.
 
     \b
     sucre-bench list methods
     sucre-bench list methods sucre
     sucre-bench list metrics --plugin my_metric.py
     sucre-bench list experiments
+    sucre-bench list sets
     sucre-bench list methods --json | jq -r '.[] | select(.installed) | .name'
 
     With NAME, list prints only this one.
@@ -65,6 +66,10 @@ def _named(what: str, names: Sequence[str]) -> list[_Item]:
     known: list[tuple[str, _Item]]
     if what == "degradations":
         known = [(option.name, option) for option in options_of(Degradation)]
+    elif what == "sets":
+        from sucre_bench.loading.named_sets import named_sets
+
+        known = [(one.name, one.as_object()) for one in named_sets().values()]
     else:
         kind = next((kind for kind in plugins.KINDS if what == f"{kind}s"), None)
         known = [*(plugins.discover(kind).items() if kind else ())]
@@ -85,7 +90,14 @@ def _as_text(what: str, items: Sequence[_Item]) -> str:
     texts = []
     for item in items:
         if isinstance(item, dict):
-            texts.append("\n".join([click.style(item["name"], bold=True), *_wrapped("", item["description"])]))
+            about = (
+                ("description", "recognised", "source", "licence", "used_by") if what == "sets" else ("description",)
+            )
+            texts.append(
+                "\n".join(
+                    [click.style(item["name"], bold=True), *(x for key in about for x in _wrapped("", item[key]))]
+                )
+            )
         elif isinstance(item, Plugin | Broken):
             texts.append(_entry(item))
     if what == "metrics":

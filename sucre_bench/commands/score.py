@@ -87,7 +87,10 @@ def score(
             say(warning, "yellow")
     # What a metric prints is not part of the table.
     with contextlib.redirect_stdout(sys.stderr), progress.live():
-        rows = score_folder.score_folder(images, reference, names)
+        scored = score_folder.score_folder(images, reference, names)
+    rows = scored.rows
+    for line in (*(found.sentence() for found in scored.sets), *scored.shared):
+        say(f"set  {line}", "dim")
     if file:
         write_atomically(file, csv_text(rows, for_spreadsheets=True).encode())
     form = "json" if as_json else how

@@ -3,12 +3,14 @@
 import sys
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import SUFFIXES, image_size
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.find_folders import folders_below, walk
+from sucre_bench.loading.named_sets import members_in
 from sucre_bench.loading.view_files import Photograph, scene_of
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import Encoding, Plane, Scene
@@ -34,16 +36,19 @@ def image_folder_scene(
     encoding: Encoding = "gamma",
     subfolders: bool = False,
     charts: Path | None = None,
+    split: str | None = None,
 ) -> Scene:
     """Return the scene of a folder's images, each with the reference that has the same path below `references`.
 
-    charts: a charts.json, see `charts_file` (may be missing). A reference may have another suffix. An image without a
-    reference gets a fault. Raises InputError if there is no image, if `references` holds none of the images, or if
-    charts.json is wrong.
+    charts: a charts.json, see `charts_file` (may be missing); split: a named test set, whose pictures and name the
+    scene then has. A reference may have another suffix. An image without a reference gets a fault. Raises InputError if
+    there is no image, if `references` holds none of the images, if charts.json is wrong, or the set is not all there.
     """
     names = image_names(folder, subfolders, but=references)
     if not names:
         raise InputError(f"holds no image ({' '.join(SUFFIXES)})", folder, "copy the images there")
+    if split:
+        name, names = members_in(folder, names, split)
     found = {} if references is None else _references(names, references, subfolders)
     sizes = {image: image_size(folder / image) for image in track(names, "image sizes")}
     # An image that cannot be read has no size to check corners against; decoding it will say what is wrong.
@@ -86,6 +91,15 @@ def _references(images: Iterable[str], folder: Path, subfolders: bool) -> dict[s
     if not any(_stem(image) in by_stem for image in found):
         raise InputError("no file is named like an image", folder, f"name them like {next(iter(found))}")
     return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class SplitOption:
+    """The option of datasets of single images to take a named test set."""
+
+    split: str | None = None
+    """A named test set (`sucre-bench list sets`), or the table of one's own: only its pictures, which must all be
+    there. Default: every picture."""
 
 
 def _stem(name: str) -> str:

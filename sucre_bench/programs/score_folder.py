@@ -13,6 +13,7 @@ from sucre_bench.errors import InputError, MissingFileError, PluginError
 from sucre_bench.imaging.image_files import SUFFIXES, image_size, is_jpeg, read_rgb
 from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.loading.find_folders import ImageFolder
+from sucre_bench.loading.named_sets import Found, Picture, picture_of, recognised_sets
 from sucre_bench.machine import processes, progress
 from sucre_bench.machine.files import check_folder, fault_of
 from sucre_bench.results.rows import restorations
@@ -31,8 +32,19 @@ class _Files:
         return read_rgb(path) if path else None
 
 
-def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -> DataFrame:
-    """Score every image under a folder (or one file): the long table's columns, the folder's name as the method.
+@dataclass(frozen=True, eq=False)
+class FolderScores:
+    """Scores of a folder. rows: the long table's columns; sets: the named test sets of its references, or else of its
+    images; shared: what these share with other sets, a line each.
+    """
+
+    rows: DataFrame
+    sets: Sequence[Found]
+    shared: Sequence[str]
+
+
+def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -> FolderScores:
+    """Score every image under a folder (or one file), the folder's name as the method, a whole named set as the scene.
 
     reference: a folder with the same names, or one file; metrics: names as `sucre_bench.score` takes them, none for
     every metric that applies, in all its variants. An image that cannot be read, or has no reference of its name, is a
@@ -48,17 +60,19 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
     is_foreign = any(choice.plugin.is_foreign for choice in chosen)
     files = images_in(images)
     reference_of = _references(images, files, reference) if reference else dict[str, list[Path]]()
-    label, tables, lossy = images.resolve().name, [], list[Path]()
+    label, tables, lossy, pictures = images.resolve().name, [], list[Path](), dict[str, Picture]()
     for name, path in progress.track(files.items(), f"scoring {label}"):
         try:
             compared_with = _only(name, reference, reference_of[name]) if reference else None
             if compared_with and is_jpeg(compared_with) and not is_jpeg(path):
                 lossy.append(compared_with)
             view = View(name, _Files(path, compared_with))
-            if view.reference is not None and view.reference.shape != view.rgb.shape:
-                sizes = [f"{w}x{h}" for h, w, _ in (view.rgb.shape, view.reference.shape)]
+            rgb, target = view.rgb, view.reference
+            pictures[str(compared_with or name)] = picture_of(rgb if target is None else target)
+            if target is not None and target.shape != rgb.shape:
+                sizes = [f"{w}x{h}" for h, w, _ in (rgb.shape, target.shape)]
                 raise InputError(f"{path}: {sizes[0]}, but its reference is {sizes[1]}; give one of the same size")
-            picture = Restoration(view.rgb, info={"method": label})
+            picture = Restoration(rgb, info={"method": label})
             work = functools.partial(score, picture, view, names)
             tables.append(processes.call(work, "mend the metric, or leave it out") if is_foreign else work())
         except (InputError, PluginError) as fault:
@@ -68,7 +82,11 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
         remedy = "for exact ones give the dataset's own references"
         progress.say(f"{lossy[0]}: a JPEG file, which has lost detail, so scores are not exact; {remedy}")
     rows = pd.concat(tables, ignore_index=True)
-    return rows[~rows["metric"].isin(["peak_mb"]) & ~rows.index.isin(restorations(rows).index)]
+    sets, shared = recognised_sets(pictures)
+    rows = rows.assign(scene=next((found.of.name for found in sets if found.is_whole), ""))
+    return FolderScores(
+        rows[~rows["metric"].isin(["peak_mb"]) & ~rows.index.isin(restorations(rows).index)], sets, shared
+    )
 
 
 def images_in(folder: Path) -> dict[str, Path]:

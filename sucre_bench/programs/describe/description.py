@@ -14,6 +14,7 @@ from sucre_bench.arrays import Array, evenly
 from sucre_bench.engine.select_views import Selection
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.drawing import depth_colours, save_marked
+from sucre_bench.loading.named_sets import Found, Member, Picture, recognised_sets, set_table
 from sucre_bench.machine.files import expanded, regular
 from sucre_bench.machine.progress import track
 from sucre_bench.programs.describe.exposure import Exposure, NoExposure, estimate_exposure
@@ -35,7 +36,8 @@ class Described:
     n_views: number of views in the scene, also those that are not described; scale: the note of `prepare`, with
     is_metric (whether lengths are metres) and note (how the scale was found), or None if there is none (lengths then
     count as metres); unit: of lengths; exposure: or why it is not known; spread: None without poses or depth; edges
-    (B + 1,), shares (B,): the distances of all pixels with depth, empty without depth.
+    (B + 1,), shares (B,): the distances of all pixels with depth, empty without depth; sets: the named test sets of its
+    photographs; shared: what these share with other sets, a line each.
     """
 
     dataset: str
@@ -52,6 +54,8 @@ class Described:
     edges: list[float]
     shares: list[float]
     faults: list[Fault]
+    sets: list[Found]
+    shared: list[str]
 
     @property
     def facts(self) -> list[ViewFacts]:
@@ -76,8 +80,22 @@ class Described:
             "exposure_unknown": self.exposure.name.lower() if isinstance(self.exposure, NoExposure) else None,
             "measures_water": self.spread and {"text": self.spread.sentence(self.unit), **asdict(self.spread)},
             "distances": {"edges": self.edges, "shares": self.shares},
+            "sets": [found.as_object() for found in self.sets],
+            "shared": self.shared,
             "faults": [{**asdict(fault), "text": str(fault)} for fault in self.faults],
         }
+
+    def table(self) -> str:
+        """Return the table of its views as a named test set. Raises InputError if it describes only some of them."""
+        if len(self.looks) < self.n_views:
+            raise InputError(
+                f"has {self.n_views} views", self.scene, f"give --most {self.n_views} for the table of all"
+            )
+        members = (
+            Member(look.facts.name, (), (look.facts.width, look.facts.height), look.print, look.reference_print)
+            for look in self.looks
+        )
+        return set_table(self.scene, members)
 
     def sheet(self, suffix: str = ".png") -> bytes:
         """Return the contact sheet as PNG or JPEG, by the suffix."""
@@ -140,6 +158,8 @@ def described(selection: Selection, most: int) -> Described:
     chosen = [selection.views[k] for k in evenly(len(selection.views), most)]
     looks = [look_at(view, "reference" in scene.has) for view in track(chosen, "looking at views")]
     between, values, edges, shares = overlaps(looks), _distances(looks), [], []
+    pictures = {look.facts.name: Picture((look.facts.width, look.facts.height), look.print) for look in looks}
+    sets, shared = recognised_sets(pictures)
     if values.size:
         low, high = np.percentile(values, [0.5, 99.5])
         counts, bounds = np.histogram(values.clip(low, high), bins=_BINS if high > low else 1)
@@ -159,4 +179,6 @@ def described(selection: Selection, most: int) -> Described:
         edges=edges,
         shares=shares,
         faults=find_faults(looks, between, scale is not None),
+        sets=sets,
+        shared=shared,
     )

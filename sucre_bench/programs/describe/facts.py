@@ -19,6 +19,7 @@ from sucre_bench.errors import InputError, one_line
 from sucre_bench.imaging.chart_patches import image_from_chart, reading_order
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import converted, srgb_decode, to_8bit
+from sucre_bench.loading.named_sets import Print, print_of
 from sucre_bench.machine.progress import track
 from sucre_bench.multiview.pairing import lift, visible_pixels
 from sucre_bench.scene import Arrays, View
@@ -88,7 +89,8 @@ class Look:
     """A view with its facts, and its planes at reduced size; None for a plane that it lacks.
 
     picture: (h, w, 3) uint8 as shown; depth: (h, w) float32 metres along the axis; distance: (h, w) metres, Euclidean
-    where the view has a camera, 0 = unknown; camera: of the reduced size; charts: (C, 4, 2) corners in its pixels.
+    where the view has a camera, 0 = unknown; camera: of the reduced size; charts: (C, 4, 2) corners in its pixels;
+    print, reference_print: of the picture and of the reference, see `named_sets`.
     """
 
     view: View
@@ -98,6 +100,8 @@ class Look:
     distance: Array | None
     camera: Camera | None
     charts: Array
+    print: Print | None
+    reference_print: Print | None
 
 
 def look_at(view: View, reference: bool) -> Look:
@@ -105,6 +109,7 @@ def look_at(view: View, reference: bool) -> Look:
     import cv2
 
     rgb, image_fault = _loaded(view, "rgb")
+    target = _loaded(view, "reference")[0] if reference else None
     depth, depth_fault = _loaded(view, "depth")
     camera, pose = view.camera, view.cam_from_world
     of_camera = (camera.width, camera.height) if camera else (0, 0)
@@ -124,7 +129,7 @@ def look_at(view: View, reference: bool) -> Look:
         image_fault=image_fault,
         depth_fault=depth_fault,
         has_depth=depth is not None,
-        has_reference=reference and _loaded(view, "reference")[0] is not None,
+        has_reference=target is not None,
         focal=None if camera is None else _floats(camera.K[[0, 1], [0, 1]]),
         position=None if pose is None else _floats(np.linalg.inv(pose)[:3, 3]),
         mean=() if rgb is None else _floats(rgb.mean(axis=(0, 1), dtype=np.float64)),
@@ -145,7 +150,8 @@ def look_at(view: View, reference: bool) -> Look:
     if depth is not None:  # by picking pixels: a mean of two surfaces would lie on neither
         depth = np.asarray(cv2.resize(depth, small, interpolation=cv2.INTER_NEAREST_EXACT))
         distance = distance_map(camera, depth) if camera else depth
-    return Look(view, facts, picture, depth, distance, camera, corners)
+    prints = (None if plane is None else print_of(plane) for plane in (picture, target))
+    return Look(view, facts, picture, depth, distance, camera, corners, *prints)
 
 
 def _loaded(view: View, plane: str) -> tuple[Array | None, str]:

@@ -1,0 +1,359 @@
+"""Named test sets: the pictures that papers test on, and which of them lie in a folder.
+
+sets/NAME.csv has a row a picture: its name in the dataset, its other published names, its published size, and the
+prints of the photograph and of its reference, which may lack. Comments before the header say what the set is.
+
+A print is 256 bits and a mean colour. The bits say which of the 16x16 lowest frequencies of the gray picture, brought
+to 64x64 pixels, are above their median. Of 1,695 pictures of 18 folders, JPEG of quality 40, resizing to 112 pixels or
+to a square changes at most 24 bits; other pictures differ in 70 or more, neighbours in a video in 44. What 13 methods
+made of 998 of them differs in at most 60, but for one picture.
+"""
+
+import csv
+import functools
+import io
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path, PurePosixPath
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from sucre_bench.arrays import Array
+from sucre_bench.errors import InputError, unknown_name
+from sucre_bench.imaging.image_files import read_rgb
+from sucre_bench.machine.files import regular
+from sucre_bench.machine.progress import say, track
+
+_SAME, _ALIKE = 24, 60  # bits in which the same picture may differ, and what a method made of it
+_COLOURS = 4.0  # of 255: by which the same picture's mean colour may differ; JPEG changes it by 2, a restoration by 7
+_SIDE, _FREQUENCIES = 64, 16
+_HEAD = ("name", "other_names", "width", "height", "image", "reference")
+_ABOUT = ("about", "of", "source", "licence", "used_by")
+_SHOWN = 4  # names in a sentence
+
+Of = Literal["image", "reference", "either"]
+
+
+@dataclass(frozen=True, slots=True)
+class Print:
+    """What a picture is known by. bits: 32 bytes; colour: the mean R, G, B in 0 to 255."""
+
+    bits: bytes
+    colour: bytes
+
+    def __str__(self) -> str:
+        return (self.bits + self.colour).hex()
+
+
+def print_of(image: npt.NDArray[Any]) -> Print:
+    """Return the print of a picture (H, W, 3), RGB, uint8 or in [0, 1]."""
+    import cv2
+
+    full = 1 if image.dtype == np.uint8 else 255
+    small = cv2.resize(np.nan_to_num(image.astype(np.float32)) * full, (_SIDE, _SIDE), interpolation=cv2.INTER_AREA)
+    low = cv2.dct(np.asarray(small @ np.float32([0.299, 0.587, 0.114])))[:_FREQUENCIES, :_FREQUENCIES].ravel()
+    low[0] = 0  # brightness is no structure
+    colour = np.rint(small.mean(axis=(0, 1)).clip(0, 255)).astype(np.uint8)
+    return Print(np.packbits(low > np.median(low[1:])).tobytes(), colour.tobytes())
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A picture of a set. size: (width, height) as published; image, reference: prints, None where not public."""
+
+    name: str
+    other_names: tuple[str, ...]
+    size: tuple[int, int] | None
+    image: Print | None
+    reference: Print | None
+
+    @property
+    def title(self) -> str:
+        """Its name, and the first of its other names."""
+        return " = ".join((self.name, *self.other_names[:1]))
+
+
+@dataclass(frozen=True, eq=False)
+class NamedSet:
+    """A test set. about: a sentence on it; of: the dataset that it is a part of; used_by: methods tested on it."""
+
+    name: str
+    about: str
+    of: str
+    source: str
+    licence: str
+    used_by: str
+    members: tuple[Member, ...]
+
+    def as_object(self) -> dict[str, Any]:
+        """Return what is known of it as plain data for lists."""
+        known = sum(member.image is not None for member in self.members)
+        counts = ((known, "content"), (len(self.members) - known, "name alone"))
+        how = " and ".join(f"{n} by {what}" for n, what in counts if n)
+        return {
+            "name": self.name,
+            "description": self.about,
+            "pictures": len(self.members),
+            "recognised": f"{len(self.members)} pictures, recognised {how}",
+            **{key: getattr(self, key) for key in ("of", "source", "licence", "used_by")},
+        }
+
+
+@functools.cache
+def named_sets() -> Mapping[str, NamedSet]:
+    """Return the shipped sets by name."""
+    tables = sorted((file for file in files(__package__).joinpath("sets").iterdir()), key=lambda file: file.name)
+    texts = {table.name.removesuffix(".csv"): table.read_text(encoding="utf-8") for table in tables}
+    return {name: _parsed(name, name, text) for name, text in texts.items()}
+
+
+def named_set(name: str) -> NamedSet:
+    """Return a shipped set, or that of a table of one's own, NAME.csv. InputError if there is none, or it is wrong."""
+    if not name.lower().endswith(".csv"):
+        if name not in named_sets():
+            raise unknown_name("split", name, named_sets(), "test set")
+        return named_sets()[name]
+    try:
+        text = regular(Path(name)).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as fault:
+        remedy = "give the table that `sucre-bench describe --write-set` wrote"
+        raise InputError(f"cannot be read: {getattr(fault, 'strerror', 'no UTF-8')}", name, remedy) from fault
+    return _parsed(Path(name).stem, name, text)
+
+
+def _parsed(name: str, place: str, text: str) -> NamedSet:
+    comments = [line[1:].partition(":") for line in text.splitlines() if line.startswith("#")]
+    about = {key.strip(): value.strip() for key, _, value in comments}
+    rows = list(csv.DictReader(line for line in text.splitlines() if line.strip() and not line.startswith("#")))
+    if not rows or not set(_HEAD) <= set(rows[0]):
+        raise InputError("is no table of a test set", place, f"give the columns {', '.join(_HEAD)}")
+    if twice := [key for key, n in Counter(row["name"] for row in rows).items() if n > 1]:
+        raise InputError(f"names {_few(twice)} twice", place, "keep one row a picture")
+    members = []
+    for row in rows:
+        try:
+            prints = (bytes.fromhex(row[column]) for column in ("image", "reference"))
+            image, reference = (Print(data[:-3], data[-3:]) if len(data) == 35 else _no_print(data) for data in prints)
+            size = (int(row["width"]), int(row["height"])) if row["width"] else None
+        except (ValueError, TypeError) as fault:
+            remedy = "write the table again with `sucre-bench describe --write-set`"
+            raise InputError(f"has a wrong size or print in the row of '{row['name']}'", place, remedy) from fault
+        members.append(Member(row["name"], tuple(row["other_names"].split()), size, image, reference))
+    return NamedSet(name, *(about.get(key, "") for key in _ABOUT), tuple(members))
+
+
+def _no_print(data: bytes) -> None:
+    if data:
+        raise ValueError(data)
+
+
+def set_table(name: str, members: Iterable[Member]) -> str:
+    """Return the table of a set of one's own. Whoever publishes it fills in the comments."""
+    text = io.StringIO()
+    text.write("# sucre_bench: a named test set\n")
+    text.writelines(f"# {key}: {name if key == 'about' else ''}\n" for key in _ABOUT)
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(_HEAD)
+    for one in members:
+        prints = (one.image or "", one.reference or "")
+        rows.writerow((one.name, " ".join(one.other_names), *(one.size or ("", "")), *prints))
+    return text.getvalue()
+
+
+# -- which pictures are of a set ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture that may be of a set. size: (width, height); print: None if it cannot be read."""
+
+    size: tuple[int, int]
+    print: Print | None
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The pictures of a folder that are of a set.
+
+    pictures: how many the folder has; members: those of the set, by the picture's name; by_name: pictures without a
+    public print, known by their name alone; changed: pictures that were restored, cropped or otherwise changed;
+    twice: pictures whose member another picture is; others: pictures of no member; missing: members without a picture;
+    resized: the pictures' sizes, if none is as published.
+    """
+
+    of: NamedSet
+    pictures: int
+    members: Mapping[str, Member]
+    by_name: tuple[str, ...]
+    changed: tuple[str, ...]
+    twice: tuple[str, ...]
+    others: tuple[str, ...]
+    missing: tuple[str, ...]
+    resized: tuple[str, ...]
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the folder's pictures are the set, all of it and nothing else."""
+        return bool(self.pictures == len(self.members) == len(self.of.members))
+
+    def as_object(self) -> dict[str, Any]:
+        """Return it as plain data for JSON."""
+        lists = ("by_name", "changed", "twice", "others", "missing", "resized")
+        counts = {"name": self.of.name, "pictures": self.pictures, "found": len(self.members), "whole": self.is_whole}
+        return {**counts, **{name: list(getattr(self, name)) for name in lists}, "text": self.sentence()}
+
+    def sentence(self) -> str:
+        """Return what is found, in a line."""
+        n, whole = len(self.members), len(self.of.members)
+        are_its = f"these are its {whole} pictures" if self.is_whole else f"{n} of {self.pictures} pictures are of it"
+        parts = [f"{self.of.name}: {are_its}"]
+        parts += [f"{len(names)} {verb}: {_few(names)}" for verb, names in self._lists() if names]
+        if self.resized:
+            parts.append(f"they are {' and '.join(self.resized[:3])}, published at other sizes")
+        return "; ".join(parts)
+
+    def _lists(self) -> tuple[tuple[str, Sequence[str]], ...]:
+        return (
+            (f"of its {len(self.of.members)} missing", self.missing),
+            ("not of it", self.others),
+            ("there twice", self.twice),
+            ("restored, cropped or otherwise changed", self.changed),
+            ("known by name alone", self.by_name),
+        )
+
+
+def found_of(named: NamedSet, pictures: Mapping[str, Picture], of: Of = "either") -> Found:
+    """Return which pictures are of a set. of: whether pictures are its photographs, its references or either."""
+    from scipy.optimize import linear_sum_assignment
+
+    names, members = list(pictures), named.members
+    bits, off = _differences(members, [pictures[name].print for name in names], of)
+    # Each picture gets a member of its own: the nearest, of pictures alike in bits that of like colours.
+    rows, columns = linear_sum_assignment(np.where(bits <= _ALIKE, bits + off / 256, 1e4))
+    pairs = {int(i): int(k) for i, k in zip(rows, columns, strict=True) if bits[i, k] <= _ALIKE}
+    changed = tuple(names[i] for i, k in pairs.items() if bits[i, k] > _SAME or off[i, k] > _COLOURS)
+    stems = {_stem(member.name): k for k, member in enumerate(members) if _prints(member, of) == []}
+    free = [i for i in range(len(names)) if i not in pairs]
+    named_alike = {i: stems[_stem(names[i])] for i in free if _stem(names[i]) in stems}
+    pairs |= named_alike
+    rest = [i for i in range(len(names)) if i not in pairs]
+    copies = tuple(names[i] for i in rest if (bits[i] <= _SAME).any())
+    sizes = {pictures[names[i]].size == members[k].size for i, k in pairs.items() if members[k].size}
+    shown = dict.fromkeys("x".join(map(str, pictures[names[i]].size)) for i in pairs)
+    return Found(
+        of=named,
+        pictures=len(pictures),
+        members={names[i]: members[k] for i, k in sorted(pairs.items())},
+        by_name=tuple(names[i] for i in named_alike),
+        changed=changed,
+        twice=copies,
+        others=tuple(names[i] for i in rest if names[i] not in copies),
+        missing=tuple(member.title for k, member in enumerate(members) if k not in set(pairs.values())),
+        resized=tuple(shown) if sizes == {False} else (),
+    )
+
+
+def _prints(member: Member, of: Of) -> list[Print]:
+    both = {"image": member.image, "reference": member.reference}
+    return [one for name, one in both.items() if of in (name, "either") and one is not None]
+
+
+def _differences(members: Sequence[Member], prints: Sequence[Print | None], of: Of) -> tuple[Array, Array]:
+    """Return in how many bits, and by how much of 255 in a colour, pictures differ from members, both (P, M)."""
+    bits, off = (np.full((len(prints), len(members)), value, np.float64) for value in (8.0 * 32, 255.0))
+    known = [i for i, one in enumerate(prints) if one is not None]
+    theirs = [(k, one) for k, member in enumerate(members) for one in _prints(member, of)]
+    if not known or not theirs:
+        return bits, off
+    arrays = {
+        (side, part): np.array([np.frombuffer(getattr(one, part), np.uint8) for one in chosen])
+        for side, chosen in (("ours", [prints[i] for i in known]), ("theirs", [one for _, one in theirs]))
+        for part in ("bits", "colour")
+    }
+    differing = np.bitwise_count(arrays["ours", "bits"][:, None] ^ arrays["theirs", "bits"][None]).sum(-1)
+    shades = [arrays[side, "colour"].astype(np.int16) for side in ("ours", "theirs")]
+    apart = np.abs(shades[0][:, None] - shades[1][None]).max(-1)
+    # Of a member's photograph and reference, the one that is nearer in both.
+    for j, (k, _) in enumerate(theirs):
+        is_nearer = differing[:, j] + apart[:, j] < bits[known, k] + off[known, k]
+        bits[known, k] = np.where(is_nearer, differing[:, j], bits[known, k])
+        off[known, k] = np.where(is_nearer, apart[:, j], off[known, k])
+    return bits, off
+
+
+def members_in(folder: Path, images: Sequence[str], split: str) -> tuple[str, list[str]]:
+    """Return a set's name, and the images of a folder that are its pictures.
+
+    Pictures are known by their content, whatever their names. If the folder has all names of the set, only these are
+    read. Raises InputError if a picture is missing, twice there or changed, or if `split` is no set.
+    """
+    named, by_stem = named_set(split), {_stem(image): image for image in images}
+    likely = [by_stem[stem] for member in named.members if (stem := _stem(member.name)) in by_stem]
+    chosen = images if len(likely) < len(named.members) else likely
+    pictures = {}
+    for image in track(chosen, f"looking for {split}"):
+        try:
+            pictures[image] = picture_of(read_rgb(folder / image))
+        except InputError:
+            pictures[image] = Picture((0, 0), None)  # it counts by its name
+    found = found_of(named, pictures, "image")
+    for names, fault, remedy in (
+        (
+            found.missing,
+            "are missing",
+            f"copy them there, see {named.source.partition(';')[0] or split}, or leave out dataset.split",
+        ),
+        (found.changed, "were restored, cropped or changed", "copy the originals there"),
+        (found.twice, "are there twice", "keep one of each"),
+    ):
+        if names:
+            raise InputError(
+                f"{len(names)} of the {len(named.members)} pictures of {split} {fault}: {_few(names)}", folder, remedy
+            )
+    if found.resized:
+        say(f"{folder}: the pictures are {' and '.join(found.resized[:3])}, and of {split} published at other sizes")
+    return named.name, sorted(found.members)
+
+
+def picture_of(rgb: npt.NDArray[Any]) -> Picture:
+    """Return what is known of a picture (H, W, 3)."""
+    return Picture((rgb.shape[1], rgb.shape[0]), print_of(rgb))
+
+
+def recognised_sets(pictures: Mapping[str, Picture], of: Of = "either") -> tuple[list[Found], list[str]]:
+    """Return the sets of which half is there, or that half of the pictures are of, the fullest first.
+
+    And a line for the overlap with each other set of the same dataset. Names alone tell a set only if the pictures have
+    nine of ten of its names.
+    """
+    found, shared = [], list[Found]()
+    for named in named_sets().values():
+        one = found_of(named, pictures, of)
+        whole = len(named.members)
+        least = 0.9 * whole if len(one.by_name) > len(one.members) / 2 else 0.5 * min(one.pictures, whole)
+        if len(one.members) < max(1, least):
+            shared += [one] if len(one.members) > len(one.by_name) else []
+        else:
+            found.append(one)
+    found.sort(key=lambda one: -len(one.members) / (one.pictures + len(one.of.members) - len(one.members)))
+    parents = {one.of.of for one in found[:1]}
+    lines = defaultdict[str, list[str]](list)
+    for one in shared:
+        if one.of.of in parents:
+            n = len(one.members) - len(one.by_name)
+            lines[one.of.of].append(
+                f"{n} are of {one.of.name}, so {one.pictures - n} may have trained {one.of.used_by}"
+            )
+    return found, [line for of_parent in lines.values() for line in of_parent]
+
+
+def _stem(name: str) -> str:
+    return PurePosixPath(name.replace("\\", "/")).stem.casefold()
+
+
+def _few(names: Sequence[str]) -> str:
+    return ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
