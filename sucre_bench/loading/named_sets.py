@@ -55,7 +55,7 @@ def print_of(image: npt.NDArray[Any]) -> Print:
 
     full = 1 if image.dtype == np.uint8 else 255
     small = cv2.resize(np.nan_to_num(image.astype(np.float32)) * full, (_SIDE, _SIDE), interpolation=cv2.INTER_AREA)
-    low = cv2.dct(np.asarray(small @ np.float32([0.299, 0.587, 0.114])))[:_FREQUENCIES, :_FREQUENCIES].ravel()
+    low = cv2.dct(np.asarray(small @ np.array([0.299, 0.587, 0.114], np.float32)))[:_FREQUENCIES, :_FREQUENCIES].ravel()
     low[0] = 0  # brightness is no structure
     colour = np.rint(small.mean(axis=(0, 1)).clip(0, 255)).astype(np.uint8)
     return Print(np.packbits(low > np.median(low[1:])).tobytes(), colour.tobytes())
@@ -136,19 +136,21 @@ def _parsed(name: str, place: str, text: str) -> NamedSet:
     members = []
     for row in rows:
         try:
-            prints = (bytes.fromhex(row[column]) for column in ("image", "reference"))
-            image, reference = (Print(data[:-3], data[-3:]) if len(data) == 35 else _no_print(data) for data in prints)
+            image, reference = (_print_in(row[column]) for column in ("image", "reference"))
             size = (int(row["width"]), int(row["height"])) if row["width"] else None
         except (ValueError, TypeError) as fault:
             remedy = "write the table again with `sucre-bench describe --write-set`"
             raise InputError(f"has a wrong size or print in the row of '{row['name']}'", place, remedy) from fault
         members.append(Member(row["name"], tuple(row["other_names"].split()), size, image, reference))
-    return NamedSet(name, *(about.get(key, "") for key in _ABOUT), tuple(members))
+    return NamedSet(name=name, members=tuple(members), **{key: about.get(key, "") for key in _ABOUT})
 
 
-def _no_print(data: bytes) -> None:
-    if data:
-        raise ValueError(data)
+def _print_in(text: str) -> Print | None:
+    """The print that a cell holds; None for an empty cell. Raises ValueError for anything else."""
+    data = bytes.fromhex(text)
+    if len(data) not in (0, 35):
+        raise ValueError(text)
+    return Print(data[:32], data[32:]) if data else None
 
 
 def set_table(name: str, members: Iterable[Member]) -> str:
