@@ -20,6 +20,7 @@ from sucre_bench.imaging import image_files
 from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.image_files import decode, read_array, read_tiff, same_shape
 from sucre_bench.machine.files import check_folder
+from sucre_bench.results.records import record_of
 from sucre_bench.results.water_file import read_water
 from sucre_bench.scene import Encoding
 
@@ -200,7 +201,7 @@ class RestoredElsewhere:
         image = np.where(is_hole[..., None], np.float32(np.nan), image)
         image = converted(image, self.encoding_of(view), view.encoding).astype(np.float32)
         beside = path.with_suffix(".json")
-        water = read_water(beside) if beside.is_file() else None
+        water = read_water(beside) if beside.is_file() or record_of(path) else None
         water = water and replace(water, encoding=water.encoding or self.encoding_of(view))
         if found == size:
             return Restoration(image, water)

@@ -29,6 +29,7 @@ from sucre_bench.multiview.observations import Observations
 from sucre_bench.plugins.call_method import restored
 from sucre_bench.plugins.options import create
 from sucre_bench.results.layout import stems_of
+from sucre_bench.results.records import RECORDS, record_of
 from sucre_bench.results.water_file import Lighting, lighting_of, read_lighting, read_water
 from sucre_bench.scene import Encoding, Scene, View, Water
 
@@ -117,7 +118,7 @@ def check_source(source: str) -> None:
     elif not path.is_dir():
         with contextlib.suppress(FileNotFoundError):
             _of_file(path)
-    elif not any(file.suffix in _SUFFIXES for file in path.rglob("*")):
+    elif not any(file.suffix in _SUFFIXES or file.name == RECORDS for file in path.rglob("*")):
         remedy = "give the folder restored/<dataset>/<method> of an earlier run"
         raise InputError(f"{path}: holds no .json or .npz file; {remedy}")
 
@@ -170,7 +171,8 @@ def _of_view(folder: Path, scene: Scene, view: View) -> Path:
     for stem in reversed(stems_of(scene.name, view.name)):
         for suffix in _SUFFIXES:
             file = folder / f"{stem}{suffix}"
-            if file.is_file() and file.resolve().is_relative_to(folder.resolve()):
+            is_inside = file.resolve().is_relative_to(folder.resolve())
+            if is_inside and (file.is_file() or (suffix == ".json" and record_of(file))):
                 return file
     return folder / f"{PurePosixPath(view.name).with_suffix('')}.json"
 

@@ -88,12 +88,12 @@ def _expected(plan: Planned, rows: DataFrame) -> Expected:
     out, method = job.out, job.method.label
     stored = {(row.scene, row.view) for row in done.itertuples()}
     places = [task.place for task in plan.tasks if (task.base.scene, task.view.name) in stored]
-    of_views = [_size_mb([p.restored(out, method), p.mask(out, method), p.original(out)]) for p in places]
+    of_views = [_size_mb([p.restored(out, method), p.original(out)]) for p in places]
     disk = n_todo * sum(of_views) / len(of_views) if of_views else math.nan
     return Expected(*names, n_todo * seconds, memory, disk)
 
 
 def _size_mb(paths: Iterable[Path]) -> float:
     """The size of these files, and of those beside them with the other suffixes of a restoration."""
-    files = {path.with_suffix(suffix) for path in paths for suffix in (path.suffix, ".npz", ".json")}
+    files = {path.with_suffix(suffix) for path in paths for suffix in (path.suffix, ".npz")}
     return sum(file.stat().st_size for file in files if file.is_file()) / 1e6

@@ -31,7 +31,8 @@ from sucre_bench.machine.files import remove
 from sucre_bench.machine.processes import step
 from sucre_bench.machine.text_formats import now
 from sucre_bench.plugins.call_method import restored, shown_with, with_truth
-from sucre_bench.results.layout import decoded_path, file_name, log_path, pairs_path
+from sucre_bench.results.layout import decoded_path, file_name, log_path, pairs_path, restored_path
+from sucre_bench.results.records import shorten_records
 from sucre_bench.results.restorations import Measured, read_full, write_full, write_pictures
 from sucre_bench.results.rows import Row
 from sucre_bench.results.table import Part
@@ -115,6 +116,8 @@ class JobAtWork(Work):
         """Write what is not written yet."""
         self._shown.close()
         self._part.flush()
+        job = self._planned.job
+        shorten_records(restored_path(job.out, file_name(job.dataset.label), job.method.label))
 
 
 def _can_open_files() -> bool:

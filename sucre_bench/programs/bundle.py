@@ -19,6 +19,7 @@ from sucre_bench.machine.packages import version_of
 from sucre_bench.results import layout
 from sucre_bench.results.bundle_format import COMMON, hash_of, write_bundle
 from sucre_bench.results.common_scores import read_common
+from sucre_bench.results.records import record_of
 from sucre_bench.results.rows import COSTS, Row, csv_text, restorations
 from sucre_bench.scene import Arrays, Restoration, View
 
@@ -60,8 +61,8 @@ def bundle_results(
     """
     rows = results.read(folder)
     found: dict[str, bytes | Path] = {}
-    for file in (*(folder / name for name in _TEXTS if is_file(folder / name)), *_files(folder, rows)):
-        found[file.relative_to(folder).as_posix()] = file
+    for name, file in (*((name, folder / name) for name in _TEXTS if is_file(folder / name)), *_files(folder, rows)):
+        found[name] = file
     inside = {"none": (), "restored": ("restored/",), "all": ("restored/", "views/", "references/")}[pictures]
     files = {n: file for n, file in found.items() if n in _TEXTS or n.endswith(".json") or n.startswith(inside)}
     outside = {n: hash_of(found[n]) for n in progress.track(sorted(found.keys() - files.keys()), "hashing pictures")}
@@ -78,8 +79,11 @@ def bundle_results(
     return Bundled(path, made, len(scores), n_inside, len(outside), tuple(local_paths), lost)
 
 
-def _files(folder: Path, rows: DataFrame) -> Iterator[Path]:
-    """The pictures and records of every restoration that ended well. InputError for a picture that is gone."""
+def _files(folder: Path, rows: DataFrame) -> Iterator[tuple[str, bytes | Path]]:
+    """The pictures and records of every restoration that ended well, by their names in the bundle.
+
+    Raises InputError for a picture that is gone.
+    """
     for row in restorations(rows).itertuples():
         place = layout.find(row.dataset, row.scene, row.view, folder)
         picture = place.restored(folder, row.method) if place else None
@@ -87,8 +91,12 @@ def _files(folder: Path, rows: DataFrame) -> Iterator[Path]:
             where = picture or f"{folder}: {row.dataset} / {row.method} / {row.view}"
             fault = "the restored image is gone" if picture is None or not picture.exists() else fault
             raise InputError(fault, where, "repeat the run's command, which makes it again")
-        more = (picture.with_suffix(".json"), place.original(folder), place.reference(folder))
-        yield from (picture, *(file for file in more if is_file(file)))
+        more = (place.original(folder), place.reference(folder))
+        for file in (picture, *(file for file in more if is_file(file))):
+            yield file.relative_to(folder).as_posix(), file
+        if record := record_of(picture):
+            name = picture.with_suffix(".json").relative_to(folder).as_posix()
+            yield name, json.dumps(record, indent=1).encode()
 
 
 def _strings(value: Any) -> Iterator[str]:

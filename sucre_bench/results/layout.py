@@ -1,7 +1,7 @@
 """The paths in a results folder.
 
 restored/<dataset>/<method label>/[<scene>/]<view stem>.png   the restored image (and .npz with save=full)
-masks/<dataset>/<method label>/[<scene>/]<view stem>.png      its mask, 1 bit a pixel, if it has holes
+restored/<dataset>/<method label>/records.jsonl               what methods told of them, see `results.records`
 views/<dataset>/[<scene>/]<view stem>.jpg                     the view, to look at
 references/<dataset>/[<scene>/]<view stem>.jpg                the reference, to look at
 logs/failures.log                                            tracebacks
@@ -54,18 +54,14 @@ def decoded_path(out: Path) -> Path:
 
 @dataclass(frozen=True)
 class Place:
-    """A view's paths below restored/, masks/, views/ and references/, without suffix."""
+    """A view's paths below restored/, views/ and references/, without suffix."""
 
     dataset: str
     stem: PurePosixPath
 
     def restored(self, out: Path, method: str) -> Path:
         """The restored image by a method."""
-        return _inside(_folder(out, "restored", self.dataset, method), f"{self.stem}.png")
-
-    def mask(self, out: Path, method: str) -> Path:
-        """The mask of a restoration with holes."""
-        return _inside(_folder(out, "masks", self.dataset, method), f"{self.stem}.png")
+        return _inside(restored_path(out, self.dataset, method), f"{self.stem}.png")
 
     def original(self, out: Path) -> Path:
         """The view, to look at."""
@@ -77,9 +73,9 @@ class Place:
 
 
 @functools.lru_cache(maxsize=1024)
-def _folder(out: Path, kind: str, dataset: str, method: str) -> Path:
-    """The folder of a method's files, which the thousands of views of a dive share."""
-    return out / kind / dataset / file_name(method)
+def restored_path(out: Path, dataset: str, method: str) -> Path:
+    """The folder of a method's restored images, which the thousands of views of a dive share. dataset: its folder."""
+    return out / "restored" / dataset / file_name(method)
 
 
 def _inside(folder: Path, name: str) -> Path:

@@ -1,8 +1,8 @@
-"""Writes and reads stored restorations: picture, mask, record (.json), and with save=full the arrays (.npz).
+"""Writes and reads stored restorations: the picture with its mask, its record, and with save=full the arrays (.npz).
 
-A mask says which pixels have a colour: a PNG of 1 bit a pixel, white where there is one. A restoration without holes
-has none. With save=full, a metric that is added later is computed from the stored restoration; the method does not run
-again.
+A mask says which pixels have a colour. It is a private chunk of the picture's PNG file, which other programs pass over;
+a picture without holes has none. With save=full, a metric that is added later is computed from the stored restoration;
+the method does not run again.
 """
 
 from __future__ import annotations
@@ -10,7 +10,9 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import struct
 import time
+import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,11 +24,12 @@ from sucre_bench.arrays import Array, Mask, Picture
 from sucre_bench.errors import ANY_FAULT, DamagedFileError, InputError, MissingFileError, NotApplicableError
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit, to_16bit
-from sucre_bench.imaging.image_files import decode, write_image, write_png
-from sucre_bench.machine.files import regular, remove, write_atomically
+from sucre_bench.imaging.image_files import check_pixels, decode, encode_png, write_image
+from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.results import layout
 from sucre_bench.results.layout import Place
 from sucre_bench.results.reasons import Reason
+from sucre_bench.results.records import add_record, record_of
 from sucre_bench.results.rows import Row
 from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Restoration, View, Water
@@ -53,7 +56,7 @@ def write_pictures(
     filled: Array | None = None,
     bits: int = 8,
 ) -> None:
-    """Write the restored image, its mask, its record, and the view and its reference to look at beside it.
+    """Write the restored image with its mask, its record, and the view and its reference to look at.
 
     method: the label; shown: the restored image (H, W, 3) in [0, 1], gamma-encoded, NaN = a hole; filled: guessed
     colours of holes, likewise: the picture shows them, and the mask still marks holes; bits: of the restored image.
@@ -63,15 +66,14 @@ def write_pictures(
         if image is not None:
             write_image(look_at, to_8bit(display(image, "none", view.encoding))[..., ::-1])
     picture = shown if filled is None else np.where(np.isnan(shown), filled, shown)
-    write_png(path, (to_8bit if bits == 8 else to_16bit)(picture)[..., ::-1], compression=1)
-    write_mask(place.mask(out, method), restoration.valid)
+    write_masked_png(path, (to_8bit if bits == 8 else to_16bit)(picture)[..., ::-1], restoration.valid)
     files = (path.with_suffix(suffix) for suffix in (".png", ".npz"))
     sizes = {file.suffix: file.stat().st_size for file in files if file.is_file()}
     water = {} if restoration.water is None else _water_record(restoration.water)
     more = {"write_seconds": time.perf_counter() - started, FILES: sizes}
     text = json.dumps(water | restoration.info | water | more, default=_plain, skipkeys=True)  # the water first
-    content = json.dumps(json.loads(text, parse_constant=lambda _: None), indent=1)  # JSON knows no NaN
-    write_atomically(path.with_suffix(".json"), content.encode())
+    record = json.loads(text, parse_constant=lambda _: None)  # JSON knows no NaN
+    add_record(layout.restored_path(out, place.dataset, method), path, record)
 
 
 def _plain(value: Any) -> Any:
@@ -90,9 +92,9 @@ def _water_record(water: Water) -> dict[str, Any]:
 def are_stored(picture: Path, suffixes: Iterable[str]) -> bool:
     """Whether a picture's record is there, and its files with these suffixes are, in the size that was written."""
     try:
-        sizes = json.loads(regular(picture.with_suffix(".json")).read_bytes())[FILES]
+        sizes = record_of(picture)[FILES]
         return all(regular(picture.with_suffix(suffix)).stat().st_size == sizes[suffix] for suffix in suffixes)
-    except (OSError, InputError, ValueError, TypeError, KeyError, RecursionError):
+    except (OSError, InputError, TypeError, KeyError):
         return False
 
 
@@ -166,45 +168,53 @@ def read_full_arrays(path: Path, *names: str) -> Mapping[str, Any]:
 
 
 def read_record(row: Any, out: Path) -> dict[str, Any]:
-    """Return the record (.json) of the restoration that a row stands for; empty if there is none.
+    """Return the record of the restoration that a row stands for; empty if there is none.
 
-    row: as `DataFrame.itertuples` gives it. Raises InputError if the file is damaged.
+    row: as `DataFrame.itertuples` gives it. Raises InputError if a .json file beside the picture is damaged.
     """
-    place = layout.find(row.dataset, row.scene, row.view, out)
-    path = place.restored(out, row.method).with_suffix(".json") if place else None
-    if path is None or not path.is_file():
-        return {}
-    try:
-        content: dict[str, Any] = json.loads(path.read_bytes())
-    except (ValueError, RecursionError) as fault:
-        raise DamagedFileError(f"cannot be read ({fault})", path, "delete it and run again") from fault
-    return content
+    pictures = (place.restored(out, row.method) for place in layout.possible_places(row.dataset, row.scene, row.view))
+    return next(filter(None, map(record_of, pictures)), {})
 
 
 # -- masks and pictures -----------------------------------------------------------------------------------
 
 
-def write_mask(path: Path, mask: Mask) -> None:
-    """Write the mask (H, W) of a restoration; remove an older one if every pixel has a colour.
+_HEADER = 33  # bytes at the beginning of a PNG file, up to its first chunk that may be left out
+_CHUNK = b"hoLE"  # by its small and capital letters: may be left out; private; not kept by who changes the picture
 
-    Raises OutputError if the file cannot be written.
+
+def write_masked_png(path: Path, picture: np.ndarray, mask: Mask) -> None:
+    """Write a picture (H, W, 3), BGR of 8 or 16 bits, with its mask (H, W). Raises OutputError if that fails."""
+    png = encode_png(picture, compression=1)
+    if not mask.all():
+        content = _CHUNK + zlib.compress(np.packbits(mask).tobytes())
+        chunk = struct.pack(">I", len(content) - 4) + content + struct.pack(">I", zlib.crc32(content))
+        png = png[:_HEADER] + chunk + png[_HEADER:]
+    write_atomically(path, png)
+
+
+def read_mask(path: Path) -> Mask | None:
+    """Return the mask (H, W) of a picture that `write_masked_png` wrote; None if it has none.
+
+    Raises MissingFileError or DamagedFileError.
     """
-    import cv2
-
-    if mask.all():
-        remove(path)
-        return
-    bits = cv2.imencode(".png", mask.astype(np.uint8) * 255, [cv2.IMWRITE_PNG_BILEVEL, 1])[1]
-    write_atomically(path, bytes(bits))
-
-
-def read_mask(path: Path) -> Mask:
-    """Return a mask (H, W) that `write_mask` wrote. Raises MissingFileError or DamagedFileError."""
-    import cv2
-
-    if not path.is_file():
-        raise MissingFileError("is gone", path, "run its method again with overwrite=always")
-    return np.asarray(decode(path, cv2.IMREAD_GRAYSCALE) > 0)
+    try:
+        with regular(path).open("rb") as file:
+            head = file.read(_HEADER + 8)
+            if not head.startswith(b"\x89PNG"):
+                raise ValueError("no PNG")
+            if head[-4:] != _CHUNK:
+                return None
+            width, height, length = struct.unpack(">8x8xII9xI4x", head)
+            check_pixels(str(path), (width, height))
+            content = file.read(length)
+        bits = zlib.decompressobj().decompress(content, (width * height + 7) // 8)
+        flags = np.unpackbits(np.frombuffer(bits, np.uint8), count=width * height)
+        return flags.reshape(height, width).astype(np.bool_)
+    except FileNotFoundError as fault:
+        raise MissingFileError("is gone", path, "repeat its run's command") from fault
+    except (OSError, ValueError, struct.error, zlib.error) as fault:
+        raise DamagedFileError(f"its mask cannot be read ({fault})", path, "repeat its run's command") from fault
 
 
 def mask_id(mask: Mask) -> str:
@@ -250,19 +260,16 @@ def stored_picture(out: Path, place: Place, method: str) -> Picture:
 def stored_mask(out: Path, place: Place, base: Row) -> Mask:
     """Return which pixels (H, W) of a restoration have a colour. base: its row, which says how many they are.
 
-    Where the mask is gone, it is taken from save=full, or from the picture if that has no black but its holes.
+    Where the picture has none, it is taken from save=full, or from the picture if that has no black but its holes.
     Raises InputError if the mask is gone or damaged.
     """
-    try:
-        mask = read_mask(place.mask(out, base.method))
-    except InputError:
-        full = read_full(place.restored(out, base.method).with_suffix(".npz"), base)
+    path = place.restored(out, base.method)
+    if (mask := read_mask(path)) is None:
+        full = read_full(path.with_suffix(".npz"), base)
         mask = full.restoration.valid if full else np.asarray(stored_picture(out, place, base.method).any(-1))
-        if int(mask.sum()) != base.n_pixels:
-            raise
     if int(mask.sum()) != base.n_pixels:
-        path = place.mask(out, base.method)
-        raise DamagedFileError("is of another restoration", path, f"run {base.method} again with overwrite=always")
+        remedy = f"run {base.method} again with overwrite=always"
+        raise DamagedFileError("has not the mask of its restoration", path, remedy)
     return mask
 
 

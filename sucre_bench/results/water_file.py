@@ -1,4 +1,4 @@
-"""Water in files: a .json as a run leaves it beside each picture, or an .npz, with B, beta and gamma.
+"""Water in files: a .json, a line of the records of a run, or an .npz, with B, beta and gamma.
 
     {"B": [r, g, b], "beta": [r, g, b], "gamma": [r, g, b], "encoding": "gamma"}
 
@@ -19,6 +19,7 @@ import numpy as np
 from sucre_bench.errors import InputError, is_number_in
 from sucre_bench.imaging.image_files import read_array
 from sucre_bench.machine.files import regular
+from sucre_bench.results.records import record_of
 from sucre_bench.scene import Encoding, Water
 
 
@@ -40,9 +41,12 @@ _ENCODINGS: dict[Any, Encoding | None] = {None: None, "view": None, "gamma": "ga
 def read_water(path: Path) -> Water | None:
     """Return the water of a file, NaN for what it does not tell; None for a file that holds no B.
 
-    Raises FileNotFoundError, and InputError for what cannot be read or is no water.
+    A .json file that is not there may be a record of a run: see `record_of`. Raises FileNotFoundError, and InputError
+    for what cannot be read or is no water.
     """
     try:
+        if not path.exists() and (record := record_of(path)):
+            return water_of(record, path)
         if path.suffix == ".npz":
             with zipfile.ZipFile(regular(path)) as archive:
                 known = {name.removesuffix(".npy") for name in archive.namelist()} & {*_NAMES, "encoding"}
@@ -55,16 +59,8 @@ def read_water(path: Path) -> Water | None:
 
 
 def read_lighting(path: Path) -> Lighting:
-    """Return how the water of a .json file was lit, or of an .npz with a .json beside it. Raises InputError."""
-    beside = path.with_suffix(".json")
-    if not beside.is_file():
-        return Lighting()
-    try:
-        return lighting_of(json.loads(regular(beside).read_text(encoding="utf-8")), str(beside))
-    except InputError:
-        raise
-    except (OSError, ValueError, RecursionError) as fault:
-        raise InputError(f"{beside}: cannot be read ({fault}); remove it, or run its method again") from fault
+    """Return how the water of a .json or .npz file was lit, from its record (see `record_of`). Raises InputError."""
+    return lighting_of(record_of(path), str(path.with_suffix(".json")))
 
 
 def lighting_of(record: Any, place: str, view: str = "") -> Lighting:

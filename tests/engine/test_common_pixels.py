@@ -18,6 +18,7 @@ from sucre_bench import compare, results
 from sucre_bench.engine.run import Outcome
 from sucre_bench.errors import DamagedFileError
 from sucre_bench.results.common_scores import COMMON_TABLE, read_common
+from sucre_bench.results.restorations import read_mask
 
 
 def run(out: Path, *overrides: str) -> Outcome:
@@ -76,7 +77,7 @@ def test_equal_restorations_tie_on_common_pixels_whatever_their_holes(both: Path
 def test_nothing_is_kept_or_computed_where_all_pixels_are_filled(tmp_path: Path, toys: str):
     sweep(tmp_path, "gain,gain2")
     assert not (tmp_path / COMMON_TABLE).exists()
-    assert not (tmp_path / "masks").exists()
+    assert read_mask(tmp_path / "restored" / "toy" / "gain" / "v0.png") is None
 
 
 def test_holes_at_the_same_pixels_are_not_scored_twice(tmp_path: Path, toys: str):
@@ -151,21 +152,28 @@ def test_methods_that_share_no_pixel_have_no_score_and_this_is_said(tmp_path: Pa
     assert "psnr" in bench("compare", str(tmp_path), "--pixels", "own", "--format", "csv").stdout
 
 
+def rewrite(picture: Path) -> None:
+    """Write a picture again, as a program does that knows nothing of its mask."""
+    import cv2
+
+    cv2.imwrite(str(picture), cv2.imread(str(picture)))
+
+
 # -- files that are gone or damaged ------------------------------------------------------------------------
 
 
 def test_a_damaged_mask_or_picture_is_named_and_other_views_go_on(tmp_path: Path, toys: str, bench):
     run(tmp_path, "method=left_half", "method.gain=0")  # all black: the picture does not show the holes
-    masks = tmp_path / "masks" / "toy" / "left_half"
-    (masks / "v0.png").unlink()
-    (masks / "v1.png").write_bytes((masks / "v1.png").read_bytes()[:40])
+    pictures = tmp_path / "restored" / "toy" / "left_half"
+    rewrite(pictures / "v0.png")
+    (pictures / "v1.png").write_bytes((pictures / "v1.png").read_bytes()[:40])
     sweep(tmp_path, "gain")
     own, common = scores(tmp_path, "own"), scores(tmp_path, "common")
     assert (own["gain"] == common["gain"]).tolist() == [True, True, False]
     said = bench("compare", str(tmp_path)).stdout
     assert "1 of 3 images" in said
-    assert str(masks / "v0.png") in said
-    assert str(masks / "v1.png") in said
+    assert str(pictures / "v0.png") in said
+    assert str(pictures / "v1.png") in said
 
 
 def test_a_picture_that_is_gone_is_named_and_other_views_go_on(tmp_path: Path, toys: str, bench):
@@ -182,8 +190,8 @@ def test_a_picture_that_is_gone_is_named_and_other_views_go_on(tmp_path: Path, t
 
 def test_a_mask_that_is_gone_is_read_off_a_picture_without_black(tmp_path: Path, toys: str):
     run(tmp_path, "method=left_half")
-    for mask in (tmp_path / "masks").rglob("*.png"):
-        mask.unlink()
+    for picture in (tmp_path / "restored").rglob("*.png"):
+        rewrite(picture)
     sweep(tmp_path, "gain")
     np.testing.assert_allclose(scores(tmp_path, "common")["gain"], psnr(slice(0, 30)), rtol=1e-6)
 

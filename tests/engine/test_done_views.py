@@ -87,7 +87,8 @@ def test_variants_of_one_sweep_use_the_same_pairs_and_say_what_they_cost(tmp_pat
     words = ["method=sucre,sucre_paper", "metrics=[coverage]", "first=1", "tracking.uri=off", f"out={tmp_path}"]
     outcome = run([*small_demo, *words], True)
     assert outcome.ok == 2
-    told = [json.loads(path.read_text()) for path in (tmp_path / "restored").rglob("*.json")]
+    told = [json.loads(path.read_text()) for path in (tmp_path / "restored").rglob("records.jsonl")]
+    assert len(told) == 2
     pairing = {one["stage_seconds"]["pair"] for one in told}
     assert len(pairing) == 1
     taken = outcome.rows[outcome.rows["metric"] == "seconds"]["value"]

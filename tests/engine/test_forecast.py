@@ -28,7 +28,7 @@ def test_it_tells_what_is_stored_and_writes_nothing_to_the_results_folder(tmp_pa
     rows = results.read(out)
     assert after_one.stored == 1
     assert after_one.seconds == 2 * rows["seconds"].iloc[0]
-    files = [path for path in out.rglob("*") if path.suffix in (".png", ".jpg", ".json") and "v0" in path.name]
+    files = [path for path in out.rglob("*") if path.suffix in (".png", ".jpg") and "v0" in path.name]
     written = sum(path.stat().st_size for path in files if path.parts[len(out.parts)] != "references")
     assert math.isclose(after_one.disk_mb, 2 * written / 1e6)
     assert after_one.memory_mb > 0

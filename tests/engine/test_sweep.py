@@ -38,7 +38,8 @@ def test_a_run_leaves_table_config_environment_and_pictures(out: Path):
     outcome = run(out, "save=full")
     assert (outcome.ok, outcome.failed, outcome.exit_code) == (3, (), 0)
     assert {p.name for p in (out / "restored" / "toy" / "gain").iterdir()} == {
-        f"v{n}.{s}" for n in range(3) for s in ("png", "npz", "json")
+        "records.jsonl",
+        *(f"v{n}.{s}" for n in range(3) for s in ("png", "npz")),
     }
     for name in ("scores.parquet", "config.yaml", "environment.json"):
         assert (out / name).is_file()
@@ -137,8 +138,9 @@ def test_what_a_method_took_elsewhere_counts_and_what_it_tells_is_json(out: Path
     kept = rows[rows["view"] == "v0.png"].set_index("metric")["value"]
     assert kept["seconds"] == 12.5
     assert np.isnan(kept["peak_mb"])
-    told = (out / "restored" / "toy" / "tabulated" / "v0.json").read_text()
-    content = json.loads(told, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
+    told = (out / "restored" / "toy" / "tabulated" / "records.jsonl").read_text().splitlines()
+    content = json.loads(told[0], parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
+    assert content["picture"] == "v0.png"
     assert (content["B"], content["beta"], content["deviation"]) == ([0.2] * 3, [None] * 3, [1.0, None])
     assert content["true_water"] == {"B": [0.1] * 3, "beta": [0.2] * 3, "gamma": [0.3] * 3, "encoding": "gamma"}
 

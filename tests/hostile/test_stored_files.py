@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 from collections.abc import Callable
@@ -32,10 +33,9 @@ CHANGES: dict[str, tuple[str, Callable[[Path], None], bool]] = {
     "empty": (".png", lambda path: path.write_bytes(b""), True),
     "gone": (".png", Path.unlink, True),
     "another time": (".png", other_time, False),
-    "no record": (".json", Path.unlink, True),
-    "a record that is none": (".json", lambda path: path.write_text("[]"), True),
-    "a deep record": (".json", lambda path: path.write_text("[" * 100_000), True),
 }
+CUT = b'{"picture": "v1.png", "files": {'
+BAD_LINES = {"none": b"", "other": b"[]", "deep": b"[" * 100_000, "cut": CUT, "raw": b"\xff"}
 
 
 @pytest.fixture(scope="module")
@@ -57,3 +57,33 @@ def test_a_changed_file_is_written_again_and_a_copied_one_is_not(
     assert restored_views(tmp_path) == []  # the .npz has all of it
     assert (path.read_bytes() != changed) == is_other
     assert (tmp_path / "results" / STORED.with_suffix(".png")).read_bytes() == before
+
+
+@pytest.mark.parametrize("line", BAD_LINES.values(), ids=BAD_LINES)
+def test_a_view_without_a_whole_record_is_written_again_and_others_keep_theirs(
+    whole: Path, tmp_path: Path, line: bytes
+):
+    """A killed process leaves half a line at the end; the next line begins anew."""
+    shutil.copytree(whole / "results", tmp_path / "results", copy_function=shutil.copyfile)
+    path = tmp_path / "results" / STORED.with_name("records.jsonl")
+    lines = [other for other in path.read_bytes().splitlines() if b'"v1.png"' not in other]
+    path.write_bytes(b"\n".join([*lines, line]))
+    pictures = [path.with_name(f"v{n}.png") for n in range(3)]
+    times = [picture.stat().st_mtime_ns for picture in pictures]
+    assert restored_views(tmp_path) == []  # the .npz has all of it
+    assert [picture.stat().st_mtime_ns > time for picture, time in zip(pictures, times, strict=True)] == [
+        False,
+        True,
+        False,
+    ]
+    readable = [json.loads(one) for one in path.read_bytes().split(b"\n") if b'"files"' in one and one != line]
+    assert [one["picture"] for one in readable] == ["v0.png", "v2.png", "v1.png"]
+
+
+def test_records_that_no_longer_count_are_removed(tmp_path: Path):
+    path = tmp_path / "results" / STORED.with_name("records.jsonl")
+    for _ in range(4):
+        assert run_here(tmp_path, *RUN, *MORE, "overwrite=always").returncode == 0
+    names = [json.loads(line)["picture"] for line in path.read_text().splitlines()]
+    assert sorted(set(names)) == ["v0.png", "v1.png", "v2.png"]
+    assert len(names) <= 6

@@ -202,10 +202,10 @@ def _run(source: Source, words: Sequence[str], out: Path, before: Callable[[Sequ
             continue
         photograph = source.photographs.get(name) or next(source_files(view))
         lens = source.prepared.lens_of(view.camera) if source.prepared else getattr(view.pixels, "lens", None)
-        image, mask = place.restored(folder, row.method), place.mask(folder, row.method)
+        image = place.restored(folder, row.method)
         record = read_record(row, folder)
         is_known = bool(record.get("veil_known", True))
-        restored.append(Restored(name, photograph, view, image, mask, lens, row.method, is_known))
+        restored.append(Restored(name, photograph, view, image, lens, row.method, is_known))
         trust.append((row.coverage, "beta" in record, is_known))
     missing = (*outcome.failed, *outcome.skipped)
     faults = {named.get(fault.view, fault.view): with_remedy(fault.reason) for fault in missing}

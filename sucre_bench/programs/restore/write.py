@@ -30,16 +30,15 @@ _ORIENTATION = 274
 class Restored:
     """A photograph that the engine restored.
 
-    name: path of its picture below the folder of pictures; photograph: its file; view: what was restored; image, mask:
-    the restored image and its mask, which is there if the image has holes; lens: of the photograph, if the view is its
-    pinhole image; method: its label; is_water_known: whether colours that the method guessed for holes are used.
+    name: path of its picture below the folder of pictures; photograph: its file; view: what was restored; image: the
+    restored image; lens: of the photograph, if the view is its pinhole image; method: its label; is_water_known:
+    whether colours that the method guessed for holes are used.
     """
 
     name: str
     photograph: Path
     view: View
     image: Path
-    mask: Path
     lens: Lens | None
     method: str
     is_water_known: bool = True
@@ -93,7 +92,8 @@ def _content(one: Restored, quality: int, original_geometry: bool) -> bytes:
 def _picture(one: Restored, original_geometry: bool) -> Array:
     """The whole picture (H, W, 3) in [0, 1]. Raises InputError if a file cannot be read or has another size."""
     picture, view = read_rgb(one.image), one.view
-    known = read_mask(one.mask) if one.mask.is_file() else np.ones(picture.shape[:2], dtype=bool)
+    mask = read_mask(one.image)
+    known = np.ones(picture.shape[:2], np.bool_) if mask is None else mask
     if one.is_water_known:
         known |= picture.any(axis=-1)  # pixels without depth that the method filled
     beside = display(view.rgb, "none", view.encoding)

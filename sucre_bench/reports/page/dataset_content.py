@@ -254,7 +254,6 @@ class Section:
             record = read_record(row, self.out)
         except InputError:  # damaged; the page shows the rest
             record = {}
-        mask = place.mask(self.out, row.method) if place and row.coverage < 1 else None
         whole = {*metrics_of("coverage"), *COSTS}  # scores that ignore coverage
         partly = {key: share for key, (_, share) in scores.items() if share < 1 and key.partition(":")[0] not in whole}
         parameters = [record[name] for name in _WATER if isinstance(record.get(name), list)]
@@ -262,7 +261,9 @@ class Section:
         shown = {k: v for k, v in record.items() if k not in (*_WATER, "encoding", "true_water", FILES)}
         return {
             "status": "ok",
-            "picture": self.gallery.picture(place.restored(self.out, row.method), kept, mask) if place else None,
+            "picture": self.gallery.picture(place.restored(self.out, row.method), kept, row.coverage < 1)
+            if place
+            else None,
             "coverage": row.coverage,
             "scores": {f"{FILLED}:image": row.coverage} | {key: value for key, (value, _) in scores.items()},
             "covers": partly,

@@ -10,6 +10,7 @@ import base64
 import io
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -58,10 +59,10 @@ class Gallery:
         self._pool = ThreadPoolExecutor(usable_cores())
         self._encoded: list[Future[list[Block]]] = []
 
-    def picture(self, path: Path, kept: bool, mask: Path | None = None) -> dict[str, Any] | None:
+    def picture(self, path: Path, kept: bool, has_holes: bool = False) -> dict[str, Any] | None:
         """Return what the page needs to show a picture; None where there is none.
 
-        kept: whether the page holds a thumbnail of it; mask: where the mask is stored of a picture with holes.
+        kept: whether the page holds a thumbnail of it.
         """
         if not path.is_file():
             return None
@@ -69,7 +70,7 @@ class Gallery:
         if not kept:
             return link
         name = f"p{len(self._encoded)}"
-        self._encoded.append(self._pool.submit(_blocks, name, path, self._width, mask))
+        self._encoded.append(self._pool.submit(_blocks, name, path, self._width, has_holes))
         return {"id": name} | link
 
     def blocks(self) -> Iterator[Block]:
@@ -79,7 +80,7 @@ class Gallery:
         self._pool.shutdown()
 
 
-def _blocks(name: str, path: Path, width: int, mask: Path | None) -> list[Block]:
+def _blocks(name: str, path: Path, width: int, has_holes: bool) -> list[Block]:
     """The thumbnail of a picture, and the maps of its holes and its confidence, where it has some."""
     import cv2
 
@@ -88,8 +89,8 @@ def _blocks(name: str, path: Path, width: int, mask: Path | None) -> list[Block]
     except InputError:  # the page says that there is no picture
         return []
     blocks = [Block(name, "image/webp", _webp(_narrowed(image, width)))]
-    if mask is not None:
-        blocks.append(_holes(name, mask, path, image))
+    if has_holes:
+        blocks.append(_holes(name, path, image))
     arrays = read_full_arrays(path.with_suffix(".npz"), "confidence") if path.suffix == ".png" else {}
     if (confidence := arrays.get("confidence")) is not None and np.isfinite(confidence).any():
         # From dark (small) to bright, between the percentiles 2 and 98.
@@ -104,15 +105,16 @@ def _blocks(name: str, path: Path, width: int, mask: Path | None) -> list[Block]
     return blocks
 
 
-def _holes(name: str, mask: Path, path: Path, image: Picture) -> Block:
+def _holes(name: str, path: Path, image: Picture) -> Block:
     """Holes as stripes over the picture, which the style sheet lets shine through.
 
     A hole is what the mask says, else what has no colour in the stored array, else what is black. If holes are not
     black, `fill=true` guessed their colours.
     """
-    try:
-        filled = read_mask(mask)
-    except InputError:
+    filled = None
+    with suppress(InputError):  # a damaged mask
+        filled = read_mask(path)
+    if filled is None:
         kept = read_full_arrays(path.with_suffix(".npz"), "image").get("image")
         filled = np.asarray(image.any(axis=-1)) if kept is None else coloured(kept)
     share = _narrowed((~filled).astype(np.uint8) * 255, _MAP_WIDTH)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
@@ -17,7 +18,7 @@ from support.made_results import DE00, PATCHES, PSNR, made_results
 from sucre_bench.compare import compare
 from sucre_bench.compare.words import number
 from sucre_bench.reports import page as report
-from sucre_bench.results.restorations import write_mask
+from sucre_bench.results.restorations import write_masked_png
 
 HOSTILE = "</script><img src=x onerror=console.error('run')>"
 
@@ -41,7 +42,8 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     mask = np.ones((HEIGHT, WIDTH), np.bool_)
     mask[:, WIDTH // 2 : WIDTH * 3 // 4] = False  # where the picture has colours, as if by fill=true
-    write_mask(folder / "masks/reef/clever/v1.png", mask)
+    path = folder / "restored/reef/clever/v1.png"
+    write_masked_png(path, cv2.imread(str(path)), mask)
     write_page(folder, rows)
     return folder
 

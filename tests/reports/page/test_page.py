@@ -25,7 +25,7 @@ from sucre_bench.engine.run import run
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.words import Rerun
 from sucre_bench.reports import page as report
-from sucre_bench.results.restorations import write_mask
+from sucre_bench.results.restorations import write_masked_png
 from sucre_bench.results.rows import Row
 
 HOSTILE = "</script><img src=x onerror=alert(1)>"
@@ -254,7 +254,8 @@ def test_a_stored_mask_tells_holes_from_black_pixels(tmp_path: Path):
     rows = made_results(tmp_path)
     mask = np.ones((64, 96), np.bool_)
     mask[:, :10] = False  # of the 24 columns that are black
-    write_mask(tmp_path / "masks/reef/clever/v0.png", mask)
+    path = tmp_path / "restored/reef/clever/v0.png"
+    write_masked_png(path, cv2.imread(str(path)), mask)
     page = Page(write_page(tmp_path, rows))
     name = page.datasets[0]["views"][0]["results"][1]["picture"]["id"]
     holes = page.picture(f"{name}-holes")[..., 3] > 0

@@ -1,0 +1,92 @@
+"""The records of a job: restored/<dataset>/<method label>/records.jsonl, a line of JSON for each restored image.
+
+A record holds what the method told of its restoration, the water for example, and the sizes of the files it wrote.
+Processes append lines under a lock. The last line of a picture counts. A line that a killed process left unfinished is
+passed over, so its view is restored again.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, suppress
+from pathlib import Path
+from typing import Any
+
+from sucre_bench.errors import InputError
+from sucre_bench.machine.cache import waited_lock
+from sucre_bench.machine.files import not_writable, regular, write_atomically
+
+RECORDS = "records.jsonl"
+_PICTURE = "picture"  # the name in a record of the restored image, seen from the folder of the records
+
+
+def add_record(folder: Path, picture: Path, record: Mapping[str, Any]) -> None:
+    """Append the record of a restored image below the folder. Raises OutputError if it cannot be written."""
+    name = picture.relative_to(folder).as_posix()
+    line = json.dumps({_PICTURE: name, **record}, allow_nan=False).encode() + b"\n"
+    path = folder / RECORDS
+    try:
+        with _locked(folder), path.open("a+b") as file:
+            if file.tell():
+                file.seek(-1, os.SEEK_END)
+                line = line if file.read(1) == b"\n" else b"\n" + line  # a killed process has left half a line
+            file.write(line)
+    except OSError as fault:
+        raise not_writable(path, fault) from fault
+
+
+def shorten_records(folder: Path) -> None:
+    """Write the records anew if more lines are out of date than count. Raises OutputError if that fails."""
+    path = folder / RECORDS
+    if not path.is_file():
+        return
+    try:
+        with _locked(folder):
+            newest = list(dict(_lines(path)).values())
+            if path.stat().st_size > 2 * sum(map(len, newest)) + len(newest):
+                write_atomically(path, b"\n".join([*newest, b""]))
+    except OSError as fault:
+        raise not_writable(path, fault) from fault
+
+
+def record_of(file: Path) -> dict[str, Any]:
+    """Return the record of a restored image, or of a file beside it that differs in its suffix; empty if none is there.
+
+    Other programs may write it as a .json beside the picture. Raises InputError if that file is damaged.
+    """
+    beside = file.with_suffix(".json")
+    for folder in file.parents:
+        path = folder / RECORDS
+        with suppress(OSError, InputError):
+            state = path.stat()
+            name = file.relative_to(folder).with_suffix(".png").as_posix()
+            if line := _newest(path, state.st_ino, state.st_mtime_ns, state.st_size).get(name):
+                return {key: value for key, value in json.loads(line).items() if key != _PICTURE}
+            break
+    if not beside.is_file():
+        return {}
+    try:
+        content = json.loads(regular(beside).read_bytes())
+    except (OSError, ValueError, RecursionError) as fault:
+        raise InputError(f"cannot be read ({fault})", beside, "delete it and run again") from fault
+    return content if isinstance(content, dict) else {}
+
+
+def _locked(folder: Path) -> AbstractContextManager[None]:
+    """One lock for all jobs of a results folder. folder: restored/<dataset>/<method label> in it."""
+    return waited_lock(folder.parents[2] / f".{RECORDS}.lock")
+
+
+@functools.lru_cache(maxsize=8)  # read again where the file has changed
+def _newest(path: Path, *state: int) -> Mapping[str, bytes]:
+    return dict(_lines(path))
+
+
+def _lines(path: Path) -> Iterator[tuple[str, bytes]]:
+    """The name of the picture and the text of each whole line."""
+    for line in regular(path).read_bytes().split(b"\n"):
+        with suppress(ValueError, TypeError, KeyError, RecursionError):
+            yield str(json.loads(line)[_PICTURE]), line
