@@ -41,39 +41,37 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 # The files that take longest, longest first: they are begun first, so that all processes end together.
 SLOW = (
     "engine/slurm/test_slurm.py",
-    "reports/page/test_in_browser.py",
     "programs/contract/test_built_in.py",
-    "programs/prepare/test_prepare.py",
-    "engine/test_real_images.py",
-    "hostile/test_plugins.py",
     "methods/sucre/test_light.py",
-    "reports/mlflow/test_runs.py",
-    "hostile/test_current_folder.py",
-    "hostile/test_killed.py",
-    "programs/verify/test_verify_bundle.py",
-    "engine/test_sweep.py",
-    "datasets/test_demo.py",
-    "docs/test_docs.py",
-    "machine/test_terminal.py",
-    "engine/test_common_pixels.py",
-    "engine/test_done_views.py",
-    "hostile/test_refusing_machines.py",
-    "reports/page/test_page.py",
-    "docs/test_tutorial.py",
-    "docs/test_site.py",
-    "docs/test_examples.py",
-    "hostile/test_remedies.py",
-    "methods/test_haze_lines.py",
-    "programs/test_match_published.py",
-    "programs/people/test_votes.py",
-    "programs/people/test_in_browser.py",
+    "engine/test_real_images.py",
+    "programs/prepare/test_prepare.py",
+    "reports/page/test_in_browser.py",
     "programs/contract/test_write_plugin.py",
-    "reports/mlflow/test_store.py",
+    "methods/sucre/test_footprint.py",
+    "hostile/test_plugins.py",
+    "programs/people/test_in_browser.py",
+    "hostile/test_current_folder.py",
+    "docs/test_tutorial.py",
+    "methods/sucre/test_exact.py",
+    "engine/test_common_pixels.py",
+    "engine/test_sweep.py",
+    "programs/verify/test_verify_bundle.py",
+    "reports/mlflow/test_runs.py",
+    "docs/test_site.py",
+    "datasets/test_demo.py",
+    "hostile/test_killed.py",
+    "hostile/test_remedies.py",
+    "programs/prepare/test_given.py",
+    "hostile/test_refusing_machines.py",
+    "engine/test_done_views.py",
+    "docs/test_docs.py",
+    "programs/test_match_published.py",
+    "docs/test_examples.py",
 )
 
 
 # They start JAX, and no process can fork workers after that: they are begun last, longest first.
-WITH_JAX = tuple(f"methods/sucre/test_{name}.py" for name in ("passes", "exact", "sucre", "footprint"))
+WITH_JAX = tuple(f"methods/sucre/test_{name}.py" for name in ("sucre", "passes"))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -55,6 +55,7 @@ def environment(command: list[str], seed: int, data: dict[str, str]) -> dict[str
     }
 
 
+@functools.cache  # the code of this process is that of its start
 def source_commit() -> tuple[str | None, bool | None]:
     """Return the source tree's commit and whether it has uncommitted changes; None, None outside a checkout."""
     here = Path(__file__).resolve().parent.parent.parent
@@ -64,6 +65,7 @@ def source_commit() -> tuple[str | None, bool | None]:
     return (None, None) if commit is None or status is None else (commit, bool(status))
 
 
+@functools.cache
 def gpu() -> str | None:
     """Return the name of the first NVIDIA GPU, or None."""
     names = _output("nvidia-smi", "--query-gpu=name", "--format=csv,noheader")

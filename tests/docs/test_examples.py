@@ -31,12 +31,6 @@ def installed(copied: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(target)
 
 
-def test_what_it_brings_is_listed(program: Bench, installed: str) -> None:
-    (listed,) = json.loads(program("list", "methods", "white_patch", "--json", PYTHONPATH=installed).stdout)
-    assert listed["installed"]
-    assert listed["description"].endswith(".")
-
-
 def test_all_that_it_brings_is_run_together_with_what_is_built_in(
     program: Bench, installed: str, tmp_path: Path
 ) -> None:

@@ -26,7 +26,6 @@ COMMANDS = (
     "run dataset=colmap dataset.root=dive method=gray_world first=1 out=alone",
     "compare alone",
     "report alone",
-    "track alone",
     "score dive/images/a.png --metrics uciqe",
     "describe colmap dataset.root=dive --no-sheet",
     "charts dive/images/a.png --accept",

@@ -29,13 +29,7 @@ CASES: dict[str, tuple[str, str, str]] = {
         "published.csv",
         "input.*another file",
     ),
-    "scores over a link to the published table": (
-        "score dive/images --like published.csv --csv link.csv",
-        "link.csv",
-        "input.*another file",
-    ),
     "scores into a pipe": ("score dive/images --metrics uciqe --csv pipe.csv", "pipe.csv", "pipe.*another file"),
-    "scores into a device": ("score dive/images --metrics uciqe --csv device.csv", "device.csv", "device"),
     "a study over the score table": (
         "study results --methods gray_world,clahe --out results/scores.parquet",
         "results/scores.parquet",
@@ -51,30 +45,16 @@ CASES: dict[str, tuple[str, str, str]] = {
         "dive/images/a.png",
         "input.*another file",
     ),
-    "a contact sheet over a restored image": (
-        "describe colmap dataset.root=dive --sheet results/restored/colmap/clahe/a.png",
-        "results/restored/colmap/clahe/a.png",
-        "part of a results folder",
-    ),
     "a line-up over the configuration": (
         "lineup results --out results/config.yaml",
         "results/config.yaml",
         "part of a results folder",
     ),
-    "a line-up over a photograph": ("lineup results --out dive/images/a.png", "dive/images/a.png", r"suffix.*\.yaml"),
-    "a bundle into a device": ("bundle results device.zip", "device.zip", "device.*another file"),
-    "a bundle over the score table": (
-        "bundle results results/scores.parquet",
-        "results/scores.parquet",
-        r"suffix.*\.zip",
-    ),
-    "a surface into a pipe": ("texture results pipe.ply --method clahe", "pipe.ply", "pipe"),
     "a picture of the surface over a view": (
         "texture results surface.ply --method clahe --picture dive/images/a.png --force",
         "dive/images/a.png",
         "input",
     ),
-    "a video into a device": ("video results device.mp4 --methods clahe", "device.mp4", "device"),
     "the numbers of a video into a pipe": ("video results dive.mp4 --methods clahe", "dive.mp4.json", "pipe"),
     "scores over a table of others": (
         "score dive/images --metrics uciqe --csv theirs.csv",
@@ -96,7 +76,6 @@ CASES: dict[str, tuple[str, str, str]] = {
     "a surface over a model of others": ("texture results theirs.ply --method clahe", "theirs.ply", "did not write"),
     "a bundle over an archive of others": ("bundle results theirs.zip", "theirs.zip", "did not write"),
     "a board over a home page": ("site bundles home", "home/index.html", "did not write"),
-    "a board over an archive of others": ("site bundles archive", "archive/bundles/one.zip", "did not write"),
     "results over the files of a project": (
         "run dataset=colmap dataset.root=dive method=clahe out=project",
         "project/config.yaml",
@@ -116,9 +95,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "bundles").mkdir()
     assert run_here(place, "bundle", "results", "bundles/one.zip").returncode == 0
     (place / "published.csv").write_text("image,uciqe\na.png,0.5\nb.png,0.6\n")
-    (place / "link.csv").symlink_to("published.csv")
     others = [f"theirs.{suffix}" for suffix in ("csv", "html", "yaml", "png", "mp4", "ply", "zip")]
-    for name in (*others, "home/index.html", "archive/bundles/one.zip", "project/config.yaml"):
+    for name in (*others, "home/index.html", "project/config.yaml"):
         (place / name).parent.mkdir(parents=True, exist_ok=True)
         (place / name).write_text("years of work\n")
     return place
@@ -128,10 +106,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def place(made: Path, tmp_path: Path) -> Path:
     folder = tmp_path / "here"
     shutil.copytree(made, folder, symlinks=True)
-    for name in ("pipe.csv", "pipe.ply", "dive.mp4.json"):
+    for name in ("pipe.csv", "dive.mp4.json"):
         os.mkfifo(folder / name)
-    for name in ("device.csv", "device.zip", "device.mp4"):
-        (folder / name).symlink_to("/dev/full")
     return folder
 
 
@@ -156,10 +132,8 @@ def _state(path: Path) -> tuple[int, int, bytes]:
     [
         "score dive/images --metrics uciqe --csv out.csv",
         "study results --methods gray_world,clahe --out results/study.html",
-        "describe colmap dataset.root=dive --sheet out.png",
         "describe colmap dataset.root=dive --sheet out.jpg",
         "video results out.mp4 --methods clahe",
-        "texture results out.ply --method clahe --picture surface.png",
         "texture results out.glb --method clahe",
         "lineup results",
         "bundle results results/out.zip",

@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyarrow
-import pyarrow.parquet
 import pytest
 from support.command_line import run_here
 from support.places import TOYS
@@ -41,11 +39,6 @@ def without(name: str) -> Callable[[Path], None]:
     return lambda path: ROWS.drop(columns=name).to_parquet(path, index=False)
 
 
-def twice(path: Path) -> None:
-    table = pyarrow.Table.from_pandas(ROWS, preserve_index=False)
-    pyarrow.parquet.write_table(table.append_column("value", table["value"]), path)
-
-
 def cut(path: Path) -> None:
     ROWS.to_parquet(path, index=False)
     path.write_bytes(path.read_bytes()[:-200])
@@ -63,32 +56,18 @@ def no_text(path: Path) -> None:
     path.write_bytes(path.read_bytes().replace(b"gain", b"\xff\xfe\xff\xfe"))
 
 
-def endless(path: Path) -> None:
-    one = pyarrow.table({name: pyarrow.nulls(1) for name in ROWS})
-    pyarrow.parquet.write_table(one, path)
-
-
 FAULTS: dict[str, tuple[Callable[[Path], None], str]] = {
     "text for numbers": (column("value", "high"), "column 'value'"),
-    "numbers for options": (column("options", 1.5), "column 'options'"),
     "no time": (column("time", "yesterday"), "column 'time'"),
-    "fractions of pixels": (column("n_pixels", 0.5), "column 'n_pixels'"),
     "negative pixels": (column("n_pixels", -1), "column 'n_pixels'"),
-    "lists": (column("region", [["a"]] * len(ROWS)), "column 'region'"),
     "null views": (column("view", [None, *ROWS["view"][1:]]), "column 'view'"),
-    "null seeds": (column("seed", pd.array([None, *[0] * (len(ROWS) - 1)], dtype="Int64")), "column 'seed'"),
-    "all null": (column("status", None), "column 'status'"),
     "an unknown status": (column("status", "fine"), "column 'status'"),
-    "an unknown direction": (column("better", "sideways"), "column 'better'"),
     "options that are no JSON": (column("options", "{"), "column 'options'"),
-    "options that are a list": (column("options", "[]"), "column 'options'"),
     "deep options": (column("options", "[" * 100_000), "column 'options'"),
     "a column is missing": (without("region"), "column 'region'"),
-    "a column is there twice": (twice, "column 'value'"),
     "cut short": (cut, "scores.parquet: not"),
     "overwritten inside": (scrambled, "scores.parquet: not"),
     "bytes that are no text": (no_text, "scores.parquet: not"),
-    "only nulls": (endless, "column 'dataset'"),
     "a folder": (lambda path: path.mkdir(), ""),
 }
 COMMANDS = {

@@ -173,10 +173,9 @@ def test_the_veiling_light_is_the_colour_of_median_luminance_and_likeness_falls_
     assert (np.diff(likeness) <= 0).all()
 
 
-@pytest.mark.parametrize("linear", [True, False])
 @pytest.mark.parametrize("kind", UNWANTED)
-def test_an_unwanted_image_gets_finite_colours(kind: str, linear: bool) -> None:
-    assert np.isfinite(restored(HazeLines(linear=linear), UNWANTED[kind]).image).all()
+def test_an_unwanted_image_gets_finite_colours_in_gamma_encoding_too(kind: str) -> None:
+    assert np.isfinite(restored(HazeLines(linear=False), UNWANTED[kind]).image).all()
 
 
 def test_the_picture_is_balanced_over_what_is_not_water() -> None:

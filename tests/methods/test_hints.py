@@ -88,17 +88,19 @@ def test_every_advised_word_can_be_typed(method: str, word: str, tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("options", "advice"),
+    ("method", "options", "advice"),
     [
-        (SucrePaper(), ("method=sucre_plus keeps", "method=sucre_plus draws")),
-        (Sucre(), ("method.physical=true keeps", "method.refine=true draws")),
-        (SucrePlus(), ("", "")),
-        (Sucre(water="truth"), ("", "method.refine=true draws")),
-        (Sucre(solver="adam"), ("", "method.refine=true draws")),
+        (SucrePaper, {}, ("method=sucre_plus keeps", "method=sucre_plus draws")),
+        (Sucre, {}, ("method.physical=true keeps", "method.refine=true draws")),
+        (SucrePlus, {}, ("", "")),
+        (Sucre, {"water": "truth"}, ("", "method.refine=true draws")),
+        (Sucre, {"solver": "adam"}, ("", "method.refine=true draws")),
     ],
 )
-def test_colours_that_are_wrong_are_mended_by_options_that_the_method_takes(options: Any, advice: tuple[str, str]):
-    said = faults_of_colours(np.array([0.5, 0, 0]), np.array([0.5, 0, 0]), options)
+def test_colours_that_are_wrong_are_mended_by_options_that_the_method_takes(
+    method: Any, options: dict[str, str], advice: tuple[str, str]
+):
+    said = faults_of_colours(np.array([0.5, 0, 0]), np.array([0.5, 0, 0]), method(**options))
     remedies = [line.partition("; ")[2] for line in said]
     assert [" ".join(remedy.split()[:2]) for remedy in remedies] == list(advice)
 

@@ -127,12 +127,6 @@ def test_stitching_takes_the_closest_observation() -> None:
     assert (image != TARGET.rgb)[TARGET.valid].any(axis=-1).mean() > 0.3  # a nearer view did help
 
 
-def test_stitching_has_no_colour_without_depth() -> None:
-    image = Stitching().restore(SCENE, TARGET).image
-    assert np.array_equal(np.isnan(image).all(axis=-1), TARGET.depth == 0)
-    assert np.array_equal(np.isnan(image).any(axis=-1), TARGET.depth == 0)
-
-
 def test_stitching_a_view_without_any_depth_is_an_error_that_says_so() -> None:
     blind = View("blind.png", Arrays(TARGET.rgb, np.zeros(TARGET.depth.shape)), TARGET.camera, TARGET.cam_from_world)
     with pytest.raises(SolveError, match=r"^blind\.png: .*depth;"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.forward_model import NOISE, UNWANTED, hazy, restored, tiles, transmission_of
+from support.forward_model import NOISE, hazy, restored, tiles, transmission_of
 
 from sucre_bench import InputError
 from sucre_bench.imaging.filters import guided_filter
@@ -85,11 +85,6 @@ def test_the_transmission_keeps_within_its_bounds() -> None:
     info = restored(Udcp(), made()[0]).info
     assert info["transmission_min"] == [pytest.approx(0.2)]
     assert restored(Udcp(greatest=0.5), made()[0]).info["transmission_max"] == [0.5]
-
-
-@pytest.mark.parametrize("kind", UNWANTED)
-def test_an_unwanted_image_gets_finite_colours(kind: str) -> None:
-    assert np.isfinite(restored(Udcp(), UNWANTED[kind]).image).all()
 
 
 def test_a_window_without_a_middle_is_refused() -> None:

@@ -19,13 +19,6 @@ import numpy as np
 from sucre_bench import Arrays, Restoration, Scene, Score, View, dataset, method, metric
 
 
-class UnspeakableError(Exception):
-    """An exception that raises another as it is printed."""
-
-    def __str__(self) -> str:
-        raise RuntimeError("no words")
-
-
 class Outside(BaseException):
     """An exception that `except Exception` lets through."""
 
@@ -65,17 +58,13 @@ ACTS: dict[str, Callable[[], object]] = {
     "exit": lambda: os._exit(0),
     "segfault": lambda: ctypes.string_at(0),
     "abort": lambda: ctypes.CDLL(None).abort(),
-    "unspeakable": lambda: _raise(UnspeakableError()),
     "outside": lambda: _raise(Outside("away")),
     "generator-exit": lambda: _raise(GeneratorExit()),
     "long": lambda: _raise(ValueError("x" * 1_000_000)),
     "removed-folder": _in_a_removed_folder,
     "leaks": _leak,
-    "late-exit": lambda: _later(lambda: os._exit(5)),
     "late-segfault": lambda: _later(lambda: ctypes.string_at(0)),
     "no-json": lambda: setattr(json, "dumps", None),
-    "no-asarray": lambda: setattr(np, "asarray", None),
-    "no-replace": lambda: setattr(os, "replace", None),
     "no-files": lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (3, 3)),
     "elsewhere": lambda: os.chdir("/"),
     "thread": lambda: threading.Thread(target=time.sleep, args=(3600,)).start(),

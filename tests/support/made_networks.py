@@ -17,15 +17,23 @@ if TYPE_CHECKING:
 ARCHITECTURES = {"water_net": "WaterNet", "funie_gan": "FunieGenerator", "tacl": "TaclGenerator"}
 
 
-def random_state(architecture: str, seed: int = 0) -> dict[str, Any]:
-    """A state dict with weights that neither fade nor grow from layer to layer."""
+def empty_network(architecture: str) -> torch.nn.Module:
+    """A network without memory for its weights."""
     import torch
 
     from sucre_bench.methods.networks import architectures
 
-    draw = torch.Generator().manual_seed(seed)
     with torch.device("meta"):
-        shapes = {key: value.shape for key, value in getattr(architectures, architecture)().state_dict().items()}
+        made: torch.nn.Module = getattr(architectures, architecture)()
+    return made
+
+
+def random_state(architecture: str, seed: int = 0) -> dict[str, Any]:
+    """A state dict with weights that neither fade nor grow from layer to layer."""
+    import torch
+
+    draw = torch.Generator().manual_seed(seed)
+    shapes = {key: value.shape for key, value in empty_network(architecture).state_dict().items()}
     state = {}
     for key, shape in shapes.items():
         noise = torch.randn(shape, generator=draw)

@@ -16,7 +16,7 @@ from support.messages import names
 from sucre_bench import Arrays, InputError, NotApplicableError, Restoration, Scene, View, restore, score
 from sucre_bench.errors import FileError, MissingFileError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
-from sucre_bench.methods.doors import Precomputed, precomputed
+from sucre_bench.methods.doors import Precomputed
 from sucre_bench.methods.doors.precomputed import SUFFIXES, ImageFolder
 
 LEVELS = np.arange(4 * 6 * 3, dtype=np.uint8).reshape(4, 6, 3) * 3  # no two channels alike, so that a swap shows
@@ -99,21 +99,6 @@ def test_a_view_without_an_image_is_skipped_and_told_the_nearest_name(tmp_path: 
     assert re.search(rf"{re.escape(str(tmp_path))} .*GOPR0012.* 2 .*GOPR0013$", str(fault.value))
     with pytest.raises(NotApplicableError, match="no images"):
         find_image(tmp_path / "GOPR0013.png", "a.png", ["a.png"])
-
-
-def test_a_folder_is_listed_once_for_all_views(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Listed for each view, the work for a dive of thousands grows with its square."""
-    names = [f"{side}/{k}.png" for side in ("left", "right") for k in range(20)]
-    touch(tmp_path / "as views", *names)
-    touch(tmp_path / "flat", *(name.replace("/", "/x/") for name in names[:20]))
-    calls: list[object] = []
-    true = precomputed.os.walk
-    monkeypatch.setattr(precomputed.os, "walk", lambda path: calls.append(path) or true(path))
-    beside, below = ImageFolder(tmp_path / "as views"), ImageFolder(tmp_path / "flat")
-    assert [beside.find(name, names).relative_to(tmp_path / "as views").as_posix() for name in names] == names
-    for name in names[:20]:
-        assert below.find(name, names[:20]) == tmp_path / "flat" / name.replace("/", "/x/")
-    assert calls == [tmp_path / "as views", tmp_path / "flat"]
 
 
 def test_a_folder_that_has_changed_is_seen_by_the_next_restoration(tmp_path: Path):

@@ -6,11 +6,10 @@ import sys
 
 import numpy as np
 import pytest
-import torch
-from support.made_networks import NOISE, picture, planes, random_state
-from torch.nn import functional
+from support import lazy_torch as torch
+from support.made_networks import NOISE, empty_network, picture, planes, random_state
 
-from sucre_bench.methods.networks import architectures, published
+from sucre_bench.methods.networks import published
 from sucre_bench.methods.networks.published import WaterNet
 from sucre_bench.methods.networks.sizes import resized, tiled
 
@@ -19,7 +18,8 @@ RNG = np.random.default_rng(0)
 
 @pytest.mark.parametrize("size", [(7, 11), (20, 24), (61, 90)])
 def test_resizing_is_the_bicubic_that_does_not_alias(size: tuple[int, int]):
-    expected = functional.interpolate(planes(NOISE), size=size, mode="bicubic", antialias=True, align_corners=False)
+    how = {"mode": "bicubic", "antialias": True, "align_corners": False}
+    expected = torch.nn.functional.interpolate(planes(NOISE), size=size, **how)
     np.testing.assert_allclose(resized(NOISE, *size), picture(expected), atol=2e-3)
 
 
@@ -58,7 +58,7 @@ def test_tiles_equal_the_whole_where_the_network_sees_no_further_than_a_quarter_
 
     def blur(x: np.ndarray) -> np.ndarray:  # sees 4 pixels to each side
         given = torch.from_numpy(x.transpose(2, 0, 1)[None].copy())
-        return functional.conv2d(given, kernel, padding=4)[0].numpy().transpose(1, 2, 0)
+        return torch.nn.functional.conv2d(given, kernel, padding=4)[0].numpy().transpose(1, 2, 0)
 
     image = RNG.random((70, 110, 3), dtype=np.float32)
     np.testing.assert_allclose(tiled([image], blur, 48, 16), blur(image), atol=1e-4)
@@ -70,8 +70,7 @@ def test_tiles_equal_the_whole_where_the_network_sees_no_further_than_a_quarter_
     [("WaterNet", 64, published.WATER_NET_OVERLAP), ("FunieGenerator", 288, published.FUNIE_OVERLAP)],
 )
 def test_a_network_sees_no_further_than_a_quarter_of_its_overlap(architecture: str, size: int, overlap: int):
-    with torch.device("meta"):
-        network = getattr(architectures, architecture)()
+    network = empty_network(architecture)
     network.to_empty(device="cpu").load_state_dict(random_state(architecture))
     channels, middle = 12 if architecture == "WaterNet" else 3, slice(size // 2, size // 2 + 32)
     x = torch.rand((1, channels, size, size), generator=torch.Generator().manual_seed(0))

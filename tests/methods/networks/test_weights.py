@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
-from support.made_networks import ARCHITECTURES, NOISE, random_state, restored, saved
+from support import lazy_torch as torch
+from support.made_networks import ARCHITECTURES, NOISE, empty_network, random_state, restored, saved
 from support.messages import names
 
 from sucre_bench import InputError
 from sucre_bench.errors import MissingFileError
-from sucre_bench.methods.networks import architectures
 from sucre_bench.methods.networks.run_torch import read_state
 
 
@@ -62,8 +61,7 @@ def bad_file(kind: str, path: Path) -> None:
     elif kind == "folder":
         path.mkdir()
     elif kind == "module":
-        with torch.device("meta"):
-            torch.save(architectures.WaterNet(), path)
+        torch.save(empty_network("WaterNet"), path)
     elif kind == "trap":
         torch.save({"state_dict": state, "further": Trap(path.with_name("sprung"))}, path)
     elif kind == "list":
@@ -92,7 +90,7 @@ def bad_file(kind: str, path: Path) -> None:
         "text": {"PyTorch", "cut"},
         "cut": {"PyTorch", "cut"},
         "pickle": {"PyTorch"},
-        "module": {"Python", f"{architectures.__name__}.WaterNet", "state_dict"},
+        "module": {"Python", "sucre_bench.methods.networks.architectures.WaterNet", "state_dict"},
         "trap": {"Python", "state_dict"},
         "list": {"state", "list"},
         "no tensors": {"state", "dict"},

@@ -140,12 +140,3 @@ def test_nothing_moves_without_noise() -> None:
     observations, _ = made(1000)
     assert (robust_noise(observations, TRUE) == 1e-3).all()
     np.testing.assert_allclose(reweighted(observations, TRUE, robust_noise(observations, TRUE)).weight, 1, atol=1e-3)
-
-
-def test_inputs_are_not_touched() -> None:
-    observations, _ = made(300, noise=NOISE)
-    before = observations.colour.copy(), observations.distance.copy()
-    reweighted(observations, TRUE, np.full(3, NOISE))
-    assert (observations.colour == before[0]).all()
-    assert (observations.distance == before[1]).all()
-    assert observations.weight is None

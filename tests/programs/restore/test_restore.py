@@ -110,14 +110,15 @@ def test_a_word_that_is_no_option_of_dataset_or_method_is_refused(tmp_path: Path
 
 
 def test_photographs_that_overlap_are_prepared_and_restored_together(tmp_path: Path, bench: Bench) -> None:
-    for name, pose in zip(NAMES, POSES, strict=True):
+    names = NAMES[:4]
+    for name, pose in zip(names, POSES[:4], strict=True):
         write_image(tmp_path / "photos" / name, photograph(pose))
     words = ("restore", "photos", "out", "--method", "dive_gray_world", "--original-geometry")
     done = bench(*words)
     assert done.returncode == 0, done.stderr
-    assert "6 of 6 pictures" in done.stdout
-    assert sorted(contents(tmp_path / "out/pictures")) == sorted(NAMES)
-    for name in NAMES:  # edges lie where the distorting camera saw them
+    assert "4 of 4 pictures" in done.stdout
+    assert sorted(contents(tmp_path / "out/pictures")) == sorted(names)
+    for name in names:  # edges lie where the distorting camera saw them
         before, after = (cv2.imread(str(tmp_path / folder / name), 0) for folder in ("photos", "out/pictures"))
         (x, y), _ = cv2.phaseCorrelate(*(cv2.Laplacian(one.astype(np.float32), cv2.CV_32F) for one in (before, after)))
         assert np.hypot(x, y) < 0.3
