@@ -22,7 +22,6 @@ from support.messages import Lines
 
 from sucre_bench.machine import progress
 from sucre_bench.machine.cache import waited_lock
-from sucre_bench.machine.terminal import escaped
 from sucre_bench.programs.charts.server import PageServer
 from sucre_bench.programs.charts.session import open_session
 
@@ -117,10 +116,6 @@ def test_control_characters_of_names_are_written_out_in_every_line(tmp_path: Pat
             assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202e]", text), command
         faults[command] = done.stdout + done.stderr
     assert r"a\x1b[2J\x1b]0;x" in faults[RUN]
-
-
-def test_a_name_that_no_output_can_encode_is_written_out():
-    assert escaped("a\udcffb\tc\nd") == "a\\udcffb\tc\nd"
 
 
 def _hold(path: Path, held: multiprocessing.synchronize.Event) -> None:

@@ -28,26 +28,6 @@ def test_an_interrupt_that_is_held_back_takes_effect_at_the_end_of_the_block():
         signal.raise_signal(signal.SIGINT)  # the handler is what it was
 
 
-def test_a_second_interrupt_during_the_clean_up_leaves_no_temporary_folder(monkeypatch: pytest.MonkeyPatch):
-    remove, seen = files.shutil.rmtree, list[Path]()
-
-    def interrupted(place: Path, **options: bool) -> None:
-        signal.raise_signal(signal.SIGINT)
-        remove(place, **options)
-
-    monkeypatch.setattr(files.shutil, "rmtree", interrupted)
-
-    def block() -> None:
-        with files.temporary_folder() as place:
-            seen.append(place)
-            (place / "a.png").write_bytes(b"")
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        block()
-    assert not seen[0].exists()
-
-
 def test_an_interrupted_file_is_the_old_one_and_nothing_is_left_beside_it(tmp_path: Path):
     path = tmp_path / "a.txt"
     files.write_atomically(path, b"old")

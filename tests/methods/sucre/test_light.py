@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,9 @@ from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
 from sucre_bench.plugins.registry import using
 
+# To choose the encoding takes twice as long as a fit; it has a test of its own.
+sucre = partial(Sucre, encoding="view")
+sucre_plus = partial(SucrePlus, encoding="view")
 GAINS = (0.75, 1.2, 0.9, 1.0, 1.3, 0.7, 1.1)
 GROUND = {"width": 160, "height": 120, "heights_m": (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5), "tilt_deg": 30.0, "seed": 3}
 
@@ -60,11 +64,11 @@ def exposed() -> Scene:
 
 @pytest.fixture(scope="module")
 def by_itself(exposed: Scene) -> Restoration:
-    return Sucre().restore(exposed, exposed["3.png"])
+    return sucre().restore(exposed, exposed["3.png"])
 
 
 def test_gains_are_found_with_the_water(exposed: Scene, by_itself: Restoration) -> None:
-    even = Sucre(light="even").restore(exposed, exposed["3.png"])
+    even = sucre(light="even").restore(exposed, exposed["3.png"])
     assert np.abs(rates(even, WATERS["green"])).max() > 0.2
     assert parts(by_itself) == ["exposure"]
     assert np.abs(rates(by_itself, WATERS["green"])).max() < 0.03
@@ -77,7 +81,7 @@ def test_gains_are_found_with_the_water(exposed: Scene, by_itself: Restoration) 
 def test_white_balance_is_found_with_the_water(plain: Scene) -> None:
     balance = np.exp(0.05 * np.random.default_rng(0).normal(size=(7, 1, 1, 3)))
     scene = with_light(plain, balance / balance[3])
-    result = Sucre().restore(scene, scene["3.png"])
+    result = sucre().restore(scene, scene["3.png"])
     assert parts(result) == ["white_balance"]
     assert np.abs(rates(result, WATERS["green"])[0]).max() < 0.05  # .39 in even light
     for name, gains in result.info["gains"].items():
@@ -88,7 +92,7 @@ def test_vignetting_is_found_with_the_water(plain: Scene) -> None:
     y, x = np.mgrid[-1:1:120j, -1:1:160j]
     lens = 1 - 0.25 * (x * x + y * y)[..., None] / 2
     scene = with_light(plain, np.repeat(lens[None], 7, axis=0))
-    even, result = (Sucre(light=light).restore(scene, scene["3.png"]) for light in ("even", "auto"))
+    even, result = (sucre(light=light).restore(scene, scene["3.png"]) for light in ("even", "auto"))
     assert parts(result) == ["lens"]
     assert result.info["light"]["least"] == pytest.approx(1 - 0.125 * (0.7**2 + (0.7 / 0.75) ** 2), abs=0.02)
     assert np.abs(rates(result, WATERS["green"])[0]).max() < 0.5 * np.abs(rates(even, WATERS["green"])[0]).max()
@@ -98,7 +102,7 @@ def test_vignetting_is_found_with_the_water(plain: Scene) -> None:
 
 
 def test_even_light_is_left_as_it_is(plain: Scene) -> None:
-    auto, even = (SucrePlus(light=light).restore(plain, plain["3.png"]) for light in ("auto", "even"))
+    auto, even = (sucre_plus(light=light).restore(plain, plain["3.png"]) for light in ("auto", "even"))
     assert "light" not in auto.info
     np.testing.assert_allclose(auto.image, even.image, atol=1e-6)
 
@@ -106,7 +110,7 @@ def test_even_light_is_left_as_it_is(plain: Scene) -> None:
 def test_photographs_in_air_whose_exposure_varies_get_no_water() -> None:
     air = Water(np.zeros(3), np.zeros(3), np.zeros(3))
     scene = make_ground(air, gains=(0.8, 1.2, 0.95, 1.3, 0.85, 1.1), width=80, height=60)
-    even, found = (Sucre(light=light).restore(scene, scene["3.png"]) for light in ("even", "auto"))
+    even, found = (sucre(light=light).restore(scene, scene["3.png"]) for light in ("even", "auto"))
     assert even.water.attenuation.max() > 0.05
     assert found.water.attenuation.max() < 5e-3  # 1/m, at a median distance of 3 m
 
@@ -121,7 +125,7 @@ def survey() -> Scene:
 
 @pytest.fixture(scope="module")
 def under_a_strobe(survey: Scene) -> Restoration:
-    return SucrePlus(light="strobe").restore(survey, survey["4.png"])
+    return sucre_plus(light="strobe").restore(survey, survey["4.png"])
 
 
 def test_the_light_of_a_strobe_is_removed_from_the_picture(survey: Scene, under_a_strobe: Restoration) -> None:
@@ -163,7 +167,7 @@ def test_a_strobes_veil_is_its_light_scattered_once() -> None:
 
 @pytest.fixture(scope="module")
 def matched(exposed: Scene) -> Observations:
-    method, view = Sucre(), exposed["3.png"]
+    method, view = sucre(), exposed["3.png"]
     found = matched_sample(method, exposed, view, method.observe(exposed, view))
     assert found is not None
     return found
@@ -220,15 +224,15 @@ def test_water_that_was_fitted_with_gains_is_used_with_them(
     file = tmp_path / "3.json"
     file.write_text(json.dumps(record))
     for name in ("3.png", "1.png"):
-        own = by_itself if name == "3.png" else Sucre(light="exposure").restore(exposed, exposed[name])
-        given = Sucre(water=str(file)).restore(exposed, exposed[name])
+        own = by_itself if name == "3.png" else sucre(light="exposure").restore(exposed, exposed[name])
+        given = sucre(water=str(file)).restore(exposed, exposed[name])
         assert np.sqrt(np.nanmean((given.image - own.image) ** 2)) < 0.02
     file.write_text(json.dumps(record | {"gains": {"1.png": 1.0}}))
     with pytest.raises(InputError, match=r"3\.json.*3\.png"):
-        Sucre(water=str(file)).restore(exposed, exposed["3.png"])
+        sucre(water=str(file)).restore(exposed, exposed["3.png"])
     file.write_text(json.dumps(record | {"light": {"parts": ["lens"]}}))
     with pytest.raises(InputError, match="light"):
-        Sucre(water=str(file)).restore(exposed, exposed["3.png"])
+        sucre(water=str(file)).restore(exposed, exposed["3.png"])
 
 
 FOREIGN = """
@@ -248,8 +252,8 @@ class Foreign:
 def test_water_of_a_method_that_calls_something_else_gains_is_used(plain: Scene, tmp_path: Path, gains: str) -> None:
     (tmp_path / "foreign.py").write_text(FOREIGN.replace("GAINS", gains))
     with using(registry(tmp_path / "foreign.py")):
-        image = Sucre(water="foreign").restore(plain, plain["3.png"]).image
-    told = Sucre(water="truth").restore(plain, plain["3.png"]).image
+        image = sucre(water="foreign").restore(plain, plain["3.png"]).image
+    told = sucre(water="truth").restore(plain, plain["3.png"]).image
     one_gain = gains.startswith("{'3")  # then the other views have none, and take no part
     assert np.isfinite(image).any() if one_gain else np.array_equal(image, told, equal_nan=True)
 
@@ -259,7 +263,7 @@ def test_gains_of_views_that_are_no_positive_numbers_are_refused(plain: Scene, t
     record = {"B": [0.1, 0.2, 0.3], "beta": [0.3] * 3, "gamma": [0.3] * 3, "gains": {"3.png": gain}}
     (tmp_path / "3.json").write_text(json.dumps(record))
     with pytest.raises(InputError, match=r"3\.json: gains"):
-        Sucre(water=str(tmp_path / "3.json")).restore(plain, plain["3.png"])
+        sucre(water=str(tmp_path / "3.json")).restore(plain, plain["3.png"])
 
 
 @pytest.mark.parametrize(

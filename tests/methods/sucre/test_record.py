@@ -160,7 +160,7 @@ def test_a_sample_is_used_and_the_same_every_time() -> None:
     assert one == same
 
 
-@pytest.mark.parametrize(("method", "fast"), [("sucre", {}), ("sucre_paper", {"steps": 5})])
+@pytest.mark.parametrize(("method", "fast"), [("sucre", {"encoding": "view"}), ("sucre_paper", {"steps": 5})])
 def test_methods_record_residuals(method: str, fast: dict[str, Any]) -> None:
     scene = make_scene()
     info = sb.restore(method, scene, scene["a.png"], **fast).info
@@ -170,5 +170,7 @@ def test_methods_record_residuals(method: str, fast: dict[str, Any]) -> None:
 
 def test_residuals_are_those_of_the_fit_not_of_the_refined_colours() -> None:
     scene = make_scene()
-    fitted, refined = (sb.restore("sucre", scene, scene["a.png"], refine=refine) for refine in (False, True))
-    assert fitted.info["residuals"] == refined.info["residuals"]
+    told = []
+    for refine in (False, True):
+        told.append(sb.restore("sucre", scene, scene["a.png"], refine=refine, encoding="view").info["residuals"])
+    assert told[0] == told[1]

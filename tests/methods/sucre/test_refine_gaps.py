@@ -138,7 +138,7 @@ def test_animals_without_weight_do_not_come_back_into_the_gaps() -> None:
     scene = Scene(clean.name, views, clean.has, clean.water)
 
     def error(**options: bool) -> float:
-        restored = Sucre(robust=True, **options).restore(scene, scene["3.png"]).image - scene["3.png"].reference
-        return float(np.sqrt(np.nanmean(restored**2)))
+        method, view = Sucre(robust=True, encoding="view", **options), scene["3.png"]
+        return float(np.sqrt(np.nanmean((method.restore(scene, view).image - view.reference) ** 2)))
 
     assert error(refine=True) < 1.05 * error()

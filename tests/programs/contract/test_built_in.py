@@ -35,7 +35,7 @@ NORMALISATIONS = {"display.py", "white_balance.py"}  # gray_world is one of them
 TABLES = {"given_model.py", "catalogue.py"}
 QUICK: dict[str, dict[str, Any]] = {
     "sucre_paper": {"steps": 3},
-    "sucre_plus": {"light": "even"},  # whose fits are those of sucre
+    "sucre_plus": {"light": "even", "encoding": "view"},  # whose fits are those of sucre
     "command": {"run": "cp {input} {output}"},
 }
 

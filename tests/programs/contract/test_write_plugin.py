@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import re
 import shlex
 import shutil
@@ -85,25 +84,12 @@ def test_this_repository_is_known_from_every_folder_of_it(tmp_path: Path) -> Non
     assert checkout_of(tmp_path) is None
 
 
-def test_a_method_is_short(folder: Path) -> None:
-    """At most 15 lines of code, as counted without blank lines, docstrings and comments."""
-    for name, more in (("tried", ()), ("tried_with_depth", ("--depth",))):
-        new("method", name, *more)
-        tree = ast.parse((folder / f"{name}.py").read_text())
-        own = [node for node in ast.walk(tree) if isinstance(node, (ast.stmt, ast.arg)) and not is_text(node)]
-        assert len({node.lineno for node in own}) <= 15
-
-
 def test_the_documented_method_is_the_one_that_is_written(folder: Path) -> None:
     page = (ROOT / "docs" / "plugins.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```", page, flags=re.MULTILINE | re.DOTALL)
     (block,) = [one for one in blocks if "class FadeLess" in one]
     new("method", "fade_less", "--depth")
     assert (folder / "fade_less.py").read_text() == block
-
-
-def is_text(node: ast.AST) -> bool:
-    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
 
 
 def test_a_package_is_installed_and_found_under_its_name(program: Bench, folder: Path) -> None:
