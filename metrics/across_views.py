@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench.arrays import Array, Mask
+from sucre_bench.arrays import CHANNELS, Array, Mask
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.cielab import ciede2000, contrast, lab_d50
 from sucre_bench.imaging.encoding import srgb_decode
@@ -114,8 +114,6 @@ def _lab(pair: RestoredPair) -> tuple[Array, Array, Mask]:
 # Half of the smallest step of 8 bits, in linear light: less counts as this much.
 _DARKEST = 0.5 / 255 / 12.92
 
-_CHANNELS = {"red": 0, "green": 1, "blue": 2}
-
 _SHOWN = "of the restored image: its normalisation, view by view, counts too"
 
 
@@ -124,7 +122,7 @@ _SHOWN = "of the restored image: its normalisation, view by view, counts too"
     unit="1/m",
     better="none",
     range=(-np.inf, np.inf),
-    default=["red", "green", "blue"],
+    default=CHANNELS,
     symbol="slope of ln J on distance (1/m)",
     variants={
         "red": "of the red channel of J, what the method computed; needs a run with save=full",
@@ -148,8 +146,8 @@ class RangeSlope:
         """Yield the slope over the patches of the pair."""
         image, _, channel = variant.rpartition("-")
         slopes = _slopes(pair, image or "raw")
-        if channel in _CHANNELS:
-            yield slopes[_CHANNELS[channel]]
+        if channel in CHANNELS:
+            yield slopes[CHANNELS.index(channel)]
         else:
             yield _together(slopes, float(np.mean([slope.value for slope in slopes])))
 
@@ -180,7 +178,7 @@ def _slopes(pair: RestoredPair, image: str) -> list[Score]:
     is_gamma = image == "shown" or pair.here.view.encoding == "gamma"
     light = [srgb_decode(mean) if is_gamma else mean for mean in means]
     change = np.diff(pair.points.distance, axis=0)[0]
-    return [_slope(change, light[0][:, channel], light[1][:, channel]) for channel in _CHANNELS.values()]
+    return [_slope(change, light[0][:, channel], light[1][:, channel]) for channel in range(3)]
 
 
 def _slope(change: Array, here: Array, there: Array) -> Score:

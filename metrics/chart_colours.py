@@ -18,14 +18,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import CHANNELS, Array
 from sucre_bench.imaging.chart_kinds import Patch
 from sucre_bench.imaging.chart_patches import PatchReading, measure
 from sucre_bench.imaging.cielab import ciede2000, lab_d50, srgb_of_lab_d50
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
-
-CHANNELS = ("red", "green", "blue")
 
 _LOST_DEG = 90.0  # the mean error of a hue at random
 
@@ -114,8 +112,7 @@ def _scored(
         value = float(of_patches[known].mean()) if known.any() else np.nan
         yield Score(value, chart.name, int(used.sum()), float(seen.mean()) if len(seen) else np.nan)
         for reading, score, n, coverage in zip(of_chart, of_patches, used, seen, strict=True):
-            region = f"{chart.name}/{reading.patch.number}-{reading.patch.name}"
-            yield Score(float(score), region, int(n), float(coverage))
+            yield Score(float(score), f"{chart.name}/{reading.patch.label}", int(n), float(coverage))
 
 
 def _patches(
@@ -125,7 +122,7 @@ def _patches(
     for chart in view.charts:
         for reading in measure(shown, chart):
             if reading.patch.colour or not only_coloured:
-                region = f"{chart.name}/{reading.patch.number}-{reading.patch.name}"
+                region = f"{chart.name}/{reading.patch.label}"
                 yield Score(value(reading), region, reading.n_pixels, reading.coverage)
 
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench.arrays import Array, coloured_pixels
-from sucre_bench.errors import InputError
+from sucre_bench.arrays import Array
 from sucre_bench.imaging.cielab import ciede2000, lab_d50
 from sucre_bench.imaging.encoding import srgb_encode
+from sucre_bench.imaging.references import known_in_both, reference_of
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 
@@ -86,11 +86,9 @@ def _exposed(image: Array, view: View, variant: str) -> tuple[Array, Array] | No
     """
     if view.reference is None:
         return None
-    if view.reference.shape != image.shape:
-        (h, w), (rh, rw) = image.shape[:2], view.reference.shape[:2]
-        raise InputError(f"{view.name}: the reference is {rw}x{rh}, the image {w}x{h}; give both in one size")
-    scored = coloured_pixels(image) & coloured_pixels(view.reference) & view.valid
-    colours, true = image[scored].astype(np.float64), view.reference[scored].astype(np.float64)
+    reference = reference_of(view, image)
+    scored = known_in_both(image, reference, view)
+    colours, true = image[scored].astype(np.float64), reference[scored].astype(np.float64)
     if variant != "raw" and not np.array_equal(colours, true):  # rounding would leave an error of 1e-32
         axis = 0 if variant == "channels" else None
         products, squares = (colours * true).sum(axis=axis), (colours**2).sum(axis=axis)

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench.arrays import Array, coloured_pixels
+from sucre_bench.arrays import CHANNELS, Array, coloured_pixels
 from sucre_bench.imaging.chart_patches import chart_mask
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
-
-_CHANNELS = {"red": 0, "green": 1, "blue": 2}
 
 # Half the width of the hues that count as red, degrees; the least saturation and value of HSV.
 _HUE_DEG, _SATURATION, _VALUE = 25.0, 0.5, 0.1
@@ -60,7 +58,7 @@ class Negative:
         """Yield one score, NaN where no pixel has a colour."""
         valid = coloured_pixels(restored.image)
         negative = np.zeros_like(valid)
-        for channel in range(3) if variant == "any" else [_CHANNELS[variant]]:
+        for channel in range(3) if variant == "any" else [CHANNELS.index(variant)]:
             negative |= restored.image[..., channel] < 0
         n = int(np.count_nonzero(valid))
         value = np.count_nonzero(negative & valid) / n if n else np.nan

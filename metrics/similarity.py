@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Mask, coloured_pixels, locked
-from sucre_bench.errors import InputError
 from sucre_bench.imaging.encoding import srgb_encode, to_8bit
+from sucre_bench.imaging.references import known_in_both, reference_of
 from sucre_bench.imaging.resizing import Resizing, resized
 from sucre_bench.machine.compute import compiled, usable_cores
 from sucre_bench.plugins.decorators import metric
@@ -168,7 +168,8 @@ class Psnr:
             return
         raw = variant == "raw"
         image, reference = _pair(restored.image if raw else shown, view, encode=not raw)
-        mask = _scored(image, reference, view) if variant in ("masked", "raw", "luma") else coloured_pixels(reference)
+        is_masked = variant in ("masked", "raw", "luma")
+        mask = known_in_both(image, reference, view) if is_masked else coloured_pixels(reference)
         if variant == "gray":
             image, reference = (resized(to_8bit(x), _GRAY) for x in (image, reference))
             mask = np.ones((_GRAY.side, _GRAY.side), np.bool_)
@@ -211,7 +212,7 @@ class Ssim:
             return
         window, _, unmasked = variant.partition("-")
         image, reference = _pair(shown, view, encode=True)
-        mask = coloured_pixels(reference) if unmasked else _scored(image, reference, view)
+        mask = coloured_pixels(reference) if unmasked else known_in_both(image, reference, view)
         if window == "gray":
             image, reference = (_luma(np.nan_to_num(x, nan=0.0)) for x in (image, reference))
         weights, norm = _WINDOWS["uniform7" if window == "uniform7" else "gaussian"]
@@ -246,18 +247,10 @@ def _whole_windows(mask: Mask, radius: int) -> Mask:
 
 def _pair(image: Array, view: View, encode: bool) -> tuple[Array, Array]:
     """The image and the view's reference, which is gamma-encoded if asked for; InputError when their sizes differ."""
-    reference = view.reference
-    assert reference is not None
-    if reference.shape != image.shape:
-        (h, w), (rh, rw) = image.shape[:2], reference.shape[:2]
-        raise InputError(f"{view.name}: the reference is {rw}x{rh}, the image {w}x{h}; give both in one size")
+    reference = reference_of(view, image)
     if encode and view.encoding == "linear":
         reference = srgb_encode(reference).astype(np.float32)
     return image, reference
-
-
-def _scored(image: Array, reference: Array, view: View) -> Mask:
-    return coloured_pixels(image) & coloured_pixels(reference) & view.valid
 
 
 def _luma(image: Array) -> Array:

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import CHANNELS, Array
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 from sucre_bench.scene import Water as TrueWater
 
-_CHANNELS = ("red", "green", "blue")
 _VARIANTS = {
     "veiling_light-red": "B, in the intensities that the method explains",
     "veiling_light-green": "B, in the intensities that the method explains",
@@ -47,7 +46,7 @@ class WaterParameters:
         if restored.water is None:
             return
         name, _, channel = variant.partition("-")
-        value = float(getattr(restored.water, name)[_CHANNELS.index(channel)])
+        value = float(getattr(restored.water, name)[CHANNELS.index(channel)])
         yield Score(value, n_pixels=int(restored.valid.sum()), coverage=float(restored.valid.mean()))
 
 
@@ -89,5 +88,5 @@ class Water:
         n, coverage = int(restored.valid.sum()), float(restored.valid.mean())
         known = error[true > 0]
         yield Score(float(known.mean()) if known.size else np.nan, "image", n, coverage)
-        for channel, value in zip(_CHANNELS, error, strict=True):
+        for channel, value in zip(CHANNELS, error, strict=True):
             yield Score(float(value), f"image/{channel}", n, coverage)

@@ -16,6 +16,8 @@ Indices = npt.NDArray[np.integer[Any]]
 Mask = npt.NDArray[np.bool_]
 Picture = npt.NDArray[np.uint8]
 
+CHANNELS = ("red", "green", "blue")  # of the last axis of images
+
 # pandas takes half a second to import. Functions that need it import it; annotations name its types from here.
 if TYPE_CHECKING:
     from pandas import DataFrame as DataFrame

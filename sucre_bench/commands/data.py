@@ -15,12 +15,12 @@ from sucre_bench.machine.text_formats import counted
 
 if TYPE_CHECKING:
     from sucre_bench.programs.describe.description import Described
-    from sucre_bench.programs.describe.exposure import Exposure, NoExposure
     from sucre_bench.programs.describe.facts import Overlap, ViewFacts
 
 
 _ROWS = 30  # of the table of views
-_HEADS = ("view", "depth", "{unit} (1, 50, 99 %)", "overlap", "views", "disagrees", "mean R G B", "charts")
+_WIDEST = 10_000  # characters
+_HEADS = ("depth", "{unit} (1, 50, 99 %)", "overlap", "views", "disagrees", "mean R G B", "charts")
 
 
 @click.command(context_settings=shared.OF_WORDS)
@@ -124,8 +124,10 @@ def _show(one: Described) -> None:
         for text in texts:
             terminal.out.print(Text(f"{name:8} {text}"), soft_wrap=True)
     between = {overlap.view: overlap for overlap in one.overlaps}
-    rows = [_row(view, between.get(view.name)) for view in one.facts[:_ROWS]]
-    _print_table([head.format(unit=one.unit) for head in _HEADS], rows)
+    table = terminal.table(["view"], [head.format(unit=one.unit) for head in _HEADS])
+    for view in one.facts[:_ROWS]:
+        table.add_row(Text(view.name), *_cells(view, between.get(view.name)))
+    terminal.out.print(table, width=None if terminal.out.is_terminal else _WIDEST)  # in a pipe lines may be long
     if len(one.facts) > _ROWS:
         click.echo(f"... and {len(one.facts) - _ROWS} more views; --json has them all")
     for low, high, share in zip(one.edges, one.edges[1:], one.shares, strict=False):
@@ -152,7 +154,7 @@ def _facts(one: Described) -> dict[str, str]:
         "cameras": f"{len(focals)}, focal {', '.join(f'{fx:.0f}' for fx, _ in focals[:3])} px" if focals else "none",
         "travel": _travel(one.facts, one.unit),
         "water": ", ".join(f"{name} {' '.join(f'{v:.3g}' for v in values)}" for name, values in water) or "not known",
-        "exposure": _exposure(one.exposure),
+        "exposure": one.exposure.sentence,
     }
     if one.scale is not None:
         remedy = "run `sucre-bench prepare` again with a known length for metres"
@@ -161,28 +163,7 @@ def _facts(one: Described) -> dict[str, str]:
     return facts
 
 
-def _print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table that fits a terminal; in a pipe, lines as long as need be."""
-    from rich import box
-    from rich.table import Table
-
-    from sucre_bench.machine import terminal
-
-    if terminal.out.is_terminal:
-        table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-        for head in heads:
-            table.add_column(head, justify="left" if head == "view" else "right", overflow="fold")
-        for row in rows:
-            table.add_row(*row)
-        terminal.out.print(table)
-        return
-    widths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
-    for row in (heads, *rows):
-        cells = [row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True))]
-        click.echo("  ".join(cells))
-
-
-def _row(view: ViewFacts, overlap: Overlap | None) -> list[str]:
+def _cells(view: ViewFacts, overlap: Overlap | None) -> list[str]:
     near = "-" if view.distances is None else " ".join(f"{d:.2f}" for d in view.distances)
     lap = ["-"] * 3
     if overlap is not None:
@@ -190,7 +171,7 @@ def _row(view: ViewFacts, overlap: Overlap | None) -> list[str]:
         lap = [f"{overlap.seen:.0%}", str(overlap.partners), off]
     colours = " ".join(f"{m:.2f}" for m in view.mean) if view.mean else "unreadable"
     depth = f"{view.coverage:.0%}" if view.has_depth else "-"
-    return [view.name, depth, near, *lap, colours, str(len(view.charts)) if view.charts else "-"]
+    return [depth, near, *lap, colours, str(len(view.charts)) if view.charts else "-"]
 
 
 def _travel(facts: Sequence[ViewFacts], unit: str) -> str:
@@ -200,23 +181,6 @@ def _travel(facts: Sequence[ViewFacts], unit: str) -> str:
     if len(places) < 2:
         return "not known, no poses" if not len(places) else "one pose"
     return f"{np.linalg.norm(np.ptp(places, axis=0)):.2f} {unit} between the outermost of {len(places)} cameras"
-
-
-def _exposure(exposure: Exposure | NoExposure) -> str:
-    from sucre_bench.programs.describe.exposure import NoExposure
-
-    if isinstance(exposure, NoExposure):
-        return f"not known: {exposure.value}"
-    if exposure.falls_off:
-        light = (
-            f"light falls off across the images, to {exposure.least:.0%} of its peak, as from a strobe on the camera"
-        )
-        return f"gains of views not known: {light}; sucre removes it by itself"
-    low, high = min(exposure.gains), max(exposure.gains)
-    gains = f"gains of {len(exposure.views)} views {low:.2f} to {high:.2f}, ± {exposure.error:.1%}"
-    if exposure.differs:
-        return f"{gains}; they differ: sucre fits them by itself"
-    return f"{gains}; no difference beyond chance"
 
 
 @click.command(context_settings=shared.OF_WORDS)

@@ -168,6 +168,17 @@ class Patch:
     colour: bool
     measured: Triple | None = None
 
+    @property
+    def label(self) -> str:
+        """What regions of scores call it: "7-orange"."""
+        return f"{self.number}-{self.name}"
+
+
+def read_label(label: str) -> tuple[int, str]:
+    """Return number and name of a patch by its label; 0 for a label without a number."""
+    number, dash, name = label.partition("-")
+    return (int(number), name) if dash and number.isdecimal() else (0, label)
+
 
 @dataclass(frozen=True, slots=True)
 class ChartKind:

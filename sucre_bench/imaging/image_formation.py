@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sucre_bench.arrays import Array, Mask
+from sucre_bench.arrays import CHANNELS, Array, Mask
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.scene import Restoration, View, Water
 
@@ -150,7 +150,7 @@ def is_flat(z: Array) -> bool:
 
 def channels(where: Mask) -> str:
     """Return the names of the channels where (3,) is true: "red, blue"."""
-    return ", ".join(name for name, is_so in zip(("red", "green", "blue"), where, strict=True) if is_so)
+    return ", ".join(name for name, is_so in zip(CHANNELS, where, strict=True) if is_so)
 
 
 def without_water(

@@ -68,6 +68,18 @@ class Exposure:
         span = math.log(max(self.gains) / min(self.gains))
         return not self.falls_off and span > max(math.log1p(_DIFFERENT), _SURE * self.error)
 
+    @property
+    def sentence(self) -> str:
+        """What it says of the views, and what methods do about it."""
+        if self.falls_off:
+            light = (
+                f"light falls off across the images, to {self.least:.0%} of its peak, as from a strobe on the camera"
+            )
+            return f"gains of views not known: {light}; sucre removes it by itself"
+        gains = f"{min(self.gains):.2f} to {max(self.gains):.2f}, ± {self.error:.1%}"
+        differ = "they differ: sucre fits them by itself" if self.differs else "no difference beyond chance"
+        return f"gains of {len(self.views)} views {gains}; {differ}"
+
 
 class NoExposure(enum.Enum):
     """Why the exposure of views is not known."""
@@ -75,6 +87,11 @@ class NoExposure(enum.Enum):
     FEW_VIEWS = "fewer than two views have an image, depth, a camera and a pose"
     NO_OVERLAP = "no two views have enough points in common"
     UNLIKE = "views see the same points only at unlike distances, or too dark or bright"
+
+    @property
+    def sentence(self) -> str:
+        """Why it is not known."""
+        return f"not known: {self.value}"
 
 
 def estimate_exposure(looks: Sequence[Look]) -> Exposure | NoExposure:

@@ -28,8 +28,8 @@ _LONG_SIDE = 480  # pixels of a reduced view
 _FULL = 0.998  # a channel at or above this counts as saturated
 _AGREES = 0.05
 _PARTNER = 0.05  # share of a view's points that another one must see to overlap
-_MOST_TARGETS = 40  # views that are compared with all others, evenly chosen
-_MOST_POINTS = 8000  # of a view
+MOST_TARGETS = 40  # views that are compared with all others, evenly chosen
+MOST_POINTS = 8000  # of a view
 
 
 @dataclass(frozen=True)
@@ -200,8 +200,8 @@ def overlaps(looks: Sequence[Look]) -> list[Overlap]:
     """Return the overlap of up to 40 views, evenly chosen, with all others; views need pose and depth."""
     views = placed(looks)
     between = []
-    for view in track([views[k] for k in evenly(len(views), _MOST_TARGETS)], "overlaps"):
-        *_, points = some_points(view, _MOST_POINTS)
+    for view in track([views[k] for k in evenly(len(views), MOST_TARGETS)], "overlaps"):
+        *_, points = some_points(view, MOST_POINTS)
         seen, partners, off = np.zeros(len(points), bool), 0, []
         for other, most in zip(views, visible_pixels(lift(view), views), strict=True):
             if other is view or not most:

@@ -11,9 +11,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sucre_bench.arrays import Array, evenly
+from sucre_bench.arrays import CHANNELS, Array, evenly
 from sucre_bench.camera import pixel_rays
-from sucre_bench.programs.describe.facts import Look, Overlap, ViewFacts, placed, seen_from, some_points
+from sucre_bench.programs.describe.facts import (
+    MOST_POINTS,
+    MOST_TARGETS,
+    Look,
+    Overlap,
+    ViewFacts,
+    placed,
+    seen_from,
+    some_points,
+)
 from sucre_bench.scene import Arrays, View
 
 _PREPARE = "`sucre-bench prepare PHOTOS dive/` makes"
@@ -21,7 +30,6 @@ _BLACK, _FLAT = 0.02, 0.004  # of full scale: an image with a lower mean or stan
 _SATURATED, _COVERED = 0.05, 0.5  # shares of pixels
 _DISAGREES, _DOUBTFUL = 0.03, 0.01  # median relative disagreement of depth; photogrammetry that fits is at .0005 to .01
 _SAME = 0.5  # 8-bit levels: mean difference of reduced pictures
-_TARGETS, _POINTS = 40, 8000  # views, and points of a view, among which mistakes are sought
 _FIRM, _LOOSE = 0.01, 0.06  # relative tolerance in the search for mistakes: of one, and of scales on a coarse grid
 _SCALES = (0.001, 0.01, *(float(s) for s in np.geomspace(0.1, 10, 41)), 100.0, 1000.0)
 
@@ -120,7 +128,7 @@ def _mistake(views: Sequence[View]) -> Fault | None:
 
     Without it at least half as many points more must agree, and at least a tenth of all.
     """
-    targets = evenly(len(views), _TARGETS)
+    targets = evenly(len(views), MOST_TARGETS)
     targets = targets[:: max(1, len(targets) // 8)]
     pairs = [(k, j) for k in targets for j in range(max(0, k - 2), min(len(views), k + 3)) if j != k]
     as_is = _agreeing(views, pairs)
@@ -168,7 +176,7 @@ def _agreeing(
     views: Sequence[View], pairs: Sequence[tuple[int, int]], tolerance: float = _FIRM, scale: float = 1.0
 ) -> float:
     """The share of points that project to a place of the same depth in another view, all depth maps times a factor."""
-    points = {k: some_points(views[k], _POINTS)[2][::8] * scale for k in {k for k, _ in pairs}}  # a few are enough
+    points = {k: some_points(views[k], MOST_POINTS)[2][::8] * scale for k in {k for k, _ in pairs}}  # a few are enough
     agreeing = [np.empty(0, bool)]
     for k, j in pairs:
         _, _, z, d = seen_from(views[j], views[k], points[k])
@@ -195,7 +203,7 @@ def _contents(facts: Sequence[ViewFacts], is_prepared: bool) -> list[Fault]:
         ("one colour", "image of one colour", "leave them out", flat),
         *(
             ("empty channel", f"the {colour} channel is empty", nearer, [v for v in alive if v.spread[k] < _FLAT])
-            for k, colour in enumerate(("red", "green", "blue"))
+            for k, colour in enumerate(CHANNELS)
         ),
         ("dark", "very dark", "if they are linear, say so with dataset.encoding=linear", dark),
         ("saturated", f"up to {share:.0%} of pixels saturated", "mask them, or expose less", burnt),

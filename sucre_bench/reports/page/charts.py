@@ -6,9 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sucre_bench.arrays import DataFrame, evenly
+from sucre_bench.arrays import CHANNELS, DataFrame, evenly
 from sucre_bench.compare import Column
 from sucre_bench.compare.words import number, title
+from sucre_bench.imaging.chart_kinds import read_label
 from sucre_bench.reports.metric_roles import metrics_of, roles
 from sucre_bench.reports.page import plots
 from sucre_bench.reports.page.plots import Choice, key_of
@@ -68,7 +69,7 @@ def _read(rows: DataFrame, methods: Iterable[str], names: Mapping[tuple[str, str
         whole = patches.pop("", {})
         away = [key for key in whole if known.get(key.partition(":")[0]) == "chart-distance"]
         distance = _first(value for key in away for value in whole[key].values())
-        by_number = {patch: patches[patch] for patch in sorted(patches, key=_place)}
+        by_number = {patch: patches[patch] for patch in sorted(patches, key=lambda label: read_label(label)[0])}
         charts.append(Chart(names[scene, view], name, distance, whole, by_number))
     return charts
 
@@ -167,7 +168,7 @@ def _hue(key: str, patch: str, charts: Sequence[Chart], methods: Mapping[str, in
 def _colour(scores: Scores, what: str, method: str = "") -> str:
     """A patch's colour as a style sheet has it: as measured in a method's picture, or "-expected" of it; else ""."""
     metric = next(iter(metrics_of("patch-colour")), "")
-    by_channel = [scores.get(f"{metric}:{channel}{what}", {}) for channel in ("red", "green", "blue")]
+    by_channel = [scores.get(f"{metric}:{channel}{what}", {}) for channel in CHANNELS]
     rgb = [channel.get(method) if method else _first(channel.values()) for channel in by_channel]
     shown = [str(round(255 * value)) for value in rgb if value is not None]
     return f"rgb({' '.join(shown)})" if len(shown) == 3 else ""
@@ -186,11 +187,5 @@ def _number(scores: Scores, key: str, method: str) -> str:
     return "" if value is None else number(value)
 
 
-def _place(patch: str) -> int:
-    """The number of a patch, of "<number>-<name>"."""
-    first = patch.partition("-")[0]
-    return int(first) if first.isdecimal() else 0
-
-
 def _words(patch: str) -> str:
-    return patch.lstrip("0123456789").removeprefix("-").replace("-", " ")
+    return read_label(patch)[1].replace("-", " ")

@@ -13,6 +13,7 @@ from matplotlib.patches import Rectangle
 
 from sucre_bench.arrays import Array, DataFrame, evenly
 from sucre_bench.errors import NotApplicableError
+from sucre_bench.imaging.chart_kinds import read_label
 from sucre_bench.plugins.plugin import Role
 from sucre_bench.reports.metric_roles import adding, beside, metrics_of, roles, scores_of, symbol
 from sucre_bench.reports.paper import style
@@ -170,7 +171,7 @@ def _paint(panel: Axes, methods: Sequence[str], errors: DataFrame, colours: Data
     """One chart: a line a method, a column a patch. errors, colours: scores of its patches."""
     error_of = errors.set_index(["method", "region"])["value"]
     value_of = colours.set_index(["method", "region", "variant"])["value"]
-    patches = sorted(set(errors["region"]), key=lambda region: _number(region.rpartition("/")[2]))
+    patches = sorted(set(errors["region"]), key=lambda region: read_label(region.rpartition("/")[2])[0])
     patches = [patches[k] for k in evenly(len(patches), _SWATCHES)]
     for y, method in enumerate(methods):
         for x, patch in enumerate(patches):
@@ -184,7 +185,7 @@ def _paint(panel: Axes, methods: Sequence[str], errors: DataFrame, colours: Data
             ink = "black" if np.dot(rgb, (0.299, 0.587, 0.114)) > 0.5 else "white"
             panel.text(x, y - 0.13, f"{error_of[method, patch]:.0f}", color=ink, ha="center", va="center")
     panel.set(xlim=(-0.5, len(patches) - 0.5), ylim=(len(methods) - 0.5, -0.5))
-    panel.set_xticks(range(len(patches)), [_words(patch.rpartition("/")[2]) for patch in patches], rotation=90)
+    panel.set_xticks(range(len(patches)), [read_label(patch.rpartition("/")[2])[1] for patch in patches], rotation=90)
     panel.set_yticks([])
     panel.tick_params(length=0)
     panel.spines[:].set_visible(False)
@@ -209,7 +210,7 @@ def hue(results: StudyResults) -> Iterator[Drawn]:
             of_kind = _with_places(of_dataset[kinds == kind])
             first = file_name(of_kind["chart"].iloc[0]) if kinds.nunique() > 1 else ""
             for form in forms:
-                for page, patches in style.pages(sorted(kind, key=_number), _HUES):
+                for page, patches in style.pages(sorted(kind, key=read_label), _HUES):
                     words = (name, first, form if len(forms) > 1 else "", page)
                     yield words, _hues(of_kind, form, patches)
 
@@ -231,7 +232,7 @@ def _hues(hues: DataFrame, form: str, patches: Sequence[str]) -> Figure:
         panel.set_ylim(expected - 180, expected + 180)
         ticks = np.arange(np.ceil((expected - 180) / 90), (expected + 180) / 90 + 1e-9) * 90
         panel.set_yticks(ticks, [f"{tick % 360:.0f}" for tick in ticks])
-        panel.set_title(_words(patch))
+        panel.set_title(read_label(patch)[1])
     figure.supylabel(f"hue ({form}, °)")
     style.caption(figure, "distance of the chart (m)", panels[0])
     return figure
@@ -240,13 +241,3 @@ def _hues(hues: DataFrame, form: str, patches: Sequence[str]) -> Figure:
 def _mean_turn(angles: Array) -> float:
     """The circular mean of angles: degrees in [-180, 180]."""
     return float(np.degrees(np.angle(np.exp(1j * np.radians(angles)).mean())))
-
-
-def _number(patch: str) -> int:
-    """The number of a patch, of "<number>-<name>"."""
-    return int(patch.partition("-")[0])
-
-
-def _words(patch: str) -> str:
-    """The name of a patch, of "<number>-<name>"."""
-    return patch.partition("-")[2]

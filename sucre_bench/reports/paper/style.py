@@ -41,37 +41,6 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "p")
 # With this one, the methods of conf/experiment/table1.yaml fall on colours of their own, whichever of them are shown.
 _SALT = (102074354).to_bytes(4, "little")
 
-_STYLE: Any = {
-    "font.size": 7,
-    "axes.labelsize": 7,
-    "axes.titlesize": 7,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "legend.fontsize": 7,
-    "figure.labelsize": 7,
-    "figure.titlesize": 8,
-    "font.family": "DejaVu Sans",  # comes with matplotlib: the same everywhere
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "grid.color": "#DDDDDD",
-    "grid.linewidth": 0.5,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.major.size": 2.5,
-    "ytick.major.size": 2.5,
-    "lines.linewidth": 1.2,
-    "lines.markersize": 4,
-    "legend.frameon": False,
-    "image.interpolation": "antialiased",
-    "figure.facecolor": "white",
-    "savefig.dpi": 300,
-    "pdf.fonttype": 42,  # text stays text
-    "svg.fonttype": "none",
-    "svg.hashsalt": "sucre_bench",  # the same file from the same numbers
-}
-
 
 class Look(NamedTuple):
     """How a method is drawn. colour: as #RRGGBB; marker: one of matplotlib's."""
@@ -84,7 +53,7 @@ def look() -> AbstractContextManager[None]:
     """Switch the style on, for what is drawn inside."""
     import matplotlib
 
-    return matplotlib.rc_context(_STYLE)
+    return matplotlib.rc_context(fname=Path(__file__).with_name("paper.mplstyle"))
 
 
 def own_look(method: str) -> Look:
