@@ -12,7 +12,6 @@ import pytest
 
 import sucre_bench
 from sucre_bench import results
-from sucre_bench.compare.load_folders import Difference, NotComparableError, Refusal
 from sucre_bench.errors import (
     DamagedFileError,
     DiedError,
@@ -35,7 +34,6 @@ pytestmark = pytest.mark.short
 EXAMPLES: dict[type[SucreBenchError], SucreBenchError] = {
     UnknownPluginError: UnknownPluginError("no method is called 'sucr'", "method"),
     DiedError: DiedError("exit code 7", "method 'a' on view 'b.png'"),
-    NotComparableError: NotComparableError((Refusal("sea", Difference.IMAGES, "a on 2, b on 3"),)),
 }
 
 

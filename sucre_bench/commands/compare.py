@@ -12,6 +12,7 @@ import click
 
 from sucre_bench.commands import completion, shared
 from sucre_bench.errors import InputError
+from sucre_bench.machine import progress, terminal
 from sucre_bench.machine.terminal import say
 
 if TYPE_CHECKING:
@@ -90,7 +91,6 @@ def compare(
     """
     from sucre_bench import compare, plugins
     from sucre_bench.compare.words import left_out
-    from sucre_bench.machine import progress
 
     for file in plugin_files:
         plugins.load_file(file)
@@ -124,7 +124,6 @@ def _common(folders: Sequence[Path], rows: pd.DataFrame) -> pd.DataFrame:
 
     from sucre_bench.engine.common_pixels import score_folders
     from sucre_bench.jobs.job import load_them, unloaded_plugin_files
-    from sucre_bench.machine import progress
 
     for folder in folders:
         if files := unloaded_plugin_files(folder):
@@ -147,7 +146,6 @@ def _print(compared: Sequence[Comparison], folders: Sequence[Path], how: Any, wa
         return
     from sucre_bench.compare.answer import decisive
     from sucre_bench.compare.terminal_table import as_blocks, as_table
-    from sucre_bench.machine import terminal
 
     width = terminal.out.width
     if not (intervals or all_metrics or spread):

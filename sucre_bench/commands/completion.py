@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import click
 from click.shell_completion import CompletionItem, ShellComplete, add_completion_class
 
+from sucre_bench.errors import SucreBenchError
 from sucre_bench.machine.files import expanded
 
 if TYPE_CHECKING:
@@ -282,7 +283,6 @@ def _names(group: str) -> Iterator[tuple[str, str]]:
 
 def _chosen(kind: Literal["dataset", "method"], given: Mapping[str, str]) -> dict[str, str]:
     """What words or a line-up choose, else what runs by default: names, and labels of a line-up, each with its name."""
-    from sucre_bench.errors import SucreBenchError
     from sucre_bench.jobs.catalogue import default_choice
     from sucre_bench.jobs.lineup import line_up_in
 

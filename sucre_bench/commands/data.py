@@ -8,8 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from rich.text import Text
 
 from sucre_bench.commands import completion, shared
+from sucre_bench.errors import InputError
+from sucre_bench.machine import progress, terminal
+from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.outputs import check_output
 from sucre_bench.machine.text_formats import counted
 
@@ -66,10 +70,7 @@ def describe(
     Exit codes: 0, at least one view was read; 2, no view could be read, or the command has a mistake.
     """
     from sucre_bench.engine.select_views import select
-    from sucre_bench.errors import InputError
     from sucre_bench.loading.view_files import source_files
-    from sucre_bench.machine import progress
-    from sucre_bench.machine.files import write_atomically
     from sucre_bench.programs.describe import description
 
     if sheet is not None:
@@ -114,15 +115,12 @@ def _sheets(given: Path | None, scenes: Sequence[str]) -> list[Path]:
 
 def _show(one: Described) -> None:
     """Print a description: facts, a table of views, the distances, and faults."""
-    from rich.text import Text
-
-    from sucre_bench.machine import terminal
 
     for name, text in _facts(one).items():
-        terminal.out.print(Text(f"{name:8} {text}"), soft_wrap=True)
+        terminal.show(f"{name:8} {text}")
     for name, texts in (("set", [found.sentence() for found in one.sets]), ("overlap", one.shared)):
         for text in texts:
-            terminal.out.print(Text(f"{name:8} {text}"), soft_wrap=True)
+            terminal.show(f"{name:8} {text}")
     between = {overlap.view: overlap for overlap in one.overlaps}
     table = terminal.table(["view"], [head.format(unit=one.unit) for head in _HEADS])
     for view in one.facts[:_ROWS]:
@@ -133,9 +131,9 @@ def _show(one: Described) -> None:
     for low, high, share in zip(one.edges, one.edges[1:], one.shares, strict=False):
         click.echo(f"{low:7.2f} to {high:6.2f} {one.unit}  {share:4.0%} {'#' * round(60 * share / max(one.shares))}")
     if one.spread:
-        terminal.out.print(Text(f"measure  {one.spread.sentence(one.unit)}"), soft_wrap=True)
+        terminal.show(f"measure  {one.spread.sentence(one.unit)}")
     for fault in one.faults:
-        terminal.out.print(Text(f"wrong    {fault}", style="yellow"), soft_wrap=True)
+        terminal.show(f"wrong    {fault}", style="yellow")
     things = {0: "nothing", 1: "1 thing"}.get(len(one.faults), f"{len(one.faults)} things")
     click.echo(f"found    {things} wrong")
 
@@ -205,7 +203,6 @@ def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, po
     """
     import webbrowser
 
-    from sucre_bench.machine import progress
     from sucre_bench.programs.charts.session import open_session
 
     with progress.live():

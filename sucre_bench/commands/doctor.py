@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from sucre_bench.commands import shared
+from sucre_bench.machine import terminal
 
 if TYPE_CHECKING:
     from sucre_bench.programs.doctor import Examined
@@ -43,22 +44,16 @@ def doctor(out: Path | None, as_json: bool) -> None:
 
 def _show(found: Examined) -> None:
     """Print a line a fact and a feature; below a feature that is not ready, its remedy."""
-    from rich.text import Text
 
-    from sucre_bench.machine import terminal
-
-    def line(*parts: str | tuple[str, str]) -> None:
-        terminal.out.print(Text.assemble(*parts), soft_wrap=True)
-
-    line(f"sucre_bench {found.version} on Python {found.python}")
+    terminal.show(f"sucre_bench {found.version} on Python {found.python}")
     for name, said in {"source": found.commit, **found.machine}.items():
         if said:
-            line(f"{name:9}{said}")
+            terminal.show(f"{name:9}{said}")
     width = max(len(feature.name) for feature in found.features)
     for feature in found.features:
         dim = "dim" if feature.state == "absent" else ""
         state = (f"{feature.state:9}", _COLOURS[feature.state])
-        line(state, (f"{feature.name:{width}}  ", dim), (feature.said, dim))
+        terminal.show(state, (f"{feature.name:{width}}  ", dim), (feature.said, dim))
         if feature.remedy:
-            line(f"{'':9}", (f"$ {feature.remedy}", "bold"))
-    line("everything that sucre_bench needs is there" if not found.faults else f"{found.faults} to mend")
+            terminal.show(f"{'':9}", (f"$ {feature.remedy}", "bold"))
+    terminal.show("everything that sucre_bench needs is there" if not found.faults else f"{found.faults} to mend")

@@ -6,24 +6,24 @@ import shutil
 import sys
 import textwrap
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import MISSING
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from rich.text import Text
 
 from sucre_bench import plugins
 from sucre_bench.commands import shared
 from sucre_bench.commands.completion import complete_words
 from sucre_bench.degrade import Degradation
 from sucre_bench.jobs.catalogue import GROUPS, entry, option_entry, preset_entries
+from sucre_bench.machine import terminal
 from sucre_bench.plugins.options import Option, options_of
 from sucre_bench.plugins.plugin import Broken, Plugin
 
 if TYPE_CHECKING:
-    from rich.text import Text
-
     from sucre_bench.programs.contract.contract import Outcome, Status
 
 
@@ -45,13 +45,10 @@ def list_(what: str, names: tuple[str, ...], as_json: bool) -> None:
 
     With NAME, list prints only this one.
     """
-    from rich.text import Text
-
-    from sucre_bench.machine import terminal
 
     items = _named(what, names)
     if not as_json:
-        terminal.out.print(Text.from_ansi(_as_text(what, items)), soft_wrap=True)
+        terminal.show(Text.from_ansi(_as_text(what, items)))
     elif what == "degradations":
         shared.print_json({item.name: option_entry(item) for item in items if isinstance(item, Option)})
     else:
@@ -190,30 +187,25 @@ def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bo
 
     Exit codes: 0, the plugin keeps every rule; 1, it breaks a rule; 2, the command has a mistake.
     """
-    from rich.text import Text
 
-    from sucre_bench.machine import terminal
     from sucre_bench.programs.contract import contract
     from sucre_bench.programs.contract.write_plugin import shown_path
 
     shared.refuse_options(overrides, "check")
     checked: list[dict[str, Any]] = []
+    show: Callable[..., None] = (lambda *_: None) if as_json else terminal.show
     for subject in contract.subjects(plugin, overrides, kind, on):
         about = {"kind": subject.plugin.kind, "name": subject.plugin.name, "file": str(subject.file)}
+        show((f"{about['kind']} {about['name']}", "bold"), f"  {shown_path(subject.file)}")
         outcomes: list[Outcome] = []
-        if not as_json:
-            title = Text.assemble((f"{about['kind']} {about['name']}", "bold"), f"  {shown_path(subject.file)}")
-            terminal.out.print(title, soft_wrap=True)
         for outcome in contract.check(subject, lasting=not quick):
             outcomes.append(outcome)
-            if not as_json:
-                terminal.out.print(_lines(outcome), soft_wrap=True)
-        if not as_json:
-            counts = Counter(outcome.status for outcome in outcomes)
-            known = [(status, sign) for status, sign in _SIGNS.items() if counts[status]]
-            parts = [Text(f"{counts[status]} {name}", style) for status, (_, style, name) in known]
-            seconds = f" in {sum(o.seconds for o in outcomes):.1f} s"
-            terminal.out.print(Text.assemble("  ", Text(", ").join(parts), seconds), soft_wrap=True)
+            show(_lines(outcome))
+        counts = Counter(outcome.status for outcome in outcomes)
+        parts = [
+            Text(f"{counts[status]} {name}", style) for status, (_, style, name) in _SIGNS.items() if counts[status]
+        ]
+        show("  ", Text(", ").join(parts), f" in {sum(outcome.seconds for outcome in outcomes):.1f} s")
         is_kept = all(outcome.status != "broken" for outcome in outcomes)
         checked.append({**about, "ok": is_kept, "rules": [_as_object(outcome) for outcome in outcomes]})
     if as_json:
@@ -232,7 +224,6 @@ _SIGNS: dict[Status, tuple[str, str, str]] = {
 
 def _lines(outcome: Outcome) -> Text:
     """Return a rule's line, and a line for each of its findings."""
-    from rich.text import Text
 
     sign, style, _ = _SIGNS[outcome.status]
     notes = [text for level, text in outcome.findings if level == "note" and outcome.status != "broken"]

@@ -11,8 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from rich.text import Text
 
 from sucre_bench.commands import shared
+from sucre_bench.errors import InputError
+from sucre_bench.machine import progress, terminal
+from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.outputs import check_links, check_output, is_ours
 from sucre_bench.machine.text_formats import counted, json_text
 
@@ -81,9 +85,8 @@ def texture(
     """
     from sucre_bench.engine.reopen_results import INPUT, revisit
     from sucre_bench.loading.view_files import source_files
-    from sucre_bench.machine import progress
     from sucre_bench.machine.packages import load
-    from sucre_bench.programs.texture import choose_cells, fuse, mean_up, write_model
+    from sucre_bench.programs.texture import choose_cells, fuse, mean_up, write_model, write_picture
 
     load("texture", "open3d")
     check_output(out, "surface", force=force)
@@ -101,17 +104,9 @@ def texture(
         model = fuse(found.frames, method, cells, triangles)
         write_model(out, model, mean_up([frame.view for frame in found.frames]))
         if picture is not None:
-            from PIL import Image
-
-            from sucre_bench.imaging.drawing import save_marked
-            from sucre_bench.programs.texture import side_by_side
-
             restored = model if triangles else fuse(found.frames, method, cells)
             models = {INPUT: fuse(found.frames, INPUT, cells, mask=method), method: restored}
-            from sucre_bench.machine.files import open_atomically
-
-            with open_atomically(picture) as file:
-                save_marked(file, Image.fromarray(side_by_side(models, found.frames)), ".png")
+            write_picture(picture, models, found.frames)
     what = f"{len(model.points)} points" + (f", {len(model.triangles)} triangles" if triangles else "")
     size = f"{out.stat().st_size / 1e6:.1f} MB, voxels of {cells.voxel:.3g} m"
     click.echo(
@@ -148,9 +143,6 @@ def video(
     command writes the numbers beside the video, for example into dive.mp4.json.
     """
     from sucre_bench.engine.reopen_results import revisit
-    from sucre_bench.errors import InputError
-    from sucre_bench.machine import progress, terminal
-    from sucre_bench.machine.files import write_atomically
     from sucre_bench.programs.video import FORMULAE, composed, flicker, panel_size, write_video
 
     numbers = out.with_name(f"{out.name}.json")
@@ -178,9 +170,6 @@ def video(
 
 def _table(flickers: Mapping[str, Mapping[str, Flicker]]) -> Any:
     """A line a method and measure, narrow enough for any terminal."""
-    from rich.text import Text
-
-    from sucre_bench.machine import terminal
 
     table = terminal.table(["method", "flicker"], ["mean", "95 %", "pairs"])
     for method, by_statistic in flickers.items():
@@ -206,7 +195,6 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
     The command logs only rows that mlflow does not have yet.
     """
     from sucre_bench import compare, results
-    from sucre_bench.machine import progress
     from sucre_bench.machine.packages import require
     from sucre_bench.machine.text_formats import masked
     from sucre_bench.reports import mlflow

@@ -7,6 +7,8 @@ from typing import Any, get_args
 import click
 
 from sucre_bench.commands import shared
+from sucre_bench.machine import progress
+from sucre_bench.machine.processes import terminated_as_interrupt
 from sucre_bench.programs.prepare import CameraModel, Cameras, Matching, Options, Surface
 
 _DEFAULT = Options()
@@ -118,9 +120,7 @@ def prepare(
     give another. If you stop prepare, the same command continues.
     """
     from sucre_bench.jobs.words import quoted
-    from sucre_bench.machine import progress
     from sucre_bench.machine.packages import require
-    from sucre_bench.machine.processes import terminated_as_interrupt
     from sucre_bench.programs.prepare import pipeline
     from sucre_bench.programs.prepare.scale import known_scale
     from sucre_bench.programs.prepare.shots import load_pycolmap

@@ -10,6 +10,7 @@ import click
 
 from sucre_bench.commands import shared
 from sucre_bench.errors import InputError, OutputError
+from sucre_bench.machine import progress
 from sucre_bench.machine.text_formats import counted
 
 if TYPE_CHECKING:
@@ -108,7 +109,6 @@ def _prepared(found: Source, source: Path, out: Path, options: Options) -> tuple
     from dataclasses import replace
 
     from sucre_bench.jobs.catalogue import method_choice
-    from sucre_bench.machine import progress
     from sucre_bench.programs.prepare import pipeline
     from sucre_bench.programs.prepare.shots import load_pycolmap
     from sucre_bench.programs.restore.pipeline import source_of

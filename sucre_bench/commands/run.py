@@ -12,6 +12,7 @@ from pathlib import Path
 import click
 
 from sucre_bench.commands import completion, shared
+from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.outputs import check_output
 from sucre_bench.machine.terminal import say
 
@@ -139,7 +140,6 @@ def lineup(folder: Path, out: Path | None, force: bool) -> None:
     from sucre_bench.jobs.job import load_them
     from sucre_bench.jobs.lineup_of_results import line_up_of
     from sucre_bench.jobs.words import shell
-    from sucre_bench.machine.files import write_atomically
 
     file = folder / "lineup.yaml" if out is None else out
     is_printed = str(file) == "-"

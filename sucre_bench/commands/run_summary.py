@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.text import Text
 
 from sucre_bench import compare, results
 from sucre_bench.compare.terminal_table import as_blocks
@@ -71,17 +70,19 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
         words = ("sucre-bench", "compare", str(outcome.out), *against, *_EVERYTHING)
         click.echo(f"more: {shlex.join(words)}")
     for hint in outcome.hints:
-        _say(f"hint     {hint.where}, in {hint.n_views} of {counted(hint.n_read, 'view')}: {hint.text}", "yellow")
+        terminal.show(
+            f"hint     {hint.where}, in {hint.n_views} of {counted(hint.n_read, 'view')}: {hint.text}", style="yellow"
+        )
     study, notes, page = _written(outcome, comparisons)
     for colour, kind, faults in (
         ("red", "failed", (*outcome.failed, *outcome.scores_failed)),
         ("yellow", "skipped", outcome.skipped),
     ):
         for line in _grouped(faults):
-            _say(f"{kind}  {line}", colour)
+            terminal.show(f"{kind}  {line}", style=colour)
     if (outcome.rows["status"] == "skipped").any():
         for missing in unscored(outcome.rows, outcome.nothing_scored):
-            _say(f"not scored  {missing}", "yellow" if outcome.nothing_scored else "dim")
+            terminal.show(f"not scored  {missing}", style="yellow" if outcome.nothing_scored else "dim")
     if outcome.interrupted:
         click.echo("stopped; the same command continues from here")
     made = f" ({outcome.cached} cached)" if outcome.cached else ""
@@ -91,7 +92,7 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
         click.echo(f"log      {log_path(outcome.out)}")
     click.echo(f"results  {outcome.out}")
     for note in notes:
-        _say(note, "yellow")
+        terminal.show(note, style="yellow")
     for folder, paths in itertools.groupby(study, lambda path: path.parent):
         first, *others = paths
         click.echo(f"{folder.name:9}{f'{folder}{os.sep} ({1 + len(others)} files)' if others else first}")
@@ -118,10 +119,6 @@ def _written(outcome: Outcome, comparisons: Sequence[Comparison]) -> tuple[Seque
 
         page = write(outcome.out, outcome.rows, comparisons)
     return paths, notes, page
-
-
-def _say(text: str, style: str) -> None:
-    terminal.out.print(Text(text, style=style), soft_wrap=True)
 
 
 def _grouped(faults: Sequence[Fault]) -> Iterator[str]:

@@ -9,15 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from rich.table import Table
 
 from sucre_bench.commands import completion, shared
-from sucre_bench.machine import terminal
+from sucre_bench.machine import progress, terminal
+from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.outputs import check_output
 from sucre_bench.machine.terminal import say
 
 if TYPE_CHECKING:
     import pandas as pd
-    from rich.table import Table
 
     from sucre_bench.programs.match_published import PublishedTable
 
@@ -69,8 +70,6 @@ def score(
 
     The command scores every pixel, black ones too. `sucre-bench run` leaves out pixels that have no colour.
     """
-    from sucre_bench.machine import progress
-    from sucre_bench.machine.files import write_atomically
     from sucre_bench.programs import match_published, score_folder
     from sucre_bench.results.reasons import Reason, brief
     from sucre_bench.results.rows import RESTORATION, csv_text
@@ -169,4 +168,4 @@ def _print_matches(published: PublishedTable, rows: pd.DataFrame, form: str) -> 
             off = f"differs by {found[0].mean:.2g} on average and by up to {found[0].largest:.2g}"
             verdict = f"is none of the public variants; the nearest, {found[0].variant}, {off}"
         text = f"{column.metric}: column '{column.header}'{'' if found else ':'} {verdict}"
-        terminal.out.print(text, soft_wrap=True, highlight=False)
+        terminal.show(text)

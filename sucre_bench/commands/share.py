@@ -15,6 +15,7 @@ import click
 
 from sucre_bench.commands import shared
 from sucre_bench.errors import InputError, SucreBenchError, unknown_name
+from sucre_bench.machine import progress
 from sucre_bench.machine.files import check_folder, open_atomically, regular
 from sucre_bench.machine.outputs import check_links, check_output
 from sucre_bench.machine.terminal import say
@@ -54,7 +55,6 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool, force: 
     The command prints an id that stands for every hash in the file. Print the id in your paper. The same results always
     give the same bytes and the same id.
     """
-    from sucre_bench.machine import progress
     from sucre_bench.programs.bundle import bundle_results
 
     check_output(file, "bundle", force=force)
@@ -138,7 +138,6 @@ def verify(file: Path, data: Sequence[str], wanted: str, tolerance: float, as_js
 
     Exit codes: 0, nothing differs; 1, something differs; 2, the file is no bundle.
     """
-    from sucre_bench.machine import progress
     from sucre_bench.programs.verify import verify_bundle
     from sucre_bench.results.bundle_format import open_bundle
 
@@ -239,7 +238,6 @@ def site(bundles: Path, out: Path, heading: str, data: Sequence[str], force: boo
 
     Exit codes: 0, all bundles are in tables; 1, a bundle differs; 2, the folder has no bundle.
     """
-    from sucre_bench.machine import progress
     from sucre_bench.programs.site.board import State, board
     from sucre_bench.programs.site.page import write_page
 

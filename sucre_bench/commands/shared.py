@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import click
 
+from sucre_bench.machine import terminal
 from sucre_bench.machine.text_formats import json_text
 
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -128,7 +129,6 @@ def labels_of(text: str) -> list[str]:
 
 def echo_wrapped(text: str, indent: int = 2) -> None:
     """Print a line on stdout, broken between words where the terminal ends. indent: of the lines that follow."""
-    from sucre_bench.machine import terminal
 
     width, rest = terminal.out.width, " " * indent
     click.echo(textwrap.fill(text, width, subsequent_indent=rest, break_long_words=False, break_on_hyphens=False))

@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from rich.table import Table
 
 from sucre_bench.commands import shared
+from sucre_bench.machine import progress, terminal
 from sucre_bench.machine.outputs import check_links, check_output
 from sucre_bench.machine.terminal import say
 from sucre_bench.machine.text_formats import counted
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from sucre_bench.programs.people.evaluate import Evaluated
 
 _LARGE = 20_000_000  # bytes; many mail servers refuse more
@@ -75,7 +75,6 @@ def study(
     elif out is None:
         raise click.UsageError("give --methods A,B --out FILE.html to write a page, or --votes FILE... to evaluate")
     else:
-        from sucre_bench.machine import progress
         from sucre_bench.programs.people import design
 
         check_output(out, "page", force=force)
@@ -97,7 +96,6 @@ def study(
 
 
 def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
-    from sucre_bench.machine import terminal
     from sucre_bench.programs.people import evaluate
 
     if not files:
@@ -135,7 +133,6 @@ _TAU = [
 def _preferences(found: Evaluated) -> Table:
     """A line a method, the preferred one first."""
     from sucre_bench.compare.words import signed
-    from sucre_bench.machine import terminal
 
     people, wins = found.people, found.numbered.votes.wins
     shares = wins.sum(axis=1) / (wins + wins.T).sum(axis=1)
@@ -175,7 +172,6 @@ def _sentences(found: Evaluated) -> list[str]:
 def _metrics(found: Evaluated) -> Table:
     """A line a metric's variant, the one that agrees best first."""
     from sucre_bench.compare.words import number
-    from sucre_bench.machine import terminal
 
     table = terminal.table(["metric"], ["tau", "95 % interval", "predicted", "votes"])
     ranked = sorted(found.metrics.items(), key=lambda item: -item[1].predicted if item[1].n else 1.0)

@@ -103,21 +103,16 @@ def _lead_of_best(comparison: Comparison, column: Column) -> Iterator[Verdict]:
     best, second = sorted(cells, key=lambda name: cells[name].place)[:2]
     behind = cells[second]
     gap, low, high = behind.behind
-    if behind.place > 1 and math.isfinite(gap):
-        found = Verdict(column, best, second, gap, (low, high), cells[best].wins, abs(behind.effect), behind.tie)
-        yield replace(found, undone_by=_undone_by(comparison, found)) if found.is_lead else found
-
-
-def _undone_by(comparison: Comparison, lead: Verdict) -> str:
-    """The view or scene without which a lead may be chance; "" if no one decides."""
-    scores = comparison.measured[lead.column]
-    if scores.independent is None:
-        return ""
-    unit = undone_by(scores.independent, *map(scores.methods.index, (lead.leader, lead.second)))
-    if unit is None:
-        return ""
-    names = [*dict.fromkeys(scene for scene, _ in scores.places)]
-    return names[unit] if len(names) > 1 else scores.places[unit][1]
+    if behind.place == 1 or not math.isfinite(gap):
+        return
+    found = Verdict(column, best, second, gap, (low, high), cells[best].wins, abs(behind.effect), behind.tie)
+    scores = comparison.measured[column]
+    if found.is_lead and scores.independent is not None:
+        unit = undone_by(scores.independent, *map(scores.methods.index, (best, second)))
+        if unit is not None:
+            names = [*dict.fromkeys(scene for scene, _ in scores.places)]
+            found = replace(found, undone_by=names[unit] if len(names) > 1 else scores.places[unit][1])
+    yield found
 
 
 def _differences_from_baseline(comparison: Comparison, column: Column) -> Iterator[Verdict]:

@@ -33,7 +33,7 @@ def compare(
     method to compare the others with, instead of with the best.
     Raises InputError for a metric or a baseline that the rows do not have.
     """
-    asked, photographs, tracks = asked_for(rows, metrics), _photographs(rows), _tracks(rows)
+    asked, (photographs, tracks) = asked_for(rows, metrics), _photographs_and_tracks(rows)
     rows = rows[[name for name in rows.columns if name not in _UNUSED]]
     rows = rows.sort_values("time", kind="stable")  # datasets, methods and metrics as they were run
     order = list(dict.fromkeys([*order, *rows["method"].unique()]))
@@ -56,8 +56,8 @@ def compare(
         if of_table["_asked"].any():
             methods = sorted(of_table["method"].unique(), key=order.index)
             of_dataset = {name for dataset, name in photographs if dataset == key[0]}
-            is_track = key[0] in tracks
-            tables.append(_table(" · ".join(map(str, key)), of_table, methods, baseline, of_dataset, is_track))
+            title = " · ".join(map(str, key))
+            tables.append(_table(title, of_table, methods, baseline, of_dataset, key[0] in tracks))
     scored = [table for table in tables if table.columns]
     return scored if by != "method" and scored else tables  # of a region that some views lack
 
@@ -134,33 +134,25 @@ def _with_reasons(region: DataFrame, everywhere: DataFrame) -> DataFrame:
     return pd.concat([region.assign(_asked=scored), elsewhere[has_reason].assign(_asked=False)])
 
 
-def _photographs(rows: DataFrame) -> set[tuple[str, str]]:
-    """The methods that return the photograph itself, each with its dataset."""
+def _photographs_and_tracks(rows: DataFrame) -> tuple[set[tuple[str, str]], set[str]]:
+    """The methods that return the photograph itself, each with its dataset; and the datasets whose views lie along a
+    track: all but those that have no poses, whose views have no order.
+    """
+    photographs, tracks = set(), set()
     each = rows[["dataset", "method", "options"]].drop_duplicates(["dataset", "method"], keep="last")
-    plugin_of = {
-        (dataset, method): plugins.installed("method", json.loads(options).get("name", ""))
-        for dataset, method, options in values_of(each, *each.columns)
-    }
-    return {of for of, plugin in plugin_of.items() if plugin and plugin.is_photograph}
-
-
-def _tracks(rows: DataFrame) -> set[str]:
-    """The datasets whose views lie along a track: all but those that have no poses, whose views have no order."""
-    each = rows[["dataset", "options"]].drop_duplicates("dataset", keep="last")
-    plugin_of = {
-        dataset: plugins.installed("dataset", json.loads(options).get("dataset", {}).get("name", ""))
-        for dataset, options in values_of(each, *each.columns)
-    }
-    return {dataset for dataset, plugin in plugin_of.items() if plugin is None or "poses" in plugin.has}
+    for dataset, method, text in values_of(each, *each.columns):
+        options = json.loads(text)
+        plugin = plugins.installed("method", options.get("name", ""))
+        if plugin and plugin.is_photograph:
+            photographs.add((dataset, method))
+        data = plugins.installed("dataset", options.get("dataset", {}).get("name", ""))
+        if data is None or "poses" in data.has:
+            tracks.add(dataset)
+    return photographs, tracks
 
 
 def _table(
-    title: str,
-    rows: DataFrame,
-    methods: list[str],
-    baseline: str,
-    all_photographs: Collection[str],
-    is_track: bool,
+    title: str, rows: DataFrame, methods: list[str], baseline: str, all_photographs: Collection[str], is_track: bool
 ) -> Comparison:
     import pandas as pd
 

@@ -2,8 +2,6 @@
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from enum import Enum
 from itertools import combinations
 from pathlib import Path
 from typing import TypeVar
@@ -88,45 +86,18 @@ def names_of(names: Sequence[str]) -> str:
 T = TypeVar("T")
 
 
-class Difference(Enum):
-    """Why methods of one dataset cannot be compared: what they have different ones of."""
-
-    IMAGES = "images"
-    REPLICATES = "replicates"
-    VARIANTS = "variants of a metric"
-    VERSIONS = "versions of a metric"
-    OPTIONS = "options of a metric"
-    DISPLAYS = "displays of one method"
-
-
-@dataclass(frozen=True)
-class Refusal:
-    """Why the methods of a dataset cannot be compared. text: the difference in words, and what to do."""
-
-    dataset: str
-    difference: Difference
-    text: str
-
-
 class NotComparableError(InputError):
-    """Methods cannot be compared. refusals: one for each line of the text."""
-
-    def __init__(self, refusals: tuple[Refusal, ...]) -> None:
-        super().__init__("\n".join(f"{one.dataset}: {one.text}" for one in refusals))
-        self.refusals = refusals
-
-
-_Fault = tuple[Difference, str]
+    """Methods cannot be compared: a line a reason."""
 
 
 def refuse(rows: DataFrame, metrics: Sequence[str] = (), common: bool = False) -> None:
-    """Raise NotComparableError, a line a refusal, where methods cannot be compared. Arguments as for `refusals`."""
-    if found := tuple(refusals(rows, metrics, common)):
-        raise NotComparableError(found)
+    """Raise NotComparableError, a line a reason, where methods cannot be compared. Arguments as for `refusals`."""
+    if lines := [f"{dataset}: {reason}" for dataset, reason in refusals(rows, metrics, common)]:
+        raise NotComparableError("\n".join(lines))
 
 
-def refusals(rows: DataFrame, metrics: Sequence[str] = (), common: bool = False) -> Iterator[Refusal]:
-    """Yield why methods cannot be compared.
+def refusals(rows: DataFrame, metrics: Sequence[str] = (), common: bool = False) -> Iterator[tuple[str, str]]:
+    """Yield a dataset and why its methods cannot be compared: the difference, and what to do.
 
     metrics: those to be compared, as in `compare`; common: methods may have run on different images or replicates, as
     long as they share some.
@@ -136,11 +107,11 @@ def refusals(rows: DataFrame, metrics: Sequence[str] = (), common: bool = False)
     for dataset, of_dataset in rows[fresh].groupby("dataset", sort=False):
         scored = of_dataset[asked[of_dataset.index] & ~of_dataset["metric"].isin(COSTS)]
         ok = scored[scored["status"] == "ok"]
-        found = (*_images(of_dataset, common), *_variants(scored), *_versions(ok), *_normalisations(of_dataset))
-        yield from (Refusal(str(dataset), difference, text) for difference, text in found)
+        reasons = (*_images(of_dataset, common), *_variants(scored), *_versions(ok), *_normalisations(of_dataset))
+        yield from ((str(dataset), reason) for reason in reasons)
 
 
-def _images(rows: DataFrame, common: bool) -> Iterator[_Fault]:
+def _images(rows: DataFrame, common: bool) -> Iterator[str]:
     """Methods that ran on different images or replicates. Failed images count as run; a job that failed ran on all."""
     whole = set(rows.loc[rows["view"] == "", "method"])
     per_view = rows.loc[~rows["method"].isin(whole), ["method", "scene", "view"]].drop_duplicates()
@@ -160,8 +131,8 @@ def _images(rows: DataFrame, common: bool) -> Iterator[_Fault]:
         lacking, views = next((name, views) for name, views in plain.items() if views != anywhere)
         scene, view = min(anywhere - views)
         example = f"{scene}/{view}" if len({name for name, _ in anywhere}) > 1 else view
-        text = f"images: {counts} ({lacking} not on {example}); run them on the same ones{share}"
-        yield Difference.IMAGES, f"methods ran on different {text}"
+        why = f"{counts} ({lacking} not on {example}); run them on the same ones{share}"
+        yield f"methods ran on different images: {why}"
         return
     scene, _, view = min(image for of_method in images.values() for image in of_method - shared)
     replicates = {
@@ -169,11 +140,11 @@ def _images(rows: DataFrame, common: bool) -> Iterator[_Fault]:
         for name, of_method in images.items()
     }
     have = (f"{names_of(names)} {', '.join(map(str, numbers))}" for numbers, names in _alike(replicates).items())
-    text = f"replicates of {scene}/{view}: {'; '.join(have)}; run the same ones{share}"
-    yield Difference.REPLICATES, f"methods ran on different {text}"
+    why = f"{'; '.join(have)}; run the same ones{share}"
+    yield f"methods ran on different replicates of {scene}/{view}: {why}"
 
 
-def _variants(rows: DataFrame) -> Iterator[_Fault]:
+def _variants(rows: DataFrame) -> Iterator[str]:
     """Methods that were scored by one metric in different variants only."""
     for metric, of_metric in rows.groupby("metric", sort=False):
         variants = {
@@ -182,14 +153,13 @@ def _variants(rows: DataFrame) -> Iterator[_Fault]:
         for (first, names), (second, others) in combinations(_alike(variants).items(), 2):
             if not first & second:
                 yield (
-                    Difference.VARIANTS,
                     f"{metric}: {names_of(names)} scored in variant {names_of(sorted(first))}, {names_of(others)} in "
                     f"{names_of(sorted(second))}; score all in one, metrics.{metric}.variants=[{min(first)}]",
                 )
                 break
 
 
-def _versions(rows: DataFrame) -> Iterator[_Fault]:
+def _versions(rows: DataFrame) -> Iterator[str]:
     """Scores of one column from different versions or options of the metric; the newest is taken as right."""
     for (metric, variant), of_variant in rows.groupby(["metric", "variant"], sort=False):
         made_by = of_variant["code"].map({code: "".join(code.split(".")[1:2]) for code in of_variant["code"].unique()})
@@ -198,17 +168,15 @@ def _versions(rows: DataFrame) -> Iterator[_Fault]:
             continue
         older = made_by[made_by != last].iloc[0]
         names = [list(dict.fromkeys(of_variant["method"][made_by == code])) for code in (older, last)]
-        is_of_options = older.split("-")[0] == last.split("-")[0]
-        differing = "options" if is_of_options else "versions"
+        differing = "options" if older.split("-")[0] == last.split("-")[0] else "versions"
         yield (
-            Difference.OPTIONS if is_of_options else Difference.VERSIONS,
             f"{metric} ({variant}): {names_of(names[0])} scored by other {differing} of the metric than "
             f"{names_of(names[1])}; give the run command of {names_of(names[0])} again, "
             "what is out of date is done anew",
         )
 
 
-def _normalisations(rows: DataFrame) -> Iterator[_Fault]:
+def _normalisations(rows: DataFrame) -> Iterator[str]:
     """Two labels of one method with different display normalisations that the labels do not mention.
 
     If they were fitted to different encodings, as `sucre` and `sucre` with `encoding=linear`, each needs its own.
@@ -221,7 +189,6 @@ def _normalisations(rows: DataFrame) -> Iterator[_Fault]:
         are_alike = all(one.get(name) == other.get(name) for name in ("name", "encoding"))
         if are_alike and shown[0] != shown[1] and "display=" not in first + second:
             yield (
-                Difference.DISPLAYS,
                 f"{first} and {second} are both {one.get('name')}, shown in different ways, {shown[0]} and {shown[1]}; "
                 f"show them alike, or say it in a label: method.label='{second},display={shown[1]}'",
             )

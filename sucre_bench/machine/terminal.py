@@ -89,6 +89,11 @@ def table(left: Collection[str], right: Collection[str]) -> Table:
     return made
 
 
+def show(*parts: str | Text | tuple[str, str], style: str = "") -> None:
+    """Print a line on stdout, however long. parts: texts, or each with its style."""
+    out.print(Text.assemble(*parts, style=style), soft_wrap=True)
+
+
 def say(text: str, colour: str) -> None:
     """Print a notice, a fault say, as a line on stderr, in colour if stderr is a terminal that wants colours."""
     err.print(Text(masked(text), style=colour), soft_wrap=True)

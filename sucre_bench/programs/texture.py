@@ -29,9 +29,9 @@ from sucre_bench.arrays import Array, Mask, Picture, evenly
 from sucre_bench.camera import Camera, moved, unproject
 from sucre_bench.engine.reopen_results import Frame
 from sucre_bench.errors import InputError, check_number
-from sucre_bench.imaging.drawing import captioned
+from sucre_bench.imaging.drawing import captioned, save_marked
 from sucre_bench.imaging.encoding import srgb_decode
-from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.files import open_atomically, write_atomically
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import View
 
@@ -259,6 +259,14 @@ def _glb(model: Model, up: Array) -> bytes:
     total = 12 + 8 + len(text) + 8 + starts[-1]
     head = b"glTF" + np.array([2, total, len(text)], "<u4").tobytes() + b"JSON"
     return b"".join([head, text, np.uint32(starts[-1]).tobytes(), b"BIN\0", *(part.tobytes() for part in parts)])
+
+
+def write_picture(path: Path, models: Mapping[str, Model], frames: Sequence[Frame]) -> None:
+    """Write surfaces next to each other as a PNG, see `side_by_side`."""
+    from PIL import Image
+
+    with open_atomically(path) as file:
+        save_marked(file, Image.fromarray(side_by_side(models, frames)), ".png")
 
 
 def side_by_side(models: Mapping[str, Model], frames: Sequence[Frame]) -> Picture:

@@ -150,4 +150,4 @@ def _refusal(one: DataFrame, other: DataFrame, together: DataFrame) -> str:
     if len(differing):
         name = differing[0]
         return f"other data: scene {name} is {ids[1][name]}, above {ids[0][name]}"
-    return next((refusal.text for refusal in compare.refusals(together)), "")
+    return next((reason for _, reason in compare.refusals(together)), "")
