@@ -255,12 +255,12 @@ def site(bundles: Path, out: Path, heading: str, data: Sequence[str], force: boo
         check_output(out / "bundles" / path.name, "bundle", force=force)
     with progress.live():
         entries = [_entry(path, data) for path in paths]
-        made = board(entries)
+        tables = board(entries)
     known = sorted({str(name) for entry in entries if entry.rows is not None for name in entry.rows["dataset"]})
     for label in (text.rpartition("=")[0] for text in data):
         if label not in known:
             say(f"note: --data {label}=...: no bundle has this dataset; they have {', '.join(known)}", "yellow")
-    page = write_page(out, made, heading)
+    page = write_page(out, entries, tables, heading)
     colours = {State.VERIFIED: "green", State.PARTLY: "green", State.HASHES: "yellow", State.DIFFERS: "red"}
     for entry in entries:
         source, target = bundles / entry.file, out / "bundles" / entry.file
@@ -268,7 +268,7 @@ def site(bundles: Path, out: Path, heading: str, data: Sequence[str], force: boo
             with source.open("rb") as content, open_atomically(target) as copy:
                 shutil.copyfileobj(content, copy)
         say(f"{entry.check:20} {entry.file}{': ' if entry.fault else ''}{entry.fault}", colours[entry.state])
-    click.echo(f"page     {page}: {counted(len(made.tables), 'table')} of {counted(len(entries), 'bundle')}")
+    click.echo(f"page     {page}: {counted(len(tables), 'table')} of {counted(len(entries), 'bundle')}")
     sys.exit(1 if any(entry.state is State.DIFFERS for entry in entries) else 0)
 
 

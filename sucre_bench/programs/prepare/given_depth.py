@@ -6,6 +6,7 @@ values are is decided for all photos together, because one network made them.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -82,6 +83,11 @@ class _Form(NamedTuple):
             weight = 1 / np.maximum(np.abs(design @ solution - 1), 1e-4)
         return solution
 
+    def error(self, values: Array, z: Array) -> float:
+        """Return the median relative difference of fitted values from depths; infinite if they are inverted."""
+        fitted = self.fit(values, z)
+        return float(np.median(np.abs(self.depth(values, fitted) / z - 1))) if fitted[0] > 0 else np.inf
+
     def depth(self, values: Array, fitted: Array) -> Array:
         """Return the depths of values; 0 where the values or the depths are not above 0."""
         line = np.where(values > 0, fitted[0] * values + fitted[1] * self.shifted, 0)
@@ -106,7 +112,7 @@ def network_maps(
     for shot in track([shot for shot in shots if photo_of[shot.name] in found], "reading depth maps"):
         name = photo_of[shot.name]
         try:
-            read = _reader(found[name], shot, lens_of[shot.name])
+            read = partial(_read_map, found[name], shot, lens_of[shot.name])
             xy, z = shot.seen_points()
             height, width = (values := read()).shape
             at = depth_at(values, xy * (width / shot.camera.width, height / shot.camera.height))
@@ -117,7 +123,7 @@ def network_maps(
             faults[name] = str(fault)
     if not seen:
         raise InputError("no depth map can be used", folder, f"first fault: {next(iter(faults.values()))}")
-    errors = {form: [_error(form, values, z) for _, values, z in seen.values()] for form in _FORMS}
+    errors = {form: [form.error(values, z) for _, values, z in seen.values()] for form in _FORMS}
     form = min(_FORMS, key=lambda form: np.median(errors[form]) * (_SIMPLER if form.shifted else 1))
     fitted: dict[str, Array] = {}
     for (name, (_, values, z)), error in zip(seen.items(), errors[form], strict=True):
@@ -143,40 +149,28 @@ def network_maps(
     return f"given maps, {form}", depth, faults
 
 
-def _error(form: _Form, values: Array, z: Array) -> float:
-    """The median relative difference of fitted values from depths; infinite if they are inverted."""
-    fitted = form.fit(values, z)
-    return float(np.median(np.abs(form.depth(values, fitted) / z - 1))) if fitted[0] > 0 else np.inf
-
-
 def _misfit(error: float) -> str:
     return f"is {100 * error:.1f} % off the sparse points (median)" if error < np.inf else "is inverted"
 
 
-def _reader(path: Path, shot: Shot, lens: Lens | None) -> Callable[[], Array]:
-    """The function that reads a map (h, w) float32 of the undistorted photo, 0 = unknown, at its own size."""
-
-    def read() -> Array:
-        values = np.squeeze(_values(path)).astype(np.float32)
-        if values.ndim == 3 and (values == values[..., :1]).all():
-            values = values[..., 0]
-        size = shot.camera.width, shot.camera.height
-        if values.ndim != 2 or not same_shape(values.shape[::-1], size):
-            fault = f"is {'x'.join(map(str, values.shape[::-1]))}, its photo {size[0]}x{size[1]}"
-            raise InputError(fault, path, "make the map of the whole photo, with one channel")
-        values = np.where(np.isfinite(values), values, 0)
-        if lens is None:
-            return values
-        scale = np.diag([values.shape[1] / size[0], values.shape[0] / size[1], 1.0])
-        to = replace(shot.camera, K=scale @ shot.camera.K, width=values.shape[1], height=values.shape[0])
-        return lens.resampled(values, to, nearest=True)
-
-    return read
-
-
-def _values(path: Path) -> Array:
+def _read_map(path: Path, shot: Shot, lens: Lens | None) -> Array:
+    """Read a map (h, w) float32 of the undistorted photo, 0 = unknown, at its own size."""
     import cv2
 
-    if path.suffix.lower() == ".png":
-        return decode(path, cv2.IMREAD_UNCHANGED)
-    return read_numbers(path) if path.suffix.lower() in (".npy", ".npz") else read_depth(path)
+    suffix = path.suffix.lower()
+    stored = decode(path, cv2.IMREAD_UNCHANGED) if suffix == ".png" else None
+    if stored is None:
+        stored = read_numbers(path) if suffix in (".npy", ".npz") else read_depth(path)
+    values = np.squeeze(stored).astype(np.float32)
+    if values.ndim == 3 and (values == values[..., :1]).all():
+        values = values[..., 0]
+    size = shot.camera.width, shot.camera.height
+    if values.ndim != 2 or not same_shape(values.shape[::-1], size):
+        fault = f"is {'x'.join(map(str, values.shape[::-1]))}, its photo {size[0]}x{size[1]}"
+        raise InputError(fault, path, "make the map of the whole photo, with one channel")
+    values = np.where(np.isfinite(values), values, 0)
+    if lens is None:
+        return values
+    scale = np.diag([values.shape[1] / size[0], values.shape[0] / size[1], 1.0])
+    to = replace(shot.camera, K=scale @ shot.camera.K, width=values.shape[1], height=values.shape[0])
+    return lens.resampled(values, to, nearest=True)

@@ -28,7 +28,8 @@ def given_model(model: Path, photos: Sequence[Photo], folder: Path, work: Path, 
     model: a folder or file of COLMAP, Metashape or nerfstudio; folder: that of the photos; work: to write into.
     Raises InputError if it cannot be read, or if none of its images is among the photos.
     """
-    sparse = next((place for place in _places(model) if any(place.glob("cameras.[bt]*"))), None)
+    places = (model / "0", model / "sparse", model / "sparse" / "0")
+    sparse = next((place for place in (model, *places) if any(place.glob("cameras.[bt]*"))), None)
     posed = read_model(sparse, folder, distorted=True) if sparse else _posed(model, folder)
     files, by_name = ImageFolder(folder), {photo.name: photo for photo in photos}
     found: dict[str, tuple[Posed, Photo]] = {}
@@ -53,10 +54,6 @@ def given_model(model: Path, photos: Sequence[Photo], folder: Path, work: Path, 
     rules = rules._replace(cameras="image")  # each photo has the camera of the model
     mapped = map_photos([photo for _, photo in found.values()], work, rules, given)
     return replace(mapped, attempt="given", damaged=mapped.damaged | faults)
-
-
-def _places(model: Path) -> tuple[Path, ...]:
-    return model, model / "0", model / "sparse", model / "sparse" / "0"
 
 
 def _posed(model: Path, folder: Path) -> list[Posed]:

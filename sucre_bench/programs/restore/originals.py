@@ -24,12 +24,12 @@ class PreparedDive:
 
     def lens_of(self, camera: Camera | None) -> Lens | None:
         """Return the lens whose pinhole image has this camera; None if the photograph has no distortion."""
-        same = (lens for lens in self.lenses if camera is not None and _is_same(lens.pinhole, camera))
-        return next((lens for lens in same if any(lens.coefficients)), None)
-
-
-def _is_same(one: Camera, other: Camera) -> bool:
-    return (one.width, one.height) == (other.width, other.height) and np.allclose(one.K, other.K, rtol=1e-6)
+        for lens in self.lenses:
+            own = lens.pinhole
+            is_same_size = camera is not None and (own.width, own.height) == (camera.width, camera.height)
+            if camera and is_same_size and np.allclose(own.K, camera.K, rtol=1e-6) and any(lens.coefficients):
+                return lens
+        return None
 
 
 def read_prepared(dive: Path) -> PreparedDive | None:

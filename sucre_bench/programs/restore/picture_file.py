@@ -147,16 +147,10 @@ def _chunks(content: bytes) -> Iterator[bytes]:
         at += 12 + length
 
 
-def _tags(content: bytes) -> Any:
-    """The tags of the first page of a TIFF, with the directories of EXIF and GPS."""
-    tags = Image.Exif()
-    tags.load(content)
-    return tags
-
-
 def _tiff(picture: npt.NDArray[Any], photograph: bytes) -> bytes:
     """A TIFF of one page and one strip, with the tags of a photograph that are not about its pixels."""
-    tags = _tags(photograph)
+    tags: Any = Image.Exif()  # of the first page, with the directories of EXIF and GPS
+    tags.load(photograph)
     is_packed = tags.get(_COMPRESSION, _NO_COMPRESSION) != _NO_COMPRESSION
     for tag in _STORED & set(tags):
         del tags[tag]

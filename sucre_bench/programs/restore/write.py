@@ -68,7 +68,8 @@ def write_pictures(
         try:
             newest = max(since_ns, one.image.stat().st_mtime_ns)
             if not target.is_file() or target.stat().st_mtime_ns < newest:
-                write_atomically(target, _content(one, quality, original_geometry))
+                picture = (to_16bit if bits_of(one.photograph) == 16 else to_8bit)(_picture(one, original_geometry))
+                write_atomically(target, encoded(picture, one.photograph.read_bytes(), quality))
             names.append(one.name)
         except OutputError:
             raise
@@ -80,13 +81,6 @@ def write_pictures(
     if there:
         write_atomically(out / "contact-sheet.jpg", _sheet([there[k] for k in evenly(len(there), _MOST_SHOWN)], folder))
     return Written(tuple(names), faults)
-
-
-def _content(one: Restored, quality: int, original_geometry: bool) -> bytes:
-    """The file of a picture: whole, in the photograph's format, with its metadata."""
-    photograph = one.photograph.read_bytes()
-    picture = _picture(one, original_geometry)
-    return encoded((to_16bit if bits_of(one.photograph) == 16 else to_8bit)(picture), photograph, quality)
 
 
 def _picture(one: Restored, original_geometry: bool) -> Array:

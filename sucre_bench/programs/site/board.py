@@ -78,16 +78,8 @@ class Table:
     apart: str
 
 
-@dataclass(frozen=True, eq=False)
-class Board:
-    """entries: all bundles; tables: of those of which nothing differs, by dataset."""
-
-    entries: tuple[Entry, ...]
-    tables: tuple[Table, ...]
-
-
-def board(entries: Sequence[Entry]) -> Board:
-    """Make the tables of all bundles. Copies of one bundle stand in them once."""
+def board(entries: Sequence[Entry]) -> list[Table]:
+    """Return the tables of bundles of which nothing differs, by dataset. Copies of a bundle stand in them once."""
     once = {e.id: e for e in reversed(entries) if e.rows is not None and e.state is not State.DIFFERS}
     groups: dict[str, list[_Group]] = {}  # by dataset
     for entry in sorted(once.values(), key=entries.index):
@@ -95,7 +87,7 @@ def board(entries: Sequence[Entry]) -> Board:
         rows = entry.rows[entry.rows["metric"].isin([*plugins.usable("metric"), RESTORATION])]
         for dataset, of_dataset in rows.groupby("dataset", sort=False):
             _add(groups.setdefault(str(dataset), []), entry, of_dataset)
-    return Board(tuple(entries), tuple(table for name in sorted(groups) for table in _tables(name, groups[name])))
+    return [table for name in sorted(groups) for table in _tables(name, groups[name])]
 
 
 @dataclass

@@ -1,6 +1,6 @@
 """The board as a page: no script, nothing from a network, every text escaped."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,19 +8,19 @@ from sucre_bench.compare import Column
 from sucre_bench.compare.words import left_out, legend, shown, title
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.text_formats import filled_in
-from sucre_bench.programs.site.board import Board, Line, Table
+from sucre_bench.programs.site.board import Entry, Line, Table
 
 
-def write_page(folder: Path, board: Board, heading: str) -> Path:
+def write_page(folder: Path, entries: Sequence[Entry], tables: Sequence[Table], heading: str) -> Path:
     """Write ``folder/index.html`` and return its path. Raises OutputError if it cannot be written."""
     page = filled_in(
         __package__,
         "page.html.j2",
         heading=heading,
-        entries=board.entries,
-        blocks=[_block(table) for table in board.tables],
-        overview=list(_overview(board.tables)),
-        datasets=list(dict.fromkeys(table.dataset for table in board.tables)),
+        entries=entries,
+        blocks=[_block(table) for table in tables],
+        overview=list(_overview(tables)),
+        datasets=list(dict.fromkeys(table.dataset for table in tables)),
     )
     write_atomically(folder / "index.html", page)
     return folder / "index.html"
@@ -46,7 +46,7 @@ def _place(table: Table, line: Line, column: Column) -> int:
     return (cell.place or len(table.lines) + 1) if cell else len(table.lines) + 2
 
 
-def _overview(tables: tuple[Table, ...]) -> Iterator[tuple[str, dict[str, str]]]:
+def _overview(tables: Sequence[Table]) -> Iterator[tuple[str, dict[str, str]]]:
     """Methods x datasets: for each method its mean in the first column of each dataset's first table."""
     firsts = {table.dataset: table for table in reversed(tables)}
     methods = sorted({line.method for table in firsts.values() for line in table.lines})

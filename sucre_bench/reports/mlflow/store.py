@@ -87,7 +87,8 @@ def connect(uri: str, experiment: str) -> tuple[MlflowClient, str]:
             if not path.exists() or not path.stat().st_size:
                 with suppress(OSError, sqlite3.Error):  # else mlflow makes its own
                     kept = user_cache() / f"mlflow-{version_of('mlflow')}.db"
-                    write_atomically(path, get_or_make(kept, _read_store, _make_store))
+                    stored = get_or_make(kept, lambda kept: kept.read_bytes() if kept.is_file() else None, _make_store)
+                    write_atomically(path, stored)
             try:
                 with closing(sqlite3.connect(path, timeout=_SQLITE_PATIENCE_S, isolation_level=None)) as opened:
                     opened.execute("BEGIN IMMEDIATE")
@@ -134,10 +135,6 @@ def _make_store(path: Path) -> bytes:
         opened.execute("DELETE FROM experiments")
         opened.commit()
     return path.read_bytes()
-
-
-def _read_store(path: Path) -> bytes | None:
-    return path.read_bytes() if path.is_file() else None
 
 
 # -- what is logged already -------------------------------------------------------------------------------------------

@@ -128,8 +128,7 @@ class Section:
 
     @property
     def _main(self) -> Column | None:
-        """The score that orders the methods; None where none knows the true colours."""
-        return self._deciding.main if self._deciding.knows_colours else None
+        return self._deciding.main
 
     @property
     def _columns(self) -> tuple[Column, ...]:

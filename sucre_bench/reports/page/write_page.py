@@ -14,6 +14,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
+
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import Column, Comparison
 from sucre_bench.compare.words import NUMBERS, number, title
@@ -43,8 +45,6 @@ def write(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], widths:
     thumbnails, and reads full pictures from `out`. widths: (most pictures, their width in pixels), widest first. The
     page takes the first pair that holds all pictures; of more pictures than the last pair allows it links the rest.
     """
-    from markupsafe import Markup
-
     views = rows.loc[rows["view"] != "", ["dataset", "scene", "view"]].drop_duplicates()
     gallery = Gallery(out, 2 * len(views) + len(restorations(rows)), widths)
     path = out / "config.yaml"
@@ -59,13 +59,15 @@ def write(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], widths:
     scripts = f'(() => {{\n"use strict";\n{body}\n}})();'
     has_plots = any(dataset[part] for dataset in datasets for part in ("costs", "distances", "waters"))
     plotly = source("plotly", "package_data/plotly.min.js") if has_plots else ""
+    # No connections, and what the page has itself. Plotly adds an empty style sheet, which it fills by rules.
+    allowed = [" ".join(f"'{policy_hash(text)}'" for text in texts) for texts in ((styles, ""), (scripts, plotly))]
     page = filled_in(
         __package__,
         "page.html.j2",
-        policy=_policy([scripts, plotly], styles),
+        policy=f"default-src 'none'; img-src 'self' file: data: blob:; style-src {allowed[0]}; script-src {allowed[1]}",
         style=Markup(styles),
         scripts=Markup(scripts),
-        json=lambda value: Markup(_json(value)),
+        json=_json,
         number=number,
         summary={"datasets": [t.title for t in comparisons], "numbers": asdict(NUMBERS)},
         datasets=datasets,
@@ -151,10 +153,10 @@ def _plugins(config: str) -> tuple[str, ...]:
     return tuple(map(str, found or ()))
 
 
-def _json(value: Any) -> str:
+def _json(value: Any) -> Markup:
     """Return JSON for a script element: `<` is escaped, so that no value can end the script, and NaN is null."""
     text = json.dumps(_finite(value), ensure_ascii=False, separators=(",", ":"), default=str)
-    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
+    return Markup(text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029"))
 
 
 def _finite(value: Any) -> Any:
@@ -167,13 +169,3 @@ def _finite(value: Any) -> Any:
             return None
         return float(f"{value:.6g}") if math.isfinite(value) else math.copysign(_HUGE, value)
     return value
-
-
-def _policy(scripts: Iterable[str], styles: str) -> str:
-    """The page's Content-Security-Policy: no connections, its own scripts and style sheet by their hashes.
-
-    scripts, styles: each the exact text of its element.
-    """
-    hashes = " ".join(f"'{policy_hash(text)}'" for text in scripts)
-    own = " ".join(f"'{policy_hash(text)}'" for text in (styles, ""))  # Plotly adds an empty sheet, filled by rules
-    return f"default-src 'none'; img-src 'self' file: data: blob:; style-src {own}; script-src {hashes}"

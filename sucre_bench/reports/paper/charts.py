@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from sucre_bench.arrays import Array, DataFrame, evenly
+from sucre_bench.arrays import DataFrame, evenly
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.chart_kinds import read_label
 from sucre_bench.plugins.plugin import Role
@@ -222,13 +222,13 @@ def _hues(hues: DataFrame, form: str, patches: Sequence[str]) -> Figure:
         panel.axhline(expected, color="#999999", linewidth=2.5, zorder=0)
         for method, (colour, marker) in style.looks(hues["method"]).items():
             of_patch = hues[(hues["patch"] == patch) & (hues["variant"] == form) & (hues["method"] == method)]
-            turns = of_patch.groupby("place")["value"].agg(lambda hues: _mean_turn(hues.to_numpy() - expected))  # noqa: B023
-            unbroken = np.unwrap(turns.to_numpy(), period=360)
+            vectors = np.exp(1j * np.radians(of_patch["value"] - expected)).groupby(of_patch["place"]).mean()
+            unbroken = np.unwrap(np.degrees(np.angle(vectors)), period=360)  # of circular means
             for turn in range(-_PLACES // 2, _PLACES // 2 + 1):  # what leaves through one edge comes back at the other
                 y = unbroken + 360 * turn
                 if turn == 0 or (np.abs(y) <= 180).any():
                     drawn: Any = {"color": colour, "marker": marker, "label": method if turn == 0 else "_again"}
-                    panel.plot(turns.index, expected + y, markersize=2.5, linewidth=0.9, **drawn)
+                    panel.plot(vectors.index, expected + y, markersize=2.5, linewidth=0.9, **drawn)
         panel.set_ylim(expected - 180, expected + 180)
         ticks = np.arange(np.ceil((expected - 180) / 90), (expected + 180) / 90 + 1e-9) * 90
         panel.set_yticks(ticks, [f"{tick % 360:.0f}" for tick in ticks])
@@ -236,8 +236,3 @@ def _hues(hues: DataFrame, form: str, patches: Sequence[str]) -> Figure:
     figure.supylabel(f"hue ({form}, °)")
     style.caption(figure, "distance of the chart (m)", panels[0])
     return figure
-
-
-def _mean_turn(angles: Array) -> float:
-    """The circular mean of angles: degrees in [-180, 180]."""
-    return float(np.degrees(np.angle(np.exp(1j * np.radians(angles)).mean())))

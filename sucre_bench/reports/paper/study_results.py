@@ -141,7 +141,10 @@ def along(rows: DataFrame, study: Study) -> list[Along]:
     Raises NotApplicableError where no row says a value.
     """
     group, _, name = study.along.partition(".")
-    parts = {text: _part(json.loads(text), group) for text in rows["options"].unique()}
+    options = {text: json.loads(text) for text in rows["options"].unique()}
+    of_group = {text: each if group == "method" else each.get(group, {}) for text, each in options.items()}
+    others = ("dataset", "degrade", "replicate", "name")
+    parts = {text: {k: v for k, v in part.items() if k not in others} for text, part in of_group.items()}
     values = {text: _value_in(part, group, name) for text, part in parts.items()}
     if not any(values.values()):
         known = {key for part in parts.values() for key in part}
@@ -174,12 +177,6 @@ def along(rows: DataFrame, study: Study) -> list[Along]:
     if not followed:
         raise NotApplicableError(f"no scores of {', '.join(study.metrics) or 'anything'}")
     return followed
-
-
-def _part(options: dict[str, Any], group: str) -> dict[str, Any]:
-    """A row's options of its dataset, degradation or method."""
-    part = options if group == "method" else options.get(group, {})
-    return {key: value for key, value in part.items() if key not in ("dataset", "degrade", "replicate", "name")}
 
 
 def _value_in(part: dict[str, Any], group: str, name: str) -> Value | None:
