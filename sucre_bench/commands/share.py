@@ -238,8 +238,7 @@ def site(bundles: Path, out: Path, heading: str, data: Sequence[str], force: boo
 
     Exit codes: 0, all bundles are in tables; 1, a bundle differs; 2, the folder has no bundle.
     """
-    from sucre_bench.programs.site.board import State, board
-    from sucre_bench.programs.site.page import write_page
+    from sucre_bench.programs.site.board import State, board, write_page
 
     for text in data:
         label, _, folder = text.rpartition("=")

@@ -10,9 +10,15 @@ from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame, Series
 from sucre_bench.compare import statistics
 from sucre_bench.compare.choose_pixels import leaves_holes, on_own_pixels
-from sucre_bench.compare.faults import fault_notes, metrics_of_faults
-from sucre_bench.compare.missing_scores import REPETITION, filled_rows, notes, pixel_notes
 from sucre_bench.compare.model import FILLED, Cell, Column, Comparison, Note, says_filled
+from sucre_bench.compare.notes import (
+    REPETITION,
+    fault_notes,
+    filled_rows,
+    metrics_of_faults,
+    notes,
+    pixel_notes,
+)
 from sucre_bench.compare.statistics import ColumnScores, Units
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.results.reasons import Reason

@@ -154,7 +154,7 @@ def _variants(rows: DataFrame) -> Iterator[str]:
             if not first & second:
                 yield (
                     f"{metric}: {names_of(names)} scored in variant {names_of(sorted(first))}, {names_of(others)} in "
-                    f"{names_of(sorted(second))}; score all in one, metrics.{metric}.variants=[{min(first)}]",
+                    f"{names_of(sorted(second))}; score all in one, metrics.{metric}.variants=[{min(first)}]"
                 )
                 break
 
@@ -172,7 +172,7 @@ def _versions(rows: DataFrame) -> Iterator[str]:
         yield (
             f"{metric} ({variant}): {names_of(names[0])} scored by other {differing} of the metric than "
             f"{names_of(names[1])}; give the run command of {names_of(names[0])} again, "
-            "what is out of date is done anew",
+            "what is out of date is done anew"
         )
 
 
@@ -190,7 +190,7 @@ def _normalisations(rows: DataFrame) -> Iterator[str]:
         if are_alike and shown[0] != shown[1] and "display=" not in first + second:
             yield (
                 f"{first} and {second} are both {one.get('name')}, shown in different ways, {shown[0]} and {shown[1]}; "
-                f"show them alike, or say it in a label: method.label='{second},display={shown[1]}'",
+                f"show them alike, or say it in a label: method.label='{second},display={shown[1]}'"
             )
 
 

@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+
+import numpy as np
 
 from sucre_bench import plugins
+from sucre_bench.camera import Camera
 from sucre_bench.engine.preflight import Planned
 from sucre_bench.engine.run import run
 from sucre_bench.engine.select_views import opening_once, select
-from sucre_bench.errors import InputError
+from sucre_bench.errors import DamagedFileError, InputError
 from sucre_bench.imaging.display import is_of_scene
 from sucre_bench.jobs.catalogue import method_choice, option_names, recognised
 from sucre_bench.jobs.words import quoted, value_of
+from sucre_bench.loading.colmap_model import lens_of_model
 from sucre_bench.loading.image_folder import image_names
+from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import source_files
 from sucre_bench.machine import progress
-from sucre_bench.machine.files import check_folder, write_atomically
-from sucre_bench.programs.restore.originals import PreparedDive, photographs_in, read_prepared, view_of_each
+from sucre_bench.machine.files import check_folder, regular, write_atomically
 from sucre_bench.programs.restore.picture_file import bits_of
 from sucre_bench.programs.restore.write import Restored, write_pictures
 from sucre_bench.results import layout, restoration_rows, with_remedy
@@ -210,3 +214,56 @@ def _run(source: Source, words: Sequence[str], out: Path, before: Callable[[Sequ
     missing = (*outcome.failed, *outcome.skipped)
     faults = {named.get(fault.view, fault.view): with_remedy(fault.reason) for fault in missing}
     return _Run(restored, faults, tuple(trust))
+
+
+# -- the photographs of a dive ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PreparedDive:
+    """What `sucre-bench prepare` noted of a dive. photographs: their folder; lenses: of its cameras."""
+
+    photographs: Path
+    lenses: tuple[Lens, ...]
+
+    def lens_of(self, camera: Camera | None) -> Lens | None:
+        """Return the lens whose pinhole image has this camera; None if the photograph has no distortion."""
+        for lens in self.lenses:
+            own = lens.pinhole
+            is_same_size = camera is not None and (own.width, own.height) == (camera.width, camera.height)
+            if camera and is_same_size and np.allclose(own.K, camera.K, rtol=1e-6) and any(lens.coefficients):
+                return lens
+        return None
+
+
+def read_prepared(dive: Path) -> PreparedDive | None:
+    """Return what a dive's prepare.json says; None without one. DamagedFileError if it cannot be read."""
+    file = dive / "prepare.json"
+    try:
+        record = json.loads(regular(file).read_bytes())
+        cameras = record["cameras"].values()
+        lenses = (lens_of_model(c["model"], c["width"], c["height"], [float(p) for p in c["params"]]) for c in cameras)
+        return PreparedDive(Path(record["photos"]), tuple(lens for lens in lenses if not lens.fault))
+    except FileNotFoundError:
+        return None
+    except (OSError, InputError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as fault:
+        raise DamagedFileError("is not what prepare wrote", file, "prepare the dive again") from fault
+
+
+def photographs_in(folder: Path, leave_out: Path | None = None) -> dict[str, Path]:
+    """Return the photographs in a folder and its sub-folders by their path in it. InputError if there is none."""
+    check_folder(folder, "give the one that holds the photographs")
+    found = {name: folder / name for name in image_names(folder, subfolders=True, but=leave_out)}
+    if not found:
+        raise InputError("holds no photographs", folder, "put .jpg, .png or .tif there")
+    return found
+
+
+def view_of_each(photographs: Mapping[str, Path], views: Collection[str]) -> dict[str, str]:
+    """Return the name of the photograph that each view is of, as `prepare` names views; those without one left out."""
+    found = {}
+    for name in photographs:
+        undistorted = (f"{name}.png", PurePosixPath(name).with_suffix(".png").as_posix())
+        if view := next((one for one in (*undistorted, name) if one in views), ""):
+            found[view] = name
+    return found

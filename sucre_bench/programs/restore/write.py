@@ -1,4 +1,10 @@
-"""Writes the pictures and the contact sheet of photographs that the engine restored."""
+"""Writes the pictures and the contact sheet of photographs that the engine restored.
+
+A pixel that no method coloured shows the photograph, changed by what restoring changed at the rim around it. So there
+is no step at the rim, and no water is guessed. The change is the difference of restored picture and photograph,
+continued from known pixels by push and pull: halved until every cell knows a value, then enlarged into the unknown
+cells (Gortler, Grzeszczuk, Szeliski & Cohen 1996, The lumigraph, sec. 3.4.2).
+"""
 
 from __future__ import annotations
 
@@ -9,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sucre_bench.arrays import Array, evenly
+from sucre_bench.arrays import Array, Mask, evenly
 from sucre_bench.errors import ANY_FAULT, InputError, OutputError, SucreBenchError, one_line
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit, to_16bit
@@ -18,7 +24,6 @@ from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import track
 from sucre_bench.programs.restore.picture_file import bits_of, encoded
-from sucre_bench.programs.restore.whole import as_photographed, whole
 from sucre_bench.results.restorations import read_mask
 from sucre_bench.scene import View
 
@@ -132,3 +137,58 @@ def _sheet(restored: Sequence[Restored], folder: Path) -> bytes:
     content = io.BytesIO()
     sheet.save(content, "JPEG", quality=90)
     return content.getvalue()
+
+
+_GRID = 16  # pixels between the places where a lens is computed; between them it is straight to a hundredth of a pixel
+
+
+# -- whole pictures, and the geometry of the photograph ---------------------------------------------------------------
+
+
+def whole(restored: Array, known: Mask, photograph: Array) -> Array:
+    """Return the restored picture with colours for all pixels: (H, W, 3) float32 in [0, 1].
+
+    restored, photograph: (H, W, 3) in [0, 1], gamma-encoded; known: (H, W), the restored pixels that have a colour.
+    """
+    if known.all():
+        return restored
+    if not known.any():
+        return photograph
+    change = _continued((restored - photograph) * known[..., None], known.astype(np.float32))
+    return np.where(known[..., None], restored, (photograph + change).clip(0, 1)).astype(np.float32)
+
+
+def _continued(sums: Array, weight: Array) -> Array:
+    """Return sums (H, W, 3) by weight (H, W), with values for pixels of weight 0 from those around."""
+    import cv2
+
+    height, width = weight.shape
+    values = np.divide(sums, weight[..., None], out=np.zeros_like(sums), where=weight[..., None] > 0)
+    if (weight > 0).all() or max(height, width) == 1:
+        return values
+    half = (-(-width // 2), -(-height // 2))
+    less = (cv2.resize(one, half, interpolation=cv2.INTER_AREA) for one in (sums, weight))
+    coarse = _continued(*(np.asarray(one, dtype=np.float32) for one in less))
+    wide = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR).reshape(height, width, 3)
+    return np.where(weight[..., None] > 0, values, wide).astype(np.float32)
+
+
+def as_photographed(lens: Lens, picture: Array, known: Mask) -> tuple[Array, Mask]:
+    """Return a picture (H, W, 3) of a lens's pinhole camera as the lens shows it, and which pixels (H, W) it shows.
+
+    The pinhole image looks at less than the photograph, so a border of the photograph has no pixel there.
+    """
+    import cv2
+
+    size = width, height = lens.camera.width, lens.camera.height
+    across, down = (np.linspace(0.5, side - 0.5, max(2, side // _GRID)) for side in size)
+    u, v = np.meshgrid(across, down)
+    coarse = lens.straightened(np.stack([u.ravel(), v.ravel()], axis=-1)).reshape(*u.shape, 2)
+    coarse = np.where(np.isfinite(coarse), coarse, -1e4).astype(np.float32)
+    columns, rows = np.meshgrid(
+        *(np.linspace(0, len(at) - 1, n, dtype=np.float32) for at, n in ((across, width), (down, height)))
+    )
+    x, y = (np.asarray(cv2.remap(coarse[..., c] - 0.5, columns, rows, cv2.INTER_LINEAR)) for c in range(2))
+    shown = cv2.remap(picture, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    share = cv2.remap(known.astype(np.uint8), x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+    return np.asarray(shown).clip(0, 1), np.asarray(share > 0)

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -155,50 +155,49 @@ def _picture(bundle: Bundle, name: str) -> Array:
     return np.asarray(stored, dtype=np.float32) / 255
 
 
-@dataclass(frozen=True)
-class _Kept:
-    """A restoration of a bundle. Names of its restored image, record, view and reference; "" for what is not there."""
+class _Opened(NamedTuple):
+    """A restoration of a bundle. restoration: its image is the restored image, NaN = a hole; is_sure: whether it is
+    known which black pixels are holes; image, view, reference: names of the pictures, "" for what is not there.
+    """
 
-    bundle: Bundle
+    restoration: Restoration
+    is_sure: bool
     image: str
-    record: str
     view: str
     reference: str
 
-    @classmethod
-    def of(cls, bundle: Bundle, row: Any) -> "_Kept | None":
-        """Return the one that a row stands for; None if the bundle does not have the restored image."""
-        root = Path()
-        for place in possible_places(row.dataset, row.scene, row.view):
-            image = place.restored(root, row.method)
-            files = (image, image.with_suffix(".json"), place.original(root), place.reference(root))
-            names = [file.as_posix() if file.as_posix() in bundle.inside else "" for file in files]
-            if names[0]:
-                return cls(bundle, *names)
+
+def _opened(bundle: Bundle, row: Any) -> _Opened | None:
+    """Open the restoration of a row; None if the bundle does not have its restored image.
+
+    Raises InputError for a picture or record that cannot be read, and for one that does not fit the row.
+    """
+    for place in possible_places(row.dataset, row.scene, row.view):
+        image = place.restored(Path(), row.method)
+        files = (image, image.with_suffix(".json"), place.original(Path()), place.reference(Path()))
+        name, record_name, view, reference = (
+            name if (name := file.as_posix()) in bundle.inside else "" for file in files
+        )
+        if name:
+            break
+    else:
         return None
-
-    def open(self, n_coloured: int) -> tuple[Restoration, bool]:
-        """Return the restoration, and whether it is known which black pixels are holes.
-
-        Its image is the restored image, NaN = a hole. n_coloured: how many pixels have a colour, as its row says.
-        Raises InputError for a picture or record that cannot be read, and for one that does not fit the row.
-        """
-        image, remedy = _picture(self.bundle, self.image), "ask who made the bundle"
-        black = (image == 0).all(axis=-1)
-        n_black, holes = int(black.sum()), black.size - n_coloured
-        if not 0 <= holes <= n_black:
-            fault = f"{black.size - n_black} pixels have a colour, the score table says {n_coloured}"
-            raise InputError(f"{self.image}: {fault}", self.bundle.path, remedy)
-        if holes:
-            image = np.where(black[..., None], np.float32(np.nan), image)
-        try:
-            record = json.loads(self.bundle.read(self.record)) if self.record else {}
-        except (ValueError, RecursionError) as fault:
-            raise InputError(f"{self.record}: is no JSON", self.bundle.path, f"{remedy} for another") from fault
-        record = record if isinstance(record, dict) else {}
-        water = water_of(record, self.bundle.path / self.record)
-        record.pop("true_water", None)  # metrics get that of the data
-        return Restoration(image, water, info=record), holes in (0, n_black)
+    picture, remedy = _picture(bundle, name), "ask who made the bundle"
+    black = (picture == 0).all(axis=-1)
+    n_black, holes = int(black.sum()), black.size - int(row.n_pixels)
+    if not 0 <= holes <= n_black:
+        fault = f"{black.size - n_black} pixels have a colour, the score table says {int(row.n_pixels)}"
+        raise InputError(f"{name}: {fault}", bundle.path, remedy)
+    if holes:
+        picture = np.where(black[..., None], np.float32(np.nan), picture)
+    try:
+        record = json.loads(bundle.read(record_name)) if record_name else {}
+    except (ValueError, RecursionError) as fault:
+        raise InputError(f"{record_name}: is no JSON", bundle.path, f"{remedy} for another") from fault
+    record = record if isinstance(record, dict) else {}
+    water = water_of(record, bundle.path / record_name)
+    record.pop("true_water", None)  # metrics get that of the data
+    return _Opened(Restoration(picture, water, info=record), holes in (0, n_black), name, view, reference)
 
 
 class _Check:
@@ -225,7 +224,11 @@ class _Check:
             self._outcome.faults.append(f"{where}: has scores, but no row of the restoration")
             return
         with self._faults(where, scores, "the picture cannot be used"):
-            self._score(next(whole.itertuples()), scores)
+            row = next(whole.itertuples())
+            if opened := _opened(self._bundle, row):
+                self._score(row, opened, scores)
+            else:
+                self._outcome.unchecked[_NO_PICTURES] += len(scores)
 
     def view(self, said: Any, scores: DataFrame) -> None:
         """Find the common pixels of a view again, and score all methods on them again. said: the view's row."""
@@ -233,16 +236,22 @@ class _Check:
         scores = scores[scores["method"].isin(whole.keys())]
         with self._faults(f"{COMMON}: {said.dataset} / {said.view}", scores, "the common pixels cannot be found again"):
             if {*json.loads(said.methods)} != whole.keys():
-                reason = "common to other methods than the bundle has"
-            elif any(row.time > said.time for row in whole.values()):
-                reason = "on common pixels of earlier restorations, which no table shows"
-            elif (pixels := self._common_pixels(said, whole)) is None:
-                reason = _NO_PICTURES
-            else:
-                for method, of_method in scores.groupby("method", sort=False):
-                    self._score(whole[str(method)], of_method, *pixels)
+                self._outcome.unchecked["common to other methods than the bundle has"] += len(scores)
                 return
-            self._outcome.unchecked[reason] += len(scores)
+            if any(row.time > said.time for row in whole.values()):
+                reason = "on common pixels of earlier restorations, which no table shows"
+                self._outcome.unchecked[reason] += len(scores)
+                return
+            found = {method: opened for method, row in whole.items() if (opened := _opened(self._bundle, row))}
+            if found.keys() != whole.keys():
+                self._outcome.unchecked[_NO_PICTURES] += len(scores)
+                return
+            common, is_sure = self._common_pixels(said, found)
+            for method, of_method in scores.groupby("method", sort=False):
+                opened = found[str(method)]
+                restoration = replace(opened.restoration, image=masked(opened.restoration.image, common))
+                on_common = opened._replace(restoration=restoration, is_sure=is_sure)
+                self._score(whole[str(method)], on_common, of_method)
 
     @contextlib.contextmanager
     def _faults(self, where: str, scores: DataFrame, reason: str) -> Iterator[None]:
@@ -254,20 +263,14 @@ class _Check:
             self._outcome.faults.append(f"{where}: {text}")
             self._outcome.unchecked[reason] += len(scores)
 
-    def _common_pixels(self, said: Any, whole: Mapping[str, Any]) -> tuple[Mask, bool] | None:
-        """Return the pixels (H, W) that all methods fill, and whether they are known for sure; None without pictures.
+    def _common_pixels(self, said: Any, found: Mapping[str, _Opened]) -> tuple[Mask, bool]:
+        """Return the pixels (H, W) that all methods fill, and whether they are known for sure.
 
-        They are not for sure if a restored image has black pixels besides its holes. Raises InputError if a picture
-        cannot be used, or if the bundle says other pixels than the pictures have.
+        They are not for sure if a restored image has black pixels besides its holes. Raises InputError if the bundle
+        says other pixels than the pictures have.
         """
-        masks, is_sure = dict[str, Mask | None](), True
-        for method, row in whole.items():
-            if (kept := _Kept.of(self._bundle, row)) is None:
-                return None
-            restoration, is_this_sure = kept.open(int(row.n_pixels))
-            masks[method] = restoration.valid
-            is_sure &= is_this_sure
-        common = common_pixels(masks)
+        common = common_pixels({method: opened.restoration.valid for method, opened in found.items()})
+        is_sure = all(opened.is_sure for opened in found.values())
         is_as_said = (common.kind, common.id) == (said.variant, said.pixels)
         is_of_share = math.isclose(common.share, said.value, abs_tol=1e-6)  # it is written as text
         if is_sure and not (is_as_said and is_of_share):
@@ -278,22 +281,17 @@ class _Check:
             raise InputError(f"{there}, in the pictures {here}")
         return common.mask, is_sure or is_as_said
 
-    def _score(self, row: Any, scores: DataFrame, common: Mask | None = None, is_common_sure: bool = True) -> None:
-        """Compute scores again, and judge each. row: of the restoration; common: the pixels (H, W) to score."""
-        if (kept := _Kept.of(self._bundle, row)) is None:
-            self._outcome.unchecked[_NO_PICTURES] += len(scores)
-            return
-        restoration, is_sure = kept.open(int(row.n_pixels))
-        if common is not None:
-            restoration, is_sure = replace(restoration, image=masked(restoration.image, common)), is_common_sure
+    def _score(self, row: Any, opened: _Opened, scores: DataFrame) -> None:
+        """Compute scores of a restoration again, and judge each. row: of the restoration."""
+        restoration = opened.restoration
         if (scene := self._scenes.get((row.dataset, row.scene))) is not None:
             view = scene[row.view]
             if view.rgb.shape != restoration.image.shape:
-                raise InputError(f"{kept.image}: is not of the size of its view; ask who made the bundle")
+                raise InputError(f"{opened.image}: is not of the size of its view; ask who made the bundle")
             restoration = with_truth(restoration, scene, view)
         else:  # from the bundle's pictures, as far as they go
-            rgb = _picture(self._bundle, kept.view) if kept.view else np.zeros_like(restoration.image)
-            reference = _picture(self._bundle, kept.reference) if kept.reference else None
+            rgb = _picture(self._bundle, opened.view) if opened.view else np.zeros_like(restoration.image)
+            reference = _picture(self._bundle, opened.reference) if opened.reference else None
             view = View(row.view, Arrays(rgb, reference=reference))
         chosen = [self._metric(score.metric, score.variant, score.code) for score in scores.itertuples()]
         pictured = Pictured(restoration, view, [*{id(one): one for one in chosen if isinstance(one, Scorer)}.values()])
@@ -301,7 +299,7 @@ class _Check:
             if isinstance(scorer, str):
                 self._outcome.unchecked[scorer] += 1
                 continue
-            doubt = "" if is_sure else _LOOK_ALIKE
+            doubt = "" if opened.is_sure else _LOOK_ALIKE
             if scene is None and "reference" in scorer.plugin.needs:  # the bundle has it as a JPEG
                 doubt = f"{score.metric} needs the exact reference of the data"
             self._judge(score, scorer, pictured, doubt)

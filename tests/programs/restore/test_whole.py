@@ -7,7 +7,7 @@ import numpy as np
 
 from sucre_bench.camera import Camera
 from sucre_bench.loading.lens import Lens
-from sucre_bench.programs.restore.whole import as_photographed, whole
+from sucre_bench.programs.restore.write import as_photographed, whole
 
 
 def test_holes_show_the_photograph_in_the_colours_at_the_rim() -> None:

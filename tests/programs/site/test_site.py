@@ -14,8 +14,7 @@ import pytest
 
 from sucre_bench import results
 from sucre_bench.errors import InputError
-from sucre_bench.programs.site.board import Entry, State, board
-from sucre_bench.programs.site.page import write_page
+from sucre_bench.programs.site.board import Entry, State, board, write_page
 from sucre_bench.results.bundle_format import COMMON, open_bundle, write_bundle
 from sucre_bench.results.rows import Row, csv_text
 
