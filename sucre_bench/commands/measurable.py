@@ -7,7 +7,7 @@ from functools import partial
 from sucre_bench.engine.preflight import Planned
 from sucre_bench.errors import ANY_FAULT
 from sucre_bench.machine import processes, progress
-from sucre_bench.programs.describe.spread import spread_of
+from sucre_bench.programs.describe.facts import spread_of
 
 _MOST = 3  # scenes
 

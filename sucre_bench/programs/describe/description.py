@@ -18,9 +18,8 @@ from sucre_bench.loading.named_sets import Found, Member, Picture, recognised_se
 from sucre_bench.machine.files import expanded, regular
 from sucre_bench.machine.progress import track
 from sucre_bench.programs.describe.exposure import Exposure, NoExposure, estimate_exposure
-from sucre_bench.programs.describe.facts import Look, Overlap, ViewFacts, look_at, overlaps
+from sucre_bench.programs.describe.facts import Look, Overlap, Spread, ViewFacts, look_at, overlaps, spread_of
 from sucre_bench.programs.describe.faults import Fault, find_faults
-from sucre_bench.programs.describe.spread import Spread, spread_of
 from sucre_bench.scene import Water
 
 _BINS = 12

@@ -16,8 +16,7 @@ from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import say
 from sucre_bench.programs.prepare import Options
 from sucre_bench.programs.prepare.depth_maps import INTERPOLATED, DepthMap, DepthMaps, masked, of_surface, relief, swept
-from sucre_bench.programs.prepare.given_depth import mesh_maps, network_maps
-from sucre_bench.programs.prepare.given_model import given_model
+from sucre_bench.programs.prepare.given import given_model, mesh_maps, network_maps
 from sucre_bench.programs.prepare.mapping import Mapped, Rules, map_photos
 from sucre_bench.programs.prepare.photos import Photo, find_photos, too_few
 from sucre_bench.programs.prepare.result import Prepared, read_record, write_result

@@ -20,8 +20,7 @@ from sucre_bench.imaging.image_files import decode_bytes, size_of_bytes
 from sucre_bench.machine import progress
 from sucre_bench.plugins.call_method import with_truth
 from sucre_bench.programs.verify import TOLERANCE
-from sucre_bench.programs.verify.open_data import Scenes, open_data
-from sucre_bench.programs.verify.score_again import Pictured, metrics_of
+from sucre_bench.programs.verify.score_again import Pictured, Scenes, metrics_of, open_data
 from sucre_bench.results.bundle_format import COMMON, LIMITS, SCORES, Bundle
 from sucre_bench.results.common_scores import COMMON_PIXELS, common_frame, common_pixels, filled_restorations
 from sucre_bench.results.layout import possible_places

@@ -29,10 +29,9 @@ if TYPE_CHECKING:
 # Where each figure is: a function of its name, which yields `Drawn` inside `style.look()`. It reads only the study's
 # results and the files of the results folder.
 MODULES = {
-    **dict.fromkeys(("scores", "against"), "scores"),
+    **dict.fromkeys(("scores", "against", "validity"), "scores"),
     **dict.fromkeys(("charts", "between_views", "swatches", "hue"), "charts"),
     **dict.fromkeys(("pictures", "seams"), "pictures"),
-    "validity": "validity",
     **dict.fromkeys(("residuals", "scaling", "water"), "fits"),
 }
 

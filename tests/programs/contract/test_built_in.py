@@ -32,7 +32,7 @@ ORDINARY_WORDS = {"command", "coverage", "faults", "hue", "negative", "observati
 ORDINARY_WORDS |= {"colours", "water"}
 NORMALISATIONS = {"display.py", "white_balance.py"}  # gray_world is one of them too
 # The datasets that know the models of other programs; the presets that are gone, and what to use.
-TABLES = {"given_model.py", "catalogue.py"}
+TABLES = {"given.py", "catalogue.py"}
 QUICK: dict[str, dict[str, Any]] = {
     "sucre_paper": {"steps": 3},
     "sucre_plus": {"light": "even", "encoding": "view"},  # whose fits are those of sucre

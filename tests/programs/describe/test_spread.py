@@ -13,7 +13,7 @@ from support.colmap_folder import write_dive
 from support.command_line import Done
 from support.made_ground import WATERS, make_ground
 
-from sucre_bench.programs.describe.spread import Spread, spread_of
+from sucre_bench.programs.describe.facts import Spread, spread_of
 
 Bench = Callable[..., Done]
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from sucre_bench import compare
-from sucre_bench.reports.paper.validity import agreements
+from sucre_bench.reports.paper.scores import agreements
 from sucre_bench.results.rows import Row, frame
 
 # By metric: scores of the methods, and what Kendall's tau with the true order a < b < c < d is.
