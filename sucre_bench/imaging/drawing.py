@@ -1,7 +1,8 @@
-"""Draws captions into pictures, and maps of depth as pictures."""
+"""Draws captions into pictures, maps of depth as pictures, and contact sheets."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import IO, TYPE_CHECKING
 
 import numpy as np
@@ -10,6 +11,8 @@ from sucre_bench.arrays import Array, Picture
 
 if TYPE_CHECKING:
     import PIL.Image
+
+_GAP, _TEXT = 8, 20  # pixels between the pairs of a contact sheet, and of the height of a caption
 
 
 def captioned(picture: Picture, text: str, right: bool = False) -> Picture:
@@ -31,6 +34,28 @@ def captioned(picture: Picture, text: str, right: bool = False) -> Picture:
     place = slice(-words.shape[1], None) if right else slice(words.shape[1])
     marked[: words.shape[0], place] = words
     return marked
+
+
+def contact_sheet(
+    pairs: Sequence[tuple[PIL.Image.Image, PIL.Image.Image]], captions: Sequence[str], wide: int, top: int = _GAP
+) -> PIL.Image.Image:
+    """Return pairs of pictures in one to three columns, each pair side by side above its caption, on white.
+
+    wide: most pixels of a picture's width; top: pixels above the first pair.
+    """
+    from PIL import Image, ImageDraw, ImageFont
+
+    columns = 1 if len(pairs) <= 4 else 2 if len(pairs) <= 20 else 3
+    high = max(picture.height for pair in pairs for picture in pair) + _TEXT + _GAP
+    across = 2 * wide + 2 + _GAP
+    sheet = Image.new("RGB", (columns * across + _GAP, top + -(-len(pairs) // columns) * high), "white")
+    pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(14)
+    for place, (pair, caption) in enumerate(zip(pairs, captions, strict=True)):
+        x, y = _GAP + place % columns * across, top + place // columns * high
+        for left, picture in zip((x, x + wide + 2), pair, strict=True):
+            sheet.paste(picture, (left, y))
+        pen.text((x, y + max(picture.height for picture in pair) + 2), caption, fill="black", font=font)
+    return sheet
 
 
 def save_marked(file: IO[bytes], picture: PIL.Image.Image, suffix: str) -> None:

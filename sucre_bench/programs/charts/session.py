@@ -84,23 +84,19 @@ class Session:
         accepted, doubtful = [], []
         with self.lock:
             for view in progress.track(self.everything, "checking patches"):
-                checked = self._checked(view)
-                good = [proposal for proposal, fault in checked if not fault]
-                doubtful += [(proposal, fault) for proposal, fault in checked if fault]
+                proposals = self.file.proposed(view.name)
+                try:
+                    shown = _picture(view) if proposals else np.empty(0)
+                    checked = [(proposal, reading_order(shown, proposal.chart).fault) for proposal in proposals]
+                except InputError as fault:  # an unreadable view does not stop the others
+                    checked = [(proposal, one_line(fault)) for proposal in proposals]
+                good = [proposal for proposal, wrong in checked if not wrong]
+                doubtful += [(proposal, wrong) for proposal, wrong in checked if wrong]
                 if good:
                     self.file.confirm(view.name, [*self.file.confirmed(view.name), *(p.chart for p in good)])
                     accepted += good
             self.file.save()
         return accepted, doubtful
-
-    def _checked(self, view: View) -> list[tuple[Proposal, str]]:
-        """The proposals for a view, each with its fault; an unreadable view does not stop the others."""
-        proposals = self.file.proposed(view.name)
-        try:
-            shown = _picture(view) if proposals else np.empty(0)
-            return [(proposal, reading_order(shown, proposal.chart).fault) for proposal in proposals]
-        except InputError as fault:
-            return [(proposal, one_line(fault)) for proposal in proposals]
 
     # -- requests of the page ------------------------------------------------------------------------------------
 

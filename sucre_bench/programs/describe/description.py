@@ -13,7 +13,7 @@ import numpy as np
 from sucre_bench.arrays import Array, evenly
 from sucre_bench.engine.select_views import Selection
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.drawing import depth_colours, save_marked
+from sucre_bench.imaging.drawing import contact_sheet, depth_colours, save_marked
 from sucre_bench.loading.named_sets import Found, Member, Picture, recognised_sets, set_table
 from sucre_bench.machine.files import expanded, regular
 from sucre_bench.machine.progress import track
@@ -24,7 +24,7 @@ from sucre_bench.scene import Water
 
 _BINS = 12
 _MOST = 60  # views on a sheet, evenly chosen
-_WIDE, _GAP, _TEXT, _HEAD = 300, 8, 20, 64  # pixels
+_WIDE, _GAP, _HEAD = 300, 8, 64  # pixels
 _GRAY = 128
 
 
@@ -100,44 +100,43 @@ class Described:
         """Return the contact sheet as PNG or JPEG, by the suffix."""
         from PIL import Image, ImageDraw, ImageFont
 
-        looks = [self.looks[k] for k in evenly(len(self.looks), _MOST)]
-        columns = 1 if len(looks) <= 3 else 2 if len(looks) <= 12 else 3
-        shapes = [next((p.shape for p in (look.picture, look.depth) if p is not None), (3, 4)) for look in looks]
-        heights = [max(1, round(_WIDE * shape[0] / shape[1])) for shape in shapes]
-        wide, high = 2 * _WIDE + 2 + _GAP, max(heights) + _TEXT + _GAP
-        size = (columns * wide + _GAP, _HEAD + -(-len(looks) // columns) * high + _GAP)
-        sheet = Image.new("RGB", size, "white")
-        pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(14)
         values = _distances(self.looks, 16)
         low, top = np.percentile(values, [1, 99]).tolist() if values.size else (0.0, 1.0)
         top = max(top, low * 1.001)
-        title = f"{self.dataset}: {self.scene}, {len(self.looks)} of {self.n_views} views"
+        pairs, captions = [], []
+        for look in (self.looks[k] for k in evenly(len(self.looks), _MOST)):
+            shape = next((plane.shape for plane in (look.picture, look.depth) if plane is not None), (3, 4))
+            size = (_WIDE, max(1, round(_WIDE * shape[0] / shape[1])))
+            depth = None if look.distance is None else depth_colours(look.distance, low, top, _GRAY)
+            picture = _tile(look.picture, size, "cannot be read", Image.Resampling.BOX)
+            if look.picture is not None:
+                for corners in look.charts * (_WIDE / look.picture.shape[1]):
+                    outline = [tuple(corner) for corner in (*corners, corners[0])]
+                    ImageDraw.Draw(picture).line(outline, fill="#ff2d6f", width=2)
+            pairs.append((picture, _tile(depth, size, "no depth", Image.Resampling.NEAREST)))
+            share = f"   depth on {look.facts.coverage:.0%}" if look.facts.has_depth else ""
+            captions.append(f"{look.facts.name}{share}"[-80:])
+        sheet = contact_sheet(pairs, captions, _WIDE, _HEAD)
+        pen, title = ImageDraw.Draw(sheet), f"{self.dataset}: {self.scene}, {len(self.looks)} of {self.n_views} views"
         pen.text((_GAP, _GAP), title, fill="black", font=ImageFont.load_default(18))
         bar = np.tile(np.linspace(low, top, 256), (10, 1))
         sheet.paste(Image.fromarray(depth_colours(bar, low, top, _GRAY)), (_GAP, 34))
         scale = f"distance {low:.3g} to {top:.3g} {self.unit}, gray: unknown"
-        pen.text((_GAP + 264, 30), scale, fill="black", font=font)
-        for place, (look, height) in enumerate(zip(looks, heights, strict=True)):
-            x, y = _GAP + place % columns * wide, _HEAD + place // columns * high
-            depth = None if look.distance is None else depth_colours(look.distance, low, top, _GRAY)
-            for left, picture, absent, how in (
-                (x, look.picture, "cannot be read", Image.Resampling.BOX),
-                (x + _WIDE + 2, depth, "no depth", Image.Resampling.NEAREST),
-            ):
-                if picture is None:
-                    pen.rectangle((left, y, left + _WIDE - 1, y + height - 1), fill="#dddddd")
-                    pen.text((left + 8, y + 8), absent, fill="black", font=font)
-                else:
-                    sheet.paste(Image.fromarray(picture).resize((_WIDE, height), how), (left, y))
-            if look.picture is not None:
-                for corners in look.charts * (_WIDE / look.picture.shape[1]) + (x, y):
-                    pen.line([tuple(corner) for corner in (*corners, corners[0])], fill="#ff2d6f", width=2)
-            facts = look.facts
-            caption = f"{facts.name}   depth on {facts.coverage:.0%}" if facts.has_depth else facts.name
-            pen.text((x, y + height + 2), caption[-80:], fill="black", font=font)
+        pen.text((_GAP + 264, 30), scale, fill="black", font=ImageFont.load_default(14))
         content = io.BytesIO()
         save_marked(content, sheet, suffix)
         return content.getvalue()
+
+
+def _tile(picture: np.ndarray | None, size: tuple[int, int], absent: str, how: Any) -> Any:
+    """A picture brought to a size, or a gray one that says why there is none. how: of resampling."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    if picture is not None:
+        return Image.fromarray(picture).resize(size, how)
+    tile = Image.new("RGB", size, "#dddddd")
+    ImageDraw.Draw(tile).text((8, 8), absent, fill="black", font=ImageFont.load_default(14))
+    return tile
 
 
 def _distances(looks: list[Look], step: int = 1) -> Array:

@@ -83,25 +83,19 @@ def _votes(path: Path, keys: Mapping[str, Key], reasons: Counter[str]) -> Iterat
         raise InputError(f"cannot be read, {reason}", path, remedy) from fault
     if not isinstance(study, str) or study not in keys:
         raise InputError(f"is of another study, '{str(study)[:20]}'", path, "give it with the results it is of")
+    key = keys[study]
     for one in given:
-        vote = _vote(one, keys[study], observer)
-        if isinstance(vote, str):
-            reasons[vote] += 1
+        try:
+            n, won, left, right = one["n"], _WON[one["choice"]], key.pictures[one["left"]], key.pictures[one["right"]]
+        except (KeyError, TypeError):
+            reasons["are damaged, or name pictures that the study does not have"] += 1
+            continue
+        if not isinstance(n, int):
+            reasons["are damaged"] += 1
+        elif (left.scene, left.view) != (right.scene, right.view) or left.method == right.method:
+            reasons["compare pictures that the study does not compare"] += 1
         else:
-            yield vote
-
-
-def _vote(one: Any, key: Key, observer: str) -> tuple[int, Vote] | str:
-    """A vote and its number, or why it is none."""
-    try:
-        n, won, left, right = one["n"], _WON[one["choice"]], key.pictures[one["left"]], key.pictures[one["right"]]
-    except (KeyError, TypeError):
-        return "are damaged, or name pictures that the study does not have"
-    if not isinstance(n, int):
-        return "are damaged"
-    if (left.scene, left.view) != (right.scene, right.view) or left.method == right.method:
-        return "compare pictures that the study does not compare"
-    return n, Vote(key.study, observer, left, right, won)
+            yield n, Vote(study, observer, left, right, won)
 
 
 @dataclass(frozen=True, eq=False)

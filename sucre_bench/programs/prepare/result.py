@@ -162,11 +162,13 @@ def write_result(
 
     seen = [(q.reprojection_px, q.points) for q in qualities if q.points]
     error = np.average([px for px, _ in seen], weights=[count for _, count in seen])
+    covered, measured, between = 100 * np.mean([(q.coverage, q.measured, q.interpolated) for q in qualities], axis=0)
+    parts = f" ({measured:.0f} % measured in the photo itself, {between:.0f} % between measured points)"
     facts = {
         "photos placed": f"{len(shots)} of {made.photos}, {_ATTEMPTS[mapped.attempt]}",
         "sparse points": f"{model.num_points3D()}, each seen by {model.compute_mean_track_length():.1f} photos",
         "reprojection error": f"{error:.2f} px",
-        "pixels with depth": _shares(qualities),
+        "pixels with depth": f"{covered:.0f} %" + (parts if measured else ""),
         "depth against sparse points": f"{100 * np.nanmedian([q.depth_error for q in qualities]):.2f} % (median)",
         "surface": made_from,
         "scale": made.scale.note,
@@ -203,12 +205,6 @@ def _write_record(made: Prepared, asked: Mapping[str, Any], facts: Any, cameras:
         "made_of": dict(zip(("model", "depths"), made.keys, strict=True)),
     }
     write_atomically(made.out / _FILE, (json.dumps(record, indent=1, ensure_ascii=False) + "\n").encode())
-
-
-def _shares(qualities: Sequence[Quality]) -> str:
-    covered, measured, between = 100 * np.mean([(q.coverage, q.measured, q.interpolated) for q in qualities], axis=0)
-    parts = f"{measured:.0f} % measured in the photo itself, {between:.0f} % between measured points"
-    return f"{covered:.0f} %" + (f" ({parts})" if measured else "")
 
 
 def quality_of(shot: Shot, seen: DepthMap, metres_per_unit: float) -> Quality:

@@ -112,7 +112,11 @@ def restore(
     Raises InputError for options that do not exist, OutputError if files cannot be written, KeyboardInterrupt if it is
     stopped. What is wrong with one photograph is a fault, and the others go on.
     """
-    _refuse_words(options)
+    for word in options.words:
+        owner, dot, _ = word.partition("=")[0].partition(".")
+        if not dot or owner not in ("dataset", "method", options.method):
+            remedy = f"give options of the dataset or the method, for example {options.method}.fill=false"
+            raise InputError("is no option of the dataset or the method", word, remedy)
     note = _noted(source, out, options)
     dive = alone = _Run([], {}, ())
     with opening_once():
@@ -134,15 +138,6 @@ def restore(
     faults = {name: alone.faults.get(name, "") for name in names if name not in {*written.names, *written.faults}}
     measured = sum(covered) / max(1, len(covered))
     return Done(written.names, faults | written.faults, len(dive.restored), measured, has_water, unknown)
-
-
-def _refuse_words(options: Options) -> None:
-    """Raise InputError for a word that is no option of the dataset or of the dive's method."""
-    for word in options.words:
-        owner, dot, _ = word.partition("=")[0].partition(".")
-        if not dot or owner not in ("dataset", "method", options.method):
-            remedy = f"give options of the dataset or the method, for example {options.method}.fill=false"
-            raise InputError("is no option of the dataset or the method", word, remedy)
 
 
 def _noted(source: Source, out: Path, options: Options) -> Path:

@@ -8,6 +8,7 @@ cells (Gortler, Grzeszczuk, Szeliski & Cohen 1996, The lumigraph, sec. 3.4.2).
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ import numpy as np
 from sucre_bench.arrays import Array, Mask, evenly
 from sucre_bench.errors import ANY_FAULT, InputError, OutputError, SucreBenchError, one_line
 from sucre_bench.imaging.display import display
+from sucre_bench.imaging.drawing import contact_sheet
 from sucre_bench.imaging.encoding import to_8bit, to_16bit
 from sucre_bench.imaging.image_files import read_rgb
 from sucre_bench.loading.lens import Lens
@@ -27,8 +29,9 @@ from sucre_bench.programs.restore.picture_file import bits_of, encoded
 from sucre_bench.results.restorations import read_mask
 from sucre_bench.scene import View
 
-_MOST_SHOWN, _WIDE, _GAP, _TEXT = 60, 320, 6, 18  # pairs on the contact sheet, evenly chosen; pixels
+_MOST_SHOWN, _WIDE = 60, 320  # pairs on the contact sheet, evenly chosen; pixels of a picture's width
 _ORIENTATION = 274
+_GRID = 16  # pixels between the places where a lens is computed; between them it is straight to a hundredth of a pixel
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,11 +111,8 @@ def _picture(one: Restored, original_geometry: bool) -> Array:
 
 def _sheet(restored: Sequence[Restored], folder: Path) -> bytes:
     """The contact sheet, a JPEG: each photograph beside its picture, as viewers turn it."""
-    import io
+    from PIL import Image
 
-    from PIL import Image, ImageDraw, ImageFont
-
-    columns = 1 if len(restored) <= 4 else 2 if len(restored) <= 20 else 3
     pairs = []
     for one in restored:
         sides = []
@@ -123,23 +123,10 @@ def _sheet(restored: Sequence[Restored], folder: Path) -> bytes:
                 turned = {3: 180, 6: 270, 8: 90}.get(source.getexif().get(_ORIENTATION, 1), 0)
                 picture = picture.rotate(turned, expand=True)
             sides.append(picture)
-        pairs.append(sides)
-    high = max(picture.height for sides in pairs for picture in sides) + _TEXT + _GAP
-    wide = 2 * _WIDE + 2 + _GAP
-    sheet = Image.new("RGB", (columns * wide + _GAP, -(-len(pairs) // columns) * high + _GAP), "white")
-    pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(13)
-    for place, (one, sides) in enumerate(zip(restored, pairs, strict=True)):
-        x, y = _GAP + place % columns * wide, _GAP + place // columns * high
-        for left, picture in zip((x, x + _WIDE + 2), sides, strict=True):
-            sheet.paste(picture, (left, y))
-        text = f"{one.name}   {one.method}"
-        pen.text((x, y + max(picture.height for picture in sides) + 2), text[-90:], fill="black", font=font)
-    content = io.BytesIO()
-    sheet.save(content, "JPEG", quality=90)
+        pairs.append((sides[0], sides[1]))
+    content, captions = io.BytesIO(), [f"{one.name}   {one.method}"[-90:] for one in restored]
+    contact_sheet(pairs, captions, _WIDE).save(content, "JPEG", quality=90)
     return content.getvalue()
-
-
-_GRID = 16  # pixels between the places where a lens is computed; between them it is straight to a hundredth of a pixel
 
 
 # -- whole pictures, and the geometry of the photograph ---------------------------------------------------------------

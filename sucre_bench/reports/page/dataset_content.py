@@ -101,6 +101,9 @@ class Section:
         methods = {name: self.places[name] for name in self.table.methods}
         scene = "" if self._has_scenes else next(iter({*self.rows["scene"]} - {""}), "")
         enough = any(column.n_units and not column.has_few_views for column in self.table.columns)
+        seconds = [column for column in self.table.columns if (column.metric, column.variant) == (RESTORATION, "wall")]
+        scores = [column for column in self._columns if column.directed and seconds]
+        costs = [(column, plots.cost(self.table, column, seconds[0], self.places)) for column in scores]
         lines = answer(self.table, self._deciding)
         said = verdicts(self.table)
         return {
@@ -114,7 +117,7 @@ class Section:
             "lower_first": bool(self._main and self._main.better == "lower"),
             "rows": self._rows(),
             "note": ". ".join([legend(self.table, intervals=enough), *left_out(self.table)]),
-            "costs": self._costs(),
+            "costs": [Choice(title(column), [figure]) for column, figure in costs if figure],
             **chart_content(self.rows, self.table.columns, methods, self._names),
             "charts": list(methods),
             "waters": self._waters(),
@@ -156,12 +159,6 @@ class Section:
         if not self._main or not cell or math.isnan(cell.mean):
             return math.inf
         return cell.mean if self._main.better == "lower" else -cell.mean
-
-    def _costs(self) -> list[Choice]:
-        seconds = [column for column in self.table.columns if (column.metric, column.variant) == (RESTORATION, "wall")]
-        directed = [column for column in self._columns if column.directed and seconds]
-        made = [(title(column), plots.cost(self.table, column, seconds[0], self.places)) for column in directed]
-        return [Choice(name, [figure]) for name, figure in made if figure]
 
     def _command(self, name: str) -> dict[str, Any]:
         rerun = self._rerun(name)
