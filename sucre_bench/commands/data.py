@@ -115,7 +115,6 @@ def _sheets(given: Path | None, scenes: Sequence[str]) -> list[Path]:
 
 def _show(one: Described) -> None:
     """Print a description: facts, a table of views, the distances, and faults."""
-
     for name, text in _facts(one).items():
         terminal.show(f"{name:8} {text}")
     for name, texts in (("set", [found.sentence() for found in one.sets]), ("overlap", one.shared)):

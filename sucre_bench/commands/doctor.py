@@ -44,7 +44,6 @@ def doctor(out: Path | None, as_json: bool) -> None:
 
 def _show(found: Examined) -> None:
     """Print a line a fact and a feature; below a feature that is not ready, its remedy."""
-
     terminal.show(f"sucre_bench {found.version} on Python {found.python}")
     for name, said in {"source": found.commit, **found.machine}.items():
         if said:

@@ -45,7 +45,6 @@ def list_(what: str, names: tuple[str, ...], as_json: bool) -> None:
 
     With NAME, list prints only this one.
     """
-
     items = _named(what, names)
     if not as_json:
         terminal.show(Text.from_ansi(_as_text(what, items)))
@@ -224,7 +223,6 @@ _SIGNS: dict[Status, tuple[str, str, str]] = {
 
 def _lines(outcome: Outcome) -> Text:
     """Return a rule's line, and a line for each of its findings."""
-
     sign, style, _ = _SIGNS[outcome.status]
     notes = [text for level, text in outcome.findings if level == "note" and outcome.status != "broken"]
     said = "".join(f"  {text}" for text in ("; ".join(notes), outcome.skipped) if text)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 from rich.text import Text
@@ -21,7 +20,7 @@ from sucre_bench.machine.outputs import check_links, check_output, is_ours
 from sucre_bench.machine.text_formats import counted, json_text
 
 if TYPE_CHECKING:
-    from sucre_bench.programs.video import Flicker
+    pass
 
 
 @click.command("report")
@@ -159,24 +158,18 @@ def video(
         flickers = flicker(found.frames, labels)
     left_out = f" ({found.left_out} that a method did not restore are left out)" if found.left_out else ""
     click.echo(f"{found.dataset} / {found.scene}: {count} views{left_out}, {out.stat().st_size / 1e6:.1f} MB")
-    terminal.out.print(_table(flickers))
+    table = terminal.table(["method", "flicker"], ["mean", "95 %", "pairs"])  # narrow enough for any terminal
+    for method, of_method in flickers.items():
+        for n, (name, f) in enumerate(of_method.items()):
+            interval = f"{f.low:.3g} to {f.high:.3g}" if math.isfinite(f.low) else ""
+            table.add_row(Text("" if n else method), name, f"{f.mean:.3g}", interval, str(f.pairs))
+    terminal.out.print(table)
     click.echo("flicker: " + "; ".join(f"{name}: {text}" for name, text in FORMULAE.items()))
     by_method = {method: {name: asdict(f) for name, f in values.items()} for method, values in flickers.items()}
     about = {"dataset": found.dataset, "scene": found.scene, "views": [frame.view.name for frame in found.frames]}
     told = {"program": "sucre_bench", **about, "fps": fps, "formulae": FORMULAE, "flicker": by_method}
     write_atomically(numbers, f"{json_text(told)}\n".encode())
     click.echo(f"video    {out}\nnumbers  {numbers}")
-
-
-def _table(flickers: Mapping[str, Mapping[str, Flicker]]) -> Any:
-    """A line a method and measure, narrow enough for any terminal."""
-
-    table = terminal.table(["method", "flicker"], ["mean", "95 %", "pairs"])
-    for method, by_statistic in flickers.items():
-        for n, (name, f) in enumerate(by_statistic.items()):
-            interval = f"{f.low:.3g} to {f.high:.3g}" if math.isfinite(f.low) else ""
-            table.add_row(Text("" if n else method), name, f"{f.mean:.3g}", interval, str(f.pairs))
-    return table
 
 
 @click.command()

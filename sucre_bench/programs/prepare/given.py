@@ -50,25 +50,19 @@ def mesh_maps(path: Path, shots: Sequence[Shot]) -> DepthMaps:
     checked = [shot for shot in shots if len(shot.points)][:: -(-len(shots) // _MOST_CHECKED)]
     shares = {}
     for unit in _UNITS:
-        surface = replace(mesh, vertices=mesh.vertices * unit)
-        off = _differences(of_surface(surface, GIVEN), checked)
-        shares[unit] = float((off < _NEAR).mean()) if len(off) else 0.0
+        maps, on_it = of_surface(replace(mesh, vertices=mesh.vertices * unit), GIVEN), [np.zeros(0, bool)]
+        for shot in checked:
+            xy, z = shot.seen_points()
+            there = depth_at(maps(shot).depth, xy)
+            on_it.append((there > 0) & (np.abs(there / z - 1) < _NEAR))
+        seen = np.concatenate(on_it)
+        shares[unit] = float(seen.mean()) if len(seen) else 0.0
         if shares[unit] >= _ENOUGH:
             if _UNITS[unit]:
                 say(f"{path} fits the model when multiplied by {unit:g}; it seems to be in {_UNITS[unit]}")
-            return of_surface(surface, GIVEN)
+            return maps
     fault = f"is in another frame than the model: {100 * shares[1.0]:.0f} % of the sparse points lie on it"
     raise InputError(fault, path, "export it from the program that made the model, in the same coordinates")
-
-
-def _differences(maps: DepthMaps, shots: Sequence[Shot]) -> Array:
-    """Relative differences of depth maps from the sparse points; infinite where there is no depth."""
-    off = [np.zeros(0)]
-    for shot in shots:
-        xy, z = shot.seen_points()
-        there = depth_at(maps(shot).depth, xy)
-        off.append(np.where(there > 0, np.abs(there / z - 1), np.inf))
-    return np.concatenate(off)
 
 
 class _Form(NamedTuple):
