@@ -117,8 +117,8 @@ def _needs_unrounded(metric: str, variant: str) -> bool:
         (scorer,) = scorers(metric_choices([f"{metric}:{variant}"]))
     except ANY_FAULT:
         return False
-    if scorer.plugin.faults or plugins.missing_needs(scorer.plugin, _HAS):
-        return bool(scorer.plugin.faults)  # shares of pixels beyond a limit, over which rounding moves some
+    if plugins.missing_needs(scorer.plugin, _HAS):
+        return False
     rgb = np.linspace(0, 1, _SIDE * _SIDE * 3, dtype=np.float32).reshape(_SIDE, _SIDE, 3)
     view = View("a.png", Arrays(rgb, depth=np.ones((_SIDE, _SIDE), np.float32), reference=rgb[::-1]))
     base = Row("trial", "", view.name, "trial", metric=metric, variant=variant)

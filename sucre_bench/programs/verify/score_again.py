@@ -162,12 +162,7 @@ class Pictured:
         return max((_difference(one, value, scorer.plugin.period) for one in known), default=0.0)
 
     def needs_unrounded(self, scorer: Scorer, key: Key) -> bool:
-        """Whether a score changes with the restoration while the restored image stays: a bundle has the latter.
-
-        So do the shares of pixels beyond a limit by which a metric finds faults: rounding moves pixels over it.
-        """
-        if scorer.plugin.faults:
-            return True
+        """Whether a score changes with the restoration while the restored image stays: a bundle has the latter."""
         image = self.restoration.image
         other = scores_of(replace(self.restoration, image=image - np.float32(0.5)), image, self.view, [scorer])
         one, two = self.rows[key].value, other[key].value if key in other else math.nan

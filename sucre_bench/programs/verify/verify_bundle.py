@@ -318,7 +318,8 @@ class _Check:
         else:
             if metric not in self._unrounded:
                 self._unrounded[metric] = pictured.needs_unrounded(scorer, key)
-            if self._unrounded[metric]:
+            # Faults are shares of pixels beyond limits, over which rounding moves some.
+            if self._unrounded[metric] or (scorer.plugin.faults and not is_equal):
                 outcome.unchecked[f"{score.metric} needs the restoration before it was rounded"] += 1
                 return
             if doubt and not is_equal:

@@ -102,6 +102,16 @@ def test_scores_come_out_again_from_the_pictures_and_the_data(bench, bundles: Pa
     assert sum(found["unchecked"].values()) == 4  # negative intensities are not in a picture
 
 
+def test_pixels_that_rounding_moves_over_a_limit_of_faults_do_not_make_a_bundle_differ(tmp_path: Path):
+    words = (*MADE, "method=gray_world", "metrics=[faults]", *QUIET)
+    assert run_here(tmp_path, "run", *words, "out=results", "dataset.root=dive").returncode == 0
+    assert run_here(tmp_path, "bundle", "results", "b.zip", "--pictures", "restored").returncode == 0
+    done = run_here(tmp_path, "verify", "b.zip", "--data", "dive", "--json")
+    found = json.loads(done.stdout)
+    assert (done.returncode, found["differing"]) == (0, [])
+    assert found["n_agree"] > 0, "most shares stay as they are"
+
+
 def test_bundle_says_which_scores_nobody_can_verify(folder: Path, tmp_path: Path):
     said = {}
     for pictures in ("none", "restored"):
