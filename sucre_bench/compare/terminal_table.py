@@ -11,21 +11,9 @@ from dataclasses import dataclass, replace
 from statistics import fmean
 from typing import TYPE_CHECKING
 
+from sucre_bench.compare import words
 from sucre_bench.compare.answer import Deciding, answer, deciding, verdicts
 from sucre_bench.compare.model import FEWEST_VIEWS, Column, Comparison
-from sucre_bench.compare.words import (
-    ARROW,
-    Shown,
-    faults,
-    left_out,
-    legend,
-    over_views,
-    shown,
-    signed,
-    signs,
-    title,
-    verdict_text,
-)
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -41,7 +29,7 @@ class _Laid:
     """A column: its heading in two lines, its cells, and whether all of it is dim, because nobody wins by it."""
 
     head: tuple[str, str]
-    cells: list[Shown]
+    cells: list[words.Shown]
     is_dim: bool = False
 
     def texts(self) -> list[Text]:
@@ -121,12 +109,13 @@ def as_table(comparison: Comparison, width: int, spread: bool = False, intervals
     chosen = deciding(comparison)
     comparison = replace(comparison, methods=_best_first(comparison, chosen))
     laid_out = [
-        _laid(comparison, column, (title(column), column.variant), spread, intervals) for column in comparison.columns
+        _laid(comparison, column, (words.title(column), column.variant), spread, intervals)
+        for column in comparison.columns
     ]
     tables = [part for table in _aligned(comparison.methods, laid_out, width) for part in (table, Text(""))]
-    dim = [legend(comparison, spread, colours=True, intervals=intervals), *left_out(comparison)]
-    said = [verdict_text(comparison, verdict) for verdict in verdicts(comparison)] if intervals else []
-    said = [*faults(comparison), *said]
+    dim = [words.legend(comparison, spread, colours=True, intervals=intervals), *words.left_out(comparison)]
+    said = [words.verdict_text(comparison, verdict) for verdict in verdicts(comparison)] if intervals else []
+    said = [*words.faults(comparison), *said]
     said = said if chosen.knows_colours else [comparison.blind, *said, comparison.advice]
     return _joined(_head(comparison, chosen), tables, dim, said, width)
 
@@ -163,7 +152,7 @@ def _block(comparison: Comparison, width: int, every: bool) -> Text:
     block = replace(comparison, methods=methods, columns=chosen.columns, notes=tuple(notes))
     laid_out = []
     for column in block.columns:
-        head = (f"{column.metric} {ARROW[column.better]}".rstrip(), column.unit)
+        head = (f"{column.metric} {words.ARROW[column.better]}".rstrip(), column.unit)
         if column == chosen.filled:
             head = ("filled", "%")
         elif column == chosen.seconds:
@@ -175,11 +164,11 @@ def _block(comparison: Comparison, width: int, every: bool) -> Text:
                 replace(cell, value=_percent(block, name, column)) for name, cell in zip(methods, cells, strict=True)
             ]
         laid_out.append(replace(laid, cells=cells))
-    lines = left_out(block)
+    lines = words.left_out(block)
     more = len(lines) - _MOST_NOTES
     lines = lines[:_MOST_NOTES]
     lines += [f"and {more} more of this kind, with --all-metrics"] * (more > 0)
-    over = [f"means {over}" if n == 0 else over for n, over in enumerate(over_views(block.columns))]
+    over = [f"means {over}" if n == 0 else over for n, over in enumerate(words.over_views(block.columns))]
     dim = [_signs(block, laid_out, over), *lines]
     tables = _aligned(methods, laid_out, width, comparison.photographs)
     return _joined(_head(block, chosen), tables, dim, answer(block, chosen), width)
@@ -204,7 +193,7 @@ def _overview(comparisons: Sequence[Comparison], width: int) -> Text:
         for one, column in zip(comparisons, mains, strict=True)
     ]
     n, views = len(titles), [column.n_views for column in mains]
-    over = [f"means {over_views(mains[:1])[0]}" if mains[0].n_units else ""]
+    over = [f"means {words.over_views(mains[:1])[0]}" if mains[0].n_units else ""]
     if min(views) < max(views):
         few = sum(column.has_few_views for column in mains)
         over = [f"means over {min(views)} to {max(views)} views"]
@@ -222,14 +211,14 @@ def _overview(comparisons: Sequence[Comparison], width: int) -> Text:
     counts = ", ".join(f"{name} in {times}" for name, times in best.most_common())
     said = [f"best {mains[0].metric}: {counts} of {n}"] if best else []
     said += [text for one in blind[:1] for text in (one.blind, one.advice)]
-    head = f"{title(mains[0])} of {n} datasets{': ' + prefix if prefix else ''}"
+    head = f"{words.title(mains[0])} of {n} datasets{': ' + prefix if prefix else ''}"
     return _joined(head, _aligned(methods, laid_out, width, apart), dim, said, width)
 
 
 def _laid(
     comparison: Comparison, column: Column, head: tuple[str, str], spread: bool = False, intervals: bool = True
 ) -> _Laid:
-    cells = [shown(comparison, name, column, spread) for name in comparison.methods]
+    cells = [words.shown(comparison, name, column, spread) for name in comparison.methods]
     cells = cells if intervals else [replace(cell, interval="") for cell in cells]
     return _Laid(head, cells, column.knows == "taste")
 
@@ -242,7 +231,7 @@ def _signs(comparison: Comparison, laid_out: Sequence[_Laid], over: Sequence[str
     """What the numbers and signs of a block mean. over: how many views."""
     cells = [cell for column in laid_out for cell in column.cells]
     parts = [f"differences from {comparison.baseline}" if comparison.baseline else "", *over]
-    return "; ".join(filter(None, [*parts, *signs(comparison, cells, colours=True)]))
+    return "; ".join(filter(None, [*parts, *words.signs(comparison, cells, colours=True)]))
 
 
 def _joined(head: str, tables: Sequence[Text], dim: Sequence[str], said: Sequence[str], width: int) -> Text:
@@ -274,5 +263,5 @@ def _percent(comparison: Comparison, name: str, column: Column) -> str:
         return "-"
     change = 100 * cell.change[0]
     if change == change:  # there is one
-        return f"{change:+.0f}" if abs(change) >= 1 else signed(change)
+        return f"{change:+.0f}" if abs(change) >= 1 else words.signed(change)
     return f"{100 * cell.mean:.0f}" if not 0.995 <= cell.mean < 1 else "99"
