@@ -18,9 +18,8 @@ from sucre_bench.errors import InputError
 from sucre_bench.jobs.words import Rerun, metric_words, shell, value_of
 from sucre_bench.reports.metric_roles import metrics_of
 from sucre_bench.reports.page import plots
-from sucre_bench.reports.page.charts import chart_content
 from sucre_bench.reports.page.gallery import Gallery
-from sucre_bench.reports.page.plots import CHANNELS, PARAMETERS, Choice, key_of
+from sucre_bench.reports.page.plots import CHANNELS, PARAMETERS, Choice, chart_content, key_of
 from sucre_bench.results import layout
 from sucre_bench.results.restorations import FILES, read_record
 from sucre_bench.results.rows import RESTORATION, restoration_rows, tuples
