@@ -114,7 +114,7 @@ def swept(shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longes
         own = (measured > 0) & ~(np.abs(on_surface - measured) < _EDGE * measured)
         both = np.where(own, measured, on_surface)
         origin = np.where(measured > 0, MEASURED, np.where(gap < _NEXT, FUSED, INTERPOLATED)) * (both > 0)
-        return DepthMap(_enlarged(both, sizes[i]), _nearest(origin.astype(np.uint8), sizes[i]))
+        return DepthMap(_enlarged(both, sizes[i]), nearest(origin.astype(np.uint8), sizes[i]))
 
     return depth
 
@@ -154,7 +154,8 @@ def of_surface(surface: Surface, origin: int) -> DepthMaps:
     return depth
 
 
-def _nearest(values: npt.NDArray[Any], size: tuple[int, int]) -> npt.NDArray[Any]:
+def nearest(values: npt.NDArray[Any], size: tuple[int, int]) -> npt.NDArray[Any]:
+    """Return a map (H, W) at another size (width, height), each pixel the nearest one of the map."""
     import cv2
 
     return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_NEAREST_EXACT))
@@ -166,11 +167,11 @@ def _enlarged(depth: Array, size: tuple[int, int]) -> Array:
 
     if depth.shape[::-1] == size:
         return depth
-    nearest = _nearest(depth, size)
+    coarse = nearest(depth, size)
     filled = cv2.resize((depth > 0).astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
     smooth = cv2.resize(depth, size, interpolation=cv2.INTER_LINEAR)
-    one_surface = (filled > 0.999) & (np.abs(smooth - nearest) <= _SMOOTH * nearest)
-    return np.where(one_surface, smooth, nearest).astype(np.float32)
+    one_surface = (filled > 0.999) & (np.abs(smooth - coarse) <= _SMOOTH * coarse)
+    return np.where(one_surface, smooth, coarse).astype(np.float32)
 
 
 def relief(shots: Sequence[Shot]) -> Surface:

@@ -26,9 +26,10 @@ from sucre_bench.loading.depth_maps import find_depths, read_depth, read_numbers
 from sucre_bench.loading.find_folders import ImageFolder
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.progress import say, track
-from sucre_bench.programs.prepare.depth_maps import GIVEN, DepthMap, DepthMaps, of_surface
+from sucre_bench.programs.prepare.depth_maps import GIVEN, DepthMap, DepthMaps, nearest, of_surface
 from sucre_bench.programs.prepare.mapping import Mapped, Rules, adopted, map_photos
 from sucre_bench.programs.prepare.photos import Photo
+from sucre_bench.programs.prepare.plane_sweep import least_absolute
 from sucre_bench.programs.prepare.shots import Shot
 from sucre_bench.programs.prepare.surface import read_mesh
 
@@ -78,13 +79,7 @@ class _Form(NamedTuple):
         """Return (a, b) of least absolute relative differences from the depths z."""
         column = np.stack([values, np.full_like(values, self.shifted)], axis=1)
         design = column * z[:, None] if self.inverse else column / z[:, None]
-        weight: Array = np.ones(len(z))
-        solution: Array = np.zeros(2)
-        for _ in range(20):
-            root = np.sqrt(weight)
-            solution = np.linalg.lstsq(design * root[:, None], root, rcond=None)[0]
-            weight = 1 / np.maximum(np.abs(design @ solution - 1), 1e-4)
-        return solution
+        return least_absolute(design, np.ones(len(z)), 1e-4)
 
     def error(self, values: Array, z: Array) -> float:
         """Return the median relative difference of fitted values from depths; infinite if they are inverted."""
@@ -140,13 +135,11 @@ def network_maps(
         raise InputError(best, folder, "give maps of these photos, as depth or disparity")
 
     def depth(shot: Shot) -> DepthMap:
-        import cv2
-
         size = shot.camera.width, shot.camera.height
         if shot.name not in fitted:
             return DepthMap(np.zeros(size[::-1], np.float32), np.zeros(size[::-1], np.uint8))
         z = form.depth(seen[shot.name][0](), fitted[shot.name])
-        z = z if z.shape[::-1] == size else np.asarray(cv2.resize(z, size, interpolation=cv2.INTER_NEAREST_EXACT))
+        z = z if z.shape[::-1] == size else nearest(z, size)
         return DepthMap(z, ((z > 0) * GIVEN).astype(np.uint8))
 
     return f"given maps, {form}", depth, faults

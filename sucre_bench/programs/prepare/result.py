@@ -19,7 +19,7 @@ from sucre_bench.imaging.image_files import decode, write_png
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import track
 from sucre_bench.machine.text_formats import filled_in
-from sucre_bench.programs.prepare.depth_maps import INTERPOLATED, MEASURED, DepthMap, DepthMaps, write_depth
+from sucre_bench.programs.prepare.depth_maps import INTERPOLATED, MEASURED, DepthMap, DepthMaps, nearest, write_depth
 from sucre_bench.programs.prepare.mapping import Mapped
 from sucre_bench.programs.prepare.scale import Known, Scale
 from sucre_bench.programs.prepare.shots import Shot, load_pycolmap
@@ -236,8 +236,7 @@ def _thumbnails(image: Path, depth: Array, bounds: tuple[float, float]) -> list[
 
     stored = decode(image, cv2.IMREAD_COLOR)
     size = (_THUMBNAIL, max(1, round(stored.shape[0] * _THUMBNAIL / stored.shape[1])))
-    small = cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT)
-    coloured = depth_colours(np.asarray(small), *bounds, unknown=0)[..., ::-1]
+    coloured = depth_colours(nearest(depth, size), *bounds, unknown=0)[..., ::-1]
     pictures = (cv2.resize(stored, size, interpolation=cv2.INTER_AREA), coloured)
     encoded = [cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 82])[1] for picture in pictures]
     return [f"data:image/jpeg;base64,{base64.b64encode(jpeg.tobytes()).decode()}" for jpeg in encoded]
