@@ -92,14 +92,15 @@ def _slope(xy: Array, w: Array, camera: Camera) -> Array:
     if len(w) < 12:
         return level
     size = np.array([camera.width, camera.height, 1.0])
-    g = least_absolute(np.column_stack([xy, np.ones(len(xy))]) / size, w, 1e-3 * np.median(w))
+    g = least_absolute(np.column_stack([xy, np.ones(len(xy))]) / size, w, 1e-3 * float(np.median(w)))
     corners = np.array([[0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]]) @ g
     return g / size if corners.max() < 8 * np.median(w) else level
 
 
 def least_absolute(design: Array, target: Array, least: float) -> Array:
     """Return the x (K,) of least sum of |design x - target|; design: (N, K). Smaller differences count as `least`."""
-    weight, x = np.ones(len(target)), np.zeros(design.shape[1])
+    weight: Array = np.ones(len(target))
+    x: Array = np.zeros(design.shape[1])
     for _ in range(20):
         root = np.sqrt(weight)
         x = np.linalg.lstsq(design * root[:, None], target * root, rcond=None)[0]

@@ -318,8 +318,7 @@ class _Check:
         else:
             if metric not in self._unrounded:
                 self._unrounded[metric] = pictured.needs_unrounded(scorer, key)
-            # Faults are shares of pixels beyond limits, over which rounding moves some.
-            if self._unrounded[metric] or (scorer.plugin.faults and not is_equal):
+            if self._unrounded[metric]:
                 outcome.unchecked[f"{score.metric} needs the restoration before it was rounded"] += 1
                 return
             if doubt and not is_equal:
@@ -330,6 +329,9 @@ class _Check:
                 outcome.other_versions.append(score.metric)
         if is_equal:
             outcome.n_agree += 1
+            return
+        if scorer.plugin.faults:  # shares of pixels beyond limits, over which rounding moves some
+            outcome.unchecked[f"{score.metric} needs the restoration before it was rounded"] += 1
             return
         names = (score.dataset, score.method, score.scene, score.view, *key)
         pixels: Pixels = "common" if hasattr(score, "pixels") else "own"
