@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import nan
 from pathlib import Path, PurePosixPath
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from sucre_bench.imaging import image_files
 from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.image_files import decode, read_array, read_tiff, same_shape
 from sucre_bench.machine.files import check_folder
+from sucre_bench.methods.doors.new_views import held_out_views, read_rendering, similarity
 from sucre_bench.results.records import record_of
 from sucre_bench.results.water_file import read_water
 from sucre_bench.scene import Encoding
@@ -249,7 +250,7 @@ def _stored(path: Path) -> np.ndarray:
     return values if values.ndim == 2 else values[..., [2, 1, 0, 3][: values.shape[2]]]
 
 
-@method(reads=("folder",))
+@method(reads=("folder", "with_water"), may_use=("skimage",))
 @dataclass(frozen=True)
 class Precomputed(RestoredElsewhere):
     """Read images that were restored elsewhere, one for each view, from a folder by the view's name.
@@ -265,21 +266,53 @@ class Precomputed(RestoredElsewhere):
     """Name of a view's image: {stem} is the view's file name without suffix, {name} with it, {parent} its folder.
     Examples: 'restored_{stem}', '{stem}.npz', '{parent}/out/{stem}'."""
 
+    with_water: Path | None = None
+    """Folder of the same method's pictures with water, for new_view_psnr and new_view_ssim; in it or above it lies
+    rendering.json, which says what training did not see: see docs/doors.md. none: there are no such pictures."""
+
     def __post_init__(self) -> None:
         check_pattern(self.pattern, "precomputed.pattern")
         check_folder(self.folder, "give the folder that holds the restored images")
+        if self.with_water:
+            check_folder(self.with_water, "give the folder that holds the pictures with water")
+            if self.with_water.resolve() == self.folder.resolve():
+                remedy = "give pictures with water in with_water, and those without in folder"
+                raise InputError("is precomputed.folder as well", f"precomputed.with_water={self.with_water}", remedy)
+            read_rendering(self.with_water)
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the image found for the view, in the view's encoding.
 
-        info: "file", and "resized_from" (width, height) if it was resized.
+        info: "file", "resized_from" (width, height) if it was resized, and with `with_water` "new_view": PSNR and SSIM
+        of the picture with water, or why there are none.
         Raises NotApplicableError when there is none, InputError when several fit or it cannot be read.
         """
         path = self._images.find(view.name, [v.name for v in scene.views])
         restored = self.read(path, view)
         file = path.relative_to(self.folder).as_posix()
+        new_view = {"new_view": self._new_view(scene, view)} if self.with_water else {}
         unknown = {"seconds": nan, "peak_mb": nan, "device": "unknown"}
-        return replace(restored, info={"file": file, **restored.info, **unknown})
+        return replace(restored, info={"file": file, **restored.info, **new_view, **unknown})
+
+    def _new_view(self, scene: Scene, view: View) -> dict[str, Any]:
+        """How near the picture with water is to the photograph; or what failed, or why the view is skipped."""
+        assert self.with_water is not None
+        names = [v.name for v in scene.views]
+        path, held_out, encoding = read_rendering(self.with_water)
+        as_told = replace(self, encoding=encoding, holes="alpha", resize=False)
+        try:
+            if view.name not in held_out_views(path, held_out, names):
+                return {"skipped": f"{path}: does not hold the view out, so training saw it"}
+            picture = as_told.read(self._with_water.find(view.name, names), view)
+        except NotApplicableError as fault:
+            return {"skipped": str(fault)}
+        except InputError as fault:  # the image without water is scored all the same
+            return {"failed": str(fault).replace("give method.resize=true", "new views are not resized")}
+        return similarity(picture.image, view.rgb)
+
+    @functools.cached_property
+    def _with_water(self) -> ImageFolder:
+        return ImageFolder(self.with_water or self.folder, self.pattern)
 
     @functools.cached_property
     def _images(self) -> ImageFolder:

@@ -153,15 +153,19 @@ def test_the_examples_of_the_documentation_restore(tmp_path: Path, toys: str, mo
     (tmp_path / "restore.sh").chmod(0o755)
     onnx_file(tmp_path / "physicalnn.onnx", [make_node("Identity", ["x"], ["y"])])
     (scene,) = load_scenes("toy")
-    for folder in ("renders/train/rgb_clear_clamp", "model/train/render", "named"):
+    folders = ["renders/rgb_clear_clamp/train", "renders/rgb/train", "model/test/render", "model/test/with_water"]
+    for folder in (*folders, "named"):
         (tmp_path / folder).mkdir(parents=True)
         for view in scene:
             np.save(tmp_path / folder / view.name.replace(".png", ".npy"), view.rgb)
 
+    (told,) = blocks("json")
+    for folder in ("renders", "model/test"):
+        (tmp_path / folder / "rendering.json").write_text(told)
     lines = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("sucre-bench run")]
     assert len(lines) > 8
     for line in lines:
-        overrides = [w for w in shlex.split(line)[2:] if not w.startswith("dataset")]
+        overrides = [w for w in shlex.split(line)[2:] if not w.startswith(("dataset", "metrics"))]
         (job,) = config.jobs(["dataset=toy", "metrics=[redness]", *overrides], False).jobs
         image = measured_restore(job.method.make(), scene, scene.views[1]).restoration.image
         np.testing.assert_allclose(image, scene.views[1].rgb, atol=0.51 / 255, err_msg=line)
