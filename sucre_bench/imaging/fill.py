@@ -55,15 +55,19 @@ def completed_distance(z: Array, guide: Array) -> Array:
         return np.asarray(cv2.resize(plane.astype(np.float32), size, interpolation=cv2.INTER_AREA))
 
     inverse, share = cells(np.divide(1, z, out=np.zeros_like(z), where=known)), cells(known.astype(np.float32))
-    solved = _laplace(np.where(share > 0, inverse / np.maximum(share, 1e-9), 0), share > 0, cells(guide))
+    solved = continued(np.where(share > 0, inverse / np.maximum(share, 1e-9), 0), share > 0, cells(guide))
     fine = cv2.resize(solved, (width, height), interpolation=cv2.INTER_LINEAR)
     fine = guided_filter(guide, np.where(known, 1 / np.where(known, z, 1), fine), 2 * n, _FLAT)
     fine = fine.clip(1 / z[known].max(), 1 / z[known].min())
     return np.where(known, z, 1 / fine).astype(np.float32)
 
 
-def _laplace(values: Array, known: Mask, guide: Array) -> Array:
-    """Return values (H, W) whose unknown ones are the weighted means of their neighbours. guide: (H, W, 3)."""
+def continued(values: Array, known: Mask, guide: Array, pull: Array | None = None) -> Array:
+    """Return values (H, W) float32 whose unknown ones are the weighted means of their neighbours.
+
+    guide: (H, W, 3), [0, 1], across whose edges links are weak; pull: (H, W), the weight of a 0 beside that of the
+    neighbours, each at most 1; None for none.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.linalg import spsolve
 
@@ -79,7 +83,7 @@ def _laplace(values: Array, known: Mask, guide: Array) -> Array:
     unknown, given = (np.flatnonzero(which) for which in (~known, known))
     rows: Any = links[unknown]
     matrix = -rows[:, unknown]
-    matrix.setdiag(rows.sum(axis=1))
+    matrix.setdiag(rows.sum(axis=1) + (0 if pull is None else pull.ravel()[unknown]))
     solved = values.astype(np.float64).ravel()
     solved[unknown] = spsolve(matrix.tocsc(), rows[:, given] @ solved[given])
     return solved.reshape(values.shape).astype(np.float32)

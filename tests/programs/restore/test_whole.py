@@ -7,7 +7,7 @@ import numpy as np
 
 from sucre_bench.camera import Camera
 from sucre_bench.loading.lens import Lens
-from sucre_bench.programs.restore.write import as_photographed, whole
+from sucre_bench.programs.restore.whole import as_photographed, whole, with_open_water
 
 
 def test_holes_show_the_photograph_in_the_colours_at_the_rim() -> None:
@@ -24,6 +24,20 @@ def test_holes_show_the_photograph_in_the_colours_at_the_rim() -> None:
 def test_without_any_colour_the_photograph_is_left() -> None:
     photograph = np.full((8, 9, 3), 0.3, np.float32)
     assert (whole(np.zeros_like(photograph), np.zeros((8, 9), bool), photograph) == photograph).all()
+
+
+def test_open_water_stays_as_photographed_and_holes_in_the_ground_do_not() -> None:
+    rng = np.random.default_rng(0)
+    y, x = np.mgrid[:300, :400]
+    ground = (y > 120)[..., None]
+    photograph = np.where(ground, [0.3, 0.4, 0.4] + 0.1 * rng.standard_normal((300, 400, 1)), [0.1, 0.5, 0.6])
+    photograph = cv2.GaussianBlur(photograph.astype(np.float32), (0, 0), 1.5).clip(0, 1)
+    measured = ground[..., 0] & ((x - 200) ** 2 + (y - 220) ** 2 > 30**2)
+    picture = photograph + np.array([0.3, -0.1, -0.2], np.float32)
+    made = with_open_water(picture, measured, photograph)
+    assert (made[measured] == picture[measured]).all()
+    np.testing.assert_allclose(made[:80], photograph[:80], atol=0.02)
+    np.testing.assert_allclose(made[140:], picture[140:], atol=0.02)
 
 
 def test_a_picture_comes_back_as_the_camera_saw_it() -> None:
