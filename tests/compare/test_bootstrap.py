@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tracemalloc
 from itertools import combinations
 
 import numpy as np
@@ -150,14 +149,3 @@ def test_what_is_not_finite_has_no_interval_and_harms_no_other():
 def test_a_steady_difference_is_certain():
     views = np.arange(5.0)[:, None] + np.array([0.0, 1.0, 1.0])
     assert differences(Units.of(views, [5]), [(0, 1), (1, 2)]) == pytest.approx([0, 0], abs=1e-12)
-
-
-def test_thousands_of_views_take_little_memory():
-    """All draws at once would be 2000 x 4000 numbers, 64 MB."""
-    units = Units.of(np.random.default_rng(5).normal(size=(4000, 3)), [4000])
-    tracemalloc.start()
-    mean_intervals(units)
-    differences(units, list(combinations(range(3), 2)))
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < 40e6

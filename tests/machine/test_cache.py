@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sucre_bench.machine.cache import ArrayStore, current, storing
+from sucre_bench.machine.cache import ArrayStore
 
 pytestmark = pytest.mark.short
 N = 100_000  # float64: 800 kB
@@ -75,10 +75,3 @@ def test_without_a_place_to_write_to_arrays_are_made(tmp_path: Path):
     (tmp_path / "file").write_text("in the way")
     make = _Maker(4)
     assert (ArrayStore(tmp_path / "file", 1e9).get("a", make) == 4).all()
-
-
-def test_a_store_is_in_use_within_its_block(tmp_path: Path):
-    store = ArrayStore(tmp_path, 1e9)
-    with storing(store):
-        assert current() is store
-    assert current() is None

@@ -314,13 +314,6 @@ def test_variance_over_all_or_trimmed_pixels_of_a_public_picture() -> None:
     assert of(data.astronaut(), "trimmed-variance", Uicm()) == pytest.approx(6.48, abs=0.01)
 
 
-def test_no_two_variants_are_the_same() -> None:
-    image = noise(64, 67, darkest=1)
-    for metric in (Uiqm(), *PARTS):
-        variants = metric.__plugin__.variants
-        assert len({round(of(image, v, metric), 7) for v in variants}) == len(variants)
-
-
 # -- holes -------------------------------------------------------------------------------------------------------
 
 

@@ -11,7 +11,6 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from support.colmap_folder import write_dive
 from support.places import ROOT
 
 from sucre_bench.datasets.demo import Demo
@@ -119,14 +118,3 @@ def test_the_documented_python_runs_as_it_stands(tmp_path: Path, monkeypatch: py
     names: dict[str, object] = {}
     exec(compile(code.replace("a.png", "view_001.png"), "api.md", "exec"), names)
     assert {"psi", "uciqe"} <= set(names["rows"]["metric"])  # type: ignore[index]
-
-
-def test_the_readmes_run_commands_are_valid(bench, tmp_path):
-    """Every `run` line composes, every option of it exists: --cfg reads all of it and runs nothing."""
-    write_dive(tmp_path / "dive")
-    lines = [line for block in blocks("README.md", "sh") for line in block.splitlines()]
-    runs = [line for line in lines if line.startswith("sucre-bench run")]
-    assert runs
-    for line in runs:
-        done = bench(*line.split()[1:], "--cfg")
-        assert done.returncode == 0, f"{line}: {done.stderr}"
