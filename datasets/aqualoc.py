@@ -40,6 +40,7 @@ _SIZES = {"harbor": (640, 512), "archaeo": (968, 608)}
     cites="Ferrera, Creuze, Moras & Trouvé-Peloux 2019, IJRR (AQUALOC)",
     licence="as its download page says",
     source="https://www.lirmm.fr/aqualoc (17 sequences; harbour 7 has 0.36 GB, archaeological 2 has 2.2 GB)",
+    proven="has read no released file yet: written from the authors' descriptions, tried on miniatures of them",
     signs=("*images_sequence_*", "*/*images_sequence_*", "*/*/*images_sequence_*"),
 )
 @dataclass(frozen=True)

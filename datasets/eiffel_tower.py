@@ -32,6 +32,7 @@ _YEARS = ("2015", "2016", "2018", "2020")
     cites="Boittiaux, Dune, Ferrera, Arnaubec, Marxer, Matabos, Van Audenhaege & Hugel 2023, IJRR",
     licence="as its download page says",
     source="https://www.seanoe.org/data/00810/92226/ (18,082 images; an archive a year, one for global/)",
+    proven="has read no released file yet: written from the authors' descriptions, tried on miniatures of them",
     signs=("sfm", "*/sfm"),
 )
 @dataclass(frozen=True)

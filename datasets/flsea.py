@@ -39,6 +39,7 @@ _CALIBRATIONS = ("*camchain*.yaml", "*results-imucam*.txt")
     cites="Randall & Treibitz 2023, arXiv:2302.12772 (FLSea)",
     licence="as its download page says",
     source="https://www.kaggle.com/datasets/viseaonlab/flsea-vi (22,451 frames of 968x608, three files each)",
+    proven="has read 12 released frames with depth maps",
     signs=("seaErra", "*/seaErra", "*/*/seaErra", "*/*/*/seaErra"),
 )
 @dataclass(frozen=True)

@@ -312,6 +312,7 @@ def _lens(sensor: Element, document: Path) -> Lens:
 @dataset(
     requires=("cv2", "PIL", "tifffile"),
     source="your own surveys: File > Export > Export Cameras in Agisoft Metashape, or the project itself",
+    proven="has read depth maps that Metashape exported (float16, Deflate), but no document of cameras that it wrote",
     has=("poses", "depth"),
     signs=("*.psx", "*.psz", "cameras.xml"),
 )

@@ -42,6 +42,7 @@ _Frame = Mapping[str, Any]
 @dataset(
     requires=("cv2", "PIL", "tifffile"),
     source="your own scenes, from ns-process-data, Polycam, RealityCapture, instant-ngp or Blender",
+    proven="has read no file of these programs yet, only ours in their formats",
     has=("poses", "depth"),
     signs=("transforms.json", "transforms_train.json"),
 )

@@ -43,6 +43,7 @@ from sucre_bench.scene import Encoding, Plane, Scene
     requires=("cv2", "PIL", "tifffile"),
     cites="Cernea 2020, OpenMVS",
     source="your own scenes: the working folder of OpenMVS's DensifyPointCloud",
+    proven="has read no file of OpenMVS yet, only ours in its format",
     has=("poses", "depth"),
     signs=("*.dmap",),
 )

@@ -39,6 +39,7 @@ from sucre_bench.scene import Encoding, Scene
     cites="Peng, Zhu & Bian 2023, IEEE TIP (U-shape Transformer)",
     licence="as its download page says",
     source="https://lintaopeng.github.io/_pages/UIE%20Project%20Page.html (4,279 pairs)",
+    proven="has read 400 released pairs",
     signs=("GT", "*/GT"),
 )
 @dataclass(frozen=True)
@@ -65,6 +66,7 @@ class Lsui(ImageScaleOption, SplitOption):
     cites="Li, Li & Wang 2019, arXiv:1906.06819",
     licence="as its download page says",
     source="https://github.com/IPNUISTlegal/underwater-test-dataset-U45- (45 images of 256x256)",
+    proven="has read all 45 released images",
     signs=("U45", "*/U45"),
 )
 @dataclass(frozen=True)
@@ -95,6 +97,7 @@ _CHALLENGING = ("challenging-60", "challengingset-60", "challenging")
     cites="Li, Guo, Ren, Cong, Hou, Kwong & Tao 2020, IEEE TIP (UIEB)",
     licence="as its download page says",
     source="https://li-chongyi.github.io/proj_benchmark.html (890 pairs, 60 images without a reference)",
+    proven="has read 90 released pairs, under other names",
     signs=("raw-890", "*/raw-890"),
 )
 @dataclass(frozen=True)

@@ -145,6 +145,7 @@ _DEPTH_FOLDERS = ("depth_resized", "depth", "depthmaps")  # the closest to the i
     cites="Akkaynak & Treibitz 2019, CVPR (Sea-thru)",
     licence="as its download page says",
     source="https://www.kaggle.com/datasets/colorlabeilat/seathru-dataset (about 1,100 images in five sets)",
+    proven="has read display copies of D5, and Metashape's depth maps of other dives; no linear image of a release",
     signs=("linearPNG", "*/linearPNG", "*/*/linearPNG", "*/Raw/*.ARW"),
 )
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ _HELD_OUT = 8  # every eighth image by name, from the first, tests what was lear
     cites="Levy, Peleg, Pearl, Rosenbaum, Akkaynak, Treibitz & Korman 2023, CVPR (SeaThru-NeRF)",
     licence="as its download page says",
     source="https://sea-thru-nerf.github.io (four scenes of 18 to 29 images)",
+    proven="has read no released file yet: written from the authors' descriptions, tried on miniatures of them",
     signs=("images_wb", "Images_wb", "*/images_wb", "*/Images_wb"),
 )
 @dataclass(frozen=True)

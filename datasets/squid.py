@@ -46,6 +46,7 @@ _METRES = {"m": 1.0, "meters": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001
     cites="Berman, Levy, Avidan & Treibitz 2021, TPAMI",
     licence="as its download page says",
     source="https://zenodo.org/records/5744037 (57 stereo pairs; raw files, TIFF and distance maps)",
+    proven="has read no released file yet: written from the authors' descriptions, tried on miniatures of them",
     signs=("image_set_*", "*/image_set_*"),
 )
 @dataclass(frozen=True)

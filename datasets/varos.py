@@ -50,6 +50,7 @@ _SAME_TIME_NS = 10_000_000
     cites="Zwilgmeyer, Yip, Teigen, Mester & Stahl 2021, ICCV Workshops",
     licence="as its download page says",
     source="https://www.ntnu.edu/arosvisiongroup/varos (4,715 frames of 1280x720, four files each)",
+    proven="has read no released file yet: written from the authors' descriptions, tried on miniatures of them",
     signs=("camM0.yaml", "*/camM0.yaml", "*/*/camM0.yaml", "*/*/*/camM0.yaml"),
 )
 @dataclass(frozen=True)

@@ -255,6 +255,7 @@ def entry(plugin: Plugin | Broken) -> dict[str, Any]:
         "has": sorted(plugin.has),
         "signs": list(plugin.signs),
         "source": plugin.source,
+        "proven": plugin.proven,
         "licence": plugin.licence,
         "cites": plugin.cites,
         "options": {option.name: option_entry(option) for option in options_of(plugin.cls)},

@@ -93,6 +93,7 @@ def dataset(
     cites: str = "",
     licence: str = "",
     source: str = "",
+    proven: str = "",
     has: Iterable[str] = (),
     charts_file: str = "",
     signs: Iterable[str] = (),
@@ -103,6 +104,7 @@ def dataset(
     - requires: import names of the packages that the dataset uses when it runs;
     - cites, licence: publication and licence of the data;
     - source: where to get the data, and their size;
+    - proven: which released files it has read; "": nothing is said of it;
     - has: what its scenes may have: "depth", "poses", "reference", "charts", "truth";
     - charts_file: the option that names its charts.json, relative to the option `root`. `sucre-bench charts` writes
       this file. "": the dataset has none;
@@ -126,7 +128,7 @@ def dataset(
     """
     if unknown := (has := frozenset(has)) - HAS:
         raise PluginError(f"unknown has {sorted(unknown)}", "dataset", did_you_mean(min(unknown), HAS))
-    about: dict[str, Any] = {"source": source, "has": has, "charts_file": charts_file}
+    about: dict[str, Any] = {"source": source, "proven": proven, "has": has, "charts_file": charts_file}
     about["signs"] = tuple(signs)
     return _decorator("dataset", name, (), requires=tuple(requires), cites=cites, licence=licence, **about)
 

@@ -102,8 +102,8 @@ class Plugin:
     """What is known of a plugin without running it.
 
     needs: what a scene must offer; requires, may_use: packages it imports when it runs, or for some options; display:
-    how its image is brought to the screen, encoding, reads, is_photograph: see `method`; source, has, charts_file,
-    signs: see `dataset`; unit, better, range, variants, default, role, symbol, unranked, faults,
+    how its image is brought to the screen, encoding, reads, is_photograph: see `method`; source, proven, has,
+    charts_file, signs: see `dataset`; unit, better, range, variants, default, role, symbol, unranked, faults,
     agreement: see `metric`.
     """
 
@@ -120,6 +120,7 @@ class Plugin:
     reads: tuple[str, ...] = ()
     is_photograph: bool = False
     source: str = ""
+    proven: str = ""
     has: frozenset[str] = frozenset()
     unit: str = ""
     better: Better = "higher"
