@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 _WRAPPERS = ("state_dict", "model_state_dict", "params", "model", "net", "network", "generator", "netG", "netG_A", "G")
 
+UNSAFE = r"Unsupported global: GLOBAL (\S+)"  # in what torch says of an object that is no tensor
+
 _COUNTER = "num_batches_tracked"
 
 
@@ -46,17 +48,25 @@ def read_state(path: Path) -> dict[str, torch.Tensor]:
     """
     import torch
 
-    if what := _foreign(path):
+    if what := foreign(path):
         raise InputError(f"{path}: {what}")
     try:
-        content = torch.load(path, map_location="cpu", weights_only=True)
+        return bare(torch.load(path, map_location="cpu", weights_only=True), path)
+    except InputError:
+        raise
     except Exception as fault:  # pickle, zip and torch each have their own
-        if held := re.search(r"Unsupported global: GLOBAL (\S+)", str(fault)):
+        if unsafe := re.search(UNSAFE, str(fault)):
             raise InputError(
-                f"{path}: holds a Python object, {held[1]}, which is not loaded since it may run code; "
-                "save the network's state_dict() instead"
+                f"{path}: holds a Python object, {unsafe[1]}, which is not loaded since it may run code; to save its "
+                f"tensors alone: python -m sucre_bench.methods.networks.export {path} {path.stem}-safe.pt"
             ) from fault
         raise InputError(f"{path}: is no PyTorch file, or cut short; fetch it again") from fault
+
+
+def bare(content: object, path: Path) -> dict[str, torch.Tensor]:
+    """Return the state dict in what a file holds, without wrappers. Raises InputError if there is none."""
+    import torch
+
     state = content
     while isinstance(state, Mapping):
         wrapped = (state[name] for name in _WRAPPERS if isinstance(state.get(name), Mapping))
@@ -69,8 +79,8 @@ def read_state(path: Path) -> dict[str, torch.Tensor]:
     return {str(key).removeprefix("module." if is_parallel else ""): value for key, value in state.items()}
 
 
-def _foreign(path: Path) -> str:
-    """What a file is when it is none of PyTorch's, and what to do; empty when it may be one."""
+def foreign(path: Path) -> str:
+    """Return what a file is when it is none of PyTorch's, and what to do; empty when it may be one."""
     with regular(path).open("rb") as file:
         head = file.read(64).lstrip()
     if not head:

@@ -19,8 +19,9 @@ from support.places import DATA
 from sucre_bench.arrays import Array
 from sucre_bench.camera import project
 from sucre_bench.datasets.colmap import Colmap
-from sucre_bench.datasets.seathru import Seathru, published_charts
+from sucre_bench.datasets.seathru import Seathru
 from sucre_bench.errors import InputError
+from sucre_bench.loading.d5_charts import published_charts
 from sucre_bench.scene import Scene
 
 

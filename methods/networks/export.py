@@ -1,0 +1,119 @@
+"""Makes files that `onnx` and the published networks read, from files of others. Nothing of a weights file is run.
+
+    python -m sucre_bench.methods.networks.export WEIGHTS NEW.pt
+    python -m sucre_bench.methods.networks.export WEIGHTS NEW.onnx MODULE:CLASS [OPTION=NUMBER]... [at=HEIGHTxWIDTH]
+
+The first saves the tensors alone, of a file that holds more, for example the options of training, an optimiser or a
+whole module. The second makes the network of an author's code and exports it; run it in the folder of that code, which
+is imported. It needs torch and onnx. at: the network works at this size alone, if torch cannot export it for any.
+"""
+
+import importlib
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sucre_bench.errors import InputError, SucreBenchError, one_line
+from sucre_bench.methods.networks.run_torch import UNSAFE, bare, foreign
+
+if TYPE_CHECKING:
+    import torch
+
+_MOST_KINDS = 200  # of objects in a file
+_SIDE = 256  # pixels, of the picture that the export follows through the network; a multiple of most networks' steps
+
+
+class _StandIn:
+    """Takes the place of an object of the file: it keeps the object's state, and runs nothing."""
+
+    def __init__(self, *given: Any, **named: Any) -> None:
+        self.state: Any = None
+
+    def __setstate__(self, state: Any) -> None:
+        self.state = state
+
+
+def tensors(path: Path) -> dict[str, "torch.Tensor"]:
+    """Return the state dict in a file of weights, whatever else it holds. Raises InputError if there is none.
+
+    torch reads with weights_only=True, and gives a stand-in for each object that is no tensor. Of a whole module the
+    parameters are taken from its state.
+    """
+    import torch
+
+    if what := foreign(path):
+        raise InputError(what, path)
+    stand_ins: list[tuple[type, str]] = []
+    for _ in range(_MOST_KINDS):
+        try:
+            with torch.serialization.safe_globals(stand_ins):  # type: ignore[arg-type]
+                content = torch.load(path, map_location="cpu", weights_only=True)
+        except Exception as fault:  # pickle, zip and torch each have their own
+            if not (unsafe := re.search(UNSAFE, str(fault))):
+                raise InputError(f"is not read, {one_line(fault)}", path, "fetch it again") from fault
+            stand_ins.append((type("_Object", (_StandIn,), {}), unsafe[1]))
+            continue
+        return bare(dict(_of_module(content)) if isinstance(content, _StandIn) else content, path)
+    raise InputError(f"holds more than {_MOST_KINDS} kinds of objects", path, "save the network's state_dict()")
+
+
+def _of_module(module: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """The parameters of a whole module, and what it holds, by their keys in its state dict."""
+    state = module.state if isinstance(module, _StandIn) and isinstance(module.state, Mapping) else {}
+    left_out = state.get("_non_persistent_buffers_set", ())
+    for name, value in {**state.get("_parameters", {}), **state.get("_buffers", {})}.items():
+        if value is not None and name not in left_out:
+            yield prefix + name, value
+    for name, inner in state.get("_modules", {}).items():
+        yield from _of_module(inner, f"{prefix}{name}.")
+
+
+def export(weights: Path, target: Path, network: str, options: Mapping[str, Any], at: str = "") -> None:
+    """Write a network of the code in the current folder as ONNX, of any height and width, or of "480x640".
+
+    network: "package.module:Class"; options: its arguments. Raises InputError if the weights are not the network's.
+    """
+    import torch
+
+    sys.path.insert(0, str(Path.cwd()))
+    module, _, name = network.partition(":")
+    made: torch.nn.Module = getattr(importlib.import_module(module), name)(**options)
+    try:
+        made.load_state_dict(tensors(weights))
+    except RuntimeError as fault:
+        raise InputError(f"not the weights of {network}, {one_line(fault)}", weights, "give its options") from fault
+    sides = {} if at else {2: "height", 3: "width"}
+    height, width = map(int, (at or f"{_SIDE}x{_SIDE}").split("x"))
+    torch.onnx.export(
+        made.eval(),
+        (torch.rand(1, 3, height, width),),
+        str(target),
+        input_names=["image"],
+        output_names=["restored"],
+        dynamic_axes={"image": sides, "restored": sides},
+        dynamo=False,
+    )
+
+
+def _main(words: list[str]) -> None:
+    if len(words) < 2 or Path(words[1]).suffix not in (".pt", ".onnx") or (words[1][-3:] == ".pt") != (len(words) == 2):
+        sys.exit(__doc__)
+    weights, target, *network = words
+    given = dict(word.split("=", 1) for word in network[1:])
+    at = given.pop("at", "")
+    try:
+        if network:
+            export(Path(weights), Path(target), network[0], {name: int(value) for name, value in given.items()}, at)
+        else:
+            import torch
+
+            torch.save(tensors(Path(weights)), target)
+    except SucreBenchError as fault:
+        sys.exit(f"error: {fault}")
+    print(target)
+
+
+if __name__ == "__main__":
+    _main(sys.argv[1:])

@@ -1,0 +1,264 @@
+"""Published outputs, scored beside the numbers that their publications print: `sucre-bench gallery`.
+
+conf/gallery.yaml lists the exhibits: repositories with photographs, and with what authors made of them. The files of an
+exhibit are laid out as `dataset=photos` and `method=precomputed` read them, and its line-up is written beside them.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sucre_bench.arrays import DataFrame
+from sucre_bench.errors import InputError, SucreBenchError, unknown_name
+from sucre_bench.imaging.encoding import to_8bit
+from sucre_bench.imaging.image_files import read_rgb, write_png
+from sucre_bench.imaging.resizing import Resizing, resized
+from sucre_bench.jobs.lineup import Entry, LineUp
+from sucre_bench.jobs.run_options import CONF_FOLDER
+from sucre_bench.loading.d5_charts import published_charts
+from sucre_bench.machine import progress
+from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.text_formats import read_yaml
+from sucre_bench.results import layout
+
+PICTURES = "pictures"  # the folder in the results folder that has the files of each exhibit
+_FILE = CONF_FOLDER / "gallery.yaml"
+
+# Where files lie: the name of a view -> a path with * in it, or "{stem}" -> a path with {stem} in it.
+Files = Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number of a publication, and how to compute it. The keys are those of conf/gallery.yaml."""
+
+    row: str
+    score: str = ""
+    against: str = ""
+    published: str = ""
+    view: str = ""
+    add: float = 0.0
+    form: str = ""
+    why: str = ""
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class Exhibit:
+    """One set of photographs of a repository, with what was made of them. The keys are those of conf/gallery.yaml."""
+
+    name: str
+    repository: str
+    photographs: Files
+    numbers: tuple[Number, ...]
+    licence: str = "none given"
+    reference: Files = field(default_factory=dict)
+    outputs: Mapping[str, Files] = field(default_factory=dict)
+    alike: tuple[str, str] | None = None
+    methods: tuple[Mapping[str, Any], ...] = ()
+    dataset: Mapping[str, Any] = field(default_factory=dict)
+    size: int = 0
+    charts: bool = False
+
+    @property
+    def remedy(self) -> str:
+        """How to get its repository."""
+        return f"git clone --depth 1 https://github.com/{self.repository}"
+
+    def folder(self, repositories: Path) -> Path:
+        """Return the folder of its repository. Raises InputError, with the command that fetches it, if it is absent."""
+        owner, name = self.repository.split("/")
+        for place in (name, self.repository, f"{owner}+{name}"):
+            if (repositories / place).is_dir():
+                return repositories / place
+        raise InputError("no such folder", repositories / name, f"cd {repositories}; {self.remedy}")
+
+
+def exhibits(names: Sequence[str] = ()) -> list[Exhibit]:
+    """Return the exhibits, or those of these names. Raises InputError for an unknown name."""
+    known = read_yaml(_FILE.read_text(encoding="utf-8"))
+    for name in names:
+        if name not in known:
+            raise unknown_name(name, name, known, "exhibit")
+    return [_exhibit(name, known[name]) for name in names or known]
+
+
+def _exhibit(name: str, content: dict[str, Any]) -> Exhibit:
+    def files(one: Any) -> Files:
+        return {"{stem}": one} if isinstance(one, str) else dict(one)
+
+    content["numbers"] = tuple(Number(**number) for number in content["numbers"])
+    content["photographs"], content["reference"] = files(content["photographs"]), files(content.get("reference", {}))
+    content["outputs"] = {row: files(one) for row, one in content.get("outputs", {}).items()}
+    content["methods"] = tuple({"name": m} if isinstance(m, str) else m for m in content.get("methods", ()))
+    if "alike" in content:
+        content["alike"] = tuple(content["alike"])
+    return Exhibit(name, **content)
+
+
+# -- the files of an exhibit ---------------------------------------------------------------------------------------
+
+
+def lay_out(exhibit: Exhibit, repositories: Path, out: Path) -> Path:
+    """Put the files of an exhibit into ``out/pictures/NAME``, and return the line-up that scores them.
+
+    A file that needs no resizing is a hard link, or a copy. Methods that need a file which is not in `repositories` are
+    left out, with a line. Raises InputError if the repository is absent, has none of the files, or nothing is left.
+    """
+    source, place = exhibit.folder(repositories), out / PICTURES / exhibit.name
+    photographs, reference = _found(source, exhibit.photographs), _found(source, exhibit.reference)
+    outputs = {row: _found(source, files) for row, files in exhibit.outputs.items()}
+    if exhibit.alike:
+        names = _alike(*(_found(source, {"{stem}": pattern}) for pattern in exhibit.alike))
+        outputs = {row: {names[k]: path for k, path in of.items() if k in names} for row, of in outputs.items()}
+    shown = set(photographs) & (set(reference) if reference else set(photographs))
+    shown &= set().union(*outputs.values()) if outputs else shown
+    methods = [dict(method) for method in exhibit.methods if _is_there(exhibit, method, repositories)]
+    if not shown or not (outputs or methods):
+        raise InputError(f"has nothing of {exhibit.name}", source, f"fetch all of it: {exhibit.remedy}")
+    folders = {"photographs": photographs, "photographs/reference": reference, **outputs}
+    for folder, files in progress.track(folders.items(), f"files of {exhibit.name}"):
+        is_resized = exhibit.size if folder.startswith("photographs") else 0
+        for stem in sorted(shown & set(files)):
+            _put(files[stem], place / folder, stem, is_resized)
+    if exhibit.charts:
+        write_atomically(place / "photographs" / "charts.json", _charts(shown, place / "photographs"))
+    for method in methods:
+        if "model" in method:
+            method["model"] = str((repositories / method["model"]).resolve())
+    rows: list[dict[str, Any]] = [
+        {"name": "precomputed", "label": row, "folder": row, "resize": True, **trained_on} for row in outputs
+    ]
+    entries: list[dict[str, Any]] = [{"name": "underwater"}, *rows, *methods]
+    forms = list(dict.fromkeys(number.score for number in exhibit.numbers if number.score))
+    line_up = LineUp(
+        (Entry("photos", {"label": exhibit.name, "root": "photographs", **exhibit.dataset}),),
+        tuple(Entry(entry.pop("name"), entry) for entry in entries),
+        tuple(map(Entry, forms or ["uciqe", "uiqm"])),
+    )
+    says = f"{exhibit.name}: {len(shown)} photographs of github.com/{exhibit.repository} (licence: {exhibit.licence})"
+    write_atomically(place / "lineup.yaml", line_up.as_yaml(says).encode())
+    return place / "lineup.yaml"
+
+
+def _found(folder: Path, files: Files) -> dict[str, Path]:
+    """The files of a repository, by the name of the view."""
+    found: dict[str, Path] = {}
+    for name, pattern in files.items():
+        # re.escape writes a brace and a star with a backslash.
+        first, *others = re.escape(pattern).replace(r"\*", "[^/]*").split(r"\{stem\}")
+        regex = "(?P=stem)".join([f"{first}(?P<stem>[^/]+){others[0]}", *others[1:]]) if others else first
+        for path in sorted(folder.glob(pattern.replace("{stem}", "*"))):
+            if fits := re.fullmatch(regex, path.relative_to(folder).as_posix()):
+                found.setdefault(fits["stem"] if others else name, path)
+    return found
+
+
+def _alike(ours: Mapping[str, Path], theirs: Mapping[str, Path]) -> dict[str, str]:
+    """For each of our names, the name of the picture with the same pixels."""
+    known = {read_rgb(path).tobytes(): name for name, path in theirs.items()}
+    named = ((name, known.get(read_rgb(path).tobytes())) for name, path in ours.items())
+    return {name: other for name, other in named if other}
+
+
+def _is_there(exhibit: Exhibit, method: Mapping[str, Any], repositories: Path) -> bool:
+    file = repositories / str(method.get("model", ""))
+    if not file.exists():
+        made = "docs/doors.md, Networks of others, has the command that makes it"
+        progress.say(f"{exhibit.name}: {method.get('label')} is left out, no file {file}; {made}")
+    return file.exists()
+
+
+def _put(source: Path, folder: Path, stem: str, size: int) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    target = folder / f"{stem}{'.png' if size else source.suffix}"
+    if target.exists():
+        return
+    if size:
+        with suppress(SucreBenchError):  # a picture that cannot be read has no row
+            write_png(target, resized(to_8bit(read_rgb(source)), Resizing(size, "bilinear"))[..., ::-1])
+        return
+    try:
+        os.link(source, target)
+    except OSError:  # of another file system
+        shutil.copyfile(source, target)
+
+
+def _charts(names: set[str], folder: Path) -> bytes:
+    known = published_charts()
+    images = {
+        path.name: {chart.name: np.asarray(chart.corners).tolist() for chart in known[path.stem]}
+        for path in sorted(folder.iterdir())
+        if path.stem in names & set(known)
+    }
+    return json.dumps({"kind": "dgk", "images": images}).encode()
+
+
+# -- published against measured ------------------------------------------------------------------------------------
+
+
+def compared(shown: Sequence[Exhibit], rows: DataFrame, out: Path) -> DataFrame:
+    """Return a row a number: what is compared, the numbers as text, and why they differ.
+
+    rows: the score table of `out`. A number whose row has no score is left out.
+    """
+    import pandas as pd
+
+    lines = (line for exhibit in shown for number in exhibit.numbers for line in _line(exhibit, number, rows, out))
+    return pd.DataFrame(lines)
+
+
+def _line(exhibit: Exhibit, number: Number, rows: DataFrame, out: Path) -> Iterator[dict[str, Any]]:
+    import pandas as pd
+
+    metric, _, variant = number.score.partition(":")
+    if number.against:
+        values = pd.Series(_agreement(exhibit, number, out), dtype=float)
+    else:
+        is_asked = (rows["dataset"] == exhibit.name) & (rows["method"] == number.row) & (rows["metric"] == metric)
+        ok = rows[is_asked & (rows["variant"] == variant) & (rows["status"] == "ok")]
+        ok = ok[ok["view"].map(lambda name: not number.view or Path(name).stem == number.view)]
+        ok = ok[ok["region"].map(lambda region: region.count("/") == min(r.count("/") for r in ok["region"]))]
+        values = ok.groupby("view", sort=False)["value"].mean()
+    if not len(values):
+        return
+    measured = float(values.mean()) + number.add
+    digits = len(number.published.partition(".")[2])
+    off = measured - float(number.published or "nan")
+    is_equal = abs(off) <= 0.5 * 10.0**-digits * (1 + 1e-9)
+    off_text = "equal" if is_equal else f"{off:+.{digits}f}"
+    yield {
+        "exhibit": exhibit.name,
+        "row": number.row,
+        "score": f"against {number.against}, dB" if number.against else number.score,
+        "published": number.published,
+        "measured": f"{measured:.{digits or 3}f}",
+        "difference": off_text if number.published else "",
+        "views": len(values),
+        "form": number.form,
+        "reason": "" if is_equal else number.why,
+        "source": number.source or f"github.com/{exhibit.repository}",
+    }
+
+
+def _agreement(exhibit: Exhibit, number: Number, out: Path) -> dict[str, float]:
+    """PSNR of a row's pictures against the published ones in 8 bits, dB, by view."""
+    ours = out / "restored" / layout.file_name(exhibit.name) / layout.file_name(number.row)
+    published = sorted((out / PICTURES / exhibit.name / number.against).iterdir())
+    found = {}
+    for path in published:
+        if (picture := ours / f"{path.stem}.png").is_file():
+            one, other = (read_rgb(file).astype(np.float64) for file in (picture, path))
+            if one.shape == other.shape:
+                found[path.stem] = -10 * np.log10(max(float(((one - other) ** 2).mean()), 1e-12))
+    return found
