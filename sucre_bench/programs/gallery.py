@@ -137,7 +137,7 @@ def lay_out(exhibit: Exhibit, repositories: Path, out: Path) -> Path:
         if "model" in method:
             method["model"] = str((repositories / method["model"]).resolve())
     rows: list[dict[str, Any]] = [
-        {"name": "precomputed", "label": row, "folder": row, "resize": True, **trained_on} for row in outputs
+        {"name": "precomputed", "label": row, "folder": row, "resize": True} for row in outputs
     ]
     entries: list[dict[str, Any]] = [{"name": "underwater"}, *rows, *methods]
     forms = list(dict.fromkeys(number.score for number in exhibit.numbers if number.score))

@@ -1,0 +1,77 @@
+"""Networks of others: the tensors of files that hold more, and the export to ONNX."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sucre_bench.errors import InputError
+from sucre_bench.methods.networks.export import tensors
+
+torch = pytest.importorskip("torch")
+
+CODE = """
+import torch
+
+class Brighter(torch.nn.Module):
+    def __init__(self, layers):
+        super().__init__()
+        self.body = torch.nn.Sequential(*(torch.nn.Conv2d(3, 3, 3, padding=1) for _ in range(layers)))
+
+    def forward(self, x):
+        return x + self.body(x)
+"""
+
+
+class Trap:
+    """Writes a file when it is unpickled."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path.touch, (self.path,)
+
+
+@pytest.mark.parametrize("kind", ["options", "whole module", "trap"])
+def test_the_tensors_of_a_file_are_taken_and_nothing_of_it_runs(kind: str, tmp_path: Path) -> None:
+    layer = torch.nn.Sequential(torch.nn.Conv2d(3, 4, 3), torch.nn.BatchNorm2d(4))
+    state = layer.state_dict()
+    content = {
+        "options": {"model_state_dict": state, "opt": argparse.Namespace(rate=0.1)},
+        "whole module": layer,
+        "trap": {"state_dict": state, "further": Trap(tmp_path / "sprung")},
+    }
+    torch.save(content[kind], tmp_path / "net.pt")
+    found = tensors(tmp_path / "net.pt")
+    assert list(found) == list(state)
+    assert all(torch.equal(found[key], state[key]) for key in state)
+    assert not (tmp_path / "sprung").exists()
+
+
+def test_a_file_without_a_network_is_refused(tmp_path: Path) -> None:
+    torch.save({"opt": argparse.Namespace(rate=0.1)}, tmp_path / "net.pt")
+    with pytest.raises(InputError):
+        tensors(tmp_path / "net.pt")
+
+
+def test_the_exported_network_computes_what_torch_computes(tmp_path: Path) -> None:
+    runtime = pytest.importorskip("onnxruntime")
+    pytest.importorskip("onnx")
+    (tmp_path / "net.py").write_text(CODE, encoding="utf-8")
+    space: dict[str, Any] = {}
+    exec(CODE, space)
+    network = space["Brighter"](2)
+    torch.save({"model": network.state_dict(), "opt": argparse.Namespace()}, tmp_path / "net.pt")
+    command = [sys.executable, "-m", "sucre_bench.methods.networks.export", "net.pt", "net.onnx", "net:Brighter"]
+    subprocess.run([*command, "layers=2"], cwd=tmp_path, check=True, capture_output=True)
+    picture = np.random.default_rng(0).random((1, 3, 40, 56), dtype=np.float32)
+    restored = runtime.InferenceSession(str(tmp_path / "net.onnx")).run(None, {"image": picture})[0]
+    with torch.no_grad():
+        assert restored == pytest.approx(network(torch.from_numpy(picture)).numpy(), abs=1e-5)

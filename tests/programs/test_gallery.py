@@ -1,0 +1,54 @@
+"""`sucre-bench gallery`, on a repository laid out as a published one."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from skimage.metrics import peak_signal_noise_ratio
+
+Bench = Callable[..., Any]
+
+
+@pytest.fixture
+def repositories(tmp_path: Path) -> Path:
+    """MLLE's repository with a made photograph, and a published output 10 levels brighter."""
+    images = tmp_path / "repositories" / "MMLE_code" / "2022-MLLE" / "Image"
+    (images / "result").mkdir(parents=True)
+    photograph = np.random.default_rng(0).integers(60, 120, (6, 8, 3), dtype=np.uint8)
+    photograph = cv2.resize(photograph, (96, 72), interpolation=cv2.INTER_CUBIC)
+    cv2.imwrite(str(images / "7.jpg"), photograph)
+    cv2.imwrite(str(images / "result" / "7_MLLE.jpg"), photograph + 10)
+    return tmp_path / "repositories"
+
+
+def test_the_agreement_of_rows_with_published_pictures_is_written_and_on_the_page(
+    bench: Bench, repositories: Path, tmp_path: Path
+) -> None:
+    done = bench("gallery", str(repositories), "out", "--only", "mlle,haam_gan")
+    assert done.status == 0, done.err
+    assert "git clone --depth 1 https://github.com/zhoujingchun03/HAAM-GAN" in done.err
+    out = tmp_path / "out"
+    with (out / "tables" / "published.csv").open(encoding="utf-8") as file:
+        lines = {line["row"]: line for line in csv.DictReader(file)}
+    images = repositories / "MMLE_code" / "2022-MLLE" / "Image"
+    photograph, published = (cv2.imread(str(images / name)) for name in ("7.jpg", "result/7_MLLE.jpg"))
+    expected = peak_signal_noise_ratio(photograph, published)
+    assert float(lines["underwater"]["measured"]) == pytest.approx(expected, abs=1e-3)
+    page = (out / "report" / "index.html").read_text(encoding="utf-8")
+    assert "Published against measured" in page
+    assert lines["mlle"]["measured"] in page
+    again = bench("run", str(out / "pictures" / "mlle" / "lineup.yaml"), "out=again", "tracking.uri=off")
+    assert again.status == 0, again.err
+
+
+def test_a_folder_without_any_of_the_repositories_is_refused(bench: Bench, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    done = bench("gallery", "empty", "out", "--only", "mlle")
+    assert done.status == 2
+    assert "git clone" in done.err
