@@ -173,6 +173,10 @@ class RestoredElsewhere:
     resize: bool = False
     """Resize images of another size to the view, by area or linearly; false: another size is an error."""
 
+    trained_on: str = ""
+    """What the method was trained on, for tables: "SET" or "DATASET less SET", with a set of `sucre-bench list sets`,
+    or any other words. `compare` warns of test pictures that were among it."""
+
     def encoding_of(self, view: View) -> Encoding:
         """Return the encoding of a view's files."""
         return view.encoding if self.encoding == "view" else self.encoding

@@ -21,7 +21,6 @@ from sucre_bench.methods.networks.run_torch import UNSAFE, bare, foreign
 if TYPE_CHECKING:
     import torch
 
-_MOST_KINDS = 200  # of objects in a file
 _SIDE = 256  # pixels, of the picture that the export follows through the network; a multiple of most networks' steps
 
 
@@ -45,18 +44,19 @@ def tensors(path: Path) -> dict[str, "torch.Tensor"]:
 
     if what := foreign(path):
         raise InputError(what, path)
-    stand_ins: list[tuple[type, str]] = []
-    for _ in range(_MOST_KINDS):
+    stand_ins: dict[str, type] = {}
+    while True:
         try:
-            with torch.serialization.safe_globals(stand_ins):  # type: ignore[arg-type]
+            with torch.serialization.safe_globals([(made, name) for name, made in stand_ins.items()]):
                 content = torch.load(path, map_location="cpu", weights_only=True)
         except Exception as fault:  # pickle, zip and torch each have their own
-            if not (unsafe := re.search(UNSAFE, str(fault))):
-                raise InputError(f"is not read, {one_line(fault)}", path, "fetch it again") from fault
-            stand_ins.append((type("_Object", (_StandIn,), {}), unsafe[1]))
-            continue
-        return bare(dict(_of_module(content)) if isinstance(content, _StandIn) else content, path)
-    raise InputError(f"holds more than {_MOST_KINDS} kinds of objects", path, "save the network's state_dict()")
+            unsafe = re.search(UNSAFE, str(fault))
+            if not unsafe or unsafe[1] in stand_ins:
+                reason = unsafe[0] if unsafe else one_line(fault)
+                raise InputError(f"is not read, {reason}", path, "save the network's state_dict()") from fault
+            stand_ins[unsafe[1]] = type("_Object", (_StandIn,), {})
+        else:
+            return bare(dict(_of_module(content)) if isinstance(content, _StandIn) else content, path)
 
 
 def _of_module(module: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -213,6 +213,10 @@ class Onnx:
     device: Device = "auto"
     """Where to compute: auto takes a GPU when onnxruntime can."""
 
+    trained_on: str = ""
+    """What the network was trained on, for tables: "SET" or "DATASET less SET", with a set of `sucre-bench list sets`,
+    or any other words. `compare` warns of test pictures that were among it."""
+
     def __post_init__(self) -> None:
         model_file(self.model)
         check_ranges(self, size="[1, inf)", multiple="[1, inf)", tile="[1, inf)", overlap="[0, inf)")

@@ -32,6 +32,10 @@ class _Published:
     device: Device = field(default="auto", kw_only=True)
     """Where to compute: auto takes a GPU when there is one."""
 
+    trained_on: str = field(default="", kw_only=True)
+    """What the network was trained on, for tables: "SET" or "DATASET less SET", with a set of `sucre-bench list sets`,
+    or any other words. `compare` warns of test pictures that were among it."""
+
     def __post_init__(self) -> None:
         check_file(self.weights, "weights")
 

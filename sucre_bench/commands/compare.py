@@ -90,6 +90,7 @@ def compare(
     All methods are compared on the same images. The command refuses runs that are not comparable, and says why.
     """
     from sucre_bench import compare, plugins
+    from sucre_bench.compare.training import seen_in_training
     from sucre_bench.compare.words import left_out
 
     for file in plugin_files:
@@ -108,6 +109,8 @@ def compare(
         raise InputError(notes or f"{', '.join(map(str, folders))}: no score there; run methods into it first")
     verdicts = compare.gated(rows, gates, baseline) if gates else []
     _print(compared, folders, "json" if as_json else how, (spread, intervals, all_metrics, bool(metrics)))
+    for line in dict.fromkeys(line for folder in folders for line in seen_in_training(folder, rows)):
+        say(line, "yellow")
     for verdict in verdicts:
         _say_gated(verdict, baseline)
     sys.exit(1 if any(verdict.fails for verdict in verdicts) else 0)

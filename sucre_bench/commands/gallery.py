@@ -44,8 +44,8 @@ def gallery(repositories: Path, out: Path, only: str) -> None:
 
     check_folder(repositories, "give the folder that has the clones")
     check_results_folder(out)
-    rows, shown, failed = None, program.exhibits(shared.labels_of(only)), False
-    for exhibit in shown:
+    rows, failed = None, False
+    for exhibit in program.exhibits(shared.labels_of(only)):
         try:
             with progress.live():
                 line_up = program.lay_out(exhibit, repositories, out)
@@ -60,7 +60,7 @@ def gallery(repositories: Path, out: Path, only: str) -> None:
             raise click.Abort
     if rows is None:
         raise InputError("has none of the repositories", repositories, "clone one, for example as the lines above say")
-    table = program.compared(shown, rows, out)
+    table = program.compared(rows, out)
     path = out / published.FILE
     write_atomically(path, csv_text(table).encode())
     terminal.out.print(_table(table))

@@ -14,6 +14,7 @@ import click
 
 from sucre_bench import compare, results
 from sucre_bench.compare.terminal_table import as_blocks
+from sucre_bench.compare.training import seen_in_training
 from sucre_bench.engine.run import Outcome
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.machine import progress, terminal
@@ -73,6 +74,8 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
         terminal.show(
             f"hint     {hint.where}, in {hint.n_views} of {counted(hint.n_read, 'view')}: {hint.text}", style="yellow"
         )
+    for line in seen_in_training(outcome.out, outcome.rows):
+        terminal.show(f"trained on  {line}", style="yellow")
     study, notes, page = _written(outcome, comparisons)
     for colour, kind, faults in (
         ("red", "failed", (*outcome.failed, *outcome.scores_failed)),

@@ -20,6 +20,7 @@ from sucre_bench.compare.notes import (
     pixel_notes,
 )
 from sucre_bench.compare.statistics import ColumnScores, Units
+from sucre_bench.compare.training import training_notes
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import COSTS, PREFERENCE, RESTORATION, By, values_of
@@ -40,6 +41,7 @@ def compare(
     Raises InputError for a metric or a baseline that the rows do not have.
     """
     asked, (photographs, tracks) = asked_for(rows, metrics), _photographs_and_tracks(rows)
+    trained = {dataset: tuple(training_notes(of_dataset)) for dataset, of_dataset in rows.groupby("dataset")}
     rows = rows[[name for name in rows.columns if name not in _UNUSED]]
     rows = rows.sort_values("time", kind="stable")  # datasets, methods and metrics as they were run
     order = list(dict.fromkeys([*order, *rows["method"].unique()]))
@@ -63,7 +65,8 @@ def compare(
             methods = sorted(of_table["method"].unique(), key=order.index)
             of_dataset = {name for dataset, name in photographs if dataset == key[0]}
             title = " · ".join(map(str, key))
-            tables.append(_table(title, of_table, methods, baseline, of_dataset, key[0] in tracks))
+            table = _table(title, of_table, methods, baseline, of_dataset, key[0] in tracks)
+            tables.append(replace(table, notes=(*table.notes, *trained[key[0]])))
     scored = [table for table in tables if table.columns]
     return scored if by != "method" and scored else tables  # of a region that some views lack
 

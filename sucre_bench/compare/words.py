@@ -184,6 +184,7 @@ NOTES = {
     "common pixels": "{metrics} on the pixels that all methods fill: {share} % of the image{in_some}",
     "own pixels": "{metrics}{in_some} on each method's own pixels, which differ{why}",
     "no shared pixels": "no score in {note.n} of {note.total} images, because they have no pixel that all methods fill",
+    "trained on": "{names} was trained on: {note.reasons}",
     "older data": "left out, because they ran on other data: {names}",
     "no baseline": "{names} was not run here: there is nothing to compare with",
     "no option": "{names} is left out: it has no option {note.option}",

@@ -207,13 +207,14 @@ def _charts(names: set[str], folder: Path) -> bytes:
 # -- published against measured ------------------------------------------------------------------------------------
 
 
-def compared(shown: Sequence[Exhibit], rows: DataFrame, out: Path) -> DataFrame:
+def compared(rows: DataFrame, out: Path) -> DataFrame:
     """Return a row a number: what is compared, the numbers as text, and why they differ.
 
-    rows: the score table of `out`. A number whose row has no score is left out.
+    rows: the score table of `out`, which may have exhibits of earlier commands. A number without a score is left out.
     """
     import pandas as pd
 
+    shown = [exhibit for exhibit in exhibits() if exhibit.name in set(rows["dataset"])]
     lines = (line for exhibit in shown for number in exhibit.numbers for line in _line(exhibit, number, rows, out))
     return pd.DataFrame(lines)
 
@@ -227,8 +228,10 @@ def _line(exhibit: Exhibit, number: Number, rows: DataFrame, out: Path) -> Itera
     else:
         is_asked = (rows["dataset"] == exhibit.name) & (rows["method"] == number.row) & (rows["metric"] == metric)
         ok = rows[is_asked & (rows["variant"] == variant) & (rows["status"] == "ok")]
-        ok = ok[ok["view"].map(lambda name: not number.view or Path(name).stem == number.view)]
-        ok = ok[ok["region"].map(lambda region: region.count("/") == min(r.count("/") for r in ok["region"]))]
+        is_view = [not number.view or Path(name).stem == number.view for name in ok["view"]]
+        ok = ok.loc[is_view]
+        depth = ok["region"].str.count("/")  # a chart's score, not those of its patches
+        ok = ok[depth == depth.min()]
         values = ok.groupby("view", sort=False)["value"].mean()
     if not len(values):
         return
@@ -254,7 +257,7 @@ def _line(exhibit: Exhibit, number: Number, rows: DataFrame, out: Path) -> Itera
 def _agreement(exhibit: Exhibit, number: Number, out: Path) -> dict[str, float]:
     """PSNR of a row's pictures against the published ones in 8 bits, dB, by view."""
     ours = out / "restored" / layout.file_name(exhibit.name) / layout.file_name(number.row)
-    published = sorted((out / PICTURES / exhibit.name / number.against).iterdir())
+    published = sorted((out / PICTURES / exhibit.name / number.against).glob("*"))
     found = {}
     for path in published:
         if (picture := ours / f"{path.stem}.png").is_file():

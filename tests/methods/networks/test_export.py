@@ -29,6 +29,10 @@ class Brighter(torch.nn.Module):
 """
 
 
+def spring(path: Path) -> None:
+    path.touch()
+
+
 class Trap:
     """Writes a file when it is unpickled."""
 
@@ -36,7 +40,7 @@ class Trap:
         self.path = path
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Path.touch, (self.path,)
+        return spring, (self.path,)
 
 
 @pytest.mark.parametrize("kind", ["options", "whole module", "trap"])

@@ -1,0 +1,49 @@
+"""What methods were trained on: the note of tables, and the warning of test pictures that were among it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from sucre_bench.loading import named_sets
+from sucre_bench.loading.named_sets import Member, NamedSet, print_of
+
+RNG = np.random.default_rng(4)
+
+
+def picture() -> np.ndarray:
+    return cv2.resize(RNG.integers(0, 255, (9, 12, 3), dtype=np.uint8), (120, 90), interpolation=cv2.INTER_CUBIC)
+
+
+@pytest.mark.parametrize(
+    ("said", "seen"), [("Reef less own", 2), ("other", 2), ("Reef less nothing", 0), ("a thousand pictures", 0)]
+)
+def test_compare_warns_of_test_pictures_that_were_in_the_training_set(
+    said: str, seen: int, bench: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pictures = {name: picture() for name in ("a", "b", "c")}
+    for folder in ("photographs", "restored"):
+        (tmp_path / folder).mkdir()
+        for name, bgr in pictures.items():
+            cv2.imwrite(str(tmp_path / folder / f"{name}.png"), bgr)
+
+    def named(name: str, *of: str) -> NamedSet:
+        members = (Member(f"{one}.png", (), None, print_of(pictures[one][..., ::-1]), None) for one in of)
+        return NamedSet(name, "", "Reef", "", "", "", tuple(members))
+
+    sets = {"own": named("own", "c"), "other": named("other", "a", "b"), "more": named("more", "c")}
+    monkeypatch.setattr(named_sets, "named_sets", lambda: sets)
+    monkeypatch.setattr("sucre_bench.compare.training.named_sets", lambda: sets)
+    words = ("dataset=./photographs", "method=precomputed", "method.folder=restored", "metrics=[uciqe]", "out=out")
+    done = bench("run", *words, f"method.trained_on='{said}'", "workers=0", "tracking.uri=off", "report=false")
+    assert done.status == 0, done.err
+    done = bench("compare", "out")
+    assert f"trained on: {said}" in " ".join(done.out.split())
+    assert ("were in the training set" in done.err) == bool(seen)
+    if seen:
+        assert f"{seen} of 3 pictures" in done.err
