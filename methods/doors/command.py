@@ -39,7 +39,7 @@ from sucre_bench.methods.doors.precomputed import (
     inside,
     placeholders,
 )
-from sucre_bench.methods.doors.process import Ended, run_program
+from sucre_bench.methods.doors.process import Ended, Printed, run_program
 from sucre_bench.plugins.ranges import check_ranges
 
 _PER_SCENE = ("input", "depth", "distance", "output")
@@ -229,7 +229,7 @@ class Command(RestoredElsewhere):
             raise work.refused[view.name]
         ended, who = work.ended, f"{Path(self._words[0]).name}: {view.name}"
         about = f"{ended.fault}, saying: {ended.last_words}" if ended.fault and ended.last_words else ended.fault
-        printed = _Printed(ended.said) if ended.said else None
+        printed = Printed(ended.said) if ended.said else None
         try:
             if about and self.per == "view":
                 raise NotApplicableError(about)
@@ -248,10 +248,6 @@ class Command(RestoredElsewhere):
         told["environment"] = str(self._environment.pinned) if self._environment else ""
         info = {"seconds": ended.seconds / len(work.names), "peak_mb": ended.peak_mb, "device": "unknown"}
         return replace(restored, info=restored.info | info | {key: text for key, text in told.items() if text})
-
-
-class _Printed(Exception):  # noqa: N818, it is no error: it is kept with the traceback of one
-    """What a program printed."""
 
 
 @dataclass(eq=False)

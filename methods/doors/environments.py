@@ -18,7 +18,7 @@ from sucre_bench import InputError
 from sucre_bench.errors import MissingFileError
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.processes import environment_of_programs
-from sucre_bench.methods.doors.process import run_program
+from sucre_bench.methods.doors.process import Printed, run_program
 
 _FORMS = "uv:FILE, conda:NAME or docker:IMAGE@sha256:DIGEST"
 _GPU_OF_CONTAINERS = "nvidia-container-cli"  # where it is installed, docker takes --gpus
@@ -56,16 +56,15 @@ class Environment:
 
     def check(self) -> None:
         """Raise InputError where its tool or file is missing, or its content has another digest than was given."""
-        place = f"command.env={self.tool}:{self.name}"
         if shutil.which(self.tool) is None:
             raise InputError(
-                f"{self.tool} is not installed", place, f"install {self.tool}, or give another of {_FORMS}"
+                f"{self.tool} is not installed", self._place, f"install {self.tool}, or give another of {_FORMS}"
             )
         if self.tool == "uv" and not Path(self.name).is_file():
             raise MissingFileError("no such file", self.name, "give a file of requirements in command.env=uv:FILE")
         if self.digest and (found := self._found_digest) and found != self.digest:
             remedy = "bring the old content back, or leave out @sha256:... and give another label"
-            raise InputError(f"is {found} now, not {self.digest}", place, remedy)
+            raise InputError(f"is {found} now, not {self.digest}", self._place, remedy)
 
     @property
     def pinned(self) -> "Environment":
@@ -121,7 +120,7 @@ class Environment:
     def make(self) -> None:
         """Make what is missing of it. InputError with the last line that the tool printed, where that fails."""
         tries = {
-            "uv": [self.command(["python", "-c", ""])],
+            "uv": [self.command(["python", "-V"])],
             "conda": [["conda", "list", "--quiet", *_conda(self.name)]],
             "docker": [["docker", "image", "inspect", self._image], ["docker", "pull", "--quiet", self._image]],
         }
@@ -130,7 +129,12 @@ class Environment:
             if not ended.fault:
                 return
         remedy = f"mend it until this works: {' '.join(words)}"
-        raise InputError(f"cannot be made: {ended.last_words or ended.fault}", f"command.env={self}", remedy)
+        fault = f"cannot be made: {ended.last_words or ended.fault}"
+        raise InputError(fault, self._place, remedy) from Printed(ended.said)
+
+    @property
+    def _place(self) -> str:
+        return f"command.env={self.tool}:{self.name or self.digest}"
 
     @property
     def _image(self) -> str:

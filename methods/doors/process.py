@@ -25,6 +25,10 @@ _SAMPLE_S = 0.1
 _LATE_OUTPUT_S = 0.5  # after its end: a daemon may hold the pipes open for ever
 
 
+class Printed(Exception):  # noqa: N818, it is no error: it is kept with the traceback of one
+    """What a program printed."""
+
+
 @dataclass(frozen=True)
 class Ended:
     """How a program ended. fault: empty when well, else why; said: the end of what it printed, errors last."""
