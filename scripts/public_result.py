@@ -30,18 +30,21 @@ RUNS = {
 
 
 def make(data: Path | None) -> None:
-    """Run everything, without mlflow and pages, and write docs/board."""
-    bundles = ROOT / "outputs" / "board"
+    """Run everything, without mlflow and pages, and write docs/board. All paths are relative: bundles hold them."""
+    runs = ROOT / "outputs" / "board"
+    (runs / "bundles").mkdir(parents=True, exist_ok=True)
     for name, words in RUNS.items():
-        if name == "demo" or data:
-            out = ROOT / "outputs" / f"board-{name}"
-            bench("run", "-m", *words, f"out={out}", "tracking.uri=off", "report=false", at=data or ROOT)
-            bundles.mkdir(parents=True, exist_ok=True)
-            bench("bundle", str(out), str(bundles / f"{name}.zip"), "--by", "sucre_bench contributors")
-    bench("site", str(bundles), str(BOARD), "--title", "sucre_bench")
+        if data and name != "demo" and not (runs / name).exists():
+            (runs / name).symlink_to(data.resolve() / name)
+        if data or name == "demo":
+            out = f"{name}-results"
+            bench("run", "-m", *words, f"out={out}", "tracking.uri=off", "report=false", at=runs)
+            bundle = [f"bundles/{name}.zip", "--by", "sucre_bench contributors", "--force"]
+            bench("bundle", out, *bundle, at=runs)
+    bench("site", "bundles", str(BOARD), "--title", "sucre_bench", at=runs)
 
 
-def bench(*words: str, at: Path = ROOT) -> None:
+def bench(*words: str, at: Path) -> None:
     subprocess.run([str(Path(sys.executable).with_name("sucre-bench")), *words], cwd=at, check=True)
 
 
