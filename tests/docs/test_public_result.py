@@ -1,4 +1,4 @@
-"""The public result in docs/board: its bundles are whole, the board names them, and README prints the demo's numbers."""
+"""The public result in docs/board: bundles are whole, the board names them, README prints the numbers of the demo."""
 
 from __future__ import annotations
 
