@@ -22,7 +22,7 @@ bench=$work/venv/bin/sucre-bench
 # README's commands as typed; `restore` needs an extra, which README installs before it.
 export PATH="$work/venv/bin:$PATH"
 grep -E '^sucre-bench (run|compare)' "$here/README.md" | bash -e
-mv results/restored/demo/sucre restored
+mv results/restored/demo/gray_world restored
 printf 'image,UCIQE\nview_000.png,0.5\n' >published.csv
 grep '^sucre-bench score' "$here/README.md" | bash -e
 

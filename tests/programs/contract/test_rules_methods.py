@@ -75,7 +75,7 @@ BREACHES: list[tuple[str, str, set[str]]] = [
     ("colours_what_is_valid", "image[0, 0, 0] = np.nan", {"NaN", "channels"}),
     ("colours_what_is_valid", "image = image[::2]", {"(24, 64, 3)", "(48, 64, 3)"}),
     ("colours_what_is_valid", "view.rgb[:] = 0", {"input", "tried.py", "copy"}),
-    ("colours_what_is_valid", "raise KeyError('x')", {"KeyError", "'x'", "SolveError"}),
+    ("leaves_the_process", "raise KeyError('x')", {"KeyError", "'x'", "SolveError"}),
     ("leaves_no_holes", "image[~view.valid] = np.nan", {"960", "depth"}),
     ("leaves_its_input", "view.rgb.setflags(write=True)\nview.rgb[0] = 0", {"rgb", "far.png", "view.rgb.copy"}),
     ("is_deterministic", "image *= np.random.rand(*image.shape[:2], 1)", {"np.random.default_rng(self.seed"}),
