@@ -218,6 +218,9 @@ def _averaged(repetitions: DataFrame) -> DataFrame:
 
     Of a unit without any such repetition, methods that lack one have a hole.
     """
+    units = repetitions.droplevel("_replicate").sort_index()
+    if units.index.is_unique:
+        return units
     lacking = repetitions.isna()
     shared = repetitions[~lacking.any(axis=1)].groupby(level=_UNIT).mean()
     means = repetitions.groupby(level=_UNIT).mean().mask(lacking.groupby(level=_UNIT).any())
@@ -232,7 +235,7 @@ def _place(column: Column) -> tuple[bool, bool, bool, bool]:
 
 def _column(rows: DataFrame, values: DataFrame) -> Column:
     """What a column is. values: units x methods."""
-    left, first = values.dropna().index, next(rows.itertuples())
+    left, first = values.dropna().index, rows.iloc[0]
     metric, variant = str(first.metric), str(first.variant)
     plugin = plugins.installed("metric", metric)
     of_unknown = (0 if metric in (*COSTS, FILLED) else -math.inf, 1 if metric == FILLED else math.inf)
@@ -254,7 +257,9 @@ def _column(rows: DataFrame, values: DataFrame) -> Column:
 
 def _scores(column: Column, complete: DataFrame, is_track: bool) -> ColumnScores:
     """The numbers of a column. complete: units x methods, both sorted, without holes; is_track: of their views."""
-    per_view = complete.groupby(level=_UNIT[:2]).mean()
+    per_view = complete.droplevel("region")
+    if not per_view.index.is_unique:
+        per_view = complete.groupby(level=_UNIT[:2]).mean()
     views, scenes = per_view.to_numpy(), [*Counter(scene for scene, _ in per_view.index).values()]
     is_of_pairs = len(scenes) == 1 and column.plugin is not None and column.plugin.is_of_pairs
     units = None

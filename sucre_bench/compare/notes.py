@@ -32,7 +32,9 @@ def notes(rows: DataFrame, scores: _Tables, repetitions: _Tables, methods: Seque
     """
     why = _Why(rows)
     ok = restoration_rows(rows[(rows["status"] == "ok") & rows["_fresh"]])
-    restored = {str(name): set(values_of(of_method, "scene", "view")) for name, of_method in ok.groupby("method")}
+    restored: dict[str, set[_View]] = {}
+    for name, *view in values_of(ok, "method", "scene", "view"):
+        restored.setdefault(name, set()).add((view[0], view[1]))
     some = [name for name in methods if restored.get(name)]
     anywhere = set().union(*restored.values()) or {view for _, view in why.tried}
     everywhere = anywhere.intersection(*(restored[name] for name in some))

@@ -246,9 +246,11 @@ def _described(bundle: Bundle, manifest: bytes) -> Bundle:
         if (told["format"], told["version"]) != (_FORMAT, _VERSION):
             raise ValueError(f"it says {told['format']!r}, version {told['version']!r}")
         hashes = [
-            {name: FileHash(str(one["sha256"]), int(one["bytes"])) for name, one in told[where].items()}
+            {name: FileHash(str(one["sha256"]), one["bytes"]) for name, one in told[where].items()}
             for where in ("inside", "outside")
         ]
+        if any(type(one.size) is not int for listed in hashes for one in listed.values()):
+            raise ValueError("the size of a file is no whole number of bytes")
         by, version = str(told["by"])[:200], str(told["sucre_bench"])[:40]
     except (ValueError, OverflowError, KeyError, TypeError, AttributeError, RecursionError) as fault:
         raise InputError(f"{MANIFEST} is not one of ours ({one_line(fault)})", bundle.path, "bundle again") from fault

@@ -91,6 +91,12 @@ def test_the_label_is_the_methods_name_and_what_the_sweep_changed():
     ]  # fmt: skip
 
 
+def test_a_sweep_may_have_more_values_than_a_file_name_letters():
+    values = range(300)
+    made = jobs(f"method.gain={','.join(map(str, values))}", multirun=True).jobs
+    assert [job.method.options["gain"] for job in made] == list(values)
+
+
 def test_a_sweep_makes_a_job_of_every_combination():
     sweep = jobs("method=gain", "method.gain=1,2", "dataset.views=2,3", multirun=True)
     assert {(j.method.label, j.dataset.label) for j in sweep.jobs} == {

@@ -112,6 +112,21 @@ def test_pixels_that_rounding_moves_over_a_limit_of_faults_do_not_make_a_bundle_
     assert found["n_agree"] > 0, "most shares stay as they are"
 
 
+@pytest.mark.parametrize("size", [True, 1.5, "9", None, float("inf")])
+def test_a_size_that_is_no_whole_number_is_refused_in_a_line(bench, bundles: Path, tmp_path: Path, size: object):
+    def change(files: dict[str, bytes]) -> None:
+        about = json.loads(files["bundle.json"])
+        about["outside"] = {"restored/a.png": {"sha256": "0" * 64, "bytes": size}}
+        files["bundle.json"] = json.dumps(about).encode()
+
+    path = tmp_path / "forged.zip"
+    shutil.copyfile(bundles / "restored.zip", path)
+    rewritten(path, change)
+    done = bench("verify", str(path))
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert "bundle.json" in done.stderr
+
+
 def test_bundle_says_which_scores_nobody_can_verify(folder: Path, tmp_path: Path):
     said = {}
     for pictures in ("none", "restored"):
