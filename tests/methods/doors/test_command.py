@@ -154,7 +154,7 @@ def test_the_examples_of_the_documentation_restore(tmp_path: Path, toys: str, mo
     onnx_file(tmp_path / "physicalnn.onnx", [make_node("Identity", ["x"], ["y"])])
     (scene,) = load_scenes("toy")
     folders = ["renders/rgb_clear_clamp/train", "renders/rgb/train", "model/test/render", "model/test/with_water"]
-    for folder in (*folders, "named"):
+    for folder in (*folders, "named", "pictures"):
         (tmp_path / folder).mkdir(parents=True)
         for view in scene:
             np.save(tmp_path / folder / view.name.replace(".png", ".npy"), view.rgb)
