@@ -18,7 +18,7 @@ import numpy as np
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured, locked
 from sucre_bench.errors import NotApplicableError, one_line, raise_if_stop
-from sucre_bench.imaging.resizing import Resizing, resized_picture, resized_restoration, split_variant
+from sucre_bench.imaging.resizing import Form, changed_picture, changed_restoration, split_variant
 from sucre_bench.jobs.catalogue import MetricChoice
 from sucre_bench.machine import progress
 from sucre_bench.machine.processes import step
@@ -105,23 +105,23 @@ class Scored:
     restoration: Restoration
     shown: Array
     view: View
-    sizes: dict[Resizing, Scored] = field(default_factory=dict)
+    forms: dict[Form, Scored] = field(default_factory=dict)
 
     @functools.cached_property
     def share(self) -> float:
         """The share of pixels that have a colour."""
         return float(coloured(self.shown).mean())
 
-    def at(self, resizing: Resizing) -> Scored:
-        """Return the same at another size."""
-        if resizing not in self.sizes:
-            shown, view = resized_picture(self.shown, self.view, resizing)
+    def at(self, form: Form) -> Scored:
+        """Return the same in another form: at another size, say."""
+        if form not in self.forms:
+            shown, view = changed_picture(self.shown, self.view, form)
             if isinstance(self.restoration, PictureOnly):
-                restoration: Restoration = self.restoration.at_size(resizing.side)
+                restoration: Restoration = self.restoration.at_size(shown.shape[:2])
             else:
-                restoration = resized_restoration(self.restoration, self.view.encoding, resizing)
-            self.sizes[resizing] = Scored(restoration, shown, view)
-        return self.sizes[resizing]
+                restoration = changed_restoration(self.restoration, self.view.encoding, form)
+            self.forms[form] = Scored(restoration, shown, view)
+        return self.forms[form]
 
 
 def metric_code(metric: MetricChoice) -> str:
@@ -143,9 +143,9 @@ def variant_rows(metric: Metric, scored: Scored, base: Row, log: Path | None, li
     """
     at = f"metric '{base.metric}:{base.variant}' on view '{base.view}' by method '{base.method}'"
     try:
-        variant, resizing = split_variant(base.variant)
-        of = scored.at(resizing) if resizing else scored
-        share = scored.share if resizing else 1.0  # at another size holes are black pixels
+        variant, form = split_variant(base.variant)
+        of = scored.at(form) if form else scored
+        share = scored.share if form else 1.0  # in another form holes are black pixels
         with step(at, limit_s):
             rows = [
                 replace(

@@ -1,11 +1,12 @@
-"""Scores of pictures that are first resized to a square, as the programs of many papers do.
+"""Scores of pictures that are first resized, cropped or converted, as the programs of many papers do.
 
-A variant's name says so behind an @: "funie@256" is the variant funie of the pictures at 256x256 pixels.
+A variant's name says so behind an @: "funie@256" is the variant funie of the pictures at 256x256 pixels, and
+"unmasked@256@crop4" leaves out four pixels at each edge of these.
 """
 
 import re
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,7 @@ from sucre_bench.imaging.encoding import converted, to_8bit
 from sucre_bench.scene import Encoding, Pixels, Plane, Restoration, View
 
 Filter = Literal["bicubic", "bilinear", "nearest"]
+Change = Literal["y", "range2", "minmax"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,19 +28,38 @@ class Resizing:
     by: Filter = "bicubic"
 
 
-def split_variant(variant: str) -> tuple[str, Resizing | None]:
-    """Read "funie", "funie@256", "funie@256-bilinear" or "funie@256-nearest". InputError for anything else."""
-    name, at, resizing = variant.partition("@")
-    if not at:
-        return name, None
-    found = re.fullmatch(r"([1-9]\d{0,4})(?:-(\w+))?", resizing)
-    if not found:
-        raise InputError(f"variant '{variant}': @ needs a side in pixels; write {name}@256 or {name}@256-bilinear")
-    filters: tuple[Filter, ...] = ("bicubic", "bilinear", "nearest")
-    for by in filters:
-        if by == (found[2] or "bicubic"):
-            return name, Resizing(int(found[1]), by)
-    raise unknown_name(f"variant '{variant}'", found[2], filters, "filter")
+@dataclass(frozen=True, slots=True)
+class Form:
+    """What is done to the pictures before they are scored, in this order.
+
+    crop: pixels that are left out at each edge; change: "y": Y of YCbCr, 16 to 235 of 255, in place of the colours;
+    "range2": half of the values, as if white were 2; "minmax": the restored picture, less its least value, over its
+    range, as torchvision's normalize.
+    """
+
+    resizing: Resizing | None = None
+    crop: int = 0
+    change: Change | None = None
+
+
+def split_variant(variant: str) -> tuple[str, Form | None]:
+    """Read "funie", or "funie@256-bilinear@crop4@y" with some of these. InputError for anything else."""
+    name, *words = variant.split("@")
+    form = Form()
+    for word in words:
+        sized, cropped = re.fullmatch(r"([1-9]\d{0,4})(?:-(\w+))?", word), re.fullmatch(r"crop([1-9]\d?)", word)
+        if sized:
+            by = next((by for by in get_args(Filter) if by == (sized[2] or "bicubic")), None)
+            if by is None:
+                raise unknown_name(f"variant '{variant}'", sized[2], get_args(Filter), "filter")
+            form = replace(form, resizing=Resizing(int(sized[1]), by))
+        elif cropped:
+            form = replace(form, crop=int(cropped[1]))
+        elif word in get_args(Change):
+            form = replace(form, change=word)
+        else:
+            raise InputError(f"variant '{variant}': @ needs a side in pixels; write {name}@256 or {name}@256-bilinear")
+    return name, form if words else None
 
 
 def resized(image: npt.NDArray[Any], resizing: Resizing) -> npt.NDArray[Any]:
@@ -59,40 +80,59 @@ def resized(image: npt.NDArray[Any], resizing: Resizing) -> npt.NDArray[Any]:
     return np.stack([np.asarray(plane.resize(size, how)) for plane in planes], axis=-1)
 
 
-def resized_restoration(restored: Restoration, encoding: Encoding, resizing: Resizing) -> Restoration:
-    """Return a restoration at another size, gamma-encoded, resized in float; pixels without a colour count as black.
+def changed_restoration(restored: Restoration, encoding: Encoding, form: Form) -> Restoration:
+    """Return a restoration in a form, gamma-encoded, changed in float; pixels without a colour count as black.
 
     encoding: of its image.
     """
     image = np.nan_to_num(converted(restored.image, encoding, "gamma"), nan=0.0).astype(np.float32)
-    return replace(restored, image=resized(image, resizing), confidence=None)
+    return replace(restored, image=_changed(image, form), confidence=None)
 
 
-def resized_picture(shown: Array, view: View, resizing: Resizing) -> tuple[Array, View]:
-    """Return the picture shown and its view at another size, gamma-encoded and without depth.
+def changed_picture(shown: Array, view: View, form: Form) -> tuple[Array, View]:
+    """Return the picture shown and its view in a form, gamma-encoded and without depth.
 
     The picture, the view's image and its reference are resized in 8 bits, as files hold them. Pixels without a colour
     count as black.
     """
-    picture = _in_8_bits(shown, resizing)
+    picture = _in_8_bits(shown, form)
     picture.setflags(write=False)
-    return picture, View(view.name, _Resized(view.pixels, view.encoding, resizing))
+    of_view = replace(form, change=None) if form.change == "minmax" else form
+    return picture, View(view.name, _Changed(view.pixels, view.encoding, of_view))
 
 
 @dataclass(frozen=True, eq=False)
-class _Resized:
-    """The planes of a view at another size."""
+class _Changed:
+    """The planes of a view in a form."""
 
     pixels: Pixels
     encoding: Encoding
-    resizing: Resizing
+    form: Form
 
     def load(self, plane: Plane) -> Array | None:
         values = None if plane == "depth" else self.pixels.load(plane)
         if values is None:
             return None
-        return _in_8_bits(converted(values, self.encoding, "gamma"), self.resizing)
+        return _in_8_bits(converted(values, self.encoding, "gamma"), self.form)
 
 
-def _in_8_bits(image: Array, resizing: Resizing) -> Array:
-    return resized(to_8bit(image), resizing).astype(np.float32) / np.float32(255)
+def _in_8_bits(image: Array, form: Form) -> Array:
+    image_8 = to_8bit(image)
+    levels = resized(image_8, form.resizing) if form.resizing else image_8
+    return _changed(levels.astype(np.float32) / np.float32(255), replace(form, resizing=None))
+
+
+def _changed(image: Array, form: Form) -> Array:
+    image = resized(image, form.resizing) if form.resizing else image
+    if form.crop:
+        if min(image.shape[:2]) <= 2 * form.crop:
+            raise InputError(f"crop{form.crop} leaves nothing of a picture of {image.shape[1]}x{image.shape[0]}")
+        image = image[form.crop : -form.crop, form.crop : -form.crop]
+    if form.change == "y":  # ITU-R BT.601, as MATLAB's rgb2ycbcr
+        luma = (16 + image @ np.array([65.481, 128.553, 24.966], np.float32)) / np.float32(255)
+        return np.repeat(luma[..., None], 3, axis=-1)
+    if form.change == "range2":
+        return image / 2
+    if form.change == "minmax":
+        return (image - image.min()) / max(float(np.ptp(image)), 1e-5)
+    return image

@@ -237,9 +237,9 @@ class PictureOnly(Restoration):
             raise NotApplicableError(self.__dict__["reason"].value)
         raise AttributeError(name)
 
-    def at_size(self, side: int) -> PictureOnly:
-        """Return the same for a square of other size, where holes are black pixels."""
-        return PictureOnly(np.ones((side, side), np.bool_), self.__dict__["reason"])
+    def at_size(self, shape: tuple[int, ...]) -> PictureOnly:
+        """Return the same for a picture of another height and width, where holes are black pixels."""
+        return PictureOnly(np.ones(shape, np.bool_), self.__dict__["reason"])
 
     @property
     def valid(self) -> Mask:

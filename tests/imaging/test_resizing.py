@@ -8,7 +8,7 @@ import pytest
 import sucre_bench as sb
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.encoding import srgb_decode
-from sucre_bench.imaging.resizing import Resizing, resized, split_variant
+from sucre_bench.imaging.resizing import Form, Resizing, resized, split_variant
 from sucre_bench.scene import Arrays, Restoration, View
 
 BYTES = np.random.default_rng(0).integers(0, 256, (96, 128, 3), np.uint8)
@@ -16,19 +16,37 @@ PICTURE = BYTES.astype(np.float32) / 255
 
 
 @pytest.mark.parametrize(
-    ("text", "name", "resizing"),
+    ("text", "name", "form"),
     [
         ("funie", "funie", None),
-        ("funie@256", "funie", Resizing(256, "bicubic")),
-        ("all@64-bilinear", "all", Resizing(64, "bilinear")),
-        ("gray-unmasked@100-nearest", "gray-unmasked", Resizing(100, "nearest")),
+        ("funie@256", "funie", Form(Resizing(256, "bicubic"))),
+        ("all@64-bilinear", "all", Form(Resizing(64, "bilinear"))),
+        ("gray-unmasked@100-nearest@crop4@y", "gray-unmasked", Form(Resizing(100, "nearest"), 4, "y")),
     ],
 )
-def test_a_variant_says_its_size_and_filter(text: str, name: str, resizing: Resizing | None) -> None:
-    assert split_variant(text) == (name, resizing)
+def test_a_variant_says_its_form(text: str, name: str, form: Form | None) -> None:
+    assert split_variant(text) == (name, form)
 
 
-@pytest.mark.parametrize("text", ["funie@", "funie@0", "funie@256x256", "funie@256-lanczos", "funie@-256"])
+def psnr(form: str, image: np.ndarray = PICTURE, *, truth: np.ndarray) -> float:
+    rows = sb.score(Restoration(image), View("a.png", Arrays(image, None, truth)), [f"psnr:unmasked{form}"])
+    return float(rows[rows["metric"] == "psnr"]["value"].item())
+
+
+def test_forms_are_those_of_papers() -> None:
+    """Against the formulas themselves: of shaved edges, MATLAB's Y, a range of 2, torchvision's normalize."""
+    truth = np.roll(PICTURE, 1, axis=1)
+    assert psnr("@crop4", truth=truth) == pytest.approx(psnr("", PICTURE[4:-4, 4:-4], truth=truth[4:-4, 4:-4]))
+    y = [(16 + 65.481 * x[..., 0] + 128.553 * x[..., 1] + 24.966 * x[..., 2]) / 255 for x in (PICTURE, truth)]
+    assert psnr("@y", truth=truth) == pytest.approx(-10 * np.log10(np.mean((y[0] - y[1]) ** 2)), abs=1e-3)
+    assert psnr("@range2", truth=truth) == pytest.approx(psnr("", truth=truth) + 20 * np.log10(2))
+    dull = np.rint((0.2 + 0.5 * PICTURE) * 255).astype(np.float32) / 255
+    assert psnr("@minmax", dull, truth=PICTURE) > 45 > psnr("", dull, truth=PICTURE)
+
+
+@pytest.mark.parametrize(
+    "text", ["funie@", "funie@0", "funie@256x256", "funie@256-lanczos", "funie@-256", "funie@crop"]
+)
 def test_other_sizes_are_refused(text: str) -> None:
     with pytest.raises(InputError, match=r"^variant '"):
         split_variant(text)
