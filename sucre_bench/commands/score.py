@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from sucre_bench.programs.match_published import PublishedTable
+    from sucre_bench.programs.score_folder import FolderScores
 
 _MOST_VARIANTS = 10  # that a table shows
 
@@ -37,9 +38,8 @@ _MOST_VARIANTS = 10  # that a table shows
 )
 @shared.option(
     "--like",
-    of=shared.PATH,
-    metavar="TABLE.csv",
-    help="Find the variants that give these published numbers. One row an image or folder, one column a metric.",
+    metavar="TABLE.csv|METRIC=NUMBER,...",
+    help="Say what these published numbers are: means, or a table of one row an image or folder, one column a metric.",
 )
 @shared.option("--format", "how", of=("terminal", "csv", "json"), help="Format of the scores.")
 @shared.flag("--json", "as_json", help="The same as --format json.")
@@ -50,7 +50,7 @@ def score(
     images: Path,
     reference: Path | None,
     metrics: str,
-    like: Path | None,
+    like: str | None,
     how: str,
     as_json: bool,
     file: Path | None,
@@ -63,30 +63,40 @@ def score(
     sucre-bench score restored/ --reference truth/ --metrics psnr,ssim:all
     sucre-bench score restored/ --metrics uciqe:all,uiqm:all --csv scores.csv
     sucre-bench score a.png --json | jq '.[] | {metric, variant, value}'
+    sucre-bench score restored/ --reference truth/ --like psnr=26.36,ssim=0.912
     sucre-bench score restored/ --like published.csv
 
-    --like computes every variant of the metrics in TABLE.csv, also at 256x256 pixels. Then it prints which variant
-    gives the published numbers.
+    --like computes every variant of these metrics, also at 256x256 pixels; where none fits, also Y, cropped edges and
+    other ranges. Then it prints which variant, size and test set give the published numbers, in a sentence.
 
     The command scores every pixel, black ones too. `sucre-bench run` leaves out pixels that have no colour.
     """
+    import pandas as pd
+
+    from sucre_bench.imaging.image_files import image_size
     from sucre_bench.programs import match_published, score_folder
     from sucre_bench.results.reasons import Reason, brief
     from sucre_bench.results.rows import RESTORATION, csv_text
 
     if file:
-        check_output(file, "table", [like] if like else (), force)
+        check_output(file, "table", [Path(like)] if like else (), force)
     names = [name.strip() for name in metrics.split(",") if name.strip()]
-    published = None
+    published, sizes = None, set[tuple[int, int] | None]()
     if like:
         files = score_folder.images_in(images)
         published = match_published.read_table(like, images, files, reference is not None)
-        names = names or match_published.variants_to_try(published, files)
+        every = (*files.values(), *(score_folder.images_in(reference).values() if reference else ()))
+        sizes = {image_size(path) for path in every}
+        names = names or match_published.variants_to_try(published, sizes)
         for warning in published.warnings:
             say(warning, "yellow")
     # What a metric prints is not part of the table.
     with contextlib.redirect_stdout(sys.stderr), progress.live():
         scored = score_folder.score_folder(images, reference, names)
+        if published and not metrics and (more := match_published.further_variants(published, scored.rows, sizes)):
+            further = score_folder.score_folder(images, reference, more).rows
+            new = further[~further["view"].isin(further.loc[further["status"] != "ok", "view"])]
+            scored = replace(scored, rows=pd.concat([scored.rows, new], ignore_index=True))
     rows = scored.rows
     for line in (*(found.sentence() for found in scored.sets), *scored.shared):
         say(f"set  {line}", "dim")
@@ -94,7 +104,7 @@ def score(
         write_atomically(file, csv_text(rows, for_spreadsheets=True).encode())
     form = "json" if as_json else how
     if published:
-        _print_matches(published, rows, form)
+        _print_matches(published, scored, sizes.pop() if len(sizes) == 1 else None, form)
     elif form != "terminal":
         _print_records(rows, form)
     elif (rows["status"] == "ok").any():
@@ -137,13 +147,13 @@ def _print_records(table: pd.DataFrame, form: str) -> None:
         click.echo(csv_text(table, for_spreadsheets=True), nl=False)
 
 
-def _print_matches(published: PublishedTable, rows: pd.DataFrame, form: str) -> None:
-    """Print, for each column of a published table, how far the variants are from it."""
+def _print_matches(published: PublishedTable, scored: FolderScores, size: tuple[int, int] | None, form: str) -> None:
+    """Print, for each column of a published table, how far the variants are from it, and the answer in a sentence."""
     import pandas as pd
 
-    from sucre_bench.programs.match_published import compare
+    from sucre_bench.programs.match_published import answer, compare
 
-    matches = [(column, compare(column, rows)) for column in published.columns]
+    matches = [(column, compare(column, scored.rows)) for column in published.columns]
     if form != "terminal":
         about = [({"column": column.header, "metric": column.metric}, found) for column, found in matches]
         _print_records(pd.DataFrame({**names, **asdict(one)} for names, found in about for one in found), form)
@@ -160,12 +170,4 @@ def _print_matches(published: PublishedTable, rows: pd.DataFrame, form: str) -> 
         terminal.out.print(table)
         terminal.out.print()
     for column, found in matches:
-        verdict = "no variant has a score of these images"
-        if fitting := [one for one in found if one.fits]:
-            names = " or ".join(one.variant for one in fitting[:4]) + (" or others" if len(fitting) > 4 else "")
-            verdict = f"is {names}, within {fitting[0].largest:.2g}"
-        elif found:
-            off = f"differs by {found[0].mean:.2g} on average and by up to {found[0].largest:.2g}"
-            verdict = f"is none of the public variants; the nearest, {found[0].variant}, {off}"
-        text = f"{column.metric}: column '{column.header}'{'' if found else ':'} {verdict}"
-        terminal.show(text)
+        terminal.show(answer(column, found, scored.sets, size))

@@ -55,8 +55,8 @@ def split_variant(variant: str) -> tuple[str, Form | None]:
             form = replace(form, resizing=Resizing(int(sized[1]), by))
         elif cropped:
             form = replace(form, crop=int(cropped[1]))
-        elif word in get_args(Change):
-            form = replace(form, change=word)
+        elif change := next((change for change in get_args(Change) if change == word), None):
+            form = replace(form, change=change)
         else:
             raise InputError(f"variant '{variant}': @ needs a side in pixels; write {name}@256 or {name}@256-bilinear")
     return name, form if words else None

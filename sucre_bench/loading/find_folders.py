@@ -6,8 +6,10 @@ folder are never used.
 """
 
 import os
+import string
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import takewhile
 from pathlib import Path, PurePosixPath
 from typing import Literal
 
@@ -132,6 +134,24 @@ def without_suffix(name: str) -> str:
     """Return a file's name without an image's suffix; other text after a dot is part of the name."""
     path = PurePosixPath(name)
     return path.stem if path.suffix.lower() in SUFFIXES else path.name
+
+
+def bare_stems(names: Iterable[str]) -> dict[str, str]:
+    """Return the stem of each file in small letters, without what all begin or end with: "1" of "1_ours.png".
+
+    Letters and digits beside what differs stay: "img10" and "img11" are whole words.
+    """
+    stems = {name: without_suffix(PurePosixPath(name).name).lower() for name in names}
+    if len(set(stems.values())) < 2:
+        return stems
+    start = _common_start(stems.values())
+    end = _common_start([stem[len(start) :][::-1] for stem in stems.values()])
+    return {name: stem[len(start) : len(stem) - len(end)] for name, stem in stems.items()}
+
+
+def _common_start(words: Iterable[str]) -> str:
+    alike = takewhile(lambda letters: len(set(letters)) == 1, zip(*words, strict=False))
+    return "".join(letters[0] for letters in alike).rstrip(string.ascii_lowercase + string.digits)
 
 
 def inner_path(name: str) -> str:

@@ -218,6 +218,11 @@ class Found:
             parts.append(f"they are {' and '.join(self.resized[:3])}, published at other sizes")
         return "; ".join(parts)
 
+    def place(self) -> str:
+        """Return the set, or how much of it the pictures are, as a part of a sentence."""
+        n, whole = len(self.members), len(self.of.members)
+        return f"{self.of.name} (all {whole})" if self.is_whole else f"{n} of {self.of.name}'s {whole} pictures"
+
     def _lists(self) -> tuple[tuple[str, Sequence[str]], ...]:
         return (
             (f"of its {len(self.of.members)} missing", self.missing),

@@ -1,7 +1,8 @@
 """Finds the public variant that gives the numbers of a published table: `sucre-bench score IMAGES --like TABLE.csv`.
 
-A table has a row an image, or a row a folder of images of which it gives means, and a column a metric. Every variant of
-these metrics is computed on the images, also of the images at 256x256, and compared with the table.
+A table has a row an image, or a row a folder of images of which it gives means, and a column a metric; "psnr=26.36"
+is a table of one mean. Every variant of these metrics is computed on the images, also of the images at 256x256, and
+compared with the table; where none fits, also of cropped pictures, of Y, and of other ranges.
 """
 
 from __future__ import annotations
@@ -20,14 +21,18 @@ import numpy as np
 from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.image_files import image_size
+from sucre_bench.imaging.resizing import Form, split_variant
+from sucre_bench.loading.find_folders import bare_stems, without_suffix
+from sucre_bench.loading.named_sets import Found
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.text_formats import counted
 
 # Words that a column is headed by whose cells name images, or folders of them.
 _OF_IMAGES = frozenset(["image", "img", "images", "file", "filename", "picture", "view"])
 _NAMES = _OF_IMAGES | {"name", "method", "folder", "model"}
-_SIZES = ("@256", "@256-bilinear", "@256-nearest")  # at which papers score, see `imaging.resizing`
+_SIDE = 256  # at which papers score
+_FILTERS = ("", "-bilinear", "-nearest")  # see `imaging.resizing`
+_FURTHER = ("@y", "@crop4", "@crop4@y", "@range2", "@minmax")  # forms to try where none of the usual ones fits
 
 # A variant gives the published numbers if 95 % of them agree to the printed digits or to 2 in 10,000, and all to 1 %:
 # rounding inside a program moves single pictures.
@@ -68,11 +73,13 @@ class PublishedTable:
 class Candidate:
     """How far a variant is from a column.
 
-    mean, largest: absolute difference over the cells it has scores for; at: the row of the largest; compared: how many
-    cells; lacking: how many it has no score for; fits: whether it gives the published numbers.
+    value: its mean over the cells it has scores for; mean, largest: absolute difference over them; at: the row of the
+    largest; compared: how many cells; lacking: how many it has no score for; fits: whether it gives the published
+    numbers.
     """
 
     variant: str
+    value: float
     mean: float
     largest: float
     at: str
@@ -84,9 +91,10 @@ class Candidate:
 # -- the table ---------------------------------------------------------------------------------------------------
 
 
-def read_table(table: Path, root: Path, images: Mapping[str, Path], has_reference: bool) -> PublishedTable:
-    """Read a published table. images: those under `root`, by name; has_reference: whether references are given.
+def read_table(table: str, root: Path, images: Mapping[str, Path], has_reference: bool) -> PublishedTable:
+    """Read a published table, or numbers as "psnr=26.36,ssim=0.912".
 
+    images: those under `root`, by name; has_reference: whether references are given.
     Raises InputError if it is no table, has no column of a metric, names no image, or names one image twice.
     """
     rows = _rows(table)
@@ -110,6 +118,9 @@ def read_table(table: Path, root: Path, images: Mapping[str, Path], has_referenc
     columns = []
     for header, metric in metrics.items():
         numbers = [(label, found, _number(row[header])) for label, found, row in of if found]
+        if _is_percent(metric, [number[0] for *_, number in numbers if number]):
+            warnings.append(f"{table}: column '{header}' is read as percent; divide it by 100 if you copy it")
+            numbers = [(label, found, n and (n[0] / 100, n[1] / 100)) for label, found, n in numbers]
         if blank := [label for label, _, number in numbers if number is None]:
             warnings.append(f"{table}: column '{header}' has no number in {counted(len(blank), 'row')}: {_few(blank)}")
         if cells := tuple(Cell(label, found, *number) for label, found, number in numbers if number):
@@ -119,9 +130,18 @@ def read_table(table: Path, root: Path, images: Mapping[str, Path], has_referenc
     return PublishedTable(tuple(columns), tuple(warnings))
 
 
-def _rows(table: Path) -> list[dict[str, str]]:
+def _is_percent(metric: str, numbers: Sequence[float]) -> bool:
+    """Whether all numbers are above the metric's range, and 100 is that of percent."""
+    top = plugins.usable("metric")[metric].range[1]
+    return bool(numbers) and math.isfinite(top) and top < min(numbers) and max(numbers) <= 100 * top
+
+
+def _rows(table: str) -> list[dict[str, str]]:
+    if "=" in table and not Path(table).exists():
+        pairs = [word.partition("=") for word in re.split(r"[,;\s]\s*(?=[a-zA-Z])", table.strip())]
+        return [{name.strip(): value.strip() for name, _, value in pairs}]
     try:
-        lines = [line for line in regular(table).read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+        lines = [line for line in regular(Path(table)).read_text(encoding="utf-8-sig").splitlines() if line.strip()]
         delimiter = max(",;\t", key=lines[0].count) if lines else ","
         reader = csv.DictReader(lines, delimiter=delimiter, restkey="", restval="")
         rows = [{key.strip(): row[key].strip() for key in row if key.strip()} for row in reader]
@@ -134,7 +154,7 @@ def _rows(table: Path) -> list[dict[str, str]]:
     return rows
 
 
-def _metrics(table: Path, headers: Sequence[str], has_reference: bool) -> tuple[dict[str, str], list[str]]:
+def _metrics(table: str, headers: Sequence[str], has_reference: bool) -> tuple[dict[str, str], list[str]]:
     """Return the metric of each column that is one of images, by header, and warnings about the others."""
     known = plugins.usable("metric")
     metrics: dict[str, str] = {}
@@ -155,12 +175,15 @@ def _metrics(table: Path, headers: Sequence[str], has_reference: bool) -> tuple[
 
 
 def _number(text: str) -> tuple[float, float] | None:
-    """Return the number a cell begins with, and half a unit of its last digit; None if it begins with none."""
-    found = re.match(r"[+-]?\d+([.,]\d+)?([eE][+-]?\d+)?", text.replace("\N{MINUS SIGN}", "-"))
+    """Return the number a cell begins with, and half a unit of its last digit; None if it begins with none.
+
+    A percent sign divides by 100.
+    """
+    found = re.match(r"([+-]?\d*(?:[.,]\d+|\d)(?:[eE][+-]?\d+)?)\s*(%?)", text.replace("\N{MINUS SIGN}", "-"))
     if not found:
         return None
     try:
-        number = Decimal(found[0].replace(",", "."))
+        number = Decimal(found[1].replace(",", ".")).scaleb(-2 if found[2] else 0)
         value, rounding = float(number), 0.5 * 10.0 ** int(number.as_tuple().exponent)
     except ArithmeticError:  # of thousands of digits
         return None
@@ -172,16 +195,19 @@ class _Naming:
 
     def __init__(self, rows: Sequence[Mapping[str, str]], headers: Sequence[str], root: Path, images: Iterable[str]):
         self._files, self._folders = defaultdict[str, set[str]](set), defaultdict[str, set[str]](set)
+        images = list(images)
+        bare = bare_stems(images)
         for name in images:
             path = Path(name)
-            for called in (name, path.with_suffix(""), path.name, path.stem, f"{root.resolve().name}/{name}"):
-                self._files[str(called).casefold()].add(name)
+            self._files[name.casefold()].add(name)
+            for called in (name, path.name, f"{root.resolve().name}/{name}", bare[name]):
+                self._files[_key(called)].add(name)
             for folder in (*path.parent.parts, str(path.parent), root.resolve().name):
                 self._folders[folder.casefold()].add(name)
         known = {*self._files, *self._folders}
         words = {header: set(re.findall(r"[a-z]+", header.lower())) for header in headers}
         likely = [header for header in headers if _NAMES & words[header]] or headers
-        self._headers = [header for header in likely if any(row[header].casefold() in known for row in rows)]
+        self._headers = [header for header in likely if any(known & _keys(row[header]) for row in rows)]
         is_of_all = len(rows) == 1 and not any(_OF_IMAGES & words[header] for header in headers)
         self._order = tuple(images) if self._headers or is_of_all else ()
 
@@ -191,12 +217,29 @@ class _Naming:
 
     def images(self, row: Mapping[str, str]) -> tuple[str, ...]:
         """Return the image a row is of, or all of the folder that it names; none if it names none, or several."""
-        cells = [row[header].casefold() for header in self._headers]
+        cells = [self._called(row[header]) for header in self._headers]
         if not cells:
             return self._order
-        fitting = set.intersection(*(self._files.get(c, set()) | self._folders.get(c, set()) for c in cells))
-        of_one = any(fitting & self._files.get(cell, set()) for cell in cells)
+        fitting = set.intersection(*(files | folders for files, folders in cells))
+        of_one = any(fitting & files for files, _ in cells)
         return tuple(name for name in self._order if name in fitting) if len(fitting) == 1 or not of_one else ()
+
+    def _called(self, cell: str) -> tuple[set[str], set[str]]:
+        """The images, and the images of the folders, that a cell names: by its whole text, else by its last part."""
+        for key in (cell.casefold(), _key(cell), _key(cell).rpartition("/")[2]):
+            if key in self._files or key in self._folders:
+                return self._files.get(key, set()), self._folders.get(key, set())
+        return set(), set()
+
+
+def _key(name: str) -> str:
+    """A name in small letters, without an image's suffix, its folders parted by a slash."""
+    folder, slash, last = name.replace("\\", "/").rpartition("/")
+    return f"{folder}{slash}{without_suffix(last) if last else ''}".casefold()
+
+
+def _keys(cell: str) -> set[str]:
+    return {cell.casefold(), _key(cell), _key(cell).rpartition("/")[2]}
 
 
 def _few(names: Sequence[str]) -> str:
@@ -206,14 +249,37 @@ def _few(names: Sequence[str]) -> str:
 # -- the comparison ----------------------------------------------------------------------------------------------
 
 
-def variants_to_try(table: PublishedTable, images: Mapping[str, Path]) -> list[str]:
+def variants_to_try(table: PublishedTable, sizes: set[tuple[int, int] | None]) -> list[str]:
     """Return every variant of the table's metrics, as `score_folder` takes them.
 
-    Also at the sizes that papers use, if any image has another.
+    sizes: (width, height) of images and references. Also at the sizes that papers use, if any has another.
     """
-    sizes = {image_size(path) for path in images.values()}
-    at = ("",) if sizes == {(256, 256)} else ("", *_SIZES)
-    return [f"{metric}:all{size}" for metric in dict.fromkeys(c.metric for c in table.columns) for size in at]
+    return [f"{metric}:all{size}" for metric in dict.fromkeys(c.metric for c in table.columns) for size in _at(sizes)]
+
+
+def further_variants(table: PublishedTable, scores: DataFrame, sizes: set[tuple[int, int] | None]) -> list[str]:
+    """Return unusual forms to try for columns of metrics with a reference that no variant in `scores` gives.
+
+    Unusual forms of the two nearest variants, if they are of every pixel. sizes: see `variants_to_try`.
+    """
+    more = []
+    for column in table.columns:
+        plugin = plugins.usable("metric")[column.metric]
+        nearest = compare(column, scores)[:2]
+        if "reference" in plugin.needs and not any(one.fits for one in nearest):
+            whole = [name for name in plugin.variants if name.endswith("unmasked")]  # what papers compute: every pixel
+            near = {one.variant.partition("@")[0].removesuffix("-unmasked") for one in nearest}
+            names = [name for name in whole if name.removesuffix("-unmasked") in near] or whole
+            more += [f"{plugin.name}:{name}{size}{form}" for name in names for size in _at(sizes) for form in _FURTHER]
+    return more
+
+
+def _at(sizes: set[tuple[int, int] | None]) -> list[str]:
+    """The sizes to score at: as the files are, and squares of 256 pixels or of the files' side."""
+    squares = {size[0] for size in sizes if size and size[0] == size[1] and len(sizes) <= 2}
+    if len(sizes) == 1 and squares == {_SIDE}:
+        return [""]
+    return ["", *(f"@{side}{by}" for side in sorted({_SIDE} | squares) for by in _FILTERS)]
 
 
 def compare(column: Column, scores: DataFrame) -> list[Candidate]:
@@ -227,7 +293,7 @@ def compare(column: Column, scores: DataFrame) -> list[Candidate]:
     for variant, rows in ok.groupby("variant", sort=False):
         values = dict(zip(rows["view"], rows["value"], strict=True))
         cells = [cell for cell in known if all(name in values for name in cell.images)]
-        lacking, largest, at, mean, fits = len(known) - len(cells), np.inf, "", np.inf, False
+        lacking, largest, at, mean, fits, value = len(known) - len(cells), np.inf, "", np.inf, False, np.nan
         if cells:
             computed = np.array([np.mean([values[name] for name in cell.images]) for cell in cells])
             published = np.array([cell.value for cell in cells])
@@ -235,7 +301,78 @@ def compare(column: Column, scores: DataFrame) -> list[Candidate]:
             off[computed == published] = 0  # both infinite
             close = off <= np.maximum([1.01 * cell.rounding for cell in cells], _CLOSE * np.abs(published))
             near = close | (off <= _NEAR * np.abs(published))
+            value = float(computed.mean())
             mean, largest, at = float(off.mean()), float(off.max()), cells[int(off.argmax())].label
             fits = bool(not lacking and close.mean() >= _MOST and near.all())
-        candidates.append(Candidate(str(variant), mean, largest, at, len(cells), lacking, fits))
+        candidates.append(Candidate(str(variant), value, mean, largest, at, len(cells), lacking, fits))
     return sorted(candidates, key=lambda c: (not c.fits, c.lacking, c.mean))
+
+
+# -- the answer in words -----------------------------------------------------------------------------------------
+
+
+def answer(column: Column, found: Sequence[Candidate], sets: Sequence[Found], size: tuple[int, int] | None) -> str:
+    """Return which variant gives the published numbers, on which set, and what colour gives where they are of gray.
+
+    found: as `compare` returns them; sets: of the references; size: of all files, None if they differ.
+    """
+    if not found:
+        return f"{column.metric}: no variant has a score of these images."
+    numbers = [cell.value for cell in column.cells]
+    # Among many forms one may give one or two numbers by chance.
+    by_chance = found[0].fits and len(numbers) < 3 and found[0].variant.endswith(_FURTHER)
+    best = next(one for one in found if not (by_chance and one.fits and one.variant.endswith(_FURTHER)))
+    digits = max(0, -math.floor(math.log10(2 * column.cells[0].rounding)))
+    yours = (
+        f"Your {numbers[0]:.{digits}f}" if len(numbers) == 1 else f"Your {len(numbers)} numbers of '{column.header}'"
+    )
+    what = in_words(column.metric, best.variant, size)
+    where = f"on {sets[0].place()}" if sets else "on pictures of no named set"
+    if best.fits:
+        either = dict.fromkeys(in_words(column.metric, one.variant, size) for one in found if one.fits)
+        either.pop(what)
+        more = f" (or {', or '.join(list(either)[:2])})" if either else ""
+        text = f"{yours} {'is' if len(numbers) == 1 else 'are'} {what}{more} {where}"
+    else:
+        off = f"{best.value:.{digits}f}, {best.mean:.2g} away"
+        if len(numbers) > 1:
+            off = f"{best.mean:.2g} away on average, and {best.largest:.2g} at most"
+        text = f"{yours} fit{'s' if len(numbers) == 1 else ''} no public form; the nearest is {what} {where}: {off}"
+    if by_chance:
+        text += f" ({in_words(column.metric, found[0].variant, size)} gives it too, perhaps by chance)"
+    colours = {f"{base}{at}" for base in ("unmasked", "gaussian-unmasked") for at in _same_form(best.variant)}
+    rgb = next((one for one in found if one.variant in colours), None)
+    if rgb and not what.startswith("RGB"):
+        text += f"; in RGB it is {rgb.value:.{digits}f}"
+    return f"{text}."
+
+
+def _same_form(variant: str) -> tuple[str, ...]:
+    """The form of a variant, as its name has it, without Y."""
+    base, *words = variant.split("@")
+    if not words and base == "gray":  # which resizes by itself
+        return ("@256", "")
+    return ("".join(f"@{word}" for word in words if word != "y"),)
+
+
+def in_words(metric: str, variant: str, size: tuple[int, int] | None) -> str:
+    """Return what a variant is: "gray PSNR at 256x256 (bilinear)". size: of all files, None if they differ."""
+    base, form = split_variant(variant)
+    form, kind = form or Form(), base.partition("-")[0]
+    name = metric.upper()
+    if metric in ("psnr", "ssim"):
+        colours = "gray" if kind in ("gray", "luma") else "Y of YCbCr," if form.change == "y" else "RGB"
+        window = {"gaussian": ", Gaussian window", "uniform7": ", uniform 7x7 window"}.get(kind, "")
+        name = f"{colours} {name}{window}"
+    else:
+        name = f"{name} in the form '{base}'"
+    if form.resizing:
+        name += f" at {form.resizing.side}x{form.resizing.side} ({form.resizing.by})"
+    elif (metric, base) == ("psnr", "gray") and size != (256, 256):
+        name += " at 256x256 (bicubic)"
+    else:
+        name += f" at {size[0]}x{size[1]}" if size else " at the files' sizes"
+    changes = {"range2": " with a range of 2", "minmax": " of pictures stretched from least to most"}
+    return (
+        name + (f" without {form.crop} pixels at each edge" if form.crop else "") + changes.get(form.change or "", "")
+    )

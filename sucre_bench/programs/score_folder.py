@@ -1,6 +1,8 @@
 """Score any folder of images, with no dataset and no method: `sucre-bench score`."""
 
 import functools
+import re
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -12,7 +14,7 @@ from sucre_bench.engine.score import row_without_value
 from sucre_bench.errors import InputError, MissingFileError, PluginError
 from sucre_bench.imaging.image_files import SUFFIXES, image_size, is_jpeg, read_rgb
 from sucre_bench.jobs.catalogue import metric_choices
-from sucre_bench.loading.find_folders import ImageFolder
+from sucre_bench.loading.find_folders import ImageFolder, bare_stems
 from sucre_bench.loading.named_sets import Found, Picture, picture_of, recognised_sets
 from sucre_bench.machine import processes, progress
 from sucre_bench.machine.files import check_folder, fault_of
@@ -70,10 +72,13 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
             rgb, target = view.rgb, view.reference
             pictures[str(compared_with or name)] = picture_of(rgb if target is None else target)
             if target is not None and target.shape != rgb.shape:
-                sizes = [f"{w}x{h}" for h, w, _ in (rgb.shape, target.shape)]
-                raise InputError(f"{path}: {sizes[0]}, but its reference is {sizes[1]}; give one of the same size")
+                at_a_size = [name for name in names if re.search(r"@\d", name)]
+                if rgb.shape[0] != rgb.shape[1] or not at_a_size:
+                    sizes = [f"{w}x{h}" for h, w, _ in (rgb.shape, target.shape)]
+                    raise InputError(f"{path}: {sizes[0]}, but its reference is {sizes[1]}; give one of the same size")
+            is_alike = target is None or target.shape == rgb.shape
             picture = Restoration(rgb, info={"method": label})
-            work = functools.partial(score, picture, view, names)
+            work = functools.partial(score, picture, view, names if is_alike else at_a_size)
             tables.append(processes.call(work, "mend the metric, or leave it out") if is_foreign else work())
         except (InputError, PluginError) as fault:
             failed = row_without_value(results.Row(method=label, view=name), "failed", str(fault))
@@ -120,6 +125,11 @@ def _references(images: Path, names: Iterable[str], place: Path) -> dict[str, li
             folders = {file: PurePosixPath(file).parent.parts for file in folder.find(name)}
             files = [file for file, of in folders.items() if not of or of[len(of) - len(wanted) :] == wanted]
         found[name] = [place / file for file in files]
+    if not any(found.values()):  # as 1_ours.png and 1.png: without what all names share
+        bare, of_bare = bare_stems(found), defaultdict[str, list[Path]](list)
+        for file, stem in bare_stems(images_in(place)).items():
+            of_bare[stem].append(place / file)
+        found = {name: of_bare.get(bare[name], []) for name in found}
     if not any(found.values()):
         example = PurePosixPath(next(iter(found))).stem
         fault_text = f"no image has the name of one in {images}, for example {example}"

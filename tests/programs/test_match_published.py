@@ -193,3 +193,69 @@ def test_a_picture_of_another_size_than_its_reference_fails_and_is_named(like: B
     assert done.returncode == 1
     assert re.search(r"1\.png: 90x71, .*91x71", done.stderr)
     assert matches(done)["psnr"][0]["compared"] == 2
+
+
+# -- an author's question ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def pairs(tmp_path: Path) -> tuple[str, str]:
+    """Six outputs of 64x64 pixels, 0_ours.png and so on, and their references of 128x96, 0.jpg and so on."""
+    rng = np.random.default_rng(5)
+    for name in ("out", "truth"):
+        (tmp_path / name).mkdir()
+    for n in range(6):
+        smooth = cv2.GaussianBlur(rng.random((96, 128, 3)), (0, 0), 4)
+        truth = ((smooth - smooth.min()) / np.ptp(smooth) * 255).astype(np.uint8)
+        cv2.imwrite(str(tmp_path / "truth" / f"{n}.jpg"), truth, [cv2.IMWRITE_JPEG_QUALITY, 100])
+        small = cv2.resize(truth, (64, 64)).astype(int) + rng.integers(-30, 30, 3)
+        cv2.imwrite(str(tmp_path / "out" / f"{n}_ours.png"), small.clip(0, 255).astype(np.uint8))
+    return str(tmp_path / "out"), str(tmp_path / "truth")
+
+
+def published_psnr(out: str, truth: str, gray: bool = False, crop: int = 0) -> list[float]:
+    """By the formula, of OpenCV's bilinear 64x64 pixels."""
+    values = []
+    for n in range(6):
+        reference = cv2.resize(cv2.imread(f"{truth}/{n}.jpg"), (64, 64))
+        picture = cv2.imread(f"{out}/{n}_ours.png")
+        if gray:
+            picture, reference = (cv2.cvtColor(x, cv2.COLOR_BGR2GRAY) for x in (picture, reference))
+        error = (picture.astype(float) - reference)[crop : 64 - crop, crop : 64 - crop]
+        values.append(10 * np.log10(255**2 / np.mean(error**2)))
+    return values
+
+
+def test_one_number_gets_a_sentence_with_colours_size_and_rgb(bench: Bench, pairs: tuple[str, str]) -> None:
+    gray, rgb = np.mean(published_psnr(*pairs, gray=True)), np.mean(published_psnr(*pairs))
+    done = bench("score", pairs[0], "--reference", pairs[1], "--like", f"psnr={gray:.2f}")
+    assert done.returncode == 0, done.stderr
+    sentence = next(line for line in done.stdout.splitlines() if line.startswith("Your"))
+    for words in (f"Your {gray:.2f} is", "gray PSNR", "at 64x64 (bilinear)", "no named set", f"in RGB it is {rgb:.2f}"):
+        assert words in sentence
+
+
+@pytest.mark.parametrize("name", ["{n}.jpg", "result\\{n}.png", "{n}"])
+def test_a_paper_may_name_other_suffixes_and_folders(
+    bench: Bench, pairs: tuple[str, str], tmp_path: Path, name: str
+) -> None:
+    """And cropped edges are found where no usual form fits."""
+    values = published_psnr(*pairs, crop=4)
+    rows = [f"{name.format(n=n)};{value:.3f}" for n, value in enumerate(values)]
+    (tmp_path / "t.csv").write_text("image;PSNR\n" + "\n".join(rows) + "\n")
+    done = bench("score", pairs[0], "--reference", pairs[1], "--like", str(tmp_path / "t.csv"), "--json")
+    assert done.returncode == 0, done.stderr
+    best = matches(done)["PSNR"][0]
+    assert (best["variant"], best["compared"], best["fits"]) == ("unmasked@64-bilinear@crop4", 6, True)
+
+
+@pytest.mark.parametrize(("as_published", "warns"), [("{:.1%}", False), ("{0:.3f}", False), ("percent", True)])
+def test_percent_and_commas_are_read(bench: Bench, pairs: tuple[str, str], as_published: str, warns: bool) -> None:
+    scored = bench("score", pairs[0], "--reference", pairs[1], "--metrics", "ssim:uniform7-unmasked@64", "--json")
+    mean = np.mean([row["value"] for row in json.loads(scored.stdout)])
+    text = f"{100 * mean:.1f}" if as_published == "percent" else as_published.format(mean).replace(".", ",")
+    done = bench("score", pairs[0], "--reference", pairs[1], "--like", f"ssim={text}", "--json")
+    assert done.returncode == 0, done.stderr
+    fitting = {one["variant"] for one in matches(done)["ssim"] if one["fits"]}
+    assert "uniform7-unmasked@64" in fitting
+    assert ("as percent" in done.stderr) == warns
