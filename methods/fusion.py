@@ -29,7 +29,13 @@ _EXPOSED = 0.25  # sigma of the exposedness weight (2012)
 _REGULARISER = 0.1  # delta (2018): every input contributes a little everywhere
 
 
-@method(name="fusion_2012", requires=("cv2",), cites="Ancuti, Ancuti, Haber & Bekaert 2012", encoding="gamma")
+@method(
+    name="fusion_2012",
+    requires=("cv2",),
+    cites="Ancuti, Ancuti, Haber & Bekaert 2012",
+    encoding="gamma",
+    opinions={"SOTA (0 to 100)": 51.2},
+)
 @dataclass(frozen=True)
 class Fusion2012:
     """Blend the white-balanced photograph with a denoised version of it whose contrast is raised locally.
@@ -85,6 +91,9 @@ class Fusion2012:
     requires=("cv2",),
     cites="Ancuti, Ancuti, De Vleeschouwer & Bekaert 2018",
     encoding="gamma",
+    differs="darker and more violet than its figures; it is written from the equations, no picture of its authors is "
+    "public, and a public port that also stretches each channel is 13 to 21 dB away",
+    opinions={"SOTA (0 to 100)": 61.3, "UID2021": 5.9},
 )
 @dataclass(frozen=True)
 class Fusion2018:

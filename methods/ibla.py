@@ -30,6 +30,7 @@ _SMALLEST_BLOCK = 1024  # the search for a block ends at this fraction of the im
     requires=("cv2", "skimage"),
     encoding="gamma",
     cites="Peng & Cosman 2017, Underwater image restoration based on image blurriness and light absorption",
+    opinions={"SOTA (0 to 100)": 45.4, "UID2021": 3.3},
 )
 @dataclass(frozen=True)
 class Ibla:

@@ -15,7 +15,11 @@ from sucre_bench.imaging.filters import gray_world, red_from_green
 from sucre_bench.plugins.ranges import check_ranges
 
 
-@method(cites="Ancuti, Ancuti, De Vleeschouwer & Bekaert 2018", encoding="gamma")
+@method(
+    cites="Ancuti, Ancuti, De Vleeschouwer & Bekaert 2018",
+    encoding="gamma",
+    differs="a step of fusion_2018 with a stretch; U45's pictures called RED are 17 dB away",
+)
 @dataclass(frozen=True)
 class RedCompensation:
     """Raise red where green is strong, balance by gray world, and stretch the contrast of each channel."""

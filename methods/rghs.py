@@ -24,7 +24,12 @@ _CHROMA = 1.3  # phi: the factor of weak chroma; full chroma keeps its value
 _LEVEL = 1 / 255  # a mode is a level of an 8-bit histogram
 
 
-@method(requires=("cv2",), cites="Huang, Wang, Song, Sequeira & Mavromatis 2018", encoding="gamma")
+@method(
+    requires=("cv2",),
+    cites="Huang, Wang, Song, Sequeira & Mavromatis 2018",
+    encoding="gamma",
+    opinions={"SAUD": 54},
+)
 @dataclass(frozen=True)
 class Rghs:
     """Stretch each channel to a range set by its histogram and its attenuation, then lightness and chroma.

@@ -20,6 +20,7 @@ from sucre_bench.plugins.ranges import check_ranges
     requires=("cv2",),
     encoding="gamma",
     cites="Drews Jr, do Nascimento, Moraes, Botelho & Campos 2013, Transmission estimation in underwater single images",
+    opinions={"SAUD": 31},
 )
 @dataclass(frozen=True)
 class Udcp:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from sucre_bench import Restoration, Scene, View, method
 
 
-@method(is_photograph=True)
+@method(is_photograph=True, opinions={"SOTA (0 to 100)": 46.8})
 @dataclass(frozen=True)
 class Underwater:
     """The photograph as it was taken, without restoration."""

@@ -90,6 +90,7 @@ WATER_NET_TILE, WATER_NET_OVERLAP = 512, 64
     reads=("weights",),
     cites="Li, Guo, Ren, Cong, Hou, Kwong & Tao 2020, IEEE TIP",
     licence="network from the paper; weights under their publishers' terms",
+    opinions={"SOTA (0 to 100)": 53.4, "SAUD": 65},
 )
 @dataclass(frozen=True)
 class WaterNet(_Published):
@@ -135,6 +136,7 @@ FUNIE_TILE, FUNIE_OVERLAP, FUNIE_MULTIPLE = 1024, 384, 32
     reads=("weights",),
     cites="Islam, Xia & Sattar 2020, IEEE RA-L",
     licence="network from the paper; the authors' weights MIT",
+    opinions={"SOTA (0 to 100)": 53.0},
 )
 @dataclass(frozen=True)
 class FunieGan(_Published):

@@ -90,7 +90,7 @@ def compare(
     All methods are compared on the same images. The command refuses runs that are not comparable, and says why.
     """
     from sucre_bench import compare, plugins
-    from sucre_bench.compare.training import seen_in_training
+    from sucre_bench.compare.about_methods import seen_in_training
     from sucre_bench.compare.words import left_out
 
     for file in plugin_files:

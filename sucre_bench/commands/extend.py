@@ -111,8 +111,10 @@ def _entry(plugin: Plugin | Broken) -> str:
     if plugin.kind == "metric":
         direction = "describes" if plugin.better == "none" else f"{plugin.better} is better"
         lines += _wrapped("", f"{direction}{', in ' + plugin.unit if plugin.unit else ''}")
-    for key in ("needs", "has", "signs", "source", "proven", "licence", "cites"):
-        text = ", ".join(about[key]) if key in ("needs", "has", "signs") else about[key]
+    if plugin.opinions:
+        about["opinions"] = ", ".join(f"{study}: {score:g}" for study, score in plugin.opinions.items())
+    for key in ("needs", "has", "signs", "source", "proven", "licence", "cites", "differs", "opinions"):
+        text = ", ".join(about[key]) if key in ("needs", "has", "signs") else about.get(key, "")
         lines += _wrapped(f"{'known by' if key == 'signs' else key}  ", text) if text else []
     for name, said in plugin.variants.items():
         lines += _wrapped(f"{plugin.name}:{name}{'*' if name in plugin.default else ''}  ", said)

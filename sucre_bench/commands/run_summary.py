@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sucre_bench import compare, results
+from sucre_bench.compare.about_methods import seen_in_training
 from sucre_bench.compare.terminal_table import as_blocks
-from sucre_bench.compare.training import seen_in_training
 from sucre_bench.engine.run import Outcome
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.machine import progress, terminal

@@ -9,6 +9,7 @@ from dataclasses import replace
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame, Series
 from sucre_bench.compare import statistics
+from sucre_bench.compare.about_methods import notes_on_methods
 from sucre_bench.compare.choose_pixels import leaves_holes, on_own_pixels
 from sucre_bench.compare.model import FILLED, Cell, Column, Comparison, Note, says_filled
 from sucre_bench.compare.notes import (
@@ -20,7 +21,6 @@ from sucre_bench.compare.notes import (
     pixel_notes,
 )
 from sucre_bench.compare.statistics import ColumnScores, Units
-from sucre_bench.compare.training import training_notes
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import COSTS, PREFERENCE, RESTORATION, By, values_of
@@ -41,7 +41,7 @@ def compare(
     Raises InputError for a metric or a baseline that the rows do not have.
     """
     asked, (photographs, tracks) = asked_for(rows, metrics), _photographs_and_tracks(rows)
-    trained = {dataset: tuple(training_notes(of_dataset)) for dataset, of_dataset in rows.groupby("dataset")}
+    known = {dataset: tuple(notes_on_methods(of_dataset)) for dataset, of_dataset in rows.groupby("dataset")}
     rows = rows[[name for name in rows.columns if name not in _UNUSED]]
     rows = rows.sort_values("time", kind="stable")  # datasets, methods and metrics as they were run
     order = list(dict.fromkeys([*order, *rows["method"].unique()]))
@@ -66,7 +66,7 @@ def compare(
             of_dataset = {name for dataset, name in photographs if dataset == key[0]}
             title = " · ".join(map(str, key))
             table = _table(title, of_table, methods, baseline, of_dataset, key[0] in tracks)
-            tables.append(replace(table, notes=(*table.notes, *trained[key[0]])))
+            tables.append(replace(table, notes=(*table.notes, *known[key[0]])))
     scored = [table for table in tables if table.columns]
     return scored if by != "method" and scored else tables  # of a region that some views lack
 

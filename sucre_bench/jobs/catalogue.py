@@ -264,7 +264,7 @@ def entry(plugin: Plugin | Broken) -> dict[str, Any]:
         "variants": dict(plugin.variants),
     }
     if plugin.kind == "method":
-        about["display"] = plugin.display
+        about |= {"display": plugin.display, "differs": plugin.differs, "opinions": dict(plugin.opinions)}
     if plugin.kind == "metric":
         low, high = (limit if math.isfinite(limit) else None for limit in plugin.range)
         about |= {"unit": plugin.unit, "better": plugin.better, "range": [low, high], "default": list(plugin.default)}

@@ -45,6 +45,8 @@ def method(
     encoding: Literal["any", "gamma"] = "any",
     reads: Iterable[str] = (),
     is_photograph: bool = False,
+    differs: str = "",
+    opinions: Mapping[str, float] | None = None,
 ) -> Callable[[_C], _C]:
     """Make a method of a frozen dataclass with ``restore(scene, view)``.
 
@@ -58,7 +60,10 @@ def method(
       before the call, and decodes the result;
     - reads: options that name a file, a folder or another method which affects the result, for example weights. When it
       changes, views are restored again;
-    - is_photograph: the method returns the photograph itself. Tables show it, but it is never best or second.
+    - is_photograph: the method returns the photograph itself. Tables show it, but it is never best or second;
+    - differs: how its pictures differ from those of its publication, where they do. `list` and tables say so;
+    - opinions: what people thought of its pictures in published studies, their mean score by study. A table of several
+      methods of one study shows them.
 
     Raises PluginError if the class is no frozen dataclass, or an argument is not allowed.
 
@@ -81,7 +86,7 @@ def method(
     if encoding == "gamma" and "poses" in needs:
         raise PluginError("encoding=gamma is for methods of one view", "method", "other views are given as they are")
     about: dict[str, Any] = {"display": display, "encoding": encoding, "reads": tuple(reads)}
-    about |= {"is_photograph": is_photograph, "may_use": tuple(may_use)}
+    about |= {"is_photograph": is_photograph, "may_use": tuple(may_use), "differs": differs, "opinions": opinions or {}}
     return _decorator("method", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)
 
 

@@ -102,9 +102,9 @@ class Plugin:
     """What is known of a plugin without running it.
 
     needs: what a scene must offer; requires, may_use: packages it imports when it runs, or for some options; display:
-    how its image is brought to the screen, encoding, reads, is_photograph: see `method`; source, proven, has,
-    charts_file, signs: see `dataset`; unit, better, range, variants, default, role, symbol, unranked, faults,
-    agreement: see `metric`.
+    how its image is brought to the screen, encoding, reads, is_photograph, differs, opinions: see `method`; source,
+    proven, has, charts_file, signs: see `dataset`; unit, better, range, variants, default, role, symbol, unranked,
+    faults, agreement: see `metric`.
     """
 
     kind: Kind
@@ -119,6 +119,8 @@ class Plugin:
     encoding: Literal["any", "gamma"] = "any"
     reads: tuple[str, ...] = ()
     is_photograph: bool = False
+    differs: str = ""
+    opinions: Mapping[str, float] = field(default_factory=dict)
     source: str = ""
     proven: str = ""
     has: frozenset[str] = frozenset()

@@ -38,12 +38,27 @@ def test_compare_warns_of_test_pictures_that_were_in_the_training_set(
 
     sets = {"own": named("own", "c"), "other": named("other", "a", "b"), "more": named("more", "c")}
     monkeypatch.setattr(named_sets, "named_sets", lambda: sets)
-    monkeypatch.setattr("sucre_bench.compare.training.named_sets", lambda: sets)
+    monkeypatch.setattr("sucre_bench.compare.about_methods.named_sets", lambda: sets)
     words = ("dataset=./photographs", "method=precomputed", "method.folder=restored", "metrics=[uciqe]", "out=out")
     done = bench("run", *words, f"method.trained_on='{said}'", "workers=0", "tracking.uri=off", "report=false")
-    assert done.status == 0, done.err
+    assert done.returncode == 0, done.stderr
     done = bench("compare", "out")
-    assert f"trained on: {said}" in " ".join(done.out.split())
-    assert ("were in the training set" in done.err) == bool(seen)
+    assert f"trained on: {said}" in " ".join(done.stdout.split())
+    assert ("were in the training set" in done.stderr) == bool(seen)
     if seen:
-        assert f"{seen} of 3 pictures" in done.err
+        assert f"{seen} of 3 pictures" in done.stderr
+
+
+def test_a_table_says_what_people_thought_and_which_method_differs_from_its_publication(
+    bench: Callable[..., Any], tmp_path: Path
+) -> None:
+    (tmp_path / "photographs").mkdir()
+    cv2.imwrite(str(tmp_path / "photographs" / "a.png"), picture())
+    words = ("dataset=./photographs", "metrics=[uciqe]", "workers=0", "tracking.uri=off", "report=false", "out=out")
+    assert bench("run", "-m", *words, "method=ibla,fusion_2018,gray_world").returncode == 0
+    said = " ".join(bench("compare", "out").stdout.split())
+    assert "fusion_2018 differs from its publication: " in said
+    assert "gray_world differs" not in said
+    assert "SOTA (0 to 100): fusion_2018 61.3, ibla 45.4" in said
+    bench("run", *words, "method=gray_world", "out=alone")
+    assert "published study" not in bench("compare", "alone").stdout

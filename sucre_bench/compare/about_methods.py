@@ -1,10 +1,15 @@
-"""What methods were trained on, as their option `trained_on` says, and which test pictures were among it."""
+"""What is known of methods beside their scores.
+
+What they were trained on, as their option `trained_on` says, and which test pictures were among it; how their pictures
+differ from their publication's; what people thought of them in published studies.
+"""
 
 import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.model import Note
 from sucre_bench.errors import SucreBenchError
@@ -21,10 +26,22 @@ def _trained_on(rows: DataFrame) -> dict[str, str]:
     return {name: str(text) for name, text in said.items() if text}
 
 
-def training_notes(rows: DataFrame) -> Iterator[Note]:
-    """Yield a note for each method that says what it was trained on."""
+def notes_on_methods(rows: DataFrame) -> Iterator[Note]:
+    """Yield what each method of the rows was trained on and differs in, and each study that had several of them."""
     for name, text in _trained_on(rows).items():
         yield Note("trained on", (name,), reasons=text)
+    studies: dict[str, dict[str, float]] = {}
+    for name, options in values_of(rows.drop_duplicates("method"), "method", "options"):
+        plugin = plugins.installed("method", json.loads(options or "{}").get("name", ""))
+        if plugin and plugin.differs:
+            yield Note("differs", (name,), reasons=plugin.differs)
+        for study, score in plugin.opinions.items() if plugin else ():
+            studies.setdefault(study, {})[name] = score
+    for study, scores in studies.items():
+        if len(scores) > 1:
+            best_first = sorted(scores, key=lambda name: -scores[name])
+            said = ", ".join(f"{name} {scores[name]:g}" for name in best_first)
+            yield Note("opinions", tuple(best_first), reasons=f"{study}: {said}")
 
 
 def seen_in_training(out: Path, rows: DataFrame) -> Iterator[str]:
