@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import SolveError
+from sucre_bench.errors import NotApplicableError, SolveError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.refine_noise import residuals_of
-from sucre_bench.methods.sucre.solution import colours_for_water, matched_sample
+from sucre_bench.methods.sucre.solution import colours_for_water, matched_at, sampled
+from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Scene, View
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 _BETTER = 0.95
 
 # Pixels that both are fitted to, and half the difference of intensities that the slope of the curve is taken over.
-_PIXELS, _STEP = 5_000, 0.5 / 255
+_PIXELS, _STEP = 2_000, 0.5 / 255
 
 # Observations that decide their pixel's colour alone have no residual.
 _ALONE = 0.9
@@ -44,24 +45,29 @@ class NearerEncoding:
     ratio: float | None = None
 
 
-def nearer_encoding(options: Sucre, scene: Scene, view: View) -> NearerEncoding:
-    """Return the encoding in which the water of a view explains more: stored intensities where too few pixels tell."""
-    if view.encoding == "linear" or options.water != "own" or options.solver != "exact":
+def nearer_encoding(
+    options: Sucre, scene: Scene, view: View, observations: Observations, matched: Observations | None
+) -> NearerEncoding:
+    """Return the encoding in which the water of a view explains more: stored intensities where too few pixels tell.
+
+    observations: stored intensities; matched: their sample with equal footprints.
+    """
+    if matched is None or view.encoding == "linear":
         return NearerEncoding("view")
+    few = sampled(matched, _PIXELS, singles=False, seed=0)
+    in_linear = replace(options, encoding="linear")
     try:
-        stored, linear = (_residual(replace(options, encoding=one), scene, view) for one in ("view", "linear"))
-    except SolveError:
+        stored = _residual(options, few)
+        linear = _residual(in_linear, matched_at(in_linear, scene, view, observations, few.pixels))
+    except (NotApplicableError, SolveError):
         return NearerEncoding("view")
-    if stored is None or linear is None or not stored > 0:
+    if not stored > 0:
         return NearerEncoding("view")
     return NearerEncoding("linear" if linear < _BETTER * stored else "view", linear / stored)
 
 
-def _residual(options: Sucre, scene: Scene, view: View) -> float | None:
-    """Return the median size of studentised residuals in stored units; None if too few pixels have equal footprints."""
-    sample = matched_sample(options, scene, view, options.observe(scene, view), _PIXELS)
-    if sample is None:
-        return None
+def _residual(options: Sucre, sample: Observations) -> float:
+    """Return the median size of studentised residuals in stored units."""
     water = fit(sample, **options.compute).water
     solution = colours_for_water(sample, water, None, options.backend, options.device)
     r, h, _, explained = residuals_of(sample, solution.J, water)

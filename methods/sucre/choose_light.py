@@ -163,7 +163,8 @@ def _promised(sample: Sample, parts: Parts, light: Light) -> float:
     H, g = system.H[0], system.g[0]
     used = np.flatnonzero(np.diag(H) > 0)
     scale = 1 / np.sqrt(np.diag(H)[used])
-    step = np.linalg.lstsq(H[np.ix_(used, used)] * scale[:, None] * scale, g[used] * scale, rcond=1e-10)[0]
+    scaled = H[np.ix_(used, used)] * scale[:, None] * scale + 1e-9 * np.eye(len(used))
+    step = np.linalg.solve(scaled, g[used] * scale)
     return float(step @ (g[used] * scale) / max(system.cost[0], 1e-30))
 
 

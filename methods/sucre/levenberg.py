@@ -22,7 +22,7 @@ _FIRST_DAMPING = 1e-3
 # With so much damping no step of any length lowers the cost: it is at its rounding, or at a kink.
 _STUCK = 1e12
 
-# Least eigenvalue of a matrix of unit diagonal, so that parameters of which only a combination matters have a step.
+# Added to a matrix of unit diagonal, so that parameters of which only a combination matters have a step.
 _SINGULAR = 1e-12
 
 
@@ -104,12 +104,8 @@ def _steps(at: Array, system: ReducedSystem, bounds: Bounds, damping: Array, whi
 
         min_t  t^T A t - 2 (S g)^T t    subject to    lower <= at + S t <= upper,
 
-    which is A t = S g where no bound is in the way. With A = V diag(v) V^T it is the bounded least-squares problem
-    min |v^1/2 V^T t - v^-1/2 V^T S g|, solved by BVLS (Stark & Parker 1995). Parameters that nothing depends on
-    (H_kk = 0) stay.
+    which is A t = S g where no bound is in the way. Parameters that nothing depends on (H_kk = 0) stay.
     """
-    from scipy.optimize import lsq_linear
-
     steps = np.zeros_like(system.g)
     for c in np.flatnonzero(which):
         H, g = system.H[c], system.g[c]
@@ -118,13 +114,33 @@ def _steps(at: Array, system: ReducedSystem, bounds: Bounds, damping: Array, whi
             continue
         scale = 1 / np.sqrt(H.diagonal()[k])  # unit diagonal: parameters differ in size
         A = H[np.ix_(k, k)] * scale[:, None] * scale + np.diag(damping[c] * bounds.damped[k])
-        values, vectors = np.linalg.eigh(A)
-        sizes = np.sqrt(values.clip(min=_SINGULAR))
-        root, towards = sizes[:, None] * vectors.T, vectors.T @ (g[k] * scale) / sizes
-        step = vectors @ (towards / sizes)
+        A[np.diag_indices(len(k))] += _SINGULAR
         lower, upper = (bounds.lower[k] - at[c, k]) / scale, (bounds.upper[k] - at[c, k]) / scale
-        if ((step < lower) | (step > upper)).any():
-            box = (np.minimum(lower, -1e-15), np.maximum(upper, 1e-15))
-            step = lsq_linear(root, towards, box, method="bvls").x.clip(lower, upper)
-        steps[c, k] = scale * step
+        steps[c, k] = scale * _within(A, g[k] * scale, lower, upper)
     return steps
+
+
+def _within(A: Array, b: Array, lower: Array, upper: Array) -> Array:
+    """Return the t (n,) of least t^T A t - 2 b^T t inside bounds that contain 0, by active sets (Stark & Parker 1995).
+
+    A parameter that reaches its bound is held there. Of those that would rather leave it, one is let free at a time.
+    """
+    t, free = np.zeros(len(b)), np.ones(len(b), dtype=bool)
+    for _ in range(10 * len(b)):
+        best = t.copy()
+        best[free] = np.linalg.solve(A[np.ix_(free, free)], b[free] - A[np.ix_(free, ~free)] @ t[~free])
+        beyond = np.flatnonzero((best < lower) | (best > upper))
+        if len(beyond):
+            bound = np.where(best < lower, lower, upper)
+            shares = (bound - t)[beyond] / (best - t)[beyond]
+            first = beyond[shares.argmin()]
+            t += shares.min().clip(0, 1) * (best - t)
+            t[first], free[first] = bound[first], False
+            continue
+        t = best
+        slope = b - A @ t
+        pull = np.where(free, 0, np.where(t <= lower, slope, -slope))
+        if pull.max() <= 1e-12 * np.abs(b).max():
+            break
+        free[pull.argmax()] = True
+    return t.clip(lower, upper)

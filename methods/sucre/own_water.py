@@ -10,10 +10,10 @@ import numpy as np
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.methods.sucre.choose_light import Chosen, choose
 from sucre_bench.methods.sucre.light import Light
-from sucre_bench.methods.sucre.light_parts import Parts, parts_of
+from sucre_bench.methods.sucre.light_parts import parts_of
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.robust import reweighted, robust_noise
-from sucre_bench.methods.sucre.solution import Solution, colours_for_water, matched_sample, solve_exact
+from sucre_bench.methods.sucre.solution import Solution, colours_for_water, solve_exact
 from sucre_bench.methods.sucre.undetermined_water import is_guess, photograph_as_colours
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Scene, View
@@ -38,12 +38,12 @@ class OwnWater:
     scene: Scene
     view: View
 
-    def solve(self, observations: Observations) -> tuple[Observations, Solution]:
-        """Return the solution, and the observations that it explains: in even light, if theirs is not."""
+    def solve(self, observations: Observations, matched: Observations | None) -> tuple[Observations, Solution]:
+        """Return the solution, and the observations that it explains: in even light, if theirs is not.
+
+        matched: a sample with equal footprints.
+        """
         parts = parts_of(self.options.light, "method.light")
-        matched = None
-        if self.options.footprint or parts not in (None, Parts()):
-            matched = matched_sample(self.options, self.scene, self.view, observations)
         to_fit = matched if self.options.footprint else None
         solution = self._solved(observations, to_fit)
         if matched is None or (parts is None and to_fit is None):

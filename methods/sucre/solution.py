@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, Indices
 from sucre_bench.machine.compute import Device
 from sucre_bench.methods.sucre.diagnostics import WaterUncertainty, for_known_water, rescaled_to_noise, uncertainty_of
 from sucre_bench.methods.sucre.model import WaterParameters
@@ -31,6 +31,9 @@ _MATCHED, _FEWEST_MATCHED = 20_000, 200
 # free fit takes shade for a veil. Noise of JPEG files makes dark colours negative with any veil; pushing them up raised
 # the cost by .2 to 2.5.
 _RISE = 0.05
+
+# Pixels that observations are judged on, whether they fit.
+_JUDGED = 5_000
 
 # Fewer wrong observations than this share change no water.
 _FEW_WRONG = 1e-3
@@ -88,15 +91,16 @@ def solve_exact(
     about: dict[str, Any] = {}
     noise: Array | None = None
     few = sharp if matched is None else matched
-    is_tried = few is not None and (robust is True or (robust == "auto" and wrong_share(few, found.water) > _FEW_WRONG))
-    if is_tried and few is not None and sharp is not None:  # water and weights are iterated on a sample
+    judged = sampled(few, _JUDGED, singles=False, seed=seed) if robust and few is not None else None
+    is_tried = robust is True or (judged is not None and wrong_share(judged, found.water) > _FEW_WRONG)
+    if is_tried and judged and few and sharp:  # water and weights are iterated on a sample
         again, weighted = fit_robustly(few, fitted, plain=None if matched is None else found)
-        if robust is True or is_better(few, found.water, again.water):
+        if robust is True or is_better(judged, found.water, again.water):
             noise = robust_noise(sharp, again.water)
             observations = reweighted(observations, again.water, noise)
             to_fit = observations if matched is None else weighted
             found = fitted(to_fit) if matched is None else again
-            about["robust"] = {"wrong": wrong_share(few, again.water)}
+            about["robust"] = {"wrong": wrong_share(judged, again.water)}
     if physical:
         held = [sharp] if matched is not None and sharp is not None else []
         above = fitted(to_fit, physical=True, sharp=held)
@@ -175,18 +179,20 @@ def first_slot(observations: Observations) -> Observations:
     )
 
 
-def matched_sample(
-    options: Sucre, scene: Scene, view: View, observations: Observations, most: int = _MATCHED
-) -> Observations | None:
+def matched_sample(options: Sucre, scene: Scene, view: View, observations: Observations) -> Observations | None:
     """Return a sample with matched footprints (multiview/footprints.py), None where too few pixels have one."""
-    from sucre_bench.multiview.footprints import matched_footprints
-
     n = observations.n_repeated
     if n < _FEWEST_MATCHED:
         return None
-    places = np.random.default_rng(0).choice(n, min(n, most), replace=False)
+    pixels = observations.pixels[np.random.default_rng(0).choice(n, min(n, _MATCHED), replace=False)]
+    found = matched_at(options, scene, view, observations, pixels)
+    return found if found.n_repeated >= _FEWEST_MATCHED else None
+
+
+def matched_at(options: Sucre, scene: Scene, view: View, observations: Observations, pixels: Indices) -> Observations:
+    """Return observations of pixels (flat indices) with matched footprints; observations: name the views."""
+    from sucre_bench.multiview.footprints import matched_footprints
+
     shown = set(observations.views)
     views = [other for other in scene.views if other.name in shown]
-    how = options.pairing_with(with_view=True, with_ray=True)
-    found = matched_footprints(view, views, observations.pixels[places], **how)
-    return found if found.n_repeated >= _FEWEST_MATCHED else None
+    return matched_footprints(view, views, pixels, **options.pairing_with(with_view=True, with_ray=True))

@@ -18,6 +18,7 @@ from sucre_bench.imaging.fill import FillOption
 from sucre_bench.machine.compute import Device
 from sucre_bench.machine.packages import require
 from sucre_bench.methods.sucre.known_water import WORDS, check_source, shared_water, water_of
+from sucre_bench.methods.sucre.light_parts import AUTO, EVEN, Parts, parts_of
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.paper import CITES, solve_adam, start_of
 from sucre_bench.methods.sucre.passes import Backend
@@ -140,30 +141,43 @@ class Sucre(FillOption):
         InputError for a water that cannot be read.
         """
         from sucre_bench.methods.sucre.choose_encoding import nearer_encoding
-        from sucre_bench.methods.sucre.record import named, restoration, with_residuals
+        from sucre_bench.methods.sucre.record import named
+
+        started = time.perf_counter()
+        observations = self.observe(scene, view)
+        with named(view):
+            matched = self.matched(scene, view, observations)
+            if self.encoding != "auto":
+                return self._restored(scene, view, observations, matched, started)
+            nearer = nearer_encoding(self, scene, view, observations, matched)
+            chosen = replace(self, encoding=nearer.encoding)
+            if nearer.encoding == "linear":
+                observations = chosen.observe(scene, view)
+                matched = chosen.matched(scene, view, observations)
+            restored = chosen._restored(scene, view, observations, matched, started)  # noqa: SLF001
+        return replace(restored, info={**restored.info, "encoding": asdict(nearer)})
+
+    def _restored(
+        self, scene: Scene, view: View, observations: Observations, matched: Observations | None, started: float
+    ) -> Restoration:
+        """Return the restoration in a chosen encoding; matched: see `matched`; started: time, seconds."""
+        from sucre_bench.methods.sucre.record import restoration, with_residuals
         from sucre_bench.methods.sucre.refine_gaps import fill_pixels_without_depth
 
-        if self.encoding == "auto":
-            nearer = nearer_encoding(self, scene, view)
-            restored = replace(self, encoding=nearer.encoding).restore(scene, view)
-            return replace(restored, info={**restored.info, "encoding": asdict(nearer)})
-        observations = self.observe(scene, view)
         stages = {"read": observations.read_s, "pair": observations.pair_s}
-        started = time.perf_counter()
-        with named(view):
-            observations, solution = self._solve(scene, view, observations)
-            if solution.light is not None:
-                view = self.in_even_light(view, solution.light)
-            solution = self._with_limit_of_veil(observations, solution)
-            solution = with_residuals(observations, solution)
-            if self.colours == "single_view":
-                observations, solution = self._single_view(view, solution)
-            else:
-                solution = self._refined(view, observations, solution)
+        observations, solution = self._solve(scene, view, observations, matched)
+        if solution.light is not None:
+            view = self.in_even_light(view, solution.light)
+        solution = self._with_limit_of_veil(observations, solution)
+        solution = with_residuals(observations, solution)
+        if self.colours == "single_view":
+            observations, solution = self._single_view(view, solution)
+        else:
+            solution = self._refined(view, observations, solution)
         solution, prior, black = self._with_prior(view, solution)
         if self._decodes(view):
             solution = _encoded(solution)
-        stages["solve"] = time.perf_counter() - started
+        stages["solve"] = time.perf_counter() - started - sum(stages.values())
         restored = restoration(view, observations, solution, stages, self, self._fitted(view))
         if self.fill:
             restored = fill_pixels_without_depth(restored, view, prior, black)
@@ -233,6 +247,15 @@ class Sucre(FillOption):
         J, deviation = (image.reshape(-1, 3)[observations.pixels].T for image in images)
         return replace(solution, J=J, deviation=deviation)
 
+    def matched(self, scene: Scene, view: View, observations: Observations) -> Observations | None:
+        """Return the sample with equal footprints that water, encoding and light are found on; None if none is."""
+        from sucre_bench.methods.sucre.solution import matched_sample
+
+        is_used = self.footprint or self.encoding == "auto" or self.light not in (AUTO, EVEN)
+        if self.water != "own" or self.solver != "exact" or not is_used:
+            return None
+        return matched_sample(self, scene, view, observations)
+
     def observe(self, scene: Scene, view: View, *, with_view: bool = False, with_ray: bool = False) -> Observations:
         """Return the observations of a view; with their views and rays in any case, if asked for."""
         from sucre_bench.multiview.stored_pairs import paired
@@ -248,7 +271,9 @@ class Sucre(FillOption):
             "with_view": with_view or self.refine,
         }
 
-    def _solve(self, scene: Scene, view: View, observations: Observations) -> tuple[Observations, Solution]:
+    def _solve(
+        self, scene: Scene, view: View, observations: Observations, matched: Observations | None
+    ) -> tuple[Observations, Solution]:
         """Return the solution, and the observations that it explains."""
         from sucre_bench.methods.sucre.light import Light
         from sucre_bench.methods.sucre.own_water import OwnWater
@@ -259,7 +284,7 @@ class Sucre(FillOption):
             start = start_of(observations, self.intensities(view))
             return observations, solve_adam(observations, start, backend=self.backend, device=self.device)
         if self.water == "own":
-            return OwnWater(self, scene, view).solve(observations)
+            return OwnWater(self, scene, view).solve(observations, matched)
         if self.water == "shared":
             shared = shared_water(scene, self)
             return observations, colours_for_water(observations, shared.water, shared.uncertainty, *where)
@@ -361,8 +386,6 @@ def check(options: Any, method: str) -> None:
     With water=own, solver=exact takes physical, robust and light; solver=adam takes none of these. With another water
     there is nothing to solve, and of these options only physical may stay, with an effect for water=shared.
     """
-    from sucre_bench.methods.sucre.light_parts import Parts, parts_of
-
     water = f"{method}.water={options.water}"
     if not options.water:
         raise InputError(f"{method}.water: is empty; use own, shared, truth, a method, a file or a folder")
