@@ -31,8 +31,8 @@ def test_the_agreement_of_rows_with_published_pictures_is_written_and_on_the_pag
     bench: Bench, repositories: Path, tmp_path: Path
 ) -> None:
     done = bench("gallery", str(repositories), "out", "--only", "mlle,haam_gan")
-    assert done.status == 0, done.err
-    assert "git clone --depth 1 https://github.com/zhoujingchun03/HAAM-GAN" in done.err
+    assert done.returncode == 0, done.stderr
+    assert "git clone --depth 1 https://github.com/zhoujingchun03/HAAM-GAN" in done.stderr
     out = tmp_path / "out"
     with (out / "tables" / "published.csv").open(encoding="utf-8") as file:
         lines = {line["row"]: line for line in csv.DictReader(file)}
@@ -44,11 +44,11 @@ def test_the_agreement_of_rows_with_published_pictures_is_written_and_on_the_pag
     assert "Published against measured" in page
     assert lines["mlle"]["measured"] in page
     again = bench("run", str(out / "pictures" / "mlle" / "lineup.yaml"), "out=again", "tracking.uri=off")
-    assert again.status == 0, again.err
+    assert again.returncode == 0, again.stderr
 
 
 def test_a_folder_without_any_of_the_repositories_is_refused(bench: Bench, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     done = bench("gallery", "empty", "out", "--only", "mlle")
-    assert done.status == 2
-    assert "git clone" in done.err
+    assert done.returncode == 2
+    assert "git clone" in done.stderr
