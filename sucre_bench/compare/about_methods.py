@@ -6,7 +6,8 @@ differ from their publication's; what people thought of them in published studie
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from sucre_bench import plugins
@@ -14,7 +15,7 @@ from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.model import Note
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.imaging.image_files import read_rgb
-from sucre_bench.loading.named_sets import Picture, found_of, named_sets, print_of
+from sucre_bench.loading.named_sets import NamedSet, Picture, found_of, named_sets, picture_of
 from sucre_bench.results import layout
 from sucre_bench.results.rows import values_of
 
@@ -48,21 +49,18 @@ def seen_in_training(out: Path, rows: DataFrame) -> Iterator[str]:
     """Yield a line for each dataset and method whose test pictures were among the training pictures.
 
     out: a results folder, with its `views`; rows: its score table. "SET" means the pictures of a named test set, and
-    "DATASET less SET" all pictures of other named sets of that dataset. Other words are not checked.
+    "DATASET less SET" all pictures of other named sets of that dataset. Other words are not checked. Pictures are known
+    by their content: names are often plain numbers.
     """
-    known = {text.casefold(): named for text, named in named_sets().items()}
     for dataset, of_dataset in rows.groupby("dataset", sort=False):
-        if not (said := _trained_on(of_dataset)):
+        trained = {method: (text, *_sets_in(text)) for method, text in _trained_on(of_dataset).items()}
+        if not any(sets for _, sets, _ in trained.values()):
             continue
         pictures = _pictures(out, str(dataset), of_dataset)
-        for method, text in said.items():
-            whole, less, but = (part.strip().casefold() for part in re.split(r"(\bless\b|$)", text, maxsplit=1))
-            if less and but not in known:
-                continue
-            trained = [one for name, one in known.items() if one.of.casefold() == whole or name == whole]
-            seen = {name for one in trained for name in found_of(one, pictures, "image").members}
-            if less:
-                seen -= set(found_of(known[but], pictures, "image").members)
+        for method, (text, sets, but) in trained.items():
+            seen = {name for one in sets for name in _known_of(one, pictures)}
+            if but:
+                seen -= {*found_of(but, pictures, "image").members}
             if seen:
                 first = ", ".join(sorted(seen)[:3])
                 yield (
@@ -71,15 +69,27 @@ def seen_in_training(out: Path, rows: DataFrame) -> Iterator[str]:
                 )
 
 
+def _sets_in(text: str) -> tuple[list[NamedSet], NamedSet | None]:
+    """The named sets that a text names as training pictures, and the one that it leaves out of them."""
+    known = {name.casefold(): named for name, named in named_sets().items()}
+    whole, less, but = (part.strip().casefold() for part in re.split(r"(\bless\b|$)", text, maxsplit=1))
+    if less and but not in known:
+        return [], None
+    return [one for name, one in known.items() if whole in (one.of.casefold(), name)], known.get(but)
+
+
+def _known_of(named: NamedSet, pictures: Mapping[str, Picture]) -> set[str]:
+    """The pictures that are of a set by their content, and not changed."""
+    found = found_of(named, pictures, "image")
+    return {*found.members} - {*found.by_name, *found.changed}
+
+
 def _pictures(out: Path, dataset: str, rows: DataFrame) -> dict[str, Picture]:
-    """The views of a dataset by name; those without a stored picture are left out."""
+    """The views of a dataset by scene and name; those without a stored picture are left out."""
     found = {}
     for scene, view in sorted(set(values_of(rows[rows["view"] != ""], "scene", "view"))):
         place = layout.find(dataset, scene, view, out)
-        try:
-            image = read_rgb(place.original(out)) if place else None
-        except SucreBenchError:
-            continue
-        if image is not None:
-            found[view] = Picture((image.shape[1], image.shape[0]), print_of(image))
+        with suppress(SucreBenchError):
+            if place:
+                found[f"{scene}/{view}"] = picture_of(read_rgb(place.original(out)))
     return found

@@ -35,6 +35,7 @@ MISTAKES = {
     "list": ["plugins"],
     "new": ["method", "my-method"],
     "check": ["gray_wrld"],
+    "gallery": ["nowhere", "out"],
     "doctor": ["--jsn"],
     "completion": ["powershell"],
 }

@@ -21,7 +21,8 @@ def picture() -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("said", "seen"), [("Reef less own", 2), ("other", 2), ("Reef less nothing", 0), ("a thousand pictures", 0)]
+    ("said", "seen"),
+    [("Reef less own", 2), ("other", 2), ("Reef less nothing", 0), ("Names", 0), ("a thousand pictures", 0)],
 )
 def test_compare_warns_of_test_pictures_that_were_in_the_training_set(
     said: str, seen: int, bench: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -37,6 +38,7 @@ def test_compare_warns_of_test_pictures_that_were_in_the_training_set(
         return NamedSet(name, "", "Reef", "", "", "", tuple(members))
 
     sets = {"own": named("own", "c"), "other": named("other", "a", "b"), "more": named("more", "c")}
+    sets["names"] = NamedSet("names", "", "Names", "", "", "", (Member("a.png", (), None, None, None),))
     monkeypatch.setattr(named_sets, "named_sets", lambda: sets)
     monkeypatch.setattr("sucre_bench.compare.about_methods.named_sets", lambda: sets)
     words = ("dataset=./photographs", "method=precomputed", "method.folder=restored", "metrics=[uciqe]", "out=out")
