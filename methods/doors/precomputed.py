@@ -20,8 +20,8 @@ from sucre_bench.imaging import image_files
 from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.image_files import decode, read_array, read_tiff, same_shape
 from sucre_bench.machine.files import check_folder
+from sucre_bench.machine.records import record_of
 from sucre_bench.methods.doors.new_views import held_out_views, read_rendering, similarity
-from sucre_bench.results.records import record_of
 from sucre_bench.results.water_file import read_water
 from sucre_bench.scene import Encoding
 

@@ -24,12 +24,12 @@ from sucre_bench.errors import InputError, MissingFileError, SolveError
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.packages import require
 from sucre_bench.machine.progress import say, track
+from sucre_bench.machine.records import RECORDS, records_above, stored_record
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.plugins.call_method import restored
 from sucre_bench.plugins.options import create
 from sucre_bench.results.layout import stems_of
-from sucre_bench.results.records import RECORDS, record_of
 from sucre_bench.results.water_file import Lighting, lighting_of, read_lighting, read_water
 from sucre_bench.scene import Encoding, Scene, View, Water
 
@@ -118,9 +118,9 @@ def check_source(source: str) -> None:
     elif not path.is_dir():
         with contextlib.suppress(FileNotFoundError):
             _of_file(path)
-    elif not any(file.suffix in _SUFFIXES or file.name == RECORDS for file in path.rglob("*")):
+    elif not (records_above(path) or any(f.suffix in _SUFFIXES or f.name == RECORDS for f in path.rglob("*"))):
         remedy = "give the folder restored/<dataset>/<method> of an earlier run"
-        raise InputError(f"{path}: holds no .json or .npz file; {remedy}")
+        raise InputError(f"{path}: holds no .json, .npz or {RECORDS}; {remedy}")
 
 
 def _of_file(path: Path) -> Water:
@@ -167,13 +167,12 @@ def _checked(place: str, water: Water, view: View, encoding: Encoding) -> WaterP
 
 
 def _of_view(folder: Path, scene: Scene, view: View) -> Path:
-    """Return the file of a view in a folder that a run made, restored/<dataset>/<method>."""
-    for stem in reversed(stems_of(scene.name, view.name)):
-        for suffix in _SUFFIXES:
-            file = folder / f"{stem}{suffix}"
-            is_inside = file.resolve().is_relative_to(folder.resolve())
-            if is_inside and (file.is_file() or (suffix == ".json" and record_of(file))):
-                return file
+    """Return the file of a view in a folder that a run made, restored/<dataset>/<method>; first one with a record."""
+    files = [folder / f"{stem}{suffix}" for stem in reversed(stems_of(scene.name, view.name)) for suffix in _SUFFIXES]
+    inside = [file for file in files if file.resolve().is_relative_to(folder.resolve())]
+    for is_there in (stored_record, Path.is_file):
+        for file in filter(is_there, inside):
+            return file
     return folder / f"{PurePosixPath(view.name).with_suffix('')}.json"
 
 

@@ -29,10 +29,10 @@ from sucre_bench.machine.cache import ArrayStore, storing
 from sucre_bench.machine.compute import PeakMemory
 from sucre_bench.machine.files import remove
 from sucre_bench.machine.processes import step
+from sucre_bench.machine.records import shorten_records
 from sucre_bench.machine.text_formats import now
 from sucre_bench.plugins.call_method import restored, shown_with, with_truth
 from sucre_bench.results.layout import decoded_path, file_name, log_path, pairs_path, restored_path
-from sucre_bench.results.records import shorten_records
 from sucre_bench.results.restorations import Measured, read_full, write_full, write_pictures
 from sucre_bench.results.rows import Row
 from sucre_bench.results.table import Part

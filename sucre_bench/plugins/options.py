@@ -20,6 +20,7 @@ from sucre_bench.errors import InputError, did_you_mean, shown_value, unknown_na
 from sucre_bench.imaging.display import normalisation
 from sucre_bench.machine.files import expanded, fault_of
 from sucre_bench.machine.packages import require
+from sucre_bench.machine.records import records_above, stored_record
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin, fits
 from sucre_bench.plugins.registry import find, get
 
@@ -193,9 +194,13 @@ class Choice:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """The files and folders that options name and results rest on; one that is not there is left out."""
-        read = (read for _, read in read_by_options(self.plugin, self.options))
-        return tuple(path for path in read if isinstance(path, Path) and path.exists())
+        """The files and folders that options name and results rest on, with the records that tell of them.
+
+        One that is not there is left out.
+        """
+        read = [read for _, read in read_by_options(self.plugin, self.options) if isinstance(read, Path)]
+        records = filter(None, map(records_above, read))
+        return tuple(path for path in (*read, *records) if path.exists())
 
     @property
     def methods(self) -> tuple[Plugin, ...]:
@@ -241,8 +246,8 @@ def create(plugin: Plugin, values: Mapping[str, Any], out: Path | None = None) -
     """Make the plugin with these options. Raises what `checked_options` and the plugin's own __post_init__ raise, and
     InputError, with the command that installs them, where packages are missing that it requires.
 
-    A path may be given as text, a tuple as a list. An option that the plugin `reads` must lead to a file or folder;
-    none is opened.
+    A path may be given as text, a tuple as a list. An option that the plugin `reads` must lead to a file or folder,
+    which is not opened, or to what the record of a run tells of.
     out: the folder of results of a command that is about to run; what is to lie in it may be made by an earlier job.
     """
     require(f"{plugin.kind} '{plugin.name}'", *plugin.requires)
@@ -251,8 +256,8 @@ def create(plugin: Plugin, values: Mapping[str, Any], out: Path | None = None) -
         if isinstance(path, Plugin):
             continue
         is_ours = out is not None and Path(os.path.abspath(path)).is_relative_to(os.path.abspath(out))  # noqa: PTH100
-        may_be_made = is_ours and not os.path.lexists(path)
-        if not may_be_made and (fault := fault_of(path)) and not path.is_dir():
+        may_come = not os.path.lexists(path) and (is_ours or stored_record(path))
+        if not may_come and (fault := fault_of(path)) and not path.is_dir():
             words = f", or one of {', '.join(option.choices)}" * bool(option.choices)
             raise InputError(fault, path, f"give a path that exists in {plugin.kind}.{option.name}{words}")
     return made

@@ -16,10 +16,10 @@ from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.machine import processes, progress
 from sucre_bench.machine.files import fault_of, is_file
 from sucre_bench.machine.packages import version_of
+from sucre_bench.machine.records import record_of
 from sucre_bench.results import layout
 from sucre_bench.results.bundle_format import COMMON, hash_of, write_bundle
 from sucre_bench.results.common_scores import read_common
-from sucre_bench.results.records import record_of
 from sucre_bench.results.rows import COSTS, Row, csv_text, restorations
 from sucre_bench.scene import Arrays, Restoration, View
 

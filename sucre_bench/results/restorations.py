@@ -26,10 +26,10 @@ from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit, to_16bit
 from sucre_bench.imaging.image_files import check_pixels, decode, encode_png, write_image
 from sucre_bench.machine.files import regular, write_atomically
+from sucre_bench.machine.records import add_record, record_of
 from sucre_bench.results import layout
 from sucre_bench.results.layout import Place
 from sucre_bench.results.reasons import Reason
-from sucre_bench.results.records import add_record, record_of
 from sucre_bench.results.rows import Row
 from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Restoration, View, Water
@@ -214,7 +214,8 @@ def read_mask(path: Path) -> Mask | None:
     except FileNotFoundError as fault:
         raise MissingFileError("is gone", path, "repeat its run's command") from fault
     except (OSError, ValueError, struct.error, zlib.error) as fault:
-        raise DamagedFileError(f"its mask cannot be read ({fault})", path, "repeat its run's command") from fault
+        remedy = "run its method again with overwrite=always"
+        raise DamagedFileError(f"its mask cannot be read ({fault})", path, remedy) from fault
 
 
 def mask_id(mask: Mask) -> str:

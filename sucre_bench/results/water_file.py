@@ -19,7 +19,7 @@ import numpy as np
 from sucre_bench.errors import InputError, is_number_in
 from sucre_bench.imaging.image_files import read_array
 from sucre_bench.machine.files import regular
-from sucre_bench.results.records import record_of
+from sucre_bench.machine.records import record_of, stored_record
 from sucre_bench.scene import Encoding, Water
 
 
@@ -41,11 +41,11 @@ _ENCODINGS: dict[Any, Encoding | None] = {None: None, "view": None, "gamma": "ga
 def read_water(path: Path) -> Water | None:
     """Return the water of a file, NaN for what it does not tell; None for a file that holds no B.
 
-    A .json file that is not there may be a record of a run: see `record_of`. Raises FileNotFoundError, and InputError
-    for what cannot be read or is no water.
+    The record of a run comes first, see `record_of`: a .json file beside it may be of an earlier version. Raises
+    FileNotFoundError, and InputError for what cannot be read or is no water.
     """
     try:
-        if not path.exists() and (record := record_of(path)):
+        if (path.suffix == ".json" or not path.exists()) and (record := stored_record(path)):
             return water_of(record, path)
         if path.suffix == ".npz":
             with zipfile.ZipFile(regular(path)) as archive:

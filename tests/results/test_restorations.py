@@ -11,8 +11,17 @@ import pandas as pd
 import pytest
 from support.command_line import calls, run
 
+from sucre_bench.errors import DamagedFileError
+from sucre_bench.machine import records
 from sucre_bench.plugins.registry import find
-from sucre_bench.results.restorations import Measured, read_full, read_full_arrays, write_full
+from sucre_bench.results.restorations import (
+    Measured,
+    read_full,
+    read_full_arrays,
+    read_mask,
+    write_full,
+    write_masked_png,
+)
 from sucre_bench.results.rows import Row
 from sucre_bench.scene import Restoration, Water
 
@@ -77,6 +86,34 @@ def test_of_damaged_bytes_nothing_is_read_and_nothing_raised(tmp_path: Path) -> 
     assert unread > 40
     path.unlink()
     assert read_full(path, BASE) is None
+
+
+def test_a_damaged_mask_is_restored_again_although_its_rows_are_stored(tmp_path: Path) -> None:
+    mask = np.isfinite(IMAGE[..., 0])
+    write_masked_png(tmp_path / "a.png", np.zeros(IMAGE.shape, np.uint8), mask)
+    whole = (tmp_path / "a.png").read_bytes()
+    np.testing.assert_array_equal(read_mask(tmp_path / "a.png"), mask)
+    (tmp_path / "a.png").write_bytes(whole[:41] + bytes(8) + whole[49:])
+    with pytest.raises(DamagedFileError) as fault:
+        read_mask(tmp_path / "a.png")
+    assert "overwrite=always" in fault.value.remedy
+
+
+def test_the_records_of_each_of_many_methods_are_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page asks for the methods of one view after the other."""
+    folders = [tmp_path / "restored" / "sea" / f"m{n}" for n in range(12)]
+    for folder in folders:
+        folder.mkdir(parents=True)
+        for view in ("a", "b"):
+            records.add_record(folder, folder / f"{view}.png", {"steps": 1})
+    reads: list[Path] = []
+    regular = records.regular
+    monkeypatch.setattr(records, "regular", lambda path: reads.append(path) or regular(path))
+    for view in ("a", "b"):
+        assert all(records.record_of(folder / f"{view}.png") == {"steps": 1} for folder in folders)
+    assert len(reads) == 12
+    records.add_record(folders[0], folders[0] / "a.png", {"steps": 2})
+    assert records.record_of(folders[0] / "a.png") == {"steps": 2}
 
 
 # -- in a run ----------------------------------------------------------------------------------------------

@@ -16,8 +16,8 @@ from support.messages import names
 from support.restoring_programs import restored
 
 from sucre_bench import InputError
+from sucre_bench.machine.records import record_of
 from sucre_bench.methods.doors import Command
-from sucre_bench.results.records import record_of
 
 RUN = "python restore.py {input} {output}"
 IMAGE = "sha256:" + "0" * 63 + "1"

@@ -16,8 +16,11 @@ from support.messages import names
 
 from sucre_bench import Arrays, InputError, Restoration, Scene, SolveError, Water, load_scenes
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.machine.records import add_record
 from sucre_bench.methods.sucre import Sucre, SucrePaper, SucrePlus
 from sucre_bench.methods.sucre.refine_noise import prior_of
+from sucre_bench.plugins import find
+from sucre_bench.plugins.options import Choice, create
 
 # To choose the encoding takes twice as long as a fit; it has a test of its own.
 sucre = partial(Sucre, encoding="view")
@@ -67,6 +70,15 @@ def test_what_is_known_of_the_fit_is_told(plain: Restoration) -> None:
     assert set(info["stage_seconds"]) >= {"read", "pair", "solve"}
     assert info["n_repeated"] < info["n_observations"]
     json.dumps(info)
+
+
+def test_the_time_of_the_fit_has_no_time_of_pairing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An earlier run may have paired for longer than this run lasts."""
+    observe = Sucre.observe
+    monkeypatch.setattr(Sucre, "observe", lambda *a, **k: replace(observe(*a, **k), pair_s=1e6, read_s=1e5))
+    stages = Sucre().restore(SCENE, TARGET).info["stage_seconds"]
+    assert (stages["pair"], stages["read"]) == (1e6, 1e5)
+    assert 0 < stages["solve"] < 1e5
 
 
 @pytest.mark.parametrize("solver", ["exact", "adam"])
@@ -120,6 +132,26 @@ def test_water_comes_from_a_file_or_from_a_folder_of_them(tmp_path: Path) -> Non
     np.testing.assert_array_equal(Sucre(water=str(tmp_path)).restore(scene, dotted).water.veiling_light, TRUTH[0])  # type: ignore[union-attr]
     for source in (tmp_path / "a.json", tmp_path / "one.npz", tmp_path):
         np.testing.assert_array_equal(Sucre(water=str(source)).restore(SCENE, TARGET).image, true.image)
+
+
+@pytest.mark.parametrize("source", ["", "reef", "reef/a.json"])
+@pytest.mark.parametrize("is_stale", [False, True])
+def test_water_comes_from_the_records_of_a_run(tmp_path: Path, source: str, is_stale: bool) -> None:
+    """Of all views, of a scene's, and of one view; before what an earlier version wrote beside the picture."""
+    folder, scene = tmp_path / "restored" / "sea" / "other", replace(SCENE, name="reef")
+    content = dict(zip(("B", "beta", "gamma"), TRUTH.tolist(), strict=True))
+    (folder / "reef").mkdir(parents=True)
+    add_record(folder, folder / "reef" / "a.png", content)
+    if is_stale:
+        (folder / "reef" / "a.json").write_text(json.dumps(content | {"B": [0, 0, 0]}))
+    options = {"water": str(folder / source)}
+    restored = create(find("method", "sucre"), options).restore(scene, TARGET)
+    np.testing.assert_array_equal(as_array(restored.water), TRUTH)
+    assert folder / "records.jsonl" in {
+        inside for file in Choice(find("method", "sucre"), "sucre", options).files for inside in (file, *file.glob("*"))
+    }
+    with pytest.raises(InputError, match=r"b\.json: no such file"):
+        create(find("method", "sucre"), {"water": str(folder / "reef" / "b.json")})
 
 
 @pytest.mark.parametrize(

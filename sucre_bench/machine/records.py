@@ -7,7 +7,6 @@ passed over, so its view is restored again.
 
 from __future__ import annotations
 
-import functools
 import json
 import os
 from collections.abc import Iterator, Mapping
@@ -17,10 +16,13 @@ from typing import Any
 
 from sucre_bench.errors import InputError
 from sucre_bench.machine.cache import waited_lock
-from sucre_bench.machine.files import not_writable, regular, write_atomically
+from sucre_bench.machine.files import is_file, not_writable, regular, write_atomically
 
 RECORDS = "records.jsonl"
 _PICTURE = "picture"  # the name in a record of the restored image, seen from the folder of the records
+
+# The newest lines of each file that was read, by picture; with the state that the file had then.
+_read: dict[Path, tuple[tuple[int, ...], Mapping[str, bytes]]] = {}
 
 
 def add_record(folder: Path, picture: Path, record: Mapping[str, Any]) -> None:
@@ -57,15 +59,9 @@ def record_of(file: Path) -> dict[str, Any]:
 
     Other programs may write it as a .json beside the picture. Raises InputError if that file is damaged.
     """
+    if record := stored_record(file):
+        return record
     beside = file.with_suffix(".json")
-    for folder in file.parents:
-        path = folder / RECORDS
-        with suppress(OSError, InputError):
-            state = path.stat()
-            name = file.relative_to(folder).with_suffix(".png").as_posix()
-            if line := _newest(path, state.st_ino, state.st_mtime_ns, state.st_size).get(name):
-                return {key: value for key, value in json.loads(line).items() if key != _PICTURE}
-            break
     if not beside.is_file():
         return {}
     try:
@@ -75,14 +71,36 @@ def record_of(file: Path) -> dict[str, Any]:
     return content if isinstance(content, dict) else {}
 
 
+def stored_record(file: Path) -> dict[str, Any]:
+    """Return what `record_of` does, but only from the records of a job: never from a .json beside the picture."""
+    path = records_above(file)
+    if path is None or not file.name:
+        return {}
+    with suppress(OSError, InputError):
+        name = file.relative_to(path.parent).with_suffix(".png").as_posix()
+        if line := _newest(path).get(name):
+            return {key: value for key, value in json.loads(line).items() if key != _PICTURE}
+    return {}
+
+
+def records_above(path: Path) -> Path | None:
+    """Return the nearest records in the folders above a file or folder; None without, or if the folder has its own."""
+    nearest = next((folder for folder in (path, *path.parents) if is_file(folder / RECORDS)), path)
+    return None if nearest == path else nearest / RECORDS
+
+
 def _locked(folder: Path) -> AbstractContextManager[None]:
     """One lock for all jobs of a results folder. folder: restored/<dataset>/<method label> in it."""
     return waited_lock(folder.parents[2] / f".{RECORDS}.lock")
 
 
-@functools.lru_cache(maxsize=8)  # read again where the file has changed
-def _newest(path: Path, *state: int) -> Mapping[str, bytes]:
-    return dict(_lines(path))
+def _newest(path: Path) -> Mapping[str, bytes]:
+    """The newest line of each picture; the file is read again only if it has changed."""
+    found = path.stat()
+    state = (found.st_ino, found.st_mtime_ns, found.st_size)
+    if path not in _read or _read[path][0] != state:
+        _read[path] = state, dict(_lines(path))
+    return _read[path][1]
 
 
 def _lines(path: Path) -> Iterator[tuple[str, bytes]]:
