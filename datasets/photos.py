@@ -28,6 +28,7 @@ from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.image_files import SUFFIXES
 from sucre_bench.loading.find_folders import chosen, existing, folders_below, scene_name
 from sucre_bench.loading.image_folder import SplitOption, image_folder_scene, image_names, paired_folders
+from sucre_bench.loading.named_sets import IncompleteSetError
 from sucre_bench.loading.view_files import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Encoding, Scene
@@ -50,13 +51,24 @@ class Lsui(ImageScaleOption, SplitOption):
     """The folder that holds input/ and GT/, or a folder above it; of a split, the part to take or all of it."""
 
     def scenes(self) -> Iterator[Scene]:
-        """Yield a scene for each part. Reads headers and samples of files. InputError when a folder is missing."""
-        root, found = existing(self.root), False
+        """Yield a scene for each part; with split, for each that has the whole set.
+
+        Reads headers and samples of files. InputError when a folder is missing, or no part has the whole set.
+        """
+        root, found, lacking = existing(self.root), False, list[IncompleteSetError]()
         for place, images, references in paired_folders(root, ("input",), ("gt", "reference")):
-            found = True
             if references is None:
                 raise MissingFileError("no such folder", place / "GT", f"unpack the references there, beside {images}")
-            yield image_folder_scene(scene_name(place, root), images, references, self.image_scale, split=self.split)
+            name = scene_name(place, root)
+            try:
+                scene = image_folder_scene(name, images, references, self.image_scale, split=self.split)
+            except IncompleteSetError as fault:
+                lacking.append(fault)
+                continue
+            found = True
+            yield scene
+        if lacking and not found:
+            raise max(lacking, key=lambda fault: fault.found)
         if not found:
             raise InputError(f"{root}: holds no folder input; unpack it there, or give the folder that holds it")
 

@@ -14,7 +14,7 @@ import shutil
 import tempfile
 import weakref
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from errno import ENOSPC
 from math import nan
@@ -96,6 +96,16 @@ class Command(RestoredElsewhere):
         """Return options with the digest of their environment: what rows and configurations record."""
         environment = Environment.of(options["env"]) if options.get("env") else None
         return {**options, **({"env": str(environment.pinned)} if environment else {})}
+
+    @staticmethod
+    def moved(options: Mapping[str, Any], seen: Callable[[str], str]) -> dict[str, str]:
+        """Return the option whose environment is a file or folder, with its path as `seen` has it."""
+        tool, _, name = str(options.get("env") or "").partition(":")
+        if not name or not (tool == "uv" or (tool == "conda" and "/" in name)):
+            return {}
+        path = seen(name)
+        bare = tool == "conda" and "/" not in path  # which conda takes for a name
+        return {"env": f"{tool}:{'./' * bare}{path}"}
 
     def __post_init__(self) -> None:
         words = self._words

@@ -45,9 +45,8 @@ class Environment:
         tool, name, digest = found[1], found[2], found[3] or ""
         if tool == "docker" and not digest:
             show = f"docker image inspect --format '{{{{.RepoDigests}}}} {{{{.Id}}}}' {name}"
-            remedy = (
-                f"give docker:{name.split(':')[0]}@sha256:..., or docker:sha256:... if it was built here; see `{show}`"
-            )
+            bare = re.sub(r":[^/]*$", "", name)  # without a tag; a registry may have a port
+            remedy = f"give docker:{bare}@sha256:..., or docker:sha256:... if it was built here; see `{show}`"
             raise InputError("an image without digest may change", f"command.env={text}", remedy)
         return cls(tool, str(expanded(name)) if tool != "docker" else name, digest)
 
@@ -61,7 +60,7 @@ class Environment:
                 f"{self.tool} is not installed", self._place, f"install {self.tool}, or give another of {_FORMS}"
             )
         if self.tool == "uv" and not Path(self.name).is_file():
-            raise MissingFileError("no such file", self.name, "give a file of requirements in command.env=uv:FILE")
+            raise MissingFileError("no such file", self.name, "give uv:FILE, a file of requirements, in command.env")
         if self.digest and (found := self._found_digest) and found != self.digest:
             remedy = "bring the old content back, or leave out @sha256:... and give another label"
             raise InputError(f"is {found} now, not {self.digest}", self._place, remedy)

@@ -9,13 +9,15 @@ is imported. It needs torch and onnx. at: the network works at this size alone, 
 """
 
 import importlib
+import io
 import re
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sucre_bench.errors import InputError, SucreBenchError, one_line
+from sucre_bench.errors import InputError, MissingFileError, SucreBenchError, one_line
+from sucre_bench.machine.files import write_atomically
 from sucre_bench.methods.networks.run_torch import UNSAFE, bare, foreign
 
 if TYPE_CHECKING:
@@ -42,7 +44,11 @@ def tensors(path: Path) -> dict[str, "torch.Tensor"]:
     """
     import torch
 
-    if what := foreign(path):
+    try:
+        what = foreign(path)
+    except FileNotFoundError:
+        raise MissingFileError("no such file", path, "give the author's file of weights") from None
+    if what:
         raise InputError(what, path)
     stand_ins: dict[str, type] = {}
     while True:
@@ -73,45 +79,65 @@ def _of_module(module: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 def export(weights: Path, target: Path, network: str, options: Mapping[str, Any], at: str = "") -> None:
     """Write a network of the code in the current folder as ONNX, of any height and width, or of "480x640".
 
-    network: "package.module:Class"; options: its arguments. Raises InputError if the weights are not the network's.
+    network: "package.module:Class"; options: its arguments. Raises InputError if the network cannot be made or
+    exported, or the weights are not the network's.
     """
     import torch
 
     sys.path.insert(0, str(Path.cwd()))
     module, _, name = network.partition(":")
-    made: torch.nn.Module = getattr(importlib.import_module(module), name)(**options)
+    try:
+        made: torch.nn.Module = getattr(importlib.import_module(module), name)(**options)
+    except Exception as fault:  # of others' code
+        remedy = "run this in the folder of its code, and give MODULE:CLASS and the options that it needs"
+        raise InputError(f"cannot be made, {one_line(fault)}", network, remedy) from fault
     try:
         made.load_state_dict(tensors(weights))
     except RuntimeError as fault:
         raise InputError(f"not the weights of {network}, {one_line(fault)}", weights, "give its options") from fault
     sides = {} if at else {2: "height", 3: "width"}
     height, width = map(int, (at or f"{_SIDE}x{_SIDE}").split("x"))
-    torch.onnx.export(
-        made.eval(),
-        (torch.rand(1, 3, height, width),),
-        str(target),
-        input_names=["image"],
-        output_names=["restored"],
-        dynamic_axes={"image": sides, "restored": sides},
-        dynamo=False,
-    )
+    content: Any = io.BytesIO()
+    try:
+        torch.onnx.export(
+            made.eval(),
+            (torch.rand(1, 3, height, width),),
+            content,
+            input_names=["image"],
+            output_names=["restored"],
+            dynamic_axes={"image": sides, "restored": sides},
+            dynamo=False,
+        )
+    except Exception as fault:  # of torch, onnx and others' code
+        remedy = "install onnx if it is missing, or give another size as at=HEIGHTxWIDTH"
+        raise InputError(f"cannot be exported, {one_line(fault)}", network, remedy) from fault
+    write_atomically(target, content.getvalue())
 
 
 def _main(words: list[str]) -> None:
     if len(words) < 2 or Path(words[1]).suffix not in (".pt", ".onnx") or (words[1][-3:] == ".pt") != (len(words) == 2):
-        sys.exit(__doc__)
+        print(__doc__, file=sys.stderr)
+        sys.exit(2)
     weights, target, *network = words
-    given = dict(word.split("=", 1) for word in network[1:])
-    at = given.pop("at", "")
     try:
+        if Path(target).exists():
+            raise InputError("is there", target, "give a new file, or move this one away")
+        for word in network[1:]:
+            if not re.fullmatch(r"at=\d+x\d+|(?!at=)\w+=-?\d+", word):
+                raise InputError("is no option", word, "write OPTION=NUMBER, or at=HEIGHTxWIDTH")
+        given = dict(word.split("=", 1) for word in network[1:])
+        at = given.pop("at", "")
         if network:
             export(Path(weights), Path(target), network[0], {name: int(value) for name, value in given.items()}, at)
         else:
             import torch
 
-            torch.save(tensors(Path(weights)), target)
+            content = io.BytesIO()
+            torch.save(tensors(Path(weights)), content)
+            write_atomically(Path(target), content.getvalue())
     except SucreBenchError as fault:
-        sys.exit(f"error: {fault}")
+        print(f"error: {fault}", file=sys.stderr)
+        sys.exit(2)
     print(target)
 
 

@@ -18,6 +18,7 @@ from sucre_bench.machine.outputs import check_output
 from sucre_bench.machine.text_formats import counted
 
 if TYPE_CHECKING:
+    from sucre_bench.engine.select_views import Selection
     from sucre_bench.programs.describe.description import Described
     from sucre_bench.programs.describe.facts import Overlap, ViewFacts
 
@@ -81,6 +82,8 @@ def describe(
     overrides = [word if "=" in word else f"dataset={word}" for word in words]
     with progress.live():
         selections = select(overrides)
+        if write_set is not None:
+            _check_whole(selections, most)
         sheets = [] if no_sheet else _sheets(sheet, [selection.scene.name for selection in selections])
         inputs = [file for selection in selections for view in selection.views for file in source_files(view)]
         for path in sheets:
@@ -95,12 +98,22 @@ def describe(
             write_atomically(sheets[n], one.sheet(sheets[n].suffix))
             click.echo(f"sheet    {sheets[n]}", err=as_json)
     if write_set is not None:
-        if len(described) > 1:
-            raise InputError(f"{len(described)} scenes are chosen", "--write-set", "describe one alone")
         write_atomically(write_set, described[0].table().encode())
         click.echo(f"set      {write_set}", err=as_json)
     if not any(view.mean for one in described for view in one.facts):
         raise InputError("describe: no view could be read; mend the files named above")
+
+
+def _check_whole(selections: Sequence[Selection], most: int) -> None:
+    """Raise InputError unless one scene is chosen, with all its views."""
+    if len(selections) > 1:
+        raise InputError(f"{len(selections)} scenes are chosen", "--write-set", "describe one alone")
+    for selection in selections:
+        scene, n = selection.scene, len(selection.views)
+        if n < len(scene):
+            raise InputError(f"{n} of {len(scene)} views of {scene.name} are chosen", "--write-set", "choose all")
+        if n > most:
+            raise InputError(f"{scene.name} has {n} views", "--write-set", f"give --most {n} for the table of all")
 
 
 def _sheets(given: Path | None, scenes: Sequence[str]) -> list[Path]:

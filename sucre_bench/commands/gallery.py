@@ -24,9 +24,9 @@ def gallery(repositories: Path, out: Path, only: str) -> None:
     """Score published outputs, and print published beside measured numbers.
 
     \b
-    git clone --depth 1 https://github.com/zhoujingchun03/HAAM-GAN repositories/HAAM-GAN
-    sucre-bench gallery repositories/ gallery/
-    sucre-bench gallery repositories/ gallery/ --only haam_gan,u45
+    git clone --depth 1 https://github.com/zhoujingchun03/HAAM-GAN clones/HAAM-GAN
+    sucre-bench gallery clones/ gallery/
+    sucre-bench gallery clones/ gallery/ --only haam_gan,u45
 
     FOLDER has clones of the repositories, one folder each. A line says how to get those that are not there. OUT becomes
     a results folder with a page. OUT/pictures has the files and the line-up of each exhibit.

@@ -214,7 +214,7 @@ def kind_id(name: str) -> str:
         for other in re.findall(rb"^#\s*(?:illuminant|camera)\s*:\s*(.+\.csv)\s*$", content, flags=re.MULTILINE | re.I):
             content += regular(Path(name).parent / other.decode()).read_bytes()
         return f"csv-{hashlib.blake2b(content, digest_size=6).hexdigest()}"
-    except (OSError, InputError):
+    except (OSError, ValueError, InputError):
         return "csv-unreadable"
 
 

@@ -5,7 +5,7 @@ A folder stands for the dataset that recognises it by its files.
 
 import functools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import Any, get_args
@@ -118,8 +118,11 @@ def option_names(kind: Kind, name: str) -> list[str]:
     return [*(option.name for option in options_of(plugin.cls)), *_ADDED[kind]] if plugin else []
 
 
-def given_paths(kind: Kind, name: str, values: Mapping[str, Any]) -> dict[str, str]:
-    """Return those of a method's or dataset's given options that are paths: by type, or as a file that it `reads`."""
+def moved_paths(kind: Kind, name: str, values: Mapping[str, Any], seen: Callable[[str], str]) -> dict[str, str]:
+    """Return those of a method's or dataset's given options that are paths, each as `seen` has it.
+
+    An option is one by its type, as a file that the plugin `reads`, or where its function `moved` says so.
+    """
     plugin = plugin_of(kind, name)
     paths = {}
     for option in options_of(plugin.cls) if plugin else ():
@@ -127,8 +130,9 @@ def given_paths(kind: Kind, name: str, values: Mapping[str, Any]) -> dict[str, s
         is_typed = Path in (option.type, *get_args(option.type))
         is_read = plugin is not None and option.name in plugin.reads and plugin_of("method", str(value)) is None
         if isinstance(value, str) and value not in ("", *option.choices) and (is_typed or is_read):
-            paths[option.name] = value
-    return paths
+            paths[option.name] = seen(value)
+    moved = getattr(plugin.cls, "moved", None) if plugin else None
+    return {**paths, **(moved(values, seen) if moved else {})}
 
 
 # -- metrics: "name", "name:variant" or "name:all" -----------------------------------------------------------

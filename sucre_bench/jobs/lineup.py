@@ -25,7 +25,7 @@ from typing import Any, Literal
 
 from sucre_bench import plugins
 from sucre_bench.errors import InputError, SucreBenchError, did_you_mean, one_line, unknown_name
-from sucre_bench.jobs.catalogue import given_paths, is_path, named, option_names, presets, recognised
+from sucre_bench.jobs.catalogue import is_path, moved_paths, named, option_names, presets, recognised
 from sucre_bench.jobs.run_options import CONF_FOLDER, RunConfig
 from sucre_bench.jobs.words import Word
 from sucre_bench.machine.files import expanded, fault_of
@@ -222,7 +222,7 @@ def _checked(kind: Kind, entry: Entry, folder: Path) -> Entry:
     for option in entry.options:
         if option not in names:
             raise unknown_name(f"{entry.name}.{option}", option, names)
-    moved = {option: _moved(path, folder) for option, path in given_paths(kind, entry.name, entry.options).items()}
+    moved: dict[str, Any] = {**moved_paths(kind, entry.name, entry.options, lambda path: str(_moved(path, folder)))}
     if "degrade" in entry.options:
         moved["degrade"] = _settled("degrade", entry.options["degrade"], folder)
     return replace(entry, options={**root, **entry.options, **moved})

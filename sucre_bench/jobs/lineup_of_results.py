@@ -12,7 +12,7 @@ from sucre_bench import results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError
-from sucre_bench.jobs.catalogue import MetricChoice, given_paths
+from sucre_bench.jobs.catalogue import MetricChoice, moved_paths
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.lineup import Entry, Kind, LineUp, line_up_in
 from sucre_bench.jobs.run_options import Study
@@ -105,7 +105,7 @@ def _metric(choice: MetricChoice) -> Iterator[Entry]:
 def _with_paths(kind: Kind, entry: Entry, seen: Callable[[str], str]) -> Entry:
     """The entry with each path as it is seen from another folder."""
     options = {**entry.options}
-    options |= {name: seen(path) for name, path in given_paths(kind, entry.name, options).items()}
+    options |= moved_paths(kind, entry.name, options, seen)
     if isinstance(options.get("degrade", {}).get("add_water"), str):
         options["degrade"] = {**options["degrade"], "add_water": seen(options["degrade"]["add_water"])}
     return replace(entry, options=options)

@@ -38,6 +38,12 @@ _SHOWN = 4  # names in a sentence
 Of = Literal["image", "reference", "either"]
 
 
+class IncompleteSetError(InputError):
+    """A folder does not hold all of a set. found: how many of its pictures are there."""
+
+    found = 0
+
+
 @dataclass(frozen=True, slots=True)
 class Print:
     """What a picture is known by. bits: 32 bytes; colour: the mean R, G, B in 0 to 255."""
@@ -296,7 +302,8 @@ def members_in(folder: Path, images: Sequence[str], split: str) -> tuple[str, li
     """Return a set's name, and the images of a folder that are its pictures.
 
     Pictures are known by their content, whatever their names. If the folder has all names of the set, only these are
-    read. Raises InputError if a picture is missing, twice there or changed, or if `split` is no set.
+    read. Raises IncompleteSetError if a picture is missing, InputError if one is twice there or changed, and for a
+    `split` that is no set.
     """
     named, by_stem = named_set(split), {_stem(image): image for image in images}
     likely = [by_stem[stem] for member in named.members if (stem := _stem(member.name)) in by_stem]
@@ -308,19 +315,22 @@ def members_in(folder: Path, images: Sequence[str], split: str) -> tuple[str, li
         except InputError:
             pictures[image] = Picture((0, 0), None)  # it counts by its name
     found = found_of(named, pictures, "image")
-    for names, fault, remedy in (
+    for error, names, said, remedy in (
         (
+            IncompleteSetError,
             found.missing,
             "are missing",
             f"copy them there, see {named.source.partition(';')[0] or split}, or leave out dataset.split",
         ),
-        (found.changed, "were restored, cropped or changed", "copy the originals there"),
-        (found.twice, "are there twice", "keep one of each"),
+        (InputError, found.changed, "were restored, cropped or changed", "copy the originals there"),
+        (InputError, found.twice, "are there twice", "keep one of each"),
     ):
         if names:
-            raise InputError(
-                f"{len(names)} of the {len(named.members)} pictures of {split} {fault}: {_few(names)}", folder, remedy
-            )
+            whole = len(named.members)
+            fault = error(f"{len(names)} of the {whole} pictures of {split} {said}: {_few(names)}", folder, remedy)
+            if isinstance(fault, IncompleteSetError):
+                fault.found = len(found.members)
+            raise fault
     if found.resized:
         say(f"{folder}: the pictures are {' and '.join(found.resized[:3])}, and of {split} published at other sizes")
     return named.name, sorted(found.members)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -29,7 +28,7 @@ from sucre_bench.loading.d5_charts import published_charts
 from sucre_bench.machine import progress
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.text_formats import read_yaml
-from sucre_bench.results import layout
+from sucre_bench.results import layout, published
 
 PICTURES = "pictures"  # the folder in the results folder that has the files of each exhibit
 _FILE = CONF_FOLDER / "gallery.yaml"
@@ -69,6 +68,9 @@ class Exhibit:
     dataset: Mapping[str, Any] = field(default_factory=dict)
     size: int = 0
     charts: bool = False
+    photograph: str = ""
+    output: Mapping[str, Any] = field(default_factory=dict)
+    metrics: tuple[str, ...] = ()
 
     @property
     def remedy(self) -> str:
@@ -87,10 +89,11 @@ class Exhibit:
 def exhibits(names: Sequence[str] = ()) -> list[Exhibit]:
     """Return the exhibits, or those of these names. Raises InputError for an unknown name."""
     known = read_yaml(_FILE.read_text(encoding="utf-8"))
+    common = known.pop("all")
     for name in names:
         if name not in known:
             raise unknown_name(name, name, known, "exhibit")
-    return [_exhibit(name, known[name]) for name in names or known]
+    return [_exhibit(name, {**common, **known[name]}) for name in names or known]
 
 
 def _exhibit(name: str, content: dict[str, Any]) -> Exhibit:
@@ -136,15 +139,13 @@ def lay_out(exhibit: Exhibit, repositories: Path, out: Path) -> Path:
     for method in methods:
         if "model" in method:
             method["model"] = str((repositories / method["model"]).resolve())
-    rows: list[dict[str, Any]] = [
-        {"name": "precomputed", "label": row, "folder": row, "resize": True} for row in outputs
-    ]
-    entries: list[dict[str, Any]] = [{"name": "underwater"}, *rows, *methods]
+    rows = [{**exhibit.output, "label": row, "folder": row} for row in outputs]
+    entries: list[dict[str, Any]] = [{"name": exhibit.photograph}, *rows, *methods]
     forms = list(dict.fromkeys(number.score for number in exhibit.numbers if number.score))
     line_up = LineUp(
         (Entry("photos", {"label": exhibit.name, "root": "photographs", **exhibit.dataset}),),
         tuple(Entry(entry.pop("name"), entry) for entry in entries),
-        tuple(map(Entry, forms or ["uciqe", "uiqm"])),
+        tuple(map(Entry, forms or exhibit.metrics)),
     )
     says = f"{exhibit.name}: {len(shown)} photographs of github.com/{exhibit.repository} (licence: {exhibit.licence})"
     write_atomically(place / "lineup.yaml", line_up.as_yaml(says).encode())
@@ -182,16 +183,23 @@ def _is_there(exhibit: Exhibit, method: Mapping[str, Any], repositories: Path) -
 def _put(source: Path, folder: Path, stem: str, size: int) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     target = folder / f"{stem}{'.png' if size else source.suffix}"
+    read = source.stat()
     if target.exists():
-        return
+        there = target.stat()
+        # A picture that was brought to a size, or copied, has the time of what it was made of.
+        is_as_old = there.st_mtime_ns == read.st_mtime_ns
+        if target.samefile(source) or (is_as_old and (size or there.st_size == read.st_size)):
+            return
     if size:
         with suppress(SucreBenchError):  # a picture that cannot be read has no row
             write_png(target, resized(to_8bit(read_rgb(source)), Resizing(size, "bilinear"))[..., ::-1])
+            os.utime(target, ns=(read.st_atime_ns, read.st_mtime_ns))
         return
     try:
         os.link(source, target)
-    except OSError:  # of another file system
-        shutil.copyfile(source, target)
+    except OSError:  # of another file system, or an older one is there
+        write_atomically(target, source.read_bytes())
+        os.utime(target, ns=(read.st_atime_ns, read.st_mtime_ns))
 
 
 def _charts(names: set[str], folder: Path) -> bytes:
@@ -216,7 +224,7 @@ def compared(rows: DataFrame, out: Path) -> DataFrame:
 
     shown = [exhibit for exhibit in exhibits() if exhibit.name in set(rows["dataset"])]
     lines = (line for exhibit in shown for number in exhibit.numbers for line in _line(exhibit, number, rows, out))
-    return pd.DataFrame(lines)
+    return pd.DataFrame(lines, columns=published.HEADS)
 
 
 def _line(exhibit: Exhibit, number: Number, rows: DataFrame, out: Path) -> Iterator[dict[str, Any]]:
@@ -257,9 +265,8 @@ def _line(exhibit: Exhibit, number: Number, rows: DataFrame, out: Path) -> Itera
 def _agreement(exhibit: Exhibit, number: Number, out: Path) -> dict[str, float]:
     """PSNR of a row's pictures against the published ones in 8 bits, dB, by view."""
     ours = out / "restored" / layout.file_name(exhibit.name) / layout.file_name(number.row)
-    published = sorted((out / PICTURES / exhibit.name / number.against).glob("*"))
     found = {}
-    for path in published:
+    for path in sorted((out / PICTURES / exhibit.name / number.against).glob("*")):
         if (picture := ours / f"{path.stem}.png").is_file():
             one, other = (read_rgb(file).astype(np.float64) for file in (picture, path))
             if one.shape == other.shape:

@@ -320,8 +320,9 @@ def answer(column: Column, found: Sequence[Candidate], sets: Sequence[Found], si
         return f"{column.metric}: no variant has a score of these images."
     numbers = [cell.value for cell in column.cells]
     # Among many forms one may give one or two numbers by chance.
-    by_chance = found[0].fits and len(numbers) < 3 and found[0].variant.endswith(_FURTHER)
-    best = next(one for one in found if not (by_chance and one.fits and one.variant.endswith(_FURTHER)))
+    usual = [one for one in found if not (one.fits and one.variant.endswith(_FURTHER))]
+    by_chance = bool(usual) and found[0] not in usual and len(numbers) < 3
+    best = usual[0] if by_chance else found[0]
     digits = max(0, -math.floor(math.log10(2 * column.cells[0].rounding)))
     yours = (
         f"Your {numbers[0]:.{digits}f}" if len(numbers) == 1 else f"Your {len(numbers)} numbers of '{column.header}'"

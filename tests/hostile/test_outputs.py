@@ -81,6 +81,11 @@ CASES: dict[str, tuple[str, str, str]] = {
         "project/config.yaml",
         "did not write.*out=",
     ),
+    "scores over a picture of the gallery": (
+        "score dive/images --metrics uciqe --csv results/pictures/u45/lineup.csv",
+        "results/pictures/u45/lineup.csv",
+        "part of a results folder",
+    ),
     "a board over the report": ("site bundles results/report", "results/report/index.html", "part of a results folder"),
 }
 
@@ -95,6 +100,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "bundles").mkdir()
     assert run_here(place, "bundle", "results", "bundles/one.zip").returncode == 0
     (place / "published.csv").write_text("image,uciqe\na.png,0.5\nb.png,0.6\n")
+    (place / "results/pictures/u45").mkdir(parents=True)
+    (place / "results/pictures/u45/lineup.csv").write_text("sucre_bench\n")
     others = [f"theirs.{suffix}" for suffix in ("csv", "html", "yaml", "png", "mp4", "ply", "zip")]
     for name in (*others, "home/index.html", "project/config.yaml"):
         (place / name).parent.mkdir(parents=True, exist_ok=True)

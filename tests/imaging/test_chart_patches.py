@@ -200,6 +200,11 @@ def test_a_chart_of_ones_own_is_read_under_its_illuminant(tmp_path: Path) -> Non
     assert chart_kind(str(path)).patches[1].lab == (53.24, 80.09, 67.20)
 
 
+def test_a_chart_that_names_a_file_in_another_encoding_has_an_id(tmp_path: Path) -> None:
+    (tmp_path / "own.csv").write_bytes("# illuminant: café.csv\n".encode("cp1252"))
+    assert kind_id(str(tmp_path / "own.csv")) == "csv-unreadable"
+
+
 def test_given_srgb_is_taken_and_the_loader_finds_the_file_beside_its_own(tmp_path: Path) -> None:
     own = "name,x0,y0,x1,y1,L,a,b,R,G,B\nteal,0,0,9,9,50,-20,-20,0,51,255\n"
     (tmp_path / "own.csv").write_text("# illuminant: D50\n# frame: 9 x 9\n" + own)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +16,10 @@ from support.places import TOYS
 from sucre_bench import InputError, results
 from sucre_bench.engine.run import run as run_jobs
 from sucre_bench.jobs import compose_jobs
+from sucre_bench.jobs.catalogue import moved_paths
 from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.lineup_of_results import line_up_of
+from sucre_bench.jobs.lineup import line_up_in
+from sucre_bench.jobs.lineup_of_results import line_up_of, line_up_path, record_line_up
 
 pytestmark = pytest.mark.usefixtures("toys")
 
@@ -177,6 +181,28 @@ def test_paths_in_a_line_up_are_relative_to_it_but_for_out(tmp_path: Path, monke
     text = "methods: [{name: sucre, water: water.json}, {name: sucre, water: truth}, {name: sucre, water: seathru}]"
     made = from_file(Path("paper/l.yaml"), text)
     assert [job.method.options["water"] for job in made] == ["paper/water.json", "truth", "seathru"]
+
+
+def test_the_file_of_an_environment_is_relative_to_the_line_up_and_stays_where_that_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "uv").symlink_to(sys.executable)
+    monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}{os.pathsep}{os.environ['PATH']}")
+    (tmp_path / "paper").mkdir()
+    (tmp_path / "paper" / "req.txt").write_text("numpy\n")
+    text = (
+        "datasets: [toy]\nmethods: [{name: command, run: 'cp {input} {output}', env: 'uv:req.txt'}]\nmetrics: [psnr]\n"
+    )
+    (job,) = from_file(Path("paper/l.yaml"), text)
+    assert job.method.record["env"].startswith("uv:paper/req.txt@sha256:")
+    record_line_up([job])
+    (entry,) = line_up_in(line_up_path(job.out)).methods
+    env = entry.options["env"].removeprefix("uv:").partition("@")[0]
+    assert (job.out / env).resolve() == tmp_path / "paper" / "req.txt"
+    for env, moved in (("conda:./one", "conda:./seen"), ("conda:one", None), ("docker:a/b@sha256:1", None)):
+        assert moved_paths("method", "command", {"env": env}, lambda _: "seen").get("env") == moved
 
 
 def test_a_sweep_over_a_method_that_words_replace_is_left_out(tmp_path: Path):

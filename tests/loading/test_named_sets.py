@@ -141,3 +141,15 @@ def test_scores_say_the_set_of_the_references_and_the_rows_keep_it(
     done = bench("score", root, "--metrics", "uciqe", "--format", "csv")
     assert pd.read_csv(io.StringIO(done.stdout))["scene"].isna().all()
     assert {"3.png", "missing", "changed", "1"} <= names(done.stderr)
+
+
+def test_a_set_that_would_lack_pictures_is_refused_before_any_is_read(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = write(tmp_path / "made", {f"{k}.png": scenery(k) for k in range(N)})
+    monkeypatch.setattr("sucre_bench.programs.describe.description.look_at", None)
+    words = ("describe", "photos", f"dataset.root={root}", "--no-sheet", "--write-set", str(tmp_path / "few.csv"))
+    for word in ("--most=2", "every=2"):
+        done = bench(*words, word)
+        assert (done.returncode, len(done.errors)) == (2, 1), done.stderr
+        assert "--write-set" in done.stderr

@@ -38,7 +38,8 @@ def texts(file: Path) -> Iterator[str]:
 def advised() -> Iterator[tuple[str, str, str, str]]:
     """Each option in the texts of methods: the file, the method before it, its name and value."""
     folder = ROOT / "methods"
-    for file in sorted(folder.rglob("*.py")):
+    of_program = {folder / "networks" / "export.py"}  # which has words of its own
+    for file in sorted({*folder.rglob("*.py")} - of_program):
         for text in texts(file):
             for found in _WORD.finditer(text):
                 yield str(file.relative_to(folder)), found["owner"] or "", found["option"], found["value"]

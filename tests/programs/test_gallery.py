@@ -12,6 +12,9 @@ import numpy as np
 import pytest
 from skimage.metrics import peak_signal_noise_ratio
 
+from sucre_bench.programs.gallery import exhibits, lay_out
+from sucre_bench.results import published
+
 Bench = Callable[..., Any]
 
 
@@ -34,17 +37,40 @@ def test_the_agreement_of_rows_with_published_pictures_is_written_and_on_the_pag
     assert done.returncode == 0, done.stderr
     assert "git clone --depth 1 https://github.com/zhoujingchun03/HAAM-GAN" in done.stderr
     out = tmp_path / "out"
-    with (out / "tables" / "published.csv").open(encoding="utf-8") as file:
+    with (out / "tables" / "gallery-published.csv").open(encoding="utf-8") as file:
         lines = {line["row"]: line for line in csv.DictReader(file)}
     images = repositories / "MMLE_code" / "2022-MLLE" / "Image"
-    photograph, published = (cv2.imread(str(images / name)) for name in ("7.jpg", "result/7_MLLE.jpg"))
-    expected = peak_signal_noise_ratio(photograph, published)
+    photograph, output = (cv2.imread(str(images / name)) for name in ("7.jpg", "result/7_MLLE.jpg"))
+    expected = peak_signal_noise_ratio(photograph, output)
     assert float(lines["underwater"]["measured"]) == pytest.approx(expected, abs=1e-3)
     page = (out / "report" / "index.html").read_text(encoding="utf-8")
     assert "Published against measured" in page
     assert lines["mlle"]["measured"] in page
     again = bench("run", str(out / "pictures" / "mlle" / "lineup.yaml"), "out=again", "tracking.uri=off")
     assert again.returncode == 0, again.stderr
+
+
+def test_a_file_that_changed_in_its_repository_or_was_half_copied_is_taken_again(
+    repositories: Path, tmp_path: Path
+) -> None:
+    (exhibit,) = exhibits(["mlle"])
+    source, out = repositories / "MMLE_code/2022-MLLE/Image/7.jpg", tmp_path / "out"
+    target = lay_out(exhibit, repositories, out).parent / "photographs" / "7.jpg"
+    target.unlink()
+    target.write_bytes(source.read_bytes()[:100])
+    lay_out(exhibit, repositories, out)
+    assert target.read_bytes() == source.read_bytes()
+    cv2.imwrite(str(tmp_path / "new.jpg"), np.full((72, 96, 3), 90, np.uint8))
+    (tmp_path / "new.jpg").replace(source)
+    lay_out(exhibit, repositories, out)
+    assert target.read_bytes() == source.read_bytes()
+
+
+@pytest.mark.parametrize("content", [b"image,psnr\na.png,26.3\n", "café\n".encode("cp1252")])
+def test_a_table_of_others_is_not_taken_for_the_gallerys(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "tables").mkdir()
+    (tmp_path / published.FILE).write_bytes(content)
+    assert published.read(tmp_path) == []
 
 
 def test_a_folder_without_any_of_the_repositories_is_refused(bench: Bench, tmp_path: Path) -> None:

@@ -122,6 +122,15 @@ def test_references_make_columns_of_psnr_and_ssim(bench: Bench, like: Bench, fol
     assert "column 'PSNR (dB)' needs reference; give --reference" in without.stderr
 
 
+def test_an_unusual_form_that_alone_was_asked_for_is_the_answer(bench: Bench, folder: Path, tmp_path: Path) -> None:
+    truth = write_truth(tmp_path / "truth", *(cv2.imread(str(folder / "ours" / f"{n}.png")) // 2 for n in range(3)))
+    words = ("score", str(folder / "ours"), "--reference", truth, "--metrics", "psnr:unmasked@y")
+    mean = np.mean([row["value"] for row in json.loads(bench(*words, "--json").stdout)])
+    done = bench(*words, "--like", f"psnr={mean:.2f}")
+    assert done.returncode == 0, done.stderr
+    assert f"Your {mean:.2f} is Y of YCbCr, PSNR" in " ".join(done.stdout.split())
+
+
 def test_u45s_table_is_that_of_matlab_and_its_first_output(bench: Bench) -> None:
     place = published("u45_published")
     done = bench("score", str(place / "RED"), "--like", str(place / "published.csv"), "--json")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 
 from sucre_bench.errors import InputError
-from sucre_bench.methods.networks.export import tensors
+from sucre_bench.methods.networks.export import _main, tensors
 
 torch = pytest.importorskip("torch")
 
@@ -79,3 +80,31 @@ def test_the_exported_network_computes_what_torch_computes(tmp_path: Path) -> No
     restored = runtime.InferenceSession(str(tmp_path / "net.onnx")).run(None, {"image": picture})[0]
     with torch.no_grad():
         assert restored == pytest.approx(network(torch.from_numpy(picture)).numpy(), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("command", "named"),
+    [
+        ("net.pt net.pt", "net.pt: is there; "),
+        ("nowhere.pt new.pt", "nowhere.pt: no such file; "),
+        ("net.pt new.onnx nowhere:Brighter", "nowhere:Brighter: cannot be made, .*; "),
+        ("net.pt new.onnx net:Brighter layers=a", "layers=a: is no option; .*OPTION=NUMBER"),
+        ("net.pt new.onnx net:Brighter depth=2", "net:Brighter: cannot be made, .*depth.*; "),
+        ("net.pt new.onnx net:Brighter layers=2 at=9", "at=9: is no option; .*at="),
+    ],
+)
+def test_what_cannot_be_exported_is_one_line_and_nothing_is_written(
+    command: str, named: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.delitem(sys.modules, "net", raising=False)
+    (tmp_path / "net.py").write_text(CODE, encoding="utf-8")
+    torch.save({"model": torch.nn.Conv2d(3, 3, 3).state_dict()}, "net.pt")
+    there = Path("net.pt").read_bytes()
+    with pytest.raises(SystemExit) as end:
+        _main(command.split())
+    (line,) = capsys.readouterr().err.splitlines()
+    assert (end.value.code, bool(re.search(named, line))) == (2, True), line
+    assert Path("net.pt").read_bytes() == there
+    assert not list(tmp_path.glob("new.*"))

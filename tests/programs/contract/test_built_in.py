@@ -31,8 +31,9 @@ pytestmark = pytest.mark.short
 ORDINARY_WORDS = {"command", "coverage", "faults", "hue", "negative", "observations", "onnx", "photos", "seams"}
 ORDINARY_WORDS |= {"colours", "water"}
 NORMALISATIONS = {"display.py", "white_balance.py"}  # gray_world is one of them too
-# The datasets that know the models of other programs; the presets that are gone, and what to use.
-TABLES = {"given.py", "catalogue.py"}
+# The datasets that know the models of other programs; the presets that are gone, and what to use; the forms of PSNR and
+# SSIM that papers compute, in words.
+TABLES = {"given.py", "catalogue.py", "match_published.py"}
 QUICK: dict[str, dict[str, Any]] = {
     "sucre_paper": {"steps": 3},
     "sucre_plus": {"light": "even", "encoding": "view"},  # whose fits are those of sucre
