@@ -16,7 +16,7 @@ import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -200,22 +200,29 @@ def read_mask(path: Path) -> Mask | None:
     """
     try:
         with regular(path).open("rb") as file:
-            head = file.read(_HEADER + 8)
-            if not head.startswith(b"\x89PNG"):
-                raise ValueError("no PNG")
-            if head[-4:] != _CHUNK:
-                return None
-            width, height, length = struct.unpack(">8x8xII9xI4x", head)
-            check_pixels(str(path), (width, height))
-            content = file.read(length)
-        bits = zlib.decompressobj().decompress(content, (width * height + 7) // 8)
-        flags = np.unpackbits(np.frombuffer(bits, np.uint8), count=width * height)
-        return flags.reshape(height, width).astype(np.bool_)
+            return mask_in(file, path)
     except FileNotFoundError as fault:
         raise MissingFileError("is gone", path, "repeat its run's command") from fault
     except (OSError, ValueError, struct.error, zlib.error) as fault:
         remedy = "run its method again with overwrite=always"
         raise DamagedFileError(f"its mask cannot be read ({fault})", path, remedy) from fault
+
+
+def mask_in(png: IO[bytes], place: Path) -> Mask | None:
+    """Return the mask (H, W) in an opened PNG file; None if it has none. place: of the file, to be named.
+
+    Raises ValueError, struct.error or zlib.error if it is damaged.
+    """
+    head = png.read(_HEADER + 8)
+    if not head.startswith(b"\x89PNG"):
+        raise ValueError("no PNG")
+    if head[-4:] != _CHUNK:
+        return None
+    width, height, length = struct.unpack(">8x8xII9xI4x", head)
+    check_pixels(str(place), (width, height))
+    bits = zlib.decompressobj().decompress(png.read(length), (width * height + 7) // 8)
+    flags = np.unpackbits(np.frombuffer(bits, np.uint8), count=width * height)
+    return flags.reshape(height, width).astype(np.bool_)
 
 
 def mask_id(mask: Mask) -> str:

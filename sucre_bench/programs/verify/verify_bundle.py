@@ -1,8 +1,11 @@
 """Verifies a bundle: hashes first, then every score that can be computed again."""
 
 import contextlib
+import io
 import json
 import math
+import struct
+import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -25,7 +28,7 @@ from sucre_bench.results.bundle_format import COMMON, LIMITS, SCORES, Bundle
 from sucre_bench.results.common_scores import COMMON_PIXELS, common_frame, common_pixels, filled_restorations
 from sucre_bench.results.layout import possible_places
 from sucre_bench.results.reasons import Reason, brief
-from sucre_bench.results.restorations import masked
+from sucre_bench.results.restorations import mask_in, masked
 from sucre_bench.results.rows import COSTS, KEYS, restorations
 from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Arrays, Restoration, View
@@ -182,13 +185,20 @@ def _opened(bundle: Bundle, row: Any) -> _Opened | None:
     else:
         return None
     picture, remedy = _picture(bundle, name), "ask who made the bundle"
-    black = (picture == 0).all(axis=-1)
-    n_black, holes = int(black.sum()), black.size - int(row.n_pixels)
-    if not 0 <= holes <= n_black:
-        fault = f"{black.size - n_black} pixels have a colour, the score table says {int(row.n_pixels)}"
+    try:
+        mask = mask_in(io.BytesIO(bundle.read(name)), bundle.path / name)
+    except (ValueError, struct.error, zlib.error) as damaged:
+        raise InputError(
+            f"{name}: its mask cannot be read ({damaged})", bundle.path, f"{remedy} for another"
+        ) from damaged
+    # Pictures of earlier versions have no mask: their holes are among the black pixels.
+    is_hole = (picture == 0).all(axis=-1) if mask is None else ~mask
+    n_most, n_holes = int(is_hole.sum()), is_hole.size - int(row.n_pixels)
+    if not (0 if mask is None else n_most) <= n_holes <= n_most:
+        fault = f"{is_hole.size - n_most} pixels have a colour, the score table says {int(row.n_pixels)}"
         raise InputError(f"{name}: {fault}", bundle.path, remedy)
-    if holes:
-        picture = np.where(black[..., None], np.float32(np.nan), picture)
+    if n_holes:
+        picture = np.where(is_hole[..., None], np.float32(np.nan), picture)
     try:
         record = json.loads(bundle.read(record_name)) if record_name else {}
     except (ValueError, RecursionError) as fault:
@@ -196,7 +206,7 @@ def _opened(bundle: Bundle, row: Any) -> _Opened | None:
     record = record if isinstance(record, dict) else {}
     water = water_of(record, bundle.path / record_name)
     record.pop("true_water", None)  # metrics get that of the data
-    return _Opened(Restoration(picture, water, info=record), holes in (0, n_black), name, view, reference)
+    return _Opened(Restoration(picture, water, info=record), n_holes in (0, n_most), name, view, reference)
 
 
 class _Check:

@@ -34,13 +34,14 @@ class Half:
     def restore(self, scene, view):
         image = view.rgb * 1.2
         image[:, :16] = np.nan
-        return Restoration(image)
+        image[:, 16:18] = 0
+        return Restoration(image, filled=np.full_like(image, 0.5))
 """
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run in which one method leaves holes, and the data it is of."""
+    """A run in which one method has black pixels, and holes that its picture fills; and the data it is of."""
     place = tmp_path_factory.mktemp("run")
     (place / "half.py").write_text(HALF)
     words = (*SMALL, "method=gray_world,half", "metrics=[psnr,uciqe,coverage,negative]", *QUIET)
