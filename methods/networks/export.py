@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench.errors import InputError, MissingFileError, SucreBenchError, one_line
 from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.packages import require
 from sucre_bench.methods.networks.run_torch import UNSAFE, bare, foreign
 
 if TYPE_CHECKING:
@@ -57,9 +58,10 @@ def tensors(path: Path) -> dict[str, "torch.Tensor"]:
                 content = torch.load(path, map_location="cpu", weights_only=True)
         except Exception as fault:  # pickle, zip and torch each have their own
             unsafe = re.search(UNSAFE, str(fault))
-            if not unsafe or unsafe[1] in stand_ins:
-                reason = unsafe[0] if unsafe else one_line(fault)
-                raise InputError(f"is not read, {reason}", path, "save the network's state_dict()") from fault
+            if not unsafe:
+                raise InputError("is no PyTorch file, or cut short", path, "fetch it again") from fault
+            if unsafe[1] in stand_ins:
+                raise InputError(f"is not read, {unsafe[0]}", path, "save the network's state_dict()") from fault
             stand_ins[unsafe[1]] = type("_Object", (_StandIn,), {})
         else:
             return bare(dict(_of_module(content)) if isinstance(content, _StandIn) else content, path)
@@ -109,7 +111,7 @@ def export(weights: Path, target: Path, network: str, options: Mapping[str, Any]
             dynamo=False,
         )
     except Exception as fault:  # of torch, onnx and others' code
-        remedy = "install onnx if it is missing, or give another size as at=HEIGHTxWIDTH"
+        remedy = "give a size that it takes as at=HEIGHTxWIDTH"
         raise InputError(f"cannot be exported, {one_line(fault)}", network, remedy) from fault
     write_atomically(target, content.getvalue())
 
@@ -120,6 +122,7 @@ def _main(words: list[str]) -> None:
         sys.exit(2)
     weights, target, *network = words
     try:
+        require("export", "torch", *(["onnx"] if network else []))
         if Path(target).exists():
             raise InputError("is there", target, "give a new file, or move this one away")
         for word in network[1:]:

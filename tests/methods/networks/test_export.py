@@ -87,6 +87,7 @@ def test_the_exported_network_computes_what_torch_computes(tmp_path: Path) -> No
     [
         ("net.pt net.pt", "net.pt: is there; "),
         ("nowhere.pt new.pt", "nowhere.pt: no such file; "),
+        ("net.py new.pt", "net.py: is no PyTorch file, or cut short; "),
         ("net.pt new.onnx nowhere:Brighter", "nowhere:Brighter: cannot be made, .*; "),
         ("net.pt new.onnx net:Brighter layers=a", "layers=a: is no option; .*OPTION=NUMBER"),
         ("net.pt new.onnx net:Brighter depth=2", "net:Brighter: cannot be made, .*depth.*; "),
