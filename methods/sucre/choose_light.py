@@ -116,7 +116,7 @@ def _richer(parts: Parts, *, may_be_strobe: bool) -> Iterator[Parts]:
 
 
 def _chosen(sample: Sample, water: WaterParameters, noise: Array, *, may_be_strobe: bool) -> tuple[Parts, list[Tried]]:
-    """Return the parts that count, and what was tried."""
+    """Return the parts of light that count, and every model that was judged."""
     at = np.floor(sample.place * _TILES).astype(np.int64)
     tile, fold = at[1] * _TILES + at[0], at.sum(axis=0) % 2
     halves = [(sample.take(fold == k), tile[fold == k]) for k in range(2)]

@@ -12,8 +12,8 @@ of known terms with unknown coefficients.
 | lens | to log l six terms of the place in the image, the same in all views | vignetting |
 | strobe | another a and b | a strobe or lamp beside the camera |
 
-Colours are eliminated as in model.py, and what is left is solved by Levenberg-Marquardt over water and coefficients
-together. Coefficients have weak priors, worth one observation each. l is 1 in the middle of the target.
+Colours are eliminated as in model.py. Levenberg-Marquardt then fits the water and the coefficients together.
+Coefficients have weak priors, worth one observation each. l is 1 in the middle of the target.
 """
 
 from __future__ import annotations

@@ -133,7 +133,7 @@ def sentences_of(light: Light) -> list[str]:
 
 
 def record_of(chosen: Chosen, target: str) -> dict[str, Any]:
-    """Return what was tried and fitted, ready for JSON."""
+    """Return the models of light that were tried, and the one that was fitted, as plain data for JSON."""
     assert chosen.fit is not None
     light = chosen.fit.light
     record: dict[str, Any] = {

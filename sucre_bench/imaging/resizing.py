@@ -30,7 +30,7 @@ class Resizing:
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """What is done to the pictures before they are scored, in this order.
+    """Changes of the pictures before they are scored, in this order.
 
     crop: pixels that are left out at each edge; change: "y": Y of YCbCr, 16 to 235 of 255, in place of the colours;
     "range2": half of the values, as if white were 2; "minmax": the restored picture, less its least value, over its

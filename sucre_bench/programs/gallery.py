@@ -54,7 +54,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Exhibit:
-    """One set of photographs of a repository, with what was made of them. The keys are those of conf/gallery.yaml."""
+    """Photographs of one repository, and what authors made of them. The keys are those of conf/gallery.yaml."""
 
     name: str
     repository: str
