@@ -83,30 +83,12 @@ class Environment:
 
     def command(self, words: Sequence[str], mounts: Sequence[Path] = (), read_only: Sequence[Path] = ()) -> list[str]:
         """Return the words that run a program in it. mounts, read_only: what a container sees, at the same paths."""
-        if self.tool == "uv" and Path(self.name).name == "uv.lock":
-            return [
-                "uv",
-                "run",
-                "--quiet",
-                "--isolated",
-                "--locked",
-                "--project",
-                str(Path(self.name).parent),
-                "--",
-                *words,
-            ]
         if self.tool == "uv":
-            return [
-                "uv",
-                "run",
-                "--quiet",
-                "--isolated",
-                "--no-project",
-                "--with-requirements",
-                self.name,
-                "--",
-                *words,
-            ]
+            file = Path(self.name)
+            of_project = ["--locked", "--project", str(file.parent)]
+            of_file = ["--no-project", "--with-requirements", self.name]
+            which = of_project if file.name == "uv.lock" else of_file
+            return ["uv", "run", "--quiet", "--isolated", *which, "--", *words]
         if self.tool == "conda":
             return ["conda", "run", "--no-capture-output", *_conda(self.name), *words]
         # --init passes SIGTERM on; --user lets us remove its files, and such a user has no home.

@@ -300,14 +300,11 @@ class Precomputed(RestoredElsewhere):
 
     def _new_view(self, scene: Scene, view: View) -> dict[str, Any]:
         """How near the picture with water is to the photograph; or what failed, or why the view is skipped."""
-        assert self.with_water is not None
-        names = [v.name for v in scene.views]
-        path, held_out, encoding = read_rendering(self.with_water)
-        as_told = replace(self, encoding=encoding, holes="alpha", resize=False)
+        path, held_out, reader = self._rendering
         try:
-            if view.name not in held_out_views(path, held_out, names):
+            if view.name not in held_out_views(path, held_out, [v.name for v in scene.views]):
                 return {"skipped": f"{path}: does not hold the view out, so training saw it"}
-            picture = as_told.read(self._with_water.find(view.name, names), view)
+            picture = reader.restore(scene, view)
         except NotApplicableError as fault:
             return {"skipped": str(fault)}
         except InputError as fault:  # the image without water is scored all the same
@@ -315,8 +312,13 @@ class Precomputed(RestoredElsewhere):
         return similarity(picture.image, view.rgb)
 
     @functools.cached_property
-    def _with_water(self) -> ImageFolder:
-        return ImageFolder(self.with_water or self.folder, self.pattern)
+    def _rendering(self) -> tuple[Path, list[str] | int, "Precomputed"]:
+        """The file that tells of the pictures with water, the views it holds out, and what reads these pictures."""
+        folder = self.with_water
+        assert folder is not None
+        path, held_out, encoding = read_rendering(folder)
+        reader = replace(self, folder=folder, with_water=None, encoding=encoding, holes="alpha", resize=False)
+        return path, held_out, reader
 
     @functools.cached_property
     def _images(self) -> ImageFolder:

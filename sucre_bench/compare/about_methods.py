@@ -16,6 +16,7 @@ from sucre_bench.compare.model import Note
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.imaging.image_files import read_rgb
 from sucre_bench.loading.named_sets import NamedSet, Picture, found_of, named_sets, picture_of
+from sucre_bench.machine.text_formats import first_few
 from sucre_bench.results import layout
 from sucre_bench.results.rows import values_of
 
@@ -62,10 +63,9 @@ def seen_in_training(out: Path, rows: DataFrame) -> Iterator[str]:
             if but:
                 seen -= {*found_of(but, pictures, "image").members}
             if seen:
-                first = ", ".join(sorted(seen)[:3])
                 yield (
                     f"{dataset}: {len(seen)} of {len(pictures)} pictures were in the training set of {method} "
-                    f"({text}), so its scores are too good: {first}{', ...' if len(seen) > 3 else ''}"
+                    f"({text}), so its scores are too good: {first_few(sorted(seen), 3)}"
                 )
 
 

@@ -48,18 +48,27 @@ def completed_distance(z: Array, guide: Array) -> Array:
 
     known = z > 0
     height, width = z.shape
-    n = -(-max(z.shape) // _CELLS)
-    size = (-(-width // n), -(-height // n))
-
-    def cells(plane: Array) -> Array:
-        return np.asarray(cv2.resize(plane.astype(np.float32), size, interpolation=cv2.INTER_AREA))
-
-    inverse, share = cells(np.divide(1, z, out=np.zeros_like(z), where=known)), cells(known.astype(np.float32))
-    solved = continued(np.where(share > 0, inverse / np.maximum(share, 1e-9), 0), share > 0, cells(guide))
+    n = cell_px(known)
+    inverse, share = in_cells(np.divide(1, z, out=np.zeros_like(z), where=known), n), in_cells(known, n)
+    solved = continued(np.where(share > 0, inverse / np.maximum(share, 1e-9), 0), share > 0, in_cells(guide, n))
     fine = cv2.resize(solved, (width, height), interpolation=cv2.INTER_LINEAR)
     fine = guided_filter(guide, np.where(known, 1 / np.where(known, z, 1), fine), 2 * n, _FLAT)
     fine = fine.clip(1 / z[known].max(), 1 / z[known].min())
     return np.where(known, z, 1 / fine).astype(np.float32)
+
+
+def cell_px(mask: Mask) -> int:
+    """Return the side of a cell, pixels, in an image of the size of a mask (H, W)."""
+    return -(-max(mask.shape) // _CELLS)
+
+
+def in_cells(plane: Array | Mask, n: int) -> Array:
+    """Return the means of a plane (H, W) or (H, W, C) over cells of n x n pixels, float32."""
+    import cv2
+
+    height, width = plane.shape[:2]
+    size = (-(-width // n), -(-height // n))
+    return np.asarray(cv2.resize(plane.astype(np.float32), size, interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 
 def continued(values: Array, known: Mask, guide: Array, pull: Array | None = None) -> Array:

@@ -27,6 +27,7 @@ from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.image_files import read_rgb
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import say, track
+from sucre_bench.machine.text_formats import first_few
 
 _SAME, _ALIKE = 24, 60  # bits in which the same picture may differ, and what a method made of it
 _COLOURS = 4.0  # of 255: by which the same picture's mean colour may differ; JPEG changes it by 2, a restoration by 7
@@ -138,7 +139,7 @@ def _parsed(name: str, place: str, text: str) -> NamedSet:
     if not rows or not set(_HEAD) <= set(rows[0]):
         raise InputError("is no table of a test set", place, f"give the columns {', '.join(_HEAD)}")
     if twice := [key for key, n in Counter(row["name"] for row in rows).items() if n > 1]:
-        raise InputError(f"names {_few(twice)} twice", place, "keep one row a picture")
+        raise InputError(f"names {first_few(twice, _SHOWN)} twice", place, "keep one row a picture")
     members = []
     for row in rows:
         try:
@@ -219,7 +220,7 @@ class Found:
         n, whole = len(self.members), len(self.of.members)
         are_its = f"these are its {whole} pictures" if self.is_whole else f"{n} of {self.pictures} pictures are of it"
         parts = [f"{self.of.name}: {are_its}"]
-        parts += [f"{len(names)} {verb}: {_few(names)}" for verb, names in self._lists() if names]
+        parts += [f"{len(names)} {verb}: {first_few(names, _SHOWN)}" for verb, names in self._lists() if names]
         if self.resized:
             parts.append(f"they are {' and '.join(self.resized[:3])}, published at other sizes")
         return "; ".join(parts)
@@ -327,7 +328,9 @@ def members_in(folder: Path, images: Sequence[str], split: str) -> tuple[str, li
     ):
         if names:
             whole = len(named.members)
-            fault = error(f"{len(names)} of the {whole} pictures of {split} {said}: {_few(names)}", folder, remedy)
+            fault = error(
+                f"{len(names)} of the {whole} pictures of {split} {said}: {first_few(names, _SHOWN)}", folder, remedy
+            )
             if isinstance(fault, IncompleteSetError):
                 fault.found = len(found.members)
             raise fault
@@ -370,7 +373,3 @@ def recognised_sets(pictures: Mapping[str, Picture], of: Of = "either") -> tuple
 
 def _stem(name: str) -> str:
     return PurePosixPath(name.replace("\\", "/")).stem.casefold()
-
-
-def _few(names: Sequence[str]) -> str:
-    return ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")

@@ -8,7 +8,7 @@ import math
 import re
 import threading
 import traceback
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from importlib.resources import files
@@ -165,3 +165,8 @@ def keep_traceback(log: Path | None, where: str) -> None:
 def counted(number: int, name: str) -> str:
     """Return a number with its name: "1 table", "2 tables"."""
     return f"{number} {name}{'' if number == 1 else 's'}"
+
+
+def first_few(names: Sequence[str], n: int) -> str:
+    """Return the first n names, and an ellipsis if there are more: "a, b, ..."."""
+    return ", ".join(names[:n]) + (", ..." if len(names) > n else "")

@@ -25,11 +25,12 @@ from sucre_bench.imaging.resizing import Form, split_variant
 from sucre_bench.loading.find_folders import bare_stems, without_suffix
 from sucre_bench.loading.named_sets import Found
 from sucre_bench.machine.files import regular
-from sucre_bench.machine.text_formats import counted
+from sucre_bench.machine.text_formats import counted, first_few
 
 # Words that a column is headed by whose cells name images, or folders of them.
 _OF_IMAGES = frozenset(["image", "img", "images", "file", "filename", "picture", "view"])
 _NAMES = _OF_IMAGES | {"name", "method", "folder", "model"}
+_SHOWN = 3  # names in a warning
 _SIDE = 256  # at which papers score
 _FILTERS = ("", "-bilinear", "-nearest")  # see `imaging.resizing`
 _FURTHER = ("@y", "@crop4", "@crop4@y", "@range2", "@minmax")  # forms to try where none of the usual ones fits
@@ -109,12 +110,14 @@ def read_table(table: str, root: Path, images: Mapping[str, Path], has_reference
     alone = Counter(found[0] for _, found, _ in of if len(found) == 1)
     if len(images) > 1 and (twice := [name for name, n in alone.items() if n > 1]):
         raise InputError(
-            f"{table}: several rows name {_few(twice)}; keep the rows of these images, or add their folder"
+            f"{table}: several rows name {first_few(twice, _SHOWN)}; keep the rows of these images, or add their folder"
         )
     if unknown := [label for label, found, _ in of if not found]:
-        warnings.append(f"{table}: {counted(len(unknown), 'row')} without an image in {root}: {_few(unknown)}")
+        warnings.append(
+            f"{table}: {counted(len(unknown), 'row')} without an image in {root}: {first_few(unknown, _SHOWN)}"
+        )
     if left := [name for name in images if not any(name in found for _, found, _ in of)]:
-        warnings.append(f"{table}: {counted(len(left), 'image')} without a row: {_few(left)}")
+        warnings.append(f"{table}: {counted(len(left), 'image')} without a row: {first_few(left, _SHOWN)}")
     columns = []
     for header, metric in metrics.items():
         numbers = [(label, found, _number(row[header])) for label, found, row in of if found]
@@ -122,7 +125,9 @@ def read_table(table: str, root: Path, images: Mapping[str, Path], has_reference
             warnings.append(f"{table}: column '{header}' is read as percent; divide it by 100 if you copy it")
             numbers = [(label, found, n and (n[0] / 100, n[1] / 100)) for label, found, n in numbers]
         if blank := [label for label, _, number in numbers if number is None]:
-            warnings.append(f"{table}: column '{header}' has no number in {counted(len(blank), 'row')}: {_few(blank)}")
+            warnings.append(
+                f"{table}: column '{header}' has no number in {counted(len(blank), 'row')}: {first_few(blank, _SHOWN)}"
+            )
         if cells := tuple(Cell(label, found, *number) for label, found, number in numbers if number):
             columns.append(Column(metric, header, cells))
     if not columns:
@@ -240,10 +245,6 @@ def _key(name: str) -> str:
 
 def _keys(cell: str) -> set[str]:
     return {cell.casefold(), _key(cell), _key(cell).rpartition("/")[2]}
-
-
-def _few(names: Sequence[str]) -> str:
-    return ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
 
 
 # -- the comparison ----------------------------------------------------------------------------------------------

@@ -14,11 +14,11 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.imaging.cielab import luma
-from sucre_bench.imaging.fill import continued
+from sucre_bench.imaging.fill import cell_px, continued, in_cells
 from sucre_bench.loading.lens import Lens
 
-# Cells along the longer side of an image, and the weight of no trust beside that of a neighbour, in open water.
-_CELLS, _PULL = 200, 0.04
+# The weight of no trust beside that of a neighbouring cell, in open water.
+_PULL = 0.04
 
 # Open water: its texture is below this share of the median texture of ground, its red below this quantile of ground's.
 # Lost trust in a disc cut out of the ground, of a fifth of the image's width: demo 0 %, tiles of a pool 6 %, reef 10 %;
@@ -65,24 +65,18 @@ def with_open_water(picture: Array, measured: Mask, photograph: Array) -> Array:
 
     if measured.all() or not measured.any():
         return picture
-    height, width = measured.shape
-    n = -(-max(height, width) // _CELLS)
-
-    def cells(plane: Array) -> Array:
-        small = cv2.resize(plane, (-(-width // n), -(-height // n)), interpolation=cv2.INTER_AREA)
-        return np.asarray(small, dtype=np.float32)
-
+    n = cell_px(measured)
     light = luma(np.ascontiguousarray(photograph, dtype=np.float32))
-    texture = np.sqrt(cells((light - cv2.GaussianBlur(light, (0, 0), n)) ** 2))
-    known = cells(measured.astype(np.float32)) > 0.5
+    texture = np.sqrt(in_cells((light - cv2.GaussianBlur(light, (0, 0), n)) ** 2, n))
+    known = in_cells(measured, n) > 0.5
     if not known.any():
         return picture
-    small = cells(photograph)
+    small = in_cells(photograph, n)
     red = small[..., 0] / np.maximum(small.sum(axis=-1), 1e-6)
     is_smooth = 1 / (1 + (texture / (_SMOOTH * max(float(np.median(texture[known])), 1e-6))) ** 4)
     is_far = 1 / (1 + (red / max(float(np.quantile(red[known], _RED)), 1e-6)) ** 16)
     trust = continued(known.astype(np.float32), known, small, _PULL * is_smooth * is_far)
-    fine = cv2.resize(trust, (width, height), interpolation=cv2.INTER_LINEAR)
+    fine = cv2.resize(trust, measured.shape[::-1], interpolation=cv2.INTER_LINEAR)
     fine = np.where(measured, 1, fine)[..., None]
     return np.asarray(fine * picture + (1 - fine) * photograph, dtype=np.float32)
 
