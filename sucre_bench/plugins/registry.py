@@ -150,7 +150,8 @@ def _found(kind: Kind, name: str = "") -> dict[str, Plugin | Broken]:
 @functools.cache  # the package's files do not change while a command runs
 def _defines(module: Path, name: str) -> bool:
     """Whether a file or folder may define a plugin: by a class that is called so, or by the name in quotes."""
-    files = module.rglob("*.py") if module.is_dir() else [module.with_suffix(".py")]
+    file = module.with_suffix(".py")  # a folder of that name may be left of an older version
+    files = [file] if file.is_file() else module.rglob("*.py")
     pattern = re.compile(rf"^ *class {re.escape(name.replace('_', ''))}\b|[\"']{re.escape(name)}[\"']", re.I | re.M)
     return any(pattern.search(file.read_text(encoding="utf-8")) for file in files) or module.name == name
 
