@@ -103,8 +103,11 @@ class DiveGrayWorld(FillOption):
         import cv2
 
         z, along = distances(view)
-        statistics = _of_scene(scene, self, view.encoding, along)
-        brightness, contrast = _targets(self.brightness, self.contrast, view.encoding)
+        statistics = pooled(scene, self, view.encoding, along)
+        brightness, contrast = self.brightness, self.contrast
+        if view.encoding == "linear":
+            low, high = (float(srgb_decode(np.asarray(brightness + side * contrast))) for side in (-1, 1))
+            brightness, contrast = (low + high) / 2, (high - low) / 2
 
         def at(z: Array) -> Array:
             seen = z > 0
@@ -131,6 +134,7 @@ class DiveGrayWorld(FillOption):
         return with_filled(restoration, view, at) if self.fill else restoration
 
 
+@functools.lru_cache(maxsize=4)  # every view of the scene asks for it
 def pooled(scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Along) -> RangeStatistics:
     """Return the statistics of a scene, counted view by view.
 
@@ -145,7 +149,12 @@ def pooled(scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Alon
         counted += 1
     if not sums[:, 0].any():
         raise SolveError(f"{scene.name}: no view can be counted; give views with readable images and depth maps")
-    return _statistics(sums, options.fewest, counted)
+    enough = sums[sums[:, 0] >= options.fewest]
+    filled = enough if len(enough) else sums.sum(axis=0, keepdims=True)  # one bin for all where none has enough
+    pixels = filled[:, :1]
+    mean = filled[:, 2:5] / pixels
+    variance = np.maximum(filled[:, 5:] / pixels - mean**2, 0)
+    return RangeStatistics(filled[:, 1] / pixels[:, 0], mean, np.sqrt(variance), pixels[:, 0], counted)
 
 
 def _counted(
@@ -174,7 +183,7 @@ def _flat_field(scene: Scene, options: DiveGrayWorld, encoding: Encoding, along:
     """
     import cv2
 
-    statistics, sums = _of_scene(scene, options, encoding, along), np.zeros((_CELLS, _CELLS, 7))
+    statistics, sums = pooled(scene, options, encoding, along), np.zeros((_CELLS, _CELLS, 7))
     for rgb, z, step in _counted(scene, options, encoding, along):
         known, left = (z > 0)[..., None].astype(np.float32), np.empty(rgb.shape, dtype=np.float32)
         for c in range(3):
@@ -191,11 +200,6 @@ def _flat_field(scene: Scene, options: DiveGrayWorld, encoding: Encoding, along:
     return np.stack([np.where(enough, mean, 0), np.where(enough, deviation, 1)])
 
 
-@functools.lru_cache(maxsize=4)  # every view of the scene asks for it
-def _of_scene(scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Along) -> RangeStatistics:
-    return pooled(scene, options, encoding, along)
-
-
 def _bands(rgb: Array, z: Array, bin_m: float) -> Iterator[Array]:
     """Yield the sums (bins, 8) of some rows of an image after another."""
     for top in range(0, len(z), _ROWS):
@@ -208,21 +212,3 @@ def _bands(rgb: Array, z: Array, bin_m: float) -> Iterator[Array]:
         colours = rgb[top : top + _ROWS][seen].T.astype(np.float64)  # (3, P)
         weights = (None, distance, *colours, *colours**2)
         yield np.stack([np.bincount(bins, weight) for weight in weights], axis=-1)
-
-
-def _statistics(sums: Array, fewest: int, views: int) -> RangeStatistics:
-    """The statistics of summed bins; one bin for all pixels where none has enough of them."""
-    enough = sums[sums[:, 0] >= fewest]
-    filled = enough if len(enough) else sums.sum(axis=0, keepdims=True)
-    pixels = filled[:, :1]
-    mean = filled[:, 2:5] / pixels
-    variance = np.maximum(filled[:, 5:] / pixels - mean**2, 0)
-    return RangeStatistics(filled[:, 1] / pixels[:, 0], mean, np.sqrt(variance), pixels[:, 0], views)
-
-
-def _targets(brightness: float, contrast: float, encoding: Encoding) -> tuple[float, float]:
-    """The mean and deviation to reach, in the view's encoding."""
-    if encoding == "gamma":
-        return brightness, contrast
-    low, high = (float(srgb_decode(np.asarray(brightness + side * contrast))) for side in (-1, 1))
-    return (low + high) / 2, (high - low) / 2

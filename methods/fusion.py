@@ -73,17 +73,15 @@ class Fusion2012:
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, in [0, 1]."""
-        balanced = self._balanced(view.rgb)
+        if self.balance == "stretch":
+            balanced = stretched_by_weakness(view.rgb)
+        else:
+            # A shift keeps each channel's contrast, so a channel with little light gains no noise.
+            shift = (0.5 + (self.illuminant - 1) * view.rgb.mean(axis=(0, 1), dtype=np.float64)).astype(np.float32)
+            balanced = stretched_together(view.rgb + shift, self.percent)
         # The publication filters noise over time; a single photograph gets a bilateral filter in its place.
         equal = equalised(denoised(balanced, self.noise), self.clip, self.tiles)
         return Restoration(blend(balanced, equal, weight_2012, 0, self.levels))
-
-    def _balanced(self, rgb: Array) -> Array:
-        if self.balance == "stretch":
-            return stretched_by_weakness(rgb)
-        mean = rgb.mean(axis=(0, 1), dtype=np.float64)
-        # A shift keeps each channel's contrast, so a channel with little light gains no noise.
-        return stretched_together(rgb + (0.5 + (self.illuminant - 1) * mean).astype(np.float32), self.percent)
 
 
 @method(

@@ -96,7 +96,10 @@ class GaussianSeathru(FillOption):
         NotApplicableError when no pixel has depth.
         """
         z, along = distances(view)
-        intensity, far = self._drawn(view.rgb, z)
+        seen = np.flatnonzero(trusted(z))  # all with depth but the farthest 1 %
+        if seen.size > self.sample:
+            seen = seen[np.random.default_rng(self.seed).integers(seen.size, size=self.sample)]
+        intensity, far = view.rgb.reshape(-1, 3)[seen].astype(np.float64), z.ravel()[seen].astype(np.float64)
         fits = [_fitted(intensity[:, c], far, self.attenuation, self.most_evaluations) for c in range(3)]
         water = [fit.water for fit in fits]
 
@@ -123,13 +126,6 @@ class GaussianSeathru(FillOption):
         B, gamma = np.array([w.B for w in water]), np.array([w.gamma for w in water])
         restoration = Restoration(at(z), Water(B, np.array(constant), gamma, encoding=view.encoding), info=info)
         return with_filled(restoration, view, at) if self.fill else restoration
-
-    def _drawn(self, rgb: Array, z: Array) -> tuple[Array, Array]:
-        """Return intensities (P, 3) and distances (P,), float64, of pixels with depth, without the farthest 1 %."""
-        seen = np.flatnonzero(trusted(z))
-        if seen.size > self.sample:
-            seen = seen[np.random.default_rng(self.seed).integers(seen.size, size=self.sample)]
-        return rgb.reshape(-1, 3)[seen].astype(np.float64), z.ravel()[seen].astype(np.float64)
 
 
 @dataclass(frozen=True, slots=True)

@@ -113,15 +113,11 @@ def along_lines(points: Array, lines: int) -> tuple[Array, Array]:
 
     lines: how many there are; line k has direction k of `directions(lines)`.
     """
-    length = np.sqrt(np.einsum("...c,...c", points, points))
-    unit = points / np.maximum(length, 1e-9)[..., None]
-    return length, _nearest(unit, lines)
-
-
-def _nearest(unit: Array, lines: int) -> Array:
     from scipy.spatial import cKDTree
 
-    return np.asarray(cKDTree(directions(lines)).query(unit)[1])
+    length = np.sqrt(np.einsum("...c,...c", points, points))
+    unit = points / np.maximum(length, 1e-9)[..., None]
+    return length, np.asarray(cKDTree(directions(lines)).query(unit)[1])
 
 
 def least_transmission(image: Array, A: Array, water: WaterType) -> Array:

@@ -87,25 +87,15 @@ def sharpness_map(gray: Array, scales: int, window: int) -> Array:
     """Return the paper's blurriness map (H, W): the difference that blurring makes, low where the image is blurred.
 
     It is the mean difference from n Gaussians, then its maximum in a window (P_r). A smooth patch within a sharp object
-    is a hole in P_r; morphological reconstruction fills it.
+    is a hole in P_r; morphological reconstruction raises each that does not touch the border to its rim.
     """
-    sizes = [2**i * scales + 1 for i in range(1, scales + 1)]
-    difference = np.zeros_like(gray)
-    for size in sizes:
-        difference += np.abs(gray - _gaussian(gray, size))
-    return _filled(window_max(difference / scales, window))
-
-
-def _gaussian(gray: Array, size: int) -> Array:
     import cv2
-
-    return np.asarray(cv2.GaussianBlur(gray, (size, size), size, borderType=cv2.BORDER_REPLICATE))
-
-
-def _filled(plane: Array) -> Array:
-    """Return the plane with each basin that does not touch the border raised to its rim (closing by reconstruction)."""
     from skimage.morphology import reconstruction
 
+    difference = np.zeros_like(gray)
+    for size in (2**i * scales + 1 for i in range(1, scales + 1)):
+        difference += np.abs(gray - cv2.GaussianBlur(gray, (size, size), size, borderType=cv2.BORDER_REPLICATE))
+    plane = window_max(difference / scales, window)
     seed = np.full_like(plane, plane.max())
     seed[[0, -1]], seed[:, [0, -1]] = plane[[0, -1]], plane[:, [0, -1]]
     return np.asarray(reconstruction(seed, plane, method="erosion"), dtype=np.float32)

@@ -57,26 +57,25 @@ class Rghs:
         rgb = view.rgb * gain  # not cut, so that none piles up at 1
         for channel in range(3):
             rgb[..., channel] = self._stretched(rgb[..., channel], channel)
-        return Restoration(_coloured(denoised(rgb, self.noise)))
+        lab = to_lab(denoised(rgb, self.noise))
+        low, high = np.percentile(lab[..., 0], [1, 99])  # of lightness: they become 0 and 100
+        if high - low > 100 * _LEVEL:
+            lab[..., 0] = ((lab[..., 0] - low) * (100 / (high - low))).clip(0, 100)
+        lab[..., 1:] *= np.float32(_CHROMA) ** (1 - np.abs(lab[..., 1:] / 128))
+        return Restoration(from_lab(lab))
 
     def _stretched(self, plane: Array, channel: int) -> Array:
         """Return the plane (H, W) moved from [I_min, I_max] to [O_min, O_max], cut at 0 and 1."""
-        low, high, mode = _range(plane, self.tail)
+        levels = np.rint(plane.clip(0, 9) / np.float32(_LEVEL)).astype(np.int64)  # 9: no bins for a lone bright pixel
+        mode = float(np.bincount(levels.ravel()).argmax()) * _LEVEL
+        left, right = plane[plane < mode], plane[plane >= mode]
+        low = float(np.percentile(left, self.tail)) if left.size else mode
+        high = float(np.percentile(right, 100 - self.tail)) if right.size else mode
         if high - low < _LEVEL:
             return plane.clip(0, 1)
         bottom = min((1 - _SPREAD) * mode, low)  # a - sigma; no more than I_min
         top = _top(high, mode, _KAPPA[channel] * _RESIDUAL[channel] ** self.distance_m)
         return ((plane - low) * ((top - bottom) / (high - low)) + bottom).clip(0, 1)
-
-
-def _range(plane: Array, tail: float) -> tuple[float, float, float]:
-    """I_min, I_max and the mode a: a share of the values below the mode, and of those above, is left out."""
-    levels = np.rint(plane.clip(0, 9) / np.float32(_LEVEL)).astype(np.int64)  # 9: no bins for a lone bright pixel
-    mode = float(np.bincount(levels.ravel()).argmax()) * _LEVEL
-    left, right = plane[plane < mode], plane[plane >= mode]
-    low = float(np.percentile(left, tail)) if left.size else mode
-    high = float(np.percentile(right, 100 - tail)) if right.size else mode
-    return low, high, mode
 
 
 def _top(high: float, mode: float, remaining: float) -> float:
@@ -87,14 +86,3 @@ def _top(high: float, mode: float, remaining: float) -> float:
     first = math.ceil((remaining * high - mode) / sigma)
     last = math.floor((remaining - mode) / sigma)
     return (mode + (first + last) / 2 * sigma) / remaining if first <= last else 1.0
-
-
-def _coloured(rgb: Array) -> Array:
-    """Percentiles 1 and 99 of lightness become 0 and 100; a and b are multiplied by 1.3^(1 - |a / 128|)."""
-    lab = to_lab(rgb)
-    low, high = np.percentile(lab[..., 0], [1, 99])
-    if high - low > 100 * _LEVEL:
-        lab[..., 0] = ((lab[..., 0] - low) * (100 / (high - low))).clip(0, 100)
-    chroma = lab[..., 1:]
-    chroma *= np.float32(_CHROMA) ** (1 - np.abs(chroma / 128))
-    return from_lab(lab)

@@ -308,7 +308,10 @@ class Seathru(FillOption):
         """Return J, NaN where the view has no depth; it may leave [0, 1]. NotApplicableError if no pixel has depth."""
         z, along = distances(view)
         light: Encoding = "linear" if self.raw else "gamma"
-        taken = self._taken(z)
+        n = -(-max(z.shape) // self.size)
+        # Every n-th pixel; not their mean, which knows no darkest pixel and mixes near with far.
+        taken = (slice(None, None, n), slice(None, None, n))
+        taken = taken if (z[taken] > 0).any() else (slice(None), slice(None))
         level = float(converted(np.array(_GREY_LEVEL), "gamma", light))
         few, few_z = converted(view.rgb[taken], view.encoding, light), z[taken]
         found = self._fitted(few, few_z, level)
@@ -331,7 +334,10 @@ class Seathru(FillOption):
         return with_filled(restoration, view, at) if self.fill else restoration
 
     def _fitted(self, image: Array, z: Array, level: float) -> _Fit:
-        """Return what is removed from an image (H, W, 3) at distances (H, W); level: see `_attenuation`."""
+        """Return what is removed from an image (H, W, 3) at distances (H, W).
+
+        level: of intensity, below which the average of a step is black to 8 bits, and has no logarithm.
+        """
         fitted = trusted(z)
         intensity, far = image[fitted], z[fitted]  # (P, 3), (P,)
         dark = dark_pixels(intensity, far, self.bins, self.share, self.most)
@@ -340,24 +346,11 @@ class Seathru(FillOption):
         # pixel stays a little below 0 in the result.
         direct = (intensity - np.stack([backscatter.veil(far, c) for c in range(3)], axis=-1)).clip(min=0)
         illuminant = self.f * local_average(direct, np.where(fitted, z, 0), self.p, self.eps)
-        return _Fit(backscatter, len(dark), *self._attenuation(illuminant, far, level), self.amplification)
-
-    def _taken(self, z: Array) -> tuple[slice, slice]:
-        """Every n-th pixel; not their mean, which knows no darkest pixel and mixes near with far."""
-        n = -(-max(z.shape) // self.size)
-        taken = (slice(None, None, n), slice(None, None, n))
-        return taken if (z[taken] > 0).any() else (slice(None), slice(None))
-
-    def _attenuation(self, illuminant: Array, z: Array, level: float) -> tuple[list[TwoTerm], list[float]]:
-        """Each channel's beta(z), and the constant nearest to it, from the distances where there is light to see.
-
-        level: of intensity, below which the average of a step is black to 8 bits, and has no logarithm.
-        """
-        at, E = illuminant_by_distance(illuminant, z)
+        at, E = illuminant_by_distance(illuminant, far)
         lit = level * self.f < E
         seen = [(at[lit[:, c]], E[lit[:, c], c]) for c in range(3)]
         beta = [fit_attenuation(*of, self.attenuation) for of in seen]
-        return beta, [constant_attenuation(*of) for of in seen]
+        return _Fit(backscatter, len(dark), beta, [constant_attenuation(*of) for of in seen], self.amplification)
 
     def _gain(self, J: Array, level: float) -> Array:
         """The (3,) white balance; of J (P, 3) as it would be shown, so that amplified noise beyond does not count.

@@ -50,21 +50,11 @@ class Udcp:
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image; values may leave [0, 1]."""
         rgb = view.rgb
-        A = _veiling_light(rgb, self.window)
-        t = guided_filter(rgb, _transmission(rgb, A, self.window), self.radius, self.eps)
+        dark = dark_channel(rgb[..., 1:], self.window)
+        A = brightest(rgb, dark == dark.max())
+        divisor = np.maximum(A[1:], 1e-3).astype(np.float32)  # in a black image, nothing is brighter than A
+        t = guided_filter(rgb, 1 - dark_channel(rgb[..., 1:] / divisor, self.window), self.radius, self.eps)
         return restoration(rgb, A, t.clip(self.least, self.greatest))
-
-
-def _veiling_light(rgb: Array, window: int) -> Array:
-    """Return the colour (3,) where the dark channel of green and blue is highest; of equals, the brightest."""
-    dark = dark_channel(rgb[..., 1:], window)
-    return brightest(rgb, dark == dark.max())
-
-
-def _transmission(rgb: Array, veiling_light: Array, window: int) -> Array:
-    """Return 1 - min over window and over green and blue of I / A, (H, W); it may fall below 0."""
-    A = np.maximum(veiling_light[1:], 1e-3).astype(np.float32)  # in a black image, nothing is brighter than A
-    return np.asarray(1 - dark_channel(rgb[..., 1:] / A, window))
 
 
 def dark_channel(channels: Array, size: int) -> Array:

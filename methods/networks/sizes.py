@@ -56,7 +56,9 @@ def tiled(
     than a quarter, the result is that of a single tile.
     """
     height, width = images[0].shape[:2]
-    rows, columns = (_mirrored(n, multiple, least) for n in (height, width))
+    wanted = [(n, _up(max(n, least), multiple)) for n in (height, width)]
+    # Each line's own pixels, then back again, as often as it takes.
+    rows, columns = (np.pad(np.arange(n), (0, up - n), mode="symmetric") for n, up in wanted)
     down, right = (_tiles(len(at), tile, overlap, multiple) for at in (rows, columns))
     restored = np.zeros((len(rows), len(columns), 3), dtype=np.float32)
     places = [(y, x) for y in down for x in right]
@@ -66,12 +68,6 @@ def tiled(
         weight = vertical[:, None, None] * horizontal[:, None]
         restored[y : y + len(vertical), x : x + len(horizontal)] += weight * part
     return restored[:height, :width]
-
-
-def _mirrored(length: int, multiple: int, least: int) -> np.ndarray:
-    """The pixels of a line that is long enough: its own, then back again, as often as it takes."""
-    wanted = _up(max(length, least), multiple)
-    return np.pad(np.arange(length), (0, wanted - length), mode="symmetric")
 
 
 def _up(length: int, multiple: int) -> int:

@@ -210,16 +210,14 @@ def reading_order(shown: Array, chart: Chart) -> Order:
         measured = np.array([reading.rgb for reading in readings])
         expected = np.array([reading.patch.srgb for reading in readings])
         seen = np.isfinite(measured).all(axis=1)
-        fits.append(_explained(expected[seen], measured[seen]) if seen.sum() >= 6 else np.nan)
+        if seen.sum() < 6:
+            return Order(np.nan, 0)
+        # The share of what was measured that is a rising line of what is expected, all channels together.
+        x, y = (colours[seen] - colours[seen].mean(axis=0) for colours in (expected, measured))
+        covariance, total = (x * y).sum(axis=0).clip(0), (y * y).sum()
+        fits.append(float((covariance**2 / (x * x).sum(axis=0)).sum() / total) if total > 0 else 0.0)
     if not np.isfinite(fits).all():
         return Order(np.nan, 0)
     best = int(np.argmax(fits))
     wrong = fits[best] > fits[0] + _CLEARLY and fits[best] >= _LEAST
     return Order(float(fits[0]), best if wrong else 0)
-
-
-def _explained(expected: Array, measured: Array) -> float:
-    """The share of measured's variance (P, 3) that is a rising line of expected's, all channels together."""
-    x, y = expected - expected.mean(axis=0), measured - measured.mean(axis=0)
-    covariance, total = (x * y).sum(axis=0).clip(0), (y * y).sum()
-    return float((covariance**2 / (x * x).sum(axis=0)).sum() / total) if total > 0 else 0.0

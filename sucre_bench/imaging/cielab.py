@@ -67,8 +67,15 @@ def lab_d50_from(lab: npt.NDArray[Any], illuminant: str) -> Array:
 
 
 def lab_d50_of_xyz(XYZ: Array, white: Array) -> Array:
-    """Return CIE Lab under D50 of XYZ (..., 3) seen under another white, XYZ (3,) with Y = 1."""
-    return _lab_of_xyz(_mapped(_adaptation(white, "D50"), XYZ) / _white("D50"))
+    """Return CIE Lab under D50 of XYZ (..., 3) seen under another white, XYZ (3,) with Y = 1.
+
+    Source: CIE 15:2004, eq. 8.3 to 8.11.
+    """
+    relative = _mapped(_adaptation(white, "D50"), XYZ) / _white("D50")
+    bright = relative > (24 / 116) ** 3
+    f = np.where(bright, np.cbrt(relative), 841 / 108 * relative + 16 / 116)
+    x, y, z = np.moveaxis(f, -1, 0)
+    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
 
 
 def ciede2000(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> Array:
@@ -81,14 +88,6 @@ def ciede2000(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> Array:
 def contrast(lab: Array) -> float:
     """Return the mean CIEDE2000 between colours (P, 3) in CIE Lab and others, half of the list away."""
     return float(ciede2000(lab, np.roll(lab, len(lab) // 2, axis=0)).mean())
-
-
-def _lab_of_xyz(relative: Array) -> Array:
-    """CIE Lab of XYZ (..., 3) over that of the white (CIE 15:2004, eq. 8.3 to 8.11)."""
-    bright = relative > (24 / 116) ** 3
-    f = np.where(bright, np.cbrt(relative), 841 / 108 * relative + 16 / 116)
-    x, y, z = np.moveaxis(f, -1, 0)
-    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
 
 
 def _xyz_of_lab(lab: Array) -> Array:

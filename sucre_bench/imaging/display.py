@@ -110,7 +110,9 @@ def display(
     if (chosen.is_linear or by_veil) and encoding == "gamma":
         image, over, encoding = _by_rows(srgb_decode, image), _by_rows(srgb_decode, over), "linear"
     shown = np.empty(image.shape, dtype=np.float32)
-    limits = _limits(over, chosen, _gains(water) if by_veil else None)
+    veil = water.veiling_light * water.backscatter if by_veil and water is not None else np.full(3, np.nan)
+    has_veil = bool((np.isfinite(veil) & (veil > 0)).all())
+    limits = _limits(over, chosen, veil.mean() / veil if has_veil else None)
     compiled(_rescale)(locked(image), *limits, shown)
     return _by_rows(srgb_encode, shown) if encoding == "linear" else shown
 
@@ -131,15 +133,11 @@ def is_of_scene(how: str) -> bool:
     return normalisation(how).is_of_scene
 
 
-def _gains(water: Water | None) -> Array | None:
-    """Return the gains (3,) that make light of the veil's colour white; None where there is no veil."""
-    if water is None or not (np.isfinite(veil := water.veiling_light * water.backscatter) & (veil > 0)).all():
-        return None
-    return np.asarray(veil.mean() / veil)
-
-
 def _limits(image: Array, chosen: Normalisation, veil_gains: Array | None) -> tuple[Array, Array]:
-    """Return what to subtract from each channel (3,), and what to divide it by then. veil_gains: (3,) of the veil."""
+    """Return what to subtract from each channel (3,), and what to divide it by then.
+
+    veil_gains: (3,), which make light of the veil's colour white.
+    """
     nothing, one = np.zeros(3), np.ones(3)
     valid = coloured(image)
     if veil_gains is not None:
