@@ -3,8 +3,6 @@
 What each fault of a file says is tested with its reader; here a whole run must survive it.
 """
 
-from __future__ import annotations
-
 import html
 import re
 from collections.abc import Callable

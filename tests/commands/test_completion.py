@@ -1,7 +1,5 @@
 """What <TAB> offers: by the protocol between shell and program, and in the shells themselves."""
 
-from __future__ import annotations
-
 import os
 import select
 import shutil

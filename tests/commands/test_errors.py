@@ -4,8 +4,6 @@ The text of every --help is held by docs/cli.md, which `make check` compares. Af
 files anew: `GOLDEN=write python -m pytest tests/commands/test_errors.py`.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable

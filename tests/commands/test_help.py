@@ -1,7 +1,5 @@
 """Help: it fits the terminal, and its examples are commands that exist."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What --json tells a program."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

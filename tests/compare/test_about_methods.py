@@ -1,7 +1,5 @@
 """What methods were trained on: the note of tables, and the warning of test pictures that were among it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Intervals against what they promise: simulated data of known mean, and Student's interval where it is exact."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

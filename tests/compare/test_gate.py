@@ -1,7 +1,5 @@
 """The gate of `compare --fail-below`: it fails on losses beyond limit and chance, and on nothing else."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

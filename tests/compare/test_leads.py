@@ -1,7 +1,5 @@
 """Leads of the best method, and differences from a baseline: simulated scores of which it is known who is better."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

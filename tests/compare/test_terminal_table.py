@@ -1,7 +1,5 @@
 """The block that a terminal of 80 columns shows: which columns, in which order, and what it says."""
 
-from __future__ import annotations
-
 import io
 import itertools
 import json

@@ -1,7 +1,5 @@
 """The aqualoc dataset against miniatures of its layout, its lens against OpenCV's fisheye projection."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The colmap dataset against miniatures of its layout, with geometry worked out by hand and poses read by pycolmap."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
@@ -43,8 +41,6 @@ def load(root: Path, **options: object) -> Scene:
 
 
 def pixel_of(view: View, world: list[float]) -> Array:
-    assert view.camera is not None
-    assert view.cam_from_world is not None
     return project(view.camera, (view.cam_from_world @ [*world, 1.0])[:3])[0]
 
 
@@ -94,8 +90,6 @@ def test_poses_and_cameras_are_those_that_pycolmap_reads(tmp_path: Path, binary:
     scene = load(tmp_path)
     assert [view.name for view in scene] == sorted(names)
     for view in scene:
-        assert view.camera is not None
-        assert view.cam_from_world is not None
         pose, K = expected[view.name]
         np.testing.assert_allclose(view.cam_from_world, [*pose, [0, 0, 0, 1]], atol=1e-12)
         np.testing.assert_allclose(view.camera.K, K)
@@ -343,7 +337,6 @@ def test_image_scale_shrinks_pixels_depth_camera_and_charts_alike(tmp_path: Path
     write_image(tmp_path / "reference" / "a.png", picture(0))
     (tmp_path / "charts.json").write_text(json.dumps({"images": {"a.png": {"chart": SQUARE}}}))
     whole, half = load(tmp_path)["a.png"], load(tmp_path, image_scale=0.5)["a.png"]
-    assert half.camera is not None
     assert (half.camera.width, half.camera.height) == (WIDTH // 2, HEIGHT // 2)
     blocks = whole.rgb.reshape(HEIGHT // 2, 2, WIDTH // 2, 2, 3).mean(axis=(1, 3))
     np.testing.assert_allclose(half.rgb, blocks, atol=1e-6)
@@ -358,7 +351,6 @@ def test_image_scale_shrinks_pixels_depth_camera_and_charts_alike(tmp_path: Path
 def test_an_uneven_image_scale_keeps_the_fields_of_view(tmp_path: Path) -> None:
     write_dive(tmp_path)
     camera = load(tmp_path, image_scale=0.33)["a.png"].camera
-    assert camera is not None
     assert (camera.width, camera.height) == (13, 10)
     assert camera.K[0, 0] / camera.width == pytest.approx(50 / WIDTH)
     assert camera.K[1, 1] / camera.height == pytest.approx(60 / HEIGHT)
@@ -440,7 +432,6 @@ def test_real_reconstructions_load(folder: str, views: int, size: tuple[int, int
     assert (scene.name, len(scene), scene.has) == (folder, views, has)
     assert sum(bool(view.charts) for view in scene) == charts
     view = scene.views[-1]
-    assert view.camera is not None
     assert (view.camera.width, view.camera.height) == size
     assert view.rgb.shape == (size[1], size[0], 3)
     assert view.depth.shape == view.distance.shape == (size[1], size[0])

@@ -1,7 +1,5 @@
 """What the colmap dataset says of bad input: one line with the file, what is wrong and what to do."""
 
-from __future__ import annotations
-
 import io
 import json
 import shutil

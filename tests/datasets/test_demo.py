@@ -1,7 +1,5 @@
 """The made scene is what it says: its files, its geometry, its water and its charts, each recomputed from outside."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -57,7 +55,6 @@ def survey(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 def world_point(view: View, x: float, y: float) -> Array:
     """The point of the world seen at pixel coordinates (x, y), with the depth of the pixel they lie in."""
-    assert view.camera is not None
     assert view.cam_from_world is not None
     d = float(view.depth[int(y), int(x)])
     K, pose = view.camera.K, view.cam_from_world
@@ -67,8 +64,6 @@ def world_point(view: View, x: float, y: float) -> Array:
 
 def pixel_of(view: View, point: Array) -> tuple[float, float, float]:
     """Pixel coordinates and depth of a point of the world."""
-    assert view.camera is not None
-    assert view.cam_from_world is not None
     x, y, z = view.cam_from_world[:3, :3] @ point + view.cam_from_world[:3, 3]
     K = view.camera.K
     return K[0, 0] * x / z + K[0, 2], K[1, 1] * y / z + K[1, 2], z
@@ -182,9 +177,6 @@ def test_files_in_the_users_cache_hold_the_arrays(
     scene = next(iter(Demo(**SMALL).scenes()))
     assert len(list((tmp_path / "sucre_bench" / "demo").iterdir())) == 1
     for i, view in enumerate(scene):
-        assert view.camera is not None
-        assert view.cam_from_world is not None
-        assert view.reference is not None
         np.testing.assert_allclose(view.camera.K, small.camera.K, rtol=1e-12)
         np.testing.assert_allclose(view.cam_from_world, small.cam_from_world[i], atol=1e-12)
         np.testing.assert_allclose(view.rgb * 255, small.rgb[i], atol=1e-4)
@@ -213,8 +205,6 @@ def test_depth_maps_of_two_views_agree(survey: Scene) -> None:
         if 0 <= x < 480 and 0 <= y < 360:
             errors.append(abs(second.depth[int(y), int(x)] - z) / z)
             if errors[-1] < 0.01:
-                assert first.reference is not None
-                assert second.reference is not None
                 colours.append(np.abs(first.reference[v, u] - second.reference[int(y), int(x)]) / LEVEL)
     assert len(errors) > 1000
     assert np.mean(np.array(errors) < 0.01) > 0.9  # the rest is hidden in one of them
@@ -267,8 +257,6 @@ def test_images_follow_the_model_within_noise_and_rounding(survey: Scene) -> Non
     B, beta, gamma = (0.07, 0.36, 0.42), (0.42, 0.14, 0.13), (0.30, 0.20, 0.18)
     residuals = []
     for view in survey:
-        assert view.camera is not None
-        assert view.reference is not None
         K = view.camera.K
         for u, v in zip(rng.integers(480, size=300), rng.integers(360, size=300), strict=True):
             ray = ((u + 0.5 - K[0, 2]) / K[0, 0], (v + 0.5 - K[1, 2]) / K[1, 1], 1.0)
@@ -285,7 +273,6 @@ def test_images_follow_the_model_within_noise_and_rounding(survey: Scene) -> Non
 def test_red_is_lost_with_distance(survey: Scene) -> None:
     def kept(view: View, channel: int) -> float:
         """The slope of the image against the scene: how much of its contrast comes through."""
-        assert view.reference is not None
         return float(np.polyfit(view.reference[..., channel].ravel(), view.rgb[..., channel].ravel(), 1)[0])
 
     far, near = survey.views[0], survey.views[-1]
@@ -358,7 +345,6 @@ def test_the_lamps_pose_is_rigid() -> None:
 def test_charts_show_their_reference_colours_without_water(survey: Scene) -> None:
     nearest = survey.views[-1]
     assert {chart.kind for chart in nearest.charts} == {"dgk", "colorchecker24"}
-    assert nearest.reference is not None
     for chart in nearest.charts:
         for reading in measure(nearest.reference, chart):
             assert reading.n_pixels >= 4

@@ -1,7 +1,5 @@
 """The eiffel_tower dataset against miniatures of its layout."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

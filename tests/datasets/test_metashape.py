@@ -1,7 +1,5 @@
 """The metashape dataset against exports and projects written here, with lenses by the formulas of the manual."""
 
-from __future__ import annotations
-
 import shutil
 import zipfile
 from pathlib import Path

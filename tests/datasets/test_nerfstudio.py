@@ -1,7 +1,5 @@
 """The nerfstudio dataset against scenes written here, with lenses and axes worked out by their published formulas."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

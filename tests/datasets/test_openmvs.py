@@ -1,7 +1,5 @@
 """The openmvs dataset against depth maps packed here byte by byte, as OpenMVS's documentation has them."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

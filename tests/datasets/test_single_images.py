@@ -1,7 +1,5 @@
 """The datasets of single images - photos, uieb, lsui, u45 - against miniatures of their layouts."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -30,7 +28,6 @@ def only(plugin: Photos | Uieb | Lsui | U45) -> Scene:
 
 
 def same(plane: np.ndarray | None, seed: int) -> None:
-    assert plane is not None
     np.testing.assert_array_equal(np.rint(plane * 255), picture(seed))
 
 

@@ -1,7 +1,5 @@
 """The squid dataset against miniatures of its layout, with a pair of cameras worked out by hand."""
 
-from __future__ import annotations
-
 import base64
 import json
 import shutil
@@ -89,8 +87,6 @@ def seen(scene: Scene) -> list[tuple[Array, float]]:
     """Where each view has the world point, and its planar depth there, off by what half a pixel of a ray may be."""
     found = []
     for view in scene:
-        assert view.camera is not None
-        assert view.cam_from_world is not None
         pixel, depth = project(view.camera, (view.cam_from_world @ [*WORLD, 1.0])[:3])
         assert view.depth[int(pixel[1]), int(pixel[0])] == pytest.approx(depth, rel=0.01)
         found.append((pixel, float(depth)))
@@ -123,7 +119,6 @@ def test_a_world_point_falls_on_its_mark_at_its_planar_depth_in_both_views(tmp_p
 def test_half_size_is_the_same_scene(tmp_path: Path) -> None:
     scene = load(write_site(tmp_path), image_scale=0.5)
     view = scene.views[0]
-    assert view.camera is not None
     assert view.camera.K.tolist() == [[25, 0, 10], [0, 25, 7.5], [0, 0, 1]]
     assert view.rgb.shape == (15, 20, 3)
     assert view.depth.shape == (15, 20)

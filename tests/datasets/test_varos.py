@@ -1,7 +1,5 @@
 """The varos dataset against miniatures of its layout, with a camera and poses worked out by hand."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2
@@ -63,8 +61,6 @@ def load(root: Path, **options: object) -> Scene:
 
 
 def seen(view: View) -> tuple[Array, float]:
-    assert view.camera is not None
-    assert view.cam_from_world is not None
     pixel, depth = project(view.camera, (view.cam_from_world @ WORLD)[:3])
     return pixel, float(depth)
 
@@ -84,7 +80,6 @@ def test_a_world_point_falls_on_its_mark_at_its_depth_in_both_views(tmp_path: Pa
     assert scene.views[0].depth[0, 0] == 0, "25 m and more is unknown"
     assert scene.views[0].distance[3, 5] > 20.5
     reference = scene.views[0].reference
-    assert reference is not None
     np.testing.assert_array_equal(np.rint(reference * 255), picture(8, WIDTH, HEIGHT))
     np.testing.assert_array_equal(np.rint(scene.views[0].rgb * 255), picture(7, WIDTH, HEIGHT))
     assert load(cam).data_id == scene.data_id

@@ -1,7 +1,5 @@
 """Noise and holes in depth maps, and noise in poses."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.made_scene import many, of, photo
@@ -44,9 +42,6 @@ def test_pose_noise_moves_the_centre_and_turns_the_camera_by_what_is_asked():
     shifts, turns = [], []
     for view in scene:
         at, before, after = view.cam_from_world, moved[view.name].cam_from_world, turned[view.name].cam_from_world
-        assert at is not None
-        assert before is not None
-        assert after is not None
         shifts.append(np.linalg.inv(before)[:3, 3] - np.linalg.inv(at)[:3, 3])
         np.testing.assert_allclose(before[:3, :3], at[:3, :3], atol=1e-12)
         turns.append(Rotation.from_matrix(after[:3, :3] @ at[:3, :3].T).as_rotvec(degrees=True))

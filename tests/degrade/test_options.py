@@ -1,7 +1,5 @@
 """The options of a degradation: labels, hashes, runs and refusals."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

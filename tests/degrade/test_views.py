@@ -1,7 +1,5 @@
 """Degraded views: what their random numbers belong to, their order, what is decoded, and which are chosen."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Added water: its model, where it goes, and the ways to give it."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -25,10 +23,8 @@ def test_added_water_follows_the_model_at_the_distance_from_the_camera():
     z = 2 * np.sqrt(1 + (39.5 / 40) ** 2 + (29.5 / 40) ** 2)
     J, B, beta, gamma = photo()[0, 0], *np.reshape(NINE, (3, 3))
     np.testing.assert_allclose(view.rgb[0, 0], J * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z)), atol=1e-6)
-    assert view.reference is not None
     assert np.array_equal(view.reference, photo())
     assert made.has == {"depth", "poses", "reference", "truth"}
-    assert made.water is not None
     assert np.array_equal(made.water.attenuation, beta)
 
 

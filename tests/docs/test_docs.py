@@ -1,7 +1,5 @@
 """The documentation: its commands exist with their options, its links lead somewhere, what it names is there."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import tomllib

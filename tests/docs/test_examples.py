@@ -1,7 +1,5 @@
 """The example of a package of others: installed as it is, outside the repository, and used from there."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

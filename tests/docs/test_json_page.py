@@ -1,7 +1,5 @@
 """docs/json.md has the keys that `--json` prints, and no others."""
 
-from __future__ import annotations
-
 import json
 import re
 

@@ -1,7 +1,5 @@
 """The public result in docs/board: bundles are whole, the board names them, README prints the numbers of the demo."""
 
-from __future__ import annotations
-
 import json
 import re
 

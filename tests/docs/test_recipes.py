@@ -1,7 +1,5 @@
 """The recipes of docs/datasets.md: each command, on a miniature of the layout that it is for."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path

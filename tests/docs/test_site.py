@@ -1,7 +1,5 @@
 """The documentation as a site: it builds without a warning, needs no network, and can be searched from disk."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Metrics of pairs of restored views: scored once the views are there, from what the results folder holds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

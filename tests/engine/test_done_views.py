@@ -1,7 +1,5 @@
 """What was killed goes on, and what is run twice says the same."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a run would do and take, before it does anything."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Hints come after the table, one a method, in words that the same command takes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

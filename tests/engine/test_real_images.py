@@ -1,7 +1,5 @@
 """The main job on real underwater photographs, where they are at hand beside the checkout."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

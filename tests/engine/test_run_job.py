@@ -1,7 +1,5 @@
 """One job: what makes all of it fail, and `display=...@scene`, which shows all views of a scene alike."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """A run decodes each file once, and leaves nothing of it behind."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

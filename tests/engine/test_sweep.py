@@ -1,7 +1,5 @@
 """The main job, from overrides to table and files."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,10 +1,8 @@
 """A table of faults: each command ends with its exit code, and names the place and the remedy in few lines."""
 
-from __future__ import annotations
-
 import contextlib
 import http.client
-import multiprocessing
+import multiprocessing.synchronize
 import os
 import re
 import shlex

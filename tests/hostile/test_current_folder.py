@@ -1,7 +1,5 @@
 """A folder that holds Python files with the names of what sucre_bench imports: no command runs any of them."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

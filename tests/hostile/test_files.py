@@ -1,7 +1,5 @@
 """One bad file: it is named with its fault, its view fails, the others go on, in little memory."""
 
-from __future__ import annotations
-
 import errno
 import io
 import os

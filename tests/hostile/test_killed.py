@@ -3,8 +3,6 @@
 Each is killed before some of its changes of files, drawn at random; `make fuzz` draws more.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import random

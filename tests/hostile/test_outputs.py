@@ -1,7 +1,5 @@
 """Commands that are told to write over something: what is there stays as it is."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re

@@ -1,7 +1,5 @@
 """COLMAP ends the process of `prepare`: one line says where, and the remedy that it names goes on from there."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from support.command_line import run_here, run_program

@@ -3,8 +3,6 @@
 `make fuzz` tries thousands; what it finds becomes an @example here.
 """
 
-from __future__ import annotations
-
 import functools
 import io
 import json

@@ -1,7 +1,5 @@
 """Rights that are missing, full disks, limits: one line, another exit code than 0, and nothing finished is lost."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import functools

@@ -1,7 +1,5 @@
 """Remedies are executed: from each fault, what its message names is done, and the work goes on."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil

@@ -1,7 +1,5 @@
 """A results folder from somebody else: no command runs its code, or publishes what its links lead to."""
 
-from __future__ import annotations
-
 import shutil
 import zipfile
 from pathlib import Path

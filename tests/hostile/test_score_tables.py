@@ -1,7 +1,5 @@
 """A scores.parquet that something else wrote, or changed: run, compare and report name the file and the column."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace

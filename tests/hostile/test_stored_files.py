@@ -1,7 +1,5 @@
 """Stored pictures that something else has changed do not count as stored; copies of a whole folder do."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Made-up words after `sucre-bench run`: they make jobs, or are refused in one line that names a word."""
 
-from __future__ import annotations
-
 import os
 
 from hypothesis import HealthCheck, example, given, settings

@@ -1,7 +1,5 @@
 """sucre_bench.imaging.chart_patches: the tables against published data, the measuring against painted charts."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Display normalisations and the sRGB curve."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

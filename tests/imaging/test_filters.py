@@ -1,7 +1,5 @@
 """Filters that several methods use, and pyramids: against formulae, brute force and what they promise."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import ndimage

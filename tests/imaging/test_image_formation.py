@@ -1,7 +1,5 @@
 """Images under water, by transmission and by distance."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -80,7 +78,6 @@ def test_recovery_inverts_the_model(channels: int) -> None:
 def test_a_restoration_tells_the_veiling_light_and_how_much_came_through() -> None:
     t = np.array([[[0.2, 0.4, 0.6], [0.4, 0.8, 0.6]]])
     result = restoration(np.full((1, 2, 3), 0.3, np.float32), A, t, extra=1)
-    assert result.water is not None
     np.testing.assert_array_equal(result.water.veiling_light, A)
     assert np.isnan(result.water.attenuation).all()
     assert np.isnan(result.water.backscatter).all()

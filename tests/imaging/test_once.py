@@ -1,7 +1,5 @@
 """Sharing what is computed of an array."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sucre_bench.arrays import locked, once

@@ -1,7 +1,5 @@
 """Percentiles of channels, against numpy's sort in float64."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

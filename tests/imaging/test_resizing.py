@@ -1,7 +1,5 @@
 """Scores at another size: the names of variants, the filters, and what the rows say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

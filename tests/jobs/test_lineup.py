@@ -1,7 +1,5 @@
 """Several configurations in one run: by words, by a line-up file, and from results back to the file."""
 
-from __future__ import annotations
-
 import os
 import re
 import sys

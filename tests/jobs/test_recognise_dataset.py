@@ -1,7 +1,5 @@
 """Which dataset a folder is."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Words that are written: what Hydra's own grammar reads back, and what a shell reads back."""
 
-from __future__ import annotations
-
 import itertools
 import shlex
 

@@ -1,7 +1,5 @@
 """Depth maps in OpenEXR files."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What loaders share: walks through links, hashes of files, grays of JPEGs, lengths."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Named test sets: pictures are known again when renamed, as JPEG and resized, and a set that is not whole is named."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Pixels from a store are those of the files, to the last bit."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """Arrays that the processes of a run share in files."""
 
-from __future__ import annotations
-
 import os
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Digests of files are computed again only where a file changed."""
 
-from __future__ import annotations
-
 import os
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The first compilation is announced; compiled code is read from the disk in the next process."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

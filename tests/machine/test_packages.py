@@ -1,7 +1,5 @@
 """A package that is missing, too old or broken is one line with the command that mends it, before any work."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 
 from sucre_bench.machine.text_formats import masked

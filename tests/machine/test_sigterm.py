@@ -1,7 +1,5 @@
 """Ctrl-C at moments at which something would be left behind."""
 
-from __future__ import annotations
-
 import signal
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a terminal and a pipe each get: escape codes or none, and no complaint when the reader has gone."""
 
-from __future__ import annotations
-
 import os
 import pty
 import re

@@ -1,7 +1,5 @@
 """The time that is left, as a run estimates it."""
 
-from __future__ import annotations
-
 import pytest
 
 from sucre_bench.machine.progress import Pace

@@ -1,7 +1,5 @@
 """CLAHE: lightness is equalised, colour is kept."""
 
-from __future__ import annotations
-
 import numpy as np
 from support.forward_model import restored_image as restored
 

@@ -1,7 +1,5 @@
 """Gray world by range, against brute force over all pixels and against scenes whose colours are known."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 from typing import ClassVar

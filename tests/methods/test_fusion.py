@@ -1,7 +1,5 @@
 """Fusion restorers: their inputs and weights against the publications' equations in float64."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import ndimage

@@ -1,7 +1,5 @@
 """Gaussian Sea-thru, against data drawn from the very model, and its likelihood against scipy's normal distribution."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
@@ -88,14 +86,12 @@ def test_the_likelihood_is_least_at_the_water_the_data_were_drawn_in():
 def test_the_water_of_drawn_data_is_recovered():
     view = drawn_view(height=400, width=300)
     result = sb.restore("gaussian_seathru", alone(view), view, sample=120_000)
-    assert result.water is not None
     np.testing.assert_allclose(result.water.attenuation, WATER.attenuation, rtol=0.03)
     z = np.linspace(1, 9, 30)[:, None]
     veil, true = (w.veiling_light * (1 - np.exp(-w.backscatter * z)) for w in (result.water, WATER))
     np.testing.assert_allclose(veil, true, atol=0.02)
     np.testing.assert_allclose(result.info["mu"], 0.5, atol=0.03)
     np.testing.assert_allclose(result.info["sigma"], 0.15, atol=0.01)
-    assert view.reference is not None
     assert (
         np.sqrt(np.mean((result.image - view.reference) ** 2))
         < 0.05
@@ -132,7 +128,6 @@ def test_restoring_inverts_the_model_it_reports():
     view = drawn_view(5)
     result = sb.restore("gaussian_seathru", alone(view), view)
     water, z = result.water, view.depth[..., None].astype(np.float64)
-    assert water is not None
     veil = water.veiling_light * (1 - np.exp(-water.backscatter * z))
     np.testing.assert_allclose(result.image, (view.rgb - veil) * np.exp(water.attenuation * z), atol=1e-4)
 

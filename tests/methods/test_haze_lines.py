@@ -1,7 +1,5 @@
 """Underwater haze-lines, against mosaics in water of a known type, and against each step done by hand."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np
@@ -51,7 +49,6 @@ def test_the_waters_type_and_veiling_light_are_found(name: str, linear: bool) ->
     rgb = (srgb_encode(image) if linear else image).clip(0, 1).astype(np.float32)
     result = restored(HazeLines(linear=linear), rgb)
     assert result.info["water_type"] == name
-    assert result.water is not None
     np.testing.assert_allclose(result.water.veiling_light, srgb_encode(A) if linear else A, atol=1e-3)
 
 
@@ -60,7 +57,6 @@ def test_noise_moves_neither_far(name: str) -> None:
     result = restored(HazeLines(), srgb_encode(made(name, 0.004)[0]).clip(0, 1).astype(np.float32))
     at = [water.name for water in WATER_TYPES]
     assert abs(at.index(result.info["water_type"]) - at.index(name)) <= 1
-    assert result.water is not None
     np.testing.assert_allclose(srgb_decode(result.water.veiling_light), A, atol=0.02)
 
 
@@ -197,7 +193,6 @@ def test_the_veiling_light_is_told_as_a_gamma_encoded_colour_and_named_so(linear
         view = View("photo.png", Arrays(pixels), encoding=encoding)
         of[encoding] = engine_restored(HazeLines(linear=linear), Scene("photo", [view], frozenset()), view)
         water = of[encoding].water
-        assert water is not None
         assert water.encoding == "gamma"
         np.testing.assert_allclose(water.veiling_light, srgb_encode(A), atol=1e-3)
     np.testing.assert_allclose(srgb_decode(of["gamma"].image), of["linear"].image, atol=2e-3)

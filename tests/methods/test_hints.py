@@ -1,7 +1,5 @@
 """What methods advise can be typed: every option that a text names, after the name of a method that has it."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

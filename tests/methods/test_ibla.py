@@ -1,7 +1,5 @@
 """Restoration by blurriness and light absorption, against its formulas computed by hand."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest
@@ -48,7 +46,6 @@ def test_red_is_attenuated_by_a_seventh_a_metre_and_the_others_in_their_ratio() 
     image, _ = made()
     result = restored(Ibla(least=1e-6), image)
     t = transmission_of(image, result)
-    assert result.water is not None
     log = np.log(t[np.isfinite(t).all(axis=-1)])
     assert len(log) > 1000
     ratio = attenuation_ratio(result.water.veiling_light)
@@ -65,7 +62,6 @@ def test_what_is_farther_lets_less_through() -> None:
 
 def test_the_veiling_light_of_a_far_end_is_found() -> None:
     water = restored(Ibla(), made()[0]).water
-    assert water is not None
     np.testing.assert_allclose(water.veiling_light, WATER, atol=0.1)
 
 

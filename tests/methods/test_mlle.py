@@ -1,7 +1,5 @@
 """MLLE against its steps in float64: the publication's iteration, brute-force blocks, another package's L*a*b*."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter

@@ -1,7 +1,5 @@
 """Methods against the pictures that their authors, or the makers of data sets, published of them."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

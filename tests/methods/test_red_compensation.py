@@ -1,7 +1,5 @@
 """Red compensation, against its three steps in float64."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.forward_model import restored_image as restored

@@ -1,7 +1,5 @@
 """Relative global histogram stretching: its ranges and its colour step, against the publication's formulae."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sea-thru*, against waters that are known and against its definitions, computed slowly."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from dataclasses import replace
@@ -200,7 +198,6 @@ def test_a_made_seabed_comes_back():
     assert truth is not None
     result = sb.restore("seathru", alone(view), view)
     assert psnr(result.image, truth) > 35 > 17 > psnr(view.rgb, truth)
-    assert result.water is not None
     np.testing.assert_allclose(result.water.attenuation, CLEAR.attenuation, rtol=0.1)
     veil, true = (
         w.veiling_light * (1 - np.exp(-np.outer(np.linspace(2, 8, 20), w.backscatter))) for w in (result.water, CLEAR)
@@ -213,7 +210,6 @@ def test_a_constant_attenuation_restores_what_it_reports():
     view = random_seabed(1)
     result = sb.restore("seathru", alone(view), view, attenuation="constant", white_balance="none", amplification=1e3)
     water, z = result.water, view.depth[..., None].astype(np.float64)
-    assert water is not None
     veil = water.veiling_light * (1 - np.exp(-water.backscatter * z))
     np.testing.assert_allclose(result.image, (view.rgb - veil) * np.exp(water.attenuation * z), atol=2e-4)
 
@@ -234,7 +230,6 @@ def test_raw_works_in_linear_light():
 def test_white_balance_equals_the_means_of_what_is_shown():
     """Of red, a few pixels are bright: beyond 1, amplified highlights must not count."""
     seabed, rng = random_seabed(3), np.random.default_rng(3)
-    assert seabed.reference is not None
     J = seabed.reference.copy()
     J[..., 0] = 0.05 + 0.9 * rng.random(J.shape[:2]) ** 4
     view = view_in_water(J, seabed.depth, CLEAR)

@@ -1,7 +1,5 @@
 """The simple restorers, against what their definitions say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.made_scene import make_scene

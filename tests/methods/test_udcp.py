@@ -1,7 +1,5 @@
 """The underwater dark channel prior, against its formula in float64 and against made haze."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.forward_model import NOISE, hazy, restored, tiles, transmission_of
@@ -56,14 +54,12 @@ def test_the_veiling_light_is_the_colour_where_green_and_blue_are_bright_all_aro
     image[3, 4] = 1  # bright, but alone
     image[15:25, 20:30] = 0.1, 0.7, 0.8
     water = restored(Udcp(), image).water
-    assert water is not None
     np.testing.assert_allclose(water.veiling_light, A, atol=1e-7)
 
 
 def test_made_haze_is_measured() -> None:
     image, truth = made()
     result = restored(Udcp(greatest=1, radius=8), image)
-    assert result.water is not None
     np.testing.assert_allclose(result.water.veiling_light, A, atol=1e-6)
     t = np.nanmean(transmission_of(image, result)[30:], axis=(1, 2))
     np.testing.assert_allclose(t, truth[30:, 0], atol=0.06)

@@ -1,7 +1,5 @@
 """The underwater light attenuation prior, against its formulas computed by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.forward_model import restored, transmission_of
@@ -41,7 +39,6 @@ def test_the_veiling_light_is_the_brightest_of_the_deepest_pixels() -> None:
     image[0] = 0.1, 0.6, 0.7
     image[0, 7] = 0.1, 0.7, 0.7
     result = restored(Ulap(share=0.1, radius=1, eps=1e-6), image)
-    assert result.water is not None
     np.testing.assert_allclose(result.water.veiling_light, image[0, 7], atol=1e-6)
 
 

@@ -1,7 +1,5 @@
 """Consistency, contrast, range slope and matches, on scenes of which the colours and the water are known."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """coverage and negative, on images counted by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

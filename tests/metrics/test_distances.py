@@ -1,7 +1,5 @@
 """chart_distance and distance_variance: charts and surfaces where geometry says how far they are."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """hue and hue_error: published hues, and charts painted in known ones."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.made_scene import TILTED, painted

@@ -1,7 +1,5 @@
 """neutral: charts painted in colours whose chroma is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.made_scene import TILTED, painted

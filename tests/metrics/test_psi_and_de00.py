@@ -1,7 +1,5 @@
 """psi and de00: published colour differences, painted charts, and the real Sea-thru charts where they are at hand."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

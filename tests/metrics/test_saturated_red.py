@@ -1,7 +1,5 @@
 """saturated_red: against the HSV of scikit-image, and pictures whose share of red is known by counting."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from skimage.color import rgb2hsv

@@ -1,7 +1,5 @@
 """seams, on pictures with a seam of known height and length, and on pictures that have none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """psnr and ssim: against the definitions written out in float64, and what holes and masks may and may not do."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter

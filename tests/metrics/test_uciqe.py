@@ -1,7 +1,5 @@
 """uciqe: values of public programs on public pictures, published scores, float64 references, and holes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """uiqm, uicm, uism, uiconm: published scores, each variant written out block by block in float64, and holes."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """water: relative errors by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """water_parameters: what a method estimates, as it is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

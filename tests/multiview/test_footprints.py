@@ -1,7 +1,5 @@
 """Matched footprints, against pictures whose means are known and against ground of white noise."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -50,7 +48,6 @@ def test_a_ramp_has_the_value_of_the_place_where_the_point_lies() -> None:
         ramps[view.name] = np.stack([u, v, u + v], axis=-1) / 500
     views = with_pictures(scene, ramps)
     rays = matched_footprints(views[5], views, np.arange(target.depth.size), with_ray=True)
-    assert rays.ray is not None
     K = target.camera.K  # type: ignore[union-attr]
     x, y = K[:2, :2] @ rays.ray + K[:2, 2:]
     np.testing.assert_allclose(rays.colour, np.stack([x, y, x + y]) / 500, atol=5e-4)
@@ -70,8 +67,6 @@ def test_no_colour_mixes_two_surfaces() -> None:
 def painted(view: View) -> np.ndarray:
     """0.9 where the box of the made scene is seen, black elsewhere."""
     camera, pose = view.camera, view.cam_from_world
-    assert camera is not None
-    assert pose is not None
     v, u = np.mgrid[0.5 : camera.height, 0.5 : camera.width]
     points = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(camera.K).T * view.depth[..., None]
     world = (points - pose[:3, 3]) @ pose[:3, :3]

@@ -1,7 +1,5 @@
 """The observation store: its order, its types, and parts of it."""
 
-from __future__ import annotations
-
 import numpy as np
 from support.made_scene import make_scene
 

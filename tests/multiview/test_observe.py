@@ -1,7 +1,5 @@
 """What all views show of a target, against the matches it is made of and against colours worked out by hand."""
 
-from __future__ import annotations
-
 import re
 import threading
 import time

@@ -1,7 +1,5 @@
 """Pairing, against a literal float64 reading of the paper's rule, and against the scene itself."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 from math import floor
@@ -225,7 +223,6 @@ def test_culling_never_drops_a_match() -> None:
     for culled, view, share in zip(kept, views, share_seen, strict=True):
         for some, rule in zip(culled, ("mutual", "depth"), strict=True):
             everything = match(everywhere(surface), view, rule)
-            assert everything is not None
             assert set(everything.pixels) == (set(some.pixels) if some is not None else set())
             assert len(everything.pixels) <= share * len(surface.pixels)
     assert (share_seen == 0).sum() > 5  # there was something to cull,

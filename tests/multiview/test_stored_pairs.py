@@ -1,7 +1,5 @@
 """Observations on disk: the same as those in memory, made once, and anew when anything differs or is damaged."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace

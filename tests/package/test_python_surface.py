@@ -1,7 +1,5 @@
 """The bench from Python, beyond what the examples in docstrings show."""
 
-from __future__ import annotations
-
 import base64
 import re
 from pathlib import Path

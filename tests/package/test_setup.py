@@ -1,7 +1,5 @@
 """What `make setup` promises beside installing: it follows the settings of the user's pip, and destroys nothing."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

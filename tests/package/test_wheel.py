@@ -1,7 +1,5 @@
 """What people install: the wheel's content, and that the documented commands are those that exist."""
 
-from __future__ import annotations
-
 import email
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """What a script passes wrongly to a public name: always an error of sucre_bench, in one line that says what to pass."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The hash of what a result rests on."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

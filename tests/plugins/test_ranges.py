@@ -1,7 +1,5 @@
 """Options of the single-image restorers that mean nothing are refused; those at the ends of their ranges work."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from typing import Any, get_args, get_origin

@@ -1,7 +1,5 @@
 """What runs on this machine: what is missing, what is broken, and what only some need."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

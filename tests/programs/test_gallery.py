@@ -1,7 +1,5 @@
 """`sucre-bench gallery`, on a repository laid out as a published one."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable
 from pathlib import Path

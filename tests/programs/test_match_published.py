@@ -1,7 +1,5 @@
 """Which public variant gives a published table's numbers: `sucre-bench score IMAGES --like TABLE.csv`."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable, Sequence

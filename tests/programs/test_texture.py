@@ -1,7 +1,5 @@
 """Coloured surfaces: where they are, which colours they have, how fine they are, and what files keep of them."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from types import SimpleNamespace
@@ -175,7 +173,6 @@ def test_a_rendering_from_a_view_shows_its_picture(tmp_path: Path):
     picture[:20, 40:] = GREEN
     frame = wall(tmp_path, picture)
     view = frame.view
-    assert view.camera is not None
     seen = rendered(fuse([frame], "restored", Cells(0.0125, 20_000)), view.camera, np.array(view.cam_from_world))
     inner = np.s_[3:-3, 3:-3]
     differs = np.abs(seen.astype(int) - picture).max(axis=-1) > 30

@@ -1,7 +1,5 @@
 """Before/after videos: what frames hold, what files keep of them; and flicker, where it is known."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Bundles as files: the same bytes each time, what was written comes back, and a stranger's file does no harm."""
 
-from __future__ import annotations
-
 import json
 import math
 import stat

@@ -1,7 +1,5 @@
 """Parts are joined while jobs write, others read, and processes are killed: no row is lost or seen twice."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os

@@ -1,7 +1,5 @@
 """What is kept of a restoration comes back as it was, or not at all."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -44,11 +42,8 @@ def kept(folder: Path, info: dict[str, Any] | None = None) -> Path:
 
 def test_all_of_it_comes_back_bit_by_bit(tmp_path: Path) -> None:
     found = read_full(kept(tmp_path), BASE)
-    assert found is not None
     assert (found.seconds, np.isnan(found.peak_mb)) == (12.5, True)
     restoration = found.restoration
-    assert restoration.water is not None
-    assert restoration.confidence is not None
     np.testing.assert_array_equal(restoration.image, IMAGE, strict=True)
     np.testing.assert_array_equal(restoration.confidence, np.abs(IMAGE[..., 0]), strict=True)
     for name in ("veiling_light", "attenuation", "backscatter"):

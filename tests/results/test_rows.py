@@ -1,7 +1,5 @@
 """Rows of the score table."""
 
-from __future__ import annotations
-
 import math
 
 from sucre_bench.results.rows import COLUMNS, Row, frame, tuples

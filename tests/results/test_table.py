@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import re
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace

@@ -5,8 +5,6 @@ Chromium has no network: every name resolves to nothing, and the page is told th
 SUCRE_BENCH_TEST_BROWSER=1 makes it a failure that there is no Chromium, rather than a reason to skip.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """A dive in miniature, in the layout that the colmap dataset reads: written here by hand, changed by each test."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

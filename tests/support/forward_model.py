@@ -6,8 +6,6 @@ z: distance from the camera, metres; J: colour without water; B: veiling light; 
 1/m. Then what a camera does: noise, quantisation. Seabeds and mosaics in such water, and the images nobody wants.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -98,7 +96,6 @@ def tiles(height: int, width: int, side: int, colours: np.ndarray, seed: int) ->
 
 def transmission_of(rgb: np.ndarray, result: Restoration) -> np.ndarray:
     """The transmission (H, W, 3) that a result tells of, t = (I - A) / (J - A), NaN where a colour is about A's."""
-    assert result.water is not None
     difference = rgb - result.water.veiling_light
     unclear = np.abs(difference) < 0.02
     return np.where(unclear, np.nan, difference / np.where(unclear, 1, result.image - result.water.veiling_light))

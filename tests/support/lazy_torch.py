@@ -1,7 +1,5 @@
 """PyTorch, imported when it is first used: each process that collects the tests would take two seconds longer."""
 
-from __future__ import annotations
-
 from typing import Any
 
 

@@ -5,8 +5,6 @@ footprint (7 x 7 rays), and water follows SUCRe's eq. 2. So the texture has deta
 more of it than near ones, and everything is known.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from sucre_bench import Arrays, Camera, Scene, View, Water

@@ -1,7 +1,5 @@
 """Observations made without images: pixels of random colour seen through known water, and everything one by one."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sucre_bench import Water

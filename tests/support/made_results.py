@@ -3,8 +3,6 @@
 Two methods restore every view, a third failed on one; each view shows a chart of three patches, farther each time.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A scene that can be computed by hand: a slanted plane and a box before it, ray-cast in float64, in known water."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sucre_bench import Arrays, Camera, Scene, View, Water

@@ -1,7 +1,5 @@
 """The names in a message: what its reader needs of it, however the sentence is built."""
 
-from __future__ import annotations
-
 import re
 import threading
 from collections import Counter

@@ -1,7 +1,5 @@
 """Datasets in miniature: folders of images, Eiffel Tower, SeaThru-NeRF, Sea-thru, and a survey of Metashape."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Two slanted planes with a texture, photographed by a distorting camera: a world that COLMAP finds again."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

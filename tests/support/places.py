@@ -1,7 +1,5 @@
 """Where the repository lies, the toy plugins, and the data that some tests read where they are at hand."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

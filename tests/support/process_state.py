@@ -1,7 +1,5 @@
 """State of the whole process that one test could leave to the next: what is set, by name."""
 
-from __future__ import annotations
-
 import locale
 import logging
 import os

@@ -1,7 +1,5 @@
 """Published pictures and weights for checks: read where they lie, beside a folder of the checkout; never copied."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Programs that restore, the small scenes they are given, and what comes of it."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 It has no accounting: `sacct` does not work, as on many a small cluster.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import shutil

@@ -1,7 +1,5 @@
 """Two photographs of one point, as any export is to describe them: a spot in each image, a disk in each depth map."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -57,7 +55,6 @@ def centre(rgb: np.ndarray) -> np.ndarray:
 
 
 def camera_and_pose(view: View) -> tuple[Camera, np.ndarray]:
-    assert view.camera is not None
     assert view.cam_from_world is not None
     assert view.rgb.shape == (view.camera.height, view.camera.width, 3)
     return view.camera, view.cam_from_world

@@ -1,7 +1,5 @@
 """Does what the first run of a process does once: for the process that commands of tests are forked from."""
 
-from __future__ import annotations
-
 import importlib
 import tempfile
 from pathlib import Path

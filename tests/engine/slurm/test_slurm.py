@@ -1,7 +1,5 @@
 """Sweeps on a real SLURM, started here: what is lost with a job, what is not, and that nothing hangs."""
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 import json

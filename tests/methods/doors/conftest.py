@@ -1,7 +1,5 @@
 """What the tests of the doors share."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 

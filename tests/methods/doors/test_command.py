@@ -1,7 +1,5 @@
 """Commands: those that cannot work, from the command line, and as the documentation shows them."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

@@ -1,7 +1,5 @@
 """Programs in environments of uv, conda and docker: the words that run them, what rows record, what is refused."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

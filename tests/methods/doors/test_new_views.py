@@ -1,7 +1,5 @@
 """Rendering methods: new views with water and images without, scored apart, on renderings of a made scene."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -32,7 +30,6 @@ def rendered(tmp_path: Path, cache: Path) -> Path:
     """
     (scene,) = load_scenes("demo", width=96, height=72, views=4, noise=0.0, root=cache)
     for view in scene:
-        assert view.reference is not None
         write_png(tmp_path / "renders" / "clear" / view.name, to_8bit(view.reference)[..., ::-1])
         write_png(tmp_path / "renders" / "water" / view.name, to_16bit(srgb_decode(view.rgb))[..., ::-1])
     (tmp_path / "renders" / "rendering.json").write_text(json.dumps(TOLD))

@@ -1,7 +1,5 @@
 """Images restored elsewhere: which one is a view's, and what its values mean."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -301,7 +299,6 @@ def test_a_water_beside_the_image_enters_and_what_it_does_not_say_is_nan(tmp_pat
     assert restored(tmp_path).water is None
     (tmp_path / "a.json").write_text(json.dumps({"B": [0.1, 0.4, 0.5], "beta": [0.5, 0.1, 0.1], "by": "somebody"}))
     water = restored(tmp_path).water
-    assert water is not None
     np.testing.assert_array_equal(water.veiling_light, [0.1, 0.4, 0.5])
     np.testing.assert_array_equal(water.attenuation, [0.5, 0.1, 0.1])
     assert np.isnan(water.backscatter).all()
@@ -329,7 +326,6 @@ def test_a_water_explains_the_intensities_that_it_names_or_those_of_the_files(
     (tmp_path / "a.json").write_text(json.dumps({"B": [0.1, 0.4, 0.5]} | ({"encoding": told} if told else {})))
     scene = scene_of("a.png", encoding=view)
     water = Precomputed(tmp_path, encoding=files).restore(scene, scene.views[0]).water  # type: ignore[arg-type]
-    assert water is not None
     assert water.encoding == expected
     np.testing.assert_array_equal(water.veiling_light, [0.1, 0.4, 0.5])
 

@@ -1,7 +1,5 @@
 """How programs that restore fail, and how they and their children are ended."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shlex

@@ -1,7 +1,5 @@
 """The published networks: their sizes, keys and layers, by hand in float64."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

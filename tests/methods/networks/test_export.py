@@ -1,7 +1,5 @@
 """Networks of others: the tensors of files that hold more, and the export to ONNX."""
 
-from __future__ import annotations
-
 import argparse
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """The inputs of published networks, and how their outputs become pictures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Networks as ONNX: one that is trained here restores what it never saw, and what models declare is heeded."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

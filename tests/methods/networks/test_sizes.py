@@ -1,7 +1,5 @@
 """The sizes that images are brought to for a network, and tiles."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

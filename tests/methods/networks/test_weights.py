@@ -1,7 +1,5 @@
 """Files of weights: as they are saved, and those that cannot be used."""
 
-from __future__ import annotations
-
 import pickle
 from pathlib import Path
 from typing import Any

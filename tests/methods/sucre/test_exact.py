@@ -1,7 +1,5 @@
 """The exact solver, against made water, an independent minimiser and its own promises."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from typing import Any
@@ -229,7 +227,6 @@ def test_places_that_no_light_comes_from_do_not_spoil_the_rest(backend: Any) -> 
     assert np.isfinite(solution.J).all()
     np.testing.assert_allclose(table(solution.water), table(fit(observations).water), rtol=0.03)
     prior = prior_of(solution.J, solution.deviation)
-    assert prior is not None
     shrunk, deviation = prior.posterior(solution.J, solution.deviation)
     assert np.isfinite(shrunk).all()
     assert np.isfinite(deviation).all()

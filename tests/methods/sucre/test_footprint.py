@@ -1,7 +1,5 @@
 """The water from matched footprints, on ground of white noise whose far pixels average more of it than near ones."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -25,7 +23,6 @@ GROUND = {"width": 200, "height": 150, "heights_m": (1.5, 2.0, 2.7, 3.6, 4.8, 6.
 
 def relative_error(result: Restoration, truth: Water | None) -> np.ndarray:
     """(3, 3): of B, beta, gamma in each channel."""
-    assert result.water is not None
     assert truth is not None
     names = ("veiling_light", "attenuation", "backscatter")
     return np.array([getattr(result.water, name) / getattr(truth, name) - 1 for name in names])
@@ -93,7 +90,6 @@ def test_colours_come_from_sharp_pixels(
     grounds: dict[str, Scene], matched: dict[str, Restoration], tmp_path: Path
 ) -> None:
     scene, result = grounds["coast"], matched["coast"]
-    assert result.water is not None
     water = {"B": result.water.veiling_light, "beta": result.water.attenuation, "gamma": result.water.backscatter}
     (tmp_path / "water.json").write_text(json.dumps({name: values.tolist() for name, values in water.items()}))
     given = sucre(water=str(tmp_path / "water.json")).restore(scene, scene["3.png"])

@@ -1,7 +1,5 @@
 """Every option and method that a hint of SUCRe's family names exists: what a user copies is accepted."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

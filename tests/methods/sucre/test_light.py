@@ -1,7 +1,5 @@
 """Light that differs between views, on made ground whose light is known."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import partial
@@ -202,7 +200,6 @@ def test_a_view_whose_light_is_not_known_takes_no_part(exposed: Scene) -> None:
     seen = observe(view, exposed.views, with_view=True, with_ray=True)
     water = WaterParameters.of_channels(np.full((3, 3), 0.2))
     even = Light.of_gains({name: 1.0 for name in seen.views if name != "4.png"}, water).removed(seen)
-    assert even.weight is not None
     assert even.view is not None
     unknown = even.view == even.views.index("4.png")
     assert unknown.any()

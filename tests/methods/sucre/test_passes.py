@@ -1,7 +1,5 @@
 """The passes over all observations: every backend against float64, and float64 against the model written densely."""
 
-from __future__ import annotations
-
 import contextlib
 from dataclasses import replace
 from pathlib import Path

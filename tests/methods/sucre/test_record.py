@@ -1,7 +1,5 @@
 """What a fit leaves, on observations made with noise that is known."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """A board in front of ground, whose depth map is off by some pixels, and pixels that other views show wrongly."""
 
-from __future__ import annotations
-
 import numpy as np
 from support.made_ground import WATERS
 

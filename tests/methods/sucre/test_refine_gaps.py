@@ -1,7 +1,5 @@
 """Two views that differ by a gain: gaps of one must not show in the colours, and where views agree nothing changes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

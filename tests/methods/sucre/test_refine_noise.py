@@ -1,7 +1,5 @@
 """Standard deviations of colours against the errors that made observations have; noise in red, where green is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

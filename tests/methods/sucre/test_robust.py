@@ -1,7 +1,5 @@
 """Weights that leave out what does not fit, on observations with known outliers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

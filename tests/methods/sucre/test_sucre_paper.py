@@ -1,7 +1,5 @@
 """The paper's optimiser, against automatic differentiation and finite differences in float64, and made water."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Channels that the observations do not determine get a plausible water, and say so; others stay as they are."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

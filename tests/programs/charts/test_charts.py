@@ -1,7 +1,5 @@
 """Marking charts: the detector, the order of patches, the geometry, the file, and the page's server over HTTP."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import re
@@ -129,8 +127,6 @@ def test_a_chart_is_carried_to_where_another_camera_sees_it() -> None:
         "left",
         "dgk",
     )
-    assert other.camera is not None
-    assert other.cam_from_world is not None
     np.testing.assert_allclose(proposal.chart.corners, true_corners(other.camera, other.cam_from_world), atol=0.02)
 
 
@@ -211,8 +207,6 @@ def get(url: str, body: Any = None, raw: bool = False, **headers: str) -> tuple[
 
 def test_four_corners_are_checked_saved_and_carried_over(server: PageServer, tmp_path: Path) -> None:
     view = server.session.views[0]
-    assert view.camera is not None
-    assert view.cam_from_world is not None
     corners = true_corners(view.camera, view.cam_from_world).tolist()
     seen = json.loads(get(server.url + "check", {"number": 0, "kind": "dgk", "corners": corners})[1])
     assert seen["fault"] == ""
@@ -238,8 +232,6 @@ def test_the_image_comes_at_its_own_size_and_brighter_when_asked(server: PageSer
         cv2.imdecode(np.frombuffer(get(f"{server.url}image?view=0&bright={b}")[1], np.uint8), cv2.IMREAD_COLOR)
         for b in "01"
     )
-    assert plain is not None
-    assert bright is not None
     assert plain.shape == (180, 240, 3)
     assert np.percentile(bright[..., 2], 99) > 3 * np.percentile(plain[..., 2], 99), "water leaves little red"
 
@@ -285,7 +277,6 @@ def write_scene(root: Path) -> None:
     views = [board_view("a.png", (0, 0, 0), mark=True), board_view("b.png", (0.4, -0.1, -0.8))]
     lines, marked = [], {}
     for number, view in enumerate(views, 1):
-        assert view.cam_from_world is not None
         x, y, z = view.cam_from_world[:3, 3]
         lines += [f"{number} 1 0 0 0 {x} {y} {z} 1 {view.name}", ""]
         write_image(root / "images" / view.name, np.rint(view.rgb * 255).astype(np.uint8))
@@ -306,8 +297,6 @@ def test_accepted_proposals_are_charts_of_the_scene(tmp_path: Path) -> None:
     assert result.exit_code == 0
     assert "1 proposal accepted, 0 left" in result.output
     view = next(sb.load_scenes("colmap", root=tmp_path))["b.png"]
-    assert view.camera is not None
-    assert view.cam_from_world is not None
     (chart,) = view.charts
     np.testing.assert_allclose(chart.corners, true_corners(view.camera, view.cam_from_world), atol=0.05)
 

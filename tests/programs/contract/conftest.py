@@ -1,7 +1,5 @@
 """What the tests of the contract share."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from unittest import mock

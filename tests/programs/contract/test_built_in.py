@@ -1,7 +1,5 @@
 """What every plugin must keep to, whoever wrote it: the rules of `sucre-bench check`, on all that is built in."""
 
-from __future__ import annotations
-
 import ast
 import functools
 import re

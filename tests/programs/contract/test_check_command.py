@@ -1,7 +1,5 @@
 """The command that says which rules of the contract a plugin keeps and breaks."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The scenes that plugins are checked on, and what they find changed in the process."""
 
-from __future__ import annotations
-
 import itertools
 from pathlib import Path
 

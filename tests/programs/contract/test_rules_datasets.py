@@ -1,7 +1,5 @@
 """Each way a dataset breaks the contract of plugins is found and named."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

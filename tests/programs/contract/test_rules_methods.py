@@ -1,7 +1,5 @@
 """Each way a method breaks the contract of plugins is found, named, and told how to mend."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What `sucre-bench new` writes works as it is, wherever it is written, and nothing is lost by it."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil

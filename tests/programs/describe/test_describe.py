@@ -1,7 +1,5 @@
 """sucre-bench describe: what it says of a made scene, and that it finds what was made wrong in it."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable, Sequence
@@ -163,7 +161,6 @@ def test_a_folder_is_described_with_its_broken_views_and_a_sheet(tmp_path: Path)
     assert re.search(r"wrong .*b\.png: .*b\.png", said)
     assert re.search(r"wrong .*c\.png: .* 90x20, .* 40x30; ", said)
     picture = cv2.imread(str(sheet))
-    assert picture is not None
     assert picture.shape[1] > 1000
     assert picture.std() > 30
 

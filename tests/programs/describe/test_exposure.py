@@ -1,7 +1,5 @@
 """What `describe` says of exposure: a survey with known gains of its views, in even light and in a strobe's."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -46,7 +44,6 @@ def test_the_falloff_of_a_strobe_is_no_difference_of_exposure() -> None:
 
 def test_the_reason_why_an_exposure_is_not_known_is_data() -> None:
     first, second, *_ = make_survey(WATERS["coast"], strobe=False)
-    assert first.cam_from_world is not None
     elsewhere = first.cam_from_world.copy()
     elsewhere[0, 3] += 1000
     dark = [replace(view, pixels=Arrays(view.rgb * 0.01, view.depth)) for view in (first, second)]

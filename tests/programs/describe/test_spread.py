@@ -1,7 +1,5 @@
 """Before any work it is said whether the distances can measure the water."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

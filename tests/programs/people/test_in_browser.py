@@ -1,7 +1,5 @@
 """The page of a people's study in a real browser, judged by simulated observers whose preferences are known."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,7 +1,5 @@
 """Scores from votes: the maximum of the likelihood, and intervals that hold the truth as often as they say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

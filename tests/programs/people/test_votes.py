@@ -1,7 +1,5 @@
 """Files of votes from strangers: what is no vote does not count, and is named."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

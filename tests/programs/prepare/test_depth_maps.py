@@ -1,7 +1,5 @@
 """Depth maps: from points, of the fused surface, their files, and the neighbours they are swept with."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -43,7 +41,6 @@ def test_the_fused_surface_closes_small_holes_shows_what_other_photos_measured_a
         truth.append((depth, world[..., 0]))
         measured.append(np.where(kept, depth, 0).astype(np.float32))
     surface = fused(shots, lambda i: measured[i], widest=0.1)
-    assert surface is not None
     for shot, (depth, x) in zip(shots, truth, strict=True):
         seen, _ = surface.caster()(shot)
         assert (seen[x < 0.95] > 0).mean() > 0.97

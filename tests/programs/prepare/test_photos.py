@@ -1,7 +1,5 @@
 """Photos and masks to prepare: too few, damaged, sharing nothing, or in the way of the result."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """From photos to a scene: two slanted planes with a texture, photographed by a distorting camera, are the truth."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess
@@ -336,7 +334,6 @@ def test_what_no_pinhole_sees_leaves_the_model_and_its_figures_are_numbers(
         return np.where(np.hypot(*(pixels - (WIDTH / 2, HEIGHT / 2)).T)[:, None] < 90, rays(lens, pixels), np.nan)
 
     for lens in {id(p.lens): p.lens for p in posed.values()}.values():
-        assert lens is not None
         assert lens.pinhole.width == WIDTH  # found before
     write_pinhole(posed, model, tmp_path / "all")
     monkeypatch.setattr(Lens, "rays", folded)

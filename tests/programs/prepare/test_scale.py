@@ -1,7 +1,5 @@
 """The scale of a model, from a depth track, a seen length, or nothing."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A restored picture keeps the format and the metadata of its photograph; readers are not the libraries that write."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 

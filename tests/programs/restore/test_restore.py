@@ -1,7 +1,5 @@
 """sucre-bench restore: whole pictures for use, of photographs and of a dive."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

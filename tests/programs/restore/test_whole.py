@@ -1,7 +1,5 @@
 """Pixels without a colour, and the way back through a lens."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

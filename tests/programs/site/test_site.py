@@ -1,7 +1,5 @@
 """A lab's board: bundles of several people in tables that mix nothing."""
 
-from __future__ import annotations
-
 import html
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """`sucre-bench verify` computes a metric with the options that its scores were made with."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

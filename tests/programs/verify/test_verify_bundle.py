@@ -1,7 +1,5 @@
 """A bundle from `sucre-bench bundle`, checked by `sucre-bench verify`: what holds, and what was altered."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

@@ -1,7 +1,5 @@
 """Stores of mlflow: made once a machine, asked only if there is something new, and refused in one line."""
 
-from __future__ import annotations
-
 import json
 import socket
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The results page in a real browser, without a network: what one does with it, and what it says then."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

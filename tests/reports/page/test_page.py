@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import base64
 import html
 import json
@@ -166,7 +164,6 @@ def test_plots_have_the_numbers_of_the_rows(page: Page):
 def test_the_page_may_reach_nothing_outside_and_its_links_lead_to_files(made: tuple[Page, pd.DataFrame, Path]):
     page, _, folder = made
     (policy,) = [a["content"] for tag, a in page.tags if tag == "meta" and "http-equiv" in a]
-    assert policy is not None
     assert policy.startswith("default-src 'none'")
     assert "http" not in policy
     assert "unsafe" not in policy

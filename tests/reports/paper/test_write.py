@@ -1,7 +1,5 @@
 """What a study writes: tables of methods, figures, and notes on what is missing."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The figures residuals, scaling, seams and between_views, against the rows and files that they are drawn from."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
