@@ -61,7 +61,8 @@ def restore(
 
     Photographs that overlap are prepared first, as `sucre-bench prepare` does, and restored together: one water, one
     exposure and one white for the dive. Others are restored one by one. DIVE is a folder that `prepare` made, or one of
-    another program with depth maps. KEY=VALUE are options of the dataset or the method, as for `sucre-bench run`.
+    another program with depth maps. KEY=VALUE are options of the dataset or the method, as for `sucre-bench run`; and
+    for surveys workers=4, shard.count=50 and hydra/launcher=slurm.
 
     OUT gets pictures/, contact-sheet.jpg, and work/, from which the same command continues if you stop it. Photographs
     are never changed.
@@ -73,7 +74,8 @@ def restore(
 
     shared.refuse_options(words, "restore")
     _check_out(source, out, photos)
-    options = pipeline.Options(method, single_view, quality, original_geometry, words)
+    sorted_words = pipeline.sorted_words(words, method)
+    options = pipeline.Options(method, single_view, quality, original_geometry, *sorted_words)
     found = _prepared(pipeline.source_of(source, photos), source, out, options)
     done = pipeline.restore(*found, say_whether_measurable)
     for name, why in list(done.faults.items())[:_MOST_NAMED]:

@@ -8,21 +8,21 @@ from __future__ import annotations
 import importlib
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured
-from sucre_bench.engine.preflight import Planned, plan
+from sucre_bench.engine.preflight import Planned, names_hash, plan
 from sucre_bench.engine.score import Scorer, row_of_fault, score_rows, scorers
 from sucre_bench.engine.select_views import Task, base_row
 from sucre_bench.engine.workers import Emit, Work
 from sucre_bench.errors import InputError, NotApplicableError, OutputError, PluginError, raise_if_stop
-from sucre_bench.imaging.display import displayed, is_of_scene
+from sucre_bench.imaging.display import displayed
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
 from sucre_bench.machine.cache import ArrayStore, storing
@@ -89,9 +89,11 @@ class JobAtWork(Work):
                 block.enter_context(sharing(pairs_path(job.out) / job.shared_pairs, job.pairs_gb * 2**30))
             if job.cache_gb and decoded_path(job.out).is_dir():
                 block.enter_context(storing(ArrayStore(decoded_path(job.out), job.cache_gb * 2**30)))
-            over = _scene_colours(job, method, todo) if is_of_scene(job.method.display) else None
+            shown_over = {task.base.scene: self._planned.shown_over.get(task.base.scene, ()) for task in left}
+            scenes = {scene: _SceneColours.of(job, method, views) for scene, views in shown_over.items() if views}
             for task in left:
-                emit(_rows(job, method, metrics, replace(task, base=replace(task.base, time=now())), over))
+                timed, over = replace(task, base=replace(task.base, time=now())), scenes.get(task.base.scene)
+                emit(_rows(job, method, metrics, timed, over))
                 if not _can_open_files():
                     return
 
@@ -158,17 +160,17 @@ def measured_restore(method: Any, scene: Scene, view: View, word: str = "method"
     return Measured(with_truth(restoration, scene, view), *took)
 
 
-def _rows(
-    job: Job, method: Any, metrics: Sequence[Scorer], task: Task, over: Mapping[str, Array] | None = None
-) -> list[Row]:
-    """Restore, store and score one view. over: colours of each scene, where all views of a scene are shown alike."""
+def _rows(job: Job, method: Any, metrics: Sequence[Scorer], task: Task, over: _SceneColours | None = None) -> list[Row]:
+    """Restore, store and score one view. over: colours of its scene, where all views of a scene are shown alike."""
     view, log = task.view, log_path(job.out)
+    decides = over is not None and view.name in over.views  # how all are shown, so it is restored already
     try:
         with step(f"view '{view.name}' by method '{job.method.label}'"):
-            measured = _measured(job, method, task, afresh=job.overwrite == "always" and over is None)
-            colours = None if over is None else over.get(task.base.scene)
+            measured = _measured(job, method, task, job.overwrite == "always" and not decides, job.save == "full")
+            colours = over.colours if over and over.colours.size else None
             shown, filled = displayed(measured.restoration, job.method.display, view.encoding, colours)
-            write_pictures(job.out, task.place, job.method.label, view, measured.restoration, shown, filled, job.bits)
+            look = (job.bits, over.hash if over else "")
+            write_pictures(job.out, task.place, job.method.label, view, measured.restoration, shown, filled, *look)
             return score_rows(measured, shown, view, metrics, task.base, log, job.view_timeout_s)
     except OutputError:
         if _can_open_files():
@@ -179,8 +181,8 @@ def _rows(
         return [row_of_fault(task.base, fault, log, is_said=True)]
 
 
-def _measured(job: Job, method: Any, task: Task, *, afresh: bool) -> Measured:
-    """Return the restoration of one view, stored with save=full. afresh: also where it is stored already.
+def _measured(job: Job, method: Any, task: Task, afresh: bool, is_stored: bool) -> Measured:
+    """Return the restoration of one view. afresh: also where it is stored already; is_stored: whether to store it.
 
     Raises NotApplicableError where the method needs more than the view has, and what the method raises.
     """
@@ -199,27 +201,36 @@ def _measured(job: Job, method: Any, task: Task, *, afresh: bool) -> Measured:
             measured = measured_restore(method, scene, view, job.method_word)
     except OutputError as fault:  # of its own files, in a full TMPDIR for example: results can still be written
         raise InputError(fault.fault, fault.place, fault.remedy) from fault
-    if job.save == "full":
+    if is_stored:
         write_full(whole, measured, task.base)
     else:
         remove(whole)  # of another restoration than the picture that is now beside it
     return measured
 
 
-def _scene_colours(job: Job, method: Any, todo: Sequence[Task]) -> dict[str, Array]:
-    """Restore all views, and return colours (N, 1, 3) of each scene, evenly from its views.
+@dataclass(frozen=True, eq=False)
+class _SceneColours:
+    """Colours (N, 1, 3) of a scene, by which all its views are shown; the views that have them; the hash of these."""
 
-    A view that cannot be restored is left out; it gets its row when it is to be shown.
-    """
-    colours: dict[str, list[Array]] = {}
-    for task in progress.track(todo, "before showing"):
-        try:
-            image = _measured(job, method, task, afresh=job.overwrite == "always").restoration.image
-        except OutputError:
-            raise
-        except BaseException as fault:
-            raise_if_stop(fault)
-            continue
-        pixels = image[coloured(image)]
-        colours.setdefault(task.base.scene, []).append(pixels[:: max(1, len(pixels) // _PIXELS_OF_A_VIEW)])
-    return {scene: np.concatenate(kept)[:, None] for scene, kept in colours.items()}
+    colours: Array
+    views: frozenset[str]
+    hash: str
+
+    @classmethod
+    def of(cls, job: Job, method: Any, tasks: Sequence[Task]) -> _SceneColours:
+        """Restore the views that decide how a scene is shown, and store them for later jobs; so many fit in memory.
+
+        A view that cannot be restored is left out; it gets its row when it is to be shown.
+        """
+        colours = [np.zeros((0, 3), np.float32)]
+        for task in progress.track(tasks, "before showing"):
+            try:
+                image = _measured(job, method, task, job.overwrite == "always", True).restoration.image
+            except OutputError:
+                raise
+            except BaseException as fault:
+                raise_if_stop(fault)
+                continue
+            pixels = image[coloured(image)]
+            colours.append(pixels[:: max(1, len(pixels) // _PIXELS_OF_A_VIEW)])
+        return cls(np.concatenate(colours)[:, None], frozenset(t.view.name for t in tasks), names_hash(tasks))

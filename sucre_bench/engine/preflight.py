@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import re
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from sucre_bench import plugins, results
-from sucre_bench.arrays import DataFrame
+from sucre_bench.arrays import DataFrame, evenly
 from sucre_bench.engine.score import metric_code, score_code
 from sucre_bench.engine.select_views import Task, open_scenes, opening_once, tasks
 from sucre_bench.errors import InputError, MissingFileError, SucreBenchError, did_you_mean, one_line, raise_if_stop
 from sucre_bench.imaging.display import is_of_scene
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job
+from sucre_bench.jobs.run_options import Shard
 from sucre_bench.loading.view_files import with_shared_pixels
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.packages import require
@@ -24,6 +26,9 @@ from sucre_bench.results.reasons import Reason
 from sucre_bench.results.restorations import are_stored
 from sucre_bench.results.rows import restoration_rows, tuples
 from sucre_bench.scene import Scene
+
+# Views of a scene, evenly chosen, whose percentiles and means stand for all in a display of the whole scene.
+MOST_SHOWN_OVER = 40
 
 
 class ProblemsError(SucreBenchError):
@@ -35,13 +40,15 @@ class Planned:
     """A job and what it will do.
 
     tasks: the selected views; todo: those without stored results; before: scene, view and time of the stored
-    restorations by this method.
+    restorations by this method; shown_over: by scene, the views whose colours decide how all of it are shown, other
+    shards' among them; none where each view is shown by itself.
     """
 
     job: Job
     tasks: tuple[Task, ...]
     todo: tuple[Task, ...]
     before: frozenset[tuple[str, str, str]]
+    shown_over: Mapping[str, tuple[Task, ...]]
 
     @property
     def name(self) -> str:
@@ -98,14 +105,24 @@ def _stored(job: Job, **labels: str) -> DataFrame:
 
 def _planned(job: Job, rows: DataFrame, shared: Callable[[Scene], Scene]) -> Planned:
     """What a job will do. rows: all of its dataset and method; shared: makes the pixels of a scene shared."""
-    every = tuple(tasks(job, [shared(scene) for scene in open_scenes(job.dataset)]))
-    todo = every if job.overwrite == "always" else _without_results(job, every, rows)
-    if is_of_scene(job.method.display):  # one more view changes how all are shown
-        todo = tuple(task for task in every if task.base.scene in {other.base.scene for other in todo})
-    return Planned(job, every, todo, frozenset(tuples(restoration_rows(rows), "scene", "view", "time")))
+    scenes, of_scene = [shared(scene) for scene in open_scenes(job.dataset)], dict[str, list[Task]]()
+    every = tuple(tasks(job, scenes))
+    if is_of_scene(job.method.display):
+        for task in tasks(replace(job, shard=Shard()), scenes):
+            of_scene.setdefault(task.base.scene, []).append(task)
+    over = {scene: tuple(of[k] for k in evenly(len(of), MOST_SHOWN_OVER)) for scene, of in of_scene.items()}
+    todo = every if job.overwrite == "always" else _without_results(job, every, rows, over)
+    return Planned(job, every, todo, frozenset(tuples(restoration_rows(rows), "scene", "view", "time")), over)
 
 
-def _without_results(job: Job, every: Sequence[Task], rows: DataFrame) -> tuple[Task, ...]:
+def names_hash(shown_over: Sequence[Task]) -> str:
+    """Return a hash of the views that decide how a scene is shown; their data, options and code are in the rows."""
+    return hashlib.blake2b("\n".join(task.view.name for task in shown_over).encode(), digest_size=6).hexdigest()
+
+
+def _without_results(
+    job: Job, every: Sequence[Task], rows: DataFrame, shown_over: Mapping[str, Sequence[Task]]
+) -> tuple[Task, ...]:
     """The views that need work.
 
     Failed views and scores need it, unless the process died at them, because they would end the next process, too.
@@ -119,6 +136,7 @@ def _without_results(job: Job, every: Sequence[Task], rows: DataFrame) -> tuple[
         kept.setdefault((scene, view), {})[tuple(score)] = status
     codes = [(metric, metric_code(metric)) for metric in job.metrics if not metric.plugin.is_of_pairs]
     suffixes = [".png", *([".npz"] if job.save == "full" else [])]
+    hashes = {scene: names_hash(of_scene) for scene, of_scene in shown_over.items()}
 
     def is_done(task: Task) -> bool:
         base, scores = task.base, kept.get((task.base.scene, task.base.view), {})
@@ -133,7 +151,8 @@ def _without_results(job: Job, every: Sequence[Task], rows: DataFrame) -> tuple[
             for variant in metric.variants
         )
         picture = task.place.restored(job.out, job.method.label)
-        return all(score in scores for score in wanted) and are_stored(picture, suffixes)
+        over = hashes.get(base.scene, "")
+        return all(score in scores for score in wanted) and are_stored(picture, suffixes, over)
 
     return tuple(task for task in every if not is_done(task))
 

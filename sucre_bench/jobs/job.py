@@ -21,7 +21,6 @@ from sucre_bench.errors import (
     one_line,
     unknown_name,
 )
-from sucre_bench.imaging.display import is_of_scene
 from sucre_bench.jobs.catalogue import MetricChoice, chosen_metrics
 from sucre_bench.jobs.run_options import Overwrite, RunConfig, Save, Shard, Study, Tracking
 from sucre_bench.machine.files import expanded, regular
@@ -99,12 +98,6 @@ class Job:
         run = RunConfig.of(values)
         dataset, method = plugin_choice("dataset", run.dataset), plugin_choice("method", run.method)
         dataset, method = _labelled(dataset, swept), _labelled(method, swept).pinned
-        if is_of_scene(method.display) and run.save != "full":
-            fault = f"{method.display} reads all stored restorations of a scene"
-            raise InputError(fault, "method.display", "add save=full")
-        if is_of_scene(method.display) and run.shard.count > 1:
-            fault = f"{method.display} needs all views of a scene in one job"
-            raise InputError(fault, "method.display", "leave out shard.count")
         plain = dict(values)
         for kind, choice in (("dataset", dataset), ("method", method)):
             # A label that says no more than the name stays open: `read` knows no sweep.

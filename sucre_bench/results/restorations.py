@@ -35,6 +35,7 @@ from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Restoration, View, Water
 
 FILES = "files"  # the name in the record of the sizes in bytes of the files beside it, by suffix
+_SHOWN_OVER = "shown_over"
 
 
 @dataclass(frozen=True)
@@ -55,11 +56,13 @@ def write_pictures(
     shown: Array,
     filled: Array | None = None,
     bits: int = 8,
+    shown_over: str = "",
 ) -> None:
     """Write the restored image with its mask, its record, and the view and its reference to look at.
 
     method: the label; shown: the restored image (H, W, 3) in [0, 1], gamma-encoded, NaN = a hole; filled: guessed
-    colours of holes, likewise: the picture shows them, and the mask still marks holes; bits: of the restored image.
+    colours of holes, likewise: the picture shows them, and the mask still marks holes; bits: of the restored image;
+    shown_over: a hash of the views whose colours decided how it is shown.
     """
     path, started = place.restored(out, method), time.perf_counter()
     for image, look_at in ((view.rgb, place.original(out)), (view.reference, place.reference(out))):
@@ -71,6 +74,7 @@ def write_pictures(
     sizes = {file.suffix: file.stat().st_size for file in files if file.is_file()}
     water = {} if restoration.water is None else _water_record(restoration.water)
     more = {"write_seconds": time.perf_counter() - started, FILES: sizes}
+    more |= {_SHOWN_OVER: shown_over} if shown_over else {}
     text = json.dumps(water | restoration.info | water | more, default=_plain, skipkeys=True)  # the water first
     record = json.loads(text, parse_constant=lambda _: None)  # JSON knows no NaN
     add_record(layout.restored_path(out, place.dataset, method), path, record)
@@ -89,11 +93,17 @@ def _water_record(water: Water) -> dict[str, Any]:
     return parameters | {"encoding": water.encoding}
 
 
-def are_stored(picture: Path, suffixes: Iterable[str]) -> bool:
-    """Whether a picture's record is there, and its files with these suffixes are, in the size that was written."""
+def are_stored(picture: Path, suffixes: Iterable[str], shown_over: str = "") -> bool:
+    """Whether a picture's record is there, and its files with these suffixes are, in the size that was written.
+
+    shown_over: see `write_pictures`.
+    """
     try:
-        sizes = record_of(picture)[FILES]
-        return all(regular(picture.with_suffix(suffix)).stat().st_size == sizes[suffix] for suffix in suffixes)
+        record = record_of(picture)
+        sizes = record[FILES]
+        return record.get(_SHOWN_OVER, "") == shown_over and all(
+            regular(picture.with_suffix(suffix)).stat().st_size == sizes[suffix] for suffix in suffixes
+        )
     except (OSError, InputError, TypeError, KeyError):
         return False
 

@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 from support.command_line import calls, run
 
-from sucre_bench import InputError
-
 pytestmark = pytest.mark.short
 
 NAMES = ("v0", "v1", "v2")
@@ -47,7 +45,14 @@ def test_a_view_that_is_added_changes_how_all_are_shown(out: Path) -> None:
     np.testing.assert_allclose(shown(out, "v0"), 255 * (J[0] / top).clip(0, 1), atol=0.51)
 
 
-@pytest.mark.parametrize(("words", "remedy"), [((), "save=full"), (("save=full", "shard.count=2"), r"shard\.count")])
-def test_it_is_refused_where_not_all_restorations_will_be_there(out: Path, words: tuple[str, ...], remedy: str) -> None:
-    with pytest.raises(InputError, match=rf"^method\.display: white-99@scene .*; .* {remedy}$"):
-        run(out, "method.display=white-99@scene", *words)
+def test_shards_show_all_views_alike_and_are_not_done_again(out: Path, tmp_path: Path) -> None:
+    log, display = tmp_path / "log", "method.display=white-90@scene"
+    run(out, display)
+    whole = {name: shown(out, name) for name in NAMES}
+    shards = [display, "shard.count=2", "shard.index=0,1", f"method.log={log}"]
+    assert run(tmp_path / "shards", *shards, multirun=True).exit_code == 0
+    for name in NAMES:
+        np.testing.assert_array_equal(shown(tmp_path / "shards", name), whole[name])
+    before = calls(log)
+    assert run(tmp_path / "shards", *shards, multirun=True).cached == 3
+    assert calls(log) == before

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path, PurePosixPath
@@ -10,8 +11,9 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from sucre_bench import plugins
+from sucre_bench.arrays import evenly
 from sucre_bench.camera import Camera
-from sucre_bench.engine.preflight import Planned
+from sucre_bench.engine.preflight import MOST_SHOWN_OVER, Planned
 from sucre_bench.engine.run import run
 from sucre_bench.engine.select_views import opening_once, select
 from sucre_bench.errors import DamagedFileError, InputError
@@ -33,11 +35,15 @@ from sucre_bench.results.rows import tuples
 # What a method gets that has these options: whole pictures, and one water for the dive, so that mosaics have no steps.
 _FOR_A_DIVE = {"fill": "true", "water": "shared"}
 
+# Words of `run` that say where the work is done.
+_WHERE = re.compile(r"(workers|shard\.count|hydra[./][\w.]+)=")
+
 
 @dataclass(frozen=True)
 class Options:
     """method: of the dive; single_view: of photographs without a place in it; quality: of JPEG and WebP, 1 to 100;
-    original_geometry: distort pictures back; words: of `sucre-bench run`, for the dive.
+    original_geometry: distort pictures back; words: of `sucre-bench run`, options of dataset and method; where: its
+    words that say where the work is done, in how many blocks.
     """
 
     method: str
@@ -45,6 +51,21 @@ class Options:
     quality: int = 95
     original_geometry: bool = False
     words: tuple[str, ...] = ()
+    where: tuple[str, ...] = ()
+
+
+def sorted_words(words: Sequence[str], method: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the options of the dataset and the method of the dive, and the words that say where the work is done.
+
+    Raises InputError for a word that is neither.
+    """
+    where = tuple(word for word in words if _WHERE.match(word))
+    for word in (options := tuple(word for word in words if word not in where)):
+        owner, dot, _ = word.partition("=")[0].partition(".")
+        if not dot or owner not in ("dataset", "method", method):
+            remedy = f"give options of the dataset or the method, for example {method}.fill=false, or workers=4"
+            raise InputError("is no option of the dataset or the method", word, remedy)
+    return options, where
 
 
 @dataclass(frozen=True)
@@ -112,24 +133,21 @@ def restore(
     Raises InputError for options that do not exist, OutputError if files cannot be written, KeyboardInterrupt if it is
     stopped. What is wrong with one photograph is a fault, and the others go on.
     """
-    for word in options.words:
-        owner, dot, _ = word.partition("=")[0].partition(".")
-        if not dot or owner not in ("dataset", "method", options.method):
-            remedy = f"give options of the dataset or the method, for example {options.method}.fill=false"
-            raise InputError("is no option of the dataset or the method", word, remedy)
     note = _noted(source, out, options)
     dive = alone = _Run([], {}, ())
     with opening_once():
         if source.is_dive:
             dataset = [word for word in options.words if word.startswith("dataset.")]
-            dive = _run(replace(source, dataset=(*source.dataset, *dataset)), _words_of_dive(options), out, before)
+            source = replace(source, dataset=(*source.dataset, *dataset))
+            dive = _run(source, _words_of_dive(options), options.where, out, before)
         done = {one.name for one in dive.restored}
         names = source.photographs or [*dive.faults, *done]
         if left := [name for name in names if name not in done]:
             rest = source.of_photographs if source.photographs else source
             encoding = [word for word in options.words if word.startswith("dataset.encoding=")]
             rest = replace(rest, dataset=(*rest.dataset, *encoding))
-            alone = _run(rest, [f"method={options.single_view}", f"views={value_of(left)}"], out, before)
+            words = [f"method={options.single_view}", f"views={value_of(left)}"]
+            alone = _run(rest, words, options.where, out, before)
     with progress.live():
         restored = [*dive.restored, *alone.restored]
         written = write_pictures(restored, out, options.quality, options.original_geometry, note.stat().st_mtime_ns)
@@ -147,7 +165,7 @@ def _noted(source: Source, out: Path, options: Options) -> Path:
     """
     note = out / "work" / "restore.json"
     name = str(source.folder.resolve()) if source.photographs else " ".join(source.dataset)
-    now = json.loads(json.dumps({"source": name, "options": asdict(options)}))
+    now = json.loads(json.dumps({"source": name, "options": asdict(replace(options, where=()))}))
     before = json.loads(note.read_bytes()) if note.is_file() else None
     if before and before["source"] != now["source"]:
         raise InputError(f"holds the pictures of {before['source']}", out, "name a new folder")
@@ -166,7 +184,7 @@ def _words_of_dive(options: Options) -> list[str]:
     kept = {name for name in values if f"method.{name}" in given or f"{options.method}.{name}" in given}
     words = [f"method.{name}={value}" for name, value in values.items() if name not in kept]
     of_method = [word for word in options.words if not word.startswith("dataset.")]
-    return [f"method={options.method}", "save=full", *words, *of_method]
+    return [f"method={options.method}", *words, *of_method]
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,18 +197,32 @@ class _Run:
     trust: tuple[tuple[float, bool, bool], ...]
 
 
-def _run(source: Source, words: Sequence[str], out: Path, before: Callable[[Sequence[Planned]], None]) -> _Run:
-    """Restore a source by the engine. Raises what `engine.run` does, and KeyboardInterrupt if it is stopped."""
+def _run(
+    source: Source, words: Sequence[str], where: Sequence[str], out: Path, before: Callable[[Sequence[Planned]], None]
+) -> _Run:
+    """Restore a source by the engine. Raises what `engine.run` does, and KeyboardInterrupt if it is stopped.
+
+    In blocks, the views that decide how all are shown come first, so that no block restores them again.
+    """
     folder = out / "work" / "results"
     bits = 16 if any(bits_of(path) == 16 for path in source.photographs.values()) else 8
     settings = [f"out={quoted(str(folder))}", f"bits={bits}", "metrics=[coverage]", "report=false", "tracking.uri=off"]
-    outcome = run([*source.dataset, *words, *settings], False, before)
-    if outcome.interrupted:
-        raise KeyboardInterrupt("stopped; the same command continues from here")
     scenes = [selection.scene for selection in select(source.dataset)]
+    given = dict(word.split("=", 1) for word in where)
+    count = given.setdefault("shard.count", given.get("workers", "1"))
+    is_split = count not in ("0", "1")
+    parts = [[*where, f"shard.count={count}", f"shard.index=range({count})"] if is_split else where]
+    if is_split and any(word.endswith("@scene") for word in words):
+        deciding = {scene.views[k].name for scene in scenes for k in evenly(len(scene), MOST_SHOWN_OVER)}
+        parts.insert(0, [*(w for w in where if not w.startswith("shard")), f"views={value_of(sorted(deciding))}"])
+    for part in parts:
+        outcome = run([*source.dataset, *words, *settings, *part], bool(where), before)
+        if outcome.interrupted:
+            raise KeyboardInterrupt("stopped; the same command continues from here")
     views = {(scene.name, view.name): view for scene in scenes for view in scene.views}
     named = view_of_each(source.photographs, {view for _, view in views})
 
+    origins = source.prepared.origins if source.prepared else None
     restored, trust = list[Restored](), list[tuple[float, bool, bool]]()
     rows = restoration_rows(outcome.requested_rows)
     for row in tuples(rows[rows["status"] == "ok"]):
@@ -204,7 +236,8 @@ def _run(source: Source, words: Sequence[str], out: Path, before: Callable[[Sequ
         image = place.restored(folder, row.method)
         record = read_record(row, folder)
         is_known = bool(record.get("veil_known", True))
-        restored.append(Restored(name, photograph, view, image, lens, row.method, is_known))
+        origin = origins and origins / PurePosixPath(view.name).with_suffix(".png")
+        restored.append(Restored(name, photograph, view, image, lens, origin, row.method, is_known))
         trust.append((row.coverage, "beta" in record, is_known))
     missing = (*outcome.failed, *outcome.skipped)
     faults = {named.get(fault.view, fault.view): with_remedy(fault.reason) for fault in missing}
@@ -216,8 +249,10 @@ def _run(source: Source, words: Sequence[str], out: Path, before: Callable[[Sequ
 
 @dataclass(frozen=True)
 class PreparedDive:
-    """What `sucre-bench prepare` noted of a dive. photographs: their folder; lenses: of its cameras."""
+    """What `sucre-bench prepare` noted of a dive. origins: folder of the maps that say how each pixel got its depth;
+    photographs: their folder; lenses: of its cameras."""
 
+    origins: Path
     photographs: Path
     lenses: tuple[Lens, ...]
 
@@ -238,7 +273,9 @@ def read_prepared(dive: Path) -> PreparedDive | None:
         record = json.loads(regular(file).read_bytes())
         cameras = record["cameras"].values()
         lenses = (lens_of_model(c["model"], c["width"], c["height"], [float(p) for p in c["params"]]) for c in cameras)
-        return PreparedDive(Path(record["photos"]), tuple(lens for lens in lenses if not lens.fault))
+        return PreparedDive(
+            dive / "depth_origin", Path(record["photos"]), tuple(lens for lens in lenses if not lens.fault)
+        )
     except FileNotFoundError:
         return None
     except (OSError, InputError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as fault:

@@ -6,8 +6,9 @@ continued from known pixels by push and pull: halved until every cell knows a va
 cells (Gortler, Grzeszczuk, Szeliski & Cohen 1996, The lumigraph, sec. 3.4.2).
 
 Open water has no colour of its own, so it stays as the photograph shows it. It is smooth, and has less red than all
-ground, since nothing is farther. Trust in a guessed colour is 1 at pixels with a distance and is continued from there
-over the image, held back by edges. Over open water it is lost within a few cells, elsewhere it stays.
+ground, since nothing is farther. Trust in a restored colour is 1 in cells where most distances were measured, and is
+continued from there over the image, held back by edges. Over open water it is lost within a few cells, elsewhere it
+stays. So a surface that goes on behind an edge of the ground, or a false match in the water, leaves no dark rim there.
 """
 
 import numpy as np
@@ -15,15 +16,18 @@ import numpy as np
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.imaging.cielab import luma
 from sucre_bench.imaging.fill import cell_px, continued, in_cells
+from sucre_bench.imaging.filters import guided_filter
 from sucre_bench.loading.lens import Lens
 
 # The weight of no trust beside that of a neighbouring cell, in open water.
-_PULL = 0.04
+_PULL = 0.1
 
 # Open water: its texture is below this share of the median texture of ground, its red below this quantile of ground's.
-# Lost trust in a disc cut out of the ground, of a fifth of the image's width: demo 0 %, tiles of a pool 6 %, reef 10 %;
-# in the open water above the reef 96 to 99 %. Without the red, the pool's discs lose up to 50 %.
-_SMOOTH, _RED = 0.2, 0.05
+# Lost trust in a disc cut out of the ground, of a fifth of the image's width: reef 2 %, flat seabed 5 %, tiles of a
+# pool 12 %. With a pull of 1 these are 24, 33 and 30 %.
+_SMOOTH, _RED = 0.2, 0.01
+_FINE = 0.5  # standard deviation of the texture's filter, in cells; with wider ones a rim of water has the ground's
+_FLAT = 1e-4  # variance of the photograph below which trust is blurred, and not held at an edge
 
 _GRID = 16  # pixels between the places where a lens is computed; between them it is straight to a hundredth of a pixel
 
@@ -59,7 +63,7 @@ def _continued(sums: Array, weight: Array) -> Array:
 def with_open_water(picture: Array, measured: Mask, photograph: Array) -> Array:
     """Return a whole picture with the photograph's colours where it shows open water: (H, W, 3) float32 in [0, 1].
 
-    picture, photograph: (H, W, 3) in [0, 1], gamma-encoded; measured: (H, W), the pixels with a distance.
+    picture, photograph: (H, W, 3) in [0, 1], gamma-encoded; measured: (H, W), the pixels with a measured distance.
     """
     import cv2
 
@@ -67,18 +71,22 @@ def with_open_water(picture: Array, measured: Mask, photograph: Array) -> Array:
         return picture
     n = cell_px(measured)
     light = luma(np.ascontiguousarray(photograph, dtype=np.float32))
-    texture = np.sqrt(in_cells((light - cv2.GaussianBlur(light, (0, 0), n)) ** 2, n))
+    texture = np.sqrt(in_cells((light - cv2.GaussianBlur(light, (0, 0), _FINE * n)) ** 2, n))
     known = in_cells(measured, n) > 0.5
     if not known.any():
         return picture
     small = in_cells(photograph, n)
     red = small[..., 0] / np.maximum(small.sum(axis=-1), 1e-6)
-    is_smooth = 1 / (1 + (texture / (_SMOOTH * max(float(np.median(texture[known])), 1e-6))) ** 4)
-    is_far = 1 / (1 + (red / max(float(np.quantile(red[known], _RED)), 1e-6)) ** 16)
+    coarse = texture / max(_SMOOTH * float(np.median(texture[known])), 1e-6)
+    near = red / max(float(np.quantile(red[known], _RED)), 1e-6)
+    is_smooth, is_far = 1 / (1 + coarse.clip(0, 10) ** 4), 1 / (1 + near.clip(0, 10) ** 16)
     trust = continued(known.astype(np.float32), known, small, _PULL * is_smooth * is_far)
-    fine = cv2.resize(trust, measured.shape[::-1], interpolation=cv2.INTER_LINEAR)
-    fine = np.where(measured, 1, fine)[..., None]
-    return np.asarray(fine * picture + (1 - fine) * photograph, dtype=np.float32)
+    size = measured.shape[::-1]
+    fine = np.asarray(cv2.resize(trust, size, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+    fine = guided_filter(photograph, fine, 2 * n, _FLAT).clip(0, 1)
+    is_known = cv2.resize(known.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST_EXACT) > 0
+    fine[measured & is_known] = 1
+    return np.asarray(photograph + fine[..., None] * (picture - photograph), dtype=np.float32)
 
 
 def as_photographed(lens: Lens, picture: Array, known: Mask) -> tuple[Array, Mask]:

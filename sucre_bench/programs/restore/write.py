@@ -15,7 +15,7 @@ from sucre_bench.errors import ANY_FAULT, InputError, OutputError, SucreBenchErr
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.drawing import contact_sheet
 from sucre_bench.imaging.encoding import to_8bit, to_16bit
-from sucre_bench.imaging.image_files import read_rgb
+from sucre_bench.imaging.image_files import decode, read_rgb
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import track
@@ -26,6 +26,7 @@ from sucre_bench.scene import View
 
 _MOST_SHOWN, _WIDE = 60, 320  # pairs on the contact sheet, evenly chosen; pixels of a picture's width
 _ORIENTATION = 274
+_INTERPOLATED = 3  # in a map of depth's origins: between measured points, so perhaps beyond an edge of the ground
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +34,9 @@ class Restored:
     """A photograph that the engine restored.
 
     name: path of its picture below the folder of pictures; photograph: its file; view: what was restored; image: the
-    restored image; lens: of the photograph, if the view is its pinhole image; method: its label; is_water_known:
-    whether colours that the method guessed for holes are used.
+    restored image; lens: of the photograph, if the view is its pinhole image; origin: where `prepare` says how each
+    pixel got its depth, if it does; method: its label; is_water_known: whether colours that the method guessed for
+    holes are used.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Restored:
     view: View
     image: Path
     lens: Lens | None
+    origin: Path | None
     method: str
     is_water_known: bool = True
 
@@ -87,11 +90,16 @@ def write_pictures(
 
 def _picture(one: Restored, original_geometry: bool) -> Array:
     """The whole picture (H, W, 3) in [0, 1]. Raises InputError if a file cannot be read or has another size."""
+    import cv2
+
     picture, beside = read_rgb(one.image), display(one.view.rgb, "none", one.view.encoding)
     mask = read_mask(one.image)
     measured = np.ones(picture.shape[:2], np.bool_) if mask is None else mask
     # Where the water is known, the method has coloured pixels without depth, too.
     known = measured | picture.any(axis=-1) if one.is_water_known else measured
+    if one.origin and one.origin.is_file():
+        origin = cv2.resize(decode(one.origin, 0), measured.shape[::-1], interpolation=cv2.INTER_NEAREST_EXACT)
+        measured = measured & (origin != _INTERPOLATED)
     picture = with_open_water(whole(picture, known, beside), measured, beside)
     if not original_geometry or one.lens is None:
         return picture

@@ -73,6 +73,9 @@ def test_a_dive_is_whole_in_the_formats_of_its_photographs(tmp_path: Path, bench
     for name in ("a.jpg", "b.jpg"):
         first_column = cv2.imread(str(tmp_path / "out/pictures" / name))[:, 0]
         assert (first_column.max(axis=-1) > 20).mean() > 0.9, "pixels without depth are no holes"
+    blocks = ("restore", "dive", "blocks", "--method", "dive_gray_world", "method.fewest=10", "shard.count=2")
+    assert bench(*blocks, "workers=0").returncode == 0
+    assert contents(tmp_path / "blocks/pictures") == contents(tmp_path / "out/pictures")
 
 
 @pytest.mark.parametrize("out", ["photos", "photos/restored", ".", "other", "photos/a.png"])
