@@ -94,7 +94,8 @@ def scores_of(result: sb.Restored, water: sb.Water, J: Array) -> dict[str, Any]:
             row[name] = float(np.abs(error).max())
         spread = [np.nan if x is None else x for x in result.info.get("standard_error", {}).get("beta", [np.nan] * 3)]
         with np.errstate(divide="ignore", invalid="ignore"):
-            row["z"] = float(np.abs((result.water.attenuation - water.attenuation) / np.array(spread)).max())
+            z = (result.water.attenuation - water.attenuation) / np.array(spread)
+        row |= {"z": float(np.abs(z).max()), **dict(zip(("z_r", "z_g", "z_b"), z, strict=True))}
     about = {key: value for key, value in result.info.items() if key in ("gains", "light", "robust", "unexplained")}
     limits = list(result.info.get("limits", ()))
     return row | {"limits": len(limits) > 0, "limits_text": " | ".join(limits), "about": str(about)[:500]}

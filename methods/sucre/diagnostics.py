@@ -8,17 +8,23 @@ to 10 m, 1.5e3 at 3 to 4 m, 5.9e4 at 3 to 3.3 m.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sucre_bench.arrays import Array, Mask
-from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
+from sucre_bench.arrays import Array, Indices, Mask
+from sucre_bench.methods.sucre.model import TIED, ReducedSystem, WaterParameters
+from sucre_bench.methods.sucre.passes import Eliminated, blocks, fill
+from sucre_bench.multiview.observations import Observations
 
 CHANNELS = ("red", "green", "blue")
 _PARAMETERS = ("veiling light", "attenuation", "backscatter")
 
 _TOO_FEW = "too few repeated observations to estimate the noise; nothing is known about errors"
+
+# Tiles along each side of a target, whose errors count as independent; places in a block.
+_TILES, _PLACES = 6, 1 << 16
 
 # A parameter whose standard error is more than this share of its value is called undetermined.
 _LOOSE = 0.5
@@ -58,6 +64,66 @@ def rescaled_to_noise(uncertainty: WaterUncertainty, noise: Array) -> WaterUncer
     return replace(uncertainty, noise=noise, covariance=covariance, standard_error=error)
 
 
+def clustered(
+    uncertainty: WaterUncertainty, images: Sequence[Observations], water: WaterParameters, *, tied: bool = False
+) -> WaterUncertainty:
+    """Return the uncertainty with errors that hold if the residuals of neighbours, or of a view, are alike.
+
+    They are: texture, light and poses differ more between places and views than within. With s the sum of D'^T r over a
+    cluster, H^-1 (sum s s^T) H^-1 needs independent clusters only (Liang & Zeger 1986). Clusters are tiles of the
+    target, or views; each parameter has the larger error of these, and of independent observations. images: that the
+    water was fitted to, with `view`.
+    """
+    H, by_cluster = _cluster_sums(images, water)
+    H = TIED @ H @ TIED.T if tied else H
+    before = uncertainty.standard_error.by_channel()
+    error = before.copy()
+    for sums in by_cluster:
+        s = TIED @ sums if tied else sums
+        n = int((s != 0).any(axis=(0, 1)).sum())
+        if n <= 3:
+            continue
+        for c in range(3):
+            k = np.flatnonzero(np.isfinite(before[c]) & (np.diag(H[c]) > 0))
+            effect = np.linalg.pinv(H[c][np.ix_(k, k)], rcond=1e-14, hermitian=True) @ s[c, k]
+            error[c, k] = np.fmax(error[c, k], np.sqrt((effect**2).sum(axis=1) * n / (n - 3)))
+    error = error[:, [0, 1, 1]] if tied else error
+    growth = np.divide(error, before, out=np.ones((3, 3)), where=before > 0)
+    covariance = uncertainty.covariance * growth[:, :, None] * growth[:, None]
+    named = " ".join(uncertainty.limits)
+    rows = water.by_channel()
+    loose = [_loose(c, rows, error) for c in range(3) if f"{CHANNELS[c]}: undetermined" not in named]
+    limits = (*uncertainty.limits, *filter(None, loose))
+    spread = WaterParameters.of_channels(error)
+    return replace(uncertainty, covariance=covariance, standard_error=spread, limits=limits)
+
+
+def _cluster_sums(images: Sequence[Observations], water: WaterParameters) -> tuple[Array, list[Array]]:
+    """Return H (3, 3, 3), and the sums of D'^T r over tiles (3, 3, T) and over views (3, 3, V)."""
+    names = {name: k for k, name in enumerate(sorted({name for one in images for name in one.views}))}
+    H, sums = np.zeros((3, 3, 3)), [np.zeros((9, len(images) * _TILES**2)), np.zeros((9, len(names)))]
+    rows = tuple(column[..., None] for column in water.columns())
+    for place, one in enumerate(images):
+        (y, x), (height, width) = np.divmod(one.pixels, one.shape[1]), one.shape
+        tile = (place * _TILES + y * _TILES // height) * _TILES + x * _TILES // width
+        number = None if one.view is None else np.array([names[name] for name in one.views])[one.view]
+        for block in blocks(one, _PLACES, stop=one.n_repeated):
+            columns = Eliminated.of(*fill(one, block, np.float64), rows).columns
+            D, scores = columns[:, :3], (columns[:, :3] * columns[:, 3:]).reshape(9, block.slots, -1)
+            H += np.einsum("cikn,cjkn->cij", D, D)
+            cluster = tile[block.start : block.start + block.n]
+            sums[0] += _summed(scores.sum(axis=1), cluster, sums[0].shape[1])
+            slots = one.slots(block.start, block.start + block.n) if number is not None else ()
+            for k, (n, part) in enumerate(slots):
+                sums[1] += _summed(scores[:, k, :n], number[part], len(names))
+    return H, [total.reshape(3, 3, -1) for total in sums]
+
+
+def _summed(rows: Array, cluster: Indices, n: int) -> Array:
+    """Return the sums (R, n) of rows (R, N) over the elements of each cluster (N,)."""
+    return np.stack([np.bincount(cluster, row, n) for row in rows])
+
+
 def for_known_water(uncertainty: WaterUncertainty) -> WaterUncertainty:
     """Return the uncertainty when the water is known from elsewhere: colours have noise, the water has no error."""
     kept = (_TOO_FEW,) if np.isnan(uncertainty.noise).any() else ()
@@ -66,14 +132,21 @@ def for_known_water(uncertainty: WaterUncertainty) -> WaterUncertainty:
 
 
 def uncertainty_of(
-    water: WaterParameters, system: ReducedSystem, free: Mask, n_excess: int, dead: Mask | None = None
+    water: WaterParameters,
+    system: ReducedSystem,
+    free: Mask,
+    n_excess: int,
+    dead: Mask | None = None,
+    *,
+    tied: bool = False,
 ) -> WaterUncertainty:
     """Return the uncertainty of a water from the system around it.
 
     free: (3 channels, 3) bool, parameters that no bound holds; n_excess: how many more observations than pixels there
-    are, over pixels seen repeatedly; dead: (3,) bool, channels without signal.
+    are, over pixels seen repeatedly; dead: (3,) bool, channels without signal; tied: gamma is beta.
     """
     dead = np.zeros(3, dtype=bool) if dead is None else dead
+    system = system.tied() if tied else system
     informed = (np.einsum("cii->ci", system.H) > 0) & ~dead[:, None]
     noise = np.sqrt(system.cost / (n_excess - 3)) if n_excess > 3 else np.full(3, np.nan)
     covariance, condition = np.zeros((3, 3, 3)), np.full(3, np.inf)
@@ -89,6 +162,8 @@ def uncertainty_of(
         inverse = np.linalg.pinv(scaled, rcond=1e-14, hermitian=True) * scale[:, None] * scale
         covariance[c][np.ix_(k, k)] = noise[c] ** 2 * inverse
         error[c, k] = np.sqrt(np.diag(covariance[c])[k].clip(min=0))
+    if tied:
+        covariance, error, informed = TIED.T @ covariance @ TIED, error[:, [0, 1, 1]], informed[:, [0, 1, 1]]
     limits = _limits(water.by_channel(), error, free, informed, dead)
     if n_excess <= 3:
         limits.append(_TOO_FEW)
@@ -101,13 +176,7 @@ def _limits(water: Array, error: Array, free: Mask, informed: Mask, dead: Mask) 
         if dead[c]:
             limits.append(f"{colour}: the same in all observations, black or saturated; left as it is")
             continue
-        loose = [
-            f"{name} {value:.3g} ± {spread:.2g}"
-            for name, value, spread in zip(_PARAMETERS, water[c], error[c], strict=True)
-            if spread > _LOOSE * abs(value)
-        ]
-        if loose:
-            limits.append(f"{colour}: undetermined by these distances: {', '.join(loose)}")
+        limits += filter(None, [_loose(c, water, error)])
         for which, why in (
             (~informed[c], "not determined by these observations"),
             (informed[c] & ~free[c], "at the end of the range"),
@@ -115,3 +184,13 @@ def _limits(water: Array, error: Array, free: Mask, informed: Mask, dead: Mask) 
             if which.any():
                 limits.append(f"{colour}: {' and '.join(np.array(_PARAMETERS)[which])} {why}")
     return limits
+
+
+def _loose(c: int, water: Array, error: Array) -> str:
+    """Name the parameters of a channel whose standard errors (3, 3) are large."""
+    loose = [
+        f"{name} {value:.3g} ± {spread:.2g}"
+        for name, value, spread in zip(_PARAMETERS, water[c], error[c], strict=True)
+        if spread > _LOOSE * abs(value)
+    ]
+    return f"{CHANNELS[c]}: undetermined by these distances: {', '.join(loose)}" * bool(loose)

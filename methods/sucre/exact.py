@@ -120,12 +120,13 @@ def fit(
     device: Device = "auto",
     seed: int = 0,
     sample: int = SAMPLE,
+    one_coefficient: bool = False,
 ) -> WaterFit:
     """Find the one water that explains the observations of one image, or of several, best.
 
     physical: hold colours above zero, up to the noise of the free fit. sharp: for each image whose observations are
     blurred, those whose colours are held, each pixel by its first observation; None for other images. sample: pixels
-    that minima are chosen on.
+    that minima are chosen on. one_coefficient: gamma is beta, the paper's eq. 1.
     Raises NotApplicableError when no pixel is seen twice, or all from one distance each.
     """
     images = [observations] if isinstance(observations, Observations) else observations
@@ -138,7 +139,7 @@ def fit(
     if not any((farthest > nearest * (1 + _SAME)).any() for nearest, farthest in ranges):  # then any water fits
         raise NotApplicableError(_HOPELESS.format("every pixel is seen from one distance only"))
     distance = float(np.median(np.concatenate([one.distance for one in few])))
-    search, margin = _Search(distance, backend, device), None
+    search, margin = _Search(distance, backend, device, one_coefficient), None
     starts, ends = search.screened(_samples(few, _SCREEN, singles=False, seed=seed))
     ends = search.ends(few, None, _distinct(ends))
     dark = [first_slot(one) for one in sharp if one is not None] if physical else []
@@ -158,6 +159,14 @@ class _Search:
     distance: float
     backend: Backend
     device: Device
+    tied: bool
+
+    def _descended(self, evaluate: Callable[[Array], ReducedSystem], start: Array, **limits: Any) -> Minimum:
+        """Return where a start leads; in rows that have one coefficient, if gamma is tied to beta."""
+        if not self.tied:
+            return minimise(evaluate, start, self.bounds, **limits)
+        end = minimise(lambda rows: evaluate(rows[:, [0, 1, 1]]).tied(), start, self.bounds, **limits)
+        return replace(end, at=end.at[:, [0, 1, 1]], free=end.free[:, [0, 1, 1]])
 
     @property
     def bounds(self) -> Bounds:
@@ -175,13 +184,13 @@ class _Search:
         with self._opened(fewest) as kernels:
             evaluate = _summed(kernels, None)
             starts = _promising(evaluate, self.distance)
-            return starts, [minimise(evaluate, at, self.bounds, tolerance=_SCREENED, max_steps=15) for at in starts]
+            return starts, [self._descended(evaluate, at, tolerance=_SCREENED, max_steps=15) for at in starts]
 
     def ends(self, few: Sequence[Observations], margin: Array | None, starts: Sequence[Array]) -> list[Minimum]:
         """Return where the starts lead on a sample."""
         with self._opened(few) as kernels:
             evaluate = _summed(kernels, margin)
-            return [minimise(evaluate, start, self.bounds, tolerance=_ROUGHLY) for start in starts]
+            return [self._descended(evaluate, start, tolerance=_ROUGHLY) for start in starts]
 
     def refined(
         self,
@@ -199,12 +208,12 @@ class _Search:
         floor = ROUNDING * sum(map(len, images))
 
         def lowest(evaluate: Callable[[Array], ReducedSystem], starts: Iterable[Array]) -> Minimum:
-            return _best([minimise(evaluate, at, self.bounds, tolerance=_TOLERANCE, floor=floor) for at in starts])
+            return _best([self._descended(evaluate, at, tolerance=_TOLERANCE, floor=floor) for at in starts])
 
         with self._opened([*images, *dark]) as kernels:
             evaluate = _summed(kernels, margin)
             end = lowest(evaluate, starts)
-            known = _uncertainty(end, images, dead)
+            known = _uncertainty(end, images, dead, self.tied)
             weak = _undetermined(end.at, known, end.free, dead, self.distance)
             if weak.any():
                 prior = _with_priors(evaluate, known.noise, self.distance, weak)
@@ -215,7 +224,7 @@ class _Search:
                 end = _with_weak_channels(end, lowest(prior, (end.at, *grid)), weak, clear, evaluate, self.distance)
             if margin is not None:  # without the shortfall of negative colours
                 end = replace(end, system=replace(end.system, cost=_summed(kernels, None)(end.at).cost))
-        uncertainty = _uncertainty(end, images, dead)
+        uncertainty = _uncertainty(end, images, dead, self.tied)
         if weak.any():
             limits = list(uncertainty.limits)
             for c in np.flatnonzero(weak):
@@ -231,9 +240,9 @@ def _water(end: Minimum, dead: Mask) -> WaterParameters:
     return WaterParameters.of_channels(np.where(dead[:, None], 0, end.at))  # a dead channel: J = I
 
 
-def _uncertainty(end: Minimum, images: Sequence[Observations], dead: Mask) -> WaterUncertainty:
+def _uncertainty(end: Minimum, images: Sequence[Observations], dead: Mask, tied: bool) -> WaterUncertainty:
     excess = sum(one.n_excess for one in images)
-    return uncertainty_of(_water(end, dead), end.system, end.free, excess, dead)
+    return uncertainty_of(_water(end, dead), end.system, end.free, excess, dead, tied=tied)
 
 
 def _with_weak_channels(

@@ -57,8 +57,8 @@ class KnownWater:
     gains: Mapping[str, Array]
 
 
-def water_of(source: str, scene: Scene, view: View, encoding: Encoding) -> KnownWater:
-    """Return the water of a source.
+def water_of(source: str, scene: Scene, view: View, encoding: Encoding, option: str = "method.water") -> KnownWater:
+    """Return the water of a source; option: that names it.
 
     source: "truth"; the name of a method, which estimates it on this view; a .json or .npz file that holds B, beta and
     gamma, three numbers each; or a folder with such a file for each view, as a run writes them to
@@ -66,10 +66,10 @@ def water_of(source: str, scene: Scene, view: View, encoding: Encoding) -> Known
     that the water has to explain.
     Raises InputError, naming the source; and what the method itself raises.
     """
-    place = f"method.water={source}"
+    place = f"{option}={source}"
     if source == "truth":
         if scene.water is None:
-            raise InputError(f"{place}: the scene '{scene.name}' knows no water; give a file, or method.water=own")
+            raise InputError(f"{place}: the scene '{scene.name}' knows no water; give a file, or leave it out")
         return _known(place, scene.water, Lighting(), view, encoding)
     if source in plugins.discover("method"):
         plugin = plugins.find("method", source)
@@ -96,7 +96,7 @@ def water_of(source: str, scene: Scene, view: View, encoding: Encoding) -> Known
     return _known(str(path), water, read_lighting(path), view, encoding)
 
 
-def check_source(source: str) -> None:
+def check_source(source: str, option: str = "method.water") -> None:
     """Raise InputError for a source, as for `water_of`, that can have no water.
 
     These are a method that is not installed or needs options, a file without a water, and a folder without files. A
@@ -107,13 +107,13 @@ def check_source(source: str) -> None:
         try:
             plugin = plugins.find("method", source)
         except InputError as fault:
-            raise InputError(f"method.water={source}: {fault}") from fault
-        require(f"method.water={source}", *plugin.requires)
+            raise InputError(f"{option}={source}: {fault}") from fault
+        require(f"{option}={source}", *plugin.requires)
         try:
             create(plugin, {})
         except InputError as fault:
             raise InputError(
-                f"method.water={source}: takes options ({fault}); run it first, and give method.water=FOLDER"
+                f"{option}={source}: takes options ({fault}); run it first, and give {option}=FOLDER"
             ) from fault
     elif not path.is_dir():
         with contextlib.suppress(FileNotFoundError):
@@ -192,6 +192,7 @@ def shared_water(scene: Scene, options: Sucre) -> WaterFit:
 def _shared_fit(scene: Scene, options: Sucre) -> WaterFit | SolveError:
     """Return the common water; or why there is none, which is kept too, since finding out takes as long."""
     from sucre_bench.methods.sucre import exact
+    from sucre_bench.methods.sucre.diagnostics import clustered
     from sucre_bench.methods.sucre.solution import SAMPLE, matched_sample, sampled
 
     sharp: list[Observations | None] = []
@@ -214,6 +215,10 @@ def _shared_fit(scene: Scene, options: Sucre) -> WaterFit | SolveError:
     if not to_fit:
         return SolveError(f"the scene's water cannot be fitted, {last}; use method.water=FILE with a known one")
     try:
-        return exact.fit(to_fit, physical=options.physical, sharp=sharp, **options.compute)
+        alike = options.one_coefficient
+        found = exact.fit(to_fit, physical=options.physical, sharp=sharp, one_coefficient=alike, **options.compute)
+        blurred = [one for one, its_sharp in zip(to_fit, sharp, strict=True) if its_sharp is not None]
+        known = clustered(found.uncertainty, blurred, found.water, tied=alike) if blurred else found.uncertainty
+        return replace(found, uncertainty=known)
     except SolveError as fault:
         return fault

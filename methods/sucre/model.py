@@ -30,6 +30,9 @@ from sucre_bench.arrays import Array, Mask
 # No water scatters this many times more than it attenuates (Jerlov's types: a factor of 2).
 _IMPLAUSIBLE = 5.0
 
+# Slopes by B, and by one coefficient that is beta and gamma, from those by B, beta, gamma.
+TIED = np.array([[1, 0, 0], [0, 1, 1], [0, 0, 0]])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WaterParameters:
@@ -47,6 +50,11 @@ class WaterParameters:
     def of_channels(rows: Array) -> WaterParameters:
         """Return the parameters from rows (3 channels, 3): B, beta, gamma of each channel."""
         return WaterParameters(*(np.array(rows[:, k], dtype=np.float64) for k in range(3)))
+
+    @property
+    def tied(self) -> WaterParameters:
+        """The water of the paper's eq. 1, with one coefficient: gamma is beta."""
+        return WaterParameters(self.B, self.beta, self.beta)
 
     def by_channel(self) -> Array:
         """Return (3 channels, 3) float64: a row a channel, columns B, beta, gamma."""
@@ -84,6 +92,10 @@ class ReducedSystem:
     def from_products(products: Array) -> ReducedSystem:
         """Take apart products (C, 4, 4) of the columns (D'_B, D'_beta, D'_gamma, r), summed over observations."""
         return ReducedSystem(products[:, :3, :3], products[:, :3, 3], products[:, 3, 3])
+
+    def tied(self) -> ReducedSystem:
+        """Return the system of gamma = beta: a step of beta is one of both, and gamma has none of its own."""
+        return ReducedSystem(TIED @ self.H @ TIED.T, self.g @ TIED.T, self.cost)
 
     def predicted_reduction(self, step: Array) -> Array:
         """Return by how much (C,) a step (C, n) lowers the cost of the linear model."""

@@ -61,7 +61,12 @@ class OwnWater:
     def _solved(self, observations: Observations, matched: Observations | None) -> Solution:
         options = self.options
         solution = solve_exact(
-            observations, matched=matched, physical=options.physical, robust=options.robust, **options.compute
+            observations,
+            matched=matched,
+            physical=options.physical,
+            one_coefficient=options.one_coefficient,
+            robust=options.robust,
+            **options.compute,
         )
         about: dict[str, Any] = {"footprint": matched is not None}
         if matched is not None:

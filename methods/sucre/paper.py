@@ -49,6 +49,7 @@ CITES = (
 
 # The paper's settings: steps and learning rate of Adam, and the start beside J = I, B = beta = gamma = 0.1.
 STEPS, LR = 200, 0.05
+_START = "sucre_paper.start"
 _INITIAL_WATER = WaterParameters.of_channels(np.full((3, 3), 0.1))
 
 # Adam's own default (Kingma & Ba 2015), which the paper does not change.
@@ -60,7 +61,7 @@ _EPS = 1e-8
 _BLOCK_PX = {"cpu": 1 << 17, "cuda": 1 << 22}
 
 
-@method(needs={"depth", "poses"}, requires=("torch",), display="stretch-1-99", cites=CITES)
+@method(needs={"depth", "poses"}, requires=("torch",), display="stretch-1-99", cites=CITES, reads=("start",))
 @dataclass(frozen=True)
 class SucrePaper(FillOption):
     """SUCRe with the paper's own settings: mutual pairing, then 200 steps of Adam from B = beta = gamma = 0.1.
@@ -81,10 +82,21 @@ class SucrePaper(FillOption):
     minimum is the same, but with the mean Adam's eps slows the colours down, noticeably from some 1e6 observations
     on."""
 
+    start: Literal["paper", "truth"] | str = "paper"
+    """The water that Adam starts from. paper: B = beta = gamma = 0.1; METHOD: what it estimates on each image, such as
+    seathru; or a file or folder, as for water= of `sucre`; truth: the dataset's. Colours start at the image's."""
+
+    one_coefficient: bool = False
+    """Fit the paper's eq. 1, in which backscatter has the coefficient of attenuation: gamma = beta."""
+
     device: Device = "auto"
     """Where to compute: auto takes a CUDA GPU when PyTorch sees one."""
 
     def __post_init__(self) -> None:
+        from sucre_bench.methods.sucre.known_water import check_source
+
+        if self.start not in ("paper", "truth"):
+            check_source(self.start, _START)
         if self.steps < 1 or not self.lr > 0:
             raise InputError(f"sucre_paper: steps is {self.steps}, lr {self.lr}; both must be positive")
 
@@ -92,17 +104,22 @@ class SucrePaper(FillOption):
         """Return J, NaN where the view has no depth, the water, and the standard deviation of J.
 
         info: as of `sucre`; and initial_cost, the sum of squares of each channel before the first step.
-        Raises NotApplicableError when no pixel has depth, SolveError when Adam left the range of numbers.
+        Raises NotApplicableError when no pixel has depth, SolveError when Adam left the range of numbers, InputError
+        for a start that cannot be read.
         """
+        from sucre_bench.methods.sucre.known_water import water_of
         from sucre_bench.methods.sucre.record import named, restoration, with_residuals
         from sucre_bench.methods.sucre.refine_gaps import fill_pixels_without_depth
         from sucre_bench.multiview.stored_pairs import paired
 
         observations = paired(scene, view)
         started = time.perf_counter()
-        start = start_of(observations, view.rgb.reshape(-1, 3))
+        start, water = start_of(observations, view.rgb.reshape(-1, 3)), _INITIAL_WATER
+        if self.start != "paper":
+            water = water_of(self.start, scene, view, view.encoding, _START).water
+        how = (self.steps, self.lr, self.objective, "torch", self.device)
         with named(view):
-            solution = solve_adam(observations, start, self.steps, self.lr, self.objective, "torch", self.device)
+            solution = solve_adam(observations, start, *how, water=water, tied=self.one_coefficient)
         solution = with_residuals(observations, solution)
         solve_s = time.perf_counter() - started
         stages = {"read": observations.read_s, "pair": observations.pair_s, "solve": solve_s}
@@ -124,18 +141,24 @@ def solve_adam(
     objective: Literal["sum", "mean"] = "sum",
     backend: Backend = "auto",
     device: Device = "auto",
+    *,
+    water: WaterParameters = _INITIAL_WATER,
+    tied: bool = False,
 ) -> Solution:
-    """Take the paper's steps from J = start (3, P), the target's intensities. SolveError when they diverge."""
+    """Take steps from J = start (3, P), the target's intensities, and a water; tied: gamma is beta.
+
+    Raises SolveError when they diverge.
+    """
     from sucre_bench.methods.sucre.passes import backend_for, opened
     from sucre_bench.methods.sucre.solution import Solution, uncertainty_at
 
     eps = _EPS if objective == "sum" else _EPS * 3 * len(observations)  # the same as dividing the sum
     _, place = backend_for("torch", device)
-    fit = minimise(observations, start, _INITIAL_WATER, steps=steps, lr=lr, eps=eps, device=place)
+    fit = minimise(observations, start, water, steps=steps, lr=lr, eps=eps, tied=tied, device=place)
     if not np.isfinite(fit.cost).all():
         raise SolveError(f"Adam diverged after {steps} steps; lower lr ({lr}) or steps")
     with opened(observations, backend, device) as kernel:
-        uncertainty = uncertainty_at(kernel, observations, fit.water)
+        uncertainty = uncertainty_at(kernel, observations, fit.water, tied=tied)
         _, deviation = kernel.colours(fit.water, uncertainty.noise, uncertainty.covariance)
     about = {"solver": "adam", "steps": steps, "initial_cost": fit.initial_cost.tolist(), "device": place}
     return Solution(fit.J, deviation, fit.water, fit.cost, uncertainty, about)
@@ -163,14 +186,15 @@ def minimise(
     steps: int = 200,
     lr: float = 0.05,
     eps: float = 1e-8,
+    tied: bool = False,
     device: str = "cpu",
 ) -> Fit:
-    """Take Adam's steps from J (3, P) and a water, full batch, without bounds."""
+    """Take Adam's steps from J (3, P) and a water, full batch, without bounds; tied: gamma is beta."""
     import torch
     from torch.optim.adam import adam  # torch.optim.Adam imports PyTorch's compiler at its first step, for a second
 
     J_now = torch.tensor(J, dtype=torch.float32, device=device)
-    water_now = torch.tensor(water.by_channel())
+    water_now = torch.tensor((water.tied if tied else water).by_channel())
     J_grad = torch.zeros_like(J_now)
     unknowns = [J_now, water_now]
     means, squares = ([torch.zeros_like(unknown) for unknown in unknowns] for _ in range(2))
@@ -180,11 +204,14 @@ def minimise(
         cost, water_grad = objective.evaluate(J_now, water_now, J_grad)
         first = cost
         for _ in track(range(steps), "SUCRe (Adam)"):
+            if tied:
+                water_grad[:, 1:] = water_grad[:, 1:].sum(dim=1, keepdim=True)
             gradients = [J_grad, water_grad]
             # fused: one pass over memory, not ten
             adam(unknowns, gradients, means, squares, [], counts, fused=True, maximize=False, **settings)
             cost, water_grad = objective.evaluate(J_now, water_now, J_grad)
-    return Fit(J_now.cpu().numpy(), WaterParameters.of_channels(water_now.numpy()), cost.numpy(), first.numpy())
+    found = WaterParameters.of_channels(water_now.numpy())
+    return Fit(J_now.cpu().numpy(), found.tied if tied else found, cost.numpy(), first.numpy())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -176,7 +176,7 @@ def fill(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Eliminated:
+class Eliminated:
     """A block after its colours are eliminated. Arrays (3, K, n), or (3, 1, n) for sums over the slots.
 
     z: distance; s: root of the weight; x = s a; d = s D_B; g = s D_gamma; A = sum x^2; J = sum x y / A and the residual
@@ -193,18 +193,25 @@ class _Eliminated:
     r: Any
 
     @staticmethod
-    def of(z: Any, I: Any, w: Any, water: Any) -> _Eliminated:  # noqa: E741
+    def of(z: Any, I: Any, w: Any, water: Any) -> Eliminated:  # noqa: E741
         B, beta, gamma = water
         s = w**0.5
         x = s * transmission((beta * z).clip(max=-DARKEST * math.log(2)), 1.0)
         d = s * veil(z, 1, gamma)
         y, A = s * I - B * d, (x * x).sum(1, keepdims=True)
         J = (x * y).sum(1, keepdims=True) / A.clip(min=LEAST)
-        return _Eliminated(z, s, x, d, B * z * (s - d), A, J, y - x * J)
+        return Eliminated(z, s, x, d, B * z * (s - d), A, J, y - x * J)
 
     def mean(self, values: Any) -> Any:
         """Return sum x values / A."""
         return (self.x * values).sum(1, keepdims=True) / self.A.clip(min=LEAST)
+
+    @property
+    def columns(self) -> Any:
+        """D'_B, D'_beta, D'_gamma and r: (3, 4, K, n)."""
+        x, of_beta = self.x, self.x * self.J * (self.mean(self.x * self.z) - self.z)
+        D = [self.d - x * self.mean(self.d), of_beta, self.g - x * self.mean(self.g), self.r]
+        return library_of(x).stack(D, 1)
 
 
 def colours(z: Any, I: Any, w: Any, water: Any, noise: Any, covariance: Any) -> Any:  # noqa: E741
@@ -214,7 +221,7 @@ def colours(z: Any, I: Any, w: Any, water: Any, noise: Any, covariance: Any) -> 
     (3, 3, 3, 1, 1), of B, beta, gamma, then channels. The variance is noise^2 / A of the observations, A = sum w a^2,
     and c^T covariance c of the water, c = (sum w a D) / A.
     """
-    block = _Eliminated.of(z, I, w, water)
+    block = Eliminated.of(z, I, w, water)
     c = block.mean(block.d), -block.J * block.mean(block.x * z), block.mean(block.g)
     variance = noise**2 / block.A + sum(covariance[i, j] * c[i] * c[j] for i in range(3) for j in range(3))
     return library_of(z).stack([block.J, variance**0.5])[:, :, 0]
@@ -227,16 +234,14 @@ def products(z: Any, I: Any, w: Any, water: Any, margin: Any, *, on_gpu: bool = 
     margin, colours are held above zero, up to noise: a pixel whose sqrt(A) J lies below -margin adds the residual
     WALL (sqrt(A) J + margin), the way it would need to get there; margin is in the unit of I.
     """
-    block, library = _Eliminated.of(z, I, w, water), library_of(z)
-    x, J, r = block.x, block.J, block.r
-    mean_B, mean_gamma, z_mean = block.mean(block.d), block.mean(block.g), block.mean(x * z)
-    columns = [block.d - x * mean_B, x * J * (z_mean - z), block.g - x * mean_gamma, r]
-    total = _squares(library.stack(columns, 1).reshape(3, 4, -1), on_gpu)
+    block, library = Eliminated.of(z, I, w, water), library_of(z)
+    total = _squares(block.columns.reshape(3, 4, -1), on_gpu)
     if margin is None:
         return total
     root = block.A.clip(min=LEAST) ** 0.5
-    short = root * J + margin  # of zero, where negative
-    slope = [-root * mean_B, -(x * z * r).sum(1, keepdims=True) / root, -root * mean_gamma, -short]
+    short = root * block.J + margin  # of zero, where negative
+    of_beta = -(block.x * z * block.r).sum(1, keepdims=True) / root
+    slope = [-root * block.mean(block.d), of_beta, -root * block.mean(block.g), -short]
     held = library.stack(slope, 1)[:, :, 0] * (WALL * (short < 0))
     return total + _squares(held, on_gpu)
 

@@ -11,7 +11,13 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Indices
 from sucre_bench.machine.compute import Device
-from sucre_bench.methods.sucre.diagnostics import WaterUncertainty, for_known_water, rescaled_to_noise, uncertainty_of
+from sucre_bench.methods.sucre.diagnostics import (
+    WaterUncertainty,
+    clustered,
+    for_known_water,
+    rescaled_to_noise,
+    uncertainty_of,
+)
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.passes import Backend, Kernel, opened
 from sucre_bench.multiview.observations import Observations
@@ -70,6 +76,7 @@ def solve_exact(
     *,
     matched: Observations | None = None,
     physical: bool = False,
+    one_coefficient: bool = False,
     robust: bool | Literal["auto"] = False,
     backend: Backend = "auto",
     device: Device = "auto",
@@ -85,7 +92,7 @@ def solve_exact(
     from sucre_bench.methods.sucre.robust import fit_robustly, is_better, reweighted, robust_noise, wrong_share
 
     sharp = sampled(observations, SAMPLE, singles=physical, seed=seed) if robust or matched is not None else None
-    fitted = partial(fit, backend=backend, device=device, seed=seed)
+    fitted = partial(fit, one_coefficient=one_coefficient, backend=backend, device=device, seed=seed)
     to_fit = observations if matched is None else matched
     found = fitted(to_fit)
     about: dict[str, Any] = {}
@@ -109,10 +116,14 @@ def solve_exact(
     about |= {"solver": "exact", "steps": found.passes, "converged": found.converged}
     with opened(observations, backend, device) as kernel:
         uncertainty = found.uncertainty
-        if noise is not None and sharp is not None:
-            uncertainty = rescaled_to_noise(uncertainty, robust_noise(sharp, found.water))
-        elif matched is not None:  # the water's errors come from the sample, the colours' from their own noise
-            uncertainty = replace(uncertainty, noise=uncertainty_at(kernel, observations, found.water).noise)
+        if sharp is not None and noise is not None:
+            noise = robust_noise(sharp, found.water)
+        if matched is not None:  # the water's errors come from the sample, the colours' from their own noise
+            own = uncertainty_at(kernel, observations, found.water).noise if noise is None else noise
+            clusters = clustered(uncertainty, [to_fit], found.water, tied=one_coefficient)
+            uncertainty = replace(clusters, noise=own)
+        elif noise is not None:
+            uncertainty = rescaled_to_noise(uncertainty, noise)
         solution = _with_colours(kernel, found.water, uncertainty, about)
     return solution if noise is None else replace(solution, weight=observations.weight)
 
@@ -138,9 +149,12 @@ def _with_colours(
     return Solution(J, deviation, water, cost, uncertainty, {**about, "device": kernel.device})
 
 
-def uncertainty_at(kernel: Kernel, observations: Observations, water: WaterParameters) -> WaterUncertainty:
+def uncertainty_at(
+    kernel: Kernel, observations: Observations, water: WaterParameters, *, tied: bool = False
+) -> WaterUncertainty:
     """Return the uncertainty of a water that need not be the minimum."""
-    return uncertainty_of(water, kernel.system(water), np.ones((3, 3), dtype=bool), observations.n_excess)
+    free = np.ones((3, 3), dtype=bool)
+    return uncertainty_of(water, kernel.system(water), free, observations.n_excess, tied=tied)
 
 
 def sampled(observations: Observations, n: int, *, singles: bool, seed: int) -> Observations:

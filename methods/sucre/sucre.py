@@ -64,6 +64,10 @@ class Sucre(FillOption):
     """Keep colours above zero, up to noise; a veil brighter than the darkest pixels raises the cost (solver=exact).
     With footprint=true, only if the observations are then explained nearly as well."""
 
+    one_coefficient: bool = False
+    """Fit the paper's eq. 1, in which backscatter has the coefficient of attenuation: gamma = beta (water=own or
+    shared, without a strobe)."""
+
     robust: bool | Literal["auto"] = "auto"
     """true: give less weight to observations that do not fit, such as animals that move and pixels paired wrongly
     (solver=exact); auto: only if these lie together in single views, or if noise explains the others; false: never."""
@@ -284,7 +288,7 @@ class Sucre(FillOption):
         where = (self.backend, self.device)
         if self.solver == "adam":
             start = start_of(observations, self.intensities(view))
-            return observations, solve_adam(observations, start, backend=self.backend, device=self.device)
+            return observations, solve_adam(observations, start, tied=self.one_coefficient, **self.compute)
         if self.water == "own":
             return OwnWater(self, scene, view).solve(observations, matched)
         if self.water == "shared":
@@ -403,6 +407,8 @@ def check(options: Any, method: str) -> None:
             raise InputError(f"{method}.{extras[0]}: {fault}; give {method}.{extras[0]}={off}")
         if options.water != "own":
             raise InputError(f"{water}: leaves nothing to {method}.solver={options.solver}; leave one out")
+    if options.one_coefficient and options.water not in ("own", "shared"):
+        raise InputError(f"{water}: has both coefficients; give {method}.one_coefficient=false")
     if options.water != "own" and extras not in ([], ["physical"]):
         name = next(name for name in extras if name != "physical")
         raise InputError(f"{method}.{name}: is found with the image's own water; leave out {water}")

@@ -11,7 +11,7 @@ from support.made_observations import made, parameters, reduced_residuals, table
 from support.made_scene import WATER, make_scene
 
 from sucre_bench import SolveError, Water
-from sucre_bench.methods.sucre.diagnostics import uncertainty_of
+from sucre_bench.methods.sucre.diagnostics import clustered, uncertainty_of
 from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.levenberg import Bounds, minimise
 from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
@@ -61,6 +61,23 @@ def test_no_random_start_leads_an_independent_minimiser_to_a_lower_plausible_wat
         assert found.cost[channel] <= min(costs) * (1 + 1e-6)
 
 
+def test_one_coefficient_is_the_minimum_of_eq_1_and_its_errors_are_those_of_two_unknowns() -> None:
+    observations, _ = made(3_000, 5, distances_m=(2, 6), noise=0.01, seed=3)
+    found = fit(observations, backend="numpy", one_coefficient=True)
+    rows, error = found.water.by_channel(), found.uncertainty.standard_error.by_channel()
+    for channel in range(3):
+
+        def residuals(B_alpha: np.ndarray, c: int = channel) -> np.ndarray:
+            return reduced_residuals(observations, c, B_alpha[[0, 1, 1]])
+
+        end = least_squares(residuals, (0.2, 0.2), bounds=(0, (1, 5)), xtol=1e-12)
+        np.testing.assert_allclose(rows[channel], end.x[[0, 1, 1]], rtol=1e-3)
+        noise = 2 * end.cost / (observations.n_excess - 3)
+        np.testing.assert_allclose(
+            error[channel], np.sqrt(noise * np.diag(np.linalg.inv(end.jac.T @ end.jac)))[[0, 1, 1]], rtol=0.01
+        )
+
+
 @pytest.mark.parametrize("water", WATERS)
 def test_light_that_differs_between_views_makes_no_veil_that_is_full_at_all_distances(water: Water) -> None:
     """Such a veil is an offset of all colours, and fits nearly as well as the true water, or better."""
@@ -80,6 +97,24 @@ def test_the_cost_is_never_above_that_of_adam() -> None:
         observations, WaterParameters.of_channels(np.full((3, 3), 0.1)), None, "numpy", "cpu"
     ).cost
     assert (adam.cost < 0.1 * at_start).all()  # and Adam was on its way there
+
+
+@pytest.mark.parametrize(("jitter", "too_small"), [(0.0, False), (0.01, True)])
+def test_standard_errors_hold_where_water_differs_between_views(jitter: float, too_small: bool) -> None:
+    """Error over standard error has an rms of 1, not as with errors of independent observations."""
+    ratios = []
+    for seed in range(8):
+        observations, _ = made(48 * 36, 10, noise=0.004, shape=(36, 48), seed=seed)
+        rng = np.random.default_rng(seed)
+        more = jitter * rng.normal(size=(3, len(observations.views)))[:, observations.view]
+        observations = replace(observations, colour=observations.colour * np.exp(-more * observations.distance))
+        found = fit(observations)
+        errors = (found.uncertainty, clustered(found.uncertainty, [observations], found.water))
+        wrong = found.water.beta - WATER.attenuation
+        ratios.append([wrong / one.standard_error.beta for one in errors])
+    independent, by_cluster = np.sqrt(np.mean(np.square(ratios), axis=(0, 2)))
+    assert 0.6 < by_cluster < 1.5
+    assert (independent > 3) == too_small
 
 
 def test_exact_data_leave_no_residual() -> None:

@@ -8,7 +8,7 @@ from support import lazy_torch as torch
 from support.made_observations import flat, made, table
 from support.made_scene import WATER, make_scene
 
-from sucre_bench import Arrays, InputError, Scene, SolveError, View
+from sucre_bench import Arrays, InputError, Scene, SolveError, View, restore
 from sucre_bench.methods.sucre import SucrePaper
 from sucre_bench.methods.sucre.model import WaterParameters, derivatives, predict
 from sucre_bench.methods.sucre.paper import Objective, minimise
@@ -36,14 +36,18 @@ def squared_error(observations: Observations, J: torch.Tensor, water: torch.Tens
 
 
 def naive_adam(
-    observations: Observations, J: np.ndarray, steps: int, *, divided_by: float = 1.0, eps: float = 1e-8
+    observations: Observations, J: np.ndarray, steps: int, *, rows: int = 3, divided_by: float = 1.0, eps: float = 1e-8
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Adam on eq. 7 by automatic differentiation, float64, full batch: J and water of the last iterate."""
-    unknowns = [torch.tensor(x, dtype=torch.float64, requires_grad=True) for x in (J, START)]
+    """Adam on eq. 7 by automatic differentiation, float64, full batch: J and water of the last iterate.
+
+    rows: of the water, 2 for eq. 1: B and its one coefficient.
+    """
+    unknowns = [torch.tensor(x, dtype=torch.float64, requires_grad=True) for x in (J, START[:rows])]
     optimiser = torch.optim.Adam(unknowns, lr=0.05, eps=eps)
     for _ in range(steps):
         optimiser.zero_grad()
-        (squared_error(observations, *unknowns).sum() / divided_by).backward()
+        J_now, water = unknowns
+        (squared_error(observations, J_now, water[[0, 1, rows - 1]]).sum() / divided_by).backward()
         optimiser.step()
     return unknowns[0].detach().numpy(), unknowns[1].detach().numpy()
 
@@ -221,6 +225,34 @@ def test_the_mean_objective_is_adam_on_the_sum_divided_by_3_n() -> None:
     J, _ = naive_adam(observations, J0, 200, divided_by=3 * len(observations))
     np.testing.assert_allclose(restored.image.reshape(-1, 3)[observations.pixels].T, J, atol=5e-6)
     assert np.abs(J - naive_adam(observations, J0, 200)[0]).max() > 1e-4  # even here, with 7,000 observations
+
+
+def test_one_coefficient_is_adam_on_eq_1() -> None:
+    restored = SucrePaper(one_coefficient=True, steps=30, device="cpu").restore(SCENE, TARGET)
+    observations = observe(TARGET, SCENE.views)
+    J, water = naive_adam(observations, TARGET.rgb.reshape(-1, 3)[observations.pixels].T, 30, rows=2)
+    np.testing.assert_allclose(restored.image.reshape(-1, 3)[observations.pixels].T, J, atol=5e-6)
+    np.testing.assert_allclose(restored.water.attenuation, water[1], atol=5e-6)
+    assert (restored.water.backscatter == restored.water.attenuation).all()
+
+
+@pytest.mark.parametrize("start", ["seathru", "truth"])
+def test_adam_starts_from_the_water_of_another_method_or_of_the_dataset(start: str) -> None:
+    scene = replace(SCENE, water=WATER)
+    water = WATER if start == "truth" else restore("seathru", scene, TARGET.name).water
+    restored = SucrePaper(start=start, steps=1, device="cpu").restore(scene, TARGET)
+    observations = observe(TARGET, SCENE.views)
+    J0 = TARGET.rgb.reshape(-1, 3)[observations.pixels].T.astype(np.float64)
+    rows = torch.tensor(np.stack([water.veiling_light, water.attenuation, water.backscatter]))
+    initial = squared_error(observations, torch.tensor(J0), rows).numpy()
+    np.testing.assert_allclose(restored.info["initial_cost"], initial, rtol=1e-4)
+    np.testing.assert_allclose(np.abs(restored.water.attenuation - water.attenuation), 0.05, rtol=1e-4)  # a step's size
+
+
+@pytest.mark.parametrize("start", ["gray_word", "command"])
+def test_a_start_that_gives_no_water_is_refused_by_its_option(start: str) -> None:
+    with pytest.raises(InputError, match=rf"^sucre_paper\.start={start}: "):
+        SucrePaper(start=start)
 
 
 def test_the_number_of_threads_is_left_as_it_was_and_does_not_change_the_result() -> None:
