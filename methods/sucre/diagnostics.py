@@ -113,9 +113,9 @@ def _cluster_sums(images: Sequence[Observations], water: WaterParameters) -> tup
             H += np.einsum("cikn,cjkn->cij", D, D)
             cluster = tile[block.start : block.start + block.n]
             sums[0] += _summed(scores.sum(axis=1), cluster, sums[0].shape[1])
-            slots = one.slots(block.start, block.start + block.n) if number is not None else ()
-            for k, (n, part) in enumerate(slots):
-                sums[1] += _summed(scores[:, k, :n], number[part], len(names))
+            for k, (n, part) in enumerate(one.slots(block.start, block.start + block.n)):
+                if number is not None:
+                    sums[1] += _summed(scores[:, k, :n], number[part], len(names))
     return H, [total.reshape(3, 3, -1) for total in sums]
 
 

@@ -117,9 +117,10 @@ class SucrePaper(FillOption):
         start, water = start_of(observations, view.rgb.reshape(-1, 3)), _INITIAL_WATER
         if self.start != "paper":
             water = water_of(self.start, scene, view, view.encoding, _START).water
-        how = (self.steps, self.lr, self.objective, "torch", self.device)
+        how: Any = {"steps": self.steps, "lr": self.lr, "objective": self.objective, "device": self.device}
+        how |= {"backend": "torch", "water": water, "tied": self.one_coefficient}
         with named(view):
-            solution = solve_adam(observations, start, *how, water=water, tied=self.one_coefficient)
+            solution = solve_adam(observations, start, **how)
         solution = with_residuals(observations, solution)
         solve_s = time.perf_counter() - started
         stages = {"read": observations.read_s, "pair": observations.pair_s, "solve": solve_s}
