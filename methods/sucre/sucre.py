@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import time
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
@@ -20,7 +19,7 @@ from sucre_bench.machine.packages import require
 from sucre_bench.methods.sucre.known_water import WORDS, check_source, shared_water, water_of
 from sucre_bench.methods.sucre.light_parts import AUTO, EVEN, Parts, parts_of
 from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.methods.sucre.paper import CITES, solve_adam, start_of
+from sucre_bench.methods.sucre.paper import CITES
 from sucre_bench.methods.sucre.passes import Backend
 from sucre_bench.methods.sucre.refine_noise import LEAST_SPREAD, LEAST_SPREAD_LINEAR, ImagePrior, prior_of
 from sucre_bench.plugins.call_method import display_of
@@ -53,15 +52,12 @@ class Sucre(FillOption):
     weak priors are this project's.
     """
 
-    solver: Literal["exact", "adam"] = "exact"
-    """exact: the minimum; adam: the paper's steps on all unknowns."""
-
     footprint: bool = True
     """Fit the water to observations that average the same ground as the farthest view; colours stay sharp. false: fit
-    single pixels, which makes attenuation too high. Needs solver=exact, and water=own or shared."""
+    single pixels, which makes attenuation too high. Needs water=own or shared."""
 
     physical: bool = False
-    """Keep colours above zero, up to noise; a veil brighter than the darkest pixels raises the cost (solver=exact).
+    """Keep colours above zero, up to noise; a veil brighter than the darkest pixels raises the cost.
     With footprint=true, only if the observations are then explained nearly as well."""
 
     one_coefficient: bool = False
@@ -69,11 +65,11 @@ class Sucre(FillOption):
     shared, without a strobe)."""
 
     robust: bool | Literal["auto"] = "auto"
-    """true: give less weight to observations that do not fit, such as animals that move and pixels paired wrongly
-    (solver=exact); auto: only if these lie together in single views, or if noise explains the others; false: never."""
+    """true: give less weight to observations that do not fit, such as animals that move and pixels paired wrongly;
+    auto: only if these lie together in single views, or if noise explains the others; false: never."""
 
     light: str = "auto"
-    """What differs in the light of the views, fitted with the water (solver=exact): exposure (a gain for each view),
+    """What differs in the light of the views, fitted with the water: exposure (a gain for each view),
     white_balance (three), lens (vignetting), strobe (the only light, beside the camera), or some joined by +; even:
     nothing; auto: what explains pixels that the fit has not seen (footprint=true)."""
 
@@ -83,7 +79,7 @@ class Sucre(FillOption):
 
     encoding: Literal["auto", "view", "linear"] = "auto"
     """view: fit intensities as stored, as the paper does; linear: fit linear light, decoded from sRGB; auto: linear
-    light only if it leaves less than 95 % of the residuals (solver=exact, water=own)."""
+    light only if it leaves less than 95 % of the residuals (water=own)."""
 
     water: Literal["own", "shared", "truth"] | str = "own"
     """own: fit each image; shared: fit many images of the scene together; truth: the dataset's true water; METHOD: the
@@ -103,7 +99,7 @@ class Sucre(FillOption):
     """Array library: numba, torch or jax; auto: numba, but torch with device=cuda."""
 
     device: Device = "auto"
-    """Where to compute: auto takes a GPU, when there is one, for torch, jax and solver=adam, else the CPU."""
+    """Where to compute: auto takes a GPU, when there is one, for torch and jax, else the CPU."""
 
     def __post_init__(self) -> None:
         check(self, type(self).__plugin__.name)  # type: ignore[attr-defined]
@@ -120,8 +116,6 @@ class Sucre(FillOption):
         from sucre_bench.multiview.footprints import matched_footprints
         from sucre_bench.multiview.observe import observe
 
-        if self.solver == "adam":
-            importlib.import_module("torch")
         n, options = 8, self.pairing_with()
         camera = Camera(np.array([[n, 0, n / 2], [0, n, n / 2], [0, 0, 1.0]]), n, n)
         grey = np.full((n, n, 3), 128 / 255)
@@ -258,7 +252,7 @@ class Sucre(FillOption):
         from sucre_bench.methods.sucre.solution import matched_sample
 
         is_used = self.footprint or self.encoding == "auto" or self.light not in (AUTO, EVEN)
-        if self.water != "own" or self.solver != "exact" or not is_used:
+        if self.water != "own" or not is_used:
             return None
         return matched_sample(self, scene, view, observations)
 
@@ -286,9 +280,6 @@ class Sucre(FillOption):
         from sucre_bench.methods.sucre.solution import colours_for_water
 
         where = (self.backend, self.device)
-        if self.solver == "adam":
-            start = start_of(observations, self.intensities(view))
-            return observations, solve_adam(observations, start, tied=self.one_coefficient, **self.compute)
         if self.water == "own":
             return OwnWater(self, scene, view).solve(observations, matched)
         if self.water == "shared":
@@ -389,8 +380,7 @@ def typed(options: Any, name: str, value: bool | str) -> str:
 def check(options: Any, method: str) -> None:
     """Raise InputError for values that are no choice, and for options that do not go together; method: its name.
 
-    With water=own, solver=exact takes physical, robust and light; solver=adam takes none of these. With another water
-    there is nothing to solve, and of these options only physical may stay, with an effect for water=shared.
+    With another water than own there is nothing to weigh. physical may stay, with an effect for water=shared.
     """
     water = f"{method}.water={options.water}"
     if not options.water:
@@ -398,19 +388,11 @@ def check(options: Any, method: str) -> None:
     if options.robust != "auto" and not isinstance(options.robust, bool):
         raise InputError(f"{method}.robust: '{options.robust}' is not a choice; use true, false or auto")
     parts = parts_of(options.light, f"{method}.light")
-    extras = [name for name in ("physical", "robust") if getattr(options, name) is True]
-    extras += ["light"] if parts not in (None, Parts()) else []
-    if options.solver != "exact":
-        if extras:
-            off = "even" if extras[0] == "light" else "false"
-            fault = f"goes with {method}.solver=exact, not with {method}.solver={options.solver}"
-            raise InputError(f"{method}.{extras[0]}: {fault}; give {method}.{extras[0]}={off}")
-        if options.water != "own":
-            raise InputError(f"{water}: leaves nothing to {method}.solver={options.solver}; leave one out")
     if options.one_coefficient and options.water not in ("own", "shared"):
         raise InputError(f"{water}: has both coefficients; give {method}.one_coefficient=false")
-    if options.water != "own" and extras not in ([], ["physical"]):
-        name = next(name for name in extras if name != "physical")
+    extras = {"robust": options.robust is True, "light": parts not in (None, Parts())}
+    if options.water != "own" and any(extras.values()):
+        name = next(name for name, is_set in extras.items() if is_set)
         raise InputError(f"{method}.{name}: is found with the image's own water; leave out {water}")
     if parts is not None and parts.strobe and (options.fill or options.colours == "single_view"):
         name = "fill" if options.fill else "colours"
@@ -419,7 +401,7 @@ def check(options: Any, method: str) -> None:
         )
     if options.water not in WORDS:
         check_source(options.water)
-    for name, value in (("solver", "adam"), ("backend", "torch"), ("backend", "jax"), ("device", "cuda")):
+    for name, value in (("backend", "torch"), ("backend", "jax"), ("device", "cuda")):
         if getattr(options, name) == value:
             library = "jax" if options.backend == "jax" else "torch"
             require(f"{method}.{name}={value}", library)

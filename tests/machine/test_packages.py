@@ -15,7 +15,6 @@ from sucre_bench.machine import packages
     ("words", "hidden", "place", "extra"),
     [
         (["run", "method=sucre_paper"], "torch", "method 'sucre_paper'", "torch"),
-        (["run", "method=sucre", "method.solver=adam"], "torch", "sucre.solver=adam", "torch"),
         (["run", "method=sucre", "method.backend=jax"], "jax", "sucre.backend=jax", "jax"),
         (["run", "method=sucre_plus", "method.backend=torch"], "torch", "sucre_plus.backend=torch", "torch"),
         (["run", "method=gray_world", "tracking.uri=sqlite:///elsewhere.db"], "mlflow", "tracking.uri", "mlflow"),

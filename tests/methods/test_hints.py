@@ -93,7 +93,6 @@ def test_every_advised_word_can_be_typed(method: str, word: str, tmp_path: Path)
         (Sucre, {}, ("method.physical=true keeps", "method.refine=true draws")),
         (SucrePlus, {}, ("", "")),
         (Sucre, {"water": "truth"}, ("", "method.refine=true draws")),
-        (Sucre, {"solver": "adam"}, ("", "method.refine=true draws")),
     ],
 )
 def test_colours_that_are_wrong_are_mended_by_options_that_the_method_takes(

@@ -266,7 +266,6 @@ def test_gains_of_views_that_are_no_positive_numbers_are_refused(plain: Scene, t
 @pytest.mark.parametrize(
     "options",
     [
-        {"light": "exposure", "solver": "adam"},
         {"light": "lens", "water": "truth"},
         {"light": "strobe", "fill": True},
         {"light": "strobe", "colours": "single_view"},

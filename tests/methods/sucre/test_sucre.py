@@ -15,7 +15,7 @@ from support.messages import names
 from sucre_bench import Arrays, InputError, Restoration, Scene, SolveError, Water, load_scenes
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.machine.records import add_record
-from sucre_bench.methods.sucre import Sucre, SucrePaper, SucrePlus
+from sucre_bench.methods.sucre import Sucre, SucrePlus
 from sucre_bench.methods.sucre.refine_noise import prior_of
 from sucre_bench.plugins import find
 from sucre_bench.plugins.options import Choice, create
@@ -77,19 +77,12 @@ def test_the_time_of_the_fit_has_no_time_of_pairing(monkeypatch: pytest.MonkeyPa
     assert 0 < stages["solve"] < 1e5
 
 
-@pytest.mark.parametrize("solver", ["exact", "adam"])
-def test_every_solver_says_how_sure_it_is(solver: Any) -> None:
-    info = sucre(solver=solver).restore(SCENE, TARGET).info
-    assert info["solver"] == solver
+def test_the_record_says_how_sure_it_is() -> None:
+    info = sucre().restore(SCENE, TARGET).info
+    assert info["solver"] == "exact"
     assert np.isfinite(info["cost"]).all()
     assert np.isfinite(info["condition"]).all()
     assert info["steps"] >= 1
-
-
-def test_solver_adam_is_the_papers() -> None:
-    ours, paper = sucre(solver="adam").restore(SCENE, TARGET), SucrePaper().restore(SCENE, TARGET)
-    np.testing.assert_array_equal(ours.image, paper.image)
-    np.testing.assert_array_equal(as_array(ours.water), as_array(paper.water))
 
 
 # -- water from elsewhere ----------------------------------------------------------------------------------
@@ -106,13 +99,6 @@ def test_the_true_water_is_taken_as_it_is() -> None:
 def test_the_true_water_is_not_taken_for_that_of_linear_light() -> None:
     with pytest.raises(InputError, match=r"water=truth: .*gamma.* linear"):
         Sucre(water="truth", encoding="linear").restore(SCENE, TARGET)
-
-
-def test_sucre_plus_says_what_to_give_up_for_another_solver() -> None:
-    said = "^sucre_plus.physical: goes with .*solver=exact, not with .*solver=adam; give sucre_plus.physical=false$"
-    with pytest.raises(InputError, match=said):
-        SucrePlus(solver="adam")
-    assert SucrePlus(solver="adam", physical=False).restore(SCENE, TARGET).valid.any()
 
 
 def test_water_comes_from_a_file_or_from_a_folder_of_them(tmp_path: Path) -> None:
@@ -373,10 +359,6 @@ def test_a_channel_without_light_is_named_and_stays_as_it_is() -> None:
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        ({"solver": "adam", "physical": True}, {"sucre.physical", "sucre.solver=exact"}),
-        ({"solver": "adam", "robust": True}, {"sucre.robust", "sucre.solver=exact"}),
-        ({"solver": "adam", "water": "shared"}, {"sucre.water=shared", "sucre.solver=adam"}),
-        ({"solver": "adam", "water": "seathru"}, {"sucre.water=seathru", "sucre.solver=adam"}),
         ({"water": ""}, {"sucre.water", "empty"}),
         ({"water": "seathr"}, {"method.water=seathr", "'seathru'"}),
     ],
