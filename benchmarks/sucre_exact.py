@@ -1,19 +1,17 @@
 """The exact solver against the number of observations: seconds, memory, and the speed of its two passes.
 
 Run: python benchmarks/sucre_exact.py [--observations 1e8] [--backends numba,torch,jax,numpy]
-     [--device cuda] [--turns 2] [--out DIR]
+     [--device cuda] [--turns 2]
 
 A target has a tenth as many pixels as observations, each seen 1 to 19 times at 1 to 10 m, 8-bit colours with noise. For
 each size and backend a process of its own makes the observations, then times a pass of either kind (the fastest of
 some turns) and a whole restoration: the water of all observations, in so many passes over them, and all colours in it.
-Peak memory is that of the restoration, with the observations it reads. DIR gets sucre_exact.csv and a figure of time
-against observations.
+Peak memory is that of the restoration, with the observations it reads.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import math
 import subprocess
@@ -105,30 +103,12 @@ def peak_gib() -> float:
     return int(line.split()[1]) / 2**20
 
 
-def draw(rows: list[dict[str, Any]], path: Path) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
-    for backend in dict.fromkeys(row["backend"] for row in rows):
-        own = [row for row in rows if row["backend"] == backend]
-        axes.loglog([row["observations"] for row in own], [row["seconds"] for row in own], "o-", label=backend)
-    axes.set(xlabel="observations", ylabel="seconds for the water and all colours", title="Exact solver")
-    axes.grid(which="major", alpha=0.4)
-    axes.legend()
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--observations", type=float, help="one size alone; default: 1e5, 1e6, 1e7 and 1e8")
     parser.add_argument("--backends", help="default: numba,torch,jax,numpy; with --device cuda: torch,jax")
     parser.add_argument("--device", default="cpu", choices=("cpu", "cuda"), help="cuda: for torch and jax")
     parser.add_argument("--turns", type=int, default=2)
-    parser.add_argument("--out", type=Path, help="folder for the table and the figure")
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     on_gpu = arguments.device == "cuda"
@@ -141,7 +121,6 @@ def main() -> None:
     heads = ("system", "held", "colours")
     columns = "".join(f"{head:>9}" for head in heads)
     print(f"{'observations':>13} {'backend':8}{columns}{'water + colours':>17}  passes        peak")
-    rows = []
     for n in [arguments.observations] if arguments.observations else SIZES:
         for backend in backends:
             one = [f"--observations={n}", f"--backends={backend}"]
@@ -154,14 +133,6 @@ def main() -> None:
             digits = max(0, 2 - math.floor(math.log10(row["seconds"])))
             whole = f"{row['seconds']:15.{digits}f} s{row['passes']:8}{row['peak_gib']:8.2f} GiB"
             print(f"{row['observations']:13,} {backend:8}{speeds}{whole}", flush=True)
-            rows.append(row)
-    if arguments.out:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-        with (arguments.out / "sucre_exact.csv").open("w", newline="") as file:
-            table = csv.DictWriter(file, rows[0])
-            table.writeheader()
-            table.writerows(rows)
-        draw(rows, arguments.out / "sucre_exact.png")
 
 
 if __name__ == "__main__":

@@ -25,7 +25,8 @@ They are optical depths over the median distance d of the observations, so that 
 
 A prior with deviation s adds (noise / s)^2 to the normal equations, noise being that of an observation. Channels that
 the data determine stay exactly as they are. A veil that no 8-bit image could show counts as no backscatter: B = 0.
-So does the veil of a channel that nothing dims, as in air: no water scatters far more than it attenuates.
+So does the veil of a channel that nothing dims, as in air: no water scatters far more than it attenuates. So does one
+whose veiling light would be white, as under a strobe, even if gamma is beta (eq. 1), which is tried first.
 """
 
 from __future__ import annotations
@@ -161,18 +162,14 @@ class _Search:
     device: Device
     tied: bool
 
-    def _descended(self, evaluate: Callable[[Array], ReducedSystem], start: Array, **limits: Any) -> Minimum:
+    def descended(self, evaluate: Callable[[Array], ReducedSystem], start: Array, **limits: Any) -> Minimum:
         """Return where a start leads; in rows that have one coefficient, if gamma is tied to beta."""
+        most = _MOST_DEPTH / self.distance  # rates for scenes seen from about this distance
+        bounds = Bounds(np.zeros(3), np.array([1.0, most, most]), np.array([False, True, True]))
         if not self.tied:
-            return minimise(evaluate, start, self.bounds, **limits)
-        end = minimise(lambda rows: evaluate(rows[:, [0, 1, 1]]).tied(), start, self.bounds, **limits)
+            return minimise(evaluate, start, bounds, **limits)
+        end = minimise(lambda rows: evaluate(rows[:, [0, 1, 1]]).tied(), start, bounds, **limits)
         return replace(end, at=end.at[:, [0, 1, 1]], free=end.free[:, [0, 1, 1]])
-
-    @property
-    def bounds(self) -> Bounds:
-        """The range of B, beta, gamma: intensities, and rates for scenes seen from about this distance."""
-        most = _MOST_DEPTH / self.distance
-        return Bounds(np.zeros(3), np.array([1.0, most, most]), np.array([False, True, True]))
 
     @contextmanager
     def _opened(self, images: Sequence[Observations]) -> Iterator[list[Kernel]]:
@@ -184,13 +181,13 @@ class _Search:
         with self._opened(fewest) as kernels:
             evaluate = _summed(kernels, None)
             starts = _promising(evaluate, self.distance)
-            return starts, [self._descended(evaluate, at, tolerance=_SCREENED, max_steps=15) for at in starts]
+            return starts, [self.descended(evaluate, at, tolerance=_SCREENED, max_steps=15) for at in starts]
 
     def ends(self, few: Sequence[Observations], margin: Array | None, starts: Sequence[Array]) -> list[Minimum]:
         """Return where the starts lead on a sample."""
         with self._opened(few) as kernels:
             evaluate = _summed(kernels, margin)
-            return [self._descended(evaluate, start, tolerance=_ROUGHLY) for start in starts]
+            return [self.descended(evaluate, start, tolerance=_ROUGHLY) for start in starts]
 
     def refined(
         self,
@@ -208,7 +205,7 @@ class _Search:
         floor = ROUNDING * sum(map(len, images))
 
         def lowest(evaluate: Callable[[Array], ReducedSystem], starts: Iterable[Array]) -> Minimum:
-            return _best([self._descended(evaluate, at, tolerance=_TOLERANCE, floor=floor) for at in starts])
+            return _best([self.descended(evaluate, at, tolerance=_TOLERANCE, floor=floor) for at in starts])
 
         with self._opened([*images, *dark]) as kernels:
             evaluate = _summed(kernels, margin)
@@ -221,7 +218,13 @@ class _Search:
                 # hide a visible optical depth shows no clear medium, but an unknown one.
                 beta, most = end.at[:, 1], 2 * known.standard_error.beta
                 clear = (beta == 0) | ((beta <= most) & ((beta + most) * self.distance < _CLEAR))
-                end = _with_weak_channels(end, lowest(prior, (end.at, *grid)), weak, clear, evaluate, self.distance)
+                likely = lowest(prior, (end.at, *grid))
+                if (bright := weak & ~clear & (likely.at[:, 0] >= 1)).any():
+                    one = replace(self, tied=True).descended(prior, likely.at, tolerance=_TOLERANCE, floor=floor)
+                    at = np.where(bright[:, None], one.at, likely.at)
+                    at[at[:, 0] >= 1] *= [0, 1, 0]
+                    likely = replace(likely, at=at, free=np.where(bright[:, None], one.free, likely.free))
+                end = _with_weak_channels(end, likely, weak, clear, evaluate, self.distance)
             if margin is not None:  # without the shortfall of negative colours
                 end = replace(end, system=replace(end.system, cost=_summed(kernels, None)(end.at).cost))
         uncertainty = _uncertainty(end, images, dead, self.tied)

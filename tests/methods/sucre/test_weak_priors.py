@@ -29,6 +29,17 @@ def test_no_parameter_ends_at_a_bound_on_a_flat_survey(seed: int) -> None:
     assert np.abs(np.median(solution.J - J, axis=1)).max() < 0.35
 
 
+def test_a_veil_that_grows_ever_faster_has_no_white_light_and_leaves_beta_right() -> None:
+    """As under a strobe. No B explains it, so the fit with priors would end at B = 1."""
+    beta = np.array([0.3, 0.15, 0.12])
+    observations, _ = made(6_000, 6, water=Water(np.zeros(3), beta, beta), distances_m=(2, 4), noise=0.004)
+    veiled = observations.colour + 0.01 * observations.distance**2
+    found = fit(replace(observations, colour=veiled.astype(np.float32)))
+    assert ((found.water.B > 0) & (found.water.B < 0.9)).all()
+    assert found.uncertainty.is_weak == (True, True, True)
+    np.testing.assert_allclose(found.water.beta, beta, rtol=0.03)
+
+
 def test_the_record_says_whether_a_weak_prior_decides_a_channel() -> None:
     for options, known in ((SURVEY, False), ({"noise": 0.004}, True)):
         observations, _ = made(8_000, 5, water=CLEAR, **options)  # type: ignore[arg-type]
