@@ -8,6 +8,7 @@ in stored units, in which noise is alike.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -15,9 +16,8 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import NotApplicableError, SolveError
-from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.methods.sucre.exact import fit
-from sucre_bench.methods.sucre.refine_noise import residuals_of
+from sucre_bench.methods.sucre.refine_noise import decoding_slope, residuals_of
 from sucre_bench.methods.sucre.solution import colours_for_water, matched_at, sampled
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Scene, View
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 # linear light had .79 to .89, others 1.3 to 1.6; with uneven light, and on real photographs, both were near 1.
 _BETTER = 0.95
 
-# Pixels that both are fitted to, and half the difference of intensities that the slope of the curve is taken over.
-_PIXELS, _STEP = 2_000, 0.5 / 255
+# Pixels that both are fitted to.
+_PIXELS = 2_000
 
 # Observations that decide their pixel's colour alone have no residual.
 _ALONE = 0.9
@@ -50,7 +50,8 @@ def nearer_encoding(
 ) -> NearerEncoding:
     """Return the encoding in which the water of a view explains more: stored intensities where too few pixels tell.
 
-    observations: stored intensities; matched: their sample with equal footprints.
+    observations: stored intensities; matched: their sample with equal footprints. The footprints of linear light are
+    means of decoded images: over rough texture, decoded means of stored intensities explain neither encoding.
     """
     if matched is None or view.encoding == "linear":
         return NearerEncoding("view")
@@ -58,7 +59,7 @@ def nearer_encoding(
     in_linear = replace(options, encoding="linear")
     try:
         stored = _residual(options, few)
-        linear = _residual(in_linear, matched_at(in_linear, scene, view, observations, few.pixels))
+        linear = _residual(options, matched_at(in_linear, scene, view, observations, few.pixels), decoding_slope)
     except (NotApplicableError, SolveError):
         return NearerEncoding("view")
     if not stored > 0:
@@ -66,17 +67,10 @@ def nearer_encoding(
     return NearerEncoding("linear" if linear < _BETTER * stored else "view", linear / stored)
 
 
-def _residual(options: Sucre, sample: Observations) -> float:
-    """Return the median size of studentised residuals in stored units."""
+def _residual(options: Sucre, sample: Observations, slope: Callable[[Array], Array] = np.ones_like) -> float:
+    """Return the median size of studentised residuals in stored units; slope: of intensities by stored ones."""
     water = fit(sample, **options.compute).water
     solution = colours_for_water(sample, water, None, options.backend, options.device)
     r, h, _, explained = residuals_of(sample, solution.J, water)
-    if options.encoding == "linear":
-        r = r / _slope(explained.clip(0, 1))
+    r = r / slope(explained.clip(0, 1))
     return float(np.median(np.abs(r / np.sqrt(1 - h.clip(0, _ALONE)))[h < _ALONE]))
-
-
-def _slope(linear: Array) -> Array:
-    """Return how much linear light changes with the stored intensity."""
-    stored = srgb_encode(linear)
-    return np.asarray((srgb_decode(stored + _STEP) - srgb_decode(stored - _STEP)) / (2 * _STEP))

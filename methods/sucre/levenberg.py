@@ -106,17 +106,17 @@ def _steps(at: Array, system: ReducedSystem, bounds: Bounds, damping: Array, whi
 
     which is A t = S g where no bound is in the way. Parameters that nothing depends on (H_kk = 0) stay.
     """
-    steps = np.zeros_like(system.g)
-    for c in np.flatnonzero(which):
-        H, g = system.H[c], system.g[c]
-        k = np.flatnonzero(H.diagonal() > 0)
-        if not len(k):
-            continue
-        scale = 1 / np.sqrt(H.diagonal()[k])  # unit diagonal: parameters differ in size
-        A = H[np.ix_(k, k)] * scale[:, None] * scale + np.diag(damping[c] * bounds.damped[k])
-        A[np.diag_indices(len(k))] += _SINGULAR
-        lower, upper = (bounds.lower[k] - at[c, k]) / scale, (bounds.upper[k] - at[c, k]) / scale
-        steps[c, k] = scale * _within(A, g[k] * scale, lower, upper)
+    diagonal = np.einsum("cii->ci", system.H)
+    known = diagonal > 0
+    scale = np.divide(1, np.sqrt(diagonal), out=np.zeros_like(diagonal), where=known)  # parameters differ in size
+    A, b = system.H * scale[:, :, None] * scale[:, None, :], system.g * scale
+    np.einsum("cii->ci", A)[:] += np.where(known, damping[:, None] * bounds.damped + _SINGULAR, 1)
+    steps = np.where(which[:, None], scale * np.linalg.solve(A, b[..., None])[..., 0], 0)
+    beyond = ((at + steps < bounds.lower) | (at + steps > bounds.upper)).any(axis=1)
+    for c in np.flatnonzero(beyond):
+        k = np.flatnonzero(known[c])
+        lower, upper = (bounds.lower[k] - at[c, k]) / scale[c, k], (bounds.upper[k] - at[c, k]) / scale[c, k]
+        steps[c, k] = scale[c, k] * _within(A[c][np.ix_(k, k)], b[c, k], lower, upper)
     return steps
 
 

@@ -34,7 +34,7 @@ from sucre_bench.methods.sucre.refine_noise import residuals_of
 from sucre_bench.methods.sucre.solution import Solution
 from sucre_bench.methods.sucre.sucre import typed
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.plugins.call_method import with_name
+from sucre_bench.plugins.call_method import is_stored_in_full, with_name
 from sucre_bench.scene import Encoding, Restoration, View, Water
 
 # The share of an image's colours from which on a fault is reported.
@@ -74,7 +74,9 @@ def named(view: View) -> Iterator[None]:
 
 
 def with_residuals(observations: Observations, solution: Solution) -> Solution:
-    """Add residual statistics (see `residuals`) to `solution.about`."""
+    """Add residual statistics (see `residuals`) to `solution.about`, if all of the result is wanted."""
+    if not is_stored_in_full():
+        return solution
     statistics = residuals(observations, solution.J, solution.water)
     return replace(solution, about=solution.about | {"residuals": statistics})
 

@@ -74,7 +74,7 @@ if TYPE_CHECKING:
     from sucre_bench.methods.sucre.solution import Solution
 
 # Pixels that the noise is estimated on, the fewest that tell it, and classes of transmission.
-_SAMPLE, _FEWEST, _CLASSES = 30_000, 200, 12
+_SAMPLE, _FEWEST, _CLASSES = 10_000, 200, 12
 
 # The least noise: rounding to 8 bits has a standard deviation of .0011.
 _LEAST_NOISE = 1e-3
@@ -226,6 +226,11 @@ def _slope(observations: Observations, part: slice, decoded: bool) -> Array:
         return np.ones_like(linear)
     if observations.weight is not None:
         linear = linear * np.sqrt(observations.weight[..., part])
+    return decoding_slope(linear)
+
+
+def decoding_slope(linear: Array) -> Array:
+    """Return how much linear light changes with the stored intensity, for linear intensities, float32."""
     stored = srgb_encode(linear)
     return np.asarray((srgb_decode(stored + _STEP) - srgb_decode(stored - _STEP)) / (2 * _STEP), dtype=np.float32)
 

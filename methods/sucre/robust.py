@@ -61,7 +61,7 @@ _ROUNDS = 4
 _ELEMENTS = 1 << 14  # places in a block: temporaries stay in the cache
 
 # Pixels that the noise is estimated on, and the least noise: rounding to 8 bits has a standard deviation of 1e-3.
-_SAMPLE, LEAST_NOISE = 10_000, 1e-3
+_SAMPLE, LEAST_NOISE = 5_000, 1e-3
 
 # The median of |x| is this part of the standard deviation of a normal x.
 _MEDIAN_OF_NORMAL = 0.6745
@@ -93,20 +93,14 @@ def fit_robustly(
     return found, weighted
 
 
-def wrong_share(observations: Observations, water: WaterParameters) -> float:
-    """Return the share of the observations that do not fit a water."""
-    return float((trust(observations, water) < WRONG).mean())
-
-
-def is_better(observations: Observations, plain: WaterParameters, robust: WaterParameters) -> bool:
+def is_better(observations: Observations, plain: WaterParameters, robust: WaterParameters, v: Array) -> bool:
     """Return whether the water that was fitted with robust weights serves better than that of the plain fit.
 
-    observations: without robust weights. A water that scatters far more than it attenuates, where the
-    plain fit does not, is never better: weights can leave out what speaks against it.
+    observations: without robust weights; v: their `trust` in the robust water. A water that scatters far more than it
+    attenuates, where the plain fit does not, is never better: weights can leave out what speaks against it.
     """
     if (robust.is_implausible & ~plain.is_implausible).any():
         return False
-    v = trust(observations, robust)
     doubtful = (v < _DOUBTFUL) & (v >= WRONG)
     if doubtful.mean() < _NOISE:
         return True
@@ -212,6 +206,6 @@ def _l1_minimum(x: Array, y: Array) -> Array:
     ratio = np.where(there, y / np.where(there, x, 1), np.inf)  # the empty places last
     order = np.argsort(ratio, axis=1)
     below = np.cumsum(np.take_along_axis(x, order, axis=1), axis=1)
-    middle = (below < below[:, -1:] / 2).sum(axis=1, keepdims=True)
-    J = np.take_along_axis(np.take_along_axis(ratio, order, axis=1), middle, axis=1)[:, 0]
+    middle = np.take_along_axis(order, (below < below[:, -1:] / 2).sum(axis=1, keepdims=True), axis=1)
+    J = np.take_along_axis(ratio, middle, axis=1)[:, 0]
     return np.where(np.isfinite(J), J, 0)

@@ -89,7 +89,7 @@ def solve_exact(
     are those of `observations`.
     """
     from sucre_bench.methods.sucre.exact import fit
-    from sucre_bench.methods.sucre.robust import fit_robustly, is_better, reweighted, robust_noise, wrong_share
+    from sucre_bench.methods.sucre.robust import WRONG, fit_robustly, is_better, reweighted, robust_noise, trust
 
     sharp = sampled(observations, SAMPLE, singles=physical, seed=seed) if robust or matched is not None else None
     fitted = partial(fit, one_coefficient=one_coefficient, backend=backend, device=device, seed=seed)
@@ -99,15 +99,16 @@ def solve_exact(
     noise: Array | None = None
     few = sharp if matched is None else matched
     judged = sampled(few, _JUDGED, singles=False, seed=seed) if robust and few is not None else None
-    is_tried = robust is True or (judged is not None and wrong_share(judged, found.water) > _FEW_WRONG)
+    is_tried = robust is True or (judged is not None and (trust(judged, found.water) < WRONG).mean() > _FEW_WRONG)
     if is_tried and judged and few and sharp:  # water and weights are iterated on a sample
         again, weighted = fit_robustly(few, fitted, plain=None if matched is None else found)
-        if robust is True or is_better(judged, found.water, again.water):
+        v = trust(judged, again.water)
+        if robust is True or is_better(judged, found.water, again.water, v):
             noise = robust_noise(sharp, again.water)
             observations = reweighted(observations, again.water, noise)
             to_fit = observations if matched is None else weighted
             found = fitted(to_fit) if matched is None else again
-            about["robust"] = {"wrong": wrong_share(judged, again.water)}
+            about["robust"] = {"wrong": float((v < WRONG).mean())}
     if physical:
         held = [sharp] if matched is not None and sharp is not None else []
         above = fitted(to_fit, physical=True, sharp=held)

@@ -19,6 +19,7 @@ made of means over blocks of 2^l pixels. These bring (4^l - 1) / 12 of the covar
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -205,8 +206,11 @@ def _seen(landing: _Landing, common: Array, k: float, encoding: Kept, with_ray: 
     rgb = srgb_decode(view.rgb) if encoding == "linear" and view.encoding == "gamma" else view.rgb
     colour, share = np.full((len(S), 3), np.nan, dtype=np.float32), np.zeros(len(S), dtype=np.float32)
     levels = np.maximum(np.floor(np.log2(np.maximum(least / _ENOUGH, 1)) / 2), 0).astype(np.int64)
-    white = view.rgb >= _WHITE
-    uncut = np.where((white & (white.mean(axis=(0, 1)) < _MOSTLY)).any(axis=2), 0, view.depth)
+    uncut = np.array(view.depth, np.float32)
+    for channel in np.moveaxis(view.rgb, -1, 0):
+        white = channel >= _WHITE
+        if np.count_nonzero(white) < _MOSTLY * white.size:
+            uncut[white] = 0
     for level, image, depth in _smaller(rgb, uncut, int(levels.max(initial=0))):
         here = np.flatnonzero(levels == level)
         if not len(here):
@@ -226,17 +230,21 @@ def _seen(landing: _Landing, common: Array, k: float, encoding: Kept, with_ray: 
 
 def _smaller(rgb: Array, depth: Array, last: int) -> Iterator[tuple[int, Array, Array]]:
     """Yield an image and its depth as means over blocks of 2^level pixels; depth is 0 where a block has an outline."""
-    yield 0, np.ascontiguousarray(rgb, np.float32), np.ascontiguousarray(depth, np.float32)
+    image, mean = np.ascontiguousarray(rgb, np.float32), np.ascontiguousarray(depth, np.float32)
+    low, high = mean, mean
+    yield 0, image, mean
     for level in range(1, last + 1):
-        block = 2**level
-        height, width = (side // block for side in depth.shape)
-        if not height or not width:
-            return
-        near = depth[: height * block, : width * block].reshape(height, block, width, block)
-        low, high = near.min(axis=(1, 3)), near.max(axis=(1, 3))
+        image, mean = (sum(_quarters(plane)) / np.float32(4) for plane in (image, mean))
+        low, high = functools.reduce(np.minimum, _quarters(low)), functools.reduce(np.maximum, _quarters(high))
         whole = (low > 0) & (high - low <= 2 * _PLANE * low)
-        image = rgb[: height * block, : width * block].reshape(height, block, width, block, 3).mean(axis=(1, 3))
-        yield level, image, np.where(whole, near.mean(axis=(1, 3)), 0).astype(np.float32)
+        if mean.size:
+            yield level, image, np.where(whole, mean, 0)
+
+
+def _quarters(plane: Array) -> list[Array]:
+    """Return the four images (H // 2, W // 2, ...) that have one pixel of each block of 2 x 2."""
+    height, width = (side // 2 * 2 for side in plane.shape[:2])
+    return [plane[y:height:2, x:width:2] for y in (0, 1) for x in (0, 1)]
 
 
 def _average(

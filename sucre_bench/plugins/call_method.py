@@ -15,16 +15,26 @@ from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.scene import Encoding, Pixels, Plane, Restoration, Scene, View, Water
 
 _CHOSEN_DISPLAY: ContextVar[str] = ContextVar("chosen display", default="")
+_STORED_IN_FULL: ContextVar[bool] = ContextVar("stored in full", default=True)
 
 
 @contextmanager
-def shown_with(display: str) -> Iterator[None]:
-    """Inside, `display_of` returns this normalisation: the one that the user chose."""
-    token = _CHOSEN_DISPLAY.set(display)
+def shown_with(display: str, *, in_full: bool = True) -> Iterator[None]:
+    """Inside, `display_of` returns this normalisation: the one that the user chose.
+
+    in_full: what `is_stored_in_full` returns.
+    """
+    tokens = _CHOSEN_DISPLAY.set(display), _STORED_IN_FULL.set(in_full)
     try:
         yield
     finally:
-        _CHOSEN_DISPLAY.reset(token)
+        _CHOSEN_DISPLAY.reset(tokens[0])
+        _STORED_IN_FULL.reset(tokens[1])
+
+
+def is_stored_in_full() -> bool:
+    """Return whether all of a result is wanted, as with save=full and from Python; else `info` may be shorter."""
+    return _STORED_IN_FULL.get()
 
 
 def display_of(method: Any) -> str:

@@ -79,7 +79,7 @@ def residuals(results: StudyResults) -> Iterator[Drawn]:
                 axes[0, 0].set_ylabel(y)
                 yield (kind, words), figure
     if not is_drawn:
-        raise NotApplicableError("no record has residuals; run sucre, sucre_plus or sucre_paper")
+        raise NotApplicableError("no record has residuals; run sucre, sucre_plus or sucre_paper with save=full")
 
 
 def _histogram(panel: Axes, record: Mapping[str, Any], channel: int, colour: str) -> None:
