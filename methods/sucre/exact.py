@@ -43,8 +43,7 @@ from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import NotApplicableError, SolveError
 from sucre_bench.machine.compute import Device
 from sucre_bench.methods.sucre.diagnostics import CHANNELS, ROUNDING, WaterUncertainty, uncertainty_of
-from sucre_bench.methods.sucre.levenberg import Bounds, Minimum, minimise
-from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters, veil
+from sucre_bench.methods.sucre.model import Bounds, Minimum, ReducedSystem, WaterParameters, minimise, veil
 from sucre_bench.methods.sucre.passes import Backend, Kernel, opened
 from sucre_bench.methods.sucre.robust import LEAST_NOISE, robust_noise
 from sucre_bench.methods.sucre.solution import SAMPLE, first_slot, sampled

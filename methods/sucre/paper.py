@@ -109,7 +109,7 @@ class SucrePaper(FillOption):
         """
         from sucre_bench.methods.sucre.known_water import water_of
         from sucre_bench.methods.sucre.record import named, restoration, with_residuals
-        from sucre_bench.methods.sucre.refine_gaps import fill_pixels_without_depth
+        from sucre_bench.methods.sucre.refine_views import fill_pixels_without_depth
         from sucre_bench.multiview.stored_pairs import paired
 
         observations = paired(scene, view)

@@ -77,16 +77,12 @@ def opened(
     such device.
     """
     if backend == "numpy":
-        from sucre_bench.methods.sucre.array_libraries import on_numpy
-
         return on_numpy(observations)
     library, place = backend_for(backend, device)
     if library == "numba":
         from sucre_bench.methods.sucre.numba_loops import compiled
 
         return compiled(observations)
-    from sucre_bench.methods.sucre.array_libraries import on_jax, on_torch
-
     return on_torch(observations, place) if library == "torch" else on_jax(observations, place)
 
 
@@ -327,3 +323,90 @@ def open_blocks(
     """Open the observations for a library: several blocks at a time on the CPU, block after block on a GPU."""
     with ThreadPoolExecutor(usable_cores() if device == "cpu" else 1) as workers:
         yield BlockKernel(observations, device, compute, places, slots, workers)
+
+
+# -- NumPy, PyTorch and JAX ----------------------------------------------------------------------
+#
+# So a GPU holds one block at a time, and its memory limits only the size of a block. PyTorch and JAX compute in float32
+# inside a block; sums across blocks are float64. NumPy computes in float64, the reference for the others.
+#
+# XLA, which compiles for JAX, compiles once for every shape. So JAX's blocks have few shapes: 1, 2, 3, 4, 6, 8, 12, 16,
+# 24 ... slots, as many pixels as fill a block, and a power of two of them in the last block. JAX's own setting for
+# float64 stays as it is.
+
+# Places in a block. CPU: temporaries of 0.2 MB stay in the cache. GPU: launches dominate until a block fills it.
+_NUMPY = 1 << 13
+_TORCH = {"cpu": 1 << 14, "cuda": 1 << 22}
+_JAX = {"cpu": 1 << 14, "cuda": 1 << 21}
+
+
+def on_numpy(observations: Observations) -> AbstractContextManager[BlockKernel]:
+    """Open the observations for NumPy."""
+
+    def compute(formula: Any, block: Block, *parameters: Any) -> Array:
+        with np.errstate(divide="ignore"):  # by the information of pixels without any weight
+            return np.asarray(formula(*fill(observations, block, np.float64), *parameters))
+
+    return open_blocks(observations, "cpu", compute, _NUMPY)
+
+
+@contextmanager
+def on_torch(observations: Observations, device: str) -> Iterator[BlockKernel]:
+    """Open the observations for PyTorch on "cpu" or "cuda".
+
+    On the CPU every operation has one thread and several blocks run at a time. An operation on a block takes some
+    20 us, less than gathering threads for it costs, and a thread that is displaced would hold up all the others.
+    """
+    import torch
+
+    def moved(values: Array | None) -> torch.Tensor | None:
+        return None if values is None else torch.from_numpy(values).to(device, torch.float32)
+
+    def compute(formula: Any, block: Block, *parameters: Any) -> Array:
+        try:
+            found = formula(*map(moved, (*fill(observations, block), *parameters)))
+            return np.asarray(found.cpu().numpy())
+        except torch.OutOfMemoryError:
+            pass
+        torch.cuda.empty_cache()
+        raise MemoryError
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        with open_blocks(observations, device, compute, _TORCH[device]) as kernel:
+            yield kernel
+    finally:
+        torch.set_num_threads(threads)
+
+
+def on_jax(observations: Observations, device: str) -> AbstractContextManager[BlockKernel]:
+    """Open the observations for JAX on "cpu" or "cuda"."""
+    import jax
+
+    place = jax.devices("gpu" if device == "cuda" else "cpu")[0]
+
+    def compute(formula: Any, block: Block, *parameters: Any) -> Array:
+        width = min(_power_of_two(block.n), max(1, _JAX[device] // block.slots))
+        narrow = [None if values is None else values.astype(np.float32) for values in parameters]
+        return np.asarray(_jitted(formula)(*jax.device_put((*fill(observations, block, width=width), *narrow), place)))
+
+    return open_blocks(observations, device, compute, _JAX[device], _few_sizes)
+
+
+@functools.cache
+def _jitted(formula: Callable[..., Any]) -> Callable[..., Any]:
+    import jax
+
+    return jax.jit(formula)
+
+
+def _power_of_two(n: int) -> int:
+    """The smallest power of two that is at least n."""
+    return 1 << (n - 1).bit_length()
+
+
+def _few_sizes(n: int) -> int:
+    """The smallest power of two, or three quarters of one, that is at least n."""
+    power = _power_of_two(n)
+    return power * 3 // 4 if n <= power * 3 // 4 else power

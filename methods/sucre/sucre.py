@@ -17,7 +17,7 @@ from sucre_bench.imaging.fill import FillOption
 from sucre_bench.machine.compute import Device
 from sucre_bench.machine.packages import require
 from sucre_bench.methods.sucre.known_water import WORDS, check_source, shared_water, water_of
-from sucre_bench.methods.sucre.light_parts import AUTO, EVEN, Parts, parts_of
+from sucre_bench.methods.sucre.light import AUTO, EVEN, Light, Parts, parts_of
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.paper import CITES
 from sucre_bench.methods.sucre.passes import Backend
@@ -26,7 +26,6 @@ from sucre_bench.plugins.call_method import display_of
 from sucre_bench.scene import Encoding
 
 if TYPE_CHECKING:
-    from sucre_bench.methods.sucre.light import Light
     from sucre_bench.methods.sucre.solution import Solution
     from sucre_bench.multiview.observations import Observations
     from sucre_bench.multiview.observe import Options
@@ -111,8 +110,7 @@ class Sucre(FillOption):
         of matched footprints: seconds the first time, then no time.
         """
         from sucre_bench.methods.sucre.passes import opened
-        from sucre_bench.methods.sucre.refine_edges import Target, corrected_edges
-        from sucre_bench.methods.sucre.refine_gaps import even_deviation
+        from sucre_bench.methods.sucre.refine_views import Target, corrected_edges, even_deviation
         from sucre_bench.multiview.footprints import matched_footprints
         from sucre_bench.multiview.observe import observe
 
@@ -138,7 +136,7 @@ class Sucre(FillOption):
         Raises NotApplicableError when no pixel has depth or none is seen twice, SolveError when the fit fails,
         InputError for a water that cannot be read.
         """
-        from sucre_bench.methods.sucre.choose_encoding import nearer_encoding
+        from sucre_bench.methods.sucre.choose import nearer_encoding
         from sucre_bench.methods.sucre.record import named
 
         observations = self.observe(scene, view)
@@ -162,7 +160,7 @@ class Sucre(FillOption):
     ) -> Restoration:
         """Return the restoration in a chosen encoding; matched: see `matched`; started: when its fit began, seconds."""
         from sucre_bench.methods.sucre.record import restoration, with_residuals
-        from sucre_bench.methods.sucre.refine_gaps import fill_pixels_without_depth
+        from sucre_bench.methods.sucre.refine_views import fill_pixels_without_depth
 
         stages = {"read": observations.read_s, "pair": observations.pair_s}
         observations, solution = self._solve(scene, view, observations, matched)
@@ -191,7 +189,7 @@ class Sucre(FillOption):
 
         Some displays subtract an offset of each channel. They remove such a veil, and no limit is needed.
         """
-        from sucre_bench.methods.sucre.undetermined_water import UNKNOWN_VEIL, has_unknown_veil, is_in_air
+        from sucre_bench.methods.sucre.own_water import UNKNOWN_VEIL, has_unknown_veil, is_in_air
 
         if solution.light is not None or not has_unknown_veil(solution) or is_in_air(observations, solution):
             return solution
@@ -204,7 +202,7 @@ class Sucre(FillOption):
 
         The prior keeps brightness. So in uneven light, whose veil is an offset, a black is subtracted first.
         """
-        from sucre_bench.methods.sucre.undetermined_water import has_unknown_veil, without_darkest
+        from sucre_bench.methods.sucre.own_water import has_unknown_veil, without_darkest
 
         black = prior = None
         falls_off = solution.light is not None and solution.light.falls_off
@@ -225,9 +223,14 @@ class Sucre(FillOption):
         """
         if solution.is_photograph or (solution.weight is None and not self.refine):
             return solution
-        from sucre_bench.methods.sucre.refine_edges import Target, corrected_edges, wrong_in_target
-        from sucre_bench.methods.sucre.refine_gaps import even_deviation, evened
         from sucre_bench.methods.sucre.refine_noise import calibrated, followed
+        from sucre_bench.methods.sucre.refine_views import (
+            Target,
+            corrected_edges,
+            even_deviation,
+            evened,
+            wrong_in_target,
+        )
 
         solution = calibrated(observations, solution, decoded=self._decodes(view))
         if not self.refine:
@@ -275,7 +278,6 @@ class Sucre(FillOption):
         self, scene: Scene, view: View, observations: Observations, matched: Observations | None
     ) -> tuple[Observations, Solution]:
         """Return the solution, and the observations that it explains."""
-        from sucre_bench.methods.sucre.light import Light
         from sucre_bench.methods.sucre.own_water import OwnWater
         from sucre_bench.methods.sucre.solution import colours_for_water
 

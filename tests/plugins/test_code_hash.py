@@ -113,7 +113,7 @@ def test_only_what_code_does_counts(tmp_path: Path):
         text = file.read_text(encoding="utf-8")
         file.write_text(text.replace("loading.lens import", "loading.lenses import"))
     assert hash_now() == before
-    model = tmp_path / "methods" / "sucre" / "levenberg.py"
+    model = tmp_path / "methods" / "sucre" / "robust.py"
     constant = re.search(r"^_?[A-Z_]+ = ([0-9.e-]+)", model.read_text(encoding="utf-8"), flags=re.M)
     assert constant
     model.write_text(model.read_text(encoding="utf-8").replace(constant[0], constant[0] + "1"))

@@ -13,8 +13,7 @@ from support.made_scene import WATER, make_scene
 from sucre_bench import SolveError, Water
 from sucre_bench.methods.sucre.diagnostics import clustered, uncertainty_of
 from sucre_bench.methods.sucre.exact import fit
-from sucre_bench.methods.sucre.levenberg import Bounds, minimise
-from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
+from sucre_bench.methods.sucre.model import Bounds, ReducedSystem, WaterParameters, minimise
 from sucre_bench.methods.sucre.paper import solve_adam
 from sucre_bench.methods.sucre.refine_noise import prior_of
 from sucre_bench.methods.sucre.solution import colours_for_water, sampled, solve_exact

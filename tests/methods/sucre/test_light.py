@@ -13,8 +13,7 @@ from support.made_ground import WATERS, make_ground, make_survey
 from sucre_bench import Arrays, InputError, Restoration, Scene, Water
 from sucre_bench.imaging.display import display
 from sucre_bench.methods.sucre import Sucre, SucrePlus
-from sucre_bench.methods.sucre.light import Light, Problem, Sample
-from sucre_bench.methods.sucre.light_parts import Parts
+from sucre_bench.methods.sucre.light import Light, Parts, Problem, Sample
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.passes import opened
 from sucre_bench.methods.sucre.solution import matched_sample, sampled

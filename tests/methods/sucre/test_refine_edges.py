@@ -4,7 +4,7 @@ import numpy as np
 from support.made_ground import WATERS
 
 from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.methods.sucre.refine_edges import Target, corrected_edges
+from sucre_bench.methods.sucre.refine_views import Target, corrected_edges
 
 SHAPE = (80, 120)
 ROW, COLUMN = np.mgrid[: SHAPE[0], : SHAPE[1]]

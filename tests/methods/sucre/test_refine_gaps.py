@@ -10,7 +10,7 @@ from support.made_scene import WATER
 
 from sucre_bench import Arrays, Scene, View
 from sucre_bench.methods.sucre import Sucre
-from sucre_bench.methods.sucre.refine_gaps import even_deviation, evened
+from sucre_bench.methods.sucre.refine_views import even_deviation, evened
 from sucre_bench.methods.sucre.solution import colours_for_water
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 
