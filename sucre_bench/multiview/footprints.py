@@ -234,7 +234,7 @@ def _smaller(rgb: Array, depth: Array, last: int) -> Iterator[tuple[int, Array, 
     low, high = mean, mean
     yield 0, image, mean
     for level in range(1, last + 1):
-        image, mean = (sum(_quarters(plane)) / np.float32(4) for plane in (image, mean))
+        image, mean = (np.stack(_quarters(plane)).mean(axis=0) for plane in (image, mean))
         low, high = functools.reduce(np.minimum, _quarters(low)), functools.reduce(np.maximum, _quarters(high))
         whole = (low > 0) & (high - low <= 2 * _PLANE * low)
         if mean.size:
