@@ -106,12 +106,7 @@ def fingerprint(values: Mapping[str, Any]) -> tuple[str, str]:
 
 def frame(rows: Iterable[Row]) -> DataFrame:
     """Return rows as a table with all columns; the columns' types do not depend on the rows."""
-    import pandas as pd
-
-    rows = list(rows)
-    table = pd.DataFrame({name: [getattr(row, name) for row in rows] for name in COLUMNS}, columns=list(COLUMNS))
-    text = {name: "str" for name in COLUMNS if name not in NUMBERS}
-    return table.astype({**NUMBERS, **text})
+    return as_arrow(list(rows)).to_pandas(use_threads=False)
 
 
 def as_arrow(rows: Sequence[Row]) -> pyarrow.Table:

@@ -84,7 +84,7 @@ def _files(out: Path, labels: Mapping[str, str]) -> tuple[list[Path], DataFrame]
     if not found:
         return [], frame([])
     # Not threaded: where no thread can start, pyarrow waits for ever.
-    rows = pyarrow.concat_tables(found.values()).to_pandas(use_threads=False).astype(frame([]).dtypes.to_dict())
+    rows = pyarrow.concat_tables(found.values()).to_pandas(use_threads=False)
     if len(rows):
         not_before(rows["time"].max())
     return [*found], _newest(rows)

@@ -22,11 +22,9 @@ from support.colmap_folder import (
     write_image,
     write_model,
 )
-from support.spots import Change
-from support.spots import check_message as check
+from support.spots import Change, one_line
 
 from sucre_bench.datasets.colmap import Colmap
-from sucre_bench.errors import InputError
 from sucre_bench.scene import Scene
 
 
@@ -108,29 +106,18 @@ DATASET: dict[str, tuple[Change, list[str]]] = {
 
 
 @pytest.mark.parametrize(("change", "parts"), DATASET.values(), ids=list(DATASET))
-def test_a_fault_of_the_dataset_is_one_line_with_file_and_remedy(
-    tmp_path: Path, change: Change, parts: list[str]
-) -> None:
+def test_a_fault_of_the_dataset_is_one_line_with_file_and_remedy(tmp_path: Path, change: Change, parts: list[str]):
     root = write_dive(tmp_path / "dive")
     change(root)
-    with pytest.raises(InputError) as fault:
+    with one_line(str(root), *parts):
         load(root)
-    check(str(fault.value), str(root), *parts)
 
 
 @pytest.mark.parametrize("option", ["depths", "reference", "charts"])
 def test_a_folder_that_was_asked_for_must_be_there(tmp_path: Path, option: str) -> None:
     write_dive(tmp_path)
-    with pytest.raises(InputError) as fault:
+    with one_line(str(tmp_path / "misspelt"), f"dataset.{option}=misspelt"):
         load(tmp_path, **{option: "misspelt"})
-    check(str(fault.value), str(tmp_path / "misspelt"), f"dataset.{option}=misspelt")
-
-
-@pytest.mark.parametrize("scale", [0.0, -1.0, 1.5, float("nan")])
-def test_an_image_scale_outside_of_0_to_1_is_refused(tmp_path: Path, scale: float) -> None:
-    with pytest.raises(InputError) as fault:
-        Colmap(root=tmp_path, image_scale=scale)
-    check(str(fault.value), "image_scale", "(0, 1]")
 
 
 @pytest.mark.parametrize("name", ["cameras.bin", "images.bin"])
@@ -141,9 +128,8 @@ def test_a_binary_model_cut_anywhere_is_refused(tmp_path: Path, name: str) -> No
     whole = path.read_bytes()
     for length in range(len(whole)):
         path.write_bytes(whole[:length])
-        with pytest.raises(InputError) as fault:
+        with one_line(str(path), "breaks off", "model_converter"):
             load(tmp_path)
-        check(str(fault.value), str(path), "breaks off", "model_converter")
     path.write_bytes(whole)
     assert len(load(tmp_path)) == 3
 
@@ -154,9 +140,8 @@ def test_random_bytes_are_not_a_model(tmp_path: Path, name: str) -> None:
     to_binary(tmp_path / "sparse")
     for seed in range(20):
         (tmp_path / "sparse" / name).write_bytes(np.random.default_rng(seed).bytes(3000))
-        with pytest.raises(InputError) as fault:
+        with one_line(name, "model_converter"):
             load(tmp_path)
-        check(str(fault.value), name, "model_converter")
 
 
 def test_a_distorted_camera_of_a_binary_model_is_named(tmp_path: Path) -> None:
@@ -167,9 +152,8 @@ def test_a_distorted_camera_of_a_binary_model_is_named(tmp_path: Path) -> None:
         [CAMERA, f"4 SIMPLE_RADIAL {WIDTH} {HEIGHT} 50 20 15 0.1"],
     )
     to_binary(tmp_path / "sparse")
-    with pytest.raises(InputError) as fault:
+    with one_line("cameras.bin: camera 4 is SIMPLE_RADIAL", f"--input_path {tmp_path / 'sparse'}"):
         load(tmp_path)
-    check(str(fault.value), "cameras.bin: camera 4 is SIMPLE_RADIAL", f"--input_path {tmp_path / 'sparse'}")
 
 
 # -- faults of one view: its pixels raise, the other view goes on --------------------------------------------
@@ -276,9 +260,8 @@ def test_a_fault_of_one_view_is_raised_with_its_pixels_and_other_views_go_on(
     write_image(root / "reference/b.png", picture(1))
     change(root)
     scene = load(root)
-    with pytest.raises(InputError) as fault:
+    with one_line(str(root), *parts):
         getattr(scene["a.png"], plane)
-    check(str(fault.value), str(root), *parts)
     assert getattr(scene["b.png"], plane).shape[:2] == (HEIGHT, WIDTH)
 
 
@@ -288,9 +271,8 @@ def test_an_image_of_floats_is_refused(tmp_path: Path, channels: int) -> None:
     root = write_dive(tmp_path, ["a.tif"])
     values = np.dstack([picture(0), np.ones((HEIGHT, WIDTH, channels - 3))]).astype(np.float32)
     tifffile.imwrite(root / "images/a.tif", values, photometric="rgb", extrasamples=["unassalpha"][: channels - 3])
-    with pytest.raises(InputError) as fault:
+    with one_line("images/a.tif: is float32", "8 or 16 bits"):
         _ = load(root)["a.tif"].rgb
-    check(str(fault.value), "images/a.tif: is float32", "8 or 16 bits")
 
 
 def test_a_cut_file_is_refused_wherever_it_is_cut(tmp_path: Path) -> None:
@@ -302,8 +284,7 @@ def test_a_cut_file_is_refused_wherever_it_is_cut(tmp_path: Path) -> None:
         whole = path.read_bytes()
         for length in np.linspace(0, len(whole) - 20, 25).astype(int):
             path.write_bytes(whole[:length])
-            with pytest.raises(InputError) as fault:
+            with one_line(name, "copy"):
                 _ = load(root)[name].rgb
-            check(str(fault.value), name, "copy")
         path.write_bytes(whole)
         assert load(root)[name].rgb.shape == (HEIGHT, WIDTH, 3)

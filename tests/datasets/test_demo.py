@@ -170,9 +170,7 @@ def test_the_scene_offers_everything(survey: Scene) -> None:
     assert all(view.depth.min() > 0 for view in survey)
 
 
-def test_files_in_the_users_cache_hold_the_arrays(
-    tmp_path: Path, small: MadeScene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_files_in_the_users_cache_hold_the_arrays(tmp_path: Path, small: MadeScene, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("platformdirs.user_cache_path", lambda name, appauthor: tmp_path / name)
     scene = next(iter(Demo(**SMALL).scenes()))
     assert len(list((tmp_path / "sucre_bench" / "demo").iterdir())) == 1

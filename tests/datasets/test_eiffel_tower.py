@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from support.miniatures import YEAR as NAMES
 from support.miniatures import write_year
-from support.spots import check_dive, check_message, cut, write_photographs
+from support.spots import check_dive, cut, one_line, write_photographs
 
 from sucre_bench.datasets.eiffel_tower import EiffelTower
 from sucre_bench.errors import InputError
@@ -62,9 +62,8 @@ def test_a_missing_or_damaged_photograph_harms_its_view_only(tmp_path: Path) -> 
     (images / NAMES[0]).unlink()
     scene = load(tmp_path)
     assert scene[NAMES[1]].rgb.max() > 0.5
-    with pytest.raises(InputError) as fault:
+    with one_line(str(images / NAMES[0]), "1 of", "2 images"):
         _ = scene[NAMES[0]].rgb
-    check_message(str(fault.value), str(images / NAMES[0]), "1 of", "2 images")
 
 
 def test_what_is_missing_is_named(tmp_path: Path) -> None:
@@ -75,10 +74,7 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
         (lambda: shutil.rmtree(tmp_path / "2015" / "images"), {}, [f"2015/images/{NAMES[0]}: ", "2 images"]),
     ]:
         change()
-        with pytest.raises(InputError) as fault:
+        with one_line(*parts):
             load(tmp_path, **options)
-        check_message(str(fault.value), *parts)
-    with pytest.raises(InputError, match=r"eiffel_tower\.image_scale"):
-        EiffelTower(tmp_path, image_scale=0)
     with pytest.raises(InputError, match=r"dataset\.root=DIR"):
         load(tmp_path / "nowhere")

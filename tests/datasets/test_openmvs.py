@@ -179,7 +179,7 @@ def test_a_depth_map_cut_anywhere_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "options",
-    [{"metres_per_unit": 0.0}, {"metres_per_unit": float("inf")}, {"dmaps": "../*.dmap"}, {"image_scale": 2.0}],
+    [{"metres_per_unit": 0.0}, {"metres_per_unit": float("inf")}, {"dmaps": "../*.dmap"}],
 )
 def test_options_that_make_no_sense_are_refused(tmp_path: Path, options: dict[str, object]) -> None:
     with pytest.raises(InputError, match=f"openmvs.{next(iter(options))}"):

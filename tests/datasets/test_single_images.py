@@ -10,9 +10,9 @@ import pandas as pd
 import pytest
 from support.colmap_folder import HEIGHT, WIDTH, picture, write_image
 from support.made_scene import TILTED, painted
-from support.messages import names
+from support.messages import names, refused
 from support.miniatures import write_images
-from support.spots import check_message, cut
+from support.spots import check_message, cut, one_line
 
 import sucre_bench as sb
 from sucre_bench.datasets.photos import U45, Lsui, Photos, Uieb
@@ -105,9 +105,8 @@ def test_a_wrong_reference_harms_its_view_only(tmp_path: Path) -> None:
         ("3.png", ["3.png", "copy"]),
         ("4.png", ["40x15", "40x30"]),
     ]:
-        with pytest.raises(InputError) as fault:
+        with one_line(str(truth), *parts):
             _ = scene[name].reference
-        check_message(str(fault.value), str(truth), *parts)
         assert scene[name].rgb.shape == (HEIGHT, WIDTH, 3)
 
 
@@ -146,9 +145,8 @@ def test_of_lsui_only_the_part_that_has_the_named_set_is_read(tmp_path: Path) ->
     scene = only(Lsui(tmp_path, split=str(table)))
     assert (scene.name, scene.data_id) == ("mine", only(Lsui(tmp_path / "train", split=str(table))).data_id)
     (tmp_path / "train" / "input" / "2.png").unlink()
-    with pytest.raises(InputError) as fault:
+    with refused("1", "2", "m1", str(tmp_path / "train" / "input")):
         list(Lsui(tmp_path, split=str(table)).scenes())
-    assert {"1", "2", "m1", str(tmp_path / "train" / "input")} <= names(fault.value)
 
 
 def test_u45_is_found_beside_results_of_others(tmp_path: Path) -> None:
@@ -194,9 +192,8 @@ def test_wrong_charts_of_photos_are_named(tmp_path: Path) -> None:
         ({"a.png": {"c": 1}}, "a.png, c"),
     ):
         (tmp_path / "charts.json").write_text(json.dumps({"images": images}))
-        with pytest.raises(InputError) as fault:
+        with one_line(str(tmp_path / "charts.json"), words):
             only(Photos(tmp_path))
-        check_message(str(fault.value), str(tmp_path / "charts.json"), words)
 
 
 def test_a_damaged_image_harms_its_view_only(tmp_path: Path) -> None:
@@ -208,9 +205,3 @@ def test_a_damaged_image_harms_its_view_only(tmp_path: Path) -> None:
     for name in ("a.png", "c.jpg"):
         with pytest.raises(InputError, match=f"{name}: "):
             _ = scene[name].rgb
-
-
-@pytest.mark.parametrize("plugin", [Photos, Uieb, Lsui, U45])
-def test_image_scale_is_checked(plugin: Callable[..., object], tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=rf"{plugin.__name__.lower()}\.image_scale"):  # type: ignore[attr-defined]
-        plugin(tmp_path, image_scale=2.0)

@@ -90,8 +90,6 @@ def test_half_size_halves_the_pixel(tmp_path: Path) -> None:
     assert seen(view)[0] == pytest.approx([9.5, 6.0])
     assert view.rgb.shape == (9, 16, 3)
     assert view.depth.shape == (9, 16)
-    with pytest.raises(InputError, match=r"varos\.image_scale"):
-        Varos(tmp_path, image_scale=1.5)
 
 
 def test_folders_of_ones_own_are_found_with_the_camera_above_them(tmp_path: Path) -> None:

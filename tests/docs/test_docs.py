@@ -192,8 +192,8 @@ def test_the_readmes_commands_run_as_they_stand(bench: Callable[..., Any], tmp_p
     assert [line.split()[1] for line in lines] == ["score", "score", "restore", "run", "compare"]
     (tmp_path / "published.csv").write_text("image,UCIQE\nview_000.png,0.5\n")
     for line in (*lines[3:], *lines[:2]):
-        extra = [*small_demo, "every=2", "tracking.uri=off"] if line.split()[1] == "run" else []
-        done = bench(*[word for word in line.split()[1:] if word != "every=4"], *extra)
+        extra = [*small_demo, "tracking.uri=off"] if line.split()[1] == "run" else []
+        done = bench(*line.split()[1:], *extra)
         assert done.returncode == 0, f"{line}: {done.stdout} {done.stderr}"
         if line.split()[1] == "run":
             (tmp_path / "results/restored/demo/sucre").rename(tmp_path / "restored")

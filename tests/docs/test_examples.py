@@ -29,9 +29,7 @@ def installed(copied: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(target)
 
 
-def test_all_that_it_brings_is_run_together_with_what_is_built_in(
-    program: Bench, installed: str, tmp_path: Path
-) -> None:
+def test_all_that_it_brings_is_run_together_with_what_is_built_in(program: Bench, installed: str, tmp_path: Path):
     job = ["dataset=ramp", "method=underwater,white_patch", "metrics=[psnr,colourfulness]", "out=results"]
     done = program("run", "-m", *job, "tracking.uri=off", "report=false", PYTHONPATH=installed)
     assert done.returncode == 0, done.stderr

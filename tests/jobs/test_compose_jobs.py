@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from support.messages import names
+from support.messages import refused
 
 from sucre_bench import InputError
 from sucre_bench.jobs import compose_jobs
@@ -54,10 +54,8 @@ def jobs(*overrides: str, multirun: bool = False) -> compose_jobs.Command:
     ],
 )
 def test_a_wrong_override_is_one_clear_line(override: str, named: set[str]):
-    with pytest.raises(InputError) as fault:
+    with refused(*named):
         jobs(override)
-    assert named <= names(fault.value)
-    assert "\n" not in str(fault.value)
 
 
 def test_options_reach_the_plugin_with_their_types(tmp_path: Path):
@@ -110,9 +108,8 @@ def test_a_label_of_ones_own_says_which_swept_value_it_has():
     assert [job.method.label for job in own.jobs] == [
         f"gain {n}.0,mode={m}" for n in (1, 2) for m in ("plain", "fancy")
     ]
-    with pytest.raises(InputError) as fault:
+    with refused("gian", "gain"):
         jobs("method.label='gain {gian}'")
-    assert {"gian", "gain"} <= names(fault.value)
 
 
 @pytest.mark.parametrize(

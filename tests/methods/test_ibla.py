@@ -106,9 +106,7 @@ def test_the_search_for_a_block_ends_in_images_of_any_size(size: tuple[int, int]
 
 
 @pytest.mark.parametrize(("level", "expected"), [(0.3, "least"), (0.8, "greatest")])
-def test_the_veiling_light_is_the_least_candidate_in_dark_water_and_the_greatest_in_bright(
-    level: float, expected: str
-) -> None:
+def test_the_veiling_light_is_the_least_candidate_in_dark_water_and_the_greatest_in_bright(level: float, expected: str):
     """The flat quarter is the block of least variance, the corner what is most blurred."""
     rgb = (level + RNG.uniform(-0.1, 0.1, (64, 64, 1)) * np.ones(3)).astype(np.float32)
     rgb[:33, :33] = level - 0.05

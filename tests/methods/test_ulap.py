@@ -19,9 +19,7 @@ from sucre_bench.methods.ulap import Ulap, depth_prior
         ((100 / 255, 200 / 255, 50 / 255), 0.55283920),  # of 8 bits: not divided as integers
     ],
 )
-def test_depth_is_linear_in_red_and_in_the_stronger_of_green_and_blue(
-    colour: tuple[float, ...], expected: float
-) -> None:
+def test_depth_is_linear_in_red_and_in_the_stronger_of_green_and_blue(colour: tuple[float, ...], expected: float):
     image = np.tile(np.float32(colour), (2, 3, 1))
     np.testing.assert_allclose(depth_prior(image), expected, atol=2e-6)
 

@@ -24,9 +24,7 @@ def scores(variant: str, restored: Restoration) -> dict[str, Score]:
         ("backscatter", [0, np.nan, 0.5], 0.25),  # no relative error of a true 0
     ],
 )
-def test_error_is_relative_to_the_truth_by_channel_and_in_the_mean(
-    variant: str, errors: list[float], mean: float
-) -> None:
+def test_error_is_relative_to_the_truth_by_channel_and_in_the_mean(variant: str, errors: list[float], mean: float):
     found = scores(variant, Restoration(IMAGE, ESTIMATE, info={"true_water": TRUTH}))
     assert list(found) == ["image", "image/red", "image/green", "image/blue"]
     np.testing.assert_allclose([s.value for s in found.values()], [mean, *errors], atol=1e-12)

@@ -95,9 +95,7 @@ def test_how_long_pairing_took_is_told_by_whoever_finds_it(tmp_path: Path) -> No
     assert reused.pair_s == first.pair_s > 0
 
 
-def test_other_data_views_targets_options_or_source_are_made_anew(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_data_views_targets_options_or_source_are_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     scene = counted_scene()
     paired(scene, scene["a.png"], tmp_path)
     others = {

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, get_args, get_origin
 
 import numpy as np
@@ -13,7 +14,7 @@ from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.plugins.options import Option, options_of
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.plugins.ranges import check_ranges
-from sucre_bench.plugins.registry import find
+from sucre_bench.plugins.registry import discover, find
 
 NAMES = ["clahe", "fusion_2012", "fusion_2018", "haze_lines", "ibla", "red_compensation", "rghs", "udcp", "ulap"]
 METHODS = {name: find("method", name) for name in NAMES}
@@ -164,3 +165,12 @@ def test_at_the_ends_of_their_ranges_options_give_finite_colours(name: str, opti
 def test_the_greatest_transmission_is_no_less_than_the_least(name: str) -> None:
     with pytest.raises(InputError, match=rf"^{name}\.greatest: 0\.4; .* \[0\.5, 1\]$"):
         METHODS[name].cls(least=0.5, greatest=0.4)
+
+
+@pytest.mark.parametrize("scale", [0.0, -1.0, 1.5, float("nan")])
+def test_no_dataset_takes_an_image_scale_outside_of_0_to_1(tmp_path: Path, scale: float) -> None:
+    scaled = [p for p in discover("dataset").values() if isinstance(p, Plugin) and hasattr(p.cls, "image_scale")]
+    assert len(scaled) > 10
+    for plugin in scaled:
+        with pytest.raises(InputError, match=rf"{plugin.name}\.image_scale: {scale}; .*\(0, 1\]"):
+            plugin.cls(root=tmp_path, image_scale=scale)

@@ -48,9 +48,7 @@ def test_the_agreement_of_rows_with_published_pictures_is_written_and_on_the_pag
     assert again.returncode == 0, again.stderr
 
 
-def test_a_file_that_changed_in_its_repository_or_was_half_copied_is_taken_again(
-    repositories: Path, tmp_path: Path
-) -> None:
+def test_a_file_that_changed_in_its_repository_or_was_half_copied_is_taken_again(repositories: Path, tmp_path: Path):
     (exhibit,) = exhibits(["mlle"])
     source, out = repositories / "MMLE_code/2022-MLLE/Image/7.jpg", tmp_path / "out"
     target = lay_out(exhibit, repositories, out).parent / "photographs" / "7.jpg"

@@ -243,9 +243,7 @@ def test_one_number_gets_a_sentence_with_colours_size_and_rgb(bench: Bench, pair
 
 
 @pytest.mark.parametrize("name", ["{n}.jpg", "result\\{n}.png", "{n}"])
-def test_a_paper_may_name_other_suffixes_and_folders(
-    bench: Bench, pairs: tuple[str, str], tmp_path: Path, name: str
-) -> None:
+def test_a_paper_may_name_other_suffixes_and_folders(bench: Bench, pairs: tuple[str, str], tmp_path: Path, name: str):
     """And cropped edges are found where no usual form fits."""
     values = published_psnr(*pairs, crop=4)
     rows = [f"{name.format(n=n)};{value:.3f}" for n, value in enumerate(values)]

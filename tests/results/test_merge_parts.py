@@ -115,15 +115,6 @@ def no_locks_here(*_: object, **__: object) -> None:
     raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
 
-def test_parts_are_joined_on_a_file_system_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(fcntl, "flock", no_locks_here)
-    for view in ("a.png", "b.png"):
-        write(tmp_path, view)
-        results.merge(tmp_path)
-    assert views_in(results.read(tmp_path)) == ["a.png", "b.png"]
-    assert not (tmp_path / "parts").exists()
-
-
 def test_commands_that_end_together_on_a_file_system_without_locks_lose_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -137,3 +128,4 @@ def test_commands_that_end_together_on_a_file_system_without_locks_lose_nothing(
         list(together.map(work, range(12)))
     assert views_in(results.read(tmp_path)) == sorted(f"{number}.png" for number in range(12))
     assert not list(tmp_path.glob("*.held"))
+    assert not (tmp_path / "parts").exists()

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import json
 import os
-import resource
 import signal
 import tempfile
 import threading
@@ -64,8 +62,6 @@ ACTS: dict[str, Callable[[], object]] = {
     "removed-folder": _in_a_removed_folder,
     "leaks": _leak,
     "late-segfault": lambda: _later(lambda: ctypes.string_at(0)),
-    "no-json": lambda: setattr(json, "dumps", None),
-    "no-files": lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (3, 3)),
     "elsewhere": lambda: os.chdir("/"),
     "thread": lambda: threading.Thread(target=time.sleep, args=(3600,)).start(),
     "asleep": lambda: time.sleep(3600),

@@ -1,8 +1,14 @@
 """The names in a message: what its reader needs of it, however the sentence is built."""
 
+import contextlib
 import re
 import threading
 from collections import Counter
+from collections.abc import Iterator
+
+import pytest
+
+from sucre_bench.errors import InputError
 
 _PUNCTUATION = "'\"`,;:.?!"
 _TOGETHER = re.compile(r"(?<!\w)(?=('[^']*'|[\[(][^][()]*[\])]))")  # a quotation, an interval, a shape
@@ -23,6 +29,15 @@ def names(message: object) -> set[str]:
     bare = {word.strip(_PUNCTUATION + "()[]") for word in whole}
     parts = {part for word in bare for part in (word.rpartition("/")[2], word.partition(":")[0])}  # of a.py:12
     return {*words, *whole, *bare, *parts, *_TOGETHER.findall(text), *_CALLED.findall(text)}
+
+
+@contextlib.contextmanager
+def refused(*named: str, error: type[Exception] = InputError) -> Iterator[None]:
+    """What is within raises an error whose message is one line and has these names."""
+    with pytest.raises(error) as fault:
+        yield
+    assert "\n" not in str(fault.value)
+    assert set(named) <= names(fault.value)
 
 
 class Lines:

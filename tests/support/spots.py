@@ -1,6 +1,7 @@
 """Two photographs of one point, as any export is to describe them: a spot in each image, a disk in each depth map."""
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
@@ -84,6 +85,14 @@ def check_message(message: str, *parts: str) -> None:
         assert part in message, message
 
 
+@contextlib.contextmanager
+def one_line(*parts: str) -> Iterator[None]:
+    """What is within raises InputError, whose message `check_message` finds right."""
+    with pytest.raises(InputError) as fault:
+        yield
+    check_message(str(fault.value), *parts)
+
+
 def cut(path: Path, share: float = 0.5) -> None:
     content = path.read_bytes()
     path.write_bytes(content[: int(len(content) * share)])
@@ -91,17 +100,15 @@ def cut(path: Path, share: float = 0.5) -> None:
 
 def check_scene_fault(load: Callable[[], Scene], root: Path, parts: list[str]) -> None:
     """Loading raises one line about a file below root."""
-    with pytest.raises(InputError) as fault:
+    with one_line(str(root), *parts):
         load()
-    check_message(str(fault.value), str(root), *parts)
 
 
 def check_view_fault(bad: View, good: View, plane: str, root: Path, parts: list[str]) -> None:
     """A plane of one view raises one line about a file below root, that of another view is there."""
     assert getattr(good, plane).shape[:2] == (HEIGHT, WIDTH)
-    with pytest.raises(InputError) as fault:
+    with one_line(str(root), *parts):
         getattr(bad, plane)
-    check_message(str(fault.value), str(root), *parts)
 
 
 Change = Callable[[Path], object]

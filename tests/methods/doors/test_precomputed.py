@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image
-from support.messages import names
+from support.messages import names, refused
 
 from sucre_bench import Arrays, InputError, NotApplicableError, Restoration, Scene, View, restore, score
 from sucre_bench.errors import FileError, MissingFileError
@@ -79,9 +79,8 @@ def test_the_image_of_a_view_is_found_by_name(tmp_path: Path, name: str, there: 
 )
 def test_an_image_is_never_guessed(tmp_path: Path, views: list[str], there: list[str], named: set[str]):
     touch(tmp_path, *there)
-    with pytest.raises(InputError) as fault:
+    with refused(*named):
         find_image(tmp_path, views[0], views)
-    assert named <= names(fault.value)
 
 
 def test_a_view_never_gets_another_views_image(tmp_path: Path):
@@ -129,9 +128,8 @@ def test_a_link_out_of_the_folder_is_refused(tmp_path: Path):
     ],
 )
 def test_a_pattern_that_cannot_work_is_refused_at_once(tmp_path: Path, pattern: str, named: set[str]):
-    with pytest.raises(InputError) as fault:
+    with refused("precomputed.pattern", *named):
         Precomputed(tmp_path, pattern=pattern)
-    assert {"precomputed.pattern", *named} <= names(fault.value)
 
 
 def test_a_folder_that_is_not_there_is_refused_at_once(tmp_path: Path):

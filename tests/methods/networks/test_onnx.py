@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from onnx.helper import make_node
 from support.made_networks import onnx_file
-from support.messages import names
+from support.messages import refused
 
 from sucre_bench import Arrays, InputError, Restoration, Scene, View, restore, score
 from sucre_bench.errors import MissingFileError
@@ -236,18 +236,14 @@ def bad_model(kind: str, path: Path) -> None:
 def test_a_model_that_cannot_be_used_is_named_with_its_fault_on_one_line(kind: str, named: set[str], tmp_path: Path):
     path = tmp_path / "given.onnx"
     bad_model(kind, path)
-    with pytest.raises(InputError) as fault:
+    with refused(str(path), *named):
         restored(NOISE, model=path)
-    assert named <= names(fault.value)
-    assert str(path) in str(fault.value)
-    assert "\n" not in str(fault.value)
 
 
 def test_a_model_that_is_not_there_is_a_missing_file(tmp_path: Path):
     path = tmp_path / "given.onnx"
-    with pytest.raises(MissingFileError) as fault:
+    with refused(str(path), "method.model", error=MissingFileError):
         restored(NOISE, model=path)
-    assert {str(path), "method.model"} <= names(fault.value)
 
 
 def test_one_of_several_outputs_is_taken_by_name(tmp_path: Path):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support import lazy_torch as torch
 from support.made_networks import ARCHITECTURES, NOISE, empty_network, random_state, restored, saved
-from support.messages import names
+from support.messages import refused
 
 from sucre_bench import InputError
 from sucre_bench.errors import MissingFileError
@@ -108,20 +108,16 @@ def test_a_file_that_cannot_be_used_is_named_with_its_fault_and_runs_nothing(
 ):
     path = tmp_path / "given.pth"
     bad_file(kind, path)
-    with pytest.raises(InputError) as fault:
+    with refused(str(path), *named):
         restored("water_net", NOISE, weights=path)
-    assert named <= names(fault.value)
-    assert str(path) in str(fault.value)
-    assert "\n" not in str(fault.value)
     assert not (tmp_path / "sprung").exists()
 
 
 @pytest.mark.parametrize("method", ARCHITECTURES)
 def test_weights_that_are_not_there_are_a_missing_file(method: str, tmp_path: Path):
     path = tmp_path / "given.pth"
-    with pytest.raises(MissingFileError) as fault:
+    with refused(str(path), "method.weights", error=MissingFileError):
         restored(method, NOISE, weights=path)
-    assert {str(path), "method.weights"} <= names(fault.value)
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,8 @@ from sucre_bench import Arrays, Restoration, Scene, View, Water
 from sucre_bench.degrade import degraded
 from sucre_bench.methods.sucre import Sucre, SucrePaper
 
-# To choose the encoding takes twice as long as a fit; it has a test of its own.
-sucre = partial(Sucre, encoding="view")
+# To choose encoding and light takes several fits; both have tests of their own.
+sucre = partial(Sucre, encoding="view", light="even")
 GROUND = {"width": 200, "height": 150, "heights_m": (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5)}
 
 
@@ -86,9 +86,7 @@ def test_a_channel_that_is_white_everywhere_leaves_the_others_as_they_are(ground
     assert np.abs(error[:, :2]).max() < 0.03
 
 
-def test_colours_come_from_sharp_pixels(
-    grounds: dict[str, Scene], matched: dict[str, Restoration], tmp_path: Path
-) -> None:
+def test_colours_come_from_sharp_pixels(grounds: dict[str, Scene], matched: dict[str, Restoration], tmp_path: Path):
     scene, result = grounds["coast"], matched["coast"]
     water = {"B": result.water.veiling_light, "beta": result.water.attenuation, "gamma": result.water.backscatter}
     (tmp_path / "water.json").write_text(json.dumps({name: values.tolist() for name, values in water.items()}))

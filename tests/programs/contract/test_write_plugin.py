@@ -52,7 +52,7 @@ def checkout(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (folder / f"{kind}s").mkdir()
         shutil.copy(ROOT / f"{kind}s" / "__init__.py", folder / f"{kind}s")
     (folder / "tests").mkdir()
-    kept = shutil.ignore_patterns("methods", "datasets", "metrics", "__pycache__")
+    kept = shutil.ignore_patterns("methods", "datasets", "metrics")
     shutil.copytree(ROOT / "sucre_bench", folder / "sucre_bench", ignore=kept)
     for kind in plugins.KINDS:
         (folder / "sucre_bench" / f"{kind}s").symlink_to(Path("..") / f"{kind}s")

@@ -24,9 +24,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {file.relative_to(folder).as_posix(): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
 
 
-def test_single_photographs_come_back_under_their_names_and_a_damaged_one_costs_itself(
-    tmp_path: Path, bench: Bench
-) -> None:
+def test_single_photographs_come_back_under_their_names_and_a_damaged_one_costs_itself(tmp_path: Path, bench: Bench):
     photos, out = tmp_path / "photos", tmp_path / "out"
     write_image(photos / "day 1/a.JPG", seabed(0))
     write_image(photos / "day 1/a.png", (seabed(1).astype(np.uint16) << 8) + 7)

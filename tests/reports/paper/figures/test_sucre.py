@@ -204,9 +204,7 @@ def test_seams_are_drawn_beside_the_photograph_with_the_worst_enlarged(stitched:
     assert np.nanmax(steps[20:-20, 20:90]) < 0.05
 
 
-def test_where_no_method_changed_the_photograph_there_is_nothing_to_draw(
-    stitched: pd.DataFrame, tmp_path: Path
-) -> None:
+def test_where_no_method_changed_the_photograph_there_is_nothing_to_draw(stitched: pd.DataFrame, tmp_path: Path):
     with pytest.raises(NotApplicableError, match="seams"):
         drawn("seams", stitched[stitched["method"] == "same"], tmp_path)
 
