@@ -98,15 +98,27 @@ def test_the_cost_is_never_above_that_of_adam() -> None:
     assert (adam.cost < 0.1 * at_start).all()  # and Adam was on its way there
 
 
+def differing(jitter: float, seed: int) -> Observations:
+    """Observations in ten views; the attenuation of each view's water differs by so much."""
+    observations, _ = made(48 * 36, 10, noise=0.004, shape=(36, 48), seed=seed)
+    more = jitter * np.random.default_rng(seed).normal(size=(3, len(observations.views)))[:, observations.view]
+    return replace(observations, colour=observations.colour * np.exp(-more * observations.distance))
+
+
+@pytest.mark.parametrize(("jitter", "is_said"), [(0.0, False), (0.01, False), (0.1, True)])
+def test_colours_of_far_ground_that_may_be_wrong_are_said_with_a_share(jitter: float, is_said: bool) -> None:
+    observations = differing(jitter, seed=0)
+    found = fit(observations)
+    limits = " ".join(clustered(found.uncertainty, [observations], found.water).limits)
+    assert ("colours of far ground may be wrong by" in limits) == is_said
+
+
 @pytest.mark.parametrize(("jitter", "too_small"), [(0.0, False), (0.01, True)])
 def test_standard_errors_hold_where_water_differs_between_views(jitter: float, too_small: bool) -> None:
     """Error over standard error has an rms of 1, not as with errors of independent observations."""
     ratios = []
     for seed in range(8):
-        observations, _ = made(48 * 36, 10, noise=0.004, shape=(36, 48), seed=seed)
-        rng = np.random.default_rng(seed)
-        more = jitter * rng.normal(size=(3, len(observations.views)))[:, observations.view]
-        observations = replace(observations, colour=observations.colour * np.exp(-more * observations.distance))
+        observations = differing(jitter, seed)
         found = fit(observations)
         errors = (found.uncertainty, clustered(found.uncertainty, [observations], found.water))
         wrong = found.water.beta - WATER.attenuation
