@@ -14,7 +14,7 @@ import shlex
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import click
 from click.shell_completion import CompletionItem, ShellComplete, add_completion_class
@@ -176,10 +176,16 @@ def complete_words(ctx: click.Context, param: click.Parameter, incomplete: str) 
         return list(_named(key, value, given))
     group, _, name = key.rpartition(".")
     head, option = f"{key}=", next((option for option in _options(group, given) if option.name == name), None)
-    words = _VALUES.get(key, ()) if option is None else _words_of(option)
+    words, kinds = [*_VALUES.get(key, ())], tuple[Any, ...]()
+    if option is not None:
+        kinds = (option.type, *get_args(option.type))
+        words += [*option.choices, *(("true", "false") if bool in kinds else ())]
+        words += ["null"] if type(None) in kinds else []
+        if not words and option.default is not MISSING and isinstance(option.default, (int, float)):
+            words.append(str(option.default))
     opening, before_last, last = _parts(value)
     found = list(_starting(last, ((word, "") for word in words), f"{head}{opening}{before_last}"))
-    if key == "out" or key == "views" or (option is not None and Path in (option.type, *get_args(option.type))):
+    if key in ("out", "views") or Path in kinds:
         found += places(value, prefix=head)
     return found
 
@@ -316,17 +322,6 @@ def _options(group: str, given: Mapping[str, str]) -> tuple[Option, ...]:
         owners = [plugin_of(kind, name) for kind in KINDS if (name := _chosen(kind, given).get(group, ""))]
     every = (option for plugin in owners if plugin for option in options_of(plugin.cls))
     return tuple({option.name: option for option in every}.values())
-
-
-def _words_of(option: Option) -> list[str]:
-    """The words that an option takes: those of a Literal, truth values, null, and its default if that is a number."""
-    kinds = (option.type, *get_args(option.type))
-    words = [*option.choices, *(("true", "false") if bool in kinds else ())]
-    if type(None) in kinds:
-        words.append("null")
-    if not words and option.default is not MISSING and isinstance(option.default, (int, float)):
-        words.append(str(option.default))
-    return words
 
 
 def places(start: str, folders_only: bool = False, prefix: str = "") -> list[CompletionItem[str]]:

@@ -20,8 +20,6 @@ from sucre_bench.machine.text_formats import counted
 if TYPE_CHECKING:
     from sucre_bench.engine.select_views import Selection
     from sucre_bench.programs.describe.description import Described
-    from sucre_bench.programs.describe.facts import Overlap, ViewFacts
-
 
 _ROWS = 30  # of the table of views
 _WIDEST = 10_000  # characters
@@ -73,6 +71,7 @@ def describe(
     from sucre_bench.engine.select_views import select
     from sucre_bench.loading.view_files import source_files
     from sucre_bench.programs.describe import description
+    from sucre_bench.results.layout import file_name
 
     if sheet is not None:
         check_output(sheet, "contact sheet", force=force)
@@ -84,7 +83,11 @@ def describe(
         selections = select(overrides)
         if write_set is not None:
             _check_whole(selections, most)
-        sheets = [] if no_sheet else _sheets(sheet, [selection.scene.name for selection in selections])
+        # Of one scene the given file; else each sheet is named after its scene.
+        ends = f"-sheet{sheet.suffix if sheet else '.png'}"
+        names = [f"{file_name(selection.scene.name)}{ends}" for selection in selections]
+        sheets = [sheet.with_name(name) if sheet else Path(name) for name in names]
+        sheets = [] if no_sheet else [sheet] if sheet and len(sheets) == 1 else sheets
         inputs = [file for selection in selections for view in selection.views for file in source_files(view)]
         for path in sheets:
             check_output(path, "contact sheet", inputs, force)
@@ -116,16 +119,6 @@ def _check_whole(selections: Sequence[Selection], most: int) -> None:
             raise InputError(f"{scene.name} has {n} views", "--write-set", f"give --most {n} for the table of all")
 
 
-def _sheets(given: Path | None, scenes: Sequence[str]) -> list[Path]:
-    """The contact sheet of each scene: the given file if there is one scene, else named after its scene."""
-    from sucre_bench.results.layout import file_name
-
-    if given is not None and len(scenes) == 1:
-        return [given]
-    names = [f"{file_name(scene)}-sheet{given.suffix if given else '.png'}" for scene in scenes]
-    return [given.with_name(name) if given else Path(name) for name in names]
-
-
 def _show(one: Described) -> None:
     """Print a description: facts, a table of views, the distances, and faults."""
     for name, text in _facts(one).items():
@@ -136,7 +129,14 @@ def _show(one: Described) -> None:
     between = {overlap.view: overlap for overlap in one.overlaps}
     table = terminal.table(["view"], [head.format(unit=one.unit) for head in _HEADS])
     for view in one.facts[:_ROWS]:
-        table.add_row(Text(view.name), *_cells(view, between.get(view.name)))
+        near = "-" if view.distances is None else " ".join(f"{d:.2f}" for d in view.distances)
+        lap = ["-"] * 3
+        if overlap := between.get(view.name):
+            off = "-" if overlap.disagreement is None else f"{overlap.disagreement:.2%}"
+            lap = [f"{overlap.seen:.0%}", str(overlap.partners), off]
+        colours = " ".join(f"{m:.2f}" for m in view.mean) if view.mean else "unreadable"
+        depth = f"{view.coverage:.0%}" if view.has_depth else "-"
+        table.add_row(Text(view.name), depth, near, *lap, colours, str(len(view.charts)) if view.charts else "-")
     terminal.out.print(table, width=None if terminal.out.is_terminal else _WIDEST)  # in a pipe lines may be long
     if len(one.facts) > _ROWS:
         click.echo(f"... and {len(one.facts) - _ROWS} more views; --json has them all")
@@ -152,17 +152,24 @@ def _show(one: Described) -> None:
 
 def _facts(one: Described) -> dict[str, str]:
     """The lines on the whole scene, by their first word."""
+    import numpy as np
+
     sizes = Counter(f"{view.width}x{view.height}" for view in one.facts)
     encodings = " and ".join(sorted({view.encoding for view in one.facts}))
     focals = sorted({view.focal for view in one.facts if view.focal})
     has = ", ".join(one.has) or "images alone"
     true = one.water
     water = {"B": true.veiling_light, "beta": true.attenuation, "gamma": true.backscatter}.items() if true else ()
+    places = np.array([view.position for view in one.facts if view.position])
+    travel = "one pose" if len(places) else "not known, no poses"
+    if len(places) > 1:
+        extent = np.linalg.norm(np.ptp(places, axis=0))
+        travel = f"{extent:.2f} {one.unit} between the outermost of {len(places)} cameras"
     facts = {
         "scene": f"{one.scene} of {one.dataset}: {len(one.facts)} of {one.n_views} views; has {has}",
         "images": f"{', '.join(f'{n} of {size}' for size, n in sizes.most_common(3))}, {encodings}",
         "cameras": f"{len(focals)}, focal {', '.join(f'{fx:.0f}' for fx, _ in focals[:3])} px" if focals else "none",
-        "travel": _travel(one.facts, one.unit),
+        "travel": travel,
         "water": ", ".join(f"{name} {' '.join(f'{v:.3g}' for v in values)}" for name, values in water) or "not known",
         "exposure": one.exposure.sentence,
     }
@@ -171,26 +178,6 @@ def _facts(one: Described) -> dict[str, str]:
         no_metres = f"; lengths are no metres, and beta and gamma not 1/m; {remedy}"
         facts["scale"] = one.scale["note"] + ("" if one.scale["is_metric"] else no_metres)
     return facts
-
-
-def _cells(view: ViewFacts, overlap: Overlap | None) -> list[str]:
-    near = "-" if view.distances is None else " ".join(f"{d:.2f}" for d in view.distances)
-    lap = ["-"] * 3
-    if overlap is not None:
-        off = "-" if overlap.disagreement is None else f"{overlap.disagreement:.2%}"
-        lap = [f"{overlap.seen:.0%}", str(overlap.partners), off]
-    colours = " ".join(f"{m:.2f}" for m in view.mean) if view.mean else "unreadable"
-    depth = f"{view.coverage:.0%}" if view.has_depth else "-"
-    return [depth, near, *lap, colours, str(len(view.charts)) if view.charts else "-"]
-
-
-def _travel(facts: Sequence[ViewFacts], unit: str) -> str:
-    import numpy as np
-
-    places = np.array([view.position for view in facts if view.position])
-    if len(places) < 2:
-        return "not known, no poses" if not len(places) else "one pose"
-    return f"{np.linalg.norm(np.ptp(places, axis=0)):.2f} {unit} between the outermost of {len(places)} cameras"
 
 
 @click.command(context_settings=shared.OF_WORDS)

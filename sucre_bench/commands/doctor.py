@@ -5,15 +5,11 @@ from __future__ import annotations
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from sucre_bench.commands import shared
 from sucre_bench.machine import terminal
-
-if TYPE_CHECKING:
-    from sucre_bench.programs.doctor import Examined
 
 _COLOURS = {"ready": "green", "missing": "yellow", "broken": "red", "absent": "dim"}
 
@@ -37,13 +33,7 @@ def doctor(out: Path | None, as_json: bool) -> None:
     found = doctor.examine(out or Path())
     if as_json:
         shared.print_json({**asdict(found), "faults": found.faults})
-    else:
-        _show(found)
-    sys.exit(1 if found.faults else 0)
-
-
-def _show(found: Examined) -> None:
-    """Print a line a fact and a feature; below a feature that is not ready, its remedy."""
+        sys.exit(1 if found.faults else 0)
     terminal.show(f"sucre_bench {found.version} on Python {found.python}")
     for name, said in {"source": found.commit, **found.machine}.items():
         if said:
@@ -53,6 +43,7 @@ def _show(found: Examined) -> None:
         dim = "dim" if feature.state == "absent" else ""
         state = (f"{feature.state:9}", _COLOURS[feature.state])
         terminal.show(state, (f"{feature.name:{width}}  ", dim), (feature.said, dim))
-        if feature.remedy:
+        if feature.remedy:  # below the feature
             terminal.show(f"{'':9}", (f"$ {feature.remedy}", "bold"))
     terminal.show("everything that sucre_bench needs is there" if not found.faults else f"{found.faults} to mend")
+    sys.exit(1 if found.faults else 0)

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from sucre_bench.programs.contract.contract import Outcome, Status
 
 
+_Item = Plugin | Broken | Option | dict[str, Any]  # the last of conf/: a preset
+
+
 @click.command("list")
 @click.argument("what", type=click.Choice(["methods", "datasets", "metrics", "experiments", "degradations", "sets"]))
 @click.argument("names", nargs=-1, metavar="[NAME]...")
@@ -45,20 +48,6 @@ def list_(what: str, names: tuple[str, ...], as_json: bool) -> None:
 
     With NAME, list prints only this one.
     """
-    items = _named(what, names)
-    if not as_json:
-        terminal.show(Text.from_ansi(_as_text(what, items)))
-    elif what == "degradations":
-        shared.print_json({item.name: option_entry(item) for item in items if isinstance(item, Option)})
-    else:
-        shared.print_json([entry(item) if isinstance(item, Plugin | Broken) else item for item in items])
-
-
-_Item = Plugin | Broken | Option | dict[str, Any]  # the last of conf/: a preset
-
-
-def _named(what: str, names: Sequence[str]) -> list[_Item]:
-    """Return what has these names; everything if there are none. Raises InputError for a name that nothing has."""
     known: list[tuple[str, _Item]]
     if what == "degradations":
         known = [(option.name, option) for option in options_of(Degradation)]
@@ -74,7 +63,13 @@ def _named(what: str, names: Sequence[str]) -> list[_Item]:
     for name in names:
         if name not in every:
             raise plugins.unknown(what[:-1], name, every)
-    return [item for name, item in known if not names or name in names]
+    items = [item for name, item in known if not names or name in names]
+    if not as_json:
+        terminal.show(Text.from_ansi(_as_text(what, items)))
+    elif what == "degradations":
+        shared.print_json({item.name: option_entry(item) for item in items if isinstance(item, Option)})
+    else:
+        shared.print_json([entry(item) if isinstance(item, Plugin | Broken) else item for item in items])
 
 
 def _as_text(what: str, items: Sequence[_Item]) -> str:
@@ -201,14 +196,31 @@ def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bo
         outcomes: list[Outcome] = []
         for outcome in contract.check(subject, lasting=not quick):
             outcomes.append(outcome)
-            show(_lines(outcome))
+            sign, style, _ = _SIGNS[outcome.status]
+            notes = [text for level, text in outcome.findings if level == "note" and outcome.status != "broken"]
+            said = "".join(f"  {text}" for text in ("; ".join(notes), outcome.skipped) if text)
+            show((f"  {sign} ", style), outcome.rule, (said, "dim"))
+            for level, text in outcome.findings:
+                if level != "note":
+                    show(f"      {text}", style=style)
         counts = Counter(outcome.status for outcome in outcomes)
         parts = [
             Text(f"{counts[status]} {name}", style) for status, (_, style, name) in _SIGNS.items() if counts[status]
         ]
         show("  ", Text(", ").join(parts), f" in {sum(outcome.seconds for outcome in outcomes):.1f} s")
+        rules = [
+            {
+                "name": outcome.name,
+                "rule": outcome.rule,
+                "status": outcome.status,
+                "seconds": round(outcome.seconds, 3),
+                **({"skipped": outcome.skipped} if outcome.skipped else {}),
+                "findings": [finding._asdict() for finding in outcome.findings],
+            }
+            for outcome in outcomes
+        ]
         is_kept = all(outcome.status != "broken" for outcome in outcomes)
-        checked.append({**about, "ok": is_kept, "rules": [_as_object(outcome) for outcome in outcomes]})
+        checked.append({**about, "ok": is_kept, "rules": rules})
     if as_json:
         shared.print_json(checked)
     sys.exit(0 if all(one["ok"] for one in checked) else 1)
@@ -221,26 +233,3 @@ _SIGNS: dict[Status, tuple[str, str, str]] = {
     "doubtful": ("!", "yellow", "to look at"),
     "skipped": ("-", "dim", "not looked at"),
 }
-
-
-def _lines(outcome: Outcome) -> Text:
-    """Return a rule's line, and a line for each of its findings."""
-    sign, style, _ = _SIGNS[outcome.status]
-    notes = [text for level, text in outcome.findings if level == "note" and outcome.status != "broken"]
-    said = "".join(f"  {text}" for text in ("; ".join(notes), outcome.skipped) if text)
-    head = Text.assemble((f"  {sign} ", style), outcome.rule, (said, "dim"))
-    return Text("\n").join(
-        [head, *(Text(f"      {text}", style) for level, text in outcome.findings if level != "note")]
-    )
-
-
-def _as_object(outcome: Outcome) -> dict[str, Any]:
-    """Return the outcome of a rule as plain data for JSON."""
-    return {
-        "name": outcome.name,
-        "rule": outcome.rule,
-        "status": outcome.status,
-        "seconds": round(outcome.seconds, 3),
-        **({"skipped": outcome.skipped} if outcome.skipped else {}),
-        "findings": [finding._asdict() for finding in outcome.findings],
-    }

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from sucre_bench.commands import shared
 from sucre_bench.machine.outputs import check_results_folder
 from sucre_bench.machine.terminal import say
-
-if TYPE_CHECKING:
-    import pandas as pd
-    from rich.table import Table
 
 
 @click.command()
@@ -31,6 +26,8 @@ def gallery(repositories: Path, out: Path, only: str) -> None:
     FOLDER has clones of the repositories, one folder each. A line says how to get those that are not there. OUT becomes
     a results folder with a page. OUT/pictures has the files and the line-up of each exhibit.
     """
+    from rich.table import Table
+
     from sucre_bench import compare
     from sucre_bench.engine.run import run
     from sucre_bench.errors import InputError
@@ -63,8 +60,15 @@ def gallery(repositories: Path, out: Path, only: str) -> None:
     table = program.compared(rows, out)
     path = out / published.FILE
     write_atomically(path, csv_text(table).encode())
-    terminal.out.print(_table(table))
-    for line in table.to_dict("records"):
+    heads = ("exhibit", "row", "score", "published", "measured", "difference", "views")
+    shown = Table(box=None, pad_edge=False, header_style="bold")
+    for head in heads:
+        shown.add_column(head, justify="left" if head in heads[:3] else "right", no_wrap=head not in heads[:3])
+    lines = table.to_dict("records")
+    for line in lines:
+        shown.add_row(*(str(line[head]) for head in heads), style="green" if line["difference"] == "equal" else "")
+    terminal.out.print(shown)
+    for line in lines:
         said = "; ".join(filter(None, [line["form"], line["reason"]]))
         if said and line["published"]:
             shared.echo_wrapped(f"{line['exhibit']} {line['row']} {line['score']}: {said}")
@@ -72,15 +76,3 @@ def gallery(repositories: Path, out: Path, only: str) -> None:
     click.echo(f"page     {page.write(out, rows, compare.compare(rows))}")
     if failed:
         raise SystemExit(1)
-
-
-def _table(lines: pd.DataFrame) -> Table:
-    from rich.table import Table
-
-    heads = ("exhibit", "row", "score", "published", "measured", "difference", "views")
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for head in heads:
-        table.add_column(head, justify="left" if head in heads[:3] else "right", no_wrap=head not in heads[:3])
-    for line in lines.to_dict("records"):
-        table.add_row(*(str(line[head]) for head in heads), style="green" if line["difference"] == "equal" else "")
-    return table

@@ -7,7 +7,6 @@ import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 from rich.text import Text
@@ -18,9 +17,6 @@ from sucre_bench.machine import progress, terminal
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.outputs import check_links, check_output, is_ours
 from sucre_bench.machine.text_formats import counted, json_text
-
-if TYPE_CHECKING:
-    pass
 
 
 @click.command("report")

@@ -73,7 +73,15 @@ def restore(
     from sucre_bench.programs.restore import pipeline
 
     shared.refuse_options(words, "restore")
-    _check_out(source, out, photos)
+    if out.exists() and not out.is_dir():
+        raise OutputError("is a file", out, "name a folder to write into")
+    for folder in (source.resolve(), *([photos.resolve()] if photos else [])):
+        if folder in (out.resolve(), *out.resolve().parents):
+            raise InputError("lies in the folder of the photographs", out, "name a folder elsewhere")
+        if out.resolve() in folder.parents:
+            raise InputError("holds the photographs themselves", out, "name a folder elsewhere")
+    if out.is_dir() and any(out.iterdir()) and not (out / "work").is_dir():
+        raise InputError("holds other files already", out, "name a new folder")
     sorted_words = pipeline.sorted_words(words, method)
     options = pipeline.Options(method, single_view, quality, original_geometry, *sorted_words)
     found = _prepared(pipeline.source_of(source, photos), source, out, options)
@@ -88,19 +96,6 @@ def restore(
     sheet = out / "contact-sheet.jpg"
     click.echo(f"{len(done.names)} of {n} pictures are in {out / 'pictures'}, and {sheet} shows them. {_trust(done)}")
     sys.exit(1 if done.faults else 0)
-
-
-def _check_out(source: Path, out: Path, photos: Path | None) -> None:
-    """Refuse an OUT that holds photographs, lies among them, or is something else's folder."""
-    if out.exists() and not out.is_dir():
-        raise OutputError("is a file", out, "name a folder to write into")
-    for folder in (source.resolve(), *([photos.resolve()] if photos else [])):
-        if folder in (out.resolve(), *out.resolve().parents):
-            raise InputError("lies in the folder of the photographs", out, "name a folder elsewhere")
-        if out.resolve() in folder.parents:
-            raise InputError("holds the photographs themselves", out, "name a folder elsewhere")
-    if out.is_dir() and any(out.iterdir()) and not (out / "work").is_dir():
-        raise InputError("holds other files already", out, "name a new folder")
 
 
 def _prepared(found: Source, source: Path, out: Path, options: Options) -> tuple[Source, Path, Options]:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
 from dataclasses import asdict
 from pathlib import Path
 
@@ -88,12 +86,7 @@ def run(
         with printed:
             found = forecast(overrides, multirun)
         shared.print_json(asdict(found)) if as_json else run_forecast.show(found)
-    else:
-        sys.exit(_run(overrides, multirun, as_json, printed))
-
-
-def _run(overrides: Sequence[str], multirun: bool, as_json: bool, printed: AbstractContextManager[object]) -> int:
-    """Run the jobs, print what became of them, and return the exit code."""
+        return
     from sucre_bench.commands import run_summary
     from sucre_bench.commands.measurable import say_whether_measurable
     from sucre_bench.engine.run import run as run_jobs
@@ -112,7 +105,7 @@ def _run(overrides: Sequence[str], multirun: bool, as_json: bool, printed: Abstr
         if not outcome.interrupted:  # who stops a run wants the shell back; the same command logs all of it
             with contextlib.redirect_stdout(sys.stderr):
                 run_summary.track(outcome, comparisons)
-    return outcome.exit_code
+    sys.exit(outcome.exit_code)
 
 
 @click.command()

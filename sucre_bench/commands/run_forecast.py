@@ -20,7 +20,12 @@ def show(found: Forecast) -> None:
     table = terminal.table(("dataset", "method"), numbers)
     for (dataset, method), jobs in (groups | ({("all", ""): list(found.jobs)} if len(groups) > 1 else {})).items():
         count = [str(len(jobs))] if has_parts else []
-        table.add_row(dataset, method, *count, *_numbers(_sum(jobs)), style="" if method else "bold")
+        job = _sum(jobs)
+        time = "?" if math.isnan(job.seconds) else duration(job.seconds)
+        to_do = job.views - job.stored
+        costs = (time, _size(job.memory_mb), _size(job.disk_mb)) if to_do else ("", "", "")
+        views = (str(job.views), str(job.stored), str(to_do))
+        table.add_row(dataset, method, *count, *views, *costs, style="" if method else "bold")
     where = "one job after the other on this machine"
     if found.launcher:
         at_once = f", at most {found.at_once} jobs at once" if found.at_once else ""
@@ -62,14 +67,6 @@ def _sum(jobs: Sequence[Expected]) -> Expected:
     seconds, disk = sum(job.seconds for job in jobs), sum(job.disk_mb for job in jobs)
     memory = max(job.memory_mb for job in jobs) if all(job.memory_mb >= 0 for job in jobs) else math.nan
     return Expected("", "", views, stored, seconds, memory, disk)
-
-
-def _numbers(job: Expected) -> tuple[str, ...]:
-    to_do = job.views - job.stored
-    if not to_do:
-        return (str(job.views), str(job.stored), "0", "", "", "")
-    time = "?" if math.isnan(job.seconds) else duration(job.seconds)
-    return (str(job.views), str(job.stored), str(to_do), time, _size(job.memory_mb), _size(job.disk_mb))
 
 
 def _size(megabytes: float) -> str:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.table import Table
 
 from sucre_bench.commands import shared
 from sucre_bench.machine import progress, terminal
@@ -96,6 +95,7 @@ def study(
 
 
 def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
+    from sucre_bench.compare.words import number, signed
     from sucre_bench.programs.people import evaluate
 
     if not files:
@@ -111,7 +111,19 @@ def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
     ties = int((numbered.votes.won == 0.5).sum())
     by = f"{counted(len(numbered.observers), 'observer')} on {len(numbered.views)} views"
     click.echo(f"{found.dataset}: {len(numbered.votes)} votes of {by}, {ties} for equal\n")
-    for table, lines in ((_preferences(found), _sentences(found)), (_metrics(found), _TAU)):
+    people, wins = found.people, numbered.votes.wins
+    shares = wins.sum(axis=1) / (wins + wins.T).sum(axis=1)
+    preferences = terminal.table(["method"], ["preference", "95 % interval", "votes won"])
+    for n in (-people.scores).argsort(kind="stable"):  # the preferred one first
+        interval = "-" if people.want else f"{signed(people.low[n])} to {signed(people.high[n])}"
+        preferences.add_row(numbered.methods[n], signed(people.scores[n]), interval, f"{100 * shares[n]:.0f} %")
+    metrics = terminal.table(["metric"], ["tau", "95 % interval", "predicted", "votes"])
+    ranked = sorted(found.metrics.items(), key=lambda item: -item[1].predicted if item[1].n else 1.0)
+    for (metric, variant), agreement in ranked:
+        interval = f"{number(agreement.low)} to {number(agreement.high)}" if math.isfinite(agreement.low) else "-"
+        predicted = f"{100 * agreement.predicted:.0f} %" if agreement.n else "-"
+        metrics.add_row(f"{metric} ({variant})", number(agreement.tau), interval, predicted, str(agreement.n))
+    for table, lines in ((preferences, _sentences(found)), (metrics, _TAU)):
         if table.row_count:
             terminal.out.print(table)
             click.echo()
@@ -121,26 +133,13 @@ def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
     if n:
         click.echo(f"rows     {n} of metric preference: sucre-bench compare {folder} --metric preference")
     else:
-        click.echo(f"rows     none: {found.people.want}")
+        click.echo(f"rows     none: {people.want}")
 
 
 _TAU = [
     "tau: 1 = the metric orders the methods as people do, -1 = in reverse [95 % interval]",
     "predicted: votes for the picture with the better score, without votes for equal",
 ]
-
-
-def _preferences(found: Evaluated) -> Table:
-    """A line a method, the preferred one first."""
-    from sucre_bench.compare.words import signed
-
-    people, wins = found.people, found.numbered.votes.wins
-    shares = wins.sum(axis=1) / (wins + wins.T).sum(axis=1)
-    table = terminal.table(["method"], ["preference", "95 % interval", "votes won"])
-    for n in (-people.scores).argsort(kind="stable"):
-        interval = "-" if people.want else f"{signed(people.low[n])} to {signed(people.high[n])}"
-        table.add_row(found.numbered.methods[n], signed(people.scores[n]), interval, f"{100 * shares[n]:.0f} %")
-    return table
 
 
 def _sentences(found: Evaluated) -> list[str]:
@@ -167,19 +166,6 @@ def _sentences(found: Evaluated) -> list[str]:
         agree = f"{alpha} (1: full, 0: as by tossing coins)"
     lines.append(f"agreement of observers: {agree}")
     return [*lines, "preference: log-odds; 0 = the mean of these methods, +1.1 = 3 of 4 votes against it"]
-
-
-def _metrics(found: Evaluated) -> Table:
-    """A line a metric's variant, the one that agrees best first."""
-    from sucre_bench.compare.words import number
-
-    table = terminal.table(["metric"], ["tau", "95 % interval", "predicted", "votes"])
-    ranked = sorted(found.metrics.items(), key=lambda item: -item[1].predicted if item[1].n else 1.0)
-    for (metric, variant), agreement in ranked:
-        interval = f"{number(agreement.low)} to {number(agreement.high)}" if math.isfinite(agreement.low) else "-"
-        predicted = f"{100 * agreement.predicted:.0f} %" if agreement.n else "-"
-        table.add_row(f"{metric} ({variant})", number(agreement.tau), interval, predicted, str(agreement.n))
-    return table
 
 
 def _as_object(found: Evaluated) -> dict[str, Any]:

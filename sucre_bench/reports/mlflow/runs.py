@@ -46,7 +46,18 @@ def log(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], uri: str,
         jobs = [of_job for _, of_job in rows[rows["method"] != ""].groupby(["dataset", "method"], sort=False)]
         new = [job for job in jobs if not client.search_runs([number], f"tags.rows = '{_hash(job)}'", max_results=1)]
         if new:
-            client.set_experiment_tag(number, VIEW_TAG, _view(comparisons))
+            # mlflow's page begins with the newest run of each method and the columns that decide, best first: what
+            # its own button "share" writes.
+            chosen = [deciding(comparison) for comparison in comparisons]
+            keys = list(dict.fromkeys(_key(column) for each in chosen for column in each.columns))
+            view: dict[str, Any] = {
+                "selectedColumns": keys,
+                "columnOrder": ["attributes.`Run Name`", *keys],
+                "searchFilter": "tags.latest = 'yes' and tags.method LIKE '%'",
+            }
+            if main := next((each.main for each in chosen if each.main), None):
+                view |= {"orderByKey": _key(main), "orderByAsc": main.better == "lower"}
+            client.set_experiment_tag(number, VIEW_TAG, json.dumps(view))
             _Folder(client, number, out).log(rows, len(jobs), new, comparisons)
         remember(out, uri, experiment)
         return len(new)
@@ -192,25 +203,9 @@ class _Folder:
             self.client.log_image(run, small, key="restored", step=step, timestamp=when, synchronous=True)
 
 
-def _view(comparisons: Sequence[Comparison]) -> str:
-    """What mlflow's page shows first: the newest run of each method and the columns that decide, best first.
-
-    It is what mlflow's own button "share" writes, as JSON.
-    """
-
-    def key(column: Column) -> str:
-        return f"metrics.`{column.metric}.{column.variant}`"
-
-    chosen = [deciding(comparison) for comparison in comparisons]
-    keys = list(dict.fromkeys(key(column) for each in chosen for column in each.columns))
-    state: dict[str, Any] = {
-        "selectedColumns": keys,
-        "columnOrder": ["attributes.`Run Name`", *keys],
-        "searchFilter": "tags.latest = 'yes' and tags.method LIKE '%'",
-    }
-    if main := next((each.main for each in chosen if each.main), None):
-        state |= {"orderByKey": key(main), "orderByAsc": main.better == "lower"}
-    return json.dumps(state)
+def _key(column: Column) -> str:
+    """A score's name where mlflow's page looks for columns."""
+    return f"metrics.`{column.metric}.{column.variant}`"
 
 
 def _stamp(time: str) -> int:

@@ -104,7 +104,15 @@ class Section:
         scores = [column for column in self._columns if column.directed and seconds]
         costs = [(column, plots.cost(self.table, column, seconds[0], self.places)) for column in scores]
         lines = answer(self.table, self._deciding)
-        said = verdicts(self.table)
+        said, commands = verdicts(self.table), []
+        for name, place in methods.items():
+            rerun = self._rerun(name)
+            views = sorted(set(self.rows.loc[self.rows["method"] == name, "view"].unique()) - {""})
+            # A line has room for few views.
+            chosen = shell([f"views={value_of(views)}"]) if 0 < len(views) <= _MOST_NAMED else ""
+            words = shell(rerun.words())
+            command = " ".join(filter(None, [words, chosen, self._metric_words])) if words else ""
+            commands.append({"label": name, "place": place, "command": command, "options": rerun.method_record})
         return {
             "name": self.table.title,
             "title": f"Results on {self.table.title}{f': {scene}' if scene not in ('', self.table.title) else ''}",
@@ -120,7 +128,7 @@ class Section:
             **chart_content(self.rows, self.table.columns, methods, self._names),
             "charts": list(methods),
             "waters": self._waters(),
-            "commands": [self._command(name) for name in self.table.methods],
+            "commands": commands,
             "data": self._data(),
         }
 
@@ -158,14 +166,6 @@ class Section:
         if not self._main or not cell or math.isnan(cell.mean):
             return math.inf
         return cell.mean if self._main.better == "lower" else -cell.mean
-
-    def _command(self, name: str) -> dict[str, Any]:
-        rerun = self._rerun(name)
-        views = sorted(set(self.rows.loc[self.rows["method"] == name, "view"].unique()) - {""})
-        asked = shell([f"views={value_of(views)}"]) if 0 < len(views) <= _MOST_NAMED else ""  # a line has room for few
-        said = shell(rerun.words())
-        command = " ".join(filter(None, [said, asked, self._metric_words])) if said else ""
-        return {"label": name, "place": self.places[name], "command": command, "options": rerun.method_record}
 
     def _rerun(self, name: str) -> Rerun:
         last = self.rows[self.rows["method"] == name].iloc[-1]

@@ -219,27 +219,14 @@ def chart_content(
 
     methods: labels, each with its place among all of the page; names: what the page calls each view, by scene and view.
     """
-    charts = _read(rows, methods, names)
-    keys = {key for chart in charts for key in chart.whole}
-    measures = [c for c in columns if c.of == "chart" and c.directed and key_of(c) in keys]
-    near_first = sorted((chart for chart in charts if chart.distance is not None), key=lambda one: one.distance or 0)
-    return {
-        "swatches": _swatches(charts, measures, list(methods)),
-        "distances": [_distances(charts, near_first, column, methods) for column in measures],
-        "hues": _hues(near_first, methods),
-    }
-
-
-def _read(rows: DataFrame, methods: Iterable[str], names: Mapping[tuple[str, str], str]) -> list[Chart]:
-    """The charts of a dataset's rows, in the order of the views."""
     ok = rows[(rows["status"] == "ok") & rows["method"].isin(list(methods))]
     ok = ok[(ok["region"] != "image") & ~ok["region"].str.startswith("image/")]
     scores: dict[Any, Any] = defaultdict(lambda: defaultdict(lambda: defaultdict(dict)))
-    for *view, region, metric, variant, method, value in values_of(
+    for *of_view, region, metric, variant, method, value in values_of(
         ok, "scene", "view", "region", "metric", "variant", "method", "value"
     ):
         name, _, patch = region.partition("/")
-        scores[*view, name][patch][f"{metric}:{variant}"][method] = value if math.isfinite(value) else None
+        scores[*of_view, name][patch][f"{metric}:{variant}"][method] = value if math.isfinite(value) else None
     order, known, charts = {view: n for n, view in enumerate(names)}, roles(), []
     for scene, view, name in sorted(scores, key=lambda key: order[key[:2]]):
         patches = scores[scene, view, name]
@@ -248,7 +235,14 @@ def _read(rows: DataFrame, methods: Iterable[str], names: Mapping[tuple[str, str
         distance = _first(value for key in away for value in whole[key].values())
         by_number = {patch: patches[patch] for patch in sorted(patches, key=lambda label: read_label(label)[0])}
         charts.append(Chart(names[scene, view], name, distance, whole, by_number))
-    return charts
+    keys = {key for chart in charts for key in chart.whole}
+    measures = [c for c in columns if c.of == "chart" and c.directed and key_of(c) in keys]
+    near_first = sorted((chart for chart in charts if chart.distance is not None), key=lambda one: one.distance or 0)
+    return {
+        "swatches": _swatches(charts, measures, list(methods)),
+        "distances": [_distances(charts, near_first, column, methods) for column in measures],
+        "hues": _hues(near_first, methods),
+    }
 
 
 def _swatches(charts: Sequence[Chart], measures: Sequence[Column], methods: Sequence[str]) -> list[Choice]:

@@ -226,7 +226,12 @@ def water(results: StudyResults) -> Iterator[Drawn]:
             figure, axes = style.figure(2, 4.8, len(_PARAMETERS), len(methods), sharex=True, sharey="row")
             for column, method in zip(axes.T, methods, strict=True):
                 of_method = of_dataset[of_dataset["method"] == method]
-                truth = _truth(of_method, results.out)
+                first = of_method.drop_duplicates(["dataset", "scene"])
+                records = [read_record(row, results.out) for row in first.itertuples()]
+                true = [record.get("true_water") or {} for record in records]
+                # Not of scenes that differ in it, nor where it explains other intensities than the estimate.
+                fits = all(t and t["encoding"] == r.get("encoding") for t, r in zip(true, records, strict=True))
+                truth = true[0] if fits and all(t == true[0] for t in true) else {}
                 for panel, (parameter, (symbol, _)) in zip(column, _PARAMETERS.items(), strict=True):
                     _parameter(panel, of_method, parameter, truth.get(symbol, ()))
                 column[0].set_title(method)
@@ -251,14 +256,3 @@ def _parameter(panel: Axes, estimates: DataFrame, parameter: str, truth: Sequenc
             percent = number(round(100 * of_channel["value"].std() / abs(mean), 3))
             where: Any = {"ha": "center", "va": "top", "transform": panel.transAxes}
             panel.text(0.19 + 0.31 * place, 1, f"{percent} %", color=colour, **where)
-
-
-def _truth(estimates: DataFrame, out: Path) -> dict[str, Any]:
-    """The true water of a method's views, by B, beta and gamma, from what the run kept beside its pictures.
-
-    Empty where it is not known, where scenes differ in it, and where it explains other intensities than the estimate.
-    """
-    first = [read_record(row, out) for row in estimates.drop_duplicates(["dataset", "scene"]).itertuples()]
-    true = [record.get("true_water") or {} for record in first]
-    fits = all(t and t["encoding"] == record.get("encoding") for t, record in zip(true, first, strict=True))
-    return true[0] if fits and all(t == true[0] for t in true) else {}

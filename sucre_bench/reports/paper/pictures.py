@@ -10,7 +10,7 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle
 from PIL import Image, ImageOps
 
-from sucre_bench.arrays import Array, Mask, Picture, evenly
+from sucre_bench.arrays import Array, evenly
 from sucre_bench.errors import InputError, NotApplicableError
 from sucre_bench.imaging.image_files import read_rgb
 from sucre_bench.imaging.seams import find_seams
@@ -80,34 +80,27 @@ def _pictures(views: Sequence[str], columns: Mapping[str, Sequence[Path]]) -> Fi
     total = 0.05 + 0.115 * max(head.count("\n") + 1 for head in heads) + len(views) * (height + _GAP)
     figure, axes = style.figure(2, total, len(views), len(columns))
     figure.set_layout_engine("none")  # pictures keep their shape
-    for c, paths in enumerate(columns.values()):
-        for r, path in enumerate(paths):
-            left, bottom = _TEXT + c * (width + _GAP), (len(views) - r - 1) * (height + _GAP)
-            panel = axes[r, c]
-            panel.set_position((left / style.WIDTH[2], bottom / total, width / style.WIDTH[2], height / total))
-            panel.set(xticks=[], yticks=[])
-            panel.spines[:].set_visible(False)
-            picture = _fitted(path, shape, round(width * _DPI))
-            if picture is None:
-                panel.set_facecolor("#EEEEEE")
-                panel.text(0.5, 0.5, "none", ha="center", va="center", color="#777777", transform=panel.transAxes)
-            else:
-                panel.imshow(picture, aspect="auto", interpolation="none")
-        axes[0, c].set_title(heads[c], pad=2)
+    files = list(columns.values())
+    for (r, c), panel in np.ndenumerate(axes):
+        left, bottom = _TEXT + c * (width + _GAP), (len(views) - r - 1) * (height + _GAP)
+        panel.set_position((left / style.WIDTH[2], bottom / total, width / style.WIDTH[2], height / total))
+        panel.set(xticks=[], yticks=[])
+        panel.spines[:].set_visible(False)
+        try:
+            with Image.open(regular(files[c][r])) as picture:
+                wide = min(round(width * _DPI), picture.width, round(picture.height / shape))
+                size = (wide, max(1, round(wide * shape)))
+                fitted = np.asarray(ImageOps.fit(picture.convert("RGB"), size, Image.Resampling.BOX))
+        except (OSError, InputError):
+            panel.set_facecolor("#EEEEEE")
+            panel.text(0.5, 0.5, "none", ha="center", va="center", color="#777777", transform=panel.transAxes)
+        else:
+            panel.imshow(fitted, aspect="auto", interpolation="none")
+    for panel, head in zip(axes[0], heads, strict=True):
+        panel.set_title(head, pad=2)
     for name, panel in zip(views, axes[:, 0], strict=True):
         panel.set_ylabel(_wrapped(name, height), labelpad=2)
     return figure
-
-
-def _fitted(path: Path, shape: float, width: int) -> Picture | None:
-    """The middle of a picture, of that height over width, at most so many pixels wide; None if there is none."""
-    try:
-        with Image.open(regular(path)) as picture:
-            width = min(width, picture.width, round(picture.height / shape))
-            size = (width, max(1, round(width * shape)))
-            return np.asarray(ImageOps.fit(picture.convert("RGB"), size, Image.Resampling.BOX))
-    except (OSError, InputError):
-        return None
 
 
 def _wrapped(text: str, inches: float, lines: int = 1) -> str:
@@ -158,13 +151,24 @@ def _changed(place: Place | None, methods: Sequence[str], out: Path) -> tuple[Ar
 
 
 def _seams(photograph: Array, changed: Mapping[str, Array], titles: Mapping[str, str]) -> Figure:
+    import cv2
+
     found = {method: find_seams(picture, photograph) for method, picture in changed.items()}
     high, wide = photograph.shape[:2]
     shapes = [high / wide, _SHAPE, high / wide]
     columns = {"photograph\n": photograph} | {titles[method]: picture for method, picture in changed.items()}
     height = style.WIDTH[2] / len(columns) * sum(shapes) + 0.7  # of titles
     figure, axes = style.figure(2, height, 3, len(columns), height_ratios=shapes)
-    x, y, w, h = _window([seams.is_seam for seams in found.values()], high, wide)
+    # The window with most seams in any of the pictures, in pixels of the photograph.
+    w = max(1, round(_WINDOW * wide))
+    h = min(max(1, round(w * _SHAPE)), high)
+    masks = [seams.is_seam.astype(np.float32) for seams in found.values()]
+    rows, cols = masks[0].shape
+    size = (max(1, round(w * cols / wide)), max(1, round(h * rows / high)))
+    within = np.max([cv2.boxFilter(mask, -1, size, borderType=cv2.BORDER_CONSTANT) for mask in masks], axis=0)
+    row, col = np.unravel_index(int(within.argmax()), within.shape)
+    x = min(max(round((col + 0.5) * wide / cols - w / 2), 0), wide - w)
+    y = min(max(round((row + 0.5) * high / rows - h / 2), 0), high - h)
     for column, (title, picture) in zip(axes.T, columns.items(), strict=True):
         shown = np.nan_to_num(picture)
         column[0].imshow(shown)
@@ -181,17 +185,3 @@ def _seams(photograph: Array, changed: Mapping[str, Array], titles: Mapping[str,
     bar = figure.colorbar(image, cax=axes[2, 0].inset_axes((0.2, 0.05, 0.08, 0.9)))
     bar.set_label("step that the photograph\ndoes not have,\nshare of contrast")
     return figure
-
-
-def _window(seams: Sequence[Mask], high: int, wide: int) -> tuple[int, int, int, int]:
-    """Where most seams are, in any of the pictures: left, top, width, height in pixels."""
-    import cv2
-
-    w = max(1, round(_WINDOW * wide))
-    h = min(max(1, round(w * _SHAPE)), high)
-    size = (max(1, round(w * seams[0].shape[1] / wide)), max(1, round(h * seams[0].shape[0] / high)))
-    within = [cv2.boxFilter(mask.astype(np.float32), -1, size, borderType=cv2.BORDER_CONSTANT) for mask in seams]
-    most = np.max(within, axis=0)
-    y, x = np.unravel_index(int(most.argmax()), most.shape)
-    left, top = round((x + 0.5) * wide / most.shape[1] - w / 2), round((y + 0.5) * high / most.shape[0] - h / 2)
-    return min(max(left, 0), wide - w), min(max(top, 0), high - h), w, h
