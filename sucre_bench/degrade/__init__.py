@@ -8,6 +8,7 @@ other views.
 """
 
 import dataclasses
+import functools
 import hashlib
 from dataclasses import dataclass
 from typing import Any
@@ -66,31 +67,28 @@ def degraded_whole(scene: Scene, degradation: Degradation) -> Scene:
     for option, needed in degradation.needs():
         if needed not in scene.has:
             raise InputError(f"scene '{scene.name}' has no {needed}", f"degrade.{option}", "leave it out")
+    d, views = degradation, []
+    for view in scene.views:
+        camera, charts, pose = view.camera, list(view.charts), view.cam_from_world
+        if d.scale != 1 and camera is not None:
+            size = (camera.width, camera.height)
+            camera = scaled_camera(camera, size, d.scale)
+            charts = [scaled_chart(chart, size, (camera.width, camera.height)) for chart in charts]
+        elif d.scale != 1:  # the image's size is unknown: right to half a pixel
+            charts = [Chart(chart.name, chart.kind, chart.corners * d.scale) for chart in charts]
+        if pose is not None and (d.pose_noise_m or d.pose_noise_deg):
+            rng = generator(d.seed, scene.name, view.name, "pose")
+            pose = noisy_pose(pose, d.pose_noise_m, d.pose_noise_deg, rng)
+        pixels = _Degraded(view, scene.name, d, "reference" in scene.has) if d.alters_pixels else view.pixels
+        views.append(dataclasses.replace(view, pixels=pixels, camera=camera, cam_from_world=pose, charts=charts))
     added = {"reference", "truth"} if degradation.water else set()
     return dataclasses.replace(
         scene,
-        views=[_view(scene, view, degradation) for view in scene.views],
+        views=views,
         has=scene.has | added,
         water=degradation.water or scene.water,
         data_id=hashed(scene.data_id, *done),
     )
-
-
-def _view(scene: Scene, view: View, d: Degradation) -> View:
-    camera, charts, pose = view.camera, list(view.charts), view.cam_from_world
-    if d.scale != 1 and camera is not None:
-        size = (camera.width, camera.height)
-        camera = scaled_camera(camera, size, d.scale)
-        charts = [scaled_chart(chart, size, (camera.width, camera.height)) for chart in charts]
-    elif d.scale != 1:  # the image's size is unknown: right to half a pixel
-        charts = [Chart(chart.name, chart.kind, chart.corners * d.scale) for chart in charts]
-    if pose is not None and (d.pose_noise_m or d.pose_noise_deg):
-        rng = generator(d.seed, scene.name, view.name, "pose")
-        pose = noisy_pose(pose, d.pose_noise_m, d.pose_noise_deg, rng)
-    pixels = view.pixels
-    if d.alters_pixels:
-        pixels = _Degraded(view, scene.name, d, "reference" in scene.has)
-    return dataclasses.replace(view, pixels=pixels, camera=camera, cam_from_world=pose, charts=charts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,31 +122,25 @@ class _Degraded:
         if plane == "rgb" and d.blur_px:
             values = blurred(values, d.blur_px, self.view.encoding)
         values = values if d.scale == 1 else shrunk(values, d.scale)
-        if plane == "reference":
-            return values
-        return self._as_read(values) if plane == "rgb" else self._as_measured(values)
-
-    def _as_read(self, image: Array) -> Array:
-        """The image after the camera's sensor and file."""
-        d = self.degradation
-        if d.noise:  # independent in every pixel and channel
-            noise = self._rng("noise").standard_normal(image.shape, dtype=np.float32)
-            image = np.asarray((image + np.float32(d.noise) * noise).clip(0, 1))
-        if d.bits is not None:  # 2^bits levels, 0 and 1 among them
-            top = np.float32(2**d.bits - 1)
-            image = np.asarray(np.rint(image.clip(0, 1) * top) / top)
-        return image if d.jpeg_quality is None else through_jpeg(image, d.jpeg_quality, self.view.encoding)
-
-    def _as_measured(self, depth: Array) -> Array:
-        """The depth with noise and holes; 0 = unknown stays."""
-        d, shape = self.degradation, (depth.shape[0], depth.shape[1])
-        if d.depth_noise:
-            field = random_field(self._rng("depth_noise"), shape, d.depth_noise_px)
-            depth = np.asarray((depth * (1 + d.depth_noise * field)).clip(0), dtype=np.float32)
-        if d.depth_holes and (known := depth > 0).any():  # where a random field is lowest
-            field = random_field(self._rng("depth_holes"), shape, d.depth_hole_px)
-            depth = np.where(field < np.quantile(field[known], d.depth_holes), np.float32(0), depth)
-        return depth
+        rng = functools.partial(generator, d.seed, self.scene, self.view.name)
+        if plane == "rgb":
+            if d.noise:  # independent in every pixel and channel
+                noise = rng("noise").standard_normal(values.shape, dtype=np.float32)
+                values = np.asarray((values + np.float32(d.noise) * noise).clip(0, 1))
+            if d.bits is not None:  # 2^bits levels, 0 and 1 among them
+                top = np.float32(2**d.bits - 1)
+                values = np.asarray(np.rint(values.clip(0, 1) * top) / top)
+            if d.jpeg_quality is not None:
+                values = through_jpeg(values, d.jpeg_quality, self.view.encoding)
+        elif plane == "depth":  # 0 = unknown stays
+            shape = (values.shape[0], values.shape[1])
+            if d.depth_noise:
+                field = random_field(rng("depth_noise"), shape, d.depth_noise_px)
+                values = np.asarray((values * (1 + d.depth_noise * field)).clip(0), dtype=np.float32)
+            if d.depth_holes and (known := values > 0).any():  # where a random field is lowest
+                field = random_field(rng("depth_holes"), shape, d.depth_hole_px)
+                values = np.where(field < np.quantile(field[known], d.depth_holes), np.float32(0), values)
+        return values
 
     def _dry(self) -> Array:
         """The image without water: the reference if the scene has references, else the image."""
@@ -166,9 +158,6 @@ class _Degraded:
             fault = f"degrade.add_water has the encoding {water.encoding}, the view {self.view.encoding}"
             raise InputError(fault, self.view.name, "give water of the view's encoding")
         return under_water(self._dry(), depth if camera is None else distance_map(camera, depth), water)
-
-    def _rng(self, what: str) -> np.random.Generator:
-        return generator(self.degradation.seed, self.scene, self.view.name, what)
 
 
 def generator(seed: int, *names: str) -> np.random.Generator:

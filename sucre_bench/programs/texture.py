@@ -194,19 +194,9 @@ def _integrate(grid: Any, view: View, picture: Picture, coloured: Mask, voxel: f
 
 def write_model(path: Path, model: Model, up: Array) -> None:
     """Write a surface as .ply or .glb. up: (3,) the scene's upward direction. Raises OutputError if that fails."""
-    content = _glb(model, up) if path.suffix.lower() == ".glb" else _ply(model)
-    write_atomically(path, content)
-
-
-def mean_up(views: Sequence[View]) -> Array:
-    """Return the mean upward direction (3,) of views' cameras, a unit vector; -y of the world if they cancel out."""
-    poses = [view.cam_from_world for view in views if view.cam_from_world is not None]
-    total = -np.sum([pose[1, :3] for pose in poses], axis=0) if poses else np.zeros(3)
-    length = float(np.linalg.norm(total))
-    return np.asarray(total / length) if length > 1e-3 * len(poses) > 0 else np.array([0.0, -1.0, 0.0])
-
-
-def _ply(model: Model) -> bytes:
+    if path.suffix.lower() == ".glb":
+        write_atomically(path, _glb(model, up))
+        return
     vertices = np.empty(len(model.points), [("xyz", "<f4", 3), ("rgb", "u1", 3)])
     vertices["xyz"], vertices["rgb"] = model.points, model.colours
     header = ["ply", "format binary_little_endian 1.0", "comment sucre_bench", f"element vertex {len(vertices)}"]
@@ -216,7 +206,15 @@ def _ply(model: Model) -> bytes:
     if len(faces):
         faces["count"], faces["corners"] = 3, model.triangles
         header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
-    return "\n".join([*header, "end_header\n"]).encode() + vertices.tobytes() + faces.tobytes()
+    write_atomically(path, "\n".join([*header, "end_header\n"]).encode() + vertices.tobytes() + faces.tobytes())
+
+
+def mean_up(views: Sequence[View]) -> Array:
+    """Return the mean upward direction (3,) of views' cameras, a unit vector; -y of the world if they cancel out."""
+    poses = [view.cam_from_world for view in views if view.cam_from_world is not None]
+    total = -np.sum([pose[1, :3] for pose in poses], axis=0) if poses else np.zeros(3)
+    length = float(np.linalg.norm(total))
+    return np.asarray(total / length) if length > 1e-3 * len(poses) > 0 else np.array([0.0, -1.0, 0.0])
 
 
 def _glb(model: Model, up: Array) -> bytes:

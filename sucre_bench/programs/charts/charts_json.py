@@ -78,8 +78,10 @@ class ChartsFile:
     def save(self) -> None:
         """Write the file atomically, if there is anything to store. Raises OutputError."""
         images: dict[str, Any] = dict(self._content.get("images", {}))
+        plain = self._content.get("kind", "dgk")  # of charts that are written as corners alone
         for view, charts in self._confirmed.items():
-            images[view] = {chart.name: self._entry(chart) for chart in charts}
+            full = {chart.name: self._full(chart) for chart in charts}
+            images[view] = {name: each["corners"] if each["kind"] == plain else each for name, each in full.items()}
         images = {view: entries for view, entries in images.items() if entries}
         proposed = {
             view: {
@@ -94,10 +96,6 @@ class ChartsFile:
         if not proposed:
             del content["proposed"]
         write_atomically(self.path, (json.dumps(content, indent=1, ensure_ascii=False) + "\n").encode())
-
-    def _entry(self, chart: Chart) -> Any:
-        full = self._full(chart)
-        return full["corners"] if full["kind"] == self._content.get("kind", "dgk") else full
 
     def _full(self, chart: Chart) -> dict[str, Any]:
         is_file = chart.kind.lower().endswith(".csv")  # relative to the file, as it is read

@@ -108,10 +108,19 @@ def corner_points(view: View, chart: Chart) -> Array | None:
     """
     if view.camera is None or view.cam_from_world is None or not _has_depth(view):
         return None
-    x, y, depth = _inside(view.depth, chart.corners)
+    # Pixels inside the chart's outline with a known depth.
+    (left, top), (right, bottom) = (
+        corner.astype(int) for corner in (np.floor(chart.corners.min(axis=0)), np.ceil(chart.corners.max(axis=0)))
+    )
+    left, top = max(left, 0), max(top, 0)
+    v, u = np.mgrid[top : min(bottom, view.depth.shape[0]), left : min(right, view.depth.shape[1])].reshape(2, -1)
+    design = np.stack([u + 0.5, v + 0.5, np.ones(u.size)], axis=1)
+    mapped = design @ np.linalg.inv(image_from_chart(chart.corners)).T
+    place, depth = mapped[:, :2] / mapped[:, 2:], view.depth[v, u].astype(np.float64)
+    inside = ((place >= 0) & (place <= 1)).all(axis=1) & (depth > 0)
+    design, depth = design[inside], depth[inside]
     if len(depth) < _LEAST_PIXELS:
         return None
-    design = np.stack([x, y, np.ones_like(x)], axis=1)
     weights = np.ones(len(depth), dtype=bool)
     for _ in range(4):
         plane = np.linalg.lstsq(design[weights] * depth[weights, None], np.ones(weights.sum()), rcond=None)[0]
@@ -148,19 +157,6 @@ def _seen_at(view: View, points: Array) -> Array | None:
     known = d > 0
     seen = known.mean() >= 0.5 and agrees[known].mean() >= 0.8
     return corners if seen else None
-
-
-def _inside(depth: Array, corners: Array) -> tuple[Array, Array, Array]:
-    """Pixel centres x, y (P,) inside a chart's outline and their depth, where it is known."""
-    (left, top), (right, bottom) = np.floor(corners.min(axis=0)).astype(int), np.ceil(corners.max(axis=0)).astype(int)
-    left, top = max(left, 0), max(top, 0)
-    v, u = np.mgrid[top : min(bottom, depth.shape[0]), left : min(right, depth.shape[1])]
-    x, y = u.ravel() + 0.5, v.ravel() + 0.5
-    mapped = np.stack([x, y, np.ones_like(x)], axis=1) @ np.linalg.inv(image_from_chart(corners)).T
-    s, t = (mapped[:, :2] / mapped[:, 2:]).T
-    d = depth[v.ravel(), u.ravel()].astype(np.float64)
-    inside = (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1) & (d > 0)
-    return x[inside], y[inside], d[inside]
 
 
 def _has_depth(view: View) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.arrays import Array
-from sucre_bench.engine.select_views import Selection, select
+from sucre_bench.engine.select_views import select
 from sucre_bench.errors import InputError, MissingFileError, did_you_mean, one_line
 from sucre_bench.imaging.chart_kinds import KINDS, chart_kind
 from sucre_bench.imaging.chart_patches import image_from_chart, measure, reading_order
@@ -223,7 +223,19 @@ def open_session(words: Sequence[str], kind: str, dataset: str) -> Session:
         names = ", ".join(s.scene.name for s in selections)
         raise InputError(f"charts: the views are of {len(selections)} scenes ({names}); choose one scene's")
     selection, chosen = selections[0], {view.name for view in selections[0].views}
-    file = ChartsFile(_charts_file(selection), {view.name: _size(view) for view in selection.scene.views})
+    options, plugin = selection.dataset.options, selection.dataset.plugin
+    if not plugin.charts_file:
+        known = [p.name for p in plugins.usable("dataset").values() if p.charts_file]
+        fault = f"dataset '{plugin.name}' has no charts.json in its root"
+        raise InputError(fault, "charts", f"use {' or '.join(known)}")
+    if options.get("undistort"):
+        remedy = "undistort the images before, or mark charts in the distorted ones"
+        raise InputError(_AS_STORED, "dataset.undistort=true", remedy)
+    if options.get("image_scale", 1) != 1 or selection.degrade.identity():
+        fault = f"images are not shown as they are, and {_AS_STORED}"
+        raise InputError(fault, "charts", "leave image_scale and degrade out")
+    path = expanded(options["root"]) / expanded(options[plugin.charts_file])
+    file = ChartsFile(path, {view.name: _size(view) for view in selection.scene.views})
     others = [view for view in selection.scene.views if view.name not in chosen]
     return Session(selection.views, file, kind, others)
 
@@ -266,18 +278,3 @@ def _size(view: View) -> tuple[int, int]:
         return view.pixels.size
     height, width = view.rgb.shape[:2]
     return width, height
-
-
-def _charts_file(selection: Selection) -> Path:
-    options, plugin = selection.dataset.options, selection.dataset.plugin
-    if not plugin.charts_file:
-        known = [p.name for p in plugins.usable("dataset").values() if p.charts_file]
-        fault = f"dataset '{plugin.name}' has no charts.json in its root"
-        raise InputError(fault, "charts", f"use {' or '.join(known)}")
-    if options.get("undistort"):
-        remedy = "undistort the images before, or mark charts in the distorted ones"
-        raise InputError(_AS_STORED, "dataset.undistort=true", remedy)
-    if options.get("image_scale", 1) != 1 or selection.degrade.identity():
-        fault = f"images are not shown as they are, and {_AS_STORED}"
-        raise InputError(fault, "charts", "leave image_scale and degrade out")
-    return expanded(options["root"]) / expanded(options[plugin.charts_file])

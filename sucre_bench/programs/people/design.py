@@ -137,19 +137,6 @@ def write_page(
     """
     from markupsafe import Markup
 
-    content = Markup(json.dumps(_content(key, pairs)))
-    pictures = _pictures(folder, key, width, masks)
-    write_atomically(
-        path, filled_in(__package__, "page.html.j2", question=question, content=content, pictures=pictures)
-    )
-
-
-def _content(key: Key, pairs: int) -> dict[str, Any]:
-    """Return what the page's script reads: pictures by view, methods as numbers in random order, orders of views.
-
-    orders: for each pair of methods, the order in which every observer is shown views of it, so that several observers
-    judge the same pairs of pictures.
-    """
     rng = random.SystemRandom()
     arms = rng.sample(key.methods, len(key.methods))
     places = list({(one.scene, one.view) for one in key.pictures.values()})
@@ -157,8 +144,14 @@ def _content(key: Key, pairs: int) -> dict[str, Any]:
     by_place = {(one.scene, one.view, one.method): name for name, one in key.pictures.items()}
     views = [[by_place[*place, arm] for arm in arms] for place in places]
     between = list(combinations(range(len(arms)), 2))
+    # Every observer is shown the views of a pair of methods in one order, so that several judge the same pictures.
     orders = {f"{i},{j}": rng.sample(range(len(places)), len(places)) for i, j in between}
-    return {"study": key.study, "pairs": min(pairs, len(views) * len(between)), "views": views, "orders": orders}
+    sitting = {"study": key.study, "pairs": min(pairs, len(views) * len(between)), "views": views, "orders": orders}
+    content = Markup(json.dumps(sitting))
+    pictures = _pictures(folder, key, width, masks)
+    write_atomically(
+        path, filled_in(__package__, "page.html.j2", question=question, content=content, pictures=pictures)
+    )
 
 
 def _pictures(folder: Path, key: Key, width: int, masks: Mapping[tuple[str, str], Mask]) -> list[tuple[str, str]]:

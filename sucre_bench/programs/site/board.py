@@ -118,7 +118,14 @@ def _add(groups: list[_Group], entry: Entry, rows: DataFrame) -> None:
     reasons = []
     for group in groups:
         together = pd.concat([group.rows, rows], ignore_index=True)
-        if not (why := _refusal(group.rows, rows, together)):
+        ids = [frame[frame["scene"] != ""].groupby("scene")["data_id"].first() for frame in (group.rows, rows)]
+        shared = ids[0].index.intersection(ids[1].index)
+        differing = shared[(ids[0][shared] != ids[1][shared]).to_numpy()]
+        why = next((reason for _, reason in compare.refusals(together)), "")
+        if len(differing):
+            name = differing[0]
+            why = f"other data: scene {name} is {ids[1][name]}, above {ids[0][name]}"
+        if not why:
             group.rows = together
             group.common.append(common)
             group.lines += lines
@@ -139,28 +146,33 @@ def _tables(dataset: str, groups: Sequence[_Group]) -> Iterator[Table]:
                 yield Table(dataset, tuple(group.lines), replace(chosen, columns=ranked), group.apart)
 
 
-def _refusal(one: DataFrame, other: DataFrame, together: DataFrame) -> str:
-    """Why two tables may not stand in one, "" if they may."""
-    ids = [frame[frame["scene"] != ""].groupby("scene")["data_id"].first() for frame in (one, other)]
-    shared = ids[0].index.intersection(ids[1].index)
-    differing = shared[(ids[0][shared] != ids[1][shared]).to_numpy()]
-    if len(differing):
-        name = differing[0]
-        return f"other data: scene {name} is {ids[1][name]}, above {ids[0][name]}"
-    return next((reason for _, reason in compare.refusals(together)), "")
-
-
 # -- the page: no script, nothing from a network, every text escaped --------------------------------------------------
 
 
 def write_page(folder: Path, entries: Sequence[Entry], tables: Sequence[Table], heading: str) -> Path:
     """Write ``folder/index.html`` and return its path. Raises OutputError if it cannot be written."""
+    blocks: list[dict[str, Any]] = []
+    for table in tables:
+        compared, columns = table.comparison, table.comparison.columns
+        lines = sorted(table.lines, key=partial(_place, table, columns[0]))
+        blocks.append(
+            {
+                "dataset": table.dataset,
+                "apart": table.apart,
+                "heads": [(title(column), column.variant) for column in columns],
+                "rows": [
+                    (line, [shown(compared, line.label, column) for column in compared.columns]) for line in lines
+                ],
+                "legend": legend(compared),
+                "notes": left_out(compared),
+            }
+        )
     page = filled_in(
         __package__,
         "page.html.j2",
         heading=heading,
         entries=entries,
-        blocks=[_block(table) for table in tables],
+        blocks=blocks,
         overview=list(_overview(tables)),
         datasets=list(dict.fromkeys(table.dataset for table in tables)),
     )
@@ -168,21 +180,7 @@ def write_page(folder: Path, entries: Sequence[Entry], tables: Sequence[Table], 
     return folder / "index.html"
 
 
-def _block(table: Table) -> dict[str, Any]:
-    """A table as the template has it: its lines in the order of the first column, each with what its cells show."""
-    compared = table.comparison
-    lines = sorted(table.lines, key=lambda line: _place(table, line, compared.columns[0]))
-    return {
-        "dataset": table.dataset,
-        "apart": table.apart,
-        "heads": [(title(column), column.variant) for column in compared.columns],
-        "rows": [(line, [shown(compared, line.label, column) for column in compared.columns]) for line in lines],
-        "legend": legend(compared),
-        "notes": left_out(compared),
-    }
-
-
-def _place(table: Table, line: Line, column: Column) -> int:
+def _place(table: Table, column: Column, line: Line) -> int:
     """A method's place in a column; behind all others the photograph, and one without a score."""
     cell = table.comparison.cells.get((line.label, column))
     return (cell.place or len(table.lines) + 1) if cell else len(table.lines) + 2
@@ -197,7 +195,7 @@ def _overview(tables: Sequence[Table]) -> Iterator[tuple[str, dict[str, str]]]:
         for dataset, table in firsts.items():
             column = table.comparison.columns[0]
             if of_method := [line for line in table.lines if line.method == method]:
-                first = min(of_method, key=lambda line: _place(table, line, column))
+                first = min(of_method, key=partial(_place, table, column))
                 best = shown(table.comparison, first.label, column)
                 cells[dataset] = " ".join(filter(None, [best.mark, best.value, column.metric]))
         yield method, cells
