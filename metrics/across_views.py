@@ -177,19 +177,16 @@ def _slopes(pair: RestoredPair, image: str) -> list[Score]:
     means = pair.means(images[0], images[1])
     is_gamma = image == "shown" or pair.here.view.encoding == "gamma"
     light = [srgb_decode(mean) if is_gamma else mean for mean in means]
-    change = np.diff(pair.points.distance, axis=0)[0]
-    return [_slope(change, light[0][:, channel], light[1][:, channel]) for channel in range(3)]
-
-
-def _slope(change: Array, here: Array, there: Array) -> Score:
-    """The slope of one channel. change: (P,) metres; here, there: (P,) linear light, NaN = unknown."""
-    known = np.isfinite(here) & np.isfinite(there)
-    known[known] &= np.maximum(here[known], there[known]) > _DARKEST  # else there is no light to compare
-    z = change[known]
-    ratio = np.log(np.maximum(there[known], _DARKEST)) - np.log(np.maximum(here[known], _DARKEST))
-    weight = float(z @ z)
-    value = float(z @ ratio) / weight if weight > 0 else np.nan
-    return Score(value, n_pixels=int(known.sum()), coverage=float(known.mean()), weight=weight)
+    change, slopes = np.diff(pair.points.distance, axis=0)[0], []  # (P,) metres
+    for here, there in zip(light[0].T, light[1].T, strict=True):
+        known = np.isfinite(here) & np.isfinite(there)
+        known[known] &= np.maximum(here[known], there[known]) > _DARKEST  # else there is no light to compare
+        z = change[known]
+        ratio = np.log(np.maximum(there[known], _DARKEST)) - np.log(np.maximum(here[known], _DARKEST))
+        weight = float(z @ z)
+        value = float(z @ ratio) / weight if weight > 0 else np.nan
+        slopes.append(Score(value, n_pixels=int(known.sum()), coverage=float(known.mean()), weight=weight))
+    return slopes
 
 
 def _together(slopes: list[Score], value: float) -> Score:

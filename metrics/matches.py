@@ -63,7 +63,11 @@ class Matches:
         """
         if not pair.are_neighbours:
             return
-        before, after = _before(pair), _after(pair)
+        if pair.points not in _of_photographs:
+            views = (pair.here.view, pair.there.view)
+            first, second = (_of_photograph(view.rgb, view.encoding) for view in views)
+            _of_photographs[pair.points] = _verified(views, (first, second))
+        before, after = _of_photographs[pair.points], _after(pair)
         share = float(np.mean([np.isfinite(side.shown).all(axis=-1).mean() for side in (pair.here, pair.there)]))
         if variant == "ratio":
             if not before:
@@ -75,17 +79,8 @@ class Matches:
             yield Score(float(np.log2((after + 1) / (before + 1))), n_pixels=after, coverage=share)
 
 
-# Of the photographs the number is the same for all methods. They share the pair's points, which are its key.
+# The verified matches between the photographs, the same for all methods, which share the pair's points: their key.
 _of_photographs: WeakKeyDictionary[CommonPoints, int] = WeakKeyDictionary()
-
-
-def _before(pair: RestoredPair) -> int:
-    """The verified matches between the photographs."""
-    if pair.points not in _of_photographs:
-        views = (pair.here.view, pair.there.view)
-        first, second = (_of_photograph(view.rgb, view.encoding) for view in views)
-        _of_photographs[pair.points] = _verified(views, (first, second))
-    return _of_photographs[pair.points]
 
 
 @functools.lru_cache(maxsize=1)  # the variants of a pair are scored one after the other
@@ -116,7 +111,11 @@ def _keypoints(shown: Array) -> _Keypoints:
 
     usable: npt.NDArray[Any] = np.asarray(np.isfinite(shown).all(axis=-1), np.uint8)
     luma = cv2.cvtColor(to_8bit(shown), cv2.COLOR_RGB2GRAY)
-    gray: npt.NDArray[Any] = np.where(usable, luma, _surroundings(luma, usable)).astype(np.uint8)
+    sums, counts = (
+        cv2.blur(values.astype(np.float32), (_AROUND_PX, _AROUND_PX), borderType=cv2.BORDER_CONSTANT)
+        for values in (luma * usable, usable)
+    )
+    gray: npt.NDArray[Any] = np.where(usable, luma, sums / np.maximum(counts, 1e-6)).astype(np.uint8)
     height, width = gray.shape
     scale = min(1.0, _SIDE_PX / max(height, width))
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
@@ -130,35 +129,21 @@ def _keypoints(shown: Array) -> _Keypoints:
     return _Keypoints(xy, np.asarray(descriptors, dtype=np.float32))
 
 
-def _surroundings(gray: npt.NDArray[Any], usable: npt.NDArray[Any]) -> Array:
-    """The mean (H, W) of the usable pixels around each; 0 where there are none."""
-    import cv2
-
-    sums, counts = (
-        cv2.blur(values.astype(np.float32), (_AROUND_PX, _AROUND_PX), borderType=cv2.BORDER_CONSTANT)
-        for values in (gray * usable, usable)
-    )
-    return np.asarray(sums / np.maximum(counts, 1e-6))
-
-
 def _verified(views: tuple[View, View], found: tuple[_Keypoints, _Keypoints]) -> int:
     """The number of matches that depth and poses confirm."""
-    here, there = _matched(*found)
-    ahead = _errors(views[0], views[1], found[0].xy[here], found[1].xy[there])
-    back = _errors(views[1], views[0], found[1].xy[there], found[0].xy[here])
-    return int(np.count_nonzero(np.fmin(ahead, back) <= _NEAR))  # at an outline, one depth may be another surface's
-
-
-def _matched(first: _Keypoints, second: _Keypoints) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """The keypoints that match, by their places in the two lists."""
+    first, second = found
     if min(len(first.xy), len(second.xy)) < 2:
-        return np.empty(0, np.intp), np.empty(0, np.intp)
-    norms = [(features.descriptors**2).sum(axis=1) for features in (first, second)]
+        return 0
+    norms = [(features.descriptors**2).sum(axis=1) for features in found]
     squares = norms[0][:, None] + norms[1] - 2 * first.descriptors @ second.descriptors.T
-    there, is_clear = _nearest(squares)
-    here, is_clear_back = _nearest(squares.T)
-    chosen = np.flatnonzero(is_clear & is_clear_back[there] & (here[there] == np.arange(len(there))))
-    return chosen, there[chosen]
+    nearest, is_clear = _nearest(squares)
+    nearest_back, is_clear_back = _nearest(squares.T)
+    mutual = nearest_back[nearest] == np.arange(len(nearest))
+    here = np.flatnonzero(is_clear & is_clear_back[nearest] & mutual)
+    there = nearest[here]
+    ahead = _errors(views[0], views[1], first.xy[here], second.xy[there])
+    back = _errors(views[1], views[0], second.xy[there], first.xy[here])
+    return int(np.count_nonzero(np.fmin(ahead, back) <= _NEAR))  # at an outline, one depth may be another surface's
 
 
 def _nearest(squares: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.intp], Mask]:

@@ -174,7 +174,9 @@ class Psnr:
             image, reference = (resized(to_8bit(x), _GRAY) for x in (image, reference))
             mask = np.ones((_GRAY.side, _GRAY.side), np.bool_)
         if variant in ("luma", "gray"):
-            image, reference = (_luma_8bit(x) for x in (image, reference))
+            levels = [x if x.dtype == np.uint8 else to_8bit(x) for x in (image, reference)]
+            # Whole levels of 255, as files hold them.
+            image, reference = (np.floor(_luma(x.astype(np.float64)) + 0.5) / 255 for x in levels)
         n = np.count_nonzero(mask) * image.shape[-1]
         with np.errstate(divide="ignore"):  # equal images
             value = -10 * np.log10(squared_error(image, reference, mask) / n) if n else np.nan
@@ -210,6 +212,8 @@ class Ssim:
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield one score; nothing where the view has no reference."""
+        import cv2
+
         if view.reference is None:
             return
         window, _, unmasked = variant.partition("-")
@@ -221,7 +225,12 @@ class Ssim:
         if window == "gray":
             image, reference = (_luma(np.nan_to_num(x, nan=0.0)) for x in (image, reference))
         weights, norm = _WINDOWS["uniform7" if window == "uniform7" else "gaussian"]
-        whole = _whole_windows(mask, int(np.count_nonzero(weights)) // 2)
+        # The centres of windows that lie in the image and in the mask as a whole.
+        width, whole = int(np.count_nonzero(weights)), mask.copy()
+        if not mask.all():
+            whole = cv2.erode(mask.astype(np.uint8), np.ones((width, width), np.uint8)) > 0
+        margin = width // 2
+        whole[:margin] = whole[-margin:] = whole[:, :margin] = whole[:, -margin:] = False
         if not whole.any():
             yield Score(np.nan, n_pixels=0, coverage=0.0)
             return
@@ -243,26 +252,9 @@ def _funie_ssim(image: Array, reference: Array) -> float:
     return float(ssim.mean())
 
 
-def _gaussian(sigma: float) -> Array:
-    weights = np.exp(-(np.arange(-RADIUS, RADIUS + 1) ** 2) / (2 * sigma**2))
-    return np.asarray(weights / weights.sum())
-
-
 # Weights along a row and a column, and what variances are multiplied by.
-_WINDOWS = {"gaussian": (_gaussian(1.5), 1.0), "uniform7": (np.array([0, 0, *[1 / 7] * 7, 0, 0]), 49 / 48)}
-
-
-def _whole_windows(mask: Mask, radius: int) -> Mask:
-    """The centres of windows that lie in the image and in the mask as a whole."""
-    import cv2
-
-    whole = mask
-    if not mask.all():
-        box = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
-        whole = cv2.erode(mask.astype(np.uint8), box) > 0
-    whole = whole.copy()
-    whole[:radius] = whole[-radius:] = whole[:, :radius] = whole[:, -radius:] = False
-    return whole
+_GAUSSIAN: Array = np.exp(-(np.arange(-RADIUS, RADIUS + 1) ** 2) / (2 * 1.5**2))
+_WINDOWS = {"gaussian": (_GAUSSIAN / _GAUSSIAN.sum(), 1.0), "uniform7": (np.array([0, 0, *[1 / 7] * 7, 0, 0]), 49 / 48)}
 
 
 def _pair(image: Array, view: View, encode: bool) -> tuple[Array, Array]:
@@ -276,12 +268,6 @@ def _pair(image: Array, view: View, encode: bool) -> tuple[Array, Array]:
 def _luma(image: Array) -> Array:
     """(H, W, 1), of an image (H, W, 3)."""
     return np.asarray(image @ np.array([[0.299], [0.587], [0.114]], dtype=image.dtype))
-
-
-def _luma_8bit(image: npt.NDArray[Any]) -> Array:
-    """(H, W, 1) in [0, 1], of an image (H, W, 3) in 8 bits or in [0, 1]: whole levels of 255, as files hold them."""
-    levels = image if image.dtype == np.uint8 else to_8bit(image)
-    return np.asarray(np.floor(_luma(levels.astype(np.float64)) + 0.5) / 255)
 
 
 def _score(value: float, mask: Mask) -> Score:

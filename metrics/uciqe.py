@@ -15,7 +15,7 @@ All variants see the picture as 8-bit sRGB; pixels without a colour are left out
 picture's palette: each colour once, times how often it occurs.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -89,14 +89,18 @@ def uciqe(shown: npt.NDArray[Any], variant: str = "yang2015") -> float:
     if variant == "centred":
         a, b = a - 0.5, b - 0.5
     c, counts = np.hypot(a, b), palette(shown).counts
-    spread = _relative_spread if variant in ("yang2015", "range-contrast", "matlab") else _deviation
+    sigma = _deviation(c, counts)
+    if variant in ("yang2015", "range-contrast", "matlab"):  # the offset that these keep makes c > 0
+        sigma = float(np.sqrt(_mean(np.abs(1 - (_mean(c, counts) / c) ** 2), counts)))
     if variant == "hsv":
-        s = _hsv_saturation(palette(shown).rgb)
+        rgb = palette(shown).rgb
+        top, bottom = rgb.max(axis=-1).astype(float), rgb.min(axis=-1)
+        s = (top - bottom) / np.where(top > 0, top, np.inf)
     elif variant in ("ratio", "cielab", "cielab-range", "strided"):
         s = c / np.where(L > 0, L, np.inf)  # black is without saturation
     else:
         s = c / np.where(c > 0, np.hypot(c, L), np.inf)
-    return _weigh(spread(c, counts), _CONTRAST[variant](_lightness(shown, space)), _mean(s, counts))
+    return _weigh(sigma, _contrast(_lightness(shown, space), variant), _mean(s, counts))
 
 
 def _of_hsv(colours: Palette, variant: str) -> float:
@@ -118,7 +122,7 @@ def _weigh(sigma_c: float, con_l: float, mu_s: float, saturation: float = 0.2576
     return float(0.4680 * sigma_c + 0.2745 * con_l + saturation * mu_s)
 
 
-# -- spread and saturation -----------------------------------------------------------------------------------
+# -- spread and contrast -------------------------------------------------------------------------------------
 
 
 def _mean(x: npt.NDArray[Any], counts: npt.NDArray[np.int64]) -> float:
@@ -129,52 +133,21 @@ def _deviation(c: npt.NDArray[Any], counts: npt.NDArray[np.int64]) -> float:
     return float(np.sqrt(_mean((c - _mean(c, counts)) ** 2, counts)))
 
 
-def _relative_spread(c: Array, counts: npt.NDArray[np.int64]) -> float:
-    return float(np.sqrt(_mean(np.abs(1 - (_mean(c, counts) / c) ** 2), counts)))  # the kept offset makes c > 0
-
-
-# -- contrast ------------------------------------------------------------------------------------------------
-
-
-def _percentiles(L: ValueCounts) -> float:
-    return L.percentile(99) - L.percentile(1)
-
-
-def _share_of_range(L: ValueCounts) -> float:
-    return _percentiles(L) / max(_range(L), 1e-9)
-
-
-def _range(L: ValueCounts) -> float:
-    return float(L.values[-1] - L.values[0])
-
-
-def _ends(L: ValueCounts) -> float:
+def _contrast(L: ValueCounts, variant: str) -> float:
+    """con_l, of the lightness of all pixels."""
+    whole = float(L.values[-1] - L.values[0])
+    if variant in ("centred", "cielab-range", "hsv"):
+        return whole
+    if variant == "matlab":  # the least level with more than 1 % of the pixels up to it, and with at least 99 % of them
+        share = L.upto / L.size
+        return float(L.values[np.argmax(share >= 0.99)] - L.values[np.argmax(share > 0.01)])
     n = max(round(0.01 * L.size), 1)
-    return L.mean(L.size - n) - L.mean(0, n)
-
-
-def _strides(L: ValueCounts) -> float:
-    n = max(round(0.01 * L.size), 1)
-    return float(L.at(np.arange(L.size - 1, -1, -n)).mean() - L.at(np.arange(0, L.size, n)).mean())
-
-
-def _stretch_limits(L: ValueCounts) -> float:
-    """The least level with more than 1 % of the pixels up to it, and with at least 99 % of them."""
-    share = L.upto / L.size
-    return float(L.values[np.argmax(share >= 0.99)] - L.values[np.argmax(share > 0.01)])
-
-
-_CONTRAST: dict[str, Callable[[ValueCounts], float]] = {
-    "yang2015": _percentiles,
-    "matlab": _stretch_limits,
-    "range-contrast": _share_of_range,
-    "ratio": _percentiles,
-    "centred": _range,
-    "cielab": _ends,
-    "cielab-range": _range,
-    "hsv": _range,
-    "strided": _strides,
-}
+    if variant == "cielab":
+        return L.mean(L.size - n) - L.mean(0, n)
+    if variant == "strided":
+        return float(L.at(np.arange(L.size - 1, -1, -n)).mean() - L.at(np.arange(0, L.size, n)).mean())
+    percentiles = L.percentile(99) - L.percentile(1)
+    return percentiles / max(whole, 1e-9) if variant == "range-contrast" else percentiles
 
 
 # -- colour spaces -------------------------------------------------------------------------------------------
@@ -210,8 +183,3 @@ def _lightness(shown: npt.NDArray[Any], space: Space) -> ValueCounts:
     of_level = np.bincount(np.rint(L * 255).astype(np.intp), weights=counts)
     levels = np.flatnonzero(of_level)
     return ValueCounts.of(levels / 255, of_level[levels].astype(np.int64))
-
-
-def _hsv_saturation(rgb: npt.NDArray[np.uint8]) -> Array:
-    top, bottom = rgb.max(axis=-1).astype(float), rgb.min(axis=-1)
-    return np.asarray((top - bottom) / np.where(top > 0, top, np.inf))

@@ -130,11 +130,16 @@ def resized_extremes(shown: npt.NDArray[Any], side: int, edges: bool) -> Extreme
     It is enlarged by cubic convolution (Keys 1981, a = -1/2; edges reflected), unrounded, so that values may leave 0 to
     255. edges: of |S_x - S_y| in place of the channel, S the Sobel filters to the right and down, edges repeated.
     """
+    import cv2
+
     picture = eight_bit(shown)
     found = _empty((3,), picture.valid.shape, side, np.float64)
     rows, columns = (_taps(n, side) for n in picture.valid.shape)
     for plane, least, most in zip(picture.planes, found.least, found.most, strict=True):
-        levels = _edge_map(plane) if edges else plane.astype(np.int16)
+        levels = plane.astype(np.int16)
+        if edges:
+            right, down = (cv2.Sobel(plane, cv2.CV_16S, x, 1 - x, borderType=cv2.BORDER_REPLICATE) for x in (1, 0))
+            levels = np.abs(right - down).astype(np.int16)
         compiled(_resized)(levels, *rows, *columns, side, least, most)
     return found
 
@@ -153,13 +158,6 @@ def whole_resized_blocks(shown: npt.NDArray[Any], side: int, margin: bool) -> Ma
         used = np.moveaxis(index.reshape(len(index), -1, side), 1, 0)  # (blocks, 4, side) pixels each is made of
         valid = np.stack([valid.take(block.ravel(), axis).all(axis=axis) for block in used], axis=axis)
     return valid
-
-
-def _edge_map(plane: Plane) -> npt.NDArray[np.int16]:
-    import cv2
-
-    right, down = (cv2.Sobel(plane, cv2.CV_16S, x, 1 - x, borderType=cv2.BORDER_REPLICATE) for x in (1, 0))
-    return np.asarray(np.abs(right - down))
 
 
 def _taps(n: int, side: int) -> tuple[npt.NDArray[np.uint32], Array]:

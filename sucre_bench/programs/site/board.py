@@ -160,9 +160,7 @@ def write_page(folder: Path, entries: Sequence[Entry], tables: Sequence[Table], 
                 "dataset": table.dataset,
                 "apart": table.apart,
                 "heads": [(title(column), column.variant) for column in columns],
-                "rows": [
-                    (line, [shown(compared, line.label, column) for column in compared.columns]) for line in lines
-                ],
+                "rows": [(line, [shown(compared, line.label, column) for column in columns]) for line in lines],
                 "legend": legend(compared),
                 "notes": left_out(compared),
             }
