@@ -14,17 +14,12 @@ from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 from sucre_bench.scene import Water as TrueWater
 
-_VARIANTS = {
-    "veiling_light-red": "B, in the intensities that the method explains",
-    "veiling_light-green": "B, in the intensities that the method explains",
-    "veiling_light-blue": "B, in the intensities that the method explains",
-    "attenuation-red": "beta, 1/m",
-    "attenuation-green": "beta, 1/m",
-    "attenuation-blue": "beta, 1/m",
-    "backscatter-red": "gamma, 1/m",
-    "backscatter-green": "gamma, 1/m",
-    "backscatter-blue": "gamma, 1/m",
+_MEANINGS = {
+    "veiling_light": "B, in the intensities that the method explains",
+    "attenuation": "beta, 1/m",
+    "backscatter": "gamma, 1/m",
 }
+_VARIANTS = {f"{name}-{channel}": meaning for name, meaning in _MEANINGS.items() for channel in CHANNELS}
 
 
 @metric(

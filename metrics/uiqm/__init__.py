@@ -72,7 +72,18 @@ def uicm(shown: npt.NDArray[Any], form: Colourfulness = Colourfulness()) -> floa
     opponents = _opponents(shown, form.wraparound, form.order)
     if not opponents:
         return float("nan")
-    (mean_RG, var_RG), (mean_YB, var_YB) = (_trimmed(x, form) for x in opponents)
+    moments = []
+    for x in opponents:
+        low, end, scale = int(np.ceil(_ALPHA * x.size)), x.size - int(np.floor(_ALPHA * x.size)), 1.0
+        if form.rounded:
+            low, end = (int(np.floor(share * x.size + 0.5)) for share in (_ALPHA, 1 - _ALPHA))
+            scale = (end - low) / ((1 - 2 * _ALPHA) * x.size)
+        if low >= end:
+            return float("nan")
+        mean = scale * x.mean(low, end)
+        squares = scale * x.mean_square(mean, low, end) if form.trimmed_variance else x.mean_square(mean)
+        moments.append((mean, squares))
+    (mean_RG, var_RG), (mean_YB, var_YB) = moments
     if form.first_output:
         return mean_RG
     return float(-0.0268 * np.hypot(mean_RG, mean_YB) + 0.1586 * np.sqrt(var_RG + var_YB))
@@ -94,19 +105,6 @@ def _opponents(shown: npt.NDArray[Any], wraparound: bool, order: str) -> tuple[V
         there = np.flatnonzero(every)
         found.append(ValueCounts.of((there - 512) / divisor, every[there]))
     return tuple(found)
-
-
-def _trimmed(x: ValueCounts, form: Colourfulness) -> tuple[float, float]:
-    """Mean and variance of an opponent colour."""
-    if form.rounded:
-        low, end = (int(np.floor(share * x.size + 0.5)) for share in (_ALPHA, 1 - _ALPHA))
-        scale = (end - low) / ((1 - 2 * _ALPHA) * x.size)
-    else:
-        low, end, scale = int(np.ceil(_ALPHA * x.size)), x.size - int(np.floor(_ALPHA * x.size)), 1.0
-    if low >= end:
-        return float("nan"), float("nan")
-    mean = scale * x.mean(low, end)
-    return mean, scale * x.mean_square(mean, low, end) if form.trimmed_variance else x.mean_square(mean)
 
 
 _ABOUT: dict[str, Any] = {

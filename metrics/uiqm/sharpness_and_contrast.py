@@ -238,7 +238,17 @@ def uiconm(shown: npt.NDArray[Any], form: Contrast = Contrast()) -> float:
     whole = uiconm_blocks(shown, form)
     if not whole.any():
         return float("nan")
-    extremes, (k1, k2) = _extremes_of_contrast(shown, form), whole.shape
+    if form.levels == "each":
+        extremes = resized_extremes(shown, form.block, edges=False)
+    elif form.levels == "together":
+        found = _level_extremes_of_channels(shown, form.block)
+        extremes = Extremes(found.least.min(axis=0).astype(np.float64), found.most.max(axis=0).astype(np.float64))
+    else:
+        weights, scale = (_LUMA, 1e3) if form.levels == "luma" else (_REC709, 1e4 * 255)
+        red, green, blue = weights if form.order == "RGB" else weights[::-1]
+        found = level_extremes(shown, form.block, (red, green, blue))
+        extremes = Extremes(found.least / scale, found.most / scale)
+    k1, k2 = whole.shape
     low, high = (x[..., :k1, :k2][..., whole] for x in (extremes.least, extremes.most))  # (..., B)
     if form.fails_on_black and (high == 0).any():
         raise NotApplicableError(
@@ -274,18 +284,6 @@ def _m_ln_m(m: Array) -> npt.NDArray[np.complex128]:
     return np.asarray(m * logarithm)
 
 
-def _extremes_of_contrast(shown: npt.NDArray[Any], form: Contrast) -> Extremes:
-    if form.levels == "each":
-        return resized_extremes(shown, form.block, edges=False)
-    if form.levels == "together":
-        found = _level_extremes_of_channels(shown, form.block)
-        return Extremes(found.least.min(axis=0).astype(np.float64), found.most.max(axis=0).astype(np.float64))
-    weights, scale = (_LUMA, 1e3) if form.levels == "luma" else (_REC709, 1e4 * 255)
-    red, green, blue = weights if form.order == "RGB" else weights[::-1]
-    found = level_extremes(shown, form.block, (red, green, blue))
-    return Extremes(found.least / scale, found.most / scale)
-
-
 # UISM, the sharpness in UIQM: the range of edges, or of levels, in blocks (EME).
 
 Zero = Literal["nothing", "one", "almost"]
@@ -318,7 +316,16 @@ def uism(shown: npt.NDArray[Any], form: Sharpness = Sharpness()) -> float:
     whole = uism_blocks(shown, form)
     if not whole.any():
         return float("nan")
-    extremes, (k1, k2) = _extremes_of_edges(shown, form), whole.shape
+    if form.edges == "resized":
+        extremes = resized_extremes(shown, form.block, edges=True)
+    elif form.edges == "levels":
+        extremes = _level_extremes_of_channels(shown, form.block)
+    else:
+        extremes = edge_extremes(shown, form.block)
+    if form.edges == "rounded":
+        scale = 4 * 255 * np.sqrt(2)  # the filter as scikit-image scales it: steps of 1 give 1, two directions averaged
+        extremes = Extremes(np.round(extremes.least / scale), np.round(extremes.most / scale))
+    k1, k2 = whole.shape
     channels = zip(form.weights, extremes.least[:, :k1, :k2], extremes.most[:, :k1, :k2], strict=True)
     return float(
         sum(w * eme(least[whole], most[whole], form.zero) for w, least, most in channels) * _share(shown, whole, form)
@@ -347,16 +354,3 @@ def eme(least: npt.NDArray[Any], most: npt.NDArray[Any], zero: Zero = "nothing")
     ratio = most[usable] / least[usable]
     total = complex(np.log(np.abs(ratio)).sum(), np.pi * np.count_nonzero(ratio < 0))
     return 2 * abs(total) / least.size
-
-
-def _extremes_of_edges(shown: npt.NDArray[Any], form: Sharpness) -> Extremes:
-    """Of each channel (3, k1, k2)."""
-    if form.edges == "resized":
-        return resized_extremes(shown, form.block, edges=True)
-    if form.edges == "levels":
-        return _level_extremes_of_channels(shown, form.block)
-    found = edge_extremes(shown, form.block)
-    if form.edges == "sobel":
-        return found
-    scale = 4 * 255 * np.sqrt(2)  # the filter as scikit-image scales it: steps of 1 give 1, two directions averaged
-    return Extremes(np.round(found.least / scale), np.round(found.most / scale))

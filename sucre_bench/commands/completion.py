@@ -165,16 +165,25 @@ _VALUES = {"hydra/launcher": ("joblib", "slurm")}
 
 def complete_words(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:
     """Complete an override: its key, or its value, given the words before it."""
+    from sucre_bench.jobs.lineup import KINDS
+    from sucre_bench.jobs.run_options import RunConfig
+
     before = ctx.params.get(param.name or "") or ()
     given = dict(word.partition("=")[::2] for word in before if "=" in word)
     line_up = [word for word in before if "=" not in word]
     given |= {"": line_up[0]} if line_up else {}
     key, equals, value = incomplete.partition("=")
+    group, _, name = key.rpartition(".")
+    if not equals and group:
+        return list(_starting(incomplete, ((f"{group}.{o.name}=", o.help) for o in _options(group, given))))
     if not equals:
-        return list(_starting(incomplete, _keys(key.rpartition(".")[0], given)))
+        groups = ["dataset", "method", "metrics", "degrade", "shard", "tracking"]
+        groups += [name for kind in KINDS if kind in given or "" in given for name in _chosen(kind, given)]
+        plain = (f.name for f in fields(RunConfig) if f.name not in (*groups, "study"))
+        keys = [f"{name}=" for name in ("dataset", "method", "metrics", "experiment", *plain, *_VALUES)]
+        return list(_starting(incomplete, ((word, "") for word in (*keys, *(f"{name}." for name in groups)))))
     if key in ("dataset", "method", "experiment", "metrics", "baseline"):
         return list(_named(key, value, given))
-    group, _, name = key.rpartition(".")
     head, option = f"{key}=", next((option for option in _options(group, given) if option.name == name), None)
     words, kinds = [*_VALUES.get(key, ())], tuple[Any, ...]()
     if option is not None:
@@ -259,21 +268,6 @@ def _starting(
     for word, said in words:
         if word.startswith(start):
             yield CompletionItem(f"{before}{word}{after}", help=said)
-
-
-def _keys(group: str, given: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """What may stand before "=": in a group (before its last dot), or at the top."""
-    from sucre_bench.jobs.lineup import KINDS
-    from sucre_bench.jobs.run_options import RunConfig
-
-    if group:
-        yield from ((f"{group}.{option.name}=", option.help) for option in _options(group, given))
-        return
-    groups = ["dataset", "method", "metrics", "degrade", "shard", "tracking"]
-    groups += [name for kind in KINDS if kind in given or "" in given for name in _chosen(kind, given)]
-    plain = (f.name for f in fields(RunConfig) if f.name not in (*groups, "study"))
-    yield from ((f"{name}=", "") for name in ("dataset", "method", "metrics", "experiment", *plain, *_VALUES))
-    yield from ((f"{name}.", "") for name in groups)
 
 
 def _names(group: str) -> Iterator[tuple[str, str]]:

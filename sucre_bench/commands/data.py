@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +17,6 @@ from sucre_bench.machine.outputs import check_output
 from sucre_bench.machine.text_formats import counted
 
 if TYPE_CHECKING:
-    from sucre_bench.engine.select_views import Selection
     from sucre_bench.programs.describe.description import Described
 
 _ROWS = 30  # of the table of views
@@ -81,8 +79,15 @@ def describe(
     overrides = [word if "=" in word else f"dataset={word}" for word in words]
     with progress.live():
         selections = select(overrides)
-        if write_set is not None:
-            _check_whole(selections, most)
+    if write_set is not None:
+        if len(selections) > 1:
+            raise InputError(f"{len(selections)} scenes are chosen", "--write-set", "describe one alone")
+        scene, n = selections[0].scene, len(selections[0].views)
+        if n < len(scene):
+            raise InputError(f"{n} of {len(scene)} views of {scene.name} are chosen", "--write-set", "choose all")
+        if n > most:
+            raise InputError(f"{scene.name} has {n} views", "--write-set", f"give --most {n} for the table of all")
+    with progress.live():
         # Of one scene the given file; else each sheet is named after its scene.
         ends = f"-sheet{sheet.suffix if sheet else '.png'}"
         names = [f"{file_name(selection.scene.name)}{ends}" for selection in selections]
@@ -105,18 +110,6 @@ def describe(
         click.echo(f"set      {write_set}", err=as_json)
     if not any(view.mean for one in described for view in one.facts):
         raise InputError("describe: no view could be read; mend the files named above")
-
-
-def _check_whole(selections: Sequence[Selection], most: int) -> None:
-    """Raise InputError unless one scene is chosen, with all its views."""
-    if len(selections) > 1:
-        raise InputError(f"{len(selections)} scenes are chosen", "--write-set", "describe one alone")
-    for selection in selections:
-        scene, n = selection.scene, len(selection.views)
-        if n < len(scene):
-            raise InputError(f"{n} of {len(scene)} views of {scene.name} are chosen", "--write-set", "choose all")
-        if n > most:
-            raise InputError(f"{scene.name} has {n} views", "--write-set", f"give --most {n} for the table of all")
 
 
 def _show(one: Described) -> None:

@@ -14,7 +14,7 @@ from sucre_bench.machine import progress
 from sucre_bench.machine.text_formats import counted
 
 if TYPE_CHECKING:
-    from sucre_bench.programs.restore.pipeline import Done, Options, Source
+    from sucre_bench.programs.restore.pipeline import Options, Source
 
 _MOST_NAMED = 5
 
@@ -92,9 +92,18 @@ def restore(
         click.echo(f"no picture of {len(done.faults) - _MOST_NAMED} more photographs")
     if not done.names:
         raise InputError("no photograph could be restored", source, "mend what is named above")
-    n = len(done.names) + len(done.faults)
-    sheet = out / "contact-sheet.jpg"
-    click.echo(f"{len(done.names)} of {n} pictures are in {out / 'pictures'}, and {sheet} shows them. {_trust(done)}")
+    trust = "Nothing measured the water: these are balanced colours, not true ones."
+    if done.together:
+        trust = "The water was measured" if done.has_water else "The method balances colours and measures no water"
+        if done.unknown_water:
+            pictures = counted(done.unknown_water, "picture")
+            trust = f"The views do not determine all of the water of {pictures}, so colours there may be wrong"
+        share = f"{done.measured:.0%} of the pixels have a measured distance, and colours of the others are guesses"
+        alone = len(done.names) - done.together
+        rest = f"; {counted(alone, 'photograph')} without a place in the dive got balanced colours" if alone else ""
+        trust = f"{trust}; {share}{rest}."
+    n, sheet = len(done.names) + len(done.faults), out / "contact-sheet.jpg"
+    click.echo(f"{len(done.names)} of {n} pictures are in {out / 'pictures'}, and {sheet} shows them. {trust}")
     sys.exit(1 if done.faults else 0)
 
 
@@ -123,18 +132,3 @@ def _prepared(found: Source, source: Path, out: Path, options: Options) -> tuple
             progress.say(f"each photograph is restored alone, by {options.single_view}: {fault.without_remedy}")
             return found, out, options
     return source_of(out / "work" / "dive", source), out, options
-
-
-def _trust(done: Done) -> str:
-    """How far the colours can be trusted, in one sentence."""
-    alone = len(done.names) - done.together
-    if not done.together:
-        return "Nothing measured the water: these are balanced colours, not true ones."
-    share = f"{done.measured:.0%} of the pixels have a measured distance, and colours of the others are guesses"
-    trust = "The water was measured" if done.has_water else "The method balances colours and measures no water"
-    if done.unknown_water:
-        pictures = counted(done.unknown_water, "picture")
-        trust = f"The views do not determine all of the water of {pictures}, so colours there may be wrong"
-    trust = f"{trust}; {share}"
-    others = f"; {counted(alone, 'photograph')} without a place in the dive got balanced colours" if alone else ""
-    return f"{trust}{others}."

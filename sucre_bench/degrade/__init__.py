@@ -114,7 +114,14 @@ class _Degraded:
         """Return a degraded plane. Raises InputError if there is no image to add water to."""
         d, source = self.degradation, self.view.pixels
         if plane == "rgb" and d.water:
-            values: Array | None = self._wet(d.water)
+            depth, camera = source.load("depth"), self.view.camera
+            if depth is None or not (depth > 0).any():
+                raise InputError("has no depth, which added water needs", self.view.name, "leave the view out")
+            if (d.water.encoding or self.view.encoding) != self.view.encoding:
+                fault = f"degrade.add_water has the encoding {d.water.encoding}, the view {self.view.encoding}"
+                raise InputError(fault, self.view.name, "give water of the view's encoding")
+            distance = depth if camera is None else distance_map(camera, depth)
+            values: Array | None = under_water(self._dry(), distance, d.water)
         else:
             values = self._dry() if plane == "reference" and d.water else source.load(plane)
         if values is None:
@@ -149,15 +156,6 @@ class _Degraded:
             fault = "has no reference to add water to, but other views have one"
             raise InputError(fault, self.view.name, "leave the view out")
         return dry
-
-    def _wet(self, water: Water) -> Array:
-        depth, camera = self.view.pixels.load("depth"), self.view.camera
-        if depth is None or not (depth > 0).any():
-            raise InputError("has no depth, which added water needs", self.view.name, "leave the view out")
-        if (water.encoding or self.view.encoding) != self.view.encoding:
-            fault = f"degrade.add_water has the encoding {water.encoding}, the view {self.view.encoding}"
-            raise InputError(fault, self.view.name, "give water of the view's encoding")
-        return under_water(self._dry(), depth if camera is None else distance_map(camera, depth), water)
 
 
 def generator(seed: int, *names: str) -> np.random.Generator:

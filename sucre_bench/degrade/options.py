@@ -164,7 +164,12 @@ class Degradation:
 
     def labelled(self, dataset: str) -> str:
         """Return a dataset's label with the degradation: different degradations have different labels."""
-        return ",".join([dataset, *(f"{name}={self._word(name)}" for name in self._given())])
+        words = {name: str(getattr(self, name)) for name in self._given()}
+        if "add_water" in words:
+            words["add_water"] = "_".join(map(str, self._water_numbers()))
+            if isinstance(self.add_water, (str, Path)):  # two files may have one name
+                words["add_water"] = f"{Path(self.add_water).stem}-{hashed('-', self._water_numbers())[:4]}"
+        return ",".join([dataset, *(f"{name}={word}" for name, word in words.items())])
 
     def identity(self, without: Collection[str] = ()) -> tuple[object, ...]:
         """Return what identifies the degraded data, without some options."""
@@ -180,13 +185,6 @@ class Degradation:
         """The options that differ from their defaults."""
         values = ((f, getattr(self, f.name)) for f in fields(self))
         return [f.name for f, v in values if v is not f.default and (f.default is None or v != f.default)]
-
-    def _word(self, name: str) -> str:
-        if name != "add_water":
-            return str(getattr(self, name))
-        if isinstance(self.add_water, (str, Path)):  # two files may have one name
-            return f"{Path(self.add_water).stem}-{hashed('-', self._water_numbers())[:4]}"
-        return "_".join(str(number) for number in self._water_numbers())
 
     def _water_numbers(self) -> list[float | str]:
         water = self.water

@@ -9,7 +9,6 @@ from typing import Any, Literal
 import numpy as np
 
 from sucre_bench import plugins, results
-from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.score import Scored, scorers, variant_rows
 from sucre_bench.errors import ANY_FAULT, InputError, PluginError
 from sucre_bench.jobs.catalogue import metric_choices
@@ -60,9 +59,19 @@ def bundle_results(
     Raises InputError if the folder holds no results, or a picture is gone; OutputError if the bundle cannot be written.
     """
     rows = results.read(folder)
-    found: dict[str, bytes | Path] = {}
-    for name, file in (*((name, folder / name) for name in _TEXTS if is_file(folder / name)), *_files(folder, rows)):
-        found[name] = file
+    found: dict[str, bytes | Path] = {name: folder / name for name in _TEXTS if is_file(folder / name)}
+    for row in restorations(rows).itertuples():
+        place = layout.find(row.dataset, row.scene, row.view, folder)
+        picture = place.restored(folder, row.method) if place else None
+        if place is None or picture is None or (fault := fault_of(picture)):
+            where = picture or f"{folder}: {row.dataset} / {row.method} / {row.view}"
+            fault = "the restored image is gone" if picture is None or not picture.exists() else fault
+            raise InputError(fault, where, "repeat the run's command, which makes it again")
+        more = (place.original(folder), place.reference(folder))
+        found |= {file.relative_to(folder).as_posix(): file for file in (picture, *filter(is_file, more))}
+        if record := record_of(picture):
+            name = picture.with_suffix(".json").relative_to(folder).as_posix()
+            found[name] = json.dumps(record, indent=1).encode()
     inside = {"none": (), "restored": ("restored/",), "all": ("restored/", "views/", "references/")}[pictures]
     files = {n: file for n, file in found.items() if n in _TEXTS or n.endswith(".json") or n.startswith(inside)}
     outside = {n: hash_of(found[n]) for n in progress.track(sorted(found.keys() - files.keys()), "hashing pictures")}
@@ -77,26 +86,6 @@ def bundle_results(
     options = [json.loads(text) for text in rows["options"].unique()]
     local_paths = sorted({text for text in _strings(options) if text.startswith(("/", "~"))})
     return Bundled(path, made, len(scores), n_inside, len(outside), tuple(local_paths), lost)
-
-
-def _files(folder: Path, rows: DataFrame) -> Iterator[tuple[str, bytes | Path]]:
-    """The pictures and records of every restoration that ended well, by their names in the bundle.
-
-    Raises InputError for a picture that is gone.
-    """
-    for row in restorations(rows).itertuples():
-        place = layout.find(row.dataset, row.scene, row.view, folder)
-        picture = place.restored(folder, row.method) if place else None
-        if place is None or picture is None or (fault := fault_of(picture)):
-            where = picture or f"{folder}: {row.dataset} / {row.method} / {row.view}"
-            fault = "the restored image is gone" if picture is None or not picture.exists() else fault
-            raise InputError(fault, where, "repeat the run's command, which makes it again")
-        more = (place.original(folder), place.reference(folder))
-        for file in (picture, *(file for file in more if is_file(file))):
-            yield file.relative_to(folder).as_posix(), file
-        if record := record_of(picture):
-            name = picture.with_suffix(".json").relative_to(folder).as_posix()
-            yield name, json.dumps(record, indent=1).encode()
 
 
 def _strings(value: Any) -> Iterator[str]:

@@ -99,7 +99,16 @@ def choose_cells(frames: Sequence[Frame], voxel: float | None = None, *, most_ce
         fault = f"finer than the views, whose pixels show {footprint:.2g} m"
         raise InputError(f"--voxel {voxel:g}: {fault}; give {_FINEST * footprint:.2g} or more")
     side = _COARSE * max(footprint, voxel or 0)
-    area = _occupied(frames, side) * side**2
+    occupied = np.empty(0, np.int64)  # cells of a coarse grid that hold points of the views
+    for view in (frame.view for frame in track(frames, "area") if _is_fusable(frame.view)):
+        camera, pose = view.placed
+        depth = view.depth[::_STRIDE_PX, ::_STRIDE_PX]
+        row, column = np.nonzero(depth > 0)
+        x, y = column * _STRIDE_PX + 0.5, row * _STRIDE_PX + 0.5
+        points = unproject(camera, x, y, depth[row, column].astype(np.float64)).T
+        places = np.floor(moved(points, np.linalg.inv(pose)) / side).astype(np.int64)  # (P, 3)
+        occupied = np.union1d(occupied, (places + (1 << 20)) @ np.array([1 << 42, 1 << 21, 1]))
+    area = len(occupied) * side**2
     if voxel is None:
         voxel = max(footprint, float(np.sqrt(area / most_cells)))
     cells, free = Cells(voxel, int(area / voxel**2)), psutil.virtual_memory().available
@@ -112,22 +121,6 @@ def choose_cells(frames: Sequence[Frame], voxel: float | None = None, *, most_ce
 
 def _is_fusable(view: View) -> bool:
     return view.camera is not None and view.cam_from_world is not None and view.has_depth
-
-
-def _occupied(frames: Sequence[Frame], side: float) -> int:
-    """The number of cells of a coarse grid that hold points of the views, of every fourth pixel of every fourth row."""
-    occupied = np.empty(0, np.int64)
-    for frame in track(frames, "area"):
-        if _is_fusable(frame.view):
-            camera, pose = frame.view.placed
-            depth = frame.view.depth[::_STRIDE_PX, ::_STRIDE_PX]
-            row, column = np.nonzero(depth > 0)
-            x, y = column * _STRIDE_PX + 0.5, row * _STRIDE_PX + 0.5
-            points = unproject(camera, x, y, depth[row, column].astype(np.float64)).T
-            places = np.floor(moved(points, np.linalg.inv(pose)) / side).astype(np.int64)  # (P, 3)
-            keys = np.unique((places + (1 << 20)) @ np.array([1 << 42, 1 << 21, 1]))
-            occupied = np.union1d(occupied, keys)
-    return len(occupied)
 
 
 def fuse(frames: Sequence[Frame], method: str, cells: Cells, mesh: bool = True, mask: str = "") -> Model:

@@ -100,16 +100,6 @@ def _more_than_wins(votes: Votes) -> npt.NDArray[np.float64]:
     return wins
 
 
-def _model_covariance(votes: Votes, scores: Array) -> Array:
-    """Return the covariance (M, M) of scores as the model has it: the inverse of the information in all votes."""
-    wins = _more_than_wins(votes)
-    chance = 1 / (1 + np.exp(scores - scores[:, None]))
-    information = -(wins + wins.T) * chance * (1 - chance)
-    information -= np.diag(information.sum(axis=1))
-    mean = 1 / votes.methods  # the information knows no mean of all scores, which is 0
-    return np.asarray(np.linalg.inv(information + mean) - mean)
-
-
 def preferences(votes: Votes, resamples: int = _RESAMPLES) -> Preferences:
     """Return scores, with intervals where the votes suffice for them; always the same draws.
 
@@ -129,7 +119,13 @@ def preferences(votes: Votes, resamples: int = _RESAMPLES) -> Preferences:
         want = f"{_FEWEST_VOTES} votes of {_FEWEST_PEOPLE} people are needed, {these}"
     # Student's for n independent observers, and the bootstrap's own bias undone.
     widening = math.nan if want else float(stdtrit(n - 1, (1 + _LEVEL) / 2)) * math.sqrt(n / (n - 1))
-    model, normal = _model_covariance(votes, scores), float(stdtrit(math.inf, (1 + _LEVEL) / 2))
+    # The covariance (M, M) of scores as the model has it: the inverse of the information in all votes.
+    wins = _more_than_wins(votes)
+    chance = 1 / (1 + np.exp(scores - scores[:, None]))
+    information = -(wins + wins.T) * chance * (1 - chance)
+    information -= np.diag(information.sum(axis=1))
+    mean = 1 / votes.methods  # the information knows no mean of all scores, which is 0
+    model, normal = np.linalg.inv(information + mean) - mean, float(stdtrit(math.inf, (1 + _LEVEL) / 2))
     variances = np.diag(model)
     of_model = normal * np.sqrt(np.maximum(variances + variances[:, None] - 2 * model, 0))
     half = np.maximum(widening * (resampled[:, :, None] - resampled[:, None]).std(axis=0), of_model)

@@ -85,6 +85,8 @@ class Table:
 
 def board(entries: Sequence[Entry]) -> list[Table]:
     """Return the tables of bundles of which nothing differs, by dataset. Copies of a bundle stand in them once."""
+    import pandas as pd
+
     once = {e.id: e for e in reversed(entries) if e.rows is not None and e.state is not State.DIFFERS}
     groups: dict[str, list[_Group]] = {}  # by dataset
     for entry in sorted(once.values(), key=entries.index):
@@ -92,7 +94,15 @@ def board(entries: Sequence[Entry]) -> list[Table]:
         rows = entry.rows[entry.rows["metric"].isin([*plugins.usable("metric"), RESTORATION])]
         for dataset, of_dataset in rows.groupby("dataset", sort=False):
             _add(groups.setdefault(str(dataset), []), entry, of_dataset)
-    return [table for name in sorted(groups) for table in _tables(name, groups[name])]
+    tables = []
+    for name, group in ((dataset, group) for dataset in sorted(groups) for group in groups[dataset]):
+        common = partial(pd.concat, group.common, ignore_index=True)
+        for comparison in compare.compare(compare.on_pixels(group.rows, common)):
+            columns = dict.fromkeys((*decisive(comparison).columns, *comparison.columns))  # those that decide first
+            if ranked := tuple(column for column in columns if column.ranked):
+                chosen = compare.only(comparison, [f"{column.metric}:{column.variant}" for column in ranked])
+                tables.append(Table(name, tuple(group.lines), replace(chosen, columns=ranked), group.apart))
+    return tables
 
 
 @dataclass
@@ -132,18 +142,6 @@ def _add(groups: list[_Group], entry: Entry, rows: DataFrame) -> None:
             return
         reasons.append(why)
     groups.append(_Group(rows, [common], lines, next(iter(reasons), "")))
-
-
-def _tables(dataset: str, groups: Sequence[_Group]) -> Iterator[Table]:
-    import pandas as pd
-
-    for group in groups:
-        common = partial(pd.concat, group.common, ignore_index=True)
-        for comparison in compare.compare(compare.on_pixels(group.rows, common)):
-            columns = dict.fromkeys((*decisive(comparison).columns, *comparison.columns))  # those that decide first
-            if ranked := tuple(column for column in columns if column.ranked):
-                chosen = compare.only(comparison, [f"{column.metric}:{column.variant}" for column in ranked])
-                yield Table(dataset, tuple(group.lines), replace(chosen, columns=ranked), group.apart)
 
 
 # -- the page: no script, nothing from a network, every text escaped --------------------------------------------------

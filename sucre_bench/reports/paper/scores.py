@@ -19,7 +19,7 @@ from sucre_bench.compare.words import title
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.jobs.run_options import Study
 from sucre_bench.reports.paper import style
-from sucre_bench.reports.paper.study_results import Along, Drawn, StudyResults, Value
+from sucre_bench.reports.paper.study_results import Drawn, StudyResults, Value
 
 _LINE = 0.135  # inches a method takes
 _PAGE = 9.0  # inches a page has
@@ -86,31 +86,28 @@ def against(results: StudyResults) -> Iterator[Drawn]:
         if len(followed.values) < 2:
             reason = f"{followed.title} has one value of {followed.option}; sweep over more"
             yield (suffix,), NotApplicableError(reason)
-        elif not columns:
+            continue
+        if not columns:
             reason = f"{followed.title} has no scores that differ between values of {followed.option}, or methods"
             yield (suffix,), NotApplicableError(f"{reason}; name others, study.metrics=[NAME]")
-        else:
-            yield (suffix,), _against(followed, columns)
-
-
-def _against(followed: Along, columns: Sequence[Column]) -> Figure:
-    figure, panels = style.grid(len(columns), 2, 0.5, 2.0, sharex=True)
-    where, is_log = positions(followed.values)
-    for column, panel in zip(columns, panels, strict=True):
-        for method, (colour, marker) in style.looks(followed.methods).items():
-            lines = [followed.lines[value, method] for value in followed.values]
-            cells = [followed.scores.cells.get((line, column), _NO_CELL) for line in lines]  # a gap if there is none
-            panel.plot(where, [cell.mean for cell in cells], color=colour, marker=marker, label=method)
-            low, high = [cell.low for cell in cells], [cell.high for cell in cells]
-            panel.fill_between(where, low, high, color=colour, alpha=0.12, linewidth=0)
-        panel.set_ylabel(f"{title(column)} ({column.variant})")
-        panel.grid(axis="y")
-        if is_log:
-            panel.set_xscale("log")
-            panel.minorticks_off()
-        panel.set_xticks(where, [value.word for value in followed.values])
-    style.caption(figure, followed.axis, panels[0])
-    return figure
+            continue
+        figure, panels = style.grid(len(columns), 2, 0.5, 2.0, sharex=True)
+        where, is_log = positions(followed.values)
+        for column, panel in zip(columns, panels, strict=True):
+            for method, (colour, marker) in style.looks(followed.methods).items():
+                lines = [followed.lines[value, method] for value in followed.values]
+                cells = [followed.scores.cells.get((line, column), _NO_CELL) for line in lines]  # a gap for none
+                panel.plot(where, [cell.mean for cell in cells], color=colour, marker=marker, label=method)
+                low, high = [cell.low for cell in cells], [cell.high for cell in cells]
+                panel.fill_between(where, low, high, color=colour, alpha=0.12, linewidth=0)
+            panel.set_ylabel(f"{title(column)} ({column.variant})")
+            panel.grid(axis="y")
+            if is_log:
+                panel.set_xscale("log")
+                panel.minorticks_off()
+            panel.set_xticks(where, [value.word for value in followed.values])
+        style.caption(figure, followed.axis, panels[0])
+        yield (suffix,), figure
 
 
 def positions(values: Sequence[Value]) -> tuple[list[float], bool]:
