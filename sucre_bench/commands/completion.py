@@ -217,14 +217,11 @@ def _named(key: str, value: str, given: Mapping[str, str]) -> Iterator[Completio
     if key == "baseline":
         yield from _starting(last, ((name, "") for name in _chosen("method", given)), head)
         return
-    if key == "metrics" and ":" in last:
-        name = last.partition(":")[0]
-        yield from _starting(last, ((f"{name}:{variant}", said) for variant, said in _variants(name)), head, "]")
-        return
-    taken = set(before_last.split(","))
-    names = [(name, said) for name, said in _names(key) if name not in taken]
-    is_list = key == "metrics"
-    yield from _starting(last, names, f"{key}=[" if is_list and not bracket else head, "]" if is_list else "")
+    is_list, taken = key == "metrics", set(before_last.split(","))
+    known = _metrics(last) if is_list else _names(key)
+    names = [(name, said) for name, said in known if name not in taken]
+    opens = is_list and not bracket and ":" not in last  # bash completes only what follows the colon
+    yield from _starting(last, names, f"{key}=[" if opens else head, "]" if opens or bracket else "")
 
 
 def _parts(value: str) -> tuple[str, str, str]:
@@ -248,18 +245,19 @@ def complete_views(ctx: click.Context, param: click.Parameter, incomplete: str) 
 def complete_metrics(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:
     """Complete the last of several metrics parted by commas: its name, or its variant behind a colon."""
     before, comma, last = incomplete.rpartition(",")
-    name, colon, variant = last.partition(":")
-    if not colon:
-        return list(_starting(name, _names("metrics"), before + comma))
-    return list(_starting(variant, _variants(name), f"{before}{comma}{name}:"))
+    return list(_starting(last, _metrics(last), before + comma))
 
 
-def _variants(metric: str) -> Iterator[tuple[str, str]]:
-    """The variants of a metric, with what sets each apart."""
+def _metrics(start: str) -> Iterator[tuple[str, str]]:
+    """The metrics with what they are; behind a colon the variants of one, with what sets each apart."""
     from sucre_bench.jobs.catalogue import plugin_of
 
-    if plugin := plugin_of("metric", metric):
-        yield from {**plugin.variants, "all": "every variant"}.items()
+    name, colon, _ = start.partition(":")
+    if not colon:
+        yield from _names("metrics")
+    elif plugin := plugin_of("metric", name):
+        variants = {**plugin.variants, "all": "every variant"}
+        yield from ((f"{name}:{variant}", said) for variant, said in variants.items())
 
 
 def _starting(
