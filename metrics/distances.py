@@ -11,7 +11,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, distance_map, unproject
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.imaging.chart_patches import image_from_chart
+from sucre_bench.imaging.chart_patches import chart_mask
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 
@@ -33,18 +33,12 @@ class ChartDistance:
         """Yield a score per chart, NaN where no pixel of it has depth. NotApplicableError without a camera."""
         camera = _camera(view)
         for chart in view.charts:
-            (top, left), (bottom, right) = (
-                np.clip(corner[::-1], 0, view.depth.shape).astype(int)
-                for corner in (np.floor(chart.corners.min(axis=0)), np.ceil(chart.corners.max(axis=0)))
-            )
-            v, u = (at.ravel() for at in np.mgrid[top:bottom, left:right])
-            x, y, w = np.linalg.inv(image_from_chart(chart.corners)) @ np.stack([u + 0.5, v + 0.5, np.ones(u.size)])
-            inside = (w > 0) & (x >= 0) & (x <= w) & (y >= 0) & (y <= w)  # pixels' centres
-            u, v = u[inside], v[inside]
-            depth = view.depth[v, u].astype(np.float64)
-            known = np.linalg.norm(unproject(camera, u + 0.5, v + 0.5, depth), axis=0)[depth > 0]
+            inside = chart_mask(chart, (camera.width, camera.height))
+            v, u = np.nonzero(inside & (view.depth > 0))
+            points = unproject(camera, u + 0.5, v + 0.5, view.depth[v, u].astype(np.float64))
+            known = np.linalg.norm(points, axis=0)
             value = float(np.median(known)) if known.size else np.nan
-            yield Score(value, chart.name, known.size, known.size / max(u.size, 1))
+            yield Score(value, chart.name, known.size, known.size / max(int(inside.sum()), 1))
 
 
 @metric(

@@ -13,6 +13,7 @@ import numpy as np
 from sucre_bench.arrays import Array, Mask, coloured_pixels, once
 from sucre_bench.imaging.cielab import to_lab
 from sucre_bench.imaging.display import display
+from sucre_bench.imaging.image_formation import reduced
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.plugins.plugin import Fault
 from sucre_bench.scene import Restoration, Score, View
@@ -102,13 +103,7 @@ class Faults:
 @once
 def _on_screen(picture: Array) -> Array:
     """Return a picture (H, W, 3) in [0, 1] with at most `_SIDE` pixels on a side; NaN where a part has no colour."""
-    import cv2
-
-    share = _SIDE / max(picture.shape)
-    if share >= 1:
-        return picture.astype(np.float32)
-    size = (max(1, round(picture.shape[1] * share)), max(1, round(picture.shape[0] * share)))
-    return np.asarray(cv2.resize(picture.astype(np.float32), size, interpolation=cv2.INTER_AREA))
+    return reduced(picture.astype(np.float32), _SIDE)
 
 
 def _cast(picture: Array, photograph: Array, seen: Mask) -> tuple[float, str]:

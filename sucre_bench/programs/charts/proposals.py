@@ -17,7 +17,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import depth_at, moved, project
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_kinds import chart_kind
-from sucre_bench.imaging.chart_patches import are_corners, image_from_chart
+from sucre_bench.imaging.chart_patches import are_corners, chart_mask, image_from_chart
 from sucre_bench.imaging.display import stretch
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.scene import Chart, View
@@ -108,19 +108,10 @@ def corner_points(view: View, chart: Chart) -> Array | None:
     """
     if view.camera is None or view.cam_from_world is None or not _has_depth(view):
         return None
-    # Pixels inside the chart's outline with a known depth.
-    (left, top), (right, bottom) = (
-        corner.astype(int) for corner in (np.floor(chart.corners.min(axis=0)), np.ceil(chart.corners.max(axis=0)))
-    )
-    left, top = max(left, 0), max(top, 0)
-    v, u = np.mgrid[top : min(bottom, view.depth.shape[0]), left : min(right, view.depth.shape[1])].reshape(2, -1)
-    design = np.stack([u + 0.5, v + 0.5, np.ones(u.size)], axis=1)
-    mapped = design @ np.linalg.inv(image_from_chart(chart.corners)).T
-    place, depth = mapped[:, :2] / mapped[:, 2:], view.depth[v, u].astype(np.float64)
-    inside = ((place >= 0) & (place <= 1)).all(axis=1) & (depth > 0)
-    design, depth = design[inside], depth[inside]
-    if len(depth) < _LEAST_PIXELS:
+    v, u = np.nonzero(chart_mask(chart, (view.camera.width, view.camera.height)) & (view.depth > 0))
+    if len(v) < _LEAST_PIXELS:
         return None
+    design, depth = np.stack([u + 0.5, v + 0.5, np.ones(len(v))], axis=1), view.depth[v, u].astype(np.float64)
     weights = np.ones(len(depth), dtype=bool)
     for _ in range(4):
         plane = np.linalg.lstsq(design[weights] * depth[weights, None], np.ones(weights.sum()), rcond=None)[0]
