@@ -26,8 +26,6 @@ def gallery(repositories: Path, out: Path, only: str) -> None:
     FOLDER has clones of the repositories, one folder each. A line says how to get those that are not there. OUT becomes
     a results folder with a page. OUT/pictures has the files and the line-up of each exhibit.
     """
-    from rich.table import Table
-
     from sucre_bench import compare
     from sucre_bench.engine.run import run
     from sucre_bench.errors import InputError
@@ -61,9 +59,7 @@ def gallery(repositories: Path, out: Path, only: str) -> None:
     path = out / published.FILE
     write_atomically(path, csv_text(table).encode())
     heads = ("exhibit", "row", "score", "published", "measured", "difference", "views")
-    shown = Table(box=None, pad_edge=False, header_style="bold")
-    for head in heads:
-        shown.add_column(head, justify="left" if head in heads[:3] else "right", no_wrap=head not in heads[:3])
+    shown = terminal.table(heads[:3], heads[3:])
     lines = table.to_dict("records")
     for line in lines:
         shown.add_row(*(str(line[head]) for head in heads), style="green" if line["difference"] == "equal" else "")
