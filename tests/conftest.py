@@ -47,12 +47,13 @@ SLOW = (
     "programs/prepare/test_prepare.py",
     "reports/page/test_in_browser.py",
     "programs/contract/test_write_plugin.py",
+    "programs/test_match_published.py",
+    "methods/sucre/test_exact.py",
     "methods/sucre/test_footprint.py",
     "hostile/test_plugins.py",
     "programs/people/test_in_browser.py",
     "hostile/test_current_folder.py",
     "docs/test_tutorial.py",
-    "methods/sucre/test_exact.py",
     "engine/test_common_pixels.py",
     "engine/test_sweep.py",
     "programs/verify/test_verify_bundle.py",
@@ -65,7 +66,7 @@ SLOW = (
     "hostile/test_refusing_machines.py",
     "engine/test_done_views.py",
     "docs/test_docs.py",
-    "programs/test_match_published.py",
+    "programs/restore/test_restore.py",
     "docs/test_examples.py",
 )
 

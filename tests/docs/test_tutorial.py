@@ -17,7 +17,7 @@ def test_it_runs_without_a_screen_and_its_own_method_is_in_the_table(tmp_path: P
     assert not any(cell.get("outputs") or cell.get("execution_count") for cell in notebook.cells)
     size = "width=240, height=180, views=4"
     assert size in notebook.cells[2].source
-    notebook.cells[2].source = notebook.cells[2].source.replace(size, "width=120, height=90, views=4")  # for the time
+    notebook.cells[2].source = notebook.cells[2].source.replace(size, "width=200, height=150, views=4")  # for the time
     NotebookClient(
         notebook, timeout=1200, startup_timeout=600, resources={"metadata": {"path": str(tmp_path)}}
     ).execute()
