@@ -14,7 +14,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.cielab import ciede2000, lab_d50
 from sucre_bench.imaging.encoding import srgb_encode
-from sucre_bench.imaging.references import known_in_both, reference_of
+from sucre_bench.imaging.references import known_in_both, psnr_of, reference_of
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 
@@ -44,9 +44,8 @@ class Colours:
         """Yield one score; nothing where the view has no reference."""
         if (found := _exposed(restored.image, view, variant)) is not None:
             colours, true = found
-            error = np.mean((colours - true) ** 2) if len(true) else np.nan
-            with np.errstate(divide="ignore"):  # equal colours
-                yield _score(float(-10 * np.log10(error)), true, view)
+            error = float(np.mean((colours - true) ** 2)) if len(true) else np.nan
+            yield _score(psnr_of(error), true, view)
 
 
 @metric(

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Mask, coloured_pixels, locked
 from sucre_bench.imaging.encoding import srgb_encode, to_8bit
-from sucre_bench.imaging.references import known_in_both, reference_of
+from sucre_bench.imaging.references import known_in_both, psnr_of, reference_of
 from sucre_bench.imaging.resizing import Resizing, resized
 from sucre_bench.machine.compute import compiled, usable_cores
 from sucre_bench.plugins.decorators import metric
@@ -178,9 +178,7 @@ class Psnr:
             # Whole levels of 255, as files hold them.
             image, reference = (np.floor(_luma(x.astype(np.float64)) + 0.5) / 255 for x in levels)
         n = np.count_nonzero(mask) * image.shape[-1]
-        with np.errstate(divide="ignore"):  # equal images
-            value = -10 * np.log10(squared_error(image, reference, mask) / n) if n else np.nan
-        yield _score(float(value), mask)
+        yield _score(psnr_of(squared_error(image, reference, mask) / n) if n else np.nan, mask)
 
 
 @metric(

@@ -17,6 +17,7 @@ from typing import Any, get_args
 
 from sucre_bench import InputError
 from sucre_bench.arrays import Array
+from sucre_bench.imaging.references import psnr_of
 from sucre_bench.machine.files import regular
 from sucre_bench.scene import Encoding
 
@@ -68,8 +69,7 @@ def similarity(picture: Array, photograph: Array) -> dict[str, float]:
     from skimage.metrics import structural_similarity
 
     picture = np.nan_to_num(picture, nan=0.0).clip(0, 1)
-    with np.errstate(divide="ignore"):  # equal images
-        psnr = float(-10 * np.log10(np.mean((picture - photograph) ** 2, dtype=np.float64)))
     window = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}
     ssim = structural_similarity(picture, photograph, channel_axis=-1, data_range=1, **window)
-    return {"psnr": psnr, "ssim": float(ssim)}
+    error = float(np.mean((picture - photograph) ** 2, dtype=np.float64))
+    return {"psnr": psnr_of(error), "ssim": float(ssim)}

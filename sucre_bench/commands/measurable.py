@@ -1,4 +1,4 @@
-"""Says before any work whether the water of a scene can be measured, and what to use."""
+"""Says before any work what the selected views of a scene can show: whether they have its water, and are neighbours."""
 
 import contextlib
 from collections.abc import Sequence
@@ -23,3 +23,18 @@ def say_whether_measurable(planned: Sequence[Planned]) -> None:
         with contextlib.suppress(*ANY_FAULT):  # the run says what is wrong with the data
             if spread := processes.call(partial(spread_of, scene.views), "leave out the view that ends it"):
                 progress.say(f"{dataset}, {name}: {spread.sentence('')}")
+
+
+def say_what_views_show(planned: Sequence[Planned]) -> None:
+    """Say whether the water can be measured, and of which scenes only neighbours are selected, half of it at most."""
+    say_whether_measurable(planned)
+    scenes = {
+        (plan.job.dataset.label, task.scene.name): (task.scene, plan.tasks) for plan in planned for task in plan.tasks
+    }
+    for (dataset, name), (scene, tasks) in [*scenes.items()][:_MOST] if len(planned) > 1 else ():
+        selected = {task.view.name for task in tasks if task.scene is scene}
+        places = [place for place, view in enumerate(scene.views) if view.name in selected]
+        n, total = len(places), len(scene.views)
+        if "poses" in scene.has and 1 < n <= total // 2 and places[-1] - places[0] == n - 1:
+            fewer = f"these {n} of {total} views are neighbours, and show little of the scene"
+            progress.say(f"{dataset}, {name}: {fewer}; every={total // n} shows more")

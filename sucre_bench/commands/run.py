@@ -88,11 +88,11 @@ def run(
         shared.print_json(asdict(found)) if as_json else run_forecast.show(found)
         return
     from sucre_bench.commands import run_summary
-    from sucre_bench.commands.measurable import say_whether_measurable
+    from sucre_bench.commands.measurable import say_what_views_show
     from sucre_bench.engine.run import run as run_jobs
 
     with printed:
-        outcome = run_jobs(overrides, multirun, say_whether_measurable)
+        outcome = run_jobs(overrides, multirun, say_what_views_show)
         comparisons = run_summary.compared(outcome)
         summary = run_summary.as_object(outcome, comparisons) if as_json else None
     try:

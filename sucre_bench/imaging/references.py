@@ -1,5 +1,7 @@
 """The reference that a picture is compared with."""
 
+import math
+
 from sucre_bench.arrays import Array, Mask, coloured_pixels
 from sucre_bench.errors import InputError
 from sucre_bench.scene import View
@@ -18,3 +20,8 @@ def reference_of(view: View, image: Array) -> Array:
 def known_in_both(image: Array, reference: Array, view: View) -> Mask:
     """Return the pixels (H, W) with a colour in an image and in its reference, and with depth if the view has any."""
     return coloured_pixels(image) & coloured_pixels(reference) & view.valid
+
+
+def psnr_of(squared_error: float) -> float:
+    """Return the PSNR, in dB, of a mean squared error of pictures in [0, 1]; infinite for equal pictures."""
+    return -10 * math.log10(squared_error) if squared_error else math.inf

@@ -53,9 +53,8 @@ def _illuminant(name: str, folder: Path) -> Array:
         return _table(folder / name, 1)[0]
     known = colour_science().SDS_ILLUMINANTS
     if name not in known:
-        raise InputError(
-            f"illuminant '{name}': unknown; {did_you_mean(name, known)}, or a CSV file of wavelength,power"
-        )
+        usual = did_you_mean(name, ("A", "C", "D50", "D55", "D65", "E"))
+        raise InputError(f"illuminant '{name}': unknown; {usual}, or a CSV file of wavelength,power")
     return on_grid(name, known[name].wavelengths, known[name].values)
 
 

@@ -21,6 +21,7 @@ from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import InputError, SucreBenchError, unknown_name
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import read_rgb, write_png
+from sucre_bench.imaging.references import psnr_of
 from sucre_bench.imaging.resizing import Resizing, resized
 from sucre_bench.jobs.lineup import Entry, LineUp
 from sucre_bench.jobs.run_options import CONF_FOLDER
@@ -270,5 +271,5 @@ def _agreement(exhibit: Exhibit, number: Number, out: Path) -> dict[str, float]:
         if (picture := ours / f"{path.stem}.png").is_file():
             one, other = (read_rgb(file).astype(np.float64) for file in (picture, path))
             if one.shape == other.shape:
-                found[path.stem] = -10 * np.log10(max(float(((one - other) ** 2).mean()), 1e-12))
+                found[path.stem] = psnr_of(float(((one - other) ** 2).mean()))
     return found
