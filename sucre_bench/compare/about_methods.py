@@ -8,7 +8,9 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame
@@ -17,24 +19,48 @@ from sucre_bench.errors import SucreBenchError
 from sucre_bench.imaging.image_files import read_rgb
 from sucre_bench.loading.named_sets import NamedSet, Picture, found_of, named_sets, picture_of
 from sucre_bench.machine.text_formats import first_few
+from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results import layout
 from sucre_bench.results.rows import values_of
 
 
-def _trained_on(rows: DataFrame) -> dict[str, str]:
-    """What each method of the rows says, by its label; without those that say nothing."""
-    of_methods = rows[["method", "options"]].drop_duplicates("method")
-    said = {str(name): json.loads(options or "{}").get("trained_on") for name, options in of_methods.to_numpy()}
-    return {name: str(text) for name, text in said.items() if text}
+@dataclass(frozen=True)
+class About:
+    """The methods of a dataset.
+
+    notes: what each was trained on and differs in, and each published study that had several of them; photographs:
+    those that return the photograph itself; is_track: whether views lie along a track: views without poses have no
+    order.
+    """
+
+    notes: tuple[Note, ...]
+    photographs: frozenset[str]
+    is_track: bool
 
 
-def notes_on_methods(rows: DataFrame) -> Iterator[Note]:
-    """Yield what each method of the rows was trained on and differs in, and each study that had several of them."""
-    for name, text in _trained_on(rows).items():
-        yield Note("trained on", (name,), reasons=text)
+def options_of(rows: DataFrame) -> dict[str, dict[str, Any]]:
+    """Return the options of each method of the rows, by its label: those of its last row."""
+    last = rows[["method", "options"]].drop_duplicates("method", keep="last")
+    return {name: json.loads(text or "{}") for name, text in values_of(last, "method", "options")}
+
+
+def about(rows: DataFrame) -> About:
+    """Return what is known of the methods of a dataset's rows beside their scores."""
+    options = options_of(rows)
+    method = {name: plugins.installed("method", told.get("name", "")) for name, told in options.items()}
+    data = {plugins.installed("dataset", told.get("dataset", {}).get("name", "")) for told in options.values()}
+    return About(
+        tuple(_notes(options, method)),
+        frozenset(name for name, plugin in method.items() if plugin and plugin.is_photograph),
+        any(plugin is None or "poses" in plugin.has for plugin in data),
+    )
+
+
+def _notes(options: Mapping[str, Mapping[str, Any]], methods: Mapping[str, Plugin | None]) -> Iterator[Note]:
     studies: dict[str, dict[str, float]] = {}
-    for name, options in values_of(rows.drop_duplicates("method"), "method", "options"):
-        plugin = plugins.installed("method", json.loads(options or "{}").get("name", ""))
+    for name, plugin in methods.items():
+        if text := options[name].get("trained_on"):
+            yield Note("trained on", (name,), reasons=str(text))
         if plugin and plugin.differs:
             yield Note("differs", (name,), reasons=plugin.differs)
         for study, score in plugin.opinions.items() if plugin else ():
@@ -54,7 +80,8 @@ def seen_in_training(out: Path, rows: DataFrame) -> Iterator[str]:
     by their content: names are often plain numbers.
     """
     for dataset, of_dataset in rows.groupby("dataset", sort=False):
-        trained = {method: (text, *_sets_in(text)) for method, text in _trained_on(of_dataset).items()}
+        said = {method: str(options.get("trained_on") or "") for method, options in options_of(of_dataset).items()}
+        trained = {method: (text, *_sets_in(text)) for method, text in said.items() if text}
         if not any(sets for _, sets, _ in trained.values()):
             continue
         pictures = _pictures(out, str(dataset), of_dataset)

@@ -82,6 +82,16 @@ def deciding(comparison: Comparison, every: bool = False) -> Deciding:
 _OTHERS: frozenset[Role] = frozenset({"", "change-with-distance"})
 
 
+def best_first(comparison: Comparison, main: Column | None) -> tuple[str, ...]:
+    """Return the methods by their mean of a score, those without it behind them, photographs last; else as asked."""
+    names = comparison.restorers or comparison.methods
+    if main is not None:
+        sign = -1 if main.better == "higher" else 1
+        means = {name: sign * cell.mean for name, cell in comparison.of(main).items() if not math.isnan(cell.mean)}
+        names = tuple(sorted(names, key=lambda name: means.get(name, math.inf)))
+    return (*names, *(name for name in comparison.photographs if name not in names))
+
+
 def decisive(comparison: Comparison) -> Comparison:
     """Return the comparison with only the columns that decide."""
     return replace(comparison, columns=deciding(comparison).columns)

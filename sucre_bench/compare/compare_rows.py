@@ -1,6 +1,5 @@
 """Makes comparisons from rows: the units that all methods have, and a table for each dataset, view or region."""
 
-import json
 import math
 from collections import Counter
 from collections.abc import Collection, Sequence
@@ -9,7 +8,7 @@ from dataclasses import replace
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame, Series
 from sucre_bench.compare import statistics
-from sucre_bench.compare.about_methods import notes_on_methods
+from sucre_bench.compare.about_methods import About, about
 from sucre_bench.compare.choose_pixels import leaves_holes, on_own_pixels
 from sucre_bench.compare.model import FILLED, Cell, Column, Comparison, Note, says_filled
 from sucre_bench.compare.notes import (
@@ -23,7 +22,7 @@ from sucre_bench.compare.notes import (
 from sucre_bench.compare.statistics import ColumnScores, Units
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.results.reasons import Reason
-from sucre_bench.results.rows import COSTS, PREFERENCE, RESTORATION, By, values_of
+from sucre_bench.results.rows import COSTS, PREFERENCE, RESTORATION, By
 from sucre_bench.results.table import is_fresh
 
 # Columns that nothing here looks at; they are most of a table's memory.
@@ -40,8 +39,8 @@ def compare(
     method to compare the others with, instead of with the best.
     Raises InputError for a metric or a baseline that the rows do not have.
     """
-    asked, (photographs, tracks) = asked_for(rows, metrics), _photographs_and_tracks(rows)
-    known = {dataset: tuple(notes_on_methods(of_dataset)) for dataset, of_dataset in rows.groupby("dataset")}
+    asked = asked_for(rows, metrics)
+    known = {dataset: about(of_dataset) for dataset, of_dataset in rows.groupby("dataset")}
     rows = rows[[name for name in rows.columns if name not in _UNUSED]]
     rows = rows.sort_values("time", kind="stable")  # datasets, methods and metrics as they were run
     order = list(dict.fromkeys([*order, *rows["method"].unique()]))
@@ -63,10 +62,7 @@ def compare(
             of_table = _with_reasons(of_table, rows[(rows[groups[:-1]] == list(key[:-1])).all(axis=1)])
         if of_table["_asked"].any():
             methods = sorted(of_table["method"].unique(), key=order.index)
-            of_dataset = {name for dataset, name in photographs if dataset == key[0]}
-            title = " · ".join(map(str, key))
-            table = _table(title, of_table, methods, baseline, of_dataset, key[0] in tracks)
-            tables.append(replace(table, notes=(*table.notes, *known[key[0]])))
+            tables.append(_table(" · ".join(map(str, key)), of_table, methods, baseline, known[key[0]]))
     scored = [table for table in tables if table.columns]
     return scored if by != "method" and scored else tables  # of a region that some views lack
 
@@ -143,26 +139,7 @@ def _with_reasons(region: DataFrame, everywhere: DataFrame) -> DataFrame:
     return pd.concat([region.assign(_asked=scored), elsewhere[has_reason].assign(_asked=False)])
 
 
-def _photographs_and_tracks(rows: DataFrame) -> tuple[set[tuple[str, str]], set[str]]:
-    """The methods that return the photograph itself, each with its dataset; and the datasets whose views lie along a
-    track: all but those that have no poses, whose views have no order.
-    """
-    photographs, tracks = set(), set()
-    each = rows[["dataset", "method", "options"]].drop_duplicates(["dataset", "method"], keep="last")
-    for dataset, method, text in values_of(each, *each.columns):
-        options = json.loads(text)
-        plugin = plugins.installed("method", options.get("name", ""))
-        if plugin and plugin.is_photograph:
-            photographs.add((dataset, method))
-        data = plugins.installed("dataset", options.get("dataset", {}).get("name", ""))
-        if data is None or "poses" in data.has:
-            tracks.add(dataset)
-    return photographs, tracks
-
-
-def _table(
-    title: str, rows: DataFrame, methods: list[str], baseline: str, all_photographs: Collection[str], is_track: bool
-) -> Comparison:
+def _table(title: str, rows: DataFrame, methods: list[str], baseline: str, known: About) -> Comparison:
     import pandas as pd
 
     faults = [*fault_notes(rows)]
@@ -186,7 +163,7 @@ def _table(
         values = _averaged(repeated)
         column = _column(of_column, values)
         if column.n_units:
-            scores = _scores(column, values.dropna(), is_track)
+            scores = _scores(column, values.dropna(), known.is_track)
             units = scores.independent
             column = replace(column, worth=units.worth if units and units.alike > 0 else math.inf)
             measured[column] = scores
@@ -199,7 +176,7 @@ def _table(
     if baseline and baseline not in methods:
         found.append(Note("no baseline", (baseline,)))
         baseline = ""
-    photographs = tuple(name for name in methods if name in all_photographs)
+    photographs = tuple(name for name in methods if name in known.photographs)
     cells = dict[tuple[str, Column], Cell]()
     for column, scores in measured.items():
         values = made[column]
@@ -208,7 +185,15 @@ def _table(
         cells |= {(name, column): cell for name, cell in zip(scores.methods, of_column, strict=True)}
     has_none = lacks >= {"reference", "charts"}
     table = Comparison(
-        title, tuple(methods), tuple(columns), cells, stale, "", tuple(found), measured, photographs, has_none
+        title,
+        tuple(methods),
+        tuple(columns),
+        cells,
+        stale,
+        notes=(*found, *known.notes),
+        measured=measured,
+        photographs=photographs,
+        lacks_truth=has_none,
     )
     return against(table, baseline) if baseline else table
 

@@ -1,6 +1,5 @@
 """Reads the score tables of several folders, and refuses those that are not comparable."""
 
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import TypeVar
 
 from sucre_bench import results
 from sucre_bench.arrays import DataFrame
+from sucre_bench.compare.about_methods import options_of
 from sucre_bench.compare.compare_rows import asked_for
 from sucre_bench.errors import InputError
 from sucre_bench.machine import progress
@@ -181,8 +181,7 @@ def _normalisations(rows: DataFrame) -> Iterator[str]:
 
     If they were fitted to different encodings, as `sucre` and `sucre` with `encoding=linear`, each needs its own.
     """
-    known = rows.drop_duplicates("method")[["method", "options"]]
-    options = {str(label): json.loads(text) for label, text in known.itertuples(index=False)}
+    options = options_of(rows)
     for first, second in combinations(options, 2):
         one, other = options[first], options[second]
         shown = one.get("display"), other.get("display")

@@ -12,7 +12,7 @@ from statistics import fmean
 from typing import TYPE_CHECKING
 
 from sucre_bench.compare import words
-from sucre_bench.compare.answer import Deciding, answer, deciding, verdicts
+from sucre_bench.compare.answer import Deciding, answer, best_first, deciding, verdicts
 from sucre_bench.compare.model import FEWEST_VIEWS, Column, Comparison
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def as_table(comparison: Comparison, width: int, spread: bool = False, intervals
     from rich.text import Text
 
     chosen = deciding(comparison)
-    comparison = replace(comparison, methods=_best_first(comparison, chosen))
+    comparison = replace(comparison, methods=best_first(comparison, chosen.main))
     laid_out = [
         _laid(comparison, column, (words.title(column), column.variant), spread, intervals)
         for column in comparison.columns
@@ -148,7 +148,7 @@ def _block(comparison: Comparison, width: int, every: bool) -> Text:
         for note in comparison.notes
         if not note.columns or wanted & {*note.columns}
     ]
-    methods = _best_first(comparison, chosen)
+    methods = best_first(comparison, chosen.main)
     block = replace(comparison, methods=methods, columns=chosen.columns, notes=tuple(notes))
     laid_out = []
     for column in block.columns:
@@ -178,7 +178,7 @@ def _overview(comparisons: Sequence[Comparison], width: int) -> Text:
     """The main score of every dataset: a line a method, a column a dataset."""
     chosen = [deciding(one) for one in comparisons]
     mains = [each.first for each in chosen if each.first]
-    ranked = [_best_first(one, each) for one, each in zip(comparisons, chosen, strict=True)]
+    ranked = [best_first(one, each.main) for one, each in zip(comparisons, chosen, strict=True)]
     places = {
         name: [ranking.index(name) for ranking in ranked if name in ranking] for ranking in ranked for name in ranking
     }
@@ -244,16 +244,6 @@ def _joined(head: str, tables: Sequence[Text], dim: Sequence[str], said: Sequenc
 
     below = [wrapped(line, style) for lines, style in ((dim, "dim"), (said, "")) for line in lines if line]
     return Text("\n").join([wrapped(head, "bold"), *tables, *below])
-
-
-def _best_first(comparison: Comparison, chosen: Deciding) -> tuple[str, ...]:
-    """The methods by their mean of the main score, those without it behind them, the photograph last; else as asked."""
-    if chosen.main is None:
-        return comparison.methods
-    cells, sign = comparison.of(chosen.main), -1 if chosen.main.better == "higher" else 1
-    names = comparison.restorers or comparison.methods
-    ranked = sorted(names, key=lambda name: (name not in cells, sign * cells[name].mean if name in cells else 0))
-    return (*ranked, *(name for name in comparison.photographs if name not in names))
 
 
 def _percent(comparison: Comparison, name: str, column: Column) -> str:

@@ -91,8 +91,8 @@ def _parsed(place: str, text: str) -> ChartKind:
     wanted = (*_COLUMNS[:5], *(spectral or _COLUMNS[5:]))
     missing = [name for name in wanted if not rows or name not in rows[0]]
     if missing:
-        names = f"{','.join(_COLUMNS)}, or wavelengths in place of L,a,b"
-        raise InputError(f"{place}: no column '{missing[0]}'; name the columns {names}")
+        columns = f"{','.join(_COLUMNS)}, or wavelengths in place of L,a,b"
+        raise InputError(f"{place}: no column '{missing[0]}'; name the columns {columns}")
     names, boxes, lab, srgb = [], [], [], []
     for (number, _), row in zip(table[1:], rows, strict=True):
         at = f"{place}: line {number}"

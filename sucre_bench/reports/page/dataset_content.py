@@ -4,14 +4,14 @@ import json
 import math
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import COSTS, Column, Comparison, verdicts
-from sucre_bench.compare.answer import Deciding, answer, deciding
+from sucre_bench.compare.answer import Deciding, answer, best_first, deciding
 from sucre_bench.compare.model import FILLED
 from sucre_bench.compare.words import ARROW, left_out, legend, number, shown, title, verdict_text
 from sucre_bench.errors import InputError
@@ -150,22 +150,14 @@ class Section:
 
     def _rows(self) -> list[dict[str, Any]]:
         """The table's rows: by the main score, the photograph below the methods."""
-        columns = [cells(self.table, column) for column in self._columns]
-        photographs, names = self.table.photographs, self.table.methods
-        faults = {note.methods[0]: note.reasons for note in self.table.notes if note.kind == "faults"}
-        rows = [
-            {"label": name, "place": self.places[name], "photograph": name in photographs, "cells": of_method}
+        table = replace(self.table, methods=best_first(self.table, self._main))
+        columns = [cells(table, column) for column in self._columns]
+        faults = {note.methods[0]: note.reasons for note in table.notes if note.kind == "faults"}
+        return [
+            {"label": name, "place": self.places[name], "photograph": name in table.photographs, "cells": of_method}
             | {"faults": faults.get(name, "")}
-            for name, *of_method in zip(names, *columns, strict=True)
+            for name, *of_method in zip(table.methods, *columns, strict=True)
         ]
-        return sorted(rows, key=lambda row: (row["photograph"], self._rank(row["label"])))
-
-    def _rank(self, name: str) -> float:
-        """What orders methods: less is better, infinite where there is no main score."""
-        cell = self._main and self.table.cells.get((name, self._main))
-        if not self._main or not cell or math.isnan(cell.mean):
-            return math.inf
-        return cell.mean if self._main.better == "lower" else -cell.mean
 
     def _rerun(self, name: str) -> Rerun:
         last = self.rows[self.rows["method"] == name].iloc[-1]
@@ -187,7 +179,7 @@ class Section:
         return {
             "name": self.table.title,
             "main": key_of(self._main) if self._main else "",
-            "first": min(self.table.restorers or self.table.methods, key=self._rank, default=""),
+            "first": next(iter(best_first(self.table, self._main)), ""),
             "photographs": list(self.table.photographs),
             "columns": [{"key": key_of(c)} | {name: getattr(c, name) for name in _OF_COLUMN} for c in self._columns],
             "methods": [
