@@ -48,7 +48,7 @@ def about(rows: DataFrame) -> About:
     """Return what is known of the methods of a dataset's rows beside their scores."""
     options = options_of(rows)
     method = {name: plugins.installed("method", told.get("name", "")) for name, told in options.items()}
-    data = {plugins.installed("dataset", told.get("dataset", {}).get("name", "")) for told in options.values()}
+    data = [plugins.installed("dataset", told.get("dataset", {}).get("name", "")) for told in options.values()]
     return About(
         tuple(_notes(options, method)),
         frozenset(name for name, plugin in method.items() if plugin and plugin.is_photograph),
