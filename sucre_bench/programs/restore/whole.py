@@ -27,6 +27,7 @@ _PULL = 0.1
 # pool 12 %. With a pull of 1 these are 24, 33 and 30 %.
 _SMOOTH, _RED = 0.2, 0.01
 _FINE = 0.5  # standard deviation of the texture's filter, in cells; with wider ones a rim of water has the ground's
+_FINE_PX = 10  # pixels of a cell's side when trust is held at edges: more than that cost time and show nothing
 _FLAT = 1e-4  # variance of the photograph below which trust is blurred, and not held at an edge
 
 _GRID = 16  # pixels between the places where a lens is computed; between them it is straight to a hundredth of a pixel
@@ -77,13 +78,15 @@ def with_open_water(picture: Array, measured: Mask, photograph: Array) -> Array:
         return picture
     small = in_cells(photograph, n)
     red = small[..., 0] / np.maximum(small.sum(axis=-1), 1e-6)
-    coarse = texture / max(_SMOOTH * float(np.median(texture[known])), 1e-6)
+    rough = texture / max(_SMOOTH * float(np.median(texture[known])), 1e-6)
     near = red / max(float(np.quantile(red[known], _RED)), 1e-6)
-    is_smooth, is_far = 1 / (1 + coarse.clip(0, 10) ** 4), 1 / (1 + near.clip(0, 10) ** 16)
+    is_smooth, is_far = 1 / (1 + rough.clip(0, 10) ** 4), 1 / (1 + near.clip(0, 10) ** 16)
     trust = continued(known.astype(np.float32), known, small, _PULL * is_smooth * is_far)
     size = measured.shape[::-1]
-    fine = np.asarray(cv2.resize(trust, size, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
-    fine = guided_filter(photograph, fine, 2 * n, _FLAT).clip(0, 1)
+    guide = in_cells(photograph, step := -(-n // _FINE_PX))
+    coarse = np.asarray(cv2.resize(trust, guide.shape[1::-1], interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+    edged = guided_filter(guide, coarse, 2 * n // step, _FLAT).clip(0, 1)
+    fine = cv2.resize(edged, size, interpolation=cv2.INTER_LINEAR)
     is_known = cv2.resize(known.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST_EXACT) > 0
     fine[measured & is_known] = 1
     return np.asarray(photograph + fine[..., None] * (picture - photograph), dtype=np.float32)

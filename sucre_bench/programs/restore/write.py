@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from sucre_bench.imaging.drawing import contact_sheet
 from sucre_bench.imaging.encoding import to_8bit, to_16bit
 from sucre_bench.imaging.image_files import decode, read_rgb
 from sucre_bench.loading.lens import Lens
+from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import track
 from sucre_bench.programs.restore.picture_file import bits_of, encoded
@@ -25,6 +27,7 @@ from sucre_bench.results.restorations import read_mask
 from sucre_bench.scene import View
 
 _MOST_SHOWN, _WIDE = 60, 320  # pairs on the contact sheet, evenly chosen; pixels of a picture's width
+_AT_ONCE = 4  # pictures that are written: one of 24 megapixels takes 2 GB
 _ORIENTATION = 274
 _INTERPOLATED = 3  # in a map of depth's origins: between measured points, so perhaps beyond an edge of the ground
 
@@ -67,25 +70,30 @@ def write_pictures(
     What is wrong with one photograph is a fault, and the others are written.
     """
     folder = out / "pictures"
-    names, faults = list[str](), dict[str, str]()
-    for one in track(restored, "writing pictures"):
+
+    def write(one: Restored) -> str:
+        """Write a picture, and return why there is none."""
         target = folder / one.name
         try:
             newest = max(since_ns, one.image.stat().st_mtime_ns)
             if not target.is_file() or target.stat().st_mtime_ns < newest:
                 picture = (to_16bit if bits_of(one.photograph) == 16 else to_8bit)(_picture(one, original_geometry))
                 write_atomically(target, encoded(picture, one.photograph.read_bytes(), quality))
-            names.append(one.name)
+            return ""
         except OutputError:
             raise
         except SucreBenchError as fault:
-            faults[one.name] = str(fault)
+            return str(fault)
         except ANY_FAULT as fault:  # of a library, about one photograph's metadata
-            faults[one.name] = one_line(fault)
-    there = [one for one in restored if one.name in set(names)]
+            return one_line(fault)
+
+    with ThreadPoolExecutor(min(usable_cores(), _AT_ONCE)) as pool:
+        whys = list(track(pool.map(write, restored), "writing pictures", len(restored)))
+    faults = {one.name: why for one, why in zip(restored, whys, strict=True) if why}
+    there = [one for one in restored if one.name not in faults]
     if there:
         write_atomically(out / "contact-sheet.jpg", _sheet([there[k] for k in evenly(len(there), _MOST_SHOWN)], folder))
-    return Written(tuple(names), faults)
+    return Written(tuple(one.name for one in there), faults)
 
 
 def _picture(one: Restored, original_geometry: bool) -> Array:
