@@ -33,7 +33,7 @@ from sucre_bench.programs.prepare.plane_sweep import least_absolute
 from sucre_bench.programs.prepare.shots import Shot
 from sucre_bench.programs.prepare.surface import read_mesh
 
-_UNITS = {1.0: "", 0.001: "millimetres", 0.01: "centimetres", 1000.0: "kilometres", 100.0: "hectometres"}
+_UNITS = {1.0: "", 0.001: "millimetres", 0.01: "centimetres", 0.3048: "feet", 1000.0: "kilometres"}
 _NEAR, _ENOUGH = 0.05, 0.5  # relative: a mesh is at a point; least share of points at which it is
 _MOST_CHECKED = 12  # photos
 _FEWEST_POINTS = 12  # of a photo, to fit its map
@@ -45,7 +45,7 @@ _SIMPLER = 1.1  # a fit with one more parameter must be better than this
 def mesh_maps(path: Path, shots: Sequence[Shot]) -> DepthMaps:
     """Return the depth maps of a mesh in the model's frame. Raises InputError if it is in another one.
 
-    A mesh in millimetres or centimetres, in a model in metres, is converted.
+    A mesh in millimetres, centimetres or feet, in a model in metres, is converted.
     """
     mesh = read_mesh(path)
     checked = [shot for shot in shots if len(shot.points)][:: -(-len(shots) // _MOST_CHECKED)]

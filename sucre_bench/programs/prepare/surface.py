@@ -5,6 +5,7 @@ Poisson surface reconstruction, ACM TOG 2013, by Open3D. Parts far from every me
 stays open, and parts that stand before what photos measured. Photos agree because all see the same surface.
 """
 
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -70,8 +71,15 @@ def read_mesh(path: Path) -> Surface:
     if not path.is_file():
         raise InputError("no such file", path, "give a mesh: .ply, .obj or .glb")
     o3d = load("prepare", "open3d")
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        mesh = o3d.io.read_triangle_mesh(str(path))
+    with tempfile.TemporaryDirectory() as folder, o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+        content = path.read_bytes() if path.suffix.lower() == ".glb" else b""
+        if content and len(content) == int.from_bytes(content[12:16], "little") + 20:
+            # Without a second part, as Open3D writes it and does not read it: as .gltf it does.
+            path_read = Path(folder) / "mesh.gltf"
+            path_read.write_bytes(content[20:])
+        else:
+            path_read = path
+        mesh = o3d.io.read_triangle_mesh(str(path_read))
     vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
     if not len(triangles) or not np.isfinite(vertices).all():
         raise InputError("holds no triangles that can be read", path, "export the mesh as .ply, .obj or .glb")

@@ -40,7 +40,7 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     triangles = np.concatenate(
         [np.stack([corner, corner + 1, corner + 281], 1), np.stack([corner + 1, corner + 282, corner + 281], 1)]
     )
-    for name, factor, shift in (("valley.ply", 1, 0), ("millimetres.ply", 1000, 0), ("elsewhere.ply", 1, 1.5)):
+    for name, factor, shift in (("valley.ply", 1, 0), ("millimetres.glb", 1000, 0), ("elsewhere.ply", 1, 1.5)):
         points = np.stack([x, y, z], -1).reshape(-1, 3) * factor + shift
         vertices, faces = o3d.utility.Vector3dVector(points), o3d.utility.Vector3iVector(triangles)
         o3d.io.write_triangle_mesh(str(root / name), o3d.geometry.TriangleMesh(vertices, faces))
@@ -69,7 +69,7 @@ def colmap(dive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_given_poses_stay_and_a_mesh_gives_every_pixel_its_depth(dive: Path, colmap: Path, tmp_path: Path):
     line = [str(dive / "photos"), str(tmp_path / "out"), "--model", str(colmap), "--scale", "1"]
-    result = CliRunner().invoke(command, [*line, "--mesh", str(dive / "millimetres.ply")], catch_exceptions=False)
+    result = CliRunner().invoke(command, [*line, "--mesh", str(dive / "millimetres.glb")], catch_exceptions=False)
     assert result.exit_code == 0
     assert "4 of 4 photos, 100 %" in result.output
     for out in (tmp_path / "out", colmap.parents[3]):  # the latter is of a mesh in metres
