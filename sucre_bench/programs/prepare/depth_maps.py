@@ -127,13 +127,13 @@ def _store(file: Path, values: npt.NDArray[Any]) -> None:
 
 def _stored_surface(folder: Path, make: Callable[[], Surface | None]) -> Surface:
     """The surface that an earlier command left in the folder, or a new one. Without points it has no triangles."""
-    files = [folder / f"surface_{part}.npy" for part in ("vertices", "triangles", "gaps")]
-    if not all(file.is_file() for file in files):
+    file = folder / "surface.npz"
+    if not file.is_file():
         say("fusing the depths of all photos into one surface")
-        surface = make() or Surface(np.zeros((3, 3)), np.zeros((1, 3), np.int64), np.zeros(3))
-        for file, values in zip(files, (surface.vertices, surface.triangles, surface.gaps), strict=True):
-            _store(file, values)
-    return Surface(*(np.load(file) for file in files))
+        surface, content = make() or Surface(np.zeros((3, 3)), np.zeros((1, 3), np.int64), np.zeros(3)), io.BytesIO()
+        np.savez(content, **vars(surface))
+        write_atomically(file, content.getvalue())
+    return Surface(**np.load(file))
 
 
 def masked(values: npt.NDArray[Any], shot: Shot, masks: Path) -> npt.NDArray[Any]:

@@ -8,6 +8,7 @@ points are made anew, at the given poses.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -216,14 +217,17 @@ def given_model(model: Path, photos: Sequence[Photo], folder: Path, work: Path, 
 
 def _posed(model: Path, folder: Path) -> list[Posed]:
     """Read the model as a dataset: the largest of its scenes."""
+    kind, named, root = "", dict[str, str](), model
     if model.is_file():
         is_json = model.suffix.lower() == ".json"
         kind, named = ("nerfstudio", {"transforms": model.name}) if is_json else ("metashape", {"document": model.name})
         root = model.parent
     else:
-        kind, named, root = recognised(model), {}, model
+        with suppress(InputError):
+            kind = recognised(model)
     if kind not in ("nerfstudio", "metashape"):
-        raise InputError(f"is dataset={kind}, which has no poses to keep here", model, "give a model with poses")
+        remedy = "give the folder of cameras.bin, cameras.xml or transforms.json"
+        raise InputError("holds no model of COLMAP, hloc, Metashape or nerfstudio", model, remedy)
     if kind == "metashape":
         named["images"] = str(folder.resolve())
     views = max(load_scenes(kind, root=root, **named), key=len)
