@@ -165,7 +165,7 @@ def noise_parts(observations: Observations, solution: Solution, *, decoded: bool
     weight = None if solution.weight is None else replace(observations, weight=solution.weight).take(places).weight
     counted = np.broadcast_to(robust_part(few, weight, slice(None)), few.colour.shape)
     r, h, strength, _ = residuals_of(few, solution.J[:, places], solution.water, counted)
-    slopes = _slope(few, slice(None), decoded) ** 2
+    slopes = np.broadcast_to(_slope(few, slice(None), decoded) ** 2, few.colour.shape)
     parts = np.zeros((3, 2))
     for c in range(3):
         known = (h[c] < _ALONE) & (h[c] > 0)
@@ -217,13 +217,13 @@ def robust_part(observations: Observations, weight: Array | None, part: slice) -
 
 
 def _slope(observations: Observations, part: slice, decoded: bool) -> Array:
-    """Return how many times larger than in stored intensities the noise of recorded light is, (3, n).
+    """Return how many times larger than in stored intensities the noise of recorded light is, (3, n), or (3, 1).
 
     In light that was removed, intensities are recorded light over l, of weight l^2.
     """
-    linear = observations.intensity(part)
     if not decoded:
-        return np.ones_like(linear)
+        return np.ones((3, 1), dtype=np.float32)
+    linear = observations.intensity(part)
     if observations.weight is not None:
         linear = linear * np.sqrt(observations.weight[..., part])
     return decoding_slope(linear)
