@@ -74,8 +74,8 @@ def clustered(
 
     They are: texture, light and poses differ more between places and views than within. With s the sum of D'^T r over a
     cluster, H^-1 (sum s s^T) H^-1 needs independent clusters only (Liang & Zeger 1986). Clusters are tiles of the
-    target, or views; each parameter has the larger error of these, and of independent observations. images: that the
-    water was fitted to, with `view`.
+    target, or views; each parameter has the largest error of these, and of independent observations. The covariance
+    stays: colours are weighted with it. images: that the water was fitted to, with `view`.
     """
     H, by_cluster = _cluster_sums(images, water)
     H = TIED @ H @ TIED.T if tied else H
@@ -91,15 +91,12 @@ def clustered(
             effect = np.linalg.pinv(H[c][np.ix_(k, k)], rcond=1e-14, hermitian=True) @ s[c, k]
             error[c, k] = np.fmax(error[c, k], np.sqrt((effect**2).sum(axis=1) * n / (n - 3)))
     error = error[:, [0, 1, 1]] if tied else error
-    growth = np.divide(error, before, out=np.ones((3, 3)), where=before > 0)
-    covariance = uncertainty.covariance * growth[:, :, None] * growth[:, None]
     named = " ".join(uncertainty.limits)
     rows = water.by_channel()
     loose = [_loose(c, rows, error) for c in range(3) if f"{CHANNELS[c]}: undetermined" not in named]
     far = max(float(np.quantile(one.distance, 0.95)) for one in images)
     limits = (*uncertainty.limits, *filter(None, loose), *_uneven(error[:, 1] * far))
-    spread = WaterParameters.of_channels(error)
-    return replace(uncertainty, covariance=covariance, standard_error=spread, limits=limits)
+    return replace(uncertainty, standard_error=WaterParameters.of_channels(error), limits=limits)
 
 
 def _uneven(wrong: Array) -> list[str]:

@@ -117,14 +117,12 @@ def solve_exact(
     about |= {"solver": "exact", "steps": found.passes, "converged": found.converged}
     with opened(observations, backend, device) as kernel:
         uncertainty = found.uncertainty
-        if sharp is not None and noise is not None:
-            noise = robust_noise(sharp, found.water)
-        if matched is not None:  # the water's errors come from the sample, the colours' from their own noise
-            own = uncertainty_at(kernel, observations, found.water).noise if noise is None else noise
-            clusters = clustered(uncertainty, [to_fit], found.water, tied=one_coefficient)
-            uncertainty = replace(clusters, noise=own)
-        elif noise is not None:
-            uncertainty = rescaled_to_noise(uncertainty, noise)
+        if noise is not None and sharp is not None:
+            uncertainty = rescaled_to_noise(uncertainty, robust_noise(sharp, found.water))
+        elif matched is not None:  # the water's errors come from the sample, the colours' from their own noise
+            uncertainty = replace(uncertainty, noise=uncertainty_at(kernel, observations, found.water).noise)
+        if matched is not None:
+            uncertainty = clustered(uncertainty, [to_fit], found.water, tied=one_coefficient)
         solution = _with_colours(kernel, found.water, uncertainty, about)
     return solution if noise is None else replace(solution, weight=observations.weight)
 
