@@ -1,9 +1,10 @@
 """The forecast of a command: its jobs, and their time, memory and disk, from what stored views of each job took."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from sucre_bench import results
 from sucre_bench.arrays import DataFrame
@@ -58,7 +59,8 @@ def forecast(overrides: Sequence[str], multirun: bool) -> Forecast:
         rows = restorations(results.read(command.jobs[0].out))
     except MissingFileError:
         rows = results.frame([])
-    jobs = tuple(_expected(plan, rows) for plan in planned)
+    done = dict(iter(rows.groupby(["dataset", "method", "options_id"])))
+    jobs = tuple(_expected(plan, done) for plan in planned)
     if is_for_cluster(command):
         options = command.launcher
         return Forecast(jobs, "slurm", int(options["array_parallelism"]), options["timeout_min"], options["mem_gb"])
@@ -66,17 +68,16 @@ def forecast(overrides: Sequence[str], multirun: bool) -> Forecast:
     return Forecast(jobs, "workers" if at_once > 1 else "", max(1, at_once))
 
 
-def _expected(plan: Planned, rows: DataFrame) -> Expected:
-    """What a job will take. rows: of all stored restorations."""
+def _expected(plan: Planned, stored: Mapping[Any, DataFrame]) -> Expected:
+    """What a job will take. stored: the rows of restorations by dataset, method and options."""
     import pandas as pd
 
     job, n_todo = plan.job, len(plan.todo)
     names = (job.dataset.label, job.method.label, len(plan.tasks), len(plan.tasks) - n_todo)
     if not n_todo:
         return Expected(*names, 0.0, 0.0, 0.0)
-    done = rows[(rows["dataset"] == names[0]) & (rows["method"] == names[1])]
-    done = done[done["options_id"] == plan.todo[0].base.options_id]
-    if not len(done):
+    done = stored.get((*names[:2], plan.todo[0].base.options_id))
+    if done is None:
         reason = "no view by it is stored here; restore some first, with first=3 say"
         return Expected(*names, math.nan, math.nan, math.nan, reason)
     seconds = float(done["seconds"].mean())
@@ -86,8 +87,8 @@ def _expected(plan: Planned, rows: DataFrame) -> Expected:
     height, width = plan.todo[0].view.rgb.shape[:2]
     memory = _PROCESS_MB + _VIEW_MB * height * width / 1e6 + float(done["peak_mb"].fillna(0).max())
     out, method = job.out, job.method.label
-    stored = {(row.scene, row.view) for row in done.itertuples()}
-    places = [task.place for task in plan.tasks if (task.base.scene, task.view.name) in stored]
+    views = {*zip(done["scene"], done["view"], strict=True)}
+    places = [task.place for task in plan.tasks if (task.base.scene, task.view.name) in views]
     of_views = [_size_mb([p.restored(out, method), p.original(out)]) for p in places]
     disk = n_todo * sum(of_views) / len(of_views) if of_views else math.nan
     return Expected(*names, n_todo * seconds, memory, disk)

@@ -111,6 +111,8 @@ def _planned(job: Job, rows: DataFrame, shared: Callable[[Scene], Scene]) -> Pla
         for task in tasks(replace(job, shard=Shard()), scenes):
             of_scene.setdefault(task.base.scene, []).append(task)
     over = {scene: tuple(of[k] for k in evenly(len(of), MOST_SHOWN_OVER)) for scene, of in of_scene.items()}
+    if rows.empty:
+        return Planned(job, every, every, frozenset(), over)
     todo = every if job.overwrite == "always" else _without_results(job, every, rows, over)
     return Planned(job, every, todo, frozenset(tuples(restoration_rows(rows), "scene", "view", "time")), over)
 
@@ -181,12 +183,19 @@ def _try_to_make(choice: Choice, command: Command) -> None:
 def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
     """Labels that already stand for something else in the output folder: their results would be overwritten."""
     clashes = []
+    scenes_of: dict[str, set[str]] = {}  # of each dataset
+    options_of: dict[str, dict[str, set[str]]] = {}  # of each dataset and method
+    names = ["dataset", "method", "scene", "options_id", "status"]
+    for dataset, method, scene, options_id, status in rows[names].drop_duplicates().itertuples(index=False):
+        options = options_of.setdefault(dataset, {}).setdefault(method, set())
+        if scene:
+            scenes_of.setdefault(dataset, set()).add(results.unreplicated(scene)[0])
+            options |= {options_id} if status != "failed" else set()  # what failed may be tried another way
     for plan in planned:
         job = plan.job
-        if job.overwrite == "always":
+        if job.overwrite == "always" or job.dataset.label not in options_of:
             continue
-        there = rows[rows["dataset"] == job.dataset.label]
-        scenes = {results.unreplicated(scene)[0] for scene in there["scene"].unique()} - {""}
+        scenes, methods = scenes_of.get(job.dataset.label, set()), options_of[job.dataset.label]
         if scenes and plan.tasks and not scenes & {task.scene.name for task in plan.tasks}:
             option = _label_option([other.job.dataset for other in planned], job.dataset)
             remedy = " or ".join(dict.fromkeys(["out=...", option]))
@@ -194,15 +203,15 @@ def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
                 f"{job.out}: its '{job.dataset.label}' is scene {sorted(scenes)[0]}, not {plan.tasks[0].scene.name}; "
                 f"give another {remedy}"
             )
-        option = _label_option([other.job.method for other in planned], job.method)
-        same_folder = set(there["method"].unique()) - {job.method.label}
-        for other in sorted(o for o in same_folder if file_name(o) == file_name(job.method.label)):
+        of_method, folder = methods.get(job.method.label), file_name(job.method.label)
+        others = sorted(o for o in methods if file_name(o) == folder) if job.method.label not in methods else []
+        is_other = bool(of_method) and of_method != {results.fingerprint(job.method.record)[1]}
+        option = _label_option([p.job.method for p in planned], job.method) if others or is_other else ""
+        for other in others:
             clashes.append(
                 f"{job.out}: '{job.method.label}' would share a folder with '{other}'; give another {option}"
             )
-        is_result = (there["scene"] != "") & (there["status"] != "failed")  # what failed may be tried another way
-        of_method = there[(there["method"] == job.method.label) & is_result]
-        if len(of_method) and set(of_method["options_id"].unique()) != {results.fingerprint(job.method.record)[1]}:
+        if is_other:
             clashes.append(
                 f"{job.out}: its '{job.method.label}' has other options; give another {option}, or overwrite=always"
             )

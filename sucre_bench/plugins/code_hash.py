@@ -1,5 +1,6 @@
 """One short hash of all that a result depends on: its source code, and the files that options name."""
 
+import functools
 import inspect
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -17,8 +18,9 @@ def source_hash(*used: Plugin, files: Iterable[Path] = ()) -> str:
     Of `files`, which may be large, name, size and time of change count; of a folder, those of all files in it, except
     hidden files and `__pycache__`.
     """
-    typed_in = [_typed_in(plugin) for plugin in used if _source_of(plugin) is None]
-    places = tuple(file for plugin in used if (file := _source_of(plugin)))
+    sources = [(plugin, _source_of(plugin)) for plugin in used]
+    typed_in = [_typed_in(plugin) for plugin, source in sources if source is None]
+    places = tuple(source for _, source in sources if source)
     stamps = [stamp for place in files for stamp in _stamps(place)]
     return hash_of(
         places, {name for plugin in used for name in (*plugin.requires, *plugin.may_use)}, (typed_in, stamps)
@@ -39,10 +41,13 @@ def _source_of(plugin: Plugin) -> Path | None:
         source = inspect.getsourcefile(plugin.cls)
     except (OSError, TypeError):
         source = None
-    if source is None:
-        return None
+    return None if source is None else _file_or_folder(source, plugin.kind)
+
+
+@functools.cache
+def _file_or_folder(source: str, kind: str) -> Path:
     file = Path(source)
-    shared = (Path(__file__).parent.parent / f"{plugin.kind}s").resolve()
+    shared = (Path(__file__).parent.parent / f"{kind}s").resolve()
     has_folder = file.parent.resolve() != shared and (file.parent / "__init__.py").exists()
     return file.parent if has_folder else file
 

@@ -1,21 +1,23 @@
 """Verifies a bundle: hashes first, then every score that can be computed again."""
 
 import contextlib
+import functools
 import io
 import json
 import math
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sucre_bench import plugins
-from sucre_bench.arrays import Array, DataFrame, Mask
+from sucre_bench.arrays import Array, DataFrame, Mask, locked
 from sucre_bench.compare import Pixels
 from sucre_bench.engine.score import Scorer
 from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError
@@ -29,7 +31,7 @@ from sucre_bench.results.common_scores import COMMON_PIXELS, common_frame, commo
 from sucre_bench.results.layout import possible_places
 from sucre_bench.results.reasons import Reason, brief
 from sucre_bench.results.restorations import mask_in, masked
-from sucre_bench.results.rows import COSTS, KEYS, restorations
+from sucre_bench.results.rows import COSTS, KEYS, RESTORATION, tuples
 from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Arrays, Restoration, View
 
@@ -108,21 +110,31 @@ def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: fl
     outcome = Outcome(bundle.id, bundle.by, len(names), [f"{name}: {fault}" for name, fault in faults.items()])
     outcome.faults += [*data_faults, *_wrong_meaning(SCORES, rows), *_wrong_meaning(COMMON, common)]
     check = _Check(bundle, scenes, tolerance, outcome)
-    is_whole = rows.index.isin(restorations(rows).index)
-    is_score = (rows["status"] == "ok") & ~rows["metric"].isin(COSTS)
-    groups = rows[is_score | is_whole].groupby(list(KEYS), sort=False)
-    for _, of_restoration in progress.track(list(groups), "scoring again"):
+    is_whole = (rows["metric"] == RESTORATION) & (rows["view"] != "")
+    is_wanted = (rows["status"] == "ok") & (is_whole | ~rows["metric"].isin(COSTS))
+    # A view's restorations follow each other: they share its picture and reference.
+    groups = _grouped(rows[is_wanted].sort_values(_VIEW, kind="stable"), *KEYS)
+    for of_restoration in progress.track(groups.values(), "scoring again", len(groups)):
         check.restoration(of_restoration)
     n_own = outcome.n_agree
     is_view = common["metric"] == COMMON_PIXELS
-    scores = dict(iter(common[~is_view & (common["status"] == "ok")].groupby(_VIEW, sort=False)))
-    for view in progress.track(list(common[is_view].itertuples()), "scoring common pixels again"):
+    scores = _grouped(common[~is_view & (common["status"] == "ok")], *_VIEW)
+    for view in progress.track(list(tuples(common[is_view])), "scoring common pixels again"):
         if view.variant != "unknown":
-            check.view(view, scores.get((view.dataset, view.scene, view.view), common[:0]))
+            check.view(view, scores.get((view.dataset, view.scene, view.view), []))
     outcome.n_common = outcome.n_agree - n_own
     outcome.unchecked = dict(sorted(outcome.unchecked.items(), key=lambda item: -item[1]))
     outcome.other_versions.sort()
     return outcome
+
+
+def _grouped(rows: DataFrame, *columns: str) -> dict[tuple[str, ...], list[Any]]:
+    """The rows of a table as tuples, by their values in some columns."""
+    groups: dict[tuple[str, ...], list[Any]] = {}
+    of = attrgetter(*columns)
+    for row in tuples(rows):
+        groups.setdefault(of(row), []).append(row)
+    return groups
 
 
 def _wrong_meaning(file: str, rows: DataFrame) -> Iterator[str]:
@@ -136,6 +148,7 @@ def _wrong_meaning(file: str, rows: DataFrame) -> Iterator[str]:
             yield f"{file}: {row.metric} in {said}; it is {meant}"
 
 
+@functools.lru_cache(maxsize=4)
 def _picture(bundle: Bundle, name: str) -> Array:
     """Return a picture of a bundle, (H, W, 3) float32 RGB in [0, 1]. InputError if it is none of ordinary size.
 
@@ -154,7 +167,7 @@ def _picture(bundle: Bundle, name: str) -> Array:
         stored = decode_bytes(content, cv2.IMREAD_COLOR, name)[..., ::-1]
     except InputError as fault:
         raise fault.within(bundle.path) from fault
-    return np.asarray(stored, dtype=np.float32) / 255
+    return locked(np.asarray(stored, dtype=np.float32) / 255)
 
 
 class _Opened(NamedTuple):
@@ -221,28 +234,27 @@ class _Check:
         # The median size of a column's scores: what a difference near zero is compared with.
         self._sizes = scores["value"].abs().groupby([scores["metric"], scores["variant"]]).median().to_dict()
         self._whole: dict[tuple[str, ...], dict[str, Any]] = {}  # by view, then by method
-        for row in filled_restorations(rows).itertuples():
+        for row in tuples(filled_restorations(rows)):
             self._whole.setdefault((row.dataset, row.scene, row.view), {})[row.method] = row
 
-    def restoration(self, rows: DataFrame) -> None:
+    def restoration(self, rows: Sequence[Any]) -> None:
         """Score a restoration again. rows: the one that stands for it, and its scores."""
-        whole, scores = restorations(rows), rows[~rows["metric"].isin(COSTS)]
-        first = rows.iloc[0]
-        where = f"{first['dataset']} / {first['method']} / {first['view']}"
-        if whole.empty:
+        whole = next((row for row in rows if row.metric == RESTORATION), None)
+        scores = [row for row in rows if row.metric != RESTORATION]
+        where = f"{rows[0].dataset} / {rows[0].method} / {rows[0].view}"
+        if whole is None:
             self._outcome.faults.append(f"{where}: has scores, but no row of the restoration")
             return
         with self._faults(where, scores, "the picture cannot be used"):
-            row = next(whole.itertuples())
-            if opened := _opened(self._bundle, row):
-                self._score(row, opened, scores)
+            if opened := _opened(self._bundle, whole):
+                self._score(whole, opened, scores)
             else:
                 self._outcome.unchecked[_NO_PICTURES] += len(scores)
 
-    def view(self, said: Any, scores: DataFrame) -> None:
+    def view(self, said: Any, scores: Sequence[Any]) -> None:
         """Find the common pixels of a view again, and score all methods on them again. said: the view's row."""
         whole = self._whole.get((said.dataset, said.scene, said.view), {})
-        scores = scores[scores["method"].isin(whole.keys())]
+        scores = [score for score in scores if score.method in whole]
         with self._faults(f"{COMMON}: {said.dataset} / {said.view}", scores, "the common pixels cannot be found again"):
             if {*json.loads(said.methods)} != whole.keys():
                 self._outcome.unchecked["common to other methods than the bundle has"] += len(scores)
@@ -256,14 +268,13 @@ class _Check:
                 self._outcome.unchecked[_NO_PICTURES] += len(scores)
                 return
             common, is_sure = self._common_pixels(said, found)
-            for method, of_method in scores.groupby("method", sort=False):
-                opened = found[str(method)]
+            for method, opened in found.items():
                 restoration = replace(opened.restoration, image=masked(opened.restoration.image, common))
                 on_common = opened._replace(restoration=restoration, is_sure=is_sure)
-                self._score(whole[str(method)], on_common, of_method)
+                self._score(whole[method], on_common, [score for score in scores if score.method == method])
 
     @contextlib.contextmanager
-    def _faults(self, where: str, scores: DataFrame, reason: str) -> Iterator[None]:
+    def _faults(self, where: str, scores: Sequence[Any], reason: str) -> Iterator[None]:
         """Whatever a stranger's file makes fail is a fault of that file, and the scores are not checked."""
         try:
             yield
@@ -290,7 +301,7 @@ class _Check:
             raise InputError(f"{there}, in the pictures {here}")
         return common.mask, is_sure or is_as_said
 
-    def _score(self, row: Any, opened: _Opened, scores: DataFrame) -> None:
+    def _score(self, row: Any, opened: _Opened, scores: Sequence[Any]) -> None:
         """Compute scores of a restoration again, and judge each. row: of the restoration."""
         restoration = opened.restoration
         if (scene := self._scenes.get((row.dataset, row.scene))) is not None:
@@ -302,9 +313,9 @@ class _Check:
             rgb = _picture(self._bundle, opened.view) if opened.view else np.zeros_like(restoration.image)
             reference = _picture(self._bundle, opened.reference) if opened.reference else None
             view = View(row.view, Arrays(rgb, reference=reference))
-        chosen = [self._metric(score.metric, score.variant, score.code) for score in scores.itertuples()]
+        chosen = [self._metric(score.metric, score.variant, score.code) for score in scores]
         pictured = Pictured(restoration, view, [*{id(one): one for one in chosen if isinstance(one, Scorer)}.values()])
-        for score, scorer in zip(scores.itertuples(), chosen, strict=True):
+        for score, scorer in zip(scores, chosen, strict=True):
             if isinstance(scorer, str):
                 self._outcome.unchecked[scorer] += 1
                 continue
