@@ -10,6 +10,7 @@ from sucre_bench.errors import SucreBenchError, did_you_mean
 from sucre_bench.machine.processes import isolated_children
 from sucre_bench.machine.terminal import escaped_output, say
 
+_LONGEST, _KEPT = 1000, 400  # characters of an error's line, and of the ends of a longer one
 _BROKEN_PIPE = 141  # what a shell says of a process that SIGPIPE ended
 
 
@@ -75,8 +76,8 @@ def _status() -> int:
 
 
 def _fault(text: str, status: int) -> int:
-    for line in text.splitlines():
-        say(f"error: {line}", "red")
+    for line in text.splitlines():  # a long one quotes a file: its place and its remedy stay
+        say(f"error: {line if len(line) <= _LONGEST else f'{line[:_KEPT]} ... {line[-_KEPT:]}'}", "red")
     return status
 
 
