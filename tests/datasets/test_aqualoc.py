@@ -64,7 +64,7 @@ def write_site(
 
 
 def load(root: Path, **options: object) -> Scene:
-    (scene,) = Aqualoc(root, **options).scenes()  # type: ignore[arg-type]
+    (scene,) = Aqualoc(root, **options).scenes()
     return scene
 
 

@@ -36,7 +36,7 @@ SIDEWAYS = (1.0, 0.0, 1.0, 0.0, -10.0, 0.0, 5.0)
 
 
 def load(root: Path, **options: object) -> Scene:
-    (scene,) = Colmap(root=root, **options).scenes()  # type: ignore[arg-type]
+    (scene,) = Colmap(root=root, **options).scenes()
     return scene
 
 
@@ -393,7 +393,7 @@ def remove_depth(root: Path) -> None:
 @pytest.mark.parametrize("change", [change_pixel, change_depth, change_pose, add_charts, remove_depth])
 def test_data_id_changes_with_the_data(tmp_path: Path, change: object) -> None:
     before = load(write_dive(tmp_path)).data_id
-    change(tmp_path)  # type: ignore[operator]
+    change(tmp_path)
     assert load(tmp_path).data_id != before
 
 

@@ -14,7 +14,7 @@ from sucre_bench.scene import Scene
 
 
 def load(root: Path, **options: object) -> Scene:
-    (scene,) = EiffelTower(root, **options).scenes()  # type: ignore[arg-type]
+    (scene,) = EiffelTower(root, **options).scenes()
     return scene
 
 

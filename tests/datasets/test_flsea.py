@@ -54,7 +54,7 @@ def write_dive(root: Path, place: str = "canyons/flatiron/flatiron") -> Path:
 
 
 def load(root: Path, **options: object) -> Scene:
-    (scene,) = Flsea(root, **options).scenes()  # type: ignore[arg-type]
+    (scene,) = Flsea(root, **options).scenes()
     return scene
 
 

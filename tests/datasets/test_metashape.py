@@ -35,7 +35,7 @@ WORLD_POINT = SCALE * TURN @ POINT  # the translation, of an earth's radius, is 
 
 
 def load(root: Path, **options: object) -> Scene:
-    (scene,) = Metashape(root=root, **options).scenes()  # type: ignore[arg-type]
+    (scene,) = Metashape(root=root, **options).scenes()
     return scene
 
 

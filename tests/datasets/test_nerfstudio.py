@@ -76,7 +76,7 @@ def write_scene(root: Path, lens: str = "pinhole", **more: Any) -> Path:
 
 
 def load(root: Path, **options: object) -> Scene:
-    (scene,) = Nerfstudio(root=root, **options).scenes()  # type: ignore[arg-type]
+    (scene,) = Nerfstudio(root=root, **options).scenes()
     return scene
 
 

@@ -63,7 +63,7 @@ def write_scene(root: Path, magic: bytes = b"DR", step: int = 1, name: str = "im
 
 
 def load(root: Path, **options: object) -> Scene:
-    (scene,) = Openmvs(root=root, **{"metres_per_unit": METRES, **options}).scenes()  # type: ignore[arg-type]
+    (scene,) = Openmvs(root=root, **{"metres_per_unit": METRES, **options}).scenes()
     return scene
 
 

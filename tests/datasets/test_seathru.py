@@ -26,7 +26,7 @@ from sucre_bench.scene import Scene
 
 
 def load(root: Path, **options: object) -> Scene:
-    (scene,) = Seathru(root=root, **options).scenes()  # type: ignore[arg-type]
+    (scene,) = Seathru(root=root, **options).scenes()
     return scene
 
 

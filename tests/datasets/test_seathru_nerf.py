@@ -16,7 +16,7 @@ from sucre_bench.scene import Scene
 
 
 def load(root: Path, **options: object) -> Scene:
-    (scene,) = SeathruNerf(root, **options).scenes()  # type: ignore[arg-type]
+    (scene,) = SeathruNerf(root, **options).scenes()
     return scene
 
 

@@ -79,7 +79,7 @@ OBJECT = base64.b64decode(
 
 
 def load(root: Path, **options: object) -> Scene:
-    (scene,) = Squid(root=root, **options).scenes()  # type: ignore[arg-type]
+    (scene,) = Squid(root=root, **options).scenes()
     return scene
 
 

@@ -56,7 +56,7 @@ WORLD = [1.0, 1.0, 10.0, 1.0]
 
 
 def load(root: Path, **options: object) -> Scene:
-    (scene,) = Varos(root=root, **options).scenes()  # type: ignore[arg-type]
+    (scene,) = Varos(root=root, **options).scenes()
     return scene
 
 

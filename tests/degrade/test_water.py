@@ -94,7 +94,7 @@ def test_a_water_that_a_run_left_is_added_again_to_intensities_that_it_explains(
     told = {"B": [0.1, 0.2, 0.3], "beta": [0.4, 0.2, 0.1], "gamma": [0.3, 0.2, 0.1], "encoding": "gamma", "cost": [1]}
     (tmp_path / "w.json").write_text(json.dumps(told))
     scene = degraded(many(), add_water=tmp_path / "w.json")
-    numbers = [*told["B"], *told["beta"], *told["gamma"]]  # type: ignore[misc]
+    numbers = [*told["B"], *told["beta"], *told["gamma"]]
     view = scene.views[0].name
     np.testing.assert_array_equal(scene[view].rgb, degraded(many(), add_water=numbers)[view].rgb)
     (tmp_path / "w.json").write_text(json.dumps(told | {"encoding": "linear"}))

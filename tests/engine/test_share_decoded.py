@@ -46,7 +46,7 @@ def decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Decoded:
     def counted(self: Files, plane: str) -> object:
         with noted.log.open("a") as file:
             file.write(f"{self.image.name} {plane}\n")
-        return load(self, plane)  # type: ignore[arg-type]
+        return load(self, plane)
 
     monkeypatch.setattr(Files, "load", counted)
     return noted

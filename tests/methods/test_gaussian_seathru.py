@@ -163,4 +163,4 @@ def test_one_pixel_with_depth_has_no_spread_and_is_left_as_it_is():
 @pytest.mark.parametrize("wrong", [{"sample": 1}, {"seed": -1}])
 def test_options_that_mean_nothing_are_refused(wrong: dict[str, int]):
     with pytest.raises(InputError, match=f"gaussian_seathru.{next(iter(wrong))}: "):
-        GaussianSeathru(**wrong)  # type: ignore[arg-type]
+        GaussianSeathru(**wrong)

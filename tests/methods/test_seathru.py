@@ -310,7 +310,7 @@ def test_a_water_that_does_not_fade_is_named():
 )
 def test_options_that_mean_nothing_are_refused(wrong: dict[str, float]):
     with pytest.raises(InputError, match=next(iter(wrong))):
-        Seathru(**wrong)  # type: ignore[arg-type]
+        Seathru(**wrong)
 
 
 @pytest.mark.skipif(not CHARTS.exists(), reason="the photographs of Sea-thru's scene D5 are not here")

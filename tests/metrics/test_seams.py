@@ -52,7 +52,7 @@ def in_air(image: Array, z: Array) -> Array:
     ids=["itself", "gain", "gamma", "water-taken-out", "channels-swapped-and-bands-of-distance", "clipped"],
 )
 def test_functions_of_colour_and_distance_have_no_seam(restore: object) -> None:
-    assert share(restore(IMAGE, Z)) < 2e-4  # type: ignore[operator]
+    assert share(restore(IMAGE, Z)) < 2e-4
 
 
 def test_amplified_noise_is_no_seam() -> None:

@@ -48,7 +48,7 @@ def test_a_ramp_has_the_value_of_the_place_where_the_point_lies() -> None:
         ramps[view.name] = np.stack([u, v, u + v], axis=-1) / 500
     views = with_pictures(scene, ramps)
     rays = matched_footprints(views[5], views, np.arange(target.depth.size), with_ray=True)
-    K = target.camera.K  # type: ignore[union-attr]
+    K = target.camera.K
     x, y = K[:2, :2] @ rays.ray + K[:2, 2:]
     np.testing.assert_allclose(rays.colour, np.stack([x, y, x + y]) / 500, atol=5e-4)
 

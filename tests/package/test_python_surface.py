@@ -145,7 +145,7 @@ def test_colours_that_noise_drives_far_from_1_are_a_restoration():
 
 def test_only_a_restoration_of_the_views_size_is_scored(scene: sb.Scene):
     with pytest.raises(sb.InputError, match="pass a Restoration"):
-        sb.score(scene[0].rgb, scene[0], "uciqe")  # type: ignore[arg-type]
+        sb.score(scene[0].rgb, scene[0], "uciqe")
     with pytest.raises(sb.InputError, match=r"\(24, 64, 3\).*\(48, 64, 3\)"):
         sb.score(sb.Restoration(scene[0].rgb[:24]), scene[0], "uciqe")
 
@@ -163,7 +163,7 @@ def test_a_notebook_shows_small_pictures_and_escaped_names():
         (sb.Restoration(hidden), 1),
         (sb.restore("gray_world", scene, 0), 1),
     ):
-        page = shown._repr_html_()  # type: ignore[attr-defined]
+        page = shown._repr_html_()
         pictures = re.findall(r'src="data:image/jpeg;base64,([^"]+)"', page)
         assert len(pictures) == count
         assert "<b>" not in page

@@ -115,4 +115,4 @@ def test_the_documented_python_runs_as_it_stands(tmp_path: Path, monkeypatch: py
     code = next(block for block in blocks("docs/api.md", "python") if "load_scene(" in block)
     names: dict[str, object] = {}
     exec(compile(code.replace("a.png", "view_001.png"), "api.md", "exec"), names)
-    assert {"psi", "uciqe"} <= set(names["rows"]["metric"])  # type: ignore[index]
+    assert {"psi", "uciqe"} <= set(names["rows"]["metric"])

@@ -188,7 +188,7 @@ def test_two_files_of_one_name_are_two_modules(tmp_path: Path):
 
 def test_a_decorator_refuses_what_nobody_could_use():
     with pytest.raises(InputError, match=r"metric\(better\): is 'up'; pass 'higher' or 'lower' or 'none'"):
-        metric(variants={"only": ""}, unit="", better="up", range=(0, 1))  # type: ignore[arg-type]
+        metric(variants={"only": ""}, unit="", better="up", range=(0, 1))
     with pytest.raises(InputError, match="display 'strech': unknown"):
         method(display="strech")
 

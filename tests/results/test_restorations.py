@@ -55,7 +55,7 @@ def test_all_of_it_comes_back_bit_by_bit(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("other", [{"options_id": "o2"}, {"data_id": "d2"}, {"code": "c2"}])
 def test_of_other_options_data_or_code_it_is_none(tmp_path: Path, other: dict[str, str]) -> None:
-    assert read_full(kept(tmp_path), replace(BASE, **other)) is None  # type: ignore[arg-type]
+    assert read_full(kept(tmp_path), replace(BASE, **other)) is None
 
 
 @pytest.mark.parametrize("info", [{"path": Path("a")}, {1: "a whole number for a name"}, {"own": object()}])

@@ -93,7 +93,7 @@ def run_here(folder: Path, *arguments: str) -> Done:
         except SystemExit as ended:
             status = ended.code
     assert isinstance(status, int)
-    return Done(status, *(stream.buffer.getvalue().decode() for stream in (out, err)))  # type: ignore[attr-defined]
+    return Done(status, *(stream.buffer.getvalue().decode() for stream in (out, err)))
 
 
 class Started:

@@ -15,7 +15,7 @@ PYTHON = f"{sys.executable} -S"
 
 def scene_of(*names: str, rgb: np.ndarray = RGB, depth: np.ndarray | None = None, encoding: str = "gamma") -> Scene:
     camera = Camera(np.array([[6.0, 0, 3], [0, 6, 2], [0, 0, 1]]), 6, 4)
-    views = [View(name, Arrays(rgb, depth), camera, encoding=encoding) for name in names]  # type: ignore[arg-type]
+    views = [View(name, Arrays(rgb, depth), camera, encoding=encoding) for name in names]
     return Scene("made", views, frozenset({"depth"} if depth is not None else ()))
 
 

@@ -172,7 +172,7 @@ class Faulty:
             case "nan":
                 return Restoration(np.full_like(view.rgb, np.nan))
             case "none":
-                return None  # type: ignore[return-value]
+                return None
             case "mutate":
                 view.rgb[:] = 0
             case "exit":

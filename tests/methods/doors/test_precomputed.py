@@ -23,7 +23,7 @@ RGB = LEVELS.astype(np.float32) / 255
 
 def scene_of(*names: str, size: tuple[int, int] = (6, 4), encoding: str = "gamma") -> Scene:
     rgb = np.full((size[1], size[0], 3), 0.5, np.float32)
-    return Scene("made", [View(name, Arrays(rgb), encoding=encoding) for name in names], frozenset())  # type: ignore[arg-type]
+    return Scene("made", [View(name, Arrays(rgb), encoding=encoding) for name in names], frozenset())
 
 
 def restored(folder: Path, **options: object) -> Restoration:
@@ -275,7 +275,7 @@ def test_a_damaged_file_is_named(tmp_path: Path, suffix: str, content: bytes | s
     if content == "cut":
         write(path, rng.integers(0, 255, (40, 60, 3), dtype=np.uint8))
         content = path.read_bytes()[: path.stat().st_size // 2]
-    path.write_bytes(content)  # type: ignore[arg-type]
+    path.write_bytes(content)
     scene = scene_of("a.png", size=(60, 40))
     with pytest.raises(InputError, match=f"a{suffix}: "):
         restore("precomputed", scene, scene.views[0], folder=tmp_path)
@@ -323,7 +323,7 @@ def test_a_water_explains_the_intensities_that_it_names_or_those_of_the_files(
     write(tmp_path / "a.png", LEVELS)
     (tmp_path / "a.json").write_text(json.dumps({"B": [0.1, 0.4, 0.5]} | ({"encoding": told} if told else {})))
     scene = scene_of("a.png", encoding=view)
-    water = Precomputed(tmp_path, encoding=files).restore(scene, scene.views[0]).water  # type: ignore[arg-type]
+    water = Precomputed(tmp_path, encoding=files).restore(scene, scene.views[0]).water
     assert water.encoding == expected
     np.testing.assert_array_equal(water.veiling_light, [0.1, 0.4, 0.5])
 

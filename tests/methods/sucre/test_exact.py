@@ -197,8 +197,8 @@ def test_a_physical_fit_has_far_fewer_negative_colours() -> None:
 
 def test_noise_alone_puts_no_pixel_of_lost_red_below_the_limit_of_a_physical_fit() -> None:
     far = {"n_views": 6, "distances_m": (5, 40)}
-    sharp, _ = made(20_000, noise=0.004, eight_bit=True, **far)  # type: ignore[arg-type]
-    blurred, _ = made(20_000, noise=0.001, **far)  # type: ignore[arg-type]
+    sharp, _ = made(20_000, noise=0.004, eight_bit=True, **far)
+    blurred, _ = made(20_000, noise=0.001, **far)
     held = fit(blurred, physical=True, sharp=[sharp])
     np.testing.assert_allclose(table(held.water)[:, 0], TRUTH[:, 0], rtol=5e-3)
 
@@ -206,10 +206,10 @@ def test_noise_alone_puts_no_pixel_of_lost_red_below_the_limit_of_a_physical_fit
 def test_noise_with_heavy_tails_pulls_no_water_from_its_minimum() -> None:
     """JPEG leaves errors in dark pixels, some far larger than most. With equal footprints they are averaged out."""
     dark = {"distances_m": (2, 8), "colours": (0.0, 0.3)}
-    sharp, _ = made(10_000, **dark)  # type: ignore[arg-type]
+    sharp, _ = made(10_000, **dark)
     errors = 0.006 * np.random.default_rng(2).standard_t(2, sharp.colour.shape)
     sharp = replace(sharp, colour=(sharp.colour + errors).astype(np.float32))
-    averaged, _ = made(10_000, noise=0.001, **dark)  # type: ignore[arg-type]
+    averaged, _ = made(10_000, noise=0.001, **dark)
     assert np.abs(table(fit(averaged, physical=True, sharp=[sharp]).water) / TRUTH - 1).max() > 0.05
     found = solve_exact(sharp, matched=averaged, physical=True)
     assert found.about["physical"] is False

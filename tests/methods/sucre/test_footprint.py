@@ -128,7 +128,7 @@ def test_too_few_pixels_fall_back_to_single_ones() -> None:
     few = [replace(view) for view in scene.views[:2]]
     result = sucre().restore(replace(scene, views=few), few[1])
     assert result.info["footprint"] in (True, False)
-    assert np.isfinite(result.water.attenuation).all()  # type: ignore[union-attr]
+    assert np.isfinite(result.water.attenuation).all()
 
 
 def test_the_papers_method_has_no_such_option() -> None:

@@ -271,4 +271,4 @@ def test_gains_of_views_that_are_no_positive_numbers_are_refused(plain: Scene, t
 )
 def test_options_that_do_not_go_with_light_are_refused(options: dict[str, object]) -> None:
     with pytest.raises(InputError, match="light"):
-        Sucre(**options)  # type: ignore[arg-type]
+        Sucre(**options)

@@ -62,7 +62,7 @@ def test_auto_leaves_out_what_is_wrong_and_nothing_where_the_model_explains_litt
     elif what != "nothing":
         colour[:, animal(observations) if what == "animal" else rng.random(len(observations)) < 0.01] = 0.6
     observations = replace(observations, colour=colour)
-    plain, auto = (solve_exact(observations, robust=robust) for robust in (False, "auto"))  # type: ignore[arg-type]
+    plain, auto = (solve_exact(observations, robust=robust) for robust in (False, "auto"))
     is_left_out = what in ("animal", "snow")
     assert (auto.weight is not None) is is_left_out is ("robust" in auto.about)
     if is_left_out:

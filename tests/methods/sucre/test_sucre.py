@@ -111,7 +111,7 @@ def test_water_comes_from_a_file_or_from_a_folder_of_them(tmp_path: Path) -> Non
     (tmp_path / "left" / "a.0001.json").write_text(json.dumps(content))
     (tmp_path / "left" / "a.json").write_text(json.dumps(content | {"B": [0, 0, 0]}))  # another image's
     scene = replace(SCENE, views=[dotted, *(view for view in SCENE.views if view is not TARGET)])
-    np.testing.assert_array_equal(Sucre(water=str(tmp_path)).restore(scene, dotted).water.veiling_light, TRUTH[0])  # type: ignore[union-attr]
+    np.testing.assert_array_equal(Sucre(water=str(tmp_path)).restore(scene, dotted).water.veiling_light, TRUTH[0])
     for source in (tmp_path / "a.json", tmp_path / "one.npz", tmp_path):
         np.testing.assert_array_equal(Sucre(water=str(source)).restore(SCENE, TARGET).image, true.image)
 
@@ -201,7 +201,7 @@ def test_single_view_colours_are_the_model_inverted_on_the_images_own_intensitie
     np.testing.assert_allclose(single.image[seen], J[seen], atol=2e-5)
     assert np.isnan(single.image[~seen]).all()
     # one observation tells less than several
-    assert np.nanmean(single.confidence) > 1.2 * np.nanmean(plain.confidence)  # type: ignore[arg-type]
+    assert np.nanmean(single.confidence) > 1.2 * np.nanmean(plain.confidence)
 
 
 def test_shared_water_is_fitted_once_and_the_same_for_every_view(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -311,7 +311,7 @@ def test_robust_weights_keep_an_animal_out_of_the_water() -> None:
         views[k] = replace(views[k], pixels=Arrays(rgb, views[k].depth))
     scene = replace(SCENE, views=views)
     errors = [
-        np.abs(sucre(robust=robust).restore(scene, TARGET).water.attenuation / WATER.attenuation - 1).mean()  # type: ignore[union-attr]
+        np.abs(sucre(robust=robust).restore(scene, TARGET).water.attenuation / WATER.attenuation - 1).mean()
         for robust in (False, True)
     ]
     assert errors[1] < 0.5 * errors[0]

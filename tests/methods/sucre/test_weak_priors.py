@@ -20,7 +20,7 @@ CLEAR = Water(np.array([0.2, 0.3, 0.35]), np.array([0.3, 0.15, 0.12]), np.array(
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_no_parameter_ends_at_a_bound_on_a_flat_survey(seed: int) -> None:
-    observations, J = made(8_000, 5, water=CLEAR, seed=seed, **SURVEY)  # type: ignore[arg-type]
+    observations, J = made(8_000, 5, water=CLEAR, seed=seed, **SURVEY)
     solution = solve_exact(observations)
     rows = solution.water.by_channel()
     assert (rows[:, 0] < 0.99).all()
@@ -42,7 +42,7 @@ def test_a_veil_that_grows_ever_faster_has_no_white_light_and_leaves_beta_right(
 
 def test_the_record_says_whether_a_weak_prior_decides_a_channel() -> None:
     for options, known in ((SURVEY, False), ({"noise": 0.004}, True)):
-        observations, _ = made(8_000, 5, water=CLEAR, **options)  # type: ignore[arg-type]
+        observations, _ = made(8_000, 5, water=CLEAR, **options)
         view = View("0.png", Arrays(np.full((*observations.shape, 3), 0.5)))
         solution = solve_exact(observations)
         found = restoration(view, observations, solution, {"pair": 0.0, "solve": 0.0}, Sucre())
@@ -50,7 +50,7 @@ def test_the_record_says_whether_a_weak_prior_decides_a_channel() -> None:
 
 
 def test_the_scale_of_the_scene_does_not_matter_to_the_priors() -> None:
-    observations, _ = made(3_000, 5, water=CLEAR, **SURVEY)  # type: ignore[arg-type]
+    observations, _ = made(3_000, 5, water=CLEAR, **SURVEY)
     toy = replace(observations, distance=observations.distance * np.float32(1 / 32))
     np.testing.assert_allclose(table(fit(toy).water), table(fit(observations).water) * [[1], [32], [32]], rtol=0.02)
 

@@ -13,7 +13,7 @@ from sucre_bench.imaging.image_files import read_rgb
 from sucre_bench.programs.restore.picture_file import bits_of, encoded
 
 PICTURE = np.random.default_rng(1).integers(0, 65535, (24, 36, 3), dtype=np.uint16)
-PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()  # type: ignore[no-untyped-call]
+PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 XMP = b'<x:xmpmeta xmlns:x="adobe:ns:meta/">reef</x:xmpmeta>'
 LATITUDE = (17.0, 30.0, 12.5)
 

@@ -29,7 +29,7 @@ def row(**about: Any) -> Row:
 
 def keep(out: Path, row: Row, info: dict[str, Any], picture: np.ndarray | None = None) -> None:
     """The files that a run keeps of a restoration."""
-    place = Place(row.dataset, Path(row.view).with_suffix(""))  # type: ignore[arg-type]
+    place = Place(row.dataset, Path(row.view).with_suffix(""))
     path = place.restored(out, row.method)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.with_suffix(".json").write_text(json.dumps(info))
@@ -187,7 +187,7 @@ def stitched(tmp_path: Path) -> pd.DataFrame:
         own = row(method=method, metric="seams", variant="visible", value=value)
         keep(tmp_path, own, {}, picture)
         rows.append(own)
-    original = Place("made", Path("a")).original(tmp_path)  # type: ignore[arg-type]
+    original = Place("made", Path("a")).original(tmp_path)
     cv2.imwrite(str(original), np.rint(photograph[..., ::-1] * 255).astype(np.uint8))
     return frame(rows)
 
