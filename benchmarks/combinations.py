@@ -35,9 +35,10 @@ SCORES = {
 
 
 def taus(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Kendall's tau-b (V,) of two scores (V, M)."""
+    """Kendall's tau-b (V,) of two scores (V, M); 0 where one of them has no order."""
     a, b = (np.sign(x[:, :, None] - x[:, None]) for x in (one, other))
-    return np.asarray((a * b).sum(axis=(1, 2)) / np.sqrt((a**2).sum(axis=(1, 2)) * (b**2).sum(axis=(1, 2))))
+    pairs = np.sqrt((a**2).sum(axis=(1, 2)) * (b**2).sum(axis=(1, 2)))
+    return np.asarray((a * b).sum(axis=(1, 2)) / np.maximum(pairs, 1))
 
 
 def interval(values: np.ndarray) -> str:
@@ -68,7 +69,10 @@ def judge(folder: Path, truth: str) -> None:
     ranks = {
         n: wide[n].reindex(columns=methods).rank(axis=1, pct=True, ascending=not SCORES[n]).fillna(0.5) for n in known
     }
-    values, target = {n: r.to_numpy() for n, r in ranks.items()}, true.rank(axis=1, pct=True).to_numpy()
+    values, target = (
+        {n: r.to_numpy() for n, r in ranks.items()},
+        true.rank(axis=1, pct=True, ascending="de00" not in truth).to_numpy(),
+    )
     scenes = true.index.get_level_values("scene").to_numpy()
     names = np.unique(scenes)
     found: dict[str, dict[str, list[float]]] = {}
