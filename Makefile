@@ -39,10 +39,9 @@ docs: setup
 	@NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --quiet --strict
 	@echo outputs/site/index.html
 
-# What CI runs beside the tests: style, types, which room imports which, and whether docs/cli.md is up to date.
+# What CI runs beside the tests: style, types, and which room imports which.
 check: setup
 	@$(bin)/ruff check .
 	@$(bin)/ruff format --check .
 	@$(bin)/mypy
 	@$(bin)/lint-imports
-	@$(bin)/python docs/site/cli_reference.py --check

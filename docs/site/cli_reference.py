@@ -1,30 +1,26 @@
-"""Writes docs/cli.md from the program itself: the options of each command, and the keys of `sucre-bench run`.
+"""The site's page cli.md, from the program itself: the options of each command, and the keys of `sucre-bench run`.
 
-python docs/site/cli_reference.py            write docs/cli.md
-python docs/site/cli_reference.py --check    exit with 1 if docs/cli.md is not what this would write
+mkdocs calls `on_files` by its name.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from dataclasses import MISSING
-from pathlib import Path
 from typing import Any
 
 import click
+from mkdocs.structure.files import File, Files
 
 from sucre_bench.cli import SECTIONS, cli
 from sucre_bench.jobs.run_options import RunConfig, Shard, Tracking
 from sucre_bench.plugins.options import options_of
 
-_PAGE = Path(__file__).parent.parent / "cli.md"
 _GROUPS: dict[str, type[Any]] = {"shard": Shard, "tracking": Tracking}
 _HEAD = """\
 # Commands
 
 Each command with its options, and every key of `sucre-bench run`. Examples stand in the `--help` of each command.
-`python docs/site/cli_reference.py` writes this page; do not edit it by hand.
 
 These options mean the same in every command that has them:
 
@@ -39,9 +35,11 @@ _PIPE = r"\|"  # within a cell of a table
 _EVERYWHERE = ("--help", "--json", "--plugin", "--force")
 
 
-def reference() -> str:
-    """Return the page as Markdown."""
-    return "\n".join([_HEAD, *_commands(), *_keys()]).rstrip() + "\n"
+def on_files(files: Files, config: Any) -> Files:
+    """Add the page."""
+    page = "\n".join([_HEAD, *_commands(), *_keys()]).rstrip() + "\n"
+    files.append(File.generated(config, "cli.md", content=page))
+    return files
 
 
 def _commands() -> Iterator[str]:
@@ -91,11 +89,3 @@ def _row(name: str, option: Any) -> str:
 def _shown(value: Any) -> str:
     text = "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
     return f"`{text}`" if text else ""
-
-
-if __name__ == "__main__":
-    if "--check" in sys.argv[1:]:
-        if not _PAGE.is_file() or _PAGE.read_text(encoding="utf-8") != reference():
-            sys.exit(f"{_PAGE}: is out of date; run python docs/site/cli_reference.py")
-    else:
-        _PAGE.write_text(reference(), encoding="utf-8")

@@ -6,6 +6,7 @@ exhibit are laid out as `dataset=photos` and `method=precomputed` read them, and
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -48,6 +49,7 @@ class Number:
     published: str = ""
     view: str = ""
     add: float = 0.0
+    as_jpeg: bool = False
     form: str = ""
     why: str = ""
     source: str = ""
@@ -264,12 +266,22 @@ def _line(exhibit: Exhibit, number: Number, rows: DataFrame, out: Path) -> Itera
 
 
 def _agreement(exhibit: Exhibit, number: Number, out: Path) -> dict[str, float]:
-    """PSNR of a row's pictures against the published ones in 8 bits, dB, by view."""
+    """PSNR of a row's pictures against the published ones in 8 bits, dB, by view.
+
+    as_jpeg: ours is first stored with the loss of the published JPEG file.
+    """
+    from PIL import Image
+
     ours = out / "restored" / layout.file_name(exhibit.name) / layout.file_name(number.row)
     found = {}
     for path in sorted((out / PICTURES / exhibit.name / number.against).glob("*")):
         if (picture := ours / f"{path.stem}.png").is_file():
-            one, other = (read_rgb(file).astype(np.float64) for file in (picture, path))
-            if one.shape == other.shape:
-                found[path.stem] = psnr_of(float(((one - other) ** 2).mean()))
+            with Image.open(picture) as our_file, Image.open(path) as their_file:
+                one, other = our_file.convert("RGB"), their_file.convert("RGB")
+                if number.as_jpeg:
+                    one.save(stored := io.BytesIO(), "JPEG", qtables=getattr(their_file, "quantization", None))
+                    one = Image.open(stored)
+                if one.size == other.size:
+                    off = (np.asarray(one, np.float64) - np.asarray(other, np.float64)) / 255
+                    found[path.stem] = psnr_of(float((off**2).mean()))
     return found

@@ -12,7 +12,7 @@ import math
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
 
@@ -255,7 +255,16 @@ def variants_to_try(table: PublishedTable, sizes: set[tuple[int, int] | None]) -
 
     sizes: (width, height) of images and references. Also at the sizes that papers use, if any has another.
     """
-    return [f"{metric}:all{size}" for metric in dict.fromkeys(c.metric for c in table.columns) for size in _at(sizes)]
+    names = [f"{metric}:{name}" for metric in dict.fromkeys(c.metric for c in table.columns) for name in _names(metric)]
+    return [f"{name}{size}" for size in _at(sizes) for name in names]
+
+
+def _names(metric: str) -> list[str]:
+    """The variants that differ on pictures without holes: not "masked" where there is "unmasked"."""
+    names = list(plugins.usable("metric")[metric].variants)
+    whole = {name for name in names if name.endswith("unmasked")}
+    twins = {name.removesuffix("-unmasked") for name in whole} | ({"masked", "raw"} if whole else set())
+    return [name for name in names if name in whole or name not in twins]
 
 
 def further_variants(table: PublishedTable, scores: DataFrame, sizes: set[tuple[int, int] | None]) -> list[str]:
@@ -268,7 +277,7 @@ def further_variants(table: PublishedTable, scores: DataFrame, sizes: set[tuple[
         plugin = plugins.usable("metric")[column.metric]
         nearest = compare(column, scores)[:2]
         if "reference" in plugin.needs and not any(one.fits for one in nearest):
-            whole = [name for name in plugin.variants if name.endswith("unmasked")]  # what papers compute: every pixel
+            whole = [name for name in plugin.variants if name.endswith("unmasked")]
             near = {one.variant.partition("@")[0].removesuffix("-unmasked") for one in nearest}
             names = [name for name in whole if name.removesuffix("-unmasked") in near] or whole
             more += [f"{plugin.name}:{name}{size}{form}" for name in names for size in _at(sizes) for form in _FURTHER]
@@ -286,10 +295,12 @@ def _at(sizes: set[tuple[int, int] | None]) -> list[str]:
 def compare(column: Column, scores: DataFrame) -> list[Candidate]:
     """Return how far each variant is from a column, the nearest first. scores: rows of a score table.
 
-    Images that no variant has a score of, as those that cannot be read, are left out.
+    Images that no variant has a score of, as those that cannot be read, are left out, also of means.
     """
     ok = scores[(scores["metric"] == column.metric) & (scores["status"] == "ok") & (scores["region"] == "image")]
-    known = [cell for cell in column.cells if set(ok["view"]).issuperset(cell.images)]
+    scored = set(ok["view"])
+    of_scored = (replace(cell, images=tuple(name for name in cell.images if name in scored)) for cell in column.cells)
+    known = [cell for cell in of_scored if cell.images]
     candidates = []
     for variant, rows in ok.groupby("variant", sort=False):
         values = dict(zip(rows["view"], rows["value"], strict=True))

@@ -22,16 +22,15 @@ from sucre_bench.results.rows import restorations
 from sucre_bench.scene import Plane, Restoration, View
 
 
-@dataclass(frozen=True)
-class _Files:
-    """An image file, and the file it is compared with."""
+@dataclass(frozen=True, eq=False)
+class _Pictures:
+    """An image, and the reference that it is compared with, which may have another size. Each file is read once."""
 
-    image: Path
-    reference: Path | None
+    rgb: Array
+    reference: Array | None
 
     def load(self, plane: Plane) -> Array | None:
-        path = {"rgb": self.image, "reference": self.reference}.get(plane)
-        return read_rgb(path) if path else None
+        return getattr(self, plane, None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +67,8 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
             compared_with = _only(name, reference, reference_of[name]) if reference else None
             if compared_with and is_jpeg(compared_with) and not is_jpeg(path):
                 lossy.append(compared_with)
-            view = View(name, _Files(path, compared_with))
-            rgb, target = view.rgb, view.reference
+            rgb, target = read_rgb(path), read_rgb(compared_with) if compared_with else None
+            view = View(name, _Pictures(rgb, target))
             pictures[str(compared_with or name)] = picture_of(rgb if target is None else target)
             if target is not None and target.shape != rgb.shape:
                 at_a_size = [name for name in names if re.search(r"@\d", name)]

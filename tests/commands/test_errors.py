@@ -1,7 +1,6 @@
 """A typical mistake with each command, word for word: golden_errors/<command>.txt holds its error line.
 
-The text of every --help is held by docs/cli.md, which `make check` compares. After a change that is meant, write the
-files anew: `GOLDEN=write python -m pytest tests/commands/test_errors.py`.
+After a change that is meant, write the files anew: `GOLDEN=write python -m pytest tests/commands/test_errors.py`.
 """
 
 import os

@@ -33,8 +33,8 @@ def blocks(page: Path, language: str) -> list[str]:
 
 
 def commands() -> list[str]:
-    """Every sucre-bench command line, but for those of the help, which its own tests compose."""
-    lines = [line.strip() for page in PAGES if page.name != "cli.md" for line in text_of(page).splitlines()]
+    """Every sucre-bench command line."""
+    lines = [line.strip() for page in PAGES for line in text_of(page).splitlines()]
     return sorted({line for line in lines if line.startswith("sucre-bench ")})
 
 
