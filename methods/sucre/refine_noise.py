@@ -74,7 +74,7 @@ if TYPE_CHECKING:
     from sucre_bench.methods.sucre.solution import Solution
 
 # Pixels that the noise is estimated on, the fewest that tell it, and classes of transmission.
-_SAMPLE, _FEWEST, _CLASSES = 10_000, 200, 12
+_SAMPLE, _FEWEST, _CLASSES = 30_000, 200, 12
 
 # The least noise: rounding to 8 bits has a standard deviation of .0011.
 _LEAST_NOISE = 1e-3

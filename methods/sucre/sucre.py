@@ -51,6 +51,9 @@ class Sucre(FillOption):
     weak priors are this project's.
     """
 
+    solver: Literal["exact"] | str = "exact"
+    """exact: least squares to the minimum, the only choice; the paper's Adam is the method sucre_paper."""
+
     footprint: bool = True
     """Fit the water to observations that average the same ground as the farthest view; colours stay sharp. false: fit
     single pixels, which makes attenuation too high. Needs water=own or shared."""
@@ -385,6 +388,8 @@ def check(options: Any, method: str) -> None:
     With another water than own there is nothing to weigh. physical may stay, with an effect for water=shared.
     """
     water = f"{method}.water={options.water}"
+    if options.solver != "exact":
+        raise InputError(f"{method}.solver: '{options.solver}' is not a choice; use exact, or the method sucre_paper")
     if not options.water:
         raise InputError(f"{method}.water: is empty; use own, shared, truth, a method, a file or a folder")
     if options.robust != "auto" and not isinstance(options.robust, bool):

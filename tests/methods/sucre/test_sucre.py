@@ -12,6 +12,7 @@ from support.made_ground import WATERS, make_ground
 from support.made_scene import WATER, make_scene
 from support.messages import names, refused
 
+import sucre_bench as sb
 from sucre_bench import Arrays, InputError, Restoration, Scene, SolveError, Water, load_scenes
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.machine.records import add_record
@@ -78,7 +79,7 @@ def test_the_time_of_the_fit_has_no_time_of_pairing(monkeypatch: pytest.MonkeyPa
 
 
 def test_the_record_says_how_sure_it_is() -> None:
-    info = sucre().restore(SCENE, TARGET).info
+    info = sb.restore("sucre", SCENE, TARGET, solver="exact", encoding="view", light="even").info
     assert info["solver"] == "exact"
     assert np.isfinite(info["cost"]).all()
     assert np.isfinite(info["condition"]).all()
@@ -358,6 +359,7 @@ def test_a_channel_without_light_is_named_and_stays_as_it_is() -> None:
 @pytest.mark.parametrize(
     ("options", "named"),
     [
+        ({"solver": "adam"}, {"sucre.solver", "'adam'", "sucre_paper"}),
         ({"water": ""}, {"sucre.water", "empty"}),
         ({"water": "seathr"}, {"method.water=seathr", "'seathru'"}),
     ],
