@@ -229,26 +229,36 @@ def nearer_encoding(
     """Return the encoding in which the water of a view explains more: stored intensities where too few pixels tell.
 
     observations: stored intensities; matched: their sample with equal footprints. The footprints of linear light are
-    means of decoded images: over rough texture, decoded means of stored intensities explain neither encoding.
+    means of decoded images: over rough texture, decoded means of stored intensities explain neither encoding. Linear
+    light must also explain more where each view has a gain: a camera's exposure that follows the distance is a curve.
     """
     if matched is None or view.encoding == "linear":
         return NearerEncoding("view")
     few = sampled(matched, _PIXELS, singles=False, seed=0)
     in_linear = replace(options, encoding="linear")
     try:
-        stored = _residual(options, few)
-        linear = _residual(options, matched_at(in_linear, scene, view, observations, few.pixels), decoding_slope)
+        decoded = matched_at(in_linear, scene, view, observations, few.pixels)
+        for parts in (Parts(), Parts(gains=1)):
+            stored = _residual(options, few, view, parts)
+            linear = _residual(options, decoded, view, parts, decoding_slope)
+            if not linear < _BETTER * stored:
+                return NearerEncoding("view", linear / stored if stored > 0 else None)
     except (NotApplicableError, SolveError):
         return NearerEncoding("view")
-    if not stored > 0:
-        return NearerEncoding("view")
-    return NearerEncoding("linear" if linear < _BETTER * stored else "view", linear / stored)
+    return NearerEncoding("linear", linear / stored)
 
 
-def _residual(options: Sucre, sample: Observations, slope: Callable[[Array], Array] = np.ones_like) -> float:
+def _residual(
+    options: Sucre, sample: Observations, view: View, parts: Parts, slope: Callable[[Array], Array] = np.ones_like
+) -> float:
     """Return the median size of studentised residuals in stored units; slope: of intensities by stored ones."""
     water = fit(sample, **options.compute).water
+    if parts != Parts():
+        few = Sample.of(sample, view.name)
+        light = fit_light(few, parts, Light.even(water, few.views)).light
+        sample, water = light.removed(sample), light.water
     solution = colours_for_water(sample, water, None, options.backend, options.device)
     r, h, _, explained = residuals_of(sample, solution.J, water)
-    r = r / slope(explained.clip(0, 1))
+    recorded = explained if sample.weight is None else explained * np.sqrt(sample.weight)
+    r = r / slope(recorded.clip(0, 1))
     return float(np.median(np.abs(r / np.sqrt(1 - h.clip(0, _ALONE)))[h < _ALONE]))

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from support.command_line import registry
 from support.made_ground import WATERS, make_ground, make_survey
+from support.made_observations import parameters
 
 from sucre_bench import Arrays, InputError, Restoration, Scene, Water
 from sucre_bench.imaging.display import display
 from sucre_bench.methods.sucre import Sucre, SucrePlus
+from sucre_bench.methods.sucre.choose import choose, nearer_encoding
 from sucre_bench.methods.sucre.light import Light, Parts, Problem, Sample
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.passes import opened
@@ -95,6 +97,18 @@ def test_vignetting_is_found_with_the_water(plain: Scene) -> None:
     truth = scene["3.png"].reference
     errors = [np.sqrt(np.nanmean((one.image - truth) ** 2)) for one in (even, result)]
     assert errors[1] < 0.7 * errors[0]
+    matched = sucre().matched(scene, scene["3.png"], sucre().observe(scene, scene["3.png"]))
+    chosen = choose(matched, "3.png", parameters(even.water), None, may_be_strobe=False)
+    assert chosen.fit.light.parts == Parts(lens=True)
+
+
+def test_exposure_that_follows_the_distance_is_not_taken_for_linear_light() -> None:
+    """In even light, residuals of linear light are .94 of those of stored intensities; with gains 1.55."""
+    gains = tuple((np.array(GROUND["heights_m"]) / GROUND["heights_m"][3]) ** 0.35)
+    scene = make_ground(WATERS["blue ocean"], gains=gains, **GROUND)
+    observations = sucre().observe(scene, scene["3.png"])
+    matched = sucre().matched(scene, scene["3.png"], observations)
+    assert nearer_encoding(sucre(), scene, scene["3.png"], observations, matched).encoding == "view"
 
 
 def test_even_light_is_left_as_it_is(plain: Scene) -> None:
