@@ -117,6 +117,10 @@ _SAMPLE_OF_PRIOR, _BLOCK = 20_000, 1 << 15
 # Least variance of the brightness of an image, .01 squared: with less, all pixels would become equally bright.
 _LEAST_VARIANCE = 1e-4
 
+# No surface is more than so many times as bright as the brightest percent, by more than so many deviations. Marine
+# snow far away is 10 to 100 times as bright; real photographs have no such pixels. In linear light 3 to the power 2.4.
+_BRIGHTEST, _TIMES, _TIMES_LINEAR, _SURE = 0.99, 3, 14, 4
+
 # Variances of a colour that is known as well as can be, and of one without any information.
 _EXACT, _ENDLESS = 1e-7, 1e12
 
@@ -367,6 +371,18 @@ def prior_of(J: Array, deviation: Array, least_spread: float = LEAST_SPREAD) -> 
             break
         prior = improved
     return prior
+
+
+def without_specks(J: Array, deviation: Array, *, linear: bool = False) -> Array:
+    """Return the deviations (3, P) of colours, infinite for those that are too bright for a surface.
+
+    They are snow and animals before far ground that too few views show to contradict them. linear: of linear light.
+    """
+    few = J[:, :: max(1, J.shape[1] // _SAMPLE_OF_PRIOR)]
+    times = _TIMES_LINEAR if linear else _TIMES
+    most = times * np.quantile(few, _BRIGHTEST, axis=1).clip(min=0)[:, None]
+    is_speck = (J - _SURE * deviation > most).any(axis=0)
+    return np.where(is_speck, np.float32(np.inf), deviation)
 
 
 def _variance(deviation: Array) -> Array:

@@ -21,7 +21,13 @@ from sucre_bench.methods.sucre.light import AUTO, EVEN, Light, Parts, parts_of
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.paper import CITES
 from sucre_bench.methods.sucre.passes import Backend
-from sucre_bench.methods.sucre.refine_noise import LEAST_SPREAD, LEAST_SPREAD_LINEAR, ImagePrior, prior_of
+from sucre_bench.methods.sucre.refine_noise import (
+    LEAST_SPREAD,
+    LEAST_SPREAD_LINEAR,
+    ImagePrior,
+    prior_of,
+    without_specks,
+)
 from sucre_bench.plugins.call_method import display_of
 from sucre_bench.scene import Encoding
 
@@ -212,7 +218,9 @@ class Sucre(FillOption):
         if self.refine and falls_off and (solution.is_photograph or has_unknown_veil(solution)):
             solution, black = without_darkest(solution)
         if self.refine and not solution.is_photograph:
-            spread = LEAST_SPREAD_LINEAR if self._fitted(view) == "linear" else LEAST_SPREAD
+            linear = self._fitted(view) == "linear"
+            solution = replace(solution, deviation=without_specks(solution.J, solution.deviation, linear=linear))
+            spread = LEAST_SPREAD_LINEAR if linear else LEAST_SPREAD
             prior = prior_of(solution.J, solution.deviation, spread)
         if prior is not None:
             J, deviation = prior.posterior(solution.J, solution.deviation)

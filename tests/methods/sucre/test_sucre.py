@@ -17,7 +17,7 @@ from sucre_bench import Arrays, InputError, Restoration, Scene, SolveError, Wate
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.machine.records import add_record
 from sucre_bench.methods.sucre import Sucre, SucrePlus
-from sucre_bench.methods.sucre.refine_noise import prior_of
+from sucre_bench.methods.sucre.refine_noise import prior_of, without_specks
 from sucre_bench.plugins import find
 from sucre_bench.plugins.options import Choice, create
 
@@ -284,6 +284,19 @@ def test_the_prior_halves_the_error_of_noisy_colours_and_says_how_much_is_left()
     error = shrunk - truth
     assert error[:, ~sure].std() < 0.5 * (J - truth)[:, ~sure].std()
     np.testing.assert_allclose(left[:, ~sure].mean(axis=1), error[:, ~sure].std(axis=1), rtol=0.15)
+
+
+def test_a_speck_before_far_ground_takes_the_mean_colour_and_bright_things_stay() -> None:
+    J = coloured_surfaces(np.random.default_rng(0), 10_000)
+    J[:, 0], J[:, 1] = (60, 2.9, 2.3), (1.5, 1.4, 1.3)  # snow at 12 m in coastal water; a white shell
+    deviation = np.full(J.shape, 0.01)
+    deviation[0, 2], J[0, 2] = 1.0, 4.0  # noise
+    known = without_specks(J, deviation)
+    assert np.isinf(known[:, 0]).all()
+    np.testing.assert_array_equal(known[:, 1:], deviation[:, 1:])
+    shrunk, left = prior_of(J, known).posterior(J, known)
+    assert np.abs(shrunk[:, 0] - 0.5).max() < 0.1
+    assert (left[:, 0] > 0.1).all()
 
 
 def test_red_that_is_lost_follows_the_channels_that_are_known() -> None:
