@@ -73,9 +73,10 @@ def parse(texts: Iterable[str]) -> list[Word]:
             override = parser.parse_override(f"{key}{equals}{literal}")
             values: list[Any] = [override.value()]
             if is_swept := override.is_sweep_override():
-                if not override.is_discrete_sweep():
+                each = override.sweep_string_iterator() if override.is_discrete_sweep() else ()
+                values = [parser.parse_override(f"{key}={one}").value() for one in each]
+                if not values:  # also of range(0)
                     raise InputError("no list of values", text, "list them, or write range(start,stop,step)")
-                values = [parser.parse_override(f"{key}={one}").value() for one in override.sweep_string_iterator()]
         except HydraException as fault:
             if equals and key and typed and (typed[0] not in "'\"[{$" or "}" in typed[1:-1]):
                 remedy = f'write "{key}={quoted(typed)}", both kinds'

@@ -37,6 +37,7 @@ _FOR_A_DIVE = {"fill": "true", "water": "shared"}
 
 # Words of `run` that say where the work is done.
 _WHERE = re.compile(r"(workers|shard\.count|hydra[./][\w.]+)=")
+_LEAST = {"workers": 0, "shard.count": 1}
 
 
 @dataclass(frozen=True)
@@ -57,9 +58,12 @@ class Options:
 def sorted_words(words: Sequence[str], method: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the options of the dataset and the method of the dive, and the words that say where the work is done.
 
-    Raises InputError for a word that is neither.
+    Raises InputError for a word that is neither, and for a number of workers or blocks that is none.
     """
     where = tuple(word for word in words if _WHERE.match(word))
+    for word, (name, _, value) in ((word, word.partition("=")) for word in where):
+        if name in _LEAST and not (re.fullmatch("0|[1-9][0-9]{0,5}", value) and int(value) >= _LEAST[name]):
+            raise InputError(f"is no whole number of {_LEAST[name]} or more", word, f"give one, for example {name}=4")
     for word in (options := tuple(word for word in words if word not in where)):
         owner, dot, _ = word.partition("=")[0].partition(".")
         if not dot or owner not in ("dataset", "method", method):

@@ -108,6 +108,14 @@ def test_a_word_that_is_no_option_of_dataset_or_method_is_refused(tmp_path: Path
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("word", ["workers=-1", "workers=abc", *(f"shard.count={n}" for n in ("-2", "0", "1,2", "x"))])
+def test_a_number_of_workers_or_blocks_that_is_none_is_refused(tmp_path: Path, bench: Bench, word: str) -> None:
+    write_image(tmp_path / "photos/a.jpg", seabed(0))
+    (line,) = bench("restore", "photos", "out", "--method", "gray_world", word).errors
+    assert word in line
+    assert "shard.index" not in line
+
+
 def test_photographs_that_overlap_are_prepared_and_restored_together(tmp_path: Path, bench: Bench) -> None:
     names = NAMES[:4]
     for name, pose in zip(names, POSES[:4], strict=True):
