@@ -55,7 +55,8 @@ def gallery(repositories: Path, out: Path, only: str) -> None:
             raise click.Abort
     if rows is None:
         raise InputError("has none of the repositories", repositories, "clone one, for example as the lines above say")
-    table = program.compared(rows, out)
+    with progress.live():
+        table = program.compared(rows, out)
     path = out / published.FILE
     write_atomically(path, csv_text(table).encode())
     heads = ("exhibit", "row", "score", "published", "measured", "difference", "views")

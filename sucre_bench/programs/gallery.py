@@ -34,6 +34,7 @@ from sucre_bench.results import layout, published
 
 PICTURES = "pictures"  # the folder in the results folder that has the files of each exhibit
 _FILE = CONF_FOLDER / "gallery.yaml"
+_MOST_DB = 100.0  # of a view: equal pictures would make the mean over views infinite
 
 # Where files lie: the name of a view -> a path with * in it, or "{stem}" -> a path with {stem} in it.
 Files = Mapping[str, str]
@@ -266,22 +267,27 @@ def _line(exhibit: Exhibit, number: Number, rows: DataFrame, out: Path) -> Itera
 
 
 def _agreement(exhibit: Exhibit, number: Number, out: Path) -> dict[str, float]:
-    """PSNR of a row's pictures against the published ones in 8 bits, dB, by view.
+    """PSNR of a row's pictures against the published ones in 8 bits, dB, by view; at most `_MOST_DB`.
 
-    as_jpeg: ours is first stored with the loss of the published JPEG file.
+    as_jpeg: ours is first stored with the loss of the published JPEG file. Pictures that cannot be read are left out.
     """
-    from PIL import Image
+    from PIL import Image, JpegImagePlugin
 
     ours = out / "restored" / layout.file_name(exhibit.name) / layout.file_name(number.row)
     found = {}
     for path in sorted((out / PICTURES / exhibit.name / number.against).glob("*")):
-        if (picture := ours / f"{path.stem}.png").is_file():
+        if not (picture := ours / f"{path.stem}.png").is_file():
+            continue
+        try:
             with Image.open(picture) as our_file, Image.open(path) as their_file:
                 one, other = our_file.convert("RGB"), their_file.convert("RGB")
-                if number.as_jpeg:
-                    one.save(stored := io.BytesIO(), "JPEG", qtables=getattr(their_file, "quantization", None))
+                if number.as_jpeg and isinstance(their_file, JpegImagePlugin.JpegImageFile):
+                    loss = {"qtables": their_file.quantization, "subsampling": JpegImagePlugin.get_sampling(their_file)}
+                    one.save(stored := io.BytesIO(), "JPEG", **loss)
                     one = Image.open(stored)
                 if one.size == other.size:
                     off = (np.asarray(one, np.float64) - np.asarray(other, np.float64)) / 255
-                    found[path.stem] = psnr_of(float((off**2).mean()))
+                    found[path.stem] = min(psnr_of(float((off**2).mean())), _MOST_DB)
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as fault:  # SyntaxError: a damaged PNG
+            progress.say(f"{exhibit.name}: {number.row} is not compared with {path.name}: {fault}")
     return found

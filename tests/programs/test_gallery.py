@@ -7,10 +7,13 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pandas as pd
 import pytest
+from PIL import Image
 from skimage.metrics import peak_signal_noise_ratio
 
-from sucre_bench.programs.gallery import exhibits, lay_out
+from sucre_bench.machine import progress
+from sucre_bench.programs.gallery import compared, exhibits, lay_out
 from sucre_bench.results import published
 
 Bench = Callable[..., Any]
@@ -60,6 +63,24 @@ def test_a_file_that_changed_in_its_repository_or_was_half_copied_is_taken_again
     (tmp_path / "new.jpg").replace(source)
     lay_out(exhibit, repositories, out)
     assert target.read_bytes() == source.read_bytes()
+
+
+def test_pictures_agree_after_the_loss_of_jpeg_unless_one_is_damaged(tmp_path: Path, capsys):
+    """The published pictures are the row's own, stored as JPEG: equal ones are at most 100 dB apart."""
+    (exhibit,), ours = exhibits(["fuse_uwnet"]), tmp_path / "restored" / "fuse_uwnet" / "Fuse-UWnet_onnx"
+    theirs = tmp_path / "pictures" / "fuse_uwnet" / "Fuse-UWnet"
+    ours.mkdir(parents=True)
+    theirs.mkdir(parents=True)
+    picture = np.random.default_rng(0).integers(0, 256, (64, 64, 3), dtype=np.uint8)
+    for name, sampling in (("full", 0), ("half", 2), ("damaged", 2)):
+        Image.fromarray(picture).save(ours / f"{name}.png")
+        Image.fromarray(picture).save(theirs / f"{name}.jpg", quality=90, subsampling=sampling)
+    (theirs / "damaged.jpg").write_bytes(b"\xff\xd8\xff")
+    rows = pd.DataFrame({"dataset": [exhibit.name], **dict.fromkeys(["method", "metric", "variant", "status"], "")})
+    with progress.live():
+        (line,) = compared(rows.assign(view="", region="", value=0.0), tmp_path).to_dict("records")
+    assert (line["views"], float(line["measured"])) == (2, 100)
+    assert "damaged.jpg" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("content", [b"image,psnr\na.png,26.3\n", "café\n".encode("cp1252")])
