@@ -7,8 +7,10 @@ seabeds without overhangs: a place has one height.
 
 import functools
 import io
+import zipfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
@@ -128,12 +130,14 @@ def _store(file: Path, values: npt.NDArray[Any]) -> None:
 def _stored_surface(folder: Path, make: Callable[[], Surface | None]) -> Surface:
     """The surface that an earlier command left in the folder, or a new one. Without points it has no triangles."""
     file = folder / "surface.npz"
-    if not file.is_file():
-        say("fusing the depths of all photos into one surface")
-        surface, content = make() or Surface(np.zeros((3, 3)), np.zeros((1, 3), np.int64), np.zeros(3)), io.BytesIO()
-        np.savez(content, **vars(surface))
-        write_atomically(file, content.getvalue())
-    return Surface(**np.load(file))
+    damaged = suppress(OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile)
+    with damaged, file.open("rb") as opened, np.load(opened) as stored:
+        return Surface(**stored)
+    say("fusing the depths of all photos into one surface")
+    surface, content = make() or Surface(np.zeros((3, 3)), np.zeros((1, 3), np.int64), np.zeros(3)), io.BytesIO()
+    np.savez(content, **vars(surface))
+    write_atomically(file, content.getvalue())
+    return surface
 
 
 def masked(values: npt.NDArray[Any], shot: Shot, masks: Path) -> npt.NDArray[Any]:

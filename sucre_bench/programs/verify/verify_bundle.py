@@ -8,7 +8,7 @@ import math
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from pathlib import Path
@@ -35,7 +35,7 @@ from sucre_bench.results.rows import COSTS, KEYS, RESTORATION, tuples
 from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Arrays, Restoration, View
 
-_NO_PICTURES = "the bundle has no pictures"
+_NO_PICTURES = "the bundle has no pictures; ask for one of `bundle --pictures restored`"
 _LOOK_ALIKE = "black pixels and holes look alike"
 _VIEW = ["dataset", "scene", "view"]
 _PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
@@ -148,7 +148,6 @@ def _wrong_meaning(file: str, rows: DataFrame) -> Iterator[str]:
             yield f"{file}: {row.metric} in {said}; it is {meant}"
 
 
-@functools.lru_cache(maxsize=4)
 def _picture(bundle: Bundle, name: str) -> Array:
     """Return a picture of a bundle, (H, W, 3) float32 RGB in [0, 1]. InputError if it is none of ordinary size.
 
@@ -182,8 +181,8 @@ class _Opened(NamedTuple):
     reference: str
 
 
-def _opened(bundle: Bundle, row: Any) -> _Opened | None:
-    """Open the restoration of a row; None if the bundle does not have its restored image.
+def _opened(bundle: Bundle, picture_of: Callable[[str], Array], row: Any) -> _Opened | None:
+    """Open the restoration of a row; None if the bundle does not have its restored image. picture_of: see `_picture`.
 
     Raises InputError for a picture or record that cannot be read, and for one that does not fit the row.
     """
@@ -197,7 +196,7 @@ def _opened(bundle: Bundle, row: Any) -> _Opened | None:
             break
     else:
         return None
-    picture, remedy = _picture(bundle, name), "ask who made the bundle"
+    picture, remedy = picture_of(name), "ask who made the bundle"
     try:
         mask = mask_in(io.BytesIO(bundle.read(name)), bundle.path / name)
     except (ValueError, struct.error, zlib.error) as damaged:
@@ -228,6 +227,8 @@ class _Check:
     def __init__(self, bundle: Bundle, scenes: Scenes, tolerance: float, outcome: Outcome) -> None:
         self._bundle, self._scenes, self._tolerance, self._outcome = bundle, scenes, tolerance, outcome
         self._metric = metrics_of(bundle)
+        self._picture = functools.lru_cache(maxsize=4)(functools.partial(_picture, bundle))
+        self._opened = functools.partial(_opened, bundle, self._picture)
         self._unrounded: dict[tuple[str, str, str], bool] = {}
         rows = bundle.rows
         scores = rows[(rows["status"] == "ok") & np.isfinite(rows["value"])]
@@ -246,7 +247,7 @@ class _Check:
             self._outcome.faults.append(f"{where}: has scores, but no row of the restoration")
             return
         with self._faults(where, scores, "the picture cannot be used"):
-            if opened := _opened(self._bundle, whole):
+            if opened := self._opened(whole):
                 self._score(whole, opened, scores)
             else:
                 self._outcome.unchecked[_NO_PICTURES] += len(scores)
@@ -263,7 +264,7 @@ class _Check:
                 reason = "on common pixels of earlier restorations, which no table shows"
                 self._outcome.unchecked[reason] += len(scores)
                 return
-            found = {method: opened for method, row in whole.items() if (opened := _opened(self._bundle, row))}
+            found = {method: opened for method, row in whole.items() if (opened := self._opened(row))}
             if found.keys() != whole.keys():
                 self._outcome.unchecked[_NO_PICTURES] += len(scores)
                 return
@@ -310,8 +311,8 @@ class _Check:
                 raise InputError(f"{opened.image}: is not of the size of its view; ask who made the bundle")
             restoration = with_truth(restoration, scene, view)
         else:  # from the bundle's pictures, as far as they go
-            rgb = _picture(self._bundle, opened.view) if opened.view else np.zeros_like(restoration.image)
-            reference = _picture(self._bundle, opened.reference) if opened.reference else None
+            rgb = self._picture(opened.view) if opened.view else np.zeros_like(restoration.image)
+            reference = self._picture(opened.reference) if opened.reference else None
             view = View(row.view, Arrays(rgb, reference=reference))
         chosen = [self._metric(score.metric, score.variant, score.code) for score in scores]
         pictured = Pictured(restoration, view, [*{id(one): one for one in chosen if isinstance(one, Scorer)}.values()])
