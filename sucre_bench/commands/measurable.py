@@ -8,6 +8,7 @@ from sucre_bench.engine.preflight import Planned
 from sucre_bench.errors import ANY_FAULT
 from sucre_bench.machine import processes, progress
 from sucre_bench.programs.describe.facts import spread_of
+from sucre_bench.scene import Scene
 
 _MOST = 3  # scenes
 
@@ -28,11 +29,11 @@ def say_whether_measurable(planned: Sequence[Planned]) -> None:
 def say_what_views_show(planned: Sequence[Planned]) -> None:
     """Say whether the water can be measured, and of which scenes only neighbours are selected, half of it at most."""
     say_whether_measurable(planned)
-    scenes = {
-        (plan.job.dataset.label, task.scene.name): (task.scene, plan.tasks) for plan in planned for task in plan.tasks
-    }
-    for (dataset, name), (scene, tasks) in [*scenes.items()][:_MOST] if len(planned) > 1 else ():
-        selected = {task.view.name for task in tasks if task.scene is scene}
+    chosen = [plan for plan in planned if plan.job.first or plan.job.views]  # a shard has neighbours on purpose
+    scenes: dict[tuple[str, str], tuple[Scene, set[str]]] = {}
+    for dataset, task in ((plan.job.dataset.label, task) for plan in chosen for task in plan.tasks):
+        scenes.setdefault((dataset, task.scene.name), (task.scene, set()))[1].add(task.view.name)
+    for (dataset, name), (scene, selected) in [*scenes.items()][:_MOST]:
         places = [place for place, view in enumerate(scene.views) if view.name in selected]
         n, total = len(places), len(scene.views)
         if "poses" in scene.has and 1 < n <= total // 2 and places[-1] - places[0] == n - 1:

@@ -163,7 +163,7 @@ def measured_restore(method: Any, scene: Scene, view: View, word: str = "method"
 def _rows(job: Job, method: Any, metrics: Sequence[Scorer], task: Task, over: _SceneColours | None = None) -> list[Row]:
     """Restore, store and score one view. over: colours of its scene, where all views of a scene are shown alike."""
     view, log = task.view, log_path(job.out)
-    decides = over is not None and view.name in over.views  # how all are shown, so it is restored already
+    decides = over is not None and view.name in over.views  # its colours are among them, so it is restored already
     try:
         with step(f"view '{view.name}' by method '{job.method.label}'"):
             measured = _measured(job, method, task, job.overwrite == "always" and not decides, job.save == "full")
@@ -172,13 +172,14 @@ def _rows(job: Job, method: Any, metrics: Sequence[Scorer], task: Task, over: _S
             look = (job.bits, over.hash if over else "")
             write_pictures(job.out, task.place, job.method.label, view, measured.restoration, shown, filled, *look)
             return score_rows(measured, shown, view, metrics, task.base, log, job.view_timeout_s)
-    except OutputError:
+    except BaseException as fault:
+        raise_if_stop(fault)
         if _can_open_files():
-            raise
+            if isinstance(fault, OutputError):
+                raise
+            return [row_of_fault(task.base, fault, log, is_said=True)]
         no_files = PluginError("no file can be opened after it; see that the method closes its files")
         return [row_of_fault(task.base, no_files, log, is_said=True)]
-    except BaseException as fault:
-        return [row_of_fault(task.base, fault, log, is_said=True)]
 
 
 def _measured(job: Job, method: Any, task: Task, afresh: bool, is_stored: bool) -> Measured:
@@ -197,7 +198,7 @@ def _measured(job: Job, method: Any, task: Task, afresh: bool, is_stored: bool) 
     name = "/".join(filter(None, (task.base.dataset, task.base.scene, view.name)))
     at = f"method '{job.method.label}' on view '{name}'"
     try:
-        with step(at, job.view_timeout_s), shown_with(job.method.display, in_full=job.save == "full"):
+        with step(at, job.view_timeout_s), shown_with(job.method.display, in_full=is_stored):
             measured = measured_restore(method, scene, view, job.method_word)
     except OutputError as fault:  # of its own files, in a full TMPDIR for example: results can still be written
         raise InputError(fault.fault, fault.place, fault.remedy) from fault
@@ -222,7 +223,7 @@ class _SceneColours:
 
         A view that cannot be restored is left out; it gets its row when it is to be shown.
         """
-        colours = [np.zeros((0, 3), np.float32)]
+        colours, names = [np.zeros((0, 3), np.float32)], list[str]()
         for task in progress.track(tasks, "before showing"):
             try:
                 image = _measured(job, method, task, job.overwrite == "always", True).restoration.image
@@ -231,6 +232,7 @@ class _SceneColours:
             except BaseException as fault:
                 raise_if_stop(fault)
                 continue
+            names.append(task.view.name)
             pixels = image[coloured(image)]
             colours.append(pixels[:: max(1, len(pixels) // _PIXELS_OF_A_VIEW)])
-        return cls(np.concatenate(colours)[:, None], frozenset(t.view.name for t in tasks), names_hash(tasks))
+        return cls(np.concatenate(colours)[:, None], frozenset(names), names_hash(names))

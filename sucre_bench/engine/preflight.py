@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from sucre_bench import plugins, results
@@ -24,7 +24,7 @@ from sucre_bench.plugins.options import Choice
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.restorations import are_stored
-from sucre_bench.results.rows import restoration_rows, tuples
+from sucre_bench.results.rows import Row, restoration_rows, tuples
 from sucre_bench.scene import Scene
 
 # Views of a scene, evenly chosen, whose percentiles and means stand for all in a display of the whole scene.
@@ -117,9 +117,9 @@ def _planned(job: Job, rows: DataFrame, shared: Callable[[Scene], Scene]) -> Pla
     return Planned(job, every, todo, frozenset(tuples(restoration_rows(rows), "scene", "view", "time")), over)
 
 
-def names_hash(shown_over: Sequence[Task]) -> str:
-    """Return a hash of the views that decide how a scene is shown; their data, options and code are in the rows."""
-    return hashlib.blake2b("\n".join(task.view.name for task in shown_over).encode(), digest_size=6).hexdigest()
+def names_hash(views: Iterable[str]) -> str:
+    """Return a hash of the views whose colours a scene is shown by; their data, options and code are in the rows."""
+    return hashlib.blake2b("\n".join(views).encode(), digest_size=6).hexdigest()
 
 
 def _without_results(
@@ -138,15 +138,22 @@ def _without_results(
         kept.setdefault((scene, view), {})[tuple(score)] = status
     codes = [(metric, metric_code(metric)) for metric in job.metrics if not metric.plugin.is_of_pairs]
     suffixes = [".png", *([".npz"] if job.save == "full" else [])]
-    hashes = {scene: names_hash(of_scene) for scene, of_scene in shown_over.items()}
+
+    def whole(base: Row) -> str | None:
+        identity = (base.options_id, base.data_id, base.metric, base.variant, base.code)
+        return kept.get((base.scene, base.view), {}).get(identity)
+
+    hashes = {  # a view that failed, and is tried again, may give colours this time
+        scene: names_hash(task.view.name for task in of_scene if whole(task.base) in ("ok", None))
+        for scene, of_scene in shown_over.items()
+    }
 
     def is_done(task: Task) -> bool:
         base, scores = task.base, kept.get((task.base.scene, task.base.view), {})
         if job.overwrite == "never":
             return bool(scores)
-        whole = scores.get((base.options_id, base.data_id, base.metric, base.variant, base.code))
-        if whole != "ok":
-            return whole is not None
+        if (status := whole(base)) != "ok":
+            return status is not None
         wanted = (
             (base.options_id, base.data_id, metric.plugin.name, variant, score_code(base, code))
             for metric, code in codes

@@ -1,8 +1,10 @@
-"""Hints come after the table, one a method, in words that the same command takes."""
+"""Hints come after the table, one a method, in words that the same command takes; neighbours are named before it."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
 from support.command_line import Done
 
 PLUGIN = '''
@@ -36,3 +38,24 @@ def test_one_hint_a_method_after_the_table(tmp_path: Path, bench: Callable[..., 
     assert "dim.gain=2" in lines[0]
     assert "hint" not in done.stderr
     assert bench("run", "-m", *DEMO, "method=dim,gray_world", "dim.gain=2", "overwrite=always", *words).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "n_named"),
+    [
+        (("first=2",), "2"),
+        (("-m", "first=2", "shard.count=2", "shard.index=0,1"), "2"),
+        (("-m", "shard.count=2", "shard.index=0,1"), ""),
+        (("shard.count=2", "shard.index=0"), ""),
+        (("views=[view_000.png,view_002.png]",), ""),
+    ],
+)
+def test_a_run_says_if_the_chosen_views_are_neighbours(
+    small_demo: list[str], bench: Callable[..., Done], words: tuple[str, ...], n_named: str
+) -> None:
+    done = bench(
+        "run", *words, *small_demo, "method=gray_world", "metrics=[coverage]", "tracking.uri=off", "report=false"
+    )
+    assert done.returncode == 0, done.stderr
+    found = re.findall(r"these (\d) of 4 views are neighbours.* every=2 ", done.stdout + done.stderr)
+    assert found == ([n_named] if n_named else [])

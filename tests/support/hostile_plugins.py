@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
+import resource
 import signal
 import tempfile
 import threading
@@ -62,6 +63,7 @@ ACTS: dict[str, Callable[[], object]] = {
     "removed-folder": _in_a_removed_folder,
     "leaks": _leak,
     "late-segfault": lambda: _later(lambda: ctypes.string_at(0)),
+    "no-files": lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (3, 3)),
     "elsewhere": lambda: os.chdir("/"),
     "thread": lambda: threading.Thread(target=time.sleep, args=(3600,)).start(),
     "asleep": lambda: time.sleep(3600),

@@ -7,7 +7,7 @@ import signal
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -28,6 +28,7 @@ from sucre_bench import (
     metric,
 )
 from sucre_bench.errors import DiskFullError
+from sucre_bench.plugins.call_method import is_stored_in_full
 
 
 @dataset()
@@ -117,6 +118,20 @@ class Gain:
 @dataclass(frozen=True)
 class AlsoGain(Gain):
     """The same under another name."""
+
+
+@method()
+@dataclass(frozen=True)
+class Gated(Gain):
+    """Fails on the first view until a file is there, and says whether all of its result is wanted."""
+
+    gate: Path = Path("gate")
+    """The file."""
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        if view.name == "v0.png" and not self.gate.is_file():
+            raise ValueError("the gate is closed")
+        return replace(super().restore(scene, view), info={"in_full": is_stored_in_full()})
 
 
 @method(needs={"charts"})
