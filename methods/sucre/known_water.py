@@ -42,11 +42,24 @@ _MOST_B, _MOST_RATE = 2.0, 100.0
 
 _SUFFIXES = (".json", ".npz")
 
-# Words of the option that lead to no file and no method.
-WORDS = ("own", "shared", "truth")
-
 # Most images that a shared water is fitted to, spread evenly over the scene.
 _SHARED_VIEWS = 40
+
+
+@dataclass(frozen=True, slots=True)
+class SourceOption:
+    """An option that names a water, as users type it; words: that name no file and no method, the default first.
+
+    chooses_encoding: whether its method has the option encoding.
+    """
+
+    name: str
+    words: tuple[str, ...]
+    chooses_encoding: bool = False
+
+
+WATER = SourceOption("method.water", ("own", "shared", "truth"), chooses_encoding=True)
+START = SourceOption("sucre_paper.start", ("paper", "truth"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +70,7 @@ class KnownWater:
     gains: Mapping[str, Array]
 
 
-def water_of(source: str, scene: Scene, view: View, encoding: Encoding, option: str = "method.water") -> KnownWater:
+def water_of(source: str, scene: Scene, view: View, encoding: Encoding, option: SourceOption = WATER) -> KnownWater:
     """Return the water of a source; option: that names it.
 
     source: "truth"; the name of a method, which estimates it on this view; a .json or .npz file that holds B, beta and
@@ -66,11 +79,11 @@ def water_of(source: str, scene: Scene, view: View, encoding: Encoding, option: 
     that the water has to explain.
     Raises InputError, naming the source; and what the method itself raises.
     """
-    place = f"{option}={source}"
+    place = f"{option.name}={source}"
     if source == "truth":
         if scene.water is None:
             raise InputError(f"{place}: the scene '{scene.name}' knows no water; give a file, or leave it out")
-        return _known(place, scene.water, Lighting(), view, encoding)
+        return _known(place, scene.water, Lighting(), view, encoding, option)
     if source in plugins.discover("method"):
         plugin = plugins.find("method", source)
         if absent := plugins.missing_needs(plugin, scene.has):
@@ -84,36 +97,41 @@ def water_of(source: str, scene: Scene, view: View, encoding: Encoding, option: 
         if water is None or unknown:
             fault = f"it estimates no {', '.join(unknown)}"
             raise InputError(f"{place}: {fault}; name one that does, such as gaussian_seathru")
-        return _known(place, water, lighting_of(found.info, place, view.name), view, encoding)
+        return _known(place, water, lighting_of(found.info, place, view.name), view, encoding, option)
     path = expanded(source)
     if path.is_dir():
         path = _of_view(path, scene, view)
     try:
         water = _of_file(path)
     except FileNotFoundError:
-        remedy = "the option takes own, shared, truth, a method, a .json or .npz file, or a folder of them"
+        remedy = f"{option.name} takes {', '.join(option.words)}, a method, a .json or .npz file, or a folder of them"
         raise MissingFileError("no such file", path, remedy) from None
-    return _known(str(path), water, read_lighting(path), view, encoding)
+    return _known(str(path), water, read_lighting(path), view, encoding, option)
 
 
-def check_source(source: str, option: str = "method.water") -> None:
+def check_source(source: str, option: SourceOption = WATER) -> None:
     """Raise InputError for a source, as for `water_of`, that can have no water.
 
-    These are a method that is not installed or needs options, a file without a water, and a folder without files. A
-    path to nothing passes, unless it is a bare word: `create` refuses it.
+    These are an empty text, a method that is not installed or needs options, a file without a water, and a folder
+    without files. A path to nothing passes, unless it is a bare word: `create` refuses it.
     """
+    if source in option.words:
+        return
+    name = option.name
+    if not source:
+        raise InputError(f"{name}: is empty; use {', '.join(option.words)}, a method, a file or a folder")
     path = expanded(source)
     if source in plugins.discover("method") or (source.isidentifier() and not path.exists()):
         try:
             plugin = plugins.find("method", source)
         except InputError as fault:
-            raise InputError(f"{option}={source}: {fault}") from fault
-        require(f"{option}={source}", *plugin.requires)
+            raise InputError(f"{name}={source}: {fault}") from fault
+        require(f"{name}={source}", *plugin.requires)
         try:
             create(plugin, {})
         except InputError as fault:
             raise InputError(
-                f"{option}={source}: takes options ({fault}); run it first, and give {option}=FOLDER"
+                f"{name}={source}: takes options ({fault}); run it first, and give {name}=FOLDER"
             ) from fault
     elif not path.is_dir():
         with contextlib.suppress(FileNotFoundError):
@@ -130,26 +148,25 @@ def _of_file(path: Path) -> Water:
     return water
 
 
-def _known(place: str, water: Water, lighting: Lighting, view: View, encoding: Encoding) -> KnownWater:
+def _known(
+    place: str, water: Water, lighting: Lighting, view: View, encoding: Encoding, option: SourceOption
+) -> KnownWater:
     """Return the checked water in the view's exposure. InputError when it cannot explain the view's observations."""
     if lighting.falls_off:
-        raise InputError(
-            f"{place}: was fitted together with light that falls off, and explains no other; use method.water=own"
-        )
-    parameters, gains = _checked(place, water, view, encoding), lighting.gains
+        fault = "was fitted together with light that falls off, and explains no other"
+        raise InputError(f"{place}: {fault}; use {option.name}={option.words[0]}")
+    parameters, gains = _checked(place, water, view, encoding, option), lighting.gains
     if not gains:
         return KnownWater(parameters, {})
     if view.name not in gains:
         fault = f"was fitted with gains of views, and has none of {view.name}"
-        raise InputError(
-            f"{place}: {fault}; give a folder with the water of each view, or fit it with method.light=even"
-        )
+        raise InputError(f"{place}: {fault}; give a folder with the water of each view, or one fitted with light=even")
     of_view = np.asarray(gains[view.name])
     relative = {name: np.asarray(gain) / of_view for name, gain in gains.items()}
     return KnownWater(replace(parameters, B=parameters.B * of_view), relative)
 
 
-def _checked(place: str, water: Water, view: View, encoding: Encoding) -> WaterParameters:
+def _checked(place: str, water: Water, view: View, encoding: Encoding, option: SourceOption) -> WaterParameters:
     """Return the parameters. InputError when they are no water or belong to intensities of another encoding."""
     values = np.array([water.veiling_light, water.attenuation, water.backscatter], dtype=np.float64)
     if values.shape != (3, 3) or not np.isfinite(values).all():
@@ -159,9 +176,9 @@ def _checked(place: str, water: Water, view: View, encoding: Encoding) -> WaterP
         raise InputError(f"{place}: no water is like this; {limits}")
     explained = water.encoding or view.encoding
     if explained != encoding:
-        remedy = f"{'give' if explained == 'linear' else 'leave out'} method.encoding=linear"
-        if view.encoding == "linear":
-            remedy = "give one of linear intensities"
+        remedy = f"give one of {encoding} intensities"
+        if option.chooses_encoding and view.encoding != "linear":
+            remedy = f"{'give' if explained == 'linear' else 'leave out'} method.encoding=linear"
         raise InputError(f"{place}: is of {explained} intensities, and {encoding} ones are to be explained; {remedy}")
     return WaterParameters(*values)
 

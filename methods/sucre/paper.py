@@ -49,7 +49,6 @@ CITES = (
 
 # The paper's settings: steps and learning rate of Adam, and the start beside J = I, B = beta = gamma = 0.1.
 STEPS, LR = 200, 0.05
-_START = "sucre_paper.start"
 _INITIAL_WATER = WaterParameters.of_channels(np.full((3, 3), 0.1))
 
 # Adam's own default (Kingma & Ba 2015), which the paper does not change.
@@ -93,10 +92,9 @@ class SucrePaper(FillOption):
     """Where to compute: auto takes a CUDA GPU when PyTorch sees one."""
 
     def __post_init__(self) -> None:
-        from sucre_bench.methods.sucre.known_water import check_source
+        from sucre_bench.methods.sucre.known_water import START, check_source
 
-        if self.start not in ("paper", "truth"):
-            check_source(self.start, _START)
+        check_source(self.start, START)
         if self.steps < 1 or not self.lr > 0:
             raise InputError(f"sucre_paper: steps is {self.steps}, lr {self.lr}; both must be positive")
 
@@ -107,7 +105,7 @@ class SucrePaper(FillOption):
         Raises NotApplicableError when no pixel has depth, SolveError when Adam left the range of numbers, InputError
         for a start that cannot be read.
         """
-        from sucre_bench.methods.sucre.known_water import water_of
+        from sucre_bench.methods.sucre.known_water import START, water_of
         from sucre_bench.methods.sucre.record import named, restoration, with_residuals
         from sucre_bench.methods.sucre.refine_views import fill_pixels_without_depth
         from sucre_bench.multiview.stored_pairs import paired
@@ -116,7 +114,7 @@ class SucrePaper(FillOption):
         started = time.perf_counter()
         start, water = start_of(observations, view.rgb.reshape(-1, 3)), _INITIAL_WATER
         if self.start != "paper":
-            water = water_of(self.start, scene, view, view.encoding, _START).water
+            water = water_of(self.start, scene, view, view.encoding, START).water
         how: Any = {"steps": self.steps, "lr": self.lr, "objective": self.objective, "device": self.device}
         how |= {"backend": "torch", "water": water, "tied": self.one_coefficient}
         with named(view):

@@ -1,6 +1,9 @@
 """The paper's optimiser, against automatic differentiation and finite differences in float64, and made water."""
 
+import json
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -249,10 +252,29 @@ def test_adam_starts_from_the_water_of_another_method_or_of_the_dataset(start: s
     np.testing.assert_allclose(np.abs(restored.water.attenuation - water.attenuation), 0.05, rtol=1e-4)  # a step's size
 
 
-@pytest.mark.parametrize("start", ["gray_word", "command"])
+@pytest.mark.parametrize("start", ["gray_word", "command", "own", ""])
 def test_a_start_that_gives_no_water_is_refused_by_its_option(start: str) -> None:
-    with pytest.raises(InputError, match=rf"^sucre_paper\.start={start}: "):
+    with pytest.raises(InputError, match=rf"^sucre_paper\.start(={start})?: "):
         SucrePaper(start=start)
+
+
+@pytest.mark.parametrize(
+    ("record", "known", "remedy"),
+    [
+        ({"encoding": "linear"}, "a", "one of gamma intensities"),
+        ({"gains": {"b.png": 1.0}}, "a", "light=even"),
+        ({"light": {"parts": ["lens"]}}, "a", r"sucre_paper\.start=paper"),
+        ({}, "z", r"sucre_paper\.start takes paper, truth, "),
+    ],
+)
+def test_what_is_wrong_with_a_start_is_mended_by_options_of_sucre_paper(
+    record: dict[str, object], known: str, remedy: str, tmp_path: Path
+) -> None:
+    water = {"B": [0.1, 0.2, 0.3], "beta": [0.3] * 3, "gamma": [0.3] * 3}
+    (tmp_path / f"{known}.json").write_text(json.dumps(water | record))
+    with pytest.raises(InputError, match=remedy) as refused:
+        restore("sucre_paper", SCENE, TARGET.name, start=str(tmp_path), steps=1)
+    assert not re.search(r"\.(encoding|light|water)\b|own|shared", str(refused.value))
 
 
 def test_the_number_of_threads_is_left_as_it_was_and_does_not_change_the_result() -> None:
