@@ -216,8 +216,11 @@ _ALONE = 0.9
 
 @dataclass(frozen=True, slots=True)
 class NearerEncoding:
-    """The encoding that the model explains better; ratio: residuals of linear light over those of stored intensities,
-    None if nothing tells."""
+    """The encoding that the model explains better; ratio: residuals of linear light over those of stored intensities.
+
+    They are those of the fits that decided: without gains if these refuse linear light, else with a gain for each view.
+    None if nothing tells.
+    """
 
     encoding: Literal["view", "linear"]
     ratio: float | None = None

@@ -51,7 +51,8 @@ class OwnWater:
         solution = self._solved(observations, to_fit)
         if matched is None or (parts is None and to_fit is None):
             return observations, self._determined(observations, solution)
-        may_be_strobe = not self.options.fill and self.options.colours == "multi_view"
+        options = self.options
+        may_be_strobe = not (options.fill or options.one_coefficient) and options.colours == "multi_view"
         few = matched
         if "robust" in solution.about:  # animals tell nothing of the light
             few = reweighted(matched, solution.water, robust_noise(matched, solution.water))
@@ -110,7 +111,7 @@ class OwnWater:
         solution = replace(solution, uncertainty=uncertainty)
         view = self.options.in_even_light(self.view, light)
         solution = replace(self, view=view)._determined(even, solution)
-        about = {**solution.about, **record_of(chosen, self.view.name)}
+        about = {**solution.about, **light_record(chosen, self.view.name)}
         limits = [f"{said}; {_MIXED}" if is_mixed else said for said in sentences_of(light)]
         known = {name for name, gain in zip(light.views, light.gains, strict=True) if np.isfinite(gain).all()}
         if unknown := [name for name in all_of_it.views if name not in known]:
@@ -140,7 +141,7 @@ def sentences_of(light: Light) -> list[str]:
     return said
 
 
-def record_of(chosen: Chosen, target: str) -> dict[str, Any]:
+def light_record(chosen: Chosen, target: str) -> dict[str, Any]:
     """Return the models of light that were tried, and the one that was fitted, as plain data for JSON."""
     assert chosen.fit is not None
     light = chosen.fit.light

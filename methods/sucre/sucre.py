@@ -16,7 +16,7 @@ from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.fill import FillOption
 from sucre_bench.machine.compute import Device
 from sucre_bench.machine.packages import require
-from sucre_bench.methods.sucre.known_water import WORDS, check_source, shared_water, water_of
+from sucre_bench.methods.sucre.known_water import WATER, check_source, shared_water, water_of
 from sucre_bench.methods.sucre.light import AUTO, EVEN, Light, Parts, parts_of
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.paper import CITES
@@ -87,7 +87,7 @@ class Sucre(FillOption):
 
     encoding: Literal["auto", "view", "linear"] = "auto"
     """view: fit intensities as stored, as the paper does; linear: fit linear light, decoded from sRGB; auto: linear
-    light only if it leaves less than 95 % of the residuals (water=own)."""
+    light only if it leaves less than 95 % of the residuals, with a gain for each view too (water=own)."""
 
     water: Literal["own", "shared", "truth"] | str = "own"
     """own: fit each image; shared: fit many images of the scene together; truth: the dataset's true water; METHOD: the
@@ -398,8 +398,7 @@ def check(options: Any, method: str) -> None:
     water = f"{method}.water={options.water}"
     if options.solver != "exact":
         raise InputError(f"{method}.solver: '{options.solver}' is not a choice; use exact, or the method sucre_paper")
-    if not options.water:
-        raise InputError(f"{method}.water: is empty; use own, shared, truth, a method, a file or a folder")
+    check_source(options.water, replace(WATER, name=f"{method}.water"))
     if options.robust != "auto" and not isinstance(options.robust, bool):
         raise InputError(f"{method}.robust: '{options.robust}' is not a choice; use true, false or auto")
     parts = parts_of(options.light, f"{method}.light")
@@ -409,13 +408,13 @@ def check(options: Any, method: str) -> None:
     if options.water != "own" and any(extras.values()):
         name = next(name for name, is_set in extras.items() if is_set)
         raise InputError(f"{method}.{name}: is found with the image's own water; leave out {water}")
+    if parts is not None and parts.strobe and options.one_coefficient:
+        raise InputError(f"{method}.light: the veil of a strobe is not eq. 1; give {method}.one_coefficient=false")
     if parts is not None and parts.strobe and (options.fill or options.colours == "single_view"):
         name = "fill" if options.fill else "colours"
         raise InputError(
             f"{method}.{name}: a strobe's light on pixels without depth is not known; use {method}.light=auto"
         )
-    if options.water not in WORDS:
-        check_source(options.water)
     for name, value in (("backend", "torch"), ("backend", "jax"), ("device", "cuda")):
         if getattr(options, name) == value:
             library = "jax" if options.backend == "jax" else "torch"

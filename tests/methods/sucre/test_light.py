@@ -279,6 +279,7 @@ def test_gains_of_views_that_are_no_positive_numbers_are_refused(plain: Scene, t
         {"light": "lens", "water": "truth"},
         {"light": "strobe", "fill": True},
         {"light": "strobe", "colours": "single_view"},
+        {"light": "strobe", "one_coefficient": True},
         {"light": "lamp"},
         {"light": "lens+"},
     ],
