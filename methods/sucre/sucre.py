@@ -16,7 +16,7 @@ from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.fill import FillOption
 from sucre_bench.machine.compute import Device
 from sucre_bench.machine.packages import require
-from sucre_bench.methods.sucre.known_water import WATER, check_source, shared_water, water_of
+from sucre_bench.methods.sucre.known_water import check_source, shared_water, water_of
 from sucre_bench.methods.sucre.light import AUTO, EVEN, Light, Parts, parts_of
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.paper import CITES
@@ -398,7 +398,7 @@ def check(options: Any, method: str) -> None:
     water = f"{method}.water={options.water}"
     if options.solver != "exact":
         raise InputError(f"{method}.solver: '{options.solver}' is not a choice; use exact, or the method sucre_paper")
-    check_source(options.water, replace(WATER, name=f"{method}.water"))
+    check_source(options.water)
     if options.robust != "auto" and not isinstance(options.robust, bool):
         raise InputError(f"{method}.robust: '{options.robust}' is not a choice; use true, false or auto")
     parts = parts_of(options.light, f"{method}.light")

@@ -373,7 +373,7 @@ def test_a_channel_without_light_is_named_and_stays_as_it_is() -> None:
     ("options", "named"),
     [
         ({"solver": "adam"}, {"sucre.solver", "'adam'", "sucre_paper"}),
-        ({"water": ""}, {"sucre.water", "empty"}),
+        ({"water": ""}, {"method.water", "empty"}),
         ({"water": "seathr"}, {"method.water=seathr", "'seathru'"}),
     ],
 )
