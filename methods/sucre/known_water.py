@@ -160,7 +160,7 @@ def _known(
         return KnownWater(parameters, {})
     if view.name not in gains:
         fault = f"was fitted with gains of views, and has none of {view.name}"
-        raise InputError(f"{place}: {fault}; give a folder with the water of each view, or one fitted with light=even")
+        raise InputError(f"{place}: {fault}; give a folder with the water of each view, or one fitted in even light")
     of_view = np.asarray(gains[view.name])
     relative = {name: np.asarray(gain) / of_view for name, gain in gains.items()}
     return KnownWater(replace(parameters, B=parameters.B * of_view), relative)

@@ -262,7 +262,7 @@ def test_a_start_that_gives_no_water_is_refused_by_its_option(start: str) -> Non
     ("record", "known", "remedy"),
     [
         ({"encoding": "linear"}, "a", "one of gamma intensities"),
-        ({"gains": {"b.png": 1.0}}, "a", "light=even"),
+        ({"gains": {"b.png": 1.0}}, "a", "even light"),
         ({"light": {"parts": ["lens"]}}, "a", r"sucre_paper\.start=paper"),
         ({}, "z", r"sucre_paper\.start takes paper, truth, "),
     ],
