@@ -1,9 +1,13 @@
 """Makes comparisons from rows: the units that all methods have, and a table for each dataset, view or region."""
 
+import itertools
 import math
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
 
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame, Series
@@ -22,12 +26,12 @@ from sucre_bench.compare.notes import (
 from sucre_bench.compare.statistics import ColumnScores, Units
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.results.reasons import Reason
-from sucre_bench.results.rows import COSTS, PREFERENCE, RESTORATION, By
+from sucre_bench.results.rows import COSTS, PREFERENCE, RESTORATION, By, values_of
 from sucre_bench.results.table import is_fresh
 
 # Columns that nothing here looks at; they are most of a table's memory.
 _UNUSED = frozenset({"options", "options_id", "n_pixels", "seconds", "peak_mb", "device", "seed", "code"})
-_UNIT = ["scene", "view", "region"]
+_UNIT, _COLUMN = ["scene", "view", "region"], ["metric", "variant"]
 
 
 def compare(
@@ -46,7 +50,7 @@ def compare(
     order = list(dict.fromkeys([*order, *rows["method"].unique()]))
     if baseline and baseline not in order:
         raise InputError(f"no scores of '{baseline}' to compare with; {did_you_mean(baseline, order)}")
-    rows = without_replicates(rows.assign(_fresh=is_fresh(rows), _asked=asked))
+    rows = without_replicates(rows.assign(_fresh=is_fresh(rows), _asked=asked)).drop(columns=["data_id", "time"])
     if "pixels" not in rows:
         rows = on_own_pixels(rows)
     is_part = rows["region"].str.contains("/", regex=False) & ~rows["metric"].isin(metrics_of_faults(rows))
@@ -144,26 +148,22 @@ def _table(title: str, rows: DataFrame, methods: list[str], baseline: str, known
 
     faults = [*fault_notes(rows)]
     rows = rows[~rows["region"].str.contains("/", regex=False)]  # names of faults
-    with_fresh = set(rows.loc[rows["_fresh"], "method"].unique())
+    fresh = rows[rows["_fresh"]]
+    with_fresh = set(fresh["method"].unique())
     stale = tuple(name for name in methods if name not in with_fresh)
     methods = [name for name in methods if name in with_fresh]
-    ok = rows[rows["_fresh"] & (rows["status"] == "ok") & rows["value"].notna()]
     metrics = {str(name): plugins.installed("metric", str(name)) for name in rows["metric"].unique()}
     of_colours = {name: p.needs for name, p in metrics.items() if p and p.needs & {"reference", "charts"}}
     is_lack = (rows["status"] == "skipped") & rows["reason"].str.startswith(Reason.LACK.value)
     lacks = frozenset[str]().union(*(of_colours.get(name, ()) for name in rows.loc[is_lack, "metric"].unique()))
-    ok = ok[ok["_asked"]]
-    has_holes = leaves_holes(rows[rows["_fresh"]])  # else all methods fill the same pixels
+    ok = fresh[fresh["_asked"] & (fresh["status"] == "ok") & fresh["value"].notna()]
+    has_holes = leaves_holes(fresh)  # else all methods fill the same pixels
     if has_holes and len(filled := filled_rows(rows)):
         ok = pd.concat([filled, ok])
     made, repetitions, measured = dict[Column, DataFrame](), dict[Column, DataFrame](), dict[Column, ColumnScores]()
-    for _, of_column in ok.groupby(["metric", "variant"], sort=False):
-        in_order = of_column.sort_values("value", kind="stable")  # sums must not depend on the order of rows
-        repeated = in_order.groupby([*REPETITION, "method"])["value"].mean().unstack("method")
-        values = _averaged(repeated)
-        column = _column(of_column, values)
+    for column, repeated, values in _by_column(ok):
         if column.n_units:
-            scores = _scores(column, values.dropna(), known.is_track)
+            scores = _scores(column, values.dropna() if column.missing else values, known.is_track)
             units = scores.independent
             column = replace(column, worth=units.worth if units and units.alike > 0 else math.inf)
             measured[column] = scores
@@ -179,9 +179,10 @@ def _table(title: str, rows: DataFrame, methods: list[str], baseline: str, known
     photographs = tuple(name for name in methods if name in known.photographs)
     cells = dict[tuple[str, Column], Cell]()
     for column, scores in measured.items():
-        values = made[column]
-        std, holes = statistics.standard_deviation(values.dropna().to_numpy()), values.isna().sum().to_numpy()
-        of_column = statistics.cells(column, scores, std, holes, photographs)
+        values = made[column].to_numpy()
+        holes = np.isnan(values)
+        std = statistics.standard_deviation(values[~holes.any(axis=1)])
+        of_column = statistics.cells(column, scores, std, holes.sum(axis=0), photographs)
         cells |= {(name, column): cell for name, cell in zip(scores.methods, of_column, strict=True)}
     has_none = lacks >= {"reference", "charts"}
     table = Comparison(
@@ -198,12 +199,34 @@ def _table(title: str, rows: DataFrame, methods: list[str], baseline: str, known
     return against(table, baseline) if baseline else table
 
 
+def _by_column(ok: DataFrame) -> Iterator[tuple[Column, DataFrame, DataFrame]]:
+    """Yield each column, in the order of rows, with its values before and after repetitions are averaged.
+
+    Both are tables of units x methods, sorted, NaN = a hole; the first has `REPETITION` in its index, the second _UNIT.
+    """
+    if ok.empty:
+        return
+    is_common = ok["pixels"] == "common"
+    of_common = set(values_of(ok[is_common], *_COLUMN)) if is_common.any() else set[tuple[Any, ...]]()
+    firsts = ok[[*_COLUMN, "unit", "better"]].drop_duplicates(_COLUMN)
+    keys = [*_COLUMN, *REPETITION, "method"]
+    in_order = ok[[*keys, "value"]].sort_values("value", kind="stable")  # sums must not depend on the order of rows
+    every = in_order.groupby(keys)["value"].mean().unstack("method")
+    for metric, variant, unit, better in values_of(firsts, *firsts):
+        repeated = every.xs((metric, variant))
+        if (lacking := repeated.isna().to_numpy()).any():
+            repeated = repeated.loc[:, ~lacking.all(axis=0)]
+        values = _averaged(repeated)
+        pixels: Literal["own", "common"] = "common" if (metric, variant) in of_common else "own"
+        yield _column(str(metric), str(variant), str(unit), str(better), pixels, values), repeated, values
+
+
 def _averaged(repetitions: DataFrame) -> DataFrame:
     """Means over the repetitions that all methods have: units x methods, both sorted, NaN = a hole.
 
     Of a unit without any such repetition, methods that lack one have a hole.
     """
-    units = repetitions.droplevel("_replicate").sort_index()
+    units = repetitions.droplevel("_replicate")
     if units.index.is_unique:
         return units
     lacking = repetitions.isna()
@@ -218,34 +241,35 @@ def _place(column: Column) -> tuple[bool, bool, bool, bool]:
     return not says_filled(column.metric, column.variant), column.knows == "taste", column.better == "none", is_cost
 
 
-def _column(rows: DataFrame, values: DataFrame) -> Column:
+def _column(
+    metric: str, variant: str, unit: str, better: str, pixels: Literal["own", "common"], values: DataFrame
+) -> Column:
     """What a column is. values: units x methods."""
-    left, first = values.dropna().index, rows.iloc[0]
-    metric, variant = str(first.metric), str(first.variant)
+    units, is_whole = values.index.tolist(), ~np.isnan(values.to_numpy()).any(axis=1)
+    left = list(itertools.compress(units, is_whole))
     plugin = plugins.installed("metric", metric)
     of_unknown = (0 if metric in (*COSTS, FILLED) else -math.inf, 1 if metric == FILLED else math.inf)
     return Column(
         metric=metric,
         variant=variant,
-        unit=str(first.unit),
-        better="none" if plugin and variant in plugin.unranked else str(first.better),
+        unit=unit,
+        better="none" if plugin and variant in plugin.unranked else better,
         range=plugin.range if plugin else of_unknown,
-        of="image" if (rows["region"] == "image").all() else "chart",
+        of="image" if all(region == "image" for *_, region in units) else "chart",
         n_units=len(left),
-        n_views=len(left.droplevel("region").unique()),
-        n_scenes=left.get_level_values("scene").nunique(),
-        missing=len(values) - len(left),
-        pixels="common" if "pixels" in rows and (rows["pixels"] == "common").any() else "own",
+        n_views=len({(scene, view) for scene, view, _ in left}),
+        n_scenes=len({scene for scene, *_ in left}),
+        missing=len(units) - len(left),
+        pixels=pixels,
         knows=plugin.knows(variant) if plugin else "truth" if metric in (*COSTS, FILLED, PREFERENCE) else "taste",
     )
 
 
 def _scores(column: Column, complete: DataFrame, is_track: bool) -> ColumnScores:
     """The numbers of a column. complete: units x methods, both sorted, without holes; is_track: of their views."""
-    per_view = complete.droplevel("region")
-    if not per_view.index.is_unique:
-        per_view = complete.groupby(level=_UNIT[:2]).mean()
-    views, scenes = per_view.to_numpy(), [*Counter(scene for scene, _ in per_view.index).values()]
+    per_view = complete if column.n_views == len(complete) else complete.groupby(level=_UNIT[:2]).mean()
+    places = [(scene, view) for scene, view, *_ in per_view.index]
+    views, scenes = per_view.to_numpy(), [*Counter(scene for scene, _ in places).values()]
     is_of_pairs = len(scenes) == 1 and column.plugin is not None and column.plugin.is_of_pairs
     units = None
     if column.metric != FILLED and len(views) > (2 if is_of_pairs else 1):
@@ -253,4 +277,4 @@ def _scores(column: Column, complete: DataFrame, is_track: bool) -> ColumnScores
         units = Units.of(
             statistics.pseudo_values(views) if is_of_pairs else views, scenes, is_track and not is_of_pairs
         )
-    return ColumnScores(tuple(map(str, complete.columns)), tuple(per_view.index), views, units)
+    return ColumnScores(tuple(map(str, complete.columns)), tuple(places), views, units)

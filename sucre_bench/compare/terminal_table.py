@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 import textwrap
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
@@ -179,9 +179,9 @@ def _overview(comparisons: Sequence[Comparison], width: int) -> Text:
     chosen = [deciding(one) for one in comparisons]
     mains = [each.first for each in chosen if each.first]
     ranked = [best_first(one, each.main) for one, each in zip(comparisons, chosen, strict=True)]
-    places = {
-        name: [ranking.index(name) for ranking in ranked if name in ranking] for ranking in ranked for name in ranking
-    }
+    places = defaultdict[str, list[int]](list)
+    for place, name in (each for ranking in ranked for each in enumerate(ranking)):
+        places[name].append(place)
     apart = {name for one in comparisons if one.restorers for name in one.photographs}
     blind = [one for one, each in zip(comparisons, chosen, strict=True) if not each.knows_colours]
     methods = [*places] if blind else sorted(places, key=lambda name: (name in apart, fmean(places[name])))

@@ -33,7 +33,7 @@ from sucre_bench.machine.records import shorten_records
 from sucre_bench.machine.text_formats import now
 from sucre_bench.plugins.call_method import restored, shown_with, with_truth
 from sucre_bench.results.layout import decoded_path, file_name, log_path, pairs_path, restored_path
-from sucre_bench.results.restorations import Measured, read_full, write_full, write_pictures
+from sucre_bench.results.restorations import Measured, read_full, write_full, write_pictures, write_view
 from sucre_bench.results.rows import Row
 from sucre_bench.results.table import Part
 from sucre_bench.scene import Scene, View
@@ -150,7 +150,7 @@ def measured_restore(method: Any, scene: Scene, view: View, word: str = "method"
     restoring it. Where a method says of itself in `info` what it took ("seconds", "peak_mb"), since its work was done
     elsewhere, that counts.
     """
-    _ = view.rgb, view.has_depth
+    _ = view.rgb.shape, view.has_depth
     with PeakMemory() as memory:
         started = time.perf_counter()
         restoration = restored(method, scene, view, word)
@@ -167,10 +167,11 @@ def _rows(job: Job, method: Any, metrics: Sequence[Scorer], task: Task, over: _S
     try:
         with step(f"view '{view.name}' by method '{job.method.label}'"):
             measured = _measured(job, method, task, job.overwrite == "always" and not decides, job.save == "full")
+            write_view(job.out, task.place, view)
             colours = over.colours if over and over.colours.size else None
             shown, filled = displayed(measured.restoration, job.method.display, view.encoding, colours)
             look = (job.bits, over.hash if over else "")
-            write_pictures(job.out, task.place, job.method.label, view, measured.restoration, shown, filled, *look)
+            write_pictures(job.out, task.place, job.method.label, measured.restoration, shown, filled, *look)
             return score_rows(measured, shown, view, metrics, task.base, log, job.view_timeout_s)
     except BaseException as fault:
         raise_if_stop(fault)

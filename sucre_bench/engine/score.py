@@ -69,6 +69,7 @@ def score_rows(
         n_pixels=int(np.count_nonzero(valid)),
         coverage=float(valid.mean()),
     )
+    del valid
     took = (("seconds", "wall", "s", measured.seconds), ("peak_mb", "resident", "MB", measured.peak_mb))
     rows = [
         replace(base, metric=name, variant=variant, unit=unit, better="lower", value=value)
@@ -157,6 +158,23 @@ def variant_rows(metric: Metric, scored: Scored, base: Row, log: Path | None, li
         return [row_of_fault(base, fault, log)]
     rows = [row_without_value(row, "skipped", Reason.NO_VALUE.value) if math.isnan(row.value) else row for row in rows]
     return rows or [row_without_value(base, "skipped", Reason.NOTHING_TO_SCORE.value)]
+
+
+def needs_unrounded(scorer: Scorer, picture: Restoration, view: View, limit_s: float | None = None) -> bool:
+    """Return whether scores change with the restoration while the restored image stays, or the metric fails.
+
+    A bundle has only the restored image. picture: its image is that; limit_s: how long a score may take.
+    """
+    values = []
+    for image in (picture.image, picture.image - np.float32(0.5)):
+        scored = Scored(replace(picture, image=image), picture.image, view)
+        bases = [Row(view=view.name, metric=scorer.plugin.name, variant=variant) for variant in scorer.variants]
+        rows = [row for base in bases for row in variant_rows(scorer.metric, scored, base, None, limit_s)]
+        values.append([row.value for row in rows])
+        if any(row.status == "failed" for row in rows):
+            return True
+    one, two = values
+    return len(one) != len(two) or not np.allclose(one, two, rtol=1e-9, atol=0, equal_nan=True)
 
 
 def row_without_value(base: Row, status: Status, reason: str) -> Row:

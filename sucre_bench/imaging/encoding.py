@@ -30,12 +30,21 @@ def converted(image: Array, source: Encoding, target: Encoding) -> Array:
 
 def to_8bit(shown: Array) -> np.ndarray:
     """Round a picture in [0, 1] to uint8; pixels without colour become black (SUCRe's convention)."""
-    return np.asarray(np.nan_to_num(shown, nan=0.0).clip(0, 1) * 255 + 0.5).astype(np.uint8)
+    return _levels(shown, np.uint8)
 
 
 def to_16bit(shown: Array) -> npt.NDArray[np.uint16]:
     """Round a picture in [0, 1] to uint16; pixels without colour become black."""
-    return np.asarray(np.nan_to_num(shown, nan=0.0).clip(0, 1) * 65535 + 0.5).astype(np.uint16)
+    return _levels(shown, np.uint16)
+
+
+def _levels(shown: Array, kind: type[np.unsignedinteger[Any]], rows: int = 64) -> npt.NDArray[Any]:
+    """A few rows at a time: pictures of 100 megapixels are 1.2 GB."""
+    levels = np.empty(shown.shape, kind)
+    for start in range(0, len(shown), rows):
+        band = slice(start, start + rows)
+        levels[band] = np.nan_to_num(shown[band], nan=0.0).clip(0, 1) * np.iinfo(kind).max + 0.5
+    return levels
 
 
 Bytes = npt.NDArray[np.uint8]

@@ -19,7 +19,9 @@ def reference_of(view: View, image: Array) -> Array:
 
 def known_in_both(image: Array, reference: Array, view: View) -> Mask:
     """Return the pixels (H, W) with a colour in an image and in its reference, and with depth if the view has any."""
-    return coloured_pixels(image) & coloured_pixels(reference) & view.valid
+    mask = coloured_pixels(image) & coloured_pixels(reference)
+    mask &= view.valid
+    return mask
 
 
 def psnr_of(squared_error: float) -> float:

@@ -14,6 +14,7 @@ import shlex
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
 
@@ -29,6 +30,7 @@ from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import Photograph, scaled_pose, scene_of, straight_lens
 from sucre_bench.machine.files import fault_of, regular
 from sucre_bench.machine.progress import track
+from sucre_bench.machine.text_formats import first_few
 from sucre_bench.scene import Encoding, Plane, Scene
 
 # By their number in cameras.bin.
@@ -241,7 +243,8 @@ def registered_scene(
     image_of: the file of each image name of the model; depths: folder of depth maps in metres, of the undistorted
     images (may be missing); metres_per_unit: factor for the model's lengths; references: the image without water of
     each image that has one, distorted like it; charts: see `charts_file` (may be missing).
-    Raises MissingFileError if no image exists. A fault in the files of one view becomes a fault of that view.
+    Raises MissingFileError if no image exists. A fault in the files of one view becomes a fault of that view. Of images
+    that are missing the first is a view, whose fault says how many are; the others are none.
     """
     paths = {posed.name: image_of(posed.name) for posed in model}
     missing = {name: fault for name, path in paths.items() if (fault := fault_of(path))}
@@ -249,19 +252,20 @@ def registered_scene(
     if len(missing) == len(paths):
         raise MissingFileError(f"none {of} is there", next(iter(paths.values())), "copy them there")
     not_there = {
-        name: f"{paths[name]}: {why} ({len(missing)} {of} are missing); copy it there" for name, why in missing.items()
+        name: f"{paths[name]}: {why} ({len(missing)} {of} are missing: {first_few([*missing], 3)}); copy them there"
+        for name, why in islice(missing.items(), 1)
     }
-    sizes = {
-        posed.name: image_size(paths[posed.name]) or (posed.camera.width, posed.camera.height)
-        for posed in track(model, "image sizes")
-    }
+    sizes = {posed.name: (posed.camera.width, posed.camera.height) for posed in model}
+    there = [posed for posed in model if posed.name not in missing]
+    sizes |= {posed.name: size for posed in track(there, "image sizes") if (size := image_size(paths[posed.name]))}
     found, ambiguous = find_depths(depths, list(paths))
     seen = {} if charts is None else read_charts(charts, sizes)
     faults: dict[Plane, Mapping[str, str]] = {"rgb": not_there, "depth": ambiguous}
 
     photographs = []
     for posed in model:
-        image = posed.name
+        if (image := posed.name) in missing and image not in not_there:
+            continue
         photograph = Photograph(
             image,
             paths[image],

@@ -37,11 +37,11 @@ def find_depths(folder: Path, names: Sequence[str]) -> tuple[dict[str, Path], di
                 there[path.with_suffix("").as_posix()].append(path.as_posix())
     claims: dict[str, list[tuple[int, str]]] = defaultdict(list)  # the file -> who may own it, how closely named
     nearest: dict[str, str] = {}
-    for name in names:
+    for name in names if there else ():
         image = PurePosixPath(name)
-        places = dict.fromkeys((image.parent, PurePosixPath()))
+        places = dict.fromkeys(("" if (parent := str(image.parent)) == "." else f"{parent}/", ""))
         stems = (f"depth_{image.stem}", f"depth{image.stem}", image.stem)  # the closest name first
-        for rank, stem in enumerate(str(place / stem) for place in places for stem in stems):
+        for rank, stem in enumerate(place + stem for place in places for stem in stems):
             if stem in there:
                 claims[stem].append((rank, name))
                 nearest.setdefault(name, stem)

@@ -60,8 +60,10 @@ def print_of(image: npt.NDArray[Any]) -> Print:
     """Return the print of a picture (H, W, 3), RGB, uint8 or in [0, 1]."""
     import cv2
 
-    full = 1 if image.dtype == np.uint8 else 255
-    small = cv2.resize(np.nan_to_num(image.astype(np.float32)) * full, (_SIDE, _SIDE), interpolation=cv2.INTER_AREA)
+    values = np.asarray(image, dtype=np.float32)
+    values = values if np.isfinite(values.sum()) else np.nan_to_num(values)  # no copy of large pictures
+    small = cv2.resize(values, (_SIDE, _SIDE), interpolation=cv2.INTER_AREA)
+    small = small if image.dtype == np.uint8 else small * 255
     low = cv2.dct(np.asarray(small @ np.array([0.299, 0.587, 0.114], np.float32)))[:_FREQUENCIES, :_FREQUENCIES].ravel()
     low[0] = 0  # brightness is no structure
     colour = np.rint(small.mean(axis=(0, 1)).clip(0, 255)).astype(np.uint8)

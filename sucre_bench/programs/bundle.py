@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sucre_bench import plugins, results
-from sucre_bench.engine.score import Scored, scorers, variant_rows
+from sucre_bench.engine.score import needs_unrounded, scorers
 from sucre_bench.errors import ANY_FAULT, InputError, PluginError
 from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.machine import processes, progress
@@ -19,7 +19,7 @@ from sucre_bench.machine.records import record_of
 from sucre_bench.results import layout
 from sucre_bench.results.bundle_format import COMMON, hash_of, write_bundle
 from sucre_bench.results.common_scores import read_common
-from sucre_bench.results.rows import COSTS, Row, csv_text, restorations
+from sucre_bench.results.rows import COSTS, csv_text, restorations
 from sucre_bench.scene import Arrays, Restoration, View
 
 # "restored": the restored images; "all": also the views and references, which may not be yours to publish.
@@ -97,7 +97,7 @@ def _strings(value: Any) -> Iterator[str]:
 
 
 def _needs_unrounded(metric: str, variant: str) -> bool:
-    """Whether a score changes with the restoration while the restored image stays, or the metric fails.
+    """Whether `needs_unrounded` says so of a small picture.
 
     False where that is not known: the metric is not registered here, or needs more than a view with depth and
     reference.
@@ -110,17 +110,9 @@ def _needs_unrounded(metric: str, variant: str) -> bool:
         return False
     rgb = np.linspace(0, 1, _SIDE * _SIDE * 3, dtype=np.float32).reshape(_SIDE, _SIDE, 3)
     view = View("a.png", Arrays(rgb, depth=np.ones((_SIDE, _SIDE), np.float32), reference=rgb[::-1]))
-    base = Row("trial", "", view.name, "trial", metric=metric, variant=variant)
 
     def changes() -> bool:
-        values = []
-        for darker in (0.0, 0.5):  # the restoration, than the restored image
-            scored = Scored(Restoration(rgb - np.float32(darker)), rgb, view)
-            rows = variant_rows(scorer.metric, scored, base, None, _LIMIT_S)
-            if any(row.status == "failed" for row in rows):
-                return True
-            values.append([row.value for row in rows])
-        return not np.array_equal(values[0], values[1], equal_nan=True)
+        return needs_unrounded(scorer, Restoration(rgb), view, _LIMIT_S)
 
     try:
         return processes.call(changes, "mend the metric") if scorer.plugin.is_foreign else changes()

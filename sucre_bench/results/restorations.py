@@ -32,7 +32,7 @@ from sucre_bench.results.layout import Place
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import Row
 from sucre_bench.results.water_file import water_of
-from sucre_bench.scene import Restoration, View, Water
+from sucre_bench.scene import Plane, Restoration, View, Water
 
 FILES = "files"  # the name in the record of the sizes in bytes of the files beside it, by suffix
 _SHOWN_OVER = "shown_over"
@@ -47,29 +47,35 @@ class Measured:
     peak_mb: float
 
 
+def write_view(out: Path, place: Place, view: View) -> None:
+    """Write the view and its reference, to look at."""
+    planes: tuple[tuple[Plane, Path], ...] = ("rgb", place.original(out)), ("reference", place.reference(out))
+    for plane, path in planes:
+        if (image := getattr(view, plane)) is not None:
+            levels = to_8bit(display(image, "none", view.encoding)[..., ::-1])
+            del image  # it may have 1 GB
+            write_image(path, levels)
+
+
 def write_pictures(
     out: Path,
     place: Place,
     method: str,
-    view: View,
     restoration: Restoration,
     shown: Array,
     filled: Array | None = None,
     bits: int = 8,
     shown_over: str = "",
 ) -> None:
-    """Write the restored image with its mask, its record, and the view and its reference to look at.
+    """Write the restored image with its mask, and its record.
 
     method: the label; shown: the restored image (H, W, 3) in [0, 1], gamma-encoded, NaN = a hole; filled: guessed
     colours of holes, likewise: the picture shows them, and the mask still marks holes; bits: of the restored image;
     shown_over: a hash of the views whose colours decided how it is shown.
     """
     path, started = place.restored(out, method), time.perf_counter()
-    for image, look_at in ((view.rgb, place.original(out)), (view.reference, place.reference(out))):
-        if image is not None:
-            write_image(look_at, to_8bit(display(image, "none", view.encoding))[..., ::-1])
     picture = shown if filled is None else np.where(np.isnan(shown), filled, shown)
-    write_masked_png(path, (to_8bit if bits == 8 else to_16bit)(picture)[..., ::-1], restoration.valid)
+    write_masked_png(path, (to_8bit if bits == 8 else to_16bit)(picture[..., ::-1]), restoration.valid)
     files = (path.with_suffix(suffix) for suffix in (".png", ".npz"))
     sizes = {file.suffix: file.stat().st_size for file in files if file.is_file()}
     water = {} if restoration.water is None else _water_record(restoration.water)

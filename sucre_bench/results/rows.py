@@ -142,7 +142,7 @@ def restoration_rows(rows: DataFrame) -> DataFrame:
 
 def restorations(rows: DataFrame) -> DataFrame:
     """Return the rows that stand for restorations that ended well: one a view and method, see `Row`."""
-    return restoration_rows(rows[(rows["status"] == "ok") & (rows["view"] != "")])
+    return rows[(rows["metric"] == RESTORATION) & (rows["status"] == "ok") & (rows["view"] != "")]
 
 
 def score_rows(rows: DataFrame) -> DataFrame:

@@ -265,6 +265,17 @@ def test_a_fault_of_one_view_is_raised_with_its_pixels_and_other_views_go_on(
     assert getattr(scene["b.png"], plane).shape[:2] == (HEIGHT, WIDTH)
 
 
+def test_of_missing_images_the_first_is_a_view_that_says_how_many_are(tmp_path: Path) -> None:
+    """A model of 100,000 images of which 4 were copied is no reason for 99,996 failed views."""
+    root = write_dive(tmp_path, ["a.png", "b.png", "c.png", "d.png", "e.png", "f.png"])
+    for name in "bcdf":
+        (root / f"images/{name}.png").unlink()
+    scene = load(root)
+    assert [view.name for view in scene] == ["a.png", "b.png", "e.png"]
+    with one_line("images/b.png: no such file", "4 of the model's 6", "b.png, c.png, d.png, ..."):
+        _ = scene["b.png"].rgb
+
+
 @pytest.mark.parametrize("channels", [3, 4])
 def test_an_image_of_floats_is_refused(tmp_path: Path, channels: int) -> None:
     """Its range is anybody's guess."""

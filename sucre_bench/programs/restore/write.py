@@ -100,15 +100,16 @@ def _picture(one: Restored, original_geometry: bool) -> Array:
     """The whole picture (H, W, 3) in [0, 1]. Raises InputError if a file cannot be read or has another size."""
     import cv2
 
-    picture, beside = read_rgb(one.image), display(one.view.rgb, "none", one.view.encoding)
-    mask = read_mask(one.image)
+    picture, mask = read_rgb(one.image), read_mask(one.image)
     measured = np.ones(picture.shape[:2], np.bool_) if mask is None else mask
     # Where the water is known, the method has coloured pixels without depth, too.
     known = measured | picture.any(axis=-1) if one.is_water_known else measured
     if one.origin and one.origin.is_file():
         origin = cv2.resize(decode(one.origin, 0), measured.shape[::-1], interpolation=cv2.INTER_NEAREST_EXACT)
         measured = measured & (origin != _INTERPOLATED)
-    picture = with_open_water(whole(picture, known, beside), measured, beside)
+    if not (known.all() and measured.all()):
+        beside = display(one.view.rgb, "none", one.view.encoding)
+        picture = with_open_water(whole(picture, known, beside), measured, beside)
     if not original_geometry or one.lens is None:
         return picture
     lens, beside = one.lens, display(read_rgb(one.photograph), "none", one.view.encoding)

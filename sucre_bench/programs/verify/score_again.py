@@ -161,13 +161,6 @@ class Pictured:
             return math.inf if known else 0.0
         return max((_difference(one, value, scorer.plugin.period) for one in known), default=0.0)
 
-    def needs_unrounded(self, scorer: Scorer, key: Key) -> bool:
-        """Whether a score changes with the restoration while the restored image stays: a bundle has the latter."""
-        image = self.restoration.image
-        other = scores_of(replace(self.restoration, image=image - np.float32(0.5)), image, self.view, [scorer])
-        one, two = self.rows[key].value, other[key].value if key in other else math.nan
-        return not np.isclose(one, two, rtol=1e-9, atol=0, equal_nan=True)
-
 
 Scenes = dict[tuple[str, str], Scene]  # by dataset label, and name in rows
 

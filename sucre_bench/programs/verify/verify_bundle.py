@@ -19,7 +19,7 @@ import numpy as np
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, DataFrame, Mask, locked
 from sucre_bench.compare import Pixels
-from sucre_bench.engine.score import Scorer
+from sucre_bench.engine.score import Scorer, needs_unrounded
 from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError
 from sucre_bench.imaging.image_files import decode_bytes, size_of_bytes
 from sucre_bench.machine import progress
@@ -339,7 +339,7 @@ class _Check:
                 return
         else:
             if metric not in self._unrounded:
-                self._unrounded[metric] = pictured.needs_unrounded(scorer, key)
+                self._unrounded[metric] = needs_unrounded(scorer, pictured.restoration, pictured.view)
             if self._unrounded[metric]:
                 outcome.unchecked[f"{score.metric} needs the restoration before it was rounded"] += 1
                 return
