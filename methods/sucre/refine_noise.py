@@ -373,16 +373,15 @@ def prior_of(J: Array, deviation: Array, least_spread: float = LEAST_SPREAD) -> 
     return prior
 
 
-def without_specks(J: Array, deviation: Array, *, linear: bool = False) -> Array:
-    """Return the deviations (3, P) of colours, infinite for those that are too bright for a surface.
+def specks_of(J: Array, deviation: Array, *, linear: bool = False) -> Mask:
+    """Return which colours (P,) of J (3, P) with standard deviations are too bright for a surface.
 
     They are snow and animals before far ground that too few views show to contradict them. linear: of linear light.
     """
     few = J[:, :: max(1, J.shape[1] // _SAMPLE_OF_PRIOR)]
     times = _TIMES_LINEAR if linear else _TIMES
     most = times * np.quantile(few, _BRIGHTEST, axis=1).clip(min=0)[:, None]
-    is_speck = (J - _SURE * deviation > most).any(axis=0)
-    return np.where(is_speck, np.float32(np.inf), deviation)
+    return np.asarray((J - _SURE * deviation > most).any(axis=0))
 
 
 def _variance(deviation: Array) -> Array:

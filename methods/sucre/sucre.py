@@ -26,7 +26,7 @@ from sucre_bench.methods.sucre.refine_noise import (
     LEAST_SPREAD_LINEAR,
     ImagePrior,
     prior_of,
-    without_specks,
+    specks_of,
 )
 from sucre_bench.plugins.call_method import display_of
 from sucre_bench.scene import Encoding
@@ -74,7 +74,8 @@ class Sucre(FillOption):
 
     robust: bool | Literal["auto"] = "auto"
     """true: give less weight to observations that do not fit, such as animals that move and pixels paired wrongly;
-    auto: only if these lie together in single views, or if noise explains the others; false: never."""
+    auto: only if these lie together in single views, or if noise explains the others; false: never. A colour that is
+    too bright for a surface stays unknown, except with false."""
 
     light: str = "auto"
     """What differs in the light of the views, fitted with the water: exposure (a gain for each view),
@@ -139,7 +140,7 @@ class Sucre(FillOption):
                 kernel.colours(water, np.ones(3), np.zeros((3, 3, 3)))
 
     def restore(self, scene: Scene, view: View) -> Restoration:
-        """Return J, NaN where the view has no depth, the water, and the standard deviation of J.
+        """Return J, NaN where the view has no depth and at specks, the water, and the standard deviation of J.
 
         info: see `record.restoration`; seconds of each stage besides.
         Raises NotApplicableError when no pixel has depth or none is seen twice, SolveError when the fit fails,
@@ -181,6 +182,7 @@ class Sucre(FillOption):
             observations, solution = self._single_view(view, solution)
         else:
             solution = self._refined(view, observations, solution)
+        solution = self._without_specks(view, solution)
         solution, prior, black = self._with_prior(view, solution)
         if self._decodes(view):
             solution = _encoded(solution)
@@ -206,6 +208,19 @@ class Sucre(FillOption):
             return solution
         return solution.with_limits([UNKNOWN_VEIL])
 
+    def _without_specks(self, view: View, solution: Solution) -> Solution:
+        """Return the solution with colours unknown that no surface has: NaN, or for the prior of refine=true to guess.
+
+        robust=false leaves them as least squares has them.
+        """
+        if solution.is_photograph or not (self.refine or self.robust):
+            return solution
+        is_speck = specks_of(solution.J, solution.deviation, linear=self._fitted(view) == "linear")
+        if self.refine:
+            return replace(solution, deviation=np.where(is_speck, np.float32(np.inf), solution.deviation))
+        J, deviation = (np.where(is_speck, np.float32(np.nan), values) for values in (solution.J, solution.deviation))
+        return replace(solution, J=J, deviation=deviation)
+
     def _with_prior(self, view: View, solution: Solution) -> tuple[Solution, ImagePrior | None, Array | None]:
         """Return the solution with less noise in its colours (refine=true), the prior, and the black (3,) subtracted.
 
@@ -218,9 +233,7 @@ class Sucre(FillOption):
         if self.refine and falls_off and (solution.is_photograph or has_unknown_veil(solution)):
             solution, black = without_darkest(solution)
         if self.refine and not solution.is_photograph:
-            linear = self._fitted(view) == "linear"
-            solution = replace(solution, deviation=without_specks(solution.J, solution.deviation, linear=linear))
-            spread = LEAST_SPREAD_LINEAR if linear else LEAST_SPREAD
+            spread = LEAST_SPREAD_LINEAR if self._fitted(view) == "linear" else LEAST_SPREAD
             prior = prior_of(solution.J, solution.deviation, spread)
         if prior is not None:
             J, deviation = prior.posterior(solution.J, solution.deviation)

@@ -17,7 +17,7 @@ from sucre_bench import Arrays, InputError, Restoration, Scene, SolveError, Wate
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.machine.records import add_record
 from sucre_bench.methods.sucre import Sucre, SucrePlus
-from sucre_bench.methods.sucre.refine_noise import prior_of, without_specks
+from sucre_bench.methods.sucre.refine_noise import prior_of, specks_of
 from sucre_bench.plugins import find
 from sucre_bench.plugins.options import Choice, create
 
@@ -291,12 +291,23 @@ def test_a_speck_before_far_ground_takes_the_mean_colour_and_bright_things_stay(
     J[:, 0], J[:, 1] = (60, 2.9, 2.3), (1.5, 1.4, 1.3)  # snow at 12 m in coastal water; a white shell
     deviation = np.full(J.shape, 0.01)
     deviation[0, 2], J[0, 2] = 1.0, 4.0  # noise
-    known = without_specks(J, deviation)
-    assert np.isinf(known[:, 0]).all()
-    np.testing.assert_array_equal(known[:, 1:], deviation[:, 1:])
+    is_speck = specks_of(J, deviation)
+    assert np.flatnonzero(is_speck).tolist() == [0]
+    known = np.where(is_speck, np.inf, deviation)
     shrunk, left = prior_of(J, known).posterior(J, known)
     assert np.abs(shrunk[:, 0] - 0.5).max() < 0.1
     assert (left[:, 0] > 0.1).all()
+
+
+def test_a_speck_has_no_colour_in_the_least_squares_colours() -> None:
+    farthest = np.unravel_index(TARGET.distance.argmax(), TARGET.distance.shape)
+    rgb = TARGET.rgb.copy()
+    rgb[farthest] = 0.9
+    snow = replace(TARGET, pixels=Arrays(rgb, TARGET.depth))
+    for robust, is_known in (("auto", False), (False, True)):
+        result = sucre(water="truth", colours="single_view", robust=robust).restore(SCENE, snow)
+        assert np.isfinite(result.image[farthest]).all() == np.isfinite(result.confidence[farthest]) == is_known
+        assert np.array_equal(result.valid, (TARGET.depth > 0) & (is_known | (rgb != 0.9).any(axis=-1)))
 
 
 def test_red_that_is_lost_follows_the_channels_that_are_known() -> None:
