@@ -43,7 +43,7 @@ class WaterUncertainty:
     noise: (3,) standard deviation of an observation in each channel, in intensity; covariance: (3, 3, 3) of B, beta,
     gamma in each channel; standard_error: of each parameter, NaN where it is held at a bound; condition: (3,) of the
     scaled H; limits: in words, the parameters that the observations do not determine; is_weak: channels that a weak
-    prior decides.
+    prior decides; alike: like covariance, where it is larger if residuals of neighbours and of a view are alike.
     """
 
     noise: Array
@@ -52,6 +52,7 @@ class WaterUncertainty:
     condition: Array
     limits: tuple[str, ...]
     is_weak: tuple[bool, bool, bool] = (False, False, False)
+    alike: Array | None = None
 
 
 def is_determined(uncertainty: WaterUncertainty) -> bool:
@@ -75,12 +76,12 @@ def clustered(
     They are: texture, light and poses differ more between places and views than within. With s the sum of D'^T r over a
     cluster, H^-1 (sum s s^T) H^-1 needs independent clusters only (Liang & Zeger 1986). Clusters are tiles of the
     target, or views; each parameter has the largest error of these, and of independent observations. The covariance
-    stays: colours are weighted with it. images: that the water was fitted to, with `view`.
+    stays, since priors weigh colours with it; `alike` has the other. images: that the water was fitted to, with `view`.
     """
     H, by_cluster = _cluster_sums(images, water)
     H = TIED @ H @ TIED.T if tied else H
     before = uncertainty.standard_error.by_channel()
-    error = before.copy()
+    error, alike = before.copy(), uncertainty.covariance.copy()
     for sums in by_cluster:
         s = TIED @ sums if tied else sums
         n = int((s != 0).any(axis=(0, 1)).sum())
@@ -89,14 +90,19 @@ def clustered(
         for c in range(3):
             k = np.flatnonzero(np.isfinite(before[c]) & (np.diag(H[c]) > 0))
             effect = np.linalg.pinv(H[c][np.ix_(k, k)], rcond=1e-14, hermitian=True) @ s[c, k]
-            error[c, k] = np.fmax(error[c, k], np.sqrt((effect**2).sum(axis=1) * n / (n - 3)))
+            covariance = effect @ effect.T * n / (n - 3)
+            error[c, k] = np.fmax(error[c, k], np.sqrt(np.diag(covariance)))
+            whole = np.zeros((3, 3))
+            whole[np.ix_(k, k)] = covariance
+            whole = TIED.T @ whole @ TIED if tied else whole
+            alike[c] = whole if whole.trace() > alike[c].trace() else alike[c]
     error = error[:, [0, 1, 1]] if tied else error
     named = " ".join(uncertainty.limits)
     rows = water.by_channel()
     loose = [_loose(c, rows, error) for c in range(3) if f"{CHANNELS[c]}: undetermined" not in named]
     far = max(float(np.quantile(one.distance, 0.95)) for one in images)
     limits = (*uncertainty.limits, *filter(None, loose), *_uneven(error[:, 1] * far))
-    return replace(uncertainty, standard_error=WaterParameters.of_channels(error), limits=limits)
+    return replace(uncertainty, standard_error=WaterParameters.of_channels(error), limits=limits, alike=alike)
 
 
 def _uneven(wrong: Array) -> list[str]:

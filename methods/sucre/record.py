@@ -100,6 +100,7 @@ def restoration(
     prior decides the water of a channel; steps, n_observations, n_repeated pixels, n_views, unreadable, device.
     """
     water, uncertainty = solution.water, solution.uncertainty
+    deviation = solution.deviation if solution.growth is None else solution.deviation * solution.growth
     negative = (solution.J < 0).mean(axis=1)
     unknown = (solution.deviation > 1).mean(axis=1)
     name = type(options).__plugin__.name
@@ -107,7 +108,7 @@ def restoration(
     return Restoration(
         observations.image(solution.J),
         water=Water(water.B, water.beta, water.gamma, encoding),
-        confidence=observations.image(np.sqrt((solution.deviation**2).mean(axis=0))),
+        confidence=observations.image(np.sqrt((deviation**2).mean(axis=0))),
         info={
             "cost": solution.cost.tolist(),
             "negative_share": negative.tolist(),

@@ -52,7 +52,8 @@ class Solution:
     J, deviation: (3, P) float32, in the order of `Observations.pixels`, intensities without water and their standard
     deviation; cost: (3,) sum of squared residuals; uncertainty: of the water; about: solver, steps, and the like;
     weight: of each observation, as in `Observations`, from robust=true; is_photograph: J is the photograph, without a
-    water; light: that was removed from the observations.
+    water; light: that was removed from the observations; growth: (3, P), how many times larger than `deviation` the
+    standard deviation is if residuals of neighbours and of a view are alike.
     """
 
     J: Array
@@ -64,6 +65,7 @@ class Solution:
     weight: Array | None = None
     is_photograph: bool = False
     light: Light | None = None
+    growth: Array | None = None
 
     def with_limits(self, limits: Iterable[str]) -> Solution:
         """Return the solution with more limits."""
@@ -144,8 +146,12 @@ def _with_colours(
     kernel: Kernel, water: WaterParameters, uncertainty: WaterUncertainty, about: dict[str, Any]
 ) -> Solution:
     J, deviation = kernel.colours(water, uncertainty.noise, uncertainty.covariance)
-    cost = kernel.system(water).cost
-    return Solution(J, deviation, water, cost, uncertainty, {**about, "device": kernel.device})
+    growth = None
+    if uncertainty.alike is not None:
+        _, wide = kernel.colours(water, uncertainty.noise, uncertainty.alike)
+        growth = np.divide(wide, deviation, out=np.ones_like(wide), where=deviation > 0).clip(min=1)
+    about = {**about, "device": kernel.device}
+    return Solution(J, deviation, water, kernel.system(water).cost, uncertainty, about, growth=growth)
 
 
 def uncertainty_at(
