@@ -1,5 +1,7 @@
 """Texts of files and messages: YAML, JSON, HTML pages, times that never go back, text without passwords, tracebacks."""
 
+from __future__ import annotations
+
 import base64
 import functools
 import hashlib
@@ -13,7 +15,10 @@ from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 _DEEPEST = 50  # levels; the time to parse grows with the square of the depth
 
@@ -94,13 +99,18 @@ def filled_in(package: str, template: str, **values: Any) -> bytes:
     In the template, `source(NAME)` is a style or script of the package, and `source_hash(NAME)` its `policy_hash`.
     Raises jinja2.UndefinedError if a value that the template uses is missing.
     """
+    return _templates(package).get_template(template).render(**values).encode()
+
+
+@functools.cache
+def _templates(package: str) -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
     pages = Environment(loader=PackageLoader(package, ""), autoescape=True, undefined=StrictUndefined)
     pages.globals["source"] = lambda name: Markup(source(package, name))
     pages.globals["source_hash"] = lambda name: policy_hash(source(package, name))
-    return pages.get_template(template).render(**values).encode()
+    return pages
 
 
 def source(package: str, name: str) -> str:

@@ -6,6 +6,7 @@ Content-Security-Policy).
 """
 
 import base64
+import functools
 import gzip
 import json
 import math
@@ -76,8 +77,7 @@ def write(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], widths:
         published=published.read(out),
         water_columns=[(f"{symbol} {channel}", unit) for _, symbol, _, unit in PARAMETERS for channel in CHANNELS],
         blocks=gallery.blocks(),
-        # the page unpacks it when the first plot comes into view
-        plotly=base64.b64encode(gzip.compress(plotly.encode(), 6, mtime=0)).decode() if plotly else "",
+        plotly=_packed(plotly),
         failed=_reasons(rows, "failed"),
         skipped=_reasons(restoration_rows(rows), "skipped"),
         unscored=list(unscored(rows)),
@@ -90,6 +90,12 @@ def write(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], widths:
     path = out / "report" / "index.html"
     write_atomically(path, page)
     return path
+
+
+@functools.cache
+def _packed(script: str) -> str:
+    """A script as the page has it until the first plot comes into view."""
+    return base64.b64encode(gzip.compress(script.encode(), 6, mtime=0)).decode() if script else ""
 
 
 def _sweep(tables: Sequence[Comparison], datasets: Sequence[Any], places: Mapping[str, int]) -> list[Choice]:
