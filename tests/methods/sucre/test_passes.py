@@ -13,7 +13,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
 from sucre_bench.methods.sucre.passes import WALL, Kernel, blocks, fill, open_blocks, opened, products, products_on_gpu
 from sucre_bench.methods.sucre.solution import first_slot
-from sucre_bench.multiview.observations import Observations, Seen, arrange
+from sucre_bench.multiview.observations import Observations
 
 pytestmark = pytest.mark.short
 
@@ -242,37 +242,6 @@ def test_observations_are_read_from_disk(backend: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_weight_of_two_is_the_observation_twice(backend: str) -> None:
-    once = arranged(*(one := single_views()))
-    twice = arranged(*one, one[1])
-    weight = np.ones(len(once), dtype=np.float32)
-    assert once.view is not None
-    weight[once.view == 1] = 2
-    weighted = replace(once, weight=weight)
-    for margin in (None, MARGIN):
-        assert_close(system(weighted, backend, margin), system(twice, backend, margin), 1e-4)
-    assert not np.allclose(system(weighted, backend).cost, system(once, backend).cost, rtol=0.01)
-
-
-def single_views() -> list[Seen]:
-    """Seven views of the same 600 pixels."""
-    rng = np.random.default_rng(3)
-    J, pixels = rng.uniform(0, 0.6, (600, 1)), np.arange(600)
-    distances = rng.uniform(1, 8, (7, 600, 1))
-    B, beta, gamma = ROWS.T
-    colours = J * np.exp(-beta * distances) + 0.5 * B * (1 - np.exp(-gamma * distances))
-    colours += rng.normal(0, 0.02, colours.shape)
-    return [
-        Seen(f"{k}", pixels, z[:, 0].astype("f4"), c.astype("f4"))
-        for k, (z, c) in enumerate(zip(distances, colours, strict=True))
-    ]
-
-
-def arranged(*seen: Seen) -> Observations:
-    return arrange((1, 600), seen, with_view=True)
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
 def test_pixels_seen_once_add_nothing_unless_colours_are_held(backend: str) -> None:
     with_singles = dark(n_single=200)
     without = with_singles.take(np.arange(with_singles.n_repeated))
@@ -281,15 +250,6 @@ def test_pixels_seen_once_add_nothing_unless_colours_are_held(backend: str) -> N
     # With a margin that nothing falls short of they do take part, and still add nothing.
     assert_close(system(with_singles, backend, np.full(3, 10.0)), system(without, backend), 1e-4)
     assert (system(with_singles, backend, MARGIN).cost > system(without, backend, MARGIN).cost).all()
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_the_order_of_views_and_of_pixels_does_not_matter(backend: str) -> None:
-    seen = single_views()
-    order = np.random.default_rng(0).permutation(600)
-    shuffled = [replace(one, pixels=np.argsort(order)[one.pixels]) for one in reversed(seen)]
-    for margin in (None, MARGIN):
-        assert_close(system(arranged(*shuffled), backend, margin), system(arranged(*seen), backend, margin), 1e-4)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -346,16 +306,3 @@ def test_sums_in_trees_as_on_a_gpu_are_those_of_a_matrix_product() -> None:
     block, parameters = blocks(observations, 10_000)[0], (ROWS.T[..., None, None], MARGIN[:, None, None])
     arrays = (*fill(observations, block, np.float64), *parameters)
     np.testing.assert_allclose(products_on_gpu(*arrays), products(*arrays), rtol=1e-12)
-
-
-# -- blocks ------------------------------------------------------------------------------------------------
-
-
-def test_blocks_cover_every_pixel_once_and_hold_their_places() -> None:
-    observations = made(1000, n_single=30)[0]
-    for elements in (1, 100, 4096):
-        cut = blocks(observations, elements)
-        assert [block.start for block in cut[1:]] == [block.start + block.n for block in cut[:-1]]
-        assert (cut[0].start, cut[-1].start + cut[-1].n) == (0, 1000)
-        assert all(block.n == 1 or block.n * block.slots <= elements for block in cut)
-    assert sum(fill(observations, block)[2].sum() for block in blocks(observations, 500)) == len(observations)

@@ -13,9 +13,9 @@ from support.made_scene import WATER, make_scene
 
 from sucre_bench import Arrays, InputError, Scene, SolveError, View, restore
 from sucre_bench.methods.sucre import SucrePaper
-from sucre_bench.methods.sucre.model import WaterParameters, derivatives, predict
+from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.paper import Objective, minimise
-from sucre_bench.multiview.observations import Observations, Seen, arrange
+from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
 
 SCENE = make_scene()
@@ -39,14 +39,14 @@ def squared_error(observations: Observations, J: torch.Tensor, water: torch.Tens
 
 
 def naive_adam(
-    observations: Observations, J: np.ndarray, steps: int, *, rows: int = 3, divided_by: float = 1.0, eps: float = 1e-8
+    observations: Observations, J: np.ndarray, steps: int, *, rows: int = 3, divided_by: float = 1.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Adam on eq. 7 by automatic differentiation, float64, full batch: J and water of the last iterate.
 
     rows: of the water, 2 for eq. 1: B and its one coefficient.
     """
     unknowns = [torch.tensor(x, dtype=torch.float64, requires_grad=True) for x in (J, START[:rows])]
-    optimiser = torch.optim.Adam(unknowns, lr=0.05, eps=eps)
+    optimiser = torch.optim.Adam(unknowns, lr=0.05)
     for _ in range(steps):
         optimiser.zero_grad()
         J_now, water = unknowns
@@ -63,31 +63,6 @@ def evaluate(
     with Objective.on(observations, block_px=block_px) as objective:
         cost, water_grad = objective.evaluate(torch.tensor(J, dtype=torch.float32), torch.tensor(water.T), J_grad)
     return cost.numpy(), J_grad.numpy(), water_grad.numpy().T
-
-
-# -- the model -------------------------------------------------------------------------------------------------------
-
-
-def test_derivatives_agree_with_central_differences() -> None:
-    rng = np.random.default_rng(0)
-    z, at = rng.uniform(0.5, 10, 50), np.array([0.4, 0.3, 0.2, 0.15])  # J, B, beta, gamma
-    h = 1e-6
-    for k, derivative in enumerate(derivatives(at[0], z, *at[1:])):
-        up, down = at + h * np.eye(4)[k], at - h * np.eye(4)[k]
-        numeric = (predict(up[0], z, *up[1:]) - predict(down[0], z, *down[1:])) / (2 * h)
-        np.testing.assert_allclose(derivative, numeric, atol=1e-9)
-
-
-def test_the_model_is_the_same_in_numpy_and_torch() -> None:
-    z = np.linspace(0.5, 10, 7)
-    in_torch = derivatives(torch.tensor(0.4), torch.from_numpy(z), 0.3, 0.2, 0.15)
-    for ours, theirs in zip(derivatives(0.4, z, 0.3, 0.2, 0.15), in_torch, strict=True):
-        np.testing.assert_allclose(ours, theirs.numpy(), rtol=1e-7)
-
-
-def test_there_is_no_water_at_zero_distance_and_only_water_far_away() -> None:
-    assert predict(0.7, np.array([0.0]), 0.3, 0.2, 0.15) == [0.7]
-    assert predict(0.7, np.array([1e4]), 0.3, 0.2, 0.15) == [0.3]
 
 
 # -- the objective ---------------------------------------------------------------------------------------------------
@@ -119,36 +94,10 @@ def test_blocks_make_no_difference() -> None:
         np.testing.assert_allclose(in_blocks, at_once, rtol=2e-6)
 
 
-def test_a_pixel_seen_once_pulls_on_its_colour_and_on_the_water_by_its_own_residual() -> None:
-    I, z, J = np.float32([[0.5, 0.25, 0.125]]), np.float32([2.0]), np.array([[0.5], [0.25], [0.75]])  # noqa: E741
-    observations = arrange((1, 1), [Seen("a", np.array([0]), z, I)])
-    cost, J_grad, water_grad = evaluate(observations, J, START)
-    a = e = np.exp(-0.2)  # exp(-.1 * 2), for beta and gamma alike
-    r = I[0] - J[:, 0] * a - 0.1 * (1 - e)
-    np.testing.assert_allclose(cost, r**2, rtol=1e-5)
-    np.testing.assert_allclose(J_grad[:, 0], -2 * r * a, rtol=1e-5)
-    np.testing.assert_allclose(
-        water_grad, -2 * r * [np.full(3, 1 - e), -2 * J[:, 0] * a, np.full(3, 0.1 * 2 * e)], rtol=1e-5
-    )
-
-
-def test_pixels_seen_once_say_nothing_of_the_water_once_their_colour_fits() -> None:
-    observations, _ = made_observations()
-    place, z, I = flat(observations)  # noqa: E741
-    own = np.argmax(place[:, None] == np.arange(len(observations.pixels)), axis=0)
-    J = (I[:, own] - 0.1 * (1 - np.exp(-0.1 * z[own]))) * np.exp(0.1 * z[own])  # what fits the first observation
-    once = observations.counts == 1
-    assert once.sum() >= 10
-    only = arrange((1, 1000), [Seen("a", np.flatnonzero(once), z[own][once].astype(np.float32), I[:, own][:, once].T)])
-    cost, _, water_grad = evaluate(only, J[:, once], START)
-    assert cost.max() < 1e-10
-    assert np.abs(water_grad).max() < 1e-5
-
-
 # -- Adam ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("steps", [1, 2, 30, 200])
+@pytest.mark.parametrize("steps", [2, 200])
 def test_steps_are_those_of_adam_with_automatic_differentiation(steps: int) -> None:
     observations, _ = made_observations(noise=0.004)
     J0 = observations.intensity(slice(0, len(observations.pixels)))  # the first slot: each pixel's first observation
@@ -161,15 +110,6 @@ def test_steps_are_those_of_adam_with_automatic_differentiation(steps: int) -> N
         initial = squared_error(observations, torch.tensor(J0, dtype=torch.float64), torch.tensor(START)).numpy()
     np.testing.assert_allclose(fit.cost, final, rtol=1e-5)
     np.testing.assert_allclose(fit.initial_cost, initial, rtol=1e-6)
-
-
-def test_adams_eps_does_not_bite_the_sum_as_it_does_the_mean_over_many_observations() -> None:
-    observations, _ = made_observations()
-    J0 = observations.intensity(slice(0, len(observations.pixels)))
-    without, _ = naive_adam(observations, J0, 30, eps=0)
-    mean_of_1e8, _ = naive_adam(observations, J0, 30, divided_by=3e8)
-    assert np.abs(minimise(observations, J0, PAPER_START, steps=30).J - without).max() < 5e-6
-    assert np.abs(mean_of_1e8 - without).max() > 0.01
 
 
 def test_water_and_colours_are_recovered_when_adam_is_given_time() -> None:

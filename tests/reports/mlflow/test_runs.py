@@ -138,12 +138,6 @@ def test_a_folder_is_told_once_and_what_is_new_in_it_later(bench, toys: str, tmp
     assert [r.data.metrics["views_ok"] for r in told if r not in latest and "method" in r.data.tags] == [1]
 
 
-def test_a_folder_without_results_is_a_line(bench):
-    done = bench("track", "nowhere")
-    assert done.returncode == 2
-    assert "nowhere: no scores.parquet here" in done.stderr
-
-
 def test_runs_that_start_together_on_a_new_store_are_all_kept(toys: str, tmp_path: Path):
     uri = f"sqlite:///{tmp_path / 'shared' / 'mlflow.db'}"
     words = ["run", "--plugin", toys, "dataset=toy", "method=gain", "metrics=[redness]", "report=false"]
@@ -181,13 +175,6 @@ def test_means_are_those_of_the_table(tmp_path: Path):
     (child,) = [r for r in runs(uri) if "method" in r.data.tags]
     (column,) = [c for c in tables[0].columns if c.metric == "psi"]
     assert child.data.metrics["psi.colour"] == tables[0].cells["gray_world", column].mean == 20
-
-
-def test_a_path_that_mlflow_cannot_take_costs_no_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    out = tmp_path / "50% done"
-    outcome = run_and_track("dataset=toy", "method=gain", "metrics=[redness]", f"out='{out}'")
-    assert (outcome.ok, outcome.exit_code) == (3, 0)
-    assert "mlflow: not logged" in capsys.readouterr().err
 
 
 def test_what_is_broken_off_is_told_again_and_leaves_nothing_running(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -76,8 +76,14 @@ def test_a_table_that_is_logged_is_known_without_asking_mlflow(used_cache: None,
     assert not mlflow.is_logged(out, uri, "sucre_bench")
 
 
-def test_mlflows_first_screen_has_the_columns_that_decide(used_cache: None, out: Path):
+def test_mlflows_first_screen_has_the_columns_that_decide_and_its_pictures_are_no_links(used_cache: None, out: Path):
+    picture = out / "restored" / "toy" / "gain" / "v0.png"
+    content = picture.read_bytes()
+    picture.rename(out / "moved.png")
+    picture.symlink_to("../../../moved.png")  # as where a user moved pictures to a larger disk
     log(out)
+    (kept,) = (out / "mlartifacts").rglob("restored/v0.png")
+    assert (kept.is_symlink(), kept.read_bytes()) == (False, content)
     client = asked(mlflow.default_uri(out))
     experiment = client.get_experiment_by_name("sucre_bench")
     key = mlflow.runs_page(mlflow.default_uri(out), "sucre_bench", 5000).partition("viewStateShareKey=")[2]
@@ -122,15 +128,3 @@ def test_a_password_in_the_address_is_neither_printed_nor_stored(bench, toys: st
     files = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
     assert len(files) > 5
     assert not [path for path in files if PASSWORD.encode() in path.read_bytes()]
-
-
-def test_a_picture_behind_a_symbolic_link_is_kept_as_a_picture(used_cache: None, out: Path):
-    """As where a user moved pictures to a larger disk."""
-    picture = out / "restored" / "toy" / "gain" / "v0.png"
-    content = picture.read_bytes()
-    picture.rename(out / "moved.png")
-    picture.symlink_to("../../../moved.png")
-    log(out)
-    (kept,) = (out / "mlartifacts").rglob("restored/v0.png")
-    assert not kept.is_symlink()
-    assert kept.read_bytes() == content

@@ -122,16 +122,13 @@ def test_an_opened_page_shows_the_best_method_its_numbers_and_commands(page: Bro
     assert page.ask("[0, null].map(resultsPage.number)") == ["0", "–"]
 
 
-def test_metrics_that_only_describe_are_shown_when_asked_for(page: Browser):
+def test_metrics_that_only_describe_and_leads_within_chance_are_shown_when_asked_for(page: Browser):
     heads = f"[...document.querySelectorAll({json.dumps(SHEET + ' th[data-key]')})].filter((e) => e.checkVisibility())"
     keys = f"{heads}.map((e) => e.dataset.key)"
     assert page.ask(keys) == ["psnr:masked", "de00:lab", "filled:image", "seconds:wall"]
     page.click("#all")
     assert "chart_distance:median" in page.ask(keys)
-
-
-def test_leads_within_chance_are_set_apart(page: Browser):
-    """psnr: 26 dB against 21 in each of two views; de00 is the same for all methods."""
+    # Leads within chance are set apart. psnr: 26 dB against 21 in each of two views; de00 is the same for all methods.
     lead = "[data-dataset]:not([hidden])"
     assert re.search(r"clever .*plain .*5\.00 dB", texts(page, f"{lead} .verdicts li")[0])
     page.click(f"{lead} .leads summary")
@@ -172,7 +169,7 @@ def test_the_divider_follows_mouse_and_keys(page: Browser):
     assert page.ask("document.querySelector('#divider').getAttribute('aria-valuenow')") == "0"
 
 
-def test_zoom_and_pan_are_the_same_in_slider_and_grid(page: Browser):
+def test_zoom_and_pan_are_the_same_in_slider_and_grid_and_a_plain_wheel_scrolls(page: Browser):
     left, top, width, height = page.place("#stage")
     page.wheel((left + width * 0.25, top + height * 0.5), -300, ctrl=True)
     scale, x, y = transform(page, "#left")
@@ -187,9 +184,6 @@ def test_zoom_and_pan_are_the_same_in_slider_and_grid(page: Browser):
         assert transform(page, f"#grid .tile:nth-child({tile}) img") == pytest.approx(moved, abs=0.01)
     page.press("0")
     assert transform(page, "#left") == pytest.approx([1, 0, 0])
-
-
-def test_a_plain_wheel_scrolls_the_page_and_does_not_zoom(page: Browser):
     left, top, width, height = page.place("#stage")
     before = page.ask("scrollY")
     page.wheel((left + width / 2, top + height / 2), 200)
@@ -223,17 +217,14 @@ def test_a_picture_is_chosen_in_the_grid_by_keys_and_by_the_lists(page: Browser)
     assert "reference" in texts(page, "#left-name")[0]
 
 
-def test_holes_and_confidence_are_shown_where_there_are_some(page: Browser):
+def test_holes_confidence_and_guessed_colours_are_shown_where_there_are_some(page: Browser):
     page.ask("resultsPage.choose({view: 'v0.png', method: 'clever', before: '*view', layer: 'holes'})")
     page.until("!document.querySelector('#right-holes').hidden")
     assert page.ask("document.querySelector('#left-holes').hidden")
     page.ask("resultsPage.choose({layer: 'confidence'})")
     assert "0.1 (dark)" in texts(page, "#detail")[0]
     assert page.ask("document.querySelectorAll('#grid .pale').length") == 4  # all but the one that has it
-
-
-def test_guessed_colours_are_hidden_and_shown_again(page: Browser):
-    page.ask("resultsPage.choose({view: 'v0.png', method: 'clever'})")
+    page.ask("resultsPage.choose({layer: 'picture'})")
     assert page.ask("document.querySelector('#guesses-pick').hidden"), "nothing is guessed in this view"
     page.ask("resultsPage.choose({view: 'v1.png'})")
     assert "clever 25 %" in texts(page, "#layer-note")[0]
@@ -397,7 +388,7 @@ def test_a_run_that_failed_as_a_whole_has_reasons_and_commands_and_no_dead_links
     assert chrome.complaints == []
 
 
-def test_light_and_dark_follow_the_browser_until_the_switch_is_used(page: Browser, out: Path):
+def test_light_and_dark_follow_the_browser_until_the_switch_is_used_and_keys_are_listed(page: Browser):
     paper = "getComputedStyle(document.body).backgroundColor"
     light = page.ask(paper)
     page.prefer("dark")
@@ -407,9 +398,6 @@ def test_light_and_dark_follow_the_browser_until_the_switch_is_used(page: Browse
     assert page.ask(paper) == light
     page.press("d")
     assert page.ask(paper) == dark
-
-
-def test_the_list_of_keys_opens_and_closes(page: Browser):
     page.press("?")
     is_open = "document.querySelector('#keys').matches(':popover-open')"
     assert page.ask(is_open)
@@ -419,8 +407,8 @@ def test_the_list_of_keys_opens_and_closes(page: Browser):
     assert page.ask(is_open)
 
 
-@pytest.mark.parametrize("width", [390, 820])
-def test_a_phone_shows_it_all_without_scrolling_sideways(page: Browser, out: Path, width: int):
+def test_a_phone_shows_it_all_without_scrolling_sideways(page: Browser, out: Path):
+    width = 390
     page.size(width, 844, phone=True)
     opened(page, out)
     for part in (".distance", ".estimate", ".cost"):
