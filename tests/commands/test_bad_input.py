@@ -8,7 +8,6 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from support.colmap_folder import CAMERA, FORWARD, picture, write_dive, write_image, write_model
@@ -91,17 +90,6 @@ def test_a_fault_of_the_whole_dataset_is_one_line_before_any_work(
     assert len(done.errors) == 1
     assert named <= names(done.stderr)
     assert not (tmp_path / "results").exists()
-
-
-def test_two_images_of_one_name_in_different_folders_are_two_views(bench, tmp_path: Path):
-    dive = write_dive(tmp_path / "dive", ("left/a.png", "right/a.png"))
-    done = run(bench, dive)
-    assert done.returncode == 0
-    pictures = [
-        cv2.imread(str(tmp_path / "results" / "restored" / "colmap" / "gray_world" / side / "a.png"))
-        for side in ("left", "right")
-    ]
-    assert not np.array_equal(*pictures)
 
 
 def test_a_scene_without_depth_skips_what_needs_it_with_the_reason(bench, tmp_path: Path):

@@ -27,7 +27,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import project
 from sucre_bench.datasets.colmap import Colmap
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.image_files import decode
 from sucre_bench.scene import Scene, View
 
 # At (5, 0, 10), looking along the world's -x, y down: x is the world's z. A turn of +90 degrees about y, written with
@@ -150,17 +149,6 @@ def test_gray_is_repeated_and_transparency_dropped(tmp_path: Path) -> None:
     scene = load(tmp_path)
     np.testing.assert_allclose(scene["a.png"].rgb, np.repeat(values[..., :1], 3, axis=-1) / 255, atol=1e-6)
     np.testing.assert_allclose(scene["b.png"].rgb, values / 255, atol=1e-6)
-
-
-@pytest.mark.parametrize("flags", [cv2.IMREAD_COLOR, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH])
-@pytest.mark.parametrize("bits", [8, 16])
-def test_colours_under_transparency_are_as_stored_however_a_picture_is_read(tmp_path: Path, flags: int, bits: int):
-    values = np.concatenate([picture(0), np.full((HEIGHT, WIDTH, 1), 7, np.uint8)], axis=-1)
-    stored = values if bits == 8 else values.astype(np.uint16) * 257
-    tifffile.imwrite(tmp_path / "a.tif", stored, photometric="rgb", extrasamples=["unassalpha"])
-    read = decode(tmp_path / "a.tif", flags)
-    scale = 257 if read.dtype == np.uint16 else 1
-    np.testing.assert_array_equal(read[..., ::-1], values[..., :3].astype(read.dtype) * scale)
 
 
 @pytest.mark.parametrize("name", ["a.jpg", "a.png"])
@@ -305,14 +293,6 @@ def test_two_images_of_one_basename_keep_their_own_pixels(tmp_path: Path) -> Non
     scene = load(write_dive(tmp_path, PORT_STARBOARD))
     for seed, name in enumerate(PORT_STARBOARD):
         np.testing.assert_allclose(scene[name].rgb, picture(seed) / 255, atol=1e-6)
-
-
-def test_a_folder_without_depth_maps_has_only_poses(tmp_path: Path) -> None:
-    write_dive(tmp_path)
-    shutil.rmtree(tmp_path / "depths")
-    scene = load(tmp_path)
-    assert scene.has == {"poses"}
-    assert not scene["a.png"].has_depth
 
 
 # -- charts, scale, identity -------------------------------------------------------------------------------

@@ -1,6 +1,5 @@
 """The made scene is what it says: its files, its geometry, its water and its charts, each recomputed from outside."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,9 +19,7 @@ from sucre_bench.datasets.demo.seabed import (
     Noise,
     Terrain,
     make_terrain,
-    make_texture,
     place_board,
-    sample,
 )
 from sucre_bench.errors import DiskFullError, InputError
 from sucre_bench.imaging.chart_kinds import KINDS
@@ -161,13 +158,6 @@ def test_an_option_out_of_range_is_named(options: dict[str, int], at_fault: str)
 
 
 # -- what is read back is what was made ----------------------------------------------------------------------
-
-
-def test_the_scene_offers_everything(survey: Scene) -> None:
-    assert survey.name == "coastal"
-    assert survey.has == {"depth", "poses", "reference", "charts", "truth"}
-    assert survey.water is WATERS["coastal"]
-    assert all(view.depth.min() > 0 for view in survey)
 
 
 def test_files_in_the_users_cache_hold_the_arrays(tmp_path: Path, small: MadeScene, monkeypatch: pytest.MonkeyPatch):
@@ -331,12 +321,6 @@ def test_the_deep_sea_is_dark_at_the_border(deep: MadeScene) -> None:
         assert np.median(image[border]) < 0.6 * np.median(image[40:80, 50:110])
 
 
-def test_the_lamps_pose_is_rigid() -> None:
-    R = LAMP.lamp_from_cam[:3, :3]
-    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
-    assert np.linalg.det(R) > 0
-
-
 # -- charts --------------------------------------------------------------------------------------------------
 
 
@@ -363,42 +347,3 @@ def test_every_kind_of_chart_is_seen_from_distances_two_metres_apart(survey: Sce
 def test_a_chart_too_small_to_measure_is_not_listed(small: MadeScene) -> None:
     assert small.charts[0] == ()  # 8 m away, 120 rows: patches of one pixel
     assert small.charts[-1] != ()
-
-
-# -- textures and noise --------------------------------------------------------------------------------------
-
-
-def test_a_pixel_is_the_mean_of_what_it_covers() -> None:
-    """Against the mean of the texels themselves, under a footprint of 24 x 12 of them."""
-    picture = np.random.default_rng(0).uniform(size=(256, 256, 3))
-    texture = make_texture(picture, 0.01, np.zeros(2), np.eye(2, 3))
-    centres = np.random.default_rng(1).integers(40, 216, size=(200, 2))  # (x, y)
-    sides = (np.broadcast_to(np.array(side, dtype=np.float32), (200, 2)) for side in ((0.24, 0), (0, 0.12)))
-    sampled = sample(texture, (centres * 0.01).astype(np.float32), *sides)
-    exact = np.array([picture[y - 6 : y + 6, x - 12 : x + 12].mean(axis=(0, 1)) for x, y in centres])
-    assert np.abs(sampled - exact).mean() < 0.02  # one texel for each would be off by 0.25
-
-
-def test_a_near_pixel_shows_the_texture_where_it_is() -> None:
-    ramp = np.broadcast_to(((np.arange(64) + 0.5) / 64)[None, :, None], (64, 64, 3))
-    texture = make_texture(ramp, 0.5, np.array([3.0, 7.0]), np.eye(2, 3))
-    at = np.random.default_rng(0).uniform((10, 10), (30, 30), size=(50, 2)).astype(np.float32)
-    small = np.full((50, 2), 1e-3, dtype=np.float32)
-    np.testing.assert_allclose(sample(texture, at, small, small)[:, 0], (at[:, 0] - 3) / 32, atol=1e-3)
-
-
-@pytest.mark.parametrize("surface", [lambda shape: None, lambda shape: np.full(shape, 0.37, dtype=np.float32)])
-def test_a_field_is_the_same_on_any_part_of_the_ground(surface: Callable[[tuple[int, int]], Array | None]) -> None:
-    noise, whole = Noise(0), Grid(-2, -1, 4, 3, 0.02)
-    part = list(whole.bands(40))[1]
-    field = noise.field(whole, surface(whole.shape), (0.5, 0.1), 3)
-    np.testing.assert_allclose(noise.field(part, surface(part.shape), (0.5, 0.1), 3), field[40:80], atol=0.05)
-    assert 0.6 < field.std() < 1.4
-
-
-def test_a_field_does_not_run_in_streaks_down_a_wall() -> None:
-    noise, wall = Noise(0), Grid(0, 0, 4, 0.5, 0.01)
-    height = np.broadcast_to(np.linspace(0, 25, wall.shape[0], dtype=np.float32)[:, None], wall.shape)
-    streaks = noise.field(wall, None, (0.5,), 3)
-    solid = noise.field(wall, height, (0.5,), 3)
-    assert np.abs(np.diff(streaks, axis=0)).mean() < 0.3 * np.abs(np.diff(solid, axis=0)).mean()

@@ -6,7 +6,6 @@ from support.messages import refused
 
 from sucre_bench import InputError
 from sucre_bench.jobs import compose_jobs
-from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.jobs.job import Job
 
 pytestmark = pytest.mark.usefixtures("toys")
@@ -93,14 +92,6 @@ def test_a_sweep_may_have_more_values_than_a_file_name_letters():
     assert [job.method.options["gain"] for job in made] == list(values)
 
 
-def test_a_sweep_makes_a_job_of_every_combination():
-    sweep = jobs("method=gain", "method.gain=1,2", "dataset.views=2,3", multirun=True)
-    assert {(j.method.label, j.dataset.label) for j in sweep.jobs} == {
-        ("gain,gain=1.0", "toy,views=2"), ("gain,gain=1.0", "toy,views=3"),
-        ("gain,gain=2.0", "toy,views=2"), ("gain,gain=2.0", "toy,views=3"),
-    }  # fmt: skip
-
-
 def test_a_label_of_ones_own_says_which_swept_value_it_has():
     sweep = jobs("method.gain=1,2", "method.label=my own", multirun=True)
     assert [job.method.label for job in sweep.jobs] == ["my own,gain=1.0", "my own,gain=2.0"]
@@ -124,11 +115,6 @@ def test_a_label_of_ones_own_says_which_swept_value_it_has():
 def test_two_jobs_that_would_write_to_one_place_are_refused(words: list[str], fault: str):
     with pytest.raises(InputError, match=fault):
         jobs(*words, multirun=True)
-
-
-def test_an_option_of_the_swept_methods_need_not_be_one_of_the_default_method():
-    sweep = compose_jobs.jobs(["dataset=toy", "method=gain,gain2", "method.gain=2", "metrics=[psnr]"], multirun=True)
-    assert [job.method.options["gain"] for job in sweep.jobs] == [2, 2]
 
 
 def test_every_job_of_a_sweep_is_checked_before_any_runs():
@@ -160,11 +146,6 @@ def test_metrics_are_chosen_by_list_and_preset_and_variant():
     chosen = {m.plugin.name: m.variants for m in job.metrics}
     assert {"psnr", "ssim", "uciqe", "uiqm", "psi", "de00", "coverage"} < set(chosen)
     assert chosen["redness"] == ("plain", "double")
-
-
-def test_metric_choices_read_name_and_variant():
-    chosen = metric_choices(["redness:double", "psnr", "redness"])
-    assert {c.plugin.name: c.variants for c in chosen} == {"redness": ("double", "plain"), "psnr": ("masked",)}
 
 
 def test_views_come_as_names_or_as_a_list_in_a_file(tmp_path: Path):

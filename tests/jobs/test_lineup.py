@@ -342,11 +342,6 @@ def test_paths_in_the_line_up_of_a_folder_stay_when_another_command_adds_to_it(
     assert (logged.name, logged.options["log"]) == ("gain", "../logs/a")
 
 
-def test_a_label_that_a_word_took_out_of_the_run_is_said_to_be_missing(tmp_path: Path):
-    with pytest.raises(InputError, match=r"'logged'.*methods"):
-        from_file(tmp_path / "l.yaml", LINE_UP.replace("gain2.gain: [3]", ""), "method=halved", "logged.label=other")
-
-
 def test_other_options_for_a_label_of_a_line_up_are_answered_with_a_word_that_works(bench, tmp_path: Path):
     (tmp_path / "l.yaml").write_text("datasets: [toy]\nmethods: [gain, {name: halved, label: half}]\nmetrics: [psnr]")
     words = ("run", "--plugin", str(TOYS), "l.yaml", "out=results", "tracking.uri=off", "report=false", "workers=0")

@@ -61,7 +61,7 @@ def matches(done: Done) -> dict[str, list[dict[str, object]]]:
     return found
 
 
-@pytest.mark.parametrize("variant", ["funie", "getuiqm1", "chen", "block8@256-bilinear"])
+@pytest.mark.parametrize("variant", ["getuiqm1", "block8@256-bilinear"])
 def test_the_variant_behind_rounded_numbers_is_named(like: Bench, folder: Path, variant: str) -> None:
     rows = [(name, f"{value:.3f}") for name, value in scores(folder, f"uiqm:{variant}").items()]
     done = like("Image,UIQM ↑", rows)
@@ -242,7 +242,7 @@ def test_one_number_gets_a_sentence_with_colours_size_and_rgb(bench: Bench, pair
         assert words in sentence
 
 
-@pytest.mark.parametrize("name", ["{n}.jpg", "result\\{n}.png", "{n}"])
+@pytest.mark.parametrize("name", ["result\\{n}.png", "{n}"])
 def test_a_paper_may_name_other_suffixes_and_folders(bench: Bench, pairs: tuple[str, str], tmp_path: Path, name: str):
     """And cropped edges are found where no usual form fits."""
     values = published_psnr(*pairs, crop=4)
@@ -254,7 +254,7 @@ def test_a_paper_may_name_other_suffixes_and_folders(bench: Bench, pairs: tuple[
     assert (best["variant"], best["compared"], best["fits"]) == ("unmasked@64-bilinear@crop4", 6, True)
 
 
-@pytest.mark.parametrize(("as_published", "warns"), [("{:.1%}", False), ("{0:.3f}", False), ("percent", True)])
+@pytest.mark.parametrize(("as_published", "warns"), [("{0:.3f}", False), ("percent", True)])
 def test_percent_and_commas_are_read(bench: Bench, pairs: tuple[str, str], as_published: str, warns: bool) -> None:
     scored = bench("score", pairs[0], "--reference", pairs[1], "--metrics", "ssim:uniform7-unmasked@64", "--json")
     mean = np.mean([row["value"] for row in json.loads(scored.stdout)])

@@ -255,7 +255,7 @@ class Foreign:
 """
 
 
-@pytest.mark.parametrize("gains", ["[1.2, 1.0, 0.8]", "{'red': 1.2}", "np.ones(3)", "{'3.png': np.float32(1)}"])
+@pytest.mark.parametrize("gains", ["[1.2, 1.0, 0.8]", "{'3.png': np.float32(1)}"])
 def test_water_of_a_method_that_calls_something_else_gains_is_used(plain: Scene, tmp_path: Path, gains: str) -> None:
     (tmp_path / "foreign.py").write_text(FOREIGN.replace("GAINS", gains))
     with using(registry(tmp_path / "foreign.py")):
