@@ -71,27 +71,11 @@ def test_a_method_that_failed_everywhere_is_a_hole_and_restricts_nobody():
     assert comparison.columns[0].n_units == 2
 
 
-def test_the_interval_of_a_mean_is_that_of_the_normal_theory():
-    values = np.random.default_rng(0).normal(20, 3, 200)
-    cell = cells(table({"a": list(values)}))["a"]
-    half = 1.96 * values.std() / np.sqrt(len(values))
-    assert cell.low == pytest.approx(values.mean() - half, abs=0.1)
-    assert cell.high == pytest.approx(values.mean() + half, abs=0.1)
-
-
 def test_pairing_sees_a_small_steady_lead_that_spread_would_hide():
     spread = np.random.default_rng(1).normal(20, 5, 40)
     steady = cells(table({"a": list(spread + 0.5), "b": list(spread)}))
     assert not steady["b"].tie
     assert steady["b"].behind[0] == pytest.approx(0.5)
-
-
-def test_a_lead_within_chance_is_a_tie():
-    rng = np.random.default_rng(2)
-    noisy = cells(table({"a": list(rng.normal(20, 5, 10)), "b": list(rng.normal(20, 5, 10))}))
-    assert sorted(c.tie for c in noisy.values()) == [False, True]
-    assert [c.rank for c in noisy.values()] == [1, 1]
-    assert sorted(c.place for c in noisy.values()) == [1, 2]
 
 
 def test_charts_of_one_view_are_not_independent():

@@ -3,7 +3,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pandas as pd
-import pytest
 
 PLUGIN = """
 from dataclasses import dataclass
@@ -20,21 +19,6 @@ class Wary:
         say("no view has this")
         return Restoration(view.rgb, info={"hints": [f"{len(view.name)}.5% are dark; method.strong=true helps"]})
 """
-
-
-@pytest.mark.parametrize(("methods", "word"), [("wary", "wary"), ("wary,gain", "wary")])
-def test_a_hint_names_method_and_dataset_once_and_an_option_as_the_command_takes_it(
-    bench: Callable[..., subprocess.CompletedProcess[str]], toys: str, tmp_path: Path, methods: str, word: str
-):
-    (tmp_path / "wary.py").write_text(PLUGIN)
-    done = bench("run", "-m", "--plugin", toys, "--plugin", "wary.py", "dataset=toy", f"method={methods}",
-                 "metrics=[redness]", "tracking.uri=off", "report=false", "out=results")  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    (hint,) = [line for line in done.stdout.splitlines() if "are dark" in line]
-    views = len(list((tmp_path / "results/restored/toy/wary").glob("*.png")))
-    assert f"in {views} of {views} views" in hint
-    assert f" {word}.strong=true" in hint
-    assert done.stderr.splitlines().count("no view has this") == views
 
 
 def test_a_reason_names_an_option_as_the_command_takes_it(

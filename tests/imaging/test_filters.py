@@ -53,15 +53,6 @@ def test_the_guided_filter_is_the_least_squares_of_its_paper(guide: np.ndarray, 
     np.testing.assert_allclose(guided_filter(guide, PLANE, 3, eps), guided_by_hand(guide, PLANE, 3, eps), atol=2e-5)
 
 
-def test_the_guided_filter_keeps_the_guides_edges_and_smooths_what_is_flat_in_it():
-    guide = np.zeros((40, 40), np.float32)
-    guide[:, 20:] = 1
-    noisy = guide + RNG.normal(0, 0.1, guide.shape).astype(np.float32)
-    smooth = guided_filter(guide, noisy, 5, 1e-3)
-    assert smooth[:, :20].std() < 0.03
-    assert smooth[:, 20].mean() - smooth[:, 19].mean() > 0.95
-
-
 @pytest.mark.parametrize("guide", [np.zeros((9, 9, 3)), np.zeros((9, 9)), np.zeros((1, 1, 3))])
 def test_the_guided_filter_is_a_plain_mean_where_the_guide_is_flat(guide: np.ndarray):
     plane = RNG.random(guide.shape[:2]).astype(np.float32)
@@ -199,12 +190,6 @@ def test_equal_images_are_given_back_whatever_their_weights_and_size(size: tuple
     np.testing.assert_allclose(result, image, atol=2e-6)
 
 
-def test_one_level_is_the_mean_pixel_by_pixel():
-    inputs, weights = images((9, 7)), random_weights((9, 7))
-    expected = np.einsum("khw,khwc->hwc", weights.astype(np.float64), np.stack(inputs))
-    np.testing.assert_allclose(blended(inputs, weights, 1), expected, atol=1e-6)
-
-
 def test_where_weights_jump_more_levels_make_a_wider_transition():
     dark, bright = (np.full((64, 64, 3), value, np.float32) for value in (0.2, 0.8))
     left = np.zeros((64, 64), np.float32)
@@ -242,13 +227,6 @@ def test_fine_detail_follows_the_weights_where_it_is():
     result = blended([stripes, flat], [left, 1 - left], 4)
     np.testing.assert_allclose(result[:, :80], stripes[:, :80], atol=1e-3)
     np.testing.assert_allclose(result[:, 176:], 0.5, atol=1e-3)
-
-
-def test_it_leaves_its_input_alone():
-    inputs, weights = images((16, 16)), random_weights((16, 16))
-    for array in (*inputs, weights):
-        array.setflags(write=False)
-    blended(inputs, weights, 4)
 
 
 @pytest.mark.parametrize(

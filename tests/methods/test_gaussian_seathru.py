@@ -13,8 +13,6 @@ import sucre_bench as sb
 from sucre_bench import Arrays, InputError, View
 from sucre_bench.imaging.image_formation import TwoTerm, trusted
 from sucre_bench.methods.gaussian_seathru import GaussianSeathru, Parameters, negative_log_likelihood
-from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.plugins.registry import discover
 
 
 def drawn_view(seed: int = 0, height: int = 160, width: int = 120, rounded: bool = True) -> View:
@@ -25,12 +23,6 @@ def drawn_view(seed: int = 0, height: int = 160, width: int = 120, rounded: bool
     veil = WATER.veiling_light * (1 - np.exp(-WATER.backscatter * z[..., None]))
     intensity = (J * np.exp(-WATER.attenuation * z[..., None]) + veil).clip(0, 1)
     return View("a.png", Arrays(np.rint(intensity * 255) / 255 if rounded else intensity, z, J))
-
-
-def test_it_is_found_with_what_it_needs():
-    plugin = discover("method")["gaussian_seathru"]
-    assert isinstance(plugin, Plugin)
-    assert (plugin.cls, plugin.needs, plugin.display) == (GaussianSeathru, {"depth"}, "stretch-1-99")
 
 
 @pytest.mark.parametrize(

@@ -24,8 +24,6 @@ from sucre_bench.methods.seathru import (
     illuminant_by_distance,
     local_average,
 )
-from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.plugins.registry import discover
 
 CHARTS = DATA / "seathru_d5_charts"
 
@@ -34,12 +32,6 @@ def psnr(image: np.ndarray, truth: np.ndarray) -> float:
     """Over all pixels, up to one factor a channel."""
     factor = (image * truth).sum(axis=(0, 1)) / (image * image).sum(axis=(0, 1))
     return float(-10 * np.log10(np.mean((image * factor - truth) ** 2)))
-
-
-def test_it_is_found_with_what_it_needs():
-    plugin = discover("method")["seathru"]
-    assert isinstance(plugin, Plugin)
-    assert (plugin.cls, plugin.needs, plugin.display) == (Seathru, {"depth"}, "none")
 
 
 # Dark pixels

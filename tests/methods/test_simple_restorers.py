@@ -9,11 +9,8 @@ from sucre_bench.imaging.display import display
 from sucre_bench.methods.gray_world import GrayWorld
 from sucre_bench.methods.histogram_stretch import HistogramStretch
 from sucre_bench.methods.stitching import Stitching
-from sucre_bench.methods.sucre import Sucre, SucrePaper, SucrePlus
 from sucre_bench.methods.underwater import Underwater
 from sucre_bench.multiview.pairing import lift, match
-from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.plugins.registry import discover
 
 SCENE = make_scene()
 TARGET = SCENE["a.png"]
@@ -25,24 +22,6 @@ def photo(rgb: np.ndarray, depth: np.ndarray | None = None) -> View:
 
 def alone(view: View) -> Scene:
     return Scene("alone", [view], frozenset())
-
-
-@pytest.mark.parametrize(
-    ("name", "cls", "needs", "how"),
-    [
-        ("underwater", Underwater, set(), "none"),
-        ("gray_world", GrayWorld, set(), "none"),
-        ("histogram_stretch", HistogramStretch, set(), "none"),
-        ("stitching", Stitching, {"depth", "poses"}, "none"),
-        ("sucre_paper", SucrePaper, {"depth", "poses"}, "stretch-1-99"),
-        ("sucre", Sucre, {"depth", "poses"}, "stretch-1-99"),
-        ("sucre_plus", SucrePlus, {"depth", "poses"}, "black-0.5-white-99"),
-    ],
-)
-def test_the_restorers_are_found_with_what_they_need(name: str, cls: type, needs: set[str], how: str) -> None:
-    plugin = discover("method")[name]
-    assert isinstance(plugin, Plugin)
-    assert (plugin.cls, plugin.needs, plugin.display) == (cls, needs, how)
 
 
 def test_underwater_is_the_input() -> None:

@@ -89,12 +89,6 @@ def test_methods_share_what_they_pair_while_there_is_room(tmp_path: Path) -> Non
     assert n_read(1e9, rule="depth") == 0
 
 
-def test_how_long_pairing_took_is_told_by_whoever_finds_it(tmp_path: Path) -> None:
-    scene = counted_scene()
-    first, reused = (paired(scene, scene["a.png"], tmp_path) for _ in range(2))
-    assert reused.pair_s == first.pair_s > 0
-
-
 def test_other_data_views_targets_options_or_source_are_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     scene = counted_scene()
     paired(scene, scene["a.png"], tmp_path)
