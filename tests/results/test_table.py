@@ -1,8 +1,6 @@
 import re
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
-from multiprocessing import get_context
 from pathlib import Path
 
 import pandas as pd
@@ -138,23 +136,6 @@ def test_a_place_that_cannot_be_written_to_is_one_line(tmp_path: Path, place: st
         write_atomically(tmp_path / place, b"")
     assert "\n" not in str(fault.value)
     assert [path.name for path in tmp_path.iterdir()] == ["a_file"]
-
-
-def _write_slowly(out: Path, job: str) -> None:
-    part = Part(out, job)
-    for number in range(40):
-        part.add([replace(ROW, method=job, view=f"v{number}")])
-        part.flush()
-
-
-def test_nothing_is_lost_when_parts_are_joined_while_they_are_written(tmp_path: Path):
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        writers = [pool.submit(_write_slowly, tmp_path, job) for job in ("one", "two")]
-        while not all(w.done() for w in writers):
-            merge(tmp_path)
-        for writer in writers:
-            writer.result()
-    assert merge(tmp_path).groupby("method").size().tolist() == [40, 40]
 
 
 def test_a_long_job_writes_each_row_a_few_times_into_few_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
