@@ -6,7 +6,7 @@ from math import floor
 
 import numpy as np
 import pytest
-from support.made_scene import BOX, hit, make_camera, make_pose, make_scene, make_view
+from support.made_scene import hit, make_camera, make_pose, make_scene, make_view
 
 from sucre_bench import Arrays, Camera, InputError, View
 from sucre_bench.multiview.pairing import Matches, Surface, lift, match, own_matches, visible_pixels
@@ -63,12 +63,6 @@ def test_pairs_are_those_of_a_literal_float64_reading(name: str) -> None:
     for pixel, (other, distance) in expected.items():
         assert pairs[pixel][0] == other
         assert pairs[pixel][1] == pytest.approx(distance, rel=1e-6)
-
-
-@pytest.mark.parametrize("name", OTHERS)
-def test_no_pixel_of_either_view_is_paired_twice(name: str) -> None:
-    found = match(lift(TARGET), SCENE[name])
-    assert len(set(found.pixels.tolist())) == len(set(found.others.tolist())) == len(found.pixels)
 
 
 def literal_agreement(target: View, other: View, tolerance: float) -> tuple[dict[int, tuple[float, ...]], set[int]]:
@@ -149,21 +143,6 @@ def test_a_target_is_paired_with_itself_wherever_it_has_depth() -> None:
     np.testing.assert_allclose(own.distance, TARGET.distance.ravel()[own.pixels], rtol=1e-6)
 
 
-def test_points_hidden_behind_the_box_have_no_match() -> None:
-    side = SCENE["side.png"]
-    centre = np.linalg.inv(side.cam_from_world)[:3, 3]
-    surface = lift(TARGET)
-    points = surface.points.T.astype(np.float64)  # the target's frame is the world's
-    towards = points - centre
-    on_box = ((points > BOX[0] - 0.01) & (points < BOX[1] + 0.01)).all(axis=-1)
-    hidden = (hit(centre, towards) < 0.97) & ~on_box
-    # Two pixels of the box's outline in the other view may see around the edge that their centres miss.
-    inside = np.all([hit(centre + shift, towards) < 0.97 for shift in 0.1 * np.vstack([np.eye(3), -np.eye(3)])], axis=0)
-    hidden = surface.pixels[hidden & inside]
-    assert len(hidden) > 20
-    assert not np.isin(hidden, match(surface, side).pixels).any()
-
-
 def line_view(name: str, focal: float, shift: float) -> View:
     """A row of four pixels, all at depth 1, that sees the point X at x = focal X + shift."""
     camera = Camera(np.array([[focal, 0, shift], [0, 1, 0], [0, 0, 1.0]]), 4, 1)
@@ -227,19 +206,6 @@ def test_culling_never_drops_a_match() -> None:
             assert len(everything.pixels) <= share * len(surface.pixels)
     assert (share_seen == 0).sum() > 5  # there was something to cull,
     assert ((share_seen > 0) & (share_seen < 1)).sum() > 10  # in whole and in part
-
-
-class Unreadable:
-    """Pixels that must not be asked for."""
-
-    def load(self, plane: str) -> None:
-        raise AssertionError(f"{plane} was read")
-
-
-def test_a_view_that_looks_elsewhere_is_not_read() -> None:
-    away = View("away.png", Unreadable(), make_camera(40, 30, 40), make_pose((0, 0, 0), yaw=np.pi))
-    assert match(lift(TARGET), away) is None
-    assert visible_pixels(lift(TARGET), [away, SCENE["side.png"]]).tolist() == [0, (TARGET.depth > 0).sum()]
 
 
 def test_views_without_camera_pose_or_depth_have_no_matches() -> None:
