@@ -132,12 +132,6 @@ def test_a_patch_smaller_than_a_pixel_is_the_pixel_at_its_centre() -> None:
         assert reading.coverage == 1
 
 
-def test_the_image_is_not_changed() -> None:
-    image = painted(chart_kind("dgk"), TILTED)
-    image.setflags(write=False)
-    measure(image, Chart("c", "dgk", TILTED))
-
-
 def test_an_unknown_kind_names_the_nearest() -> None:
     with pytest.raises(InputError, match=r"'dkg'.*'dgk'"):
         measure(np.ones((9, 9, 3)), Chart("c", "dkg", TILTED))

@@ -124,14 +124,6 @@ def test_the_local_average_is_that_of_the_published_repetition():
     np.testing.assert_allclose(local_average(direct[z > 0], z, 0.05, 0.1), expected, atol=2e-5)
 
 
-def test_the_local_average_is_local():
-    """Averages over a whole region would be the same everywhere."""
-    direct = np.tile(np.where(np.arange(200) < 100, 0.2, 0.8)[None, :, None], (8, 1, 3))
-    average = local_average(direct.reshape(-1, 3), np.full((8, 200), 3, np.float32), 0.01, 0.1).reshape(8, 200, 3)
-    np.testing.assert_allclose(average[:, 10], 0.2, atol=0.01)
-    np.testing.assert_allclose(average[:, 190], 0.8, atol=0.01)
-
-
 # Attenuation
 
 

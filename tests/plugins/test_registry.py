@@ -207,11 +207,6 @@ def test_a_file_that_lies_there_and_was_not_given_is_named(tmp_path: Path, monke
         plugins.find("method", "my_gain")
 
 
-def test_a_typo_gets_the_nearest_name():
-    with pytest.raises(InputError, match="'gray_world'"):
-        find("method", "grey_wrold")
-
-
 def test_a_method_of_several_views_cannot_ask_for_encoded_intensities_of_one():
     with pytest.raises(PluginError, match="encoding=gamma "):
         method(needs={"depth", "poses"}, encoding="gamma")
@@ -262,19 +257,6 @@ def test_create_refuses_what_the_fields_do_not_say():
     with pytest.raises(InputError, match=r"rate: 'fast' "):
         create(plugin, {"rate": "fast"})
     assert create(plugin, {"rate": 2}) == Documented(rate=2)
-
-
-def test_what_is_not_installed_comes_with_the_line_that_installs_it():
-    @method(requires=("numpy", "skimage", "nonexistent_package_xyz.part"))
-    @dataclass(frozen=True)
-    class Needy:
-        def restore(self, scene, view):
-            raise AssertionError("not reached")
-
-    with pytest.raises(InputError) as fault:
-        create(Needy.__plugin__, {})
-    assert fault.value.place == "method 'needy'"
-    assert fault.value.remedy == "pip install nonexistent_package_xyz.part"
 
 
 def test_what_one_registry_loads_another_does_not_have(tmp_path: Path):
