@@ -3,7 +3,6 @@
 import functools
 import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Set
-from dataclasses import fields
 from numbers import Integral, Real
 from pathlib import Path
 from types import SimpleNamespace, UnionType
@@ -19,15 +18,18 @@ _WORDS |= {Mapping: "a dict", Path: "a path"}
 
 
 def checked(call: Callable[P, T]) -> Callable[P, T]:
-    """Decorate a public function: what does not fit its parameters is an InputError, see `check_argument`."""
-    signature, name = inspect.signature(call), call.__qualname__
+    """Decorate a public function or dataclass: what does not fit is an InputError, see `check_argument`."""
+    function: Callable[P, T] = call.__init__ if isinstance(call, type) else call  # type: ignore[misc]
+    signature, name = inspect.signature(function), call.__qualname__
 
     @functools.cache
     def hints() -> dict[str, Any]:
+        if isinstance(call, type):
+            return get_type_hints(call)
         named = {one.name: one.annotation for one in signature.parameters.values() if one.annotation is not one.empty}
         return get_type_hints(SimpleNamespace(__annotations__=named), inspect.unwrap(call).__globals__)
 
-    @functools.wraps(call)
+    @functools.wraps(function)
     def checking(*args: P.args, **kwargs: P.kwargs) -> T:
         try:
             given = signature.bind(*args, **kwargs).arguments
@@ -36,22 +38,12 @@ def checked(call: Callable[P, T]) -> Callable[P, T]:
         for parameter, hint in hints().items():
             if parameter in given and signature.parameters[parameter].kind is not inspect.Parameter.VAR_KEYWORD:
                 check_argument(f"{name}({parameter})", given[parameter], hint)
-        return call(*args, **kwargs)
+        return function(*args, **kwargs)
 
+    if isinstance(call, type):
+        call.__init__ = checking  # type: ignore[misc]
+        return call
     return checking
-
-
-def check_fields(made: Any) -> None:
-    """Raise InputError for a field of a dataclass whose value does not fit, see `check_argument`."""
-    cls: Any = type(made)
-    for name, hint in _hints(cls).items():
-        check_argument(f"{cls.__name__}.{name}", getattr(made, name), hint)
-
-
-@functools.cache
-def _hints(cls: type) -> dict[str, Any]:
-    hints = get_type_hints(cls)
-    return {one.name: hints[one.name] for one in fields(cls)}
 
 
 def check_argument(place: str, value: object, hint: Any) -> None:

@@ -13,9 +13,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arguments import array_of, check_fields
+from sucre_bench.arguments import array_of, checked
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, check_number
+
+_MOST = 1e9  # pixels, of a focal length
 
 
 def pixel_rays(camera: Camera) -> Array:
@@ -83,6 +85,7 @@ def unproject(camera: Camera, x: npt.NDArray[Any], y: npt.NDArray[Any], depth: A
     return np.asarray(np.einsum("ij,j...->i...", K_inv, xy1) * depth)
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Camera:
     """A pinhole camera without distortion.
@@ -100,10 +103,10 @@ class Camera:
     height: int
 
     def __post_init__(self) -> None:
-        check_fields(self)
         object.__setattr__(self, "K", array_of("Camera.K", self.K, (3, 3), finite=True, kinds="fiu"))
-        if not np.linalg.det(self.K):
-            raise InputError("has no inverse", "Camera.K", "pass [[f, 0, cx], [0, f, cy], [0, 0, 1]] in pixels")
+        if np.abs(self.K).max() > _MOST or not np.linalg.det(self.K):
+            remedy = "pass [[f, 0, cx], [0, f, cy], [0, 0, 1]] in pixels"
+            raise InputError("has no inverse, or values above 1e9", "Camera.K", remedy)
         check_number("Camera.width", self.width, "[1, 1e6]")
         check_number("Camera.height", self.height, "[1, 1e6]")
 

@@ -1,6 +1,7 @@
 """The command line: sections of commands, each imported when it is called; exit codes; one-line errors."""
 
 import os
+import re
 import sys
 from importlib import import_module
 
@@ -53,7 +54,11 @@ def _status() -> int:
     except click.exceptions.Exit as ended:
         return ended.exit_code
     except click.ClickException as fault:
-        return _fault(" ".join(fault.format_message().split()), fault.exit_code)
+        text = " ".join(fault.format_message().split())
+        if isinstance(fault, click.UsageError) and not re.search(r"; |\?$", text):
+            command = fault.ctx.command_path if fault.ctx else "sucre-bench COMMAND"
+            text = f"{text.rstrip('.')}; see `{command} --help`"
+        return _fault(text, fault.exit_code)
     except SucreBenchError as fault:
         return _fault(str(fault), 2)
     except MemoryError:
@@ -68,10 +73,13 @@ def _status() -> int:
         if cause:  # a library made another error of an interrupt
             say("stopped", "yellow")
             return 130
-        if not isinstance(fault, OSError) or fault.filename is None:
+        if loop := re.fullmatch("Symlink loop from '(.*)'", str(fault)):  # what Path.resolve raises before Python 3.13
+            return _fault(f"{loop[1]}: links to itself; remove that link, or give another path", 2)
+        if not isinstance(fault, OSError) or (not fault.strerror and fault.filename is None):
             raise
+        path = "a file" if fault.filename is None else os.fsdecode(fault.filename)
         reason = fault.strerror or type(fault).__name__  # of a path that no file system has, say
-        return _fault(f"{os.fsdecode(fault.filename)}: {reason}; give another path, or make this one usable", 2)
+        return _fault(f"{path}: {reason}; give another path, or make this one usable", 2)
     return 0
 
 

@@ -37,7 +37,8 @@ class SucreBenchError(Exception):
         return self._at_place(self.fault)
 
     def _at_place(self, text: str) -> str:
-        return f"{self.place}: {text}" if self.place else text
+        text = f"{self.place}: {text}" if self.place else text
+        return text if isinstance(self, LinesError) else text.replace("\n", "\\n")  # a name may hold a line break
 
     def beside(self, place: object) -> str:
         """Return the message where a place is named already: without it, if it is the error's own."""
@@ -59,6 +60,10 @@ def _again(cls: type[SucreBenchError], args: tuple[object, ...], fields: dict[st
     fault = cls.__new__(cls, *args)
     fault.__dict__.update(fields)
     return fault
+
+
+class LinesError(SucreBenchError):
+    """Several faults, a line each."""
 
 
 class InputError(SucreBenchError):

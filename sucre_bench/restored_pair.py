@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sucre_bench.arguments import check_fields
+from sucre_bench.arguments import checked
 from sucre_bench.arrays import Array, Indices, locked
 from sucre_bench.scene import View
 
@@ -61,6 +61,7 @@ class CommonPoints:
         return CommonPoints(self.there, self.here, self.there_patch, self.here_patch, self.distance[::-1])
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class RestoredPair:
     """Two views that one method restored, and the patches of the scene that both show.
@@ -82,9 +83,6 @@ class RestoredPair:
     there: RestoredView
     points: CommonPoints
     are_neighbours: bool = True
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     def means(self, here: Array, there: Array) -> tuple[Array, Array]:
         """Return the mean colours (P, 3) float64 of the common patches in images (H, W, 3) of the two views.

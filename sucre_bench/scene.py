@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from cachetools import LRUCache, cached
 
-from sucre_bench.arguments import array_of, check_fields, checked
+from sucre_bench.arguments import array_of, checked
 from sucre_bench.arrays import Array, Mask, coloured, evenly
 from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, did_you_mean
@@ -38,6 +38,7 @@ _KEPT_BYTES = 768 << 20
 _LEAST_KEPT_BYTES = _KEPT_BYTES // 256
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Water:
     """The parameters of the water's colour model, I = J exp(-beta z) + B (1 - exp(-gamma z)) (SUCRe, eq. 2).
@@ -65,7 +66,6 @@ class Water:
     def __post_init__(self) -> None:
         for name in ("veiling_light", "attenuation", "backscatter"):
             object.__setattr__(self, name, array_of(f"Water.{name}", getattr(self, name), (3,), kinds="fiu"))
-        check_fields(self)
 
     def __repr__(self) -> str:
         named = {"B": self.veiling_light, "beta 1/m": self.attenuation, "gamma 1/m": self.backscatter}
@@ -74,6 +74,7 @@ class Water:
         return "\n".join(lines + ([f"  of {self.encoding} intensities"] if self.encoding else []))
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Chart:
     """A colour chart in a view.
@@ -93,7 +94,6 @@ class Chart:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "corners", array_of("Chart.corners", self.corners, (4, 2), finite=True, kinds="fiu"))
-        check_fields(self)
 
 
 class Pixels(Protocol):
@@ -146,6 +146,7 @@ def _intensities(given: object, place: str) -> Array:
     raise InputError(fault, place, remedy)
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Arrays:
     """Pixels that are already in memory.
@@ -178,6 +179,7 @@ class Arrays:
         return None if values is None else np.array(values, dtype=np.float32)  # a copy: it will be locked
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class View:
     """One photograph of a scene, with its camera, pose, depth and charts.
@@ -206,7 +208,6 @@ class View:
     encoding: Encoding = "gamma"
 
     def __post_init__(self) -> None:
-        check_fields(self)
         if not callable(getattr(self.pixels, "load", None)):
             raise InputError(f"is {type(self.pixels).__name__}", "View.pixels", "pass Arrays(rgb), floats 0 to 1")
         if self.cam_from_world is not None:
@@ -310,6 +311,7 @@ def _plane(pixels: Pixels, plane: Plane) -> Array | None:
     return values
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Views of one place in one water.
@@ -340,7 +342,6 @@ class Scene:
     dataset: str = ""
 
     def __post_init__(self) -> None:
-        check_fields(self)
         if unknown := sorted(set(self.has) - HAS):
             raise InputError(f"holds '{unknown[0]}'", "Scene.has", f"pass a set of {', '.join(sorted(HAS))}")
         names = Counter(view.name for view in self.views)
@@ -383,6 +384,7 @@ class Scene:
         return len(self.views)
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Restoration:
     """The result of a method for a view.
@@ -416,7 +418,6 @@ class Restoration:
         if self.confidence is not None:
             confidence = array_of("Restoration.confidence", self.confidence, self.image.shape[:2], kinds="fiu")
             object.__setattr__(self, "confidence", confidence)
-        check_fields(self)
 
     def __repr__(self) -> str:
         height, width = self.image.shape[:2]
@@ -435,6 +436,7 @@ class Restoration:
         return coloured(self.image)
 
 
+@checked
 @dataclass(frozen=True)
 class Score:
     """One number of a metric, for one region of a view.
@@ -454,6 +456,3 @@ class Score:
     n_pixels: int = 0
     coverage: float = 1.0
     weight: float = 1.0
-
-    def __post_init__(self) -> None:
-        check_fields(self)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import io
 import os
+import re
 import shlex
 import shutil
 import tempfile
@@ -46,6 +47,7 @@ _PER_SCENE = ("input", "depth", "distance", "output")
 _PER_VIEW = (*_PER_SCENE, "name", "width", "height")
 
 _FARTHEST_PNG_M = 65.535  # what 16 bits of millimetres can say
+_PLAIN = re.compile("[\\w ./@%+=:,-]*")  # text that no shell or interpreter obeys
 _IMAGE_BYTES = 3  # of a pixel, in 8 bits without compression
 
 
@@ -188,6 +190,10 @@ class Command(RestoredElsewhere):
             try:
                 if self.per == "view":
                     name, (height, width) = "view.png", view.rgb.shape[:2]
+                    shells = (w for w in self._words if "{name}" in w and not _PLAIN.fullmatch(w.replace("{name}", "")))
+                    if not _PLAIN.fullmatch(view.name) and (word := next(shells, "")):
+                        remedy = "rename the view, or write {name} as a word of its own"
+                        raise InputError(f"has signs that '{word}' may obey", view.name, remedy)
                     output = (place / "output" / name).with_suffix(self.output_suffix)
                     values = {"output": output, "name": view.name, "width": width, "height": height}
                 else:

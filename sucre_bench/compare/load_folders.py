@@ -9,7 +9,7 @@ from sucre_bench import results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.about_methods import options_of
 from sucre_bench.compare.compare_rows import asked_for
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, LinesError
 from sucre_bench.machine import progress
 from sucre_bench.results.bundle_format import is_bundle, open_bundle
 from sucre_bench.results.rows import COSTS, values_of
@@ -86,7 +86,7 @@ def names_of(names: Sequence[str]) -> str:
 T = TypeVar("T")
 
 
-class NotComparableError(InputError):
+class NotComparableError(LinesError, InputError):
     """Methods cannot be compared: a line a reason."""
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from sucre_bench.arguments import checked
 from sucre_bench.errors import InputError, MissingFileError, unknown_name
 from sucre_bench.machine.files import expanded
 from sucre_bench.plugins.ranges import check_ranges
@@ -39,12 +40,12 @@ def read_water(given: Any, place: str = _PLACE) -> Water:
         if water is None:
             raise InputError("no B, beta and gamma in it", path, remedy)
         return read_water(water, str(path))
-    elif np.shape(given) == (9,):
-        parts = [given[0:3], given[3:6], given[6:9]]
     try:
         numbers = np.empty(0) if np.iscomplexobj(given) else np.array(parts, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         numbers = np.empty(0)
+    if numbers.shape == (9,):
+        numbers = numbers.reshape(3, 3)
     if numbers.shape != (3, 3):
         raise InputError(
             "not a water", place, "give nine numbers, [B, beta, gamma] each RGB, or a JSON file with those three"
@@ -82,6 +83,7 @@ _RANDOM = ("noise", "depth_noise", "depth_holes", *_POSES)
 _OF = {"depth_noise_px": ("depth_noise",), "depth_hole_px": ("depth_holes",), "seed": ("keep", *_RANDOM)}
 
 
+@checked
 @dataclass(frozen=True)
 class Degradation:
     """A known way to make a dataset worse. The default changes nothing.

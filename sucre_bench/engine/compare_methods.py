@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sucre_bench import compare, plugins, results
-from sucre_bench.arguments import check_fields, checked
+from sucre_bench.arguments import checked
 from sucre_bench.arrays import DataFrame, Picture
 from sucre_bench.compare import Comparison
 from sucre_bench.compare.answer import deciding
@@ -45,6 +45,7 @@ Methods = Sequence[Any] | Mapping[str, Any]
 _GAP = 4  # pixels between the pictures of a plot
 
 
+@checked
 @dataclass(frozen=True, eq=False, repr=False)
 class Compared:
     """The result of `compare_methods`. Printed, it is a table of the methods' means with 95 % intervals.
@@ -65,7 +66,6 @@ class Compared:
     common: DataFrame | None = None
 
     def __post_init__(self) -> None:
-        check_fields(self)
         if not hasattr(self.rows, "columns"):
             raise InputError(f"is {shown_value(self.rows)}", "Compared.rows", "pass the table that score returns")
 

@@ -12,7 +12,15 @@ from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame, evenly
 from sucre_bench.engine.score import metric_code, score_code
 from sucre_bench.engine.select_views import Task, open_scenes, opening_once, tasks
-from sucre_bench.errors import InputError, MissingFileError, SucreBenchError, did_you_mean, one_line, raise_if_stop
+from sucre_bench.errors import (
+    InputError,
+    LinesError,
+    MissingFileError,
+    SucreBenchError,
+    did_you_mean,
+    one_line,
+    raise_if_stop,
+)
 from sucre_bench.imaging.display import is_of_scene
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job
@@ -31,7 +39,7 @@ from sucre_bench.scene import Scene
 MOST_SHOWN_OVER = 40
 
 
-class ProblemsError(SucreBenchError):
+class ProblemsError(LinesError):
     """Everything the check before the work found, a line each."""
 
 

@@ -30,6 +30,7 @@ from sucre_bench.thumbnails import as_html
 _ready: set[str] = set()
 
 
+@checked
 @dataclass(frozen=True, eq=False, repr=False)
 class Restored(Restoration):
     """The result of `restore`: a restoration, and the restored image that is made of it.

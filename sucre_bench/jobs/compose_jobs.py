@@ -159,10 +159,11 @@ def _jobs(typed: Sequence[Word], line_up: LineUp) -> list[Job]:
         replaced = {word.key for word in typed}
         words = [word for word in line_up.words() if not _is_replaced(word, replaced, entries, line_up)]
         options = [(word, _option(word, entries, line_up)) for word in (*words, *typed) if word.key not in KINDS]
+        unlabelled = {kind: Counter(one.name for one in entries[kind] if not one.label) for kind in KINDS}
         made: list[Job] = []
         for dataset, method in itertools.product(entries["dataset"], entries["method"]):
             keys.clear()
-            made += _of_pair({"dataset": dataset, "method": method}, options, entries, keys)
+            made += _of_pair({"dataset": dataset, "method": method}, options, unlabelled, keys)
     except SucreBenchError as fault:
         place = keys.get(fault.place, fault.place)
         texts = {text for word in typed for text in (word.text, word.key, word.head)}
@@ -179,16 +180,20 @@ def _jobs(typed: Sequence[Word], line_up: LineUp) -> list[Job]:
 def _of_pair(
     pair: Mapping[Kind, Entry],
     words: Sequence[tuple[Word, _Option | None]],
-    entries: Mapping[Kind, Sequence[Entry]],
+    unlabelled: Mapping[Kind, Mapping[str, int]],
     keys: dict[str, str],
 ) -> Iterator[Job]:
-    """The jobs of one dataset and one method: of every combination of the words' values."""
+    """The jobs of one dataset and one method: of every combination of the words' values.
+
+    unlabelled: how many entries of a name have no label.
+    """
     chosen: dict[str, Word] = {}
     swept: list[str] = []
     for kind, entry in pair.items():
         chosen |= {word.key: word for word in entry.words(kind)}
-        names = Counter(one.name for one in entries[kind] if not one.label)
-        if not entry.label and names[entry.name] > 1:  # its label names the options that tell it from the others
+        if (
+            not entry.label and unlabelled[kind][entry.name] > 1
+        ):  # its label names the options that tell it from the others
             swept += [f"{kind}.{option}" for option in entry.options if option != "degrade"]
     for word, option in words:
         key = word.key

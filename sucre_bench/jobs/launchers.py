@@ -9,6 +9,8 @@ from typing import Any
 from sucre_bench.errors import InputError, did_you_mean, unknown_name
 from sucre_bench.jobs.words import Word, first_line
 
+_REMEDY = "leave it out, or write what Hydra's documentation has there"
+
 
 @dataclass
 class SlurmSettings:
@@ -101,9 +103,11 @@ def hydra_words(words: Sequence[Word]) -> HydraWords:
                 known, name = GlobalHydra.instance().config_loader().get_group_options(word.key), str(word.values[0])
                 if name not in known:
                     raise InputError(f"no {word.key} is called '{name}'", remedy=did_you_mean(name, known)) from fault
-            raise InputError(first_line(fault.__cause__ or fault)) from fault
+            raise InputError(first_line(fault.__cause__ or fault), remedy=_REMEDY) from fault
     for word in words:
         if word.head == "hydra":
+            if isinstance(OmegaConf.select(made, word.key), DictConfig) and not isinstance(word.values[0], dict):
+                raise InputError("is a group of options", word.key, _REMEDY)
             try:
                 OmegaConf.update(made, word.key, word.values[0], merge=True, force_add=word.text.startswith("+"))
             except (OmegaConfBaseException, ValueError, TypeError, AttributeError, KeyError, AssertionError) as fault:
@@ -111,7 +115,7 @@ def hydra_words(words: Sequence[Word]) -> HydraWords:
                 node = OmegaConf.select(made, parent)
                 if isinstance(node, DictConfig) and name not in node:
                     raise unknown_name(word.key, name, [str(one) for one in node if one != "_target_"]) from fault
-                raise InputError(first_line(fault), word.key) from fault
+                raise InputError(first_line(fault), word.key, _REMEDY) from fault
     hydra = made.hydra
     if any(word.key == "hydra.searchpath" for word in words):
         raise InputError("sucre-bench looks nowhere else", "hydra.searchpath", "write presets as methods of a line-up")

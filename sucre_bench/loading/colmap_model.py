@@ -113,7 +113,7 @@ def _read_cameras(file: Path, distorted: bool, undistort: str) -> dict[int, tupl
             raise InputError(f"{place} is {model}, {usable}; undistort: {undistort}")
         focals = parameters[: 1 if model in _ONE_FOCAL else 2]
         is_size = 0 < min(width, height) <= max(width, height) <= 1e6  # what `Camera` takes
-        if not (is_size and min(focals) > 0 and all(map(math.isfinite, parameters))):
+        if not (is_size and min(focals) > 0 and all(abs(value) <= 1e9 for value in parameters)):
             raise InputError(
                 f"{place} is {width}x{height} with parameters {parameters}, which no camera has; {_REMEDY}"
             )

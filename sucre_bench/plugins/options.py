@@ -16,6 +16,7 @@ from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
+from sucre_bench.arguments import check_argument
 from sucre_bench.errors import InputError, did_you_mean, shown_value, unknown_name
 from sucre_bench.imaging.display import normalisation
 from sucre_bench.machine.files import expanded, fault_of
@@ -230,13 +231,14 @@ def plugin_choice(kind: Kind, values: Any) -> Choice:
     if "name" not in values:
         raise InputError(f"no {kind} is chosen; add {kind}=NAME, `sucre-bench list {kind}s` shows what there is")
     plugin = find(kind, values.pop("name"))
-    label, display = values.pop("label", None), values.pop("display", "")
+    label, display = typed(str | None, values.pop("label", None)), values.pop("display", "")
+    check_argument(f"{kind}.label", label, str | None)
+    check_argument(f"{kind}.display", display, str)
     if kind == "method":
         try:
             normalisation(display)
         except InputError as fault:
             raise InputError(f"'{display}' is unknown", "method.display", fault.remedy) from fault
-    label = typed(str | None, label)
     if label and not label.strip():
         raise InputError("is blank", f"{kind}.label", "write a name, or leave it out")
     return Choice(plugin, label or plugin.name, checked_options(plugin.cls, values), display)

@@ -21,6 +21,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from sucre_bench.arguments import checked
 from sucre_bench.errors import ANY_FAULT, PluginError, UnknownPluginError, did_you_mean, one_line, raise_if_stop
+from sucre_bench.machine.files import is_file
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 
 # Set by the bench beside a plugin's own options.
@@ -72,6 +73,8 @@ def load_file(path: str | Path) -> list[Plugin]:
     >>> [plugin.name for plugin in sb.load_file(Path(sb.__file__).parent / "methods" / "gray_world.py")]
     ['gray_world']
     """
+    if not is_file(Path(path)):
+        raise PluginError("no such plugin file", path, "give the path of a .py file")
     registry, path = _current.get(), Path(path).resolve()
     if path not in registry.files:
         registry.files[path] = _module_of(path)
@@ -163,9 +166,7 @@ def _entry_points(search_path: tuple[str, ...]) -> importlib.metadata.EntryPoint
 
 
 def _module_of(path: Path) -> ModuleType:
-    """Import a plugin file. PluginError if it does not exist, does not import or holds no plugin."""
-    if not path.is_file():
-        raise PluginError("no such plugin file", path, "give the path of a .py file")
+    """Import a plugin file. PluginError if it does not import or holds no plugin."""
     of = hashlib.blake2b(str(path).encode(), digest_size=4).hexdigest()  # two files may have one name
     spec = importlib.util.spec_from_file_location(f"sucre_bench_plugin_{path.stem}_{of}", path)
     if spec is None or spec.loader is None:
@@ -221,7 +222,7 @@ def unknown(kind: str, name: str, known: Iterable[str], give: str = "--plugin ")
 
     give: what stands before a file in the command.
     """
-    if Path(f"{name}.py").is_file():
+    if is_file(Path(f"{name}.py")):
         return UnknownPluginError(f"no {kind} is called '{name}', but {name}.py is here", kind, f"give {give}{name}.py")
     return UnknownPluginError(f"no {kind} is called '{name}'", kind, did_you_mean(name, known))
 

@@ -102,6 +102,22 @@ def test_labels_are_shown_as_they_are():
     assert "&lt;script&gt;&amp;" in html
 
 
+@pytest.mark.parametrize(
+    ("how", "kept", "not_kept"),
+    [
+        ("md", r"\|", "<img"),
+        ("html", "&lt;img", "<img"),
+        ("latex", r"\textbackslash", r"\input{"),
+        ("csv", "'=1+1", "\n=1+1"),
+    ],
+)
+def test_a_label_is_text_in_each_format(how: str, kept: str, not_kept: str):
+    comparison = table({"<img src=x>": [1, 2], "=1+1": [2, 3], r"\input{x}": [3, 4], "a|b": [4, 5]})
+    text = as_text([comparison], how)
+    assert kept in text
+    assert not_kept not in text
+
+
 def test_html_is_well_formed():
     text = as_text([table({"a<b": [1, 5, 9], "c": [2, None, 8], "d&": [1, 2, 3]})], "html")
     root = ElementTree.fromstring(f"<div>{text}</div>")

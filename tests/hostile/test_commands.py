@@ -7,6 +7,7 @@ import os
 import re
 import shlex
 import socket
+import subprocess
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +16,7 @@ from urllib.parse import urlsplit
 import pytest
 from filelock import FileLock
 from support.colmap_folder import write_dive
-from support.command_line import forks, run_bounded, run_here
+from support.command_line import PROGRAM, forks, run_bounded, run_here
 from support.messages import Lines
 
 from sucre_bench.machine import progress
@@ -62,6 +63,12 @@ CASES: dict[str, tuple[str, int, str]] = {
     "a device as line-up": ("run /dev/zero", 2, r"/dev/zero"),
     "a device as bundle": ("verify /dev/zero", 2, r"/dev/zero: .*; "),
     "a device as results": ("compare /dev/zero", 2, r"/dev/zero: .*; "),
+    "a list as label": (f"{RUN} method.label=[1]", 2, r"method\.label: .*\[1\]; .*text"),
+    "a number as group of options": (f"{RUN} hydra.launcher=1e999", 2, r"hydra\.launcher: .*group of options; "),
+    "a pixel at infinity": ("prepare dive/images out --length a.png inf 1 2 2 1", 2, r"--length: inf; "),
+    "a link to itself": ("restore loop out", 2, r"/loop: links to itself; "),
+    "a name of two lines": ("compare 'a\nb'", 2, r"^error: a\\nb: .*; "),
+    "a results folder in /proc": (f"{RUN} out=/proc/x", 2, r"/proc/x.*: .*; "),
     "a pipe as plugin": ("run --plugin pipe.py method=x", 2, r"pipe\.py: .*; "),
     "a deep line-up": ("run deep.yaml", 2, r"deep\.yaml: line 1: .*levels; "),
     "a long path to run": (f"run dataset=colmap dataset.root={LONG} method=gray_world", 2, LONG),
@@ -81,6 +88,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_dive(folder / "dive", ("a.png", "b.png"))
     (folder / "deep.yaml").write_text("[" * 100_000)
     (folder / "empty.json").write_text("{}")
+    (folder / "loop").symlink_to("loop")
     (folder / "piped").mkdir()
     for name in ("pipe.py", "pipe.yaml", "pipe.onnx", "views.txt", "piped/scores.parquet"):
         os.mkfifo(folder / name)
@@ -94,6 +102,12 @@ def test_a_fault_is_one_line_that_names_place_and_remedy(place: Path, command: s
     assert re.search(said, done.stderr), done.stderr
     assert "Traceback" not in done.stdout + done.stderr
     assert len(done.errors) <= 2
+
+
+def test_a_reader_that_ends_early_ends_the_command_without_a_word(tmp_path: Path):
+    words = ["bash", "-c", f"'{PROGRAM}' list methods | true"]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
+    assert (done.stdout, done.stderr) == ("", "")
 
 
 ESCAPE = "a\x1b[2J\x1b]0;x\x07\u202eb.png"

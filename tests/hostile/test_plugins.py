@@ -111,7 +111,7 @@ def test_a_view_that_fails_or_comes_to_no_end_costs_itself(tmp_path: Path):
     assert told in done.stdout
 
 
-HARMS = ("leaks", "late-segfault")
+HARMS = ("libraries", "leaks", "late-segfault")
 
 
 @pytest.mark.parametrize("harm", HARMS)

@@ -78,6 +78,8 @@ BAD: dict[str, Any] = {
     "nan": float("nan"),
     "bool": True,
     "text": "no such thing",
+    "lines": "no such\nthing",
+    "long": "x" * 5000,
     "bytes": b"a",
     "list": [object()],
     "letters": ["no such thing"],
@@ -101,7 +103,7 @@ OPTIONAL = """water confidence filled camera cam_from_world degradation how with
     Arrays.depth Arrays.reference compare_methods.views"""
 # Values that an argument takes all the same, by argument or "name.argument".
 TAKEN: dict[str, str] = {
-    **dict.fromkeys(ANY_TEXT.split(), "text"),
+    **dict.fromkeys(ANY_TEXT.split(), "text lines long"),
     **dict.fromkeys(OPTIONAL.split(), "None"),
     **dict.fromkeys(["weight", "coverage", "value"], "int big float nan"),
     **dict.fromkeys(["dataset.has", "requires", "needs", "default"], "generator"),
@@ -138,3 +140,6 @@ def test_a_wrong_argument_is_one_line_that_says_what_to_pass(
                 continue
             with pytest.raises(sb.SucreBenchError, match=r"\A[^\n]+; [^\n]+\Z"):
                 pytest.fail(f"{argument} took {kind}: {type(call(**{**good, argument: value}))}")
+    if isinstance(call, type):
+        with pytest.raises(sb.InputError, match=r"\A[^\n]+'no_such'; [^\n]+\Z"):
+            call(**good, no_such=1)

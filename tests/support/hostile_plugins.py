@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import json
 import os
 import resource
 import signal
+import sys
 import tempfile
 import threading
 import time
@@ -50,6 +52,11 @@ def _leak() -> None:
     _leaked.extend(os.open(os.devnull, os.O_RDONLY) for _ in range(20_000))
 
 
+def _break_libraries() -> None:
+    json.dumps = np.asarray = np.isnan = os.replace = None  # type: ignore[assignment]
+    sys.modules.pop("pandas", None)
+
+
 _leaked: list[int] = []
 
 ACTS: dict[str, Callable[[], object]] = {
@@ -62,6 +69,7 @@ ACTS: dict[str, Callable[[], object]] = {
     "long": lambda: _raise(ValueError("x" * 1_000_000)),
     "removed-folder": _in_a_removed_folder,
     "leaks": _leak,
+    "libraries": _break_libraries,
     "late-segfault": lambda: _later(lambda: ctypes.string_at(0)),
     "no-files": lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (3, 3)),
     "elsewhere": lambda: os.chdir("/"),

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from sucre_bench import results
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, LinesError
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.text_formats import now
 from sucre_bench.programs.people import design, statistics
@@ -64,7 +64,7 @@ def read_votes(
             skipped.append(str(fault))
         skipped += [f"{path}: {count} votes {reason}; they do not count" for reason, count in reasons.items()]
     if not votes:
-        raise InputError("\n".join([*skipped, "--votes: no vote counts; give files that the study's page saved"]))
+        raise LinesError("\n".join(skipped or ["--votes: no vote counts; give files that the study's page saved"]))
     return list(votes.values()), skipped
 
 

@@ -6,7 +6,6 @@ cameras, a visible length, or the depth below the surface of each photo.
 
 import csv
 import hashlib
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import DamagedFileError, InputError, file_error
+from sucre_bench.errors import DamagedFileError, InputError, check_number, file_error
 from sucre_bench.machine.files import regular
 from sucre_bench.programs.prepare.shots import Shot
 
@@ -42,8 +41,9 @@ def known_scale(
     metres = [("--scale", factor)] if factor is not None else []
     metres += [("--distance", m) for *_, m in distances] + [("--length", m) for *_, m in lengths]
     for option, value in metres:
-        if not (math.isfinite(value) and value > 0):
-            raise InputError(f"{value:g} is not above 0", option, "give metres")
+        check_number(option, value, "(0, inf)")
+    for pixel in (pixel for _, *ends, _ in lengths for pixel in ends):
+        check_number("--length", pixel, "[0, inf)")
     known: dict[str, Any] = {"factor": factor} if factor is not None else {}
     if distances:
         known["distances"] = [list(distance) for distance in distances]
