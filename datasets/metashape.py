@@ -71,9 +71,7 @@ class Chunk:
 def find_document(root: Path, name: str) -> Path:
     """Return the document in a folder: the one named, or the only one. InputError when there is none or several."""
     if name:
-        if not (root / name).is_file():
-            raise MissingFileError("no such file", root / name, f"correct or drop dataset.document={name}")
-        return root / name
+        return regular(root / name, f"correct or drop dataset.document={name}")
     there = sorted(path for path in root.iterdir() if path.suffix.lower() in _SUFFIXES and path.is_file())
     if not there:
         raise InputError(f"{root}: no cameras.xml, .psx or .psz; put Metashape's exported cameras or project there")

@@ -92,9 +92,7 @@ class Nerfstudio(ImageScaleOption):
 
     def _files(self, root: Path) -> list[Path]:
         if self.transforms:
-            if not (root / self.transforms).is_file():
-                raise MissingFileError("no such file", root / self.transforms, "correct or drop dataset.transforms=...")
-            return [root / self.transforms]
+            return [regular(root / self.transforms, "correct or drop dataset.transforms=...")]
         for names in _USUAL:
             there = [root / name for name in names if (root / name).is_file()]
             if there:

@@ -16,8 +16,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sucre_bench.errors import InputError, MissingFileError, SucreBenchError, one_line
-from sucre_bench.machine.files import write_atomically
+from sucre_bench.errors import InputError, SucreBenchError, one_line
+from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.machine.packages import require
 from sucre_bench.methods.networks.run_torch import UNSAFE, bare, foreign
 
@@ -45,11 +45,7 @@ def tensors(path: Path) -> dict[str, "torch.Tensor"]:
     """
     import torch
 
-    try:
-        what = foreign(path)
-    except FileNotFoundError:
-        raise MissingFileError("no such file", path, "give the author's file of weights") from None
-    if what:
+    if what := foreign(regular(path, "give the author's file of weights")):
         raise InputError(what, path)
     stand_ins: dict[str, type] = {}
     while True:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import FileError, InputError, MissingFileError
+from sucre_bench.errors import FileError, InputError
 from sucre_bench.machine.compute import Device
 from sucre_bench.machine.files import regular
 
@@ -31,11 +31,9 @@ _COUNTER = "num_batches_tracked"
 
 def check_file(path: Path, option: str) -> None:
     """Raise MissingFileError if nothing is there, FileError for anything but a file. option: the one that names it."""
-    remedy = f"give the network's file in method.{option}"
+    remedy = f"give the network's file in method.{option}, none is shipped"
     try:
-        regular(path)
-    except FileNotFoundError:
-        raise MissingFileError("no such file", path, f"{remedy}, none is shipped") from None
+        regular(path, remedy)
     except FileError as fault:
         raise type(fault)(fault.fault, path, remedy) from fault
 

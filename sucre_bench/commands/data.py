@@ -75,7 +75,7 @@ def describe(
         check_output(sheet, "contact sheet", force=force)
     if write_set is not None:
         check_output(write_set, "table", force=force)
-    shared.refuse_options(words, "describe")
+    shared.refuse_options(words)
     overrides = [word if "=" in word else f"dataset={word}" for word in words]
     with progress.live():
         selections = select(overrides)

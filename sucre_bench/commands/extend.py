@@ -154,7 +154,7 @@ def new(kind: Any, name: str, package: Path | None, depth: bool) -> None:
     from sucre_bench.programs.contract.write_plugin import shown_path, write_new
 
     if depth and kind != "method":
-        raise click.UsageError("--depth is for methods; see sucre-bench new --help")
+        raise click.UsageError("--depth is for methods")
     written = write_new(kind, name, Path.cwd(), package, depth)
     for path in written.files:
         click.echo(f"{'wrote':8} {shown_path(path)}")
@@ -187,7 +187,7 @@ def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bo
     from sucre_bench.programs.contract import contract
     from sucre_bench.programs.contract.write_plugin import shown_path
 
-    shared.refuse_options(overrides, "check")
+    shared.refuse_options(overrides)
     checked: list[dict[str, Any]] = []
     show: Callable[..., None] = (lambda *_: None) if as_json else terminal.show
     for subject in contract.subjects(plugin, overrides, kind, on):

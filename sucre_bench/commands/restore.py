@@ -72,7 +72,7 @@ def restore(
     from sucre_bench.commands.measurable import say_whether_measurable
     from sucre_bench.programs.restore import pipeline
 
-    shared.refuse_options(words, "restore")
+    shared.refuse_options(words)
     if out.exists() and not out.is_dir():
         raise OutputError("is a file", out, "name a folder to write into")
     for folder in (source.resolve(), *([photos.resolve()] if photos else [])):

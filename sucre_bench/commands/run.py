@@ -67,7 +67,7 @@ def run(
     """
     from sucre_bench.jobs.words import value_of
 
-    shared.refuse_options(overrides, "run")
+    shared.refuse_options(overrides)
     if plugin_files:
         overrides = (*overrides, f"plugins={value_of([str(Path(file).resolve()) for file in plugin_files])}")
     if cfg:

@@ -96,7 +96,7 @@ def dataset_option(command: _F) -> _F:
     return option("--dataset", default="", metavar="LABEL", help=text)(command)
 
 
-def refuse_options(words: Sequence[str], command: str) -> None:
+def refuse_options(words: Sequence[str]) -> None:
     """Raise click.UsageError if one of a command's words looks like an option, which click would pass on as a word.
 
     What is a key of `sucre-bench run` is answered with the word to write.
@@ -111,9 +111,8 @@ def refuse_options(words: Sequence[str], command: str) -> None:
             if not equals and following and not following[0].startswith("-") and "=" not in following[0]:
                 word, value = f"{word} {following[0]}", following[0]
             known = {"experiment", *(option.name for option in options_of(RunConfig))}
-            is_key = name.partition(".")[0] in known
-            remedy = f"write {name}={value or 'VALUE'}" if is_key else f"see sucre-bench {command} --help"
-            raise click.UsageError(f"no option {word}; {remedy}")
+            remedy = f"; write {name}={value or 'VALUE'}" if name.partition(".")[0] in known else ""
+            raise click.UsageError(f"no option {word}{remedy}", click.get_current_context())
 
 
 def labels_of(text: str) -> list[str]:

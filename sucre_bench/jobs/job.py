@@ -15,7 +15,6 @@ from sucre_bench.errors import (
     DamagedFileError,
     FileError,
     InputError,
-    MissingFileError,
     SucreBenchError,
     file_error,
     one_line,
@@ -147,12 +146,8 @@ def _view_names(given: Any) -> tuple[str, ...] | None:
     if len(names) == 1 and names[0].endswith(".txt"):
         path = expanded(names[0])
         try:
-            lines = regular(path).read_text(encoding="utf-8-sig").splitlines()
-            names = [line.strip() for line in lines if line.strip()]
-        except FileNotFoundError:
-            raise MissingFileError(
-                "no such list of views", path, "give a text file with one view name a line"
-            ) from None
+            text = regular(path, "give a text file with one view name a line").read_text(encoding="utf-8-sig")
+            names = [line.strip() for line in text.splitlines() if line.strip()]
         except (OSError, UnicodeDecodeError) as fault:
             raise InputError(f"not a list of views, {one_line(fault)}", path, "save it as UTF-8 text") from fault
     if not names:

@@ -40,15 +40,17 @@ def user_cache() -> Path:
     return user_cache_path("sucre_bench", appauthor=False)
 
 
-def regular(path: Path) -> Path:
+def regular(path: Path, remedy: str = "") -> Path:
     """Return a path that leads to a regular file, for reading: a pipe or a device would perhaps never end.
 
-    Raises FileNotFoundError if nothing is there, NotAFileError for anything but a file, and ForbiddenFileError if the
-    system does not say what it is. Nothing is opened.
+    Raises FileNotFoundError if nothing is there, or MissingFileError where a remedy is given; NotAFileError for
+    anything but a file, and ForbiddenFileError if the system does not say what it is. Nothing is opened.
     """
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:
+        if remedy:
+            raise MissingFileError("no such file", path, remedy) from None
         raise
     except PermissionError as fault:
         raise ForbiddenFileError(f"cannot be read, {fault.strerror}", path, "let this user read it") from fault

@@ -41,9 +41,7 @@ def check_output(path: Path, kind: str, inputs: Iterable[Path] = (), force: bool
         raise InputError("is a folder", path, f"give a file, for example {example}")
     if path.suffix.lower() not in ENDINGS[kind]:
         noun = "picture" if kind == "contact sheet" else kind
-        *others, last = ENDINGS[kind]
-        endings = f"{', '.join(others)} or {last}" if others else last
-        raise InputError(f"has no suffix of a {noun}", path, f"end it in {endings}")
+        raise InputError(f"has no suffix of a {noun}", path, f"end it in {' or '.join(ENDINGS[kind])}")
     try:
         regular(path)
     except FileNotFoundError:

@@ -26,8 +26,8 @@ from functools import cached_property
 from pathlib import Path
 
 from sucre_bench.arrays import DataFrame
-from sucre_bench.errors import InputError, MissingFileError, NotAFileError, one_line
-from sucre_bench.machine.files import open_atomically
+from sucre_bench.errors import InputError, NotAFileError, one_line
+from sucre_bench.machine.files import open_atomically, regular
 from sucre_bench.results.rows import COLUMNS, NUMBERS, csv_text, frame
 from sucre_bench.results.table import check_values
 
@@ -192,8 +192,7 @@ def open_bundle(path: Path, limits: Limits = LIMITS) -> Iterator[Bundle]:
     """
     if path.is_dir():
         raise NotAFileError("is a folder, not a bundle", path, f"`sucre-bench bundle {path} FILE.zip` makes one of it")
-    if not path.is_file():
-        raise MissingFileError("no such file", path, "give a bundle that `sucre-bench bundle` wrote")
+    regular(path, "give a bundle that `sucre-bench bundle` wrote")
     try:
         archive = zipfile.ZipFile(path)
     except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError) as fault:

@@ -6,9 +6,10 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from sucre_bench import results
 from sucre_bench.errors import InputError, LinesError
@@ -22,9 +23,6 @@ _VERSION = 1
 _FORMAT = ("sucre_bench votes", 1)
 _MOST_BYTES = 16 << 20
 _WON = {"left": 1.0, "tie": 0.5, "right": 0.0}
-
-T = TypeVar("T")
-
 
 # -- the files, which come from strangers: everything in them is checked ---------------------------------------------
 
@@ -110,18 +108,13 @@ class Numbered:
 
 def as_numbers(votes: Sequence[Vote]) -> Numbered:
     """Number methods, views and observers of votes."""
-    sides, methods = _numbered([vote.left.method for vote in votes] + [vote.right.method for vote in votes])
-    places, views = _numbered([(vote.left.scene, vote.left.view) for vote in votes])
-    people, observers = _numbered([vote.observer for vote in votes])
+    both = [vote.left.method for vote in votes] + [vote.right.method for vote in votes]
+    sides, methods = pd.Index(both).factorize(True)
+    places, views = pd.MultiIndex.from_tuples([(vote.left.scene, vote.left.view) for vote in votes]).factorize(True)
+    people, observers = pd.Index([vote.observer for vote in votes]).factorize(True)
     won = np.array([vote.won for vote in votes])
     numbers = statistics.Votes(len(methods), sides[: len(votes)], sides[len(votes) :], won, places, people)
-    return Numbered(numbers, methods, views, observers)
-
-
-def _numbered(values: Sequence[T]) -> tuple[statistics.Numbers, list[T]]:
-    known = sorted(set(values))  # type: ignore[type-var]
-    numbers = {value: n for n, value in enumerate(known)}
-    return np.array([numbers[value] for value in values]), known
+    return Numbered(numbers, methods.tolist(), views.tolist(), observers.tolist())
 
 
 # -- what they say -----------------------------------------------------------------------------------------

@@ -18,6 +18,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import moved, pixel_rays
 from sucre_bench.errors import InputError
 from sucre_bench.machine.compute import usable_cores
+from sucre_bench.machine.files import regular
 from sucre_bench.machine.packages import load
 from sucre_bench.programs.prepare.shots import Shot
 
@@ -68,8 +69,7 @@ class Surface:
 
 def read_mesh(path: Path) -> Surface:
     """Return the triangles of a .ply, .obj, .glb, .stl or .off file. Raises InputError if it holds none."""
-    if not path.is_file():
-        raise InputError("no such file", path, "give a mesh: .ply, .obj or .glb")
+    regular(path, "give a mesh: .ply, .obj or .glb")
     o3d = load("prepare", "open3d")
     with tempfile.TemporaryDirectory() as folder, o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         content = path.read_bytes() if path.suffix.lower() == ".glb" else b""
