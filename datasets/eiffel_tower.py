@@ -54,9 +54,7 @@ class EiffelTower(ImageScaleOption):
         root = existing(self.root)
         if (root / "sfm").is_dir():  # one visit was given
             if self.year not in ("all", root.name):
-                raise InputError(
-                    f"{root}: is one visit, not {self.year}; give the folder above it or drop dataset.year"
-                )
+                raise InputError(f"is one visit, not {self.year}", root, "give the folder above, or drop dataset.year")
             places = [root]
         else:
             years = _YEARS if self.year == "all" else (self.year,)

@@ -42,7 +42,7 @@ from sucre_bench.loading.view_files import (
     scene_of,
     straight_lens,
 )
-from sucre_bench.machine.files import regular
+from sucre_bench.machine.files import check_folder, regular
 from sucre_bench.machine.progress import say
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Encoding, Plane, Scene
@@ -378,10 +378,7 @@ class Metashape(ImageScaleOption):
 
 def _photographs(folder: Path, document: Path, cameras: Sequence[Aligned], undistorted: bool) -> list[Photograph]:
     """Return the photograph of each camera; InputError when none of their files is there, or one is two cameras'."""
-    if not folder.is_dir():
-        raise MissingFileError(
-            "no such folder", folder, "put the images there or name their folder with dataset.images=DIR"
-        )
+    check_folder(folder, "put the images there or name their folder with dataset.images=DIR")
     files, found, owners = ImageFolder(folder), [], defaultdict(list)
     for camera in cameras:
         fits = files.find(camera.named)

@@ -181,9 +181,7 @@ def _lens(frame: _Frame, image: Path, path: Path, place: str) -> Lens:
     if width is None or height is None:
         size = image_size(image)
         if size is None:
-            raise InputError(
-                f"{place}: has no w and h, and its image cannot be read; give both, or put the image there"
-            )
+            raise InputError("has no w and h, and its image cannot be read", place, "give both, or the image")
         width, height = size
     fl_x = fl_x or _focal(frame, "camera_angle_x", width, place)
     fl_y = fl_y or _focal(frame, "camera_angle_y", height, place) or fl_x

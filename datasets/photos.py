@@ -130,9 +130,7 @@ class Uieb(ImageScaleOption, SplitOption):
             raise InputError(f"{root}: holds no folder {names[0]}; unpack it there, or give the folder that holds it")
         place, images, references = found
         if paired and references is None:
-            raise MissingFileError(
-                "no such folder", place / _REFERENCES[0], f"unpack the references there, beside {images}"
-            )
+            raise MissingFileError("no such folder", place / _REFERENCES[0], f"unpack it there, beside {images}")
         targets = references if paired else None
         yield image_folder_scene(self.subset, images, targets, self.image_scale, split=self.split)
 

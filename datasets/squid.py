@@ -135,9 +135,7 @@ def _beside(folder: Path) -> Path:
     for place in (folder.parent, folder):
         if found := sorted(place.glob("stereoParams*.mat")):
             return found[0]
-    raise MissingFileError(
-        "no such file", folder.parent / "stereoParams0.5.mat", "copy it there from the site's download"
-    )
+    raise MissingFileError("no such file", folder.parent / "stereoParams0.5.mat", "copy it from the site's download")
 
 
 def _calibration(path: Path) -> tuple[tuple[Camera, Camera], Array]:

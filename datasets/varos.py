@@ -120,9 +120,7 @@ def _beside(folder: Path, root: Path, name: str) -> Path:
         for path in (place / name, place / Path(name).name):
             if path.is_file():
                 return path
-    raise MissingFileError(
-        f"no such file, nor in the folders above up to {root}", folder / name, "copy it from the download"
-    )
+    raise MissingFileError(f"no such file, nor above, up to {root}", folder / name, "copy it from the download")
 
 
 def _read_depth(path: Path) -> Array:

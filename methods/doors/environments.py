@@ -56,9 +56,7 @@ class Environment:
     def check(self) -> None:
         """Raise InputError where its tool or file is missing, or its content has another digest than was given."""
         if shutil.which(self.tool) is None:
-            raise InputError(
-                f"{self.tool} is not installed", self._place, f"install {self.tool}, or give another of {_FORMS}"
-            )
+            raise InputError(f"{self.tool} is not installed", self._place, f"install it, or give another of {_FORMS}")
         if self.tool == "uv" and not Path(self.name).is_file():
             raise MissingFileError("no such file", self.name, "give uv:FILE, a file of requirements, in command.env")
         if self.digest and (found := self._found_digest) and found != self.digest:

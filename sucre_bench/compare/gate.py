@@ -37,9 +37,7 @@ class Gate:
         except ValueError:
             limit = math.nan
         if not metric or not -math.inf < limit <= 0:
-            raise InputError(
-                f"--fail-below: '{text}' is no limit; write METRIC=NUMBER, the number 0 or below, psnr=-0.5 say"
-            )
+            raise InputError(f"--fail-below: '{text}' is no limit; write METRIC=NUMBER, 0 or below, psnr=-0.5 say")
         return cls(method, metric, limit)
 
 

@@ -69,9 +69,7 @@ def read_kind(path: Path) -> ChartKind:
     try:
         return _parsed(str(path), regular(path).read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(
-            f"{path}: the chart's description cannot be read, {one_line(error)}; correct its path"
-        ) from error
+        raise InputError(f"cannot be read, {one_line(error)}", path, "correct the path of the chart") from error
 
 
 @functools.lru_cache(maxsize=32)  # asked for with every chart that is measured
