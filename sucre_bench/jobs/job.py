@@ -146,7 +146,7 @@ def _view_names(given: Any) -> tuple[str, ...] | None:
     if len(names) == 1 and names[0].endswith(".txt"):
         path = expanded(names[0])
         try:
-            text = regular(path, "give a text file with one view name a line").read_text(encoding="utf-8-sig")
+            text = regular(path, "give a list of views: text, a name a line").read_text(encoding="utf-8-sig")
             names = [line.strip() for line in text.splitlines() if line.strip()]
         except (OSError, UnicodeDecodeError) as fault:
             raise InputError(f"not a list of views, {one_line(fault)}", path, "save it as UTF-8 text") from fault
