@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -147,7 +148,7 @@ def _print(compared: Sequence[Comparison], folders: Sequence[Path], how: Any, wa
             compared = [without_costs(table) for table in compared]
         click.echo(as_text(compared, how, spread), nl=False)
         return
-    from sucre_bench.compare.answer import decisive
+    from sucre_bench.compare.answer import deciding
     from sucre_bench.compare.terminal_table import as_blocks, as_table
 
     width = terminal.out.width
@@ -159,8 +160,8 @@ def _print(compared: Sequence[Comparison], folders: Sequence[Path], how: Any, wa
         click.echo(f"more: {shlex.join(['sucre-bench', 'compare', *given, '--intervals', '--all-metrics'])}")
         return
     for table in compared:
-        shown_table = table if all_metrics or metrics else decisive(table)
-        terminal.out.print(as_table(shown_table, width, spread, intervals))
+        columns = table.columns if all_metrics or metrics else deciding(table).columns
+        terminal.out.print(as_table(replace(table, columns=columns), width, spread, intervals))
 
 
 def _say_gated(verdict: Gated, baseline: str) -> None:

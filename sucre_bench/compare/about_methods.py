@@ -86,7 +86,8 @@ def seen_in_training(out: Path, rows: DataFrame) -> Iterator[str]:
             continue
         pictures = _pictures(out, str(dataset), of_dataset)
         for method, (text, sets, but) in trained.items():
-            seen = {name for one in sets for name in _known_of(one, pictures)}
+            found = [found_of(one, pictures, "image") for one in sets]  # by content, and not changed
+            seen = {name for one in found for name in {*one.members} - {*one.by_name, *one.changed}}
             if but:
                 seen -= {*found_of(but, pictures, "image").members}
             if seen:
@@ -103,12 +104,6 @@ def _sets_in(text: str) -> tuple[list[NamedSet], NamedSet | None]:
     if less and but not in known:
         return [], None
     return [one for name, one in known.items() if whole in (one.of.casefold(), name)], known.get(but)
-
-
-def _known_of(named: NamedSet, pictures: Mapping[str, Picture]) -> set[str]:
-    """The pictures that are of a set by their content, and not changed."""
-    found = found_of(named, pictures, "image")
-    return {*found.members} - {*found.by_name, *found.changed}
 
 
 def _pictures(out: Path, dataset: str, rows: DataFrame) -> dict[str, Picture]:

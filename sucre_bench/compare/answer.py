@@ -92,11 +92,6 @@ def best_first(comparison: Comparison, main: Column | None) -> tuple[str, ...]:
     return (*names, *(name for name in comparison.photographs if name not in names))
 
 
-def decisive(comparison: Comparison) -> Comparison:
-    """Return the comparison with only the columns that decide."""
-    return replace(comparison, columns=deciding(comparison).columns)
-
-
 def verdicts(comparison: Comparison) -> list[Verdict]:
     """Return the best method's lead over the second for each score; none for scores in which nobody leads.
 

@@ -5,7 +5,6 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
-from typing import Any, Literal
 
 import numpy as np
 
@@ -100,13 +99,13 @@ def only(comparison: Comparison, metrics: Sequence[str]) -> Comparison:
             places[column] = -1
         elif found or not metrics:
             places[column] = found[0] if found else 0
-    notes = [replace(note, columns=tuple(c for c in note.columns if c in places)) for note in comparison.notes]
+    left = ((note, tuple(column for column in note.columns if column in places)) for note in comparison.notes)
     return replace(
         comparison,
         columns=tuple(sorted(places, key=places.__getitem__)),
         cells={key: cell for key, cell in comparison.cells.items() if key[1] in places},
         measured={column: measured for column, measured in comparison.measured.items() if column in places},
-        notes=tuple(new for new, old in zip(notes, comparison.notes, strict=True) if new.columns or not old.columns),
+        notes=tuple(replace(note, columns=columns) for note, columns in left if columns or not note.columns),
     )
 
 
@@ -184,7 +183,6 @@ def _table(title: str, rows: DataFrame, methods: list[str], baseline: str, known
         std = statistics.standard_deviation(values[~holes.any(axis=1)])
         of_column = statistics.cells(column, scores, std, holes.sum(axis=0), photographs)
         cells |= {(name, column): cell for name, cell in zip(scores.methods, of_column, strict=True)}
-    has_none = lacks >= {"reference", "charts"}
     table = Comparison(
         title,
         tuple(methods),
@@ -194,7 +192,7 @@ def _table(title: str, rows: DataFrame, methods: list[str], baseline: str, known
         notes=(*found, *known.notes),
         measured=measured,
         photographs=photographs,
-        lacks_truth=has_none,
+        lacks_truth=lacks >= {"reference", "charts"},
     )
     return against(table, baseline) if baseline else table
 
@@ -206,8 +204,7 @@ def _by_column(ok: DataFrame) -> Iterator[tuple[Column, DataFrame, DataFrame]]:
     """
     if ok.empty:
         return
-    is_common = ok["pixels"] == "common"
-    of_common = set(values_of(ok[is_common], *_COLUMN)) if is_common.any() else set[tuple[Any, ...]]()
+    of_common = set(values_of(ok.loc[ok["pixels"] == "common", _COLUMN], *_COLUMN))
     firsts = ok[[*_COLUMN, "unit", "better"]].drop_duplicates(_COLUMN)
     keys = [*_COLUMN, *REPETITION, "method"]
     in_order = ok[[*keys, "value"]].sort_values("value", kind="stable")  # sums must not depend on the order of rows
@@ -217,8 +214,24 @@ def _by_column(ok: DataFrame) -> Iterator[tuple[Column, DataFrame, DataFrame]]:
         if (lacking := repeated.isna().to_numpy()).any():
             repeated = repeated.loc[:, ~lacking.all(axis=0)]
         values = _averaged(repeated)
-        pixels: Literal["own", "common"] = "common" if (metric, variant) in of_common else "own"
-        yield _column(str(metric), str(variant), str(unit), str(better), pixels, values), repeated, values
+        units, is_whole = values.index.tolist(), ~np.isnan(values.to_numpy()).any(axis=1)
+        left, plugin = list(itertools.compress(units, is_whole)), plugins.installed("metric", metric)
+        of_unknown = (0 if metric in (*COSTS, FILLED) else -math.inf, 1 if metric == FILLED else math.inf)
+        column = Column(
+            metric=metric,
+            variant=variant,
+            unit=unit,
+            better="none" if plugin and variant in plugin.unranked else better,
+            range=plugin.range if plugin else of_unknown,
+            of="image" if all(region == "image" for *_, region in units) else "chart",
+            n_units=len(left),
+            n_views=len({(scene, view) for scene, view, _ in left}),
+            n_scenes=len({scene for scene, *_ in left}),
+            missing=len(units) - len(left),
+            pixels="common" if (metric, variant) in of_common else "own",
+            knows=plugin.knows(variant) if plugin else "truth" if metric in (*COSTS, FILLED, PREFERENCE) else "taste",
+        )
+        yield column, repeated, values
 
 
 def _averaged(repetitions: DataFrame) -> DataFrame:
@@ -239,30 +252,6 @@ def _place(column: Column) -> tuple[bool, bool, bool, bool]:
     """The share that methods fill comes first; what describes, costs and taste come last; else as they were run."""
     is_cost = column.metric in COSTS
     return not says_filled(column.metric, column.variant), column.knows == "taste", column.better == "none", is_cost
-
-
-def _column(
-    metric: str, variant: str, unit: str, better: str, pixels: Literal["own", "common"], values: DataFrame
-) -> Column:
-    """What a column is. values: units x methods."""
-    units, is_whole = values.index.tolist(), ~np.isnan(values.to_numpy()).any(axis=1)
-    left = list(itertools.compress(units, is_whole))
-    plugin = plugins.installed("metric", metric)
-    of_unknown = (0 if metric in (*COSTS, FILLED) else -math.inf, 1 if metric == FILLED else math.inf)
-    return Column(
-        metric=metric,
-        variant=variant,
-        unit=unit,
-        better="none" if plugin and variant in plugin.unranked else better,
-        range=plugin.range if plugin else of_unknown,
-        of="image" if all(region == "image" for *_, region in units) else "chart",
-        n_units=len(left),
-        n_views=len({(scene, view) for scene, view, _ in left}),
-        n_scenes=len({scene for scene, *_ in left}),
-        missing=len(units) - len(left),
-        pixels=pixels,
-        knows=plugin.knows(variant) if plugin else "truth" if metric in (*COSTS, FILLED, PREFERENCE) else "taste",
-    )
 
 
 def _scores(column: Column, complete: DataFrame, is_track: bool) -> ColumnScores:

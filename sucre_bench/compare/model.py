@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from sucre_bench import plugins
-from sucre_bench.plugins.plugin import Knows, Plugin, Role
+from sucre_bench.plugins.plugin import Knows, Plugin
 from sucre_bench.results.rows import COSTS
 
 if TYPE_CHECKING:
@@ -216,12 +216,7 @@ class Comparison:
         return tuple(name for name in self.methods if name not in self.photographs)
 
 
-def has_role(metric: str, variant: str, role: Role) -> bool:
-    """Return whether a score is of the first default variant of a metric that has a role."""
-    plugin = plugins.installed("metric", metric)
-    return plugin is not None and plugin.role == role and variant == plugin.default[0]
-
-
 def says_filled(metric: str, variant: str) -> bool:
-    """Return whether a score is the share of the image that a method fills."""
-    return metric == FILLED or has_role(metric, variant, "coverage")
+    """Return whether a score is the share of the image that a method fills, in its first default variant."""
+    plugin = plugins.installed("metric", metric)
+    return metric == FILLED or (plugin is not None and plugin.role == "coverage" and variant == plugin.default[0])

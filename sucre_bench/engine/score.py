@@ -165,16 +165,15 @@ def needs_unrounded(scorer: Scorer, picture: Restoration, view: View, limit_s: f
 
     A bundle has only the restored image. picture: its image is that; limit_s: how long a score may take.
     """
-    values = []
-    for image in (picture.image, picture.image - np.float32(0.5)):
-        scored = Scored(replace(picture, image=image), picture.image, view)
-        bases = [Row(view=view.name, metric=scorer.plugin.name, variant=variant) for variant in scorer.variants]
-        rows = [row for base in bases for row in variant_rows(scorer.metric, scored, base, None, limit_s)]
-        values.append([row.value for row in rows])
-        if any(row.status == "failed" for row in rows):
-            return True
-    one, two = values
-    return len(one) != len(two) or not np.allclose(one, two, rtol=1e-9, atol=0, equal_nan=True)
+
+    def made(image: Array) -> list[Row]:
+        measured = Measured(replace(picture, image=image), math.nan, math.nan)
+        return score_rows(measured, picture.image, view, [scorer], Row(), limit_s=limit_s)
+
+    one, two = made(picture.image), made(picture.image - np.float32(0.5))
+    first, second = ([row.value for row in rows] for rows in (one, two))
+    is_failed = any(row.status == "failed" for row in (*one, *two))
+    return is_failed or len(one) != len(two) or not np.allclose(first, second, rtol=1e-9, atol=0, equal_nan=True)
 
 
 def row_without_value(base: Row, status: Status, reason: str) -> Row:

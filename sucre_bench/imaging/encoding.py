@@ -30,20 +30,15 @@ def converted(image: Array, source: Encoding, target: Encoding) -> Array:
 
 def to_8bit(shown: Array) -> np.ndarray:
     """Round a picture in [0, 1] to uint8; pixels without colour become black (SUCRe's convention)."""
-    return _levels(shown, np.uint8)
+    return to_levels(shown, 8)
 
 
-def to_16bit(shown: Array) -> npt.NDArray[np.uint16]:
-    """Round a picture in [0, 1] to uint16; pixels without colour become black."""
-    return _levels(shown, np.uint16)
-
-
-def _levels(shown: Array, kind: type[np.unsignedinteger[Any]], rows: int = 64) -> npt.NDArray[Any]:
-    """A few rows at a time: pictures of 100 megapixels are 1.2 GB."""
-    levels = np.empty(shown.shape, kind)
-    for start in range(0, len(shown), rows):
+def to_levels(shown: Array, bits: int) -> np.ndarray:
+    """Round a picture in [0, 1] to uint8 or uint16, of 8 or 16 bits; pixels without colour become black."""
+    levels, rows = np.empty(shown.shape, np.uint8 if bits == 8 else np.uint16), 64
+    for start in range(0, len(shown), rows):  # pictures of 100 megapixels are 1.2 GB
         band = slice(start, start + rows)
-        levels[band] = np.nan_to_num(shown[band], nan=0.0).clip(0, 1) * np.iinfo(kind).max + 0.5
+        levels[band] = np.nan_to_num(shown[band], nan=0.0).clip(0, 1) * (2**bits - 1) + 0.5
     return levels
 
 

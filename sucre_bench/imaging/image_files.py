@@ -39,15 +39,9 @@ _PLANES = 2  # a TIFF's PlanarConfiguration
 _FEW_BITS = 12
 
 
-def image_size(path: Path) -> tuple[int, int] | None:
-    """Return (width, height) from the file's header; None where that cannot be read, which decoding will explain."""
-    header = _header_of(path)
-    return header.size if header else None
-
-
-def size_of_bytes(data: bytes) -> tuple[int, int] | None:
-    """Return what `image_size` does, of a file's content."""
-    header = _header(io.BytesIO(data))
+def image_size(file: Path | bytes) -> tuple[int, int] | None:
+    """Return (width, height) from the header of a file or its content; None where decoding will say what is wrong."""
+    header = _header(io.BytesIO(file)) if isinstance(file, bytes) else _header_of(file)
     return header.size if header else None
 
 

@@ -255,19 +255,18 @@ def registered_scene(
         name: f"{paths[name]}: {why} ({len(missing)} {of} are missing: {first_few([*missing], 3)}); copy them there"
         for name, why in islice(missing.items(), 1)
     }
-    sizes = {posed.name: (posed.camera.width, posed.camera.height) for posed in model}
-    there = [posed for posed in model if posed.name not in missing]
-    sizes |= {posed.name: size for posed in track(there, "image sizes") if (size := image_size(paths[posed.name]))}
+    sizes = {
+        posed.name: (posed.name not in missing and image_size(paths[posed.name]))
+        or (posed.camera.width, posed.camera.height)
+        for posed in track(model, "image sizes")
+    }
     found, ambiguous = find_depths(depths, list(paths))
     seen = {} if charts is None else read_charts(charts, sizes)
     faults: dict[Plane, Mapping[str, str]] = {"rgb": not_there, "depth": ambiguous}
 
-    photographs = []
-    for posed in model:
-        if (image := posed.name) in missing and image not in not_there:
-            continue
-        photograph = Photograph(
-            image,
+    photographs = [
+        Photograph(
+            image := posed.name,
             paths[image],
             posed.lens or straight_lens(posed.camera),
             scaled_pose(posed.cam_from_world, metres_per_unit),
@@ -278,5 +277,7 @@ def registered_scene(
             size=sizes[image],
             faults={plane: of_plane[image] for plane, of_plane in faults.items() if image in of_plane},
         )
-        photographs.append(photograph)
+        for posed in model
+        if posed.name not in missing or posed.name in not_there
+    ]
     return scene_of(name, photographs, image_scale, encoding)

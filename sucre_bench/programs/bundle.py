@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -110,10 +111,7 @@ def _needs_unrounded(metric: str, variant: str) -> bool:
         return False
     rgb = np.linspace(0, 1, _SIDE * _SIDE * 3, dtype=np.float32).reshape(_SIDE, _SIDE, 3)
     view = View("a.png", Arrays(rgb, depth=np.ones((_SIDE, _SIDE), np.float32), reference=rgb[::-1]))
-
-    def changes() -> bool:
-        return needs_unrounded(scorer, Restoration(rgb), view, _LIMIT_S)
-
+    changes = partial(needs_unrounded, scorer, Restoration(rgb), view, _LIMIT_S)
     try:
         return processes.call(changes, "mend the metric") if scorer.plugin.is_foreign else changes()
     except PluginError:

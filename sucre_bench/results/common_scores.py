@@ -123,16 +123,15 @@ def read_common(*folders: Path) -> DataFrame:
     """
     import pandas as pd
 
-    tables = [table for folder in folders if (table := _of(folder)) is not None and len(table)]
-    return pd.concat(tables or [common_frame([])], ignore_index=True)
-
-
-def _of(folder: Path) -> DataFrame | None:
-    """The table of a results folder or a bundle."""
-    if is_bundle(folder):
-        with open_bundle(folder) as bundle:
-            return bundle.common
-    return _read(folder / COMMON_TABLE) if (folder / COMMON_TABLE).is_file() else None
+    tables = list[DataFrame | None]()
+    for folder in folders:
+        if is_bundle(folder):
+            with open_bundle(folder) as bundle:
+                tables.append(bundle.common)
+        elif (folder / COMMON_TABLE).is_file():
+            tables.append(_read(folder / COMMON_TABLE))
+    some = [table for table in tables if table is not None and len(table)]
+    return pd.concat(some or [common_frame([])], ignore_index=True)
 
 
 def _read(path: Path) -> DataFrame:

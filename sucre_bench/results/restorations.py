@@ -23,7 +23,7 @@ import numpy as np
 from sucre_bench.arrays import Array, Mask, Picture
 from sucre_bench.errors import ANY_FAULT, DamagedFileError, InputError, MissingFileError, NotApplicableError
 from sucre_bench.imaging.display import display
-from sucre_bench.imaging.encoding import to_8bit, to_16bit
+from sucre_bench.imaging.encoding import to_8bit, to_levels
 from sucre_bench.imaging.image_files import check_pixels, decode, encode_png, write_image
 from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.machine.records import add_record, record_of
@@ -32,7 +32,7 @@ from sucre_bench.results.layout import Place
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import Row
 from sucre_bench.results.water_file import water_of
-from sucre_bench.scene import Plane, Restoration, View, Water
+from sucre_bench.scene import Restoration, View, Water
 
 FILES = "files"  # the name in the record of the sizes in bytes of the files beside it, by suffix
 _SHOWN_OVER = "shown_over"
@@ -49,8 +49,7 @@ class Measured:
 
 def write_view(out: Path, place: Place, view: View) -> None:
     """Write the view and its reference, to look at."""
-    planes: tuple[tuple[Plane, Path], ...] = ("rgb", place.original(out)), ("reference", place.reference(out))
-    for plane, path in planes:
+    for plane, path in (("rgb", place.original(out)), ("reference", place.reference(out))):
         if (image := getattr(view, plane)) is not None:
             levels = to_8bit(display(image, "none", view.encoding)[..., ::-1])
             del image  # it may have 1 GB
@@ -75,7 +74,9 @@ def write_pictures(
     """
     path, started = place.restored(out, method), time.perf_counter()
     picture = shown if filled is None else np.where(np.isnan(shown), filled, shown)
-    write_masked_png(path, (to_8bit if bits == 8 else to_16bit)(picture[..., ::-1]), restoration.valid)
+    mask = None if (valid := restoration.valid).all() else valid
+    del valid  # 100 MB in a picture of 100 megapixels
+    write_masked_png(path, to_levels(picture[..., ::-1], bits), mask)
     files = (path.with_suffix(suffix) for suffix in (".png", ".npz"))
     sizes = {file.suffix: file.stat().st_size for file in files if file.is_file()}
     water = {} if restoration.water is None else _water_record(restoration.water)
@@ -199,10 +200,10 @@ _HEADER = 33  # bytes at the beginning of a PNG file, up to its first chunk that
 _CHUNK = b"hoLE"  # by its small and capital letters: may be left out; private; not kept by who changes the picture
 
 
-def write_masked_png(path: Path, picture: np.ndarray, mask: Mask) -> None:
-    """Write a picture (H, W, 3), BGR of 8 or 16 bits, with its mask (H, W). Raises OutputError if that fails."""
+def write_masked_png(path: Path, picture: np.ndarray, mask: Mask | None) -> None:
+    """Write a picture (H, W, 3), BGR of 8 or 16 bits, with its mask (H, W) if any. Raises OutputError if that fails."""
     png = encode_png(picture, compression=1)
-    if not mask.all():
+    if mask is not None and not mask.all():
         content = _CHUNK + zlib.compress(np.packbits(mask).tobytes())
         chunk = struct.pack(">I", len(content) - 4) + content + struct.pack(">I", zlib.crc32(content))
         png = png[:_HEADER] + chunk + png[_HEADER:]

@@ -15,7 +15,7 @@ from sucre_bench.arrays import Array, evenly
 from sucre_bench.errors import ANY_FAULT, InputError, OutputError, SucreBenchError, one_line
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.drawing import contact_sheet
-from sucre_bench.imaging.encoding import to_8bit, to_16bit
+from sucre_bench.imaging.encoding import to_8bit, to_levels
 from sucre_bench.imaging.image_files import decode, read_rgb
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.compute import usable_cores
@@ -77,7 +77,7 @@ def write_pictures(
         try:
             newest = max(since_ns, one.image.stat().st_mtime_ns)
             if not target.is_file() or target.stat().st_mtime_ns < newest:
-                picture = (to_16bit if bits_of(one.photograph) == 16 else to_8bit)(_picture(one, original_geometry))
+                picture = to_levels(_picture(one, original_geometry), bits_of(one.photograph))
                 write_atomically(target, encoded(picture, one.photograph.read_bytes(), quality))
             return ""
         except OutputError:

@@ -16,7 +16,7 @@ from typing import Any
 from sucre_bench import compare, plugins
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import Column, Comparison
-from sucre_bench.compare.answer import decisive
+from sucre_bench.compare.answer import deciding
 from sucre_bench.compare.words import left_out, legend, shown, title
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.text_formats import filled_in
@@ -98,7 +98,7 @@ def board(entries: Sequence[Entry]) -> list[Table]:
     for name, group in ((dataset, group) for dataset in sorted(groups) for group in groups[dataset]):
         common = partial(pd.concat, group.common, ignore_index=True)
         for comparison in compare.compare(compare.on_pixels(group.rows, common)):
-            columns = dict.fromkeys((*decisive(comparison).columns, *comparison.columns))  # those that decide first
+            columns = dict.fromkeys((*deciding(comparison).columns, *comparison.columns))  # those that decide first
             if ranked := tuple(column for column in columns if column.ranked):
                 chosen = compare.only(comparison, [f"{column.metric}:{column.variant}" for column in ranked])
                 tables.append(Table(name, tuple(group.lines), replace(chosen, columns=ranked), group.apart))

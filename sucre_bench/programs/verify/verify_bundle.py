@@ -21,7 +21,7 @@ from sucre_bench.arrays import Array, DataFrame, Mask, locked
 from sucre_bench.compare import Pixels
 from sucre_bench.engine.score import Scorer, needs_unrounded
 from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError
-from sucre_bench.imaging.image_files import decode_bytes, size_of_bytes
+from sucre_bench.imaging.image_files import decode_bytes, image_size
 from sucre_bench.machine import progress
 from sucre_bench.plugins.call_method import with_truth
 from sucre_bench.programs.verify import TOLERANCE
@@ -158,7 +158,7 @@ def _picture(bundle: Bundle, name: str) -> Array:
     content = bundle.read(name)
     if not content.startswith(_PNG if name.endswith(".png") else (_PNG, _JPEG)):
         raise InputError(f"{name}: is no PNG or JPEG", bundle.path, "ask who made the bundle for another")
-    width, height = size_of_bytes(content) or (0, 0)
+    width, height = image_size(content) or (0, 0)
     if 3 * width * height > max(1 << 20, LIMITS.ratio * len(content)):
         fault = f"{name}: would decode to {3 * width * height / 1e6:.0f} MB, far more than its size"
         raise InputError(fault, bundle.path, "ask who made the bundle for another")
@@ -186,16 +186,13 @@ def _opened(bundle: Bundle, picture_of: Callable[[str], Array], row: Any) -> _Op
 
     Raises InputError for a picture or record that cannot be read, and for one that does not fit the row.
     """
-    for place in possible_places(row.dataset, row.scene, row.view):
-        image = place.restored(Path(), row.method)
-        files = (image, image.with_suffix(".json"), place.original(Path()), place.reference(Path()))
-        name, record_name, view, reference = (
-            name if (name := file.as_posix()) in bundle.inside else "" for file in files
-        )
-        if name:
-            break
-    else:
+    places = possible_places(row.dataset, row.scene, row.view)
+    place = next((one for one in places if one.restored(Path(), row.method).as_posix() in bundle.inside), None)
+    if place is None:
         return None
+    image = place.restored(Path(), row.method)
+    files = (image, image.with_suffix(".json"), place.original(Path()), place.reference(Path()))
+    name, record_name, view, reference = (name if (name := file.as_posix()) in bundle.inside else "" for file in files)
     picture, remedy = picture_of(name), "ask who made the bundle"
     try:
         mask = mask_in(io.BytesIO(bundle.read(name)), bundle.path / name)

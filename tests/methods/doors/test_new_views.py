@@ -9,7 +9,7 @@ import pytest
 from support.messages import names, refused
 
 from sucre_bench import InputError, load_scenes
-from sucre_bench.imaging.encoding import srgb_decode, to_8bit, to_16bit
+from sucre_bench.imaging.encoding import srgb_decode, to_8bit, to_levels
 from sucre_bench.imaging.image_files import write_png
 from sucre_bench.methods.doors import Precomputed
 
@@ -31,7 +31,7 @@ def rendered(tmp_path: Path, cache: Path) -> Path:
     (scene,) = load_scenes("demo", width=96, height=72, views=4, noise=0.0, root=cache)
     for view in scene:
         write_png(tmp_path / "renders" / "clear" / view.name, to_8bit(view.reference)[..., ::-1])
-        write_png(tmp_path / "renders" / "water" / view.name, to_16bit(srgb_decode(view.rgb))[..., ::-1])
+        write_png(tmp_path / "renders" / "water" / view.name, to_levels(srgb_decode(view.rgb), 16)[..., ::-1])
     (tmp_path / "renders" / "rendering.json").write_text(json.dumps(TOLD))
     return tmp_path
 
