@@ -83,7 +83,7 @@ def test_it_is_searched_from_disk(chrome: Browser, site: Path):
     assert not chrome.complaints
 
 
-@pytest.mark.parametrize("page", ["index", "metrics", "methods", "api"])
+@pytest.mark.parametrize("page", ["metrics", "api"])
 def test_it_is_no_wider_than_a_phone(chrome: Browser, site: Path, page: str):
     chrome.size(390, 844, phone=True)
     chrome.open((site / f"{page}.html").as_uri())

@@ -64,7 +64,7 @@ def test_a_file_that_may_still_change_is_not_stored(cache: Path, code: Path):
     assert hash_in_new_process(code) != first
 
 
-@pytest.mark.parametrize("content", [b"", b"[]", b'{"of": 3}', b"\xff"])
+@pytest.mark.parametrize("content", [b'{"of": 3}', b"\xff"])
 def test_a_damaged_cache_is_made_again(cache: Path, code: Path, monkeypatch: pytest.MonkeyPatch, content: bytes):
     first = hash_in_new_process(code)
     for file in (cache / "code").glob("*.json"):

@@ -88,12 +88,6 @@ def test_a_network_trained_on_made_water_restores_a_picture_it_never_saw(trained
     assert after > before + 8
 
 
-def test_tiles_of_a_network_equal_the_whole(trained: Path):
-    image = RNG.random((70, 90, 3), dtype=np.float32)
-    whole = restored(image, model=trained, range="symmetric", tile=None)
-    np.testing.assert_allclose(restored(image, model=trained, range="symmetric", tile=40, overlap=16), whole, atol=1e-5)
-
-
 # -- orders, layouts, ranges -------------------------------------------------------------------------------
 
 GAIN = np.float32([0.9, 0.5, 0.1])

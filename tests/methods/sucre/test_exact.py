@@ -16,7 +16,7 @@ from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.model import Bounds, ReducedSystem, WaterParameters, minimise
 from sucre_bench.methods.sucre.paper import solve_adam
 from sucre_bench.methods.sucre.refine_noise import prior_of
-from sucre_bench.methods.sucre.solution import colours_for_water, sampled, solve_exact
+from sucre_bench.methods.sucre.solution import colours_for_water, solve_exact
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 from sucre_bench.multiview.observe import observe
 
@@ -327,27 +327,6 @@ def test_equal_distances_are_an_error_that_says_what_to_do() -> None:
     seen = [Seen(f"{k}", pixels, z, rng.uniform(0.2, 0.8, (500, 3)).astype(np.float32)) for k in range(4)]
     with pytest.raises(SolveError, match=r"\bone distance\b.*; .*water=FILE"):
         fit(arrange((1, 500), seen))
-
-
-def test_a_given_water_gives_the_best_colours_for_water_it() -> None:
-    observations, J = made(1_000, noise=0.0)
-    solution = colours_for_water(observations, parameters(WATER), None, "numpy", "cpu")
-    np.testing.assert_allclose(solution.J, J, atol=1e-5)
-    np.testing.assert_array_equal(table(solution.water), TRUTH)
-
-
-def test_a_sample_keeps_whole_pixels() -> None:
-    observations, _ = made(5_000, n_single=1_000)
-    few = sampled(observations, 400, singles=True, seed=0)
-    assert few.n_repeated == 400
-    assert len(few.pixels) - 400 == round(1_000 * 400 / observations.n_repeated)
-    place = {pixel: k for k, pixel in enumerate(observations.pixels.tolist())}
-    expected = [observations.counts[place[pixel]] for pixel in few.pixels.tolist()]
-    assert few.counts.tolist() == expected
-    for slot, (n, part) in enumerate(few.slots()):
-        own = [observations.starts[slot] + place[pixel] for pixel in few.pixels[:n].tolist()]
-        np.testing.assert_array_equal(few.distance[part], observations.distance[own])
-        np.testing.assert_array_equal(few.colour[:, part], observations.colour[:, own])
 
 
 # -- the steps ---------------------------------------------------------------------------------------------

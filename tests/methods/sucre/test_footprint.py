@@ -49,7 +49,7 @@ def test_water_is_found_where_single_pixels_mistake_blur_for_attenuation(
     assert matched[name].info["footprint"] is True
 
 
-@pytest.mark.parametrize("options", [{"robust": True}, {"physical": True}, {"water": "shared"}])
+@pytest.mark.parametrize("options", [{"physical": True}, {"water": "shared"}])
 def test_every_way_of_fitting_takes_matched_footprints(options: dict[str, Any], grounds: dict[str, Scene]) -> None:
     scene = grounds["green"]
     result = sucre(**options).restore(scene, scene["3.png"])

@@ -12,7 +12,6 @@ from support.made_ground import WATERS, make_ground
 from support.made_scene import WATER, make_scene
 from support.messages import names, refused
 
-import sucre_bench as sb
 from sucre_bench import Arrays, InputError, Restoration, Scene, SolveError, Water, load_scenes
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.machine.records import add_record
@@ -76,14 +75,6 @@ def test_the_time_of_the_fit_has_no_time_of_pairing(monkeypatch: pytest.MonkeyPa
     stages = Sucre().restore(SCENE, TARGET).info["stage_seconds"]
     assert (stages["pair"], stages["read"]) == (1e6, 1e5)
     assert 0 < stages["solve"] < 1e5
-
-
-def test_the_record_says_how_sure_it_is() -> None:
-    info = sb.restore("sucre", SCENE, TARGET, solver="exact", encoding="view", light="even").info
-    assert info["solver"] == "exact"
-    assert np.isfinite(info["cost"]).all()
-    assert np.isfinite(info["condition"]).all()
-    assert info["steps"] >= 1
 
 
 # -- water from elsewhere ----------------------------------------------------------------------------------
@@ -328,20 +319,6 @@ def test_without_known_noise_there_is_no_prior() -> None:
     assert prior_of(J, np.full_like(J, np.inf)) is None
 
 
-def test_robust_weights_keep_an_animal_out_of_the_water() -> None:
-    views = list(SCENE.views)
-    for k in (0, 2):  # something grey swims through two of four views
-        rgb = views[k].rgb.copy()
-        rgb[12:30, 10:40] = 0.5
-        views[k] = replace(views[k], pixels=Arrays(rgb, views[k].depth))
-    scene = replace(SCENE, views=views)
-    errors = [
-        np.abs(sucre(robust=robust).restore(scene, TARGET).water.attenuation / WATER.attenuation - 1).mean()
-        for robust in (False, True)
-    ]
-    assert errors[1] < 0.5 * errors[0]
-
-
 # -- bad input ---------------------------------------------------------------------------------------------
 
 
@@ -368,16 +345,6 @@ def test_one_view_alone_fails_with_what_to_do_and_is_restored_in_a_given_water_w
         assert np.isnan(result.confidence).all()
         assert any("noise" in limit for limit in result.info["limits"])
         json.dumps(result.info, allow_nan=False)
-
-
-def test_a_channel_without_light_is_named_and_stays_as_it_is() -> None:
-    def without_red(rgb: np.ndarray) -> np.ndarray:
-        return rgb * [0, 1, 1]
-
-    scene = with_images(without_red)
-    result = sucre().restore(scene, scene["a.png"])
-    assert any(limit.startswith("red: the same in all") for limit in result.info["limits"])
-    assert (result.image[result.valid][:, 0] == 0).all()
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.made_observations import made, parameters, table
-from support.made_scene import WATER
+from support.made_observations import made, table
 
 from sucre_bench import Arrays, View, Water
 from sucre_bench.methods.sucre import Sucre
@@ -53,13 +52,6 @@ def test_the_scale_of_the_scene_does_not_matter_to_the_priors() -> None:
     observations, _ = made(3_000, 5, water=CLEAR, **SURVEY)
     toy = replace(observations, distance=observations.distance * np.float32(1 / 32))
     np.testing.assert_allclose(table(fit(toy).water), table(fit(observations).water) * [[1], [32], [32]], rtol=0.02)
-
-
-def test_what_the_data_decide_has_no_prior() -> None:
-    observations, _ = made(20_000, distances_m=(1, 10), noise=0.004, eight_bit=True)
-    found = fit(observations)
-    assert found.uncertainty.limits == ()
-    np.testing.assert_allclose(table(found.water), table(parameters(WATER)), rtol=0.02)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
