@@ -10,29 +10,6 @@ SCENE = make_scene()
 TARGET = SCENE["a.png"]
 
 
-def test_pixels_are_sorted_by_falling_count_and_slots_are_prefixes() -> None:
-    observations = observe(TARGET, SCENE.views, with_view=True)
-    assert (np.diff(observations.counts) <= 0).all()
-    order = np.lexsort((observations.pixels, -observations.counts))
-    assert (order == np.arange(len(order))).all()  # equal counts by rising index
-    sizes = [n for n, _ in observations.slots()]
-    assert sizes == [int((observations.counts > k).sum()) for k in range(observations.counts.max())]
-    assert sum(sizes) == len(observations) == observations.counts.sum()
-    assert len(sizes) > 2  # the scene is worth it
-
-
-def test_blocks_of_pixels_cover_the_slots() -> None:
-    observations = observe(TARGET, SCENE.views, with_view=True)
-    whole = [np.arange(part.start, part.stop) for _, part in observations.slots()]
-    size = 97
-    pieces = [np.empty(0, int)] * len(whole)
-    for start in range(0, len(observations.pixels), size):
-        for k, (n, part) in enumerate(observations.slots(start, start + size)):
-            assert n == part.stop - part.start <= size
-            pieces[k] = np.concatenate([pieces[k], np.arange(part.start, part.stop)])
-    assert all((a == b).all() for a, b in zip(whole, pieces, strict=True))
-
-
 def two_views() -> list[Seen]:
     """Pixel 1 of two, seen finely by "b"; both, seen in 8 bits by "a"."""
     fine = np.float32([[0.1234567, 0.5, 0.7654321]])
