@@ -14,7 +14,15 @@ from sucre_bench.machine.text_formats import json_text
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
-PATH: Any = click.Path(path_type=Path)
+
+class _Path(click.Path):
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "":  # else a variable that is not set would be the current folder
+            self.fail("is empty", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+PATH: Any = _Path(path_type=Path)
 # As `plugins.KINDS`, which would import numpy for every --help.
 KINDS = click.Choice(["method", "dataset", "metric"])
 # Of a command whose words belong to `sucre-bench run`: click passes them on, and `refuse_options` reads them.

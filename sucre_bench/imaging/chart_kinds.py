@@ -96,9 +96,7 @@ def _parsed(place: str, text: str) -> ChartKind:
         at = f"{place}: line {number}"
         x0, y0, x1, y1, *colour = _numbers(at, row, wanted[1:])
         if not (0 <= x0 < x1 <= width * 1.0001 and 0 <= y0 < y1 <= height * 1.0001):
-            raise InputError(
-                f"{at}: the patch is not inside the frame of {width:g} x {height:g}; give x0,y0,x1,y1 in it"
-            )
+            raise InputError(f"patch outside the frame of {width:g} x {height:g}", at, "give x0,y0,x1,y1 in it")
         names.append((row["name"] or str(number)).strip().replace("/", "-"))
         boxes.append((x0 / width, y0 / height, min(x1 / width, 1.0), min(y1 / height, 1.0)))
         lab.append(colour)

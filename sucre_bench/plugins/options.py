@@ -107,6 +107,8 @@ def checked_options(cls: Any, given: Mapping[str, Any], place: str = "") -> dict
         if not fits(kind, value):
             raise InputError(f"{shown_value(value)} is not {_NOUNS.get(kind, kind)}", where, remedy)
         each = value if isinstance(value, (list, tuple)) else [value]
+        if any(isinstance(one, int) and abs(one) >= 2**63 for one in each):  # no table, and no generator, takes it
+            raise InputError(f"{value} is too large", where, "give a number below 2^63")
         # Options of a run have ranges, which name the numbers that are allowed.
         if plugin and not all(math.isfinite(one) for one in each if isinstance(one, float)):
             raise InputError(f"{value} is not a finite number", where, "give one")

@@ -110,7 +110,7 @@ def read_table(table: str, root: Path, images: Mapping[str, Path], has_reference
     alone = Counter(found[0] for _, found, _ in of if len(found) == 1)
     if len(images) > 1 and (twice := [name for name, n in alone.items() if n > 1]):
         raise InputError(
-            f"{table}: several rows name {first_few(twice, _SHOWN)}; keep the rows of these images, or add their folder"
+            f"several rows name {first_few(twice, _SHOWN)}", table, "keep one of each, or add their folder"
         )
     if unknown := [label for label, found, _ in of if not found]:
         warnings.append(

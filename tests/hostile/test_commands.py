@@ -63,6 +63,8 @@ CASES: dict[str, tuple[str, int, str]] = {
     "a device as line-up": ("run /dev/zero", 2, r"/dev/zero"),
     "a device as bundle": ("verify /dev/zero", 2, r"/dev/zero: .*; "),
     "a device as results": ("compare /dev/zero", 2, r"/dev/zero: .*; "),
+    "a variable that is not set": ("prepare '' out", 2, r"PHOTOS.*: is empty; "),
+    "a seed of 77 bits": (f"{RUN} seed=99999999999999999999999", 2, r"seed: 9+ .*; "),
     "a list as label": (f"{RUN} method.label=[1]", 2, r"method\.label: .*\[1\]; .*text"),
     "a number as group of options": (f"{RUN} hydra.launcher=1e999", 2, r"hydra\.launcher: .*group of options; "),
     "a pixel at infinity": ("prepare dive/images out --length a.png inf 1 2 2 1", 2, r"--length: inf; "),

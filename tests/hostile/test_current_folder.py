@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from support.colmap_folder import write_dive
-from support.command_line import PROGRAM
+from support.command_line import PROGRAM, run_here
 from support.places import ROOT
 
 from sucre_bench.machine.processes import environment_of_programs, isolated_children
@@ -104,6 +104,13 @@ def test_the_page_of_mlflow_imports_nothing_from_the_current_folder(trapped: Pat
             serving.send_signal(signal.SIGINT)
     assert not (trapped / "sprung").exists(), (trapped / "sprung").read_text()
     assert opened
+
+
+def test_a_note_says_that_python_itself_imports_from_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("PYTHONPATH", f":{ROOT}")
+    assert "PYTHONPATH" in run_here(tmp_path, "list", "sets").stderr
 
 
 def test_a_program_of_the_user_imports_what_lies_beside_it(tmp_path: Path):

@@ -111,9 +111,7 @@ def common_masks(folder: Path, key: Key) -> dict[tuple[str, str], Mask]:
     made = {where: common_pixels(of_view).mask for where, of_view in masks.items()}
     for (_, view), mask in made.items():
         if mask.mean() < LEAST_FILLED:
-            raise InputError(
-                f"{view}: all methods share less than 1 % of the image; leave one out, or use --pixels own"
-            )
+            raise InputError("all methods share less than 1 % of it", view, "leave one out, or use --pixels own")
     return made
 
 
