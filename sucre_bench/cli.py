@@ -63,6 +63,9 @@ def _status() -> int:
         return _fault(str(fault), 2)
     except MemoryError:
         return _fault("there is not enough memory; end other programs, or give smaller images (dataset.image_scale)", 1)
+    except ImportError as fault:
+        text = " ".join(str(fault).split())
+        return _fault(f"a Python package does not import: {text}; `sucre-bench doctor` says what to install", 1)
     except (click.exceptions.Abort, KeyboardInterrupt) as stopped:
         say(str(stopped.__cause__ or stopped) or "stopped", "yellow")  # click makes an Abort of an interrupt
         return 130

@@ -135,10 +135,3 @@ def test_cfg_prints_the_configuration_and_runs_nothing(bench, tmp_path: Path):
     said = bench("run", "method=gray_world", "--cfg").stdout
     assert "name: gray_world" in said
     assert not list(tmp_path.iterdir())
-
-
-def test_doctor_names_what_there_is(bench):
-    done = bench("doctor")
-    assert "torch" in done.stdout
-    assert "methods" in done.stdout
-    assert done.returncode == (0 if "everything" in done.stdout else 1)

@@ -126,8 +126,8 @@ def prepare(
     from sucre_bench.programs.prepare.shots import load_pycolmap
 
     known = known_scale(factor, distances, lengths, depth_track)
-    require("--surface sparse" if options["surface"] == "sparse" else "prepare", "open3d")
-    load_pycolmap()  # before the next line, for it makes a kill dump its stack
+    load_pycolmap()  # first: its extra has open3d too; and before `live`, for it makes a kill dump its stack
+    require("prepare", "open3d")
     with progress.live(), terminated_as_interrupt():
         try:
             done = pipeline.prepare(photos, out, Options(**options), known, again)

@@ -5,7 +5,6 @@ The process of the command keeps the rows; a worker restores and scores, as a ru
 
 from __future__ import annotations
 
-import importlib
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -28,6 +27,7 @@ from sucre_bench.machine import progress
 from sucre_bench.machine.cache import ArrayStore, storing
 from sucre_bench.machine.compute import PeakMemory
 from sucre_bench.machine.files import remove
+from sucre_bench.machine.packages import load
 from sucre_bench.machine.processes import step
 from sucre_bench.machine.records import shorten_records
 from sucre_bench.machine.text_formats import now
@@ -140,7 +140,7 @@ def make_ready(method: Any) -> None:
         method.warm_up()
         return
     for package in method.__plugin__.requires:
-        importlib.import_module(package)
+        load(f"method '{method.__plugin__.name}'", package)
 
 
 def measured_restore(method: Any, scene: Scene, view: View, word: str = "method") -> Measured:

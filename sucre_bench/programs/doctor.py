@@ -130,26 +130,33 @@ def examine(out: Path = Path()) -> Examined:
 
 
 def _packages(name: str, *imports: str, lacking: State = "broken") -> Feature:
-    """A feature that needs packages. lacking: its state if one is not installed, or too old."""
+    """A feature that needs packages. Another process imports them, because they may crash.
+
+    lacking: its state if one is not installed, or too old.
+    """
     if missing := absent(*imports):
         return Feature(name, lacking, missing.fault, _in_this_python(missing.install))
-    versions = ((package, version_of(package)) for package in map(distribution_of, imports))
-    return Feature(name, "ready", ", ".join(f"{package} {version}" for package, version in versions))
+    packages = [distribution_of(package) for package in imports]
+    works, line = _try(f"import {', '.join(imports)}")
+    if not works:
+        remedy = _in_this_python(f"pip install --force-reinstall {' '.join(packages)}")
+        return Feature(name, "broken", f"{' or '.join(imports)} does not import: {line}", remedy)
+    return Feature(name, "ready", ", ".join(f"{package} {version_of(package)}" for package in packages))
 
 
 def _gpu(gpu: str | None) -> Feature:
-    feature = _packages("SUCRe on the GPU", "torch", lacking="missing")
+    name, version = "SUCRe on the GPU", version_of("torch")
     if gpu is None:
-        return Feature(feature.name, "absent", "no GPU here, or no driver (nvidia-smi)")
-    if feature.state == "missing":
-        return feature
-    if "+cpu" in feature.said:
-        remedy = _in_this_python("pip install --force-reinstall " + feature.said.partition("+")[0].replace(" ", "=="))
-        return Feature(feature.name, "broken", f"{feature.said} is built for CPUs alone", remedy)
+        return Feature(name, "absent", "no GPU here, or no driver (nvidia-smi)")
+    if missing := absent("torch"):
+        return Feature(name, "missing", missing.fault, _in_this_python(missing.install))
+    if version and "+cpu" in version:
+        remedy = _in_this_python(f"pip install --force-reinstall torch=={version.partition('+')[0]}")
+        return Feature(name, "broken", f"torch {version} is built for CPUs alone", remedy)
     works, line = _try("import torch; torch.zeros(1).cuda(); print(torch.cuda.get_device_name())")
     if works:
-        return Feature(feature.name, "ready", f"{feature.said} on {line}")
-    return Feature(feature.name, "broken", f"{feature.said} does not see the {gpu}: {line}", "nvidia-smi")
+        return Feature(name, "ready", f"torch {version} on {line}")
+    return Feature(name, "broken", f"torch {version} does not see the {gpu}: {line}", "nvidia-smi")
 
 
 def _plugins() -> Feature:
@@ -170,25 +177,17 @@ def _plugins() -> Feature:
 
 
 def _open3d() -> Feature:
-    """Open3D is imported in another process, because it may crash."""
+    """Open3D, with the libraries of the system that it may lack."""
     feature = _packages("surfaces", "open3d", lacking="missing")
-    works, line = _try("import open3d") if feature.state == "ready" else (True, "")
-    if works:
-        return feature
     packages = []
-    for library, package in OPEN3D_LIBRARIES.items():
+    for library, package in OPEN3D_LIBRARIES.items() if feature.state == "broken" else ():
         try:
             ctypes.CDLL(library)
         except OSError:
             packages.append(package)
     if packages:
         return Feature(feature.name, "broken", "open3d lacks libraries of the system", _apt(*packages))
-    return Feature(
-        feature.name,
-        "broken",
-        f"open3d does not import: {line}",
-        _in_this_python("pip install --force-reinstall open3d"),
-    )
+    return feature
 
 
 def _try(code: str) -> tuple[bool, str]:

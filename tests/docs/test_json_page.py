@@ -3,6 +3,8 @@
 import json
 import re
 
+import pytest
+from support.hidden_packages import hide
 from support.places import ROOT
 
 
@@ -14,7 +16,8 @@ def documented(command: str) -> set[str]:
     return {key for cell in cells for key in re.findall(r"`(\w+)`", cell)}
 
 
-def test_every_key_is_documented(bench, small_demo: list[str]):
+def test_every_key_is_documented(bench, monkeypatch: pytest.MonkeyPatch, small_demo: list[str]):
+    hide(monkeypatch, "torch", "jax", "mlflow", "open3d")  # doctor imports what there is, which takes seconds
     words = [*small_demo, "method=gray_world", "tracking.uri=off"]
     commands = {
         "run": ["run", *words, "out=results"],

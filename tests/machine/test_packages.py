@@ -10,6 +10,8 @@ import sucre_bench as sb
 from sucre_bench.errors import InputError
 from sucre_bench.machine import packages
 
+EXTRAS = ("mlflow", "torch", "jax", "open3d", "pycolmap", "onnxruntime", "colour")
+
 
 @pytest.mark.parametrize(
     ("words", "hidden", "place", "extra"),
@@ -21,7 +23,7 @@ from sucre_bench.machine import packages
         (["track", "."], "mlflow", "track", "mlflow"),
         (["texture", ".", "a.ply", "--method", "sucre"], "open3d", "texture", "surfaces"),
         (["prepare", "photos", "dive"], "pycolmap", "prepare", "prepare"),
-        (["prepare", "photos", "dive", "--surface", "sparse"], "open3d", "--surface sparse", "surfaces"),
+        (["prepare", "photos", "dive"], "open3d", "prepare", "surfaces"),
     ],
 )
 def test_what_is_missing_is_said_before_any_work(
@@ -43,7 +45,7 @@ def test_an_onnx_network_names_its_extra(monkeypatch: pytest.MonkeyPatch, tmp_pa
 
 
 def test_a_run_without_mlflow_and_torch_is_silent_about_them(bench, monkeypatch: pytest.MonkeyPatch, small_demo):
-    hide(monkeypatch, "mlflow", "torch", "jax", "open3d", "pycolmap", "onnxruntime", "colour")
+    hide(monkeypatch, *EXTRAS)
     done = bench("run", "method=gray_world", *small_demo, "workers=0", "first=1")
     assert done.returncode == 0, done.stderr
     assert "mlflow" not in done.stdout + done.stderr
@@ -73,6 +75,24 @@ def test_a_package_that_is_too_old_or_does_not_import_is_named(monkeypatch: pyte
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(InputError, match=r"texture: broken_library_xyz does not import, .*libGL\.so\.1.*doctor"):
         packages.load("texture", "broken_library_xyz")
+
+
+def test_a_library_of_the_core_that_is_there_but_broken_is_named(
+    bench, program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    (tmp_path / "numba.py").write_text("raise ImportError('libtbb.so.12: cannot open')\n")
+    (tmp_path / "pandas.py").write_text("raise ImportError('numpy has another ABI')\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    hide(monkeypatch, *EXTRAS)
+    done = bench("doctor", "--json")
+    assert done.returncode == 1
+    faults = {one["said"]: one["remedy"] for one in json.loads(done.stdout)["features"] if one["state"] == "broken"}
+    assert any("numba does not import: ImportError: libtbb.so.12" in said for said in faults)
+    assert all("pip install" in remedy for remedy in faults.values())
+    refused = program("score", str(tmp_path), PYTHONPATH=str(tmp_path))
+    assert refused.returncode == 1
+    (line,) = refused.stderr.strip().splitlines()
+    assert "numpy has another ABI; `sucre-bench doctor`" in line
 
 
 def test_every_package_of_an_extra_stands_in_one_so_that_messages_can_name_it():

@@ -23,7 +23,8 @@ def other_pythons_end(monkeypatch: pytest.MonkeyPatch, code: int, stderr: str = 
     monkeypatch.setattr(doctor, "subprocess", SimpleNamespace(run=lambda *words, **options: ended))
 
 
-def test_doctor_tells_programs_what_people_read(bench):
+def test_doctor_tells_programs_what_people_read(bench, monkeypatch: pytest.MonkeyPatch):
+    hide(monkeypatch, "torch", "jax", "mlflow", "open3d")  # whose imports take seconds
     done = bench("doctor", "--json")
     told = json.loads(done.stdout)
     assert done.returncode == (1 if told["faults"] else 0)
