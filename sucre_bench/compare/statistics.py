@@ -8,7 +8,7 @@ draws as many units as there are, with replacement, each with everything in it. 
 contains the spread within them, so nothing is drawn within a unit (Davison and Hinkley 1997, sec. 3.8, strategy 1). All
 methods of a table are drawn together, which pairs their differences.
 
-A bootstrap of few units is too narrow: its spread is too small by sqrt((n - 1) / n), and its tails are normal instead
+A bootstrap of few units is too narrow. Its spread is too small by sqrt((n - 1) / n), and its tails are normal instead
 of Student's. Intervals of means are widened by both, about the mean (Hesterberg 2015, sec. 5.3).
 
 A score of a pair of views stands in the means of both views, so views are not independent, and the spread between them
@@ -20,7 +20,7 @@ standard error, chosen so that all of their intervals hold together in 95 % of t
 4). Differences from one method, the best or a baseline, are fewer than those of all pairs, so they are judged in steps
 (step-down max-t): methods that differ by more than chance leave, and the others are judged anew by shorter intervals.
 
-Which method is the best is seen only in the scores, so the family of its leads is all pairs of the methods that are
+Which method is the best is seen only in the scores. So the family of its leads is all pairs of the methods that are
 left. But if the best method beats every other one by the pair's own Student's interval, it leads them all, however many
 they are (Hung and Fithian 2019): to do this by chance, it must beat a method that is as good as itself.
 

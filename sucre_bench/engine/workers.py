@@ -2,7 +2,7 @@
 
 A worker is forked from this process, which opened the data and has started no threads, and lives as long as its job. It
 sends the rows of each view; this process writes them. If it dies, or is late at a step, the next worker goes on after
-it, and gives that step's view or score a row with the reason.
+it. It gives that step's view or score a row with the reason.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ are a guess: they stay apart from the restored image (`Restoration.filled`), are
 
 Inverse distances are completed: on a plane they are linear in pixel coordinates. They are the solution of Laplace's
 equation on a grid of cells, with weak links across edges of the image. So a hole holds no distance beyond those around
-it, distances run evenly from one side to the other, and edges of depth lie at edges of the image.
+it. Distances run evenly from one side to the other, and edges of depth lie at edges of the image.
 """
 
 from collections.abc import Callable

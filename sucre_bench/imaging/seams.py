@@ -1,6 +1,6 @@
 """Seams of a picture: steps along a line that neither the photograph nor its distances explain.
 
-A restoration that is a smooth function of a pixel's colour and distance has no seam: if the photograph is smooth at a
+A restoration that is a smooth function of a pixel's colour and distance has no seam. If the photograph is smooth at a
 place, the restoration is smooth there, too. One that is put together from other photographs may step where its sources
 change. To tell such steps from the photograph's own edges, which a restoration may well make stronger, and from noise:
 
@@ -13,12 +13,12 @@ change. To tell such steps from the photograph's own edges, which a restoration 
    channels; where distances differ by less than 10 %, or one thing ends before another; and where strips are four
    fifths full.
 4. What a smooth function of colour I and log distance s can do to a step is linear in d I, d s and I d s. In each
-   eighth of the distances the coefficients are found by least squares over all places and directions; seams are too few
+   eighth of the distances the coefficients are found by least squares over all places and directions. Seams are too few
    to disturb the fit. The excess u is the rest of the picture's step d S.
 5. It is a seam where |u| and |d S| exceed 0.05, too, and |u| exceeds 5 times what is typical of that distance (1.4826
    medians of |u|, a standard deviation if it were noise), in any channel.
 
-Why not neighbouring pixels: of pairs alike in colour and distance, restorers of single images make 60 % jump by a tenth
+Why not neighbouring pixels? Of pairs alike in colour and distance, restorers of single images make 60 % jump by a tenth
 of the contrast in turbid water (noise, which they amplify), and stitching 7 %.
 """
 

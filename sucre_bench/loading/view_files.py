@@ -237,8 +237,8 @@ def fingerprint(path: Path) -> bytes:
     """Return a hash of a file's size and content; its date does not count.
 
     Files up to 1 MiB are hashed whole. Larger files are hashed in 16 blocks of 4 KiB at equal distances, first and last
-    included: whole files would be 90 GB of a large dataset at every start. A change between the blocks that keeps the
-    size goes unnoticed. PNG and JPEG files count by their first and last block: both are compressed, and PNG ends on a
+    included. Whole files would be 90 GB of a large dataset at every start. A change between the blocks that keeps the
+    size goes unnoticed. PNG and JPEG files count by their first and last block. Both are compressed, and PNG ends on a
     checksum, so a change shows in the size or at the end.
     """
     try:
@@ -277,7 +277,7 @@ class SharedPixels:
     """Decoded files, which a store holds while one is in use (`machine.cache.storing`).
 
     files: what is decoded; key: of the view in the store, the same for the same data and code. Images whose values are
-    the levels of 8 bits are stored as these, a quarter of the size; what `load` returns is equal to the last bit.
+    the levels of 8 bits are stored as these, a quarter of the size. What `load` returns is equal to the last bit.
     """
 
     files: Files

@@ -1,6 +1,6 @@
 """Finds the points that two views of a scene both show, in small patches, and the pairs of views that share any.
 
-Single pixels of two photographs differ where the surface has texture: depth and poses are off by a part of a pixel, and
+Single pixels of two photographs differ where the surface has texture. Depth and poses are off by a part of a pixel, and
 the nearer camera resolves more. So colours are compared as means over patches of 8 x 8 pixels of the view that resolves
 the points less. Points are matched from that view by the mutual rule (match_rules.py): each pixel has its own partner.
 Where the other view is nearer, one of its pixels would be a poor sample of a pixel's area: nine are taken.

@@ -4,7 +4,7 @@ A pixel records the mean over its footprint. The same point seen from farther aw
 ground, so it has less contrast. A fit books that loss as attenuation. Here the images are blurred so that all
 observations of a point average the same ground as the coarsest of them.
 
-Near a point the surface is a plane, and A, a (2, 2) matrix, maps steps in the target to steps in a view, both in
+Near a point the surface is a plane. A, a (2, 2) matrix, maps steps in the target to steps in a view, both in
 pixels. The view with the smallest |det A| is the coarsest, c. A square pixel has the covariance 1/12 in both directions
 (its own pixels). In view c the common footprint is a Gaussian of k pixels over one pixel's square: (k^2 + 1/12) 1. In
 another view, with M = A A_c^-1, the same ground has the covariance (k^2 + 1/12) M M^T. Its own pixels bring 1/12, so

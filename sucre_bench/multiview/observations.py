@@ -1,8 +1,8 @@
 """All observations of a target's pixels in the views of a scene, laid out for fast sums.
 
 Pixels are sorted by their number of observations, most first. Slot k holds the k-th observation of every pixel that has
-one; these pixels are a prefix of the order. So a slot is a contiguous array beside the prefix of any array over pixels,
-and sums over a pixel's observations need no scatter (jagged-diagonal storage, Saad 1989).
+one; these pixels are a prefix of the order. So a slot is a contiguous array beside the prefix of any array over pixels.
+Sums over a pixel's observations need no scatter (jagged-diagonal storage, Saad 1989).
 
 An observation takes 7 bytes where the images are 8-bit: three colours and a float32 distance.
 """

@@ -66,7 +66,7 @@ def paired(scene: Scene, target: View, folder: Path | None = None, **options: Un
     """Return `observe(target, scene.views, **options)`, read from a folder if it was stored there, else stored there.
 
     folder: None stores nothing, unless methods share a folder, see `sharing`. Stored arrays are mapped from files, so
-    memory stays small; changes to them stay in memory. pair_s: duration of the pairing, also if an earlier run did it.
+    memory stays small. Changes to them stay in memory. pair_s: duration of the pairing, also if an earlier run did it.
     A scene without a data_id cannot be identified and is not stored.
     Raises what `observe` raises, and InputError if the folder cannot be written.
     """

@@ -161,7 +161,7 @@ def seed_of(seed: int, axis: Literal["dataset", "degrade", "method"], replicate:
     """Return the seed that an axis draws with in a replicate, at most 32 bits.
 
     Dataset, degradation and method each have their own, and every replicate has new ones. All methods of one replicate
-    see the same draws of the data, so they stay paired; what a method draws does not depend on which other methods run.
+    see the same draws of the data, so they stay paired. What a method draws does not depend on which other methods run.
     Replicate 0 has the seeds that were given.
     """
     import numpy as np

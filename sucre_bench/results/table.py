@@ -201,7 +201,7 @@ class Part:
     """The rows of one job, written as they come.
 
     Each flush writes the rows since the last one. Every eighth file takes the rows of the seven before, and the eighth
-    of those likewise: after n flushes a row was written at most 1 + log8(n) times, and few files lie there.
+    of those likewise. After n flushes a row was written at most 1 + log8(n) times, and few files lie there.
 
     job: a word that tells people whose rows these are; flush_s: most seconds between two writes, while rows come.
     """

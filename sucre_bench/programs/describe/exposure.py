@@ -6,7 +6,7 @@ by the light at its places p in the images:
     log I_j - log I_i = log g_j - log g_i + t (D(p_j) - D(p_i)) - s (z_j - z_i).
 
 D: the terms x, y, x^2, x y, y^2 of light that falls off across the images, as that of a lamp on the camera; s: a slope
-of each channel over the small differences of distance that remain. Within a pair of views the gains are constant, so t
+of each channel over the small differences of distance that remain. Within a pair of views the gains are constant. So t
 and s follow from differences to the pair's means, and the pair's medians give the gains, by least squares over all
 pairs. How well the pairs agree tells what is chance.
 """

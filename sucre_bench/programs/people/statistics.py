@@ -7,7 +7,7 @@ each of M methods has 1 / M of a vote more for and against each other one. So a 
 score, and an interval.
 
 An interval is the score +- Student's t times the bootstrap's standard error over observers, or 1.96 times that of the
-model if it is greater: votes that all agree give the bootstrap no spread. In simulations of two and four equal methods,
+model if it is greater. Votes that all agree give the bootstrap no spread. In simulations of two and four equal methods,
 with observers who differ by 0.7 in log-odds or not at all, at most 5 % of studies with 6 observers and 30 votes had a
 false lead, and up to 32 % of those with 3 to 5 observers. These get no interval, see `want`.
 """

@@ -141,7 +141,7 @@ class Pictured:
     def _reach(self, scorer: Scorer, key: Key) -> float:
         """Return how far rounding may have moved a score of chart patches from the one of the picture.
 
-        Rounding moves the median of a patch by half a step of 8 bits at most, so the unrounded median is in a cube
+        Rounding moves the median of a patch by half a step of 8 bits at most. So the unrounded median is in a cube
         around the one in the picture. Scores at the cube's corners tell how far a score may be from the one at its
         centre. 0 for a metric that needs no charts. Infinite where the picture gives no value and a corner does: a
         patch that is gray in 8 bits has no hue, whichever it had before.

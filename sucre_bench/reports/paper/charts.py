@@ -129,7 +129,7 @@ def _with_places(seen: DataFrame) -> DataFrame:
 def swatches(results: StudyResults) -> Iterator[Drawn]:
     """Paint the patches of the nearest and the farthest colour chart, as each method shows them, with their CIEDE2000.
 
-    Each swatch is the measured colour above a strip of the expected one, of the sRGB list: numbers are those of the
+    Each swatch is the measured colour above a strip of the expected one, of the sRGB list. Numbers are those of the
     variant srgb, if it was scored. Needs metrics of the roles patch-colour, colour-difference and chart-distance.
     Yields a figure per dataset, or why there is none of it.
     """
