@@ -14,7 +14,6 @@ import shlex
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
 
@@ -28,7 +27,7 @@ from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.depth_maps import find_depths
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import Photograph, scaled_pose, scene_of, straight_lens
-from sucre_bench.machine.files import fault_of, regular
+from sucre_bench.machine.files import NO_FILE, fault_of, regular
 from sucre_bench.machine.progress import track
 from sucre_bench.machine.text_formats import first_few
 from sucre_bench.scene import Encoding, Plane, Scene
@@ -247,22 +246,26 @@ def registered_scene(
     that are missing the first is a view, whose fault says how many are; the others are none.
     """
     paths = {posed.name: image_of(posed.name) for posed in model}
-    missing = {name: fault for name, path in paths.items() if (fault := fault_of(path))}
+    wrong = {name: fault for name, path in paths.items() if (fault := fault_of(path))}
     of = f"of the model's {len(paths)} images"
-    if len(missing) == len(paths):
+    if len(wrong) == len(paths):
         raise MissingFileError(f"none {of} is there", next(iter(paths.values())), "copy them there")
-    not_there = {
-        name: f"{paths[name]}: {why} ({len(missing)} {of} are missing: {first_few([*missing], 3)}); copy them there"
-        for name, why in islice(missing.items(), 1)
+    missing = [name for name, fault in wrong.items() if fault == NO_FILE]
+    no_views = set(missing[1:])
+    remedies = {name: f" ({len(missing)} {of} are missing: {first_few(missing, 3)}); copy them" for name in missing[:1]}
+    unusable = {
+        name: f"{paths[name]}: {why}{remedies.get(name, '; copy it')} there"
+        for name, why in wrong.items()
+        if name not in no_views
     }
     sizes = {
-        posed.name: (posed.name not in missing and image_size(paths[posed.name]))
+        posed.name: (posed.name not in wrong and image_size(paths[posed.name]))
         or (posed.camera.width, posed.camera.height)
         for posed in track(model, "image sizes")
     }
     found, ambiguous = find_depths(depths, list(paths))
     seen = {} if charts is None else read_charts(charts, sizes)
-    faults: dict[Plane, Mapping[str, str]] = {"rgb": not_there, "depth": ambiguous}
+    faults: dict[Plane, Mapping[str, str]] = {"rgb": unusable, "depth": ambiguous}
 
     photographs = [
         Photograph(
@@ -278,6 +281,6 @@ def registered_scene(
             faults={plane: of_plane[image] for plane, of_plane in faults.items() if image in of_plane},
         )
         for posed in model
-        if posed.name not in missing or posed.name in not_there
+        if posed.name not in no_views
     ]
     return scene_of(name, photographs, image_scale, encoding)

@@ -62,12 +62,15 @@ def regular(path: Path, remedy: str = "") -> Path:
     return path
 
 
+NO_FILE = "no such file"
+
+
 def fault_of(path: Path) -> str:
     """Return why a path does not lead to a regular file, without the path: empty if it does."""
     try:
         regular(path)
     except FileNotFoundError:
-        return "no such file"
+        return NO_FILE
     except FileError as no_file:
         return no_file.fault
     return ""
