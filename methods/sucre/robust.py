@@ -52,6 +52,9 @@ _PATCHES, _SPOILT, _TOLD = (6, 8), 0.3, 10
 # Weights help if spoilt patches hold this share of the wrong observations, or if at most this share is doubtful.
 _IN_PATCHES, _NOISE = 0.5, 0.07
 
+# A view of another place, mirrored, or with another depth map has more than this share of wrong observations.
+_ELSEWHERE = 0.6
+
 # Light below this share tells no colour; dividing by it would overflow.
 _FAINTEST = 1e-20
 
@@ -117,6 +120,19 @@ def _share_in_patches(observations: Observations, wrong: Mask) -> float:
     patch = (observations.view * rows + y * rows // height) * columns + x * columns // width
     n, spoilt = np.bincount(patch), np.bincount(patch, wrong)
     return float(spoilt[(n >= _TOLD) & (spoilt > _SPOILT * n)].sum() / max(spoilt.sum(), 1))
+
+
+def contradicted_views(observations: Observations, v: Array) -> list[str]:
+    """Return what to say of views that most of the others contradict; v: the `trust` in observations."""
+    if observations.view is None:
+        return []
+    n = np.bincount(observations.view, minlength=len(observations.views))
+    wrong = np.bincount(observations.view, v < WRONG, len(observations.views))
+    return [
+        f"{name} shows other things than the other views; if it is another place, mirrored or turned, or has another "
+        "view's depth map, take it out of the dataset"
+        for name in np.array(observations.views)[(n >= _TOLD) & (wrong > _ELSEWHERE * n)]
+    ]
 
 
 def _effect(water: WaterParameters, z: Array) -> Array:

@@ -91,7 +91,15 @@ def solve_exact(
     are those of `observations`.
     """
     from sucre_bench.methods.sucre.exact import fit
-    from sucre_bench.methods.sucre.robust import WRONG, fit_robustly, is_better, reweighted, robust_noise, trust
+    from sucre_bench.methods.sucre.robust import (
+        WRONG,
+        contradicted_views,
+        fit_robustly,
+        is_better,
+        reweighted,
+        robust_noise,
+        trust,
+    )
 
     sharp = sampled(observations, SAMPLE, singles=physical, seed=seed) if robust or matched is not None else None
     fitted = partial(fit, one_coefficient=one_coefficient, backend=backend, device=device, seed=seed)
@@ -99,12 +107,14 @@ def solve_exact(
     found = fitted(to_fit)
     about: dict[str, Any] = {}
     noise: Array | None = None
+    contradicted: list[str] = []
     few = sharp if matched is None else matched
     judged = sampled(few, _JUDGED, singles=False, seed=seed) if robust and few is not None else None
     is_tried = robust is True or (judged is not None and (trust(judged, found.water) < WRONG).mean() > _FEW_WRONG)
     if is_tried and judged and few and sharp:  # water and weights are iterated on a sample
         again, weighted = fit_robustly(few, fitted, plain=None if matched is None else found)
         v = trust(judged, again.water)
+        contradicted = contradicted_views(judged, v)
         if robust is True or is_better(judged, found.water, again.water, v):
             noise = robust_noise(sharp, again.water)
             observations = reweighted(observations, again.water, noise)
@@ -125,7 +135,7 @@ def solve_exact(
             uncertainty = replace(uncertainty, noise=uncertainty_at(kernel, observations, found.water).noise)
         if matched is not None:
             uncertainty = clustered(uncertainty, [to_fit], found.water, tied=one_coefficient)
-        solution = _with_colours(kernel, found.water, uncertainty, about)
+        solution = _with_colours(kernel, found.water, uncertainty, about).with_limits(contradicted)
     return solution if noise is None else replace(solution, weight=observations.weight)
 
 

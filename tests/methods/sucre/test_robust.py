@@ -72,6 +72,15 @@ def test_auto_leaves_out_what_is_wrong_and_nothing_where_the_model_explains_litt
         np.testing.assert_array_equal(auto.J, plain.J)
 
 
+def test_a_view_of_another_place_is_named_and_one_with_an_animal_is_not() -> None:
+    observations, _ = made(4800, distances_m=(1, 6), noise=NOISE, shape=(60, 80))
+    for wrong, is_named in ((observations.view == 2, True), (animal(observations), False)):
+        colour = observations.colour.copy()
+        colour[:, wrong] = np.random.default_rng(0).permuted(colour[:, wrong], axis=1)
+        limits = " ".join(solve_exact(replace(observations, colour=colour), robust="auto").uncertainty.limits)
+        assert (f"{observations.views[2]} shows other things" in limits) == is_named
+
+
 def test_clean_observations_lose_next_to_nothing() -> None:
     observations, J = made(4000, distances_m=(1, 6), noise=NOISE, eight_bit=True)
     robust, weighted = fit_robustly(observations, plain_fit)
