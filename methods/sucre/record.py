@@ -41,7 +41,7 @@ from sucre_bench.scene import Encoding, Restoration, View, Water
 _MANY = 0.1
 
 # What a limit has that a user can act on.
-_TYPED = re.compile(r"\b(method|\w+\.\w+)=\w")
+_TYPED = re.compile(r"\b(method|\w+\.\w+)=\w|out of the dataset")
 
 UNDETERMINED = (
     "the distances are too alike to measure the water, so colours may be wrong; use method=dive_gray_world, or "
