@@ -53,7 +53,7 @@ _PATCHES, _SPOILT, _TOLD = (6, 8), 0.3, 10
 _IN_PATCHES, _NOISE = 0.5, 0.07
 
 # A view of another place, mirrored, or with another depth map has more than this share of wrong observations.
-_ELSEWHERE = 0.6
+_ELSEWHERE = 0.8
 
 # Light below this share tells no colour; dividing by it would overflow.
 _FAINTEST = 1e-20
