@@ -23,7 +23,7 @@ from sucre_bench.camera import scaled_camera
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import decode, write_png
 from sucre_bench.machine.compute import usable_cores
-from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.files import open_atomically, write_atomically
 from sucre_bench.machine.progress import say, track
 from sucre_bench.programs.prepare.photos import read_mask
 from sucre_bench.programs.prepare.plane_sweep import agreeing, neighbours, planes_of, sweep
@@ -42,6 +42,9 @@ _LEAST_TRACK, _FEWEST_OF_RELIEF = 3, 20
 _NEAREST = 8
 _ODD = 6.0  # in median absolute deviations of a height from its neighbours
 _LONG = 6.0  # longest edge, in median edges
+
+# What NumPy raises for a file of arrays that was cut short.
+_DAMAGED = (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile)
 
 # How a pixel got its depth, as `depth_origin/` stores it; 0: it has none.
 MEASURED, FUSED, INTERPOLATED, GIVEN = 1, 2, 3, 4
@@ -94,13 +97,15 @@ def swept(shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longes
         return agreeing(small[i], raw(i), [small[j] for j in near[i]], lambda k: raw(near[i][k]))
 
     def sweep_one(i: int) -> None:
-        if (folder / f"{i:06d}.npy").is_file():
-            return
-        depth = np.zeros((small[i].camera.height, small[i].camera.width), dtype=np.float32)
+        file, depth = folder / f"{i:06d}.npy", np.zeros((small[i].camera.height, small[i].camera.width), np.float32)
+        with suppress(*_DAMAGED):
+            if np.load(file, mmap_mode="r").shape == depth.shape:
+                return
         if near[i]:
             sources = [small[j] for j in near[i]]
             depth = sweep(small[i], gray(i), sources, [gray(j) for j in near[i]], *planes_of(small[i], sources))
-        _store(folder / f"{i:06d}.npy", depth)
+        np.save(content := io.BytesIO(), depth)  # into a file it does not say that the disk is full
+        write_atomically(file, content.getvalue())
 
     with ThreadPoolExecutor(usable_cores()) as pool:
         list(track(pool.map(sweep_one, range(len(shots))), "sweeping", len(shots)))
@@ -121,22 +126,15 @@ def swept(shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longes
     return depth
 
 
-def _store(file: Path, values: npt.NDArray[Any]) -> None:
-    content = io.BytesIO()
-    np.save(content, values)
-    write_atomically(file, content.getvalue())
-
-
 def _stored_surface(folder: Path, make: Callable[[], Surface | None]) -> Surface:
     """The surface that an earlier command left in the folder, or a new one. Without points it has no triangles."""
     file = folder / "surface.npz"
-    damaged = suppress(OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile)
-    with damaged, file.open("rb") as opened, np.load(opened) as stored:
+    with suppress(*_DAMAGED), file.open("rb") as opened, np.load(opened) as stored:
         return Surface(**stored)
     say("fusing the depths of all photos into one surface")
-    surface, content = make() or Surface(np.zeros((3, 3)), np.zeros((1, 3), np.int64), np.zeros(3)), io.BytesIO()
-    np.savez(content, **vars(surface))
-    write_atomically(file, content.getvalue())
+    surface = make() or Surface(np.zeros((3, 3)), np.zeros((1, 3), np.int64), np.zeros(3))
+    with open_atomically(file) as opened:
+        np.savez(opened, **vars(surface))
     return surface
 
 
@@ -218,9 +216,8 @@ def write_depth(folder: Path, name: str, metres: Array) -> bool:
     if not len(filled):
         return False
     if 1000 * filled.max() > _MOST_MILLIMETRES or np.median(filled) < _NEAR_M:
-        content = io.BytesIO()
-        tifffile.imwrite(content, metres.astype(np.float32), compression=None)
-        write_atomically(stem.with_name(f"{stem.name}.tif"), content.getvalue())
+        with open_atomically(stem.with_name(f"{stem.name}.tif")) as file:
+            tifffile.imwrite(file, metres.astype(np.float32), compression=None)
     else:
         write_png(stem.with_name(f"{stem.name}.png"), np.rint(1000 * metres).astype(np.uint16))
     return True

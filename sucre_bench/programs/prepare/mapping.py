@@ -23,7 +23,7 @@ from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import line, say, track
 from sucre_bench.programs.prepare import CameraModel, Cameras, Matching
 from sucre_bench.programs.prepare.photos import Photo, write_gray
-from sucre_bench.programs.prepare.shots import load_pycolmap
+from sucre_bench.programs.prepare.shots import load_pycolmap, write_model
 
 _MOST_EXHAUSTIVE = 80  # photos: 3,160 pairs, about ten minutes on two cores
 _SEQUENTIAL = (*range(1, 11), *(2**power for power in range(4, 20)))  # steps: ten neighbours, then to close loops
@@ -136,8 +136,7 @@ def _attempt(
         if models:
             _to_photos(models[0], {photo.key: photo for photo in photos})
             names = sorted(models[0].image(number).name for number in models[0].reg_image_ids())
-            model.mkdir(exist_ok=True)
-            models[0].write_binary(model)
+            write_model(models[0], model)
         matches = _best_matches(database, photos, names)
     mapped = Mapped(model, names, attempt.name, matches, damaged, [m.num_reg_images() for m in models])
     write_atomically(folder / "model.json", json.dumps(asdict(mapped), default=str).encode())
@@ -269,8 +268,7 @@ def adopted(sparse: Path, photos: dict[str, Photo], folder: Path, fewest: int) -
         return None
     _to_photos(model, photos)
     names = sorted(model.image(number).name for number in model.reg_image_ids())
-    (folder / "model").mkdir(parents=True, exist_ok=True)
-    model.write_binary(folder / "model")
+    write_model(model, folder / "model")
     return Mapped(folder / "model", names, "given", {}, {}, [len(names)])
 
 

@@ -9,10 +9,10 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sucre_bench.errors import InputError, MissingFileError, OutputError, SucreBenchError
+from sucre_bench.errors import InputError, MissingFileError, OutputError, PluginError, SucreBenchError
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.lens import Lens
-from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.files import is_want_of_room, not_writable, write_atomically
 from sucre_bench.machine.progress import say
 from sucre_bench.programs.prepare import Options
 from sucre_bench.programs.prepare.depth_maps import INTERPOLATED, DepthMap, DepthMaps, masked, of_surface, relief, swept
@@ -59,12 +59,12 @@ def prepare(
     """
     try:
         return _prepare(folder, out, options or Options(), known or {}, again)
-    except SucreBenchError:
-        raise
-    except Exception as fault:  # what any library raises when the disk is full
-        full = isinstance(fault, OSError) and fault.errno in (errno.ENOSPC, errno.EDQUOT)
-        if full or (out.exists() and shutil.disk_usage(out).free < 1 << 20):
-            raise OutputError("the disk is full", out, "free some space and repeat the command") from fault
+    except Exception as fault:  # what any library raises, or how COLMAP dies, when the disk is full
+        is_own = isinstance(fault, SucreBenchError) and not isinstance(fault, PluginError)
+        if isinstance(fault, OSError) and is_want_of_room(fault):
+            raise not_writable(out, fault) from fault
+        if not is_own and out.exists() and shutil.disk_usage(out).free < 1 << 20:
+            raise not_writable(out, OSError(errno.ENOSPC, "")) from fault
         raise
 
 

@@ -22,7 +22,7 @@ from sucre_bench.machine.text_formats import filled_in
 from sucre_bench.programs.prepare.depth_maps import INTERPOLATED, MEASURED, DepthMap, DepthMaps, nearest, write_depth
 from sucre_bench.programs.prepare.mapping import Mapped
 from sucre_bench.programs.prepare.scale import Known, Scale
-from sucre_bench.programs.prepare.shots import Shot, load_pycolmap
+from sucre_bench.programs.prepare.shots import Shot, load_pycolmap, write_model
 
 _FILE = "prepare.json"
 _MODEL = ("sparse/cameras.bin", "sparse/images.bin", "sparse/points3D.bin")
@@ -138,7 +138,7 @@ def write_result(
     for folder in _FOLDERS:
         shutil.rmtree(aside / folder, ignore_errors=True)
         (aside / folder).mkdir()
-    model.write_binary(aside / "sparse")
+    write_model(model, aside / "sparse")
 
     made_from, maps = surface
     near, far = np.quantile(np.concatenate([shot.seen_points()[1] for shot in shots]), [0.02, 0.98])

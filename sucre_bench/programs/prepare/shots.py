@@ -3,11 +3,15 @@
 pycolmap is imported here and nowhere else.
 """
 
+import errno
+import signal
+import threading
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +22,7 @@ from sucre_bench.imaging.image_files import write_png
 from sucre_bench.loading.colmap_model import Posed, read_model
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.compute import usable_cores
+from sucre_bench.machine.files import not_writable
 from sucre_bench.machine.packages import load
 from sucre_bench.machine.progress import track
 from sucre_bench.programs.prepare.photos import Photo, read_mask, read_photo
@@ -33,6 +38,8 @@ def load_pycolmap() -> ModuleType:
 
     pycolmap: ModuleType = load("prepare", "pycolmap")
     pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
+    if threading.current_thread() is threading.main_thread():  # it alone may set handlers
+        signal.signal(signal.SIGABRT, signal.SIG_DFL)  # without a page of COLMAP's stack
     return pycolmap
 
 
@@ -83,8 +90,20 @@ def write_pinhole(posed: Mapping[str, Posed], model: Path, pinhole: Path) -> Non
         of_file = known.camera(number)
         of_file.model = pycolmap.CameraModelId.PINHOLE
         of_file.params = [camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]]
-    pinhole.mkdir(parents=True, exist_ok=True)
-    known.write_binary(pinhole)
+    write_model(known, pinhole)
+
+
+def write_model(model: Any, folder: Path) -> None:
+    """Write a COLMAP model. Raises OutputError if the disk is full: COLMAP leaves files cut short and says nothing."""
+    folder.mkdir(parents=True, exist_ok=True)
+    model.write_binary(folder)
+    images = [model.image(number) for number in model.reg_image_ids()]
+    sizes = {
+        "images.bin": 8 + sum(73 + len(image.name.encode()) + 24 * len(image.points2D) for image in images),
+        "points3D.bin": 8 + sum(51 + 8 * point.track.length() for point in model.points3D.values()),
+    }
+    if any((folder / name).stat().st_size < size for name, size in sizes.items()):
+        raise not_writable(folder, OSError(errno.ENOSPC, ""))
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -1,6 +1,7 @@
 """From photos to a scene: two slanted planes with a texture, photographed by a distorting camera, are the truth."""
 
 import json
+import resource
 import shutil
 import subprocess
 import sys
@@ -20,7 +21,7 @@ import sucre_bench as sb
 from sucre_bench.arrays import Array
 from sucre_bench.camera import pixel_rays, project
 from sucre_bench.commands.prepare import prepare as command
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, OutputError
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.lens import Lens
@@ -31,7 +32,7 @@ from sucre_bench.programs.prepare.photos import Photo, find_photos
 from sucre_bench.programs.prepare.pipeline import prepare, settled_scale
 from sucre_bench.programs.prepare.result import Prepared, quality_of, read_record
 from sucre_bench.programs.prepare.scale import known_scale
-from sucre_bench.programs.prepare.shots import read_shots, write_pinhole
+from sucre_bench.programs.prepare.shots import read_shots, write_model, write_pinhole
 
 
 @pytest.fixture(scope="module")
@@ -81,9 +82,13 @@ def test_masked_pixels_have_no_depth_and_photos_without_a_place_are_named(prepar
 
 
 def test_a_second_run_computes_nothing_again_and_may_change_the_scale(prepared: Prepared, photos: Path):
-    made = [*prepared.out.rglob("images/*/*.png"), *(prepared.out / ".prepare").rglob("0*.npy")]
+    swept = sorted((prepared.out / ".prepare").rglob("0*.npy"))
+    damaged = swept.pop()
+    made = [*prepared.out.rglob("images/*/*.png"), *swept]
     before = {path: path.stat().st_mtime_ns for path in made}
-    assert len(before) == 2 * len(NAMES)
+    assert len(before) == 2 * len(NAMES) - 1
+    whole = damaged.read_bytes()
+    damaged.write_bytes(whole[:3000])
     depth = read_depth(prepared.out / "depths" / "dive 1" / "depth_photo 0.png")
     twice = prepare(
         photos / "photos",
@@ -92,6 +97,7 @@ def test_a_second_run_computes_nothing_again_and_may_change_the_scale(prepared: 
         known_scale(factor=2 * prepared.scale.metres_per_unit),
     )
     assert {path: path.stat().st_mtime_ns for path in made} == before
+    assert damaged.read_bytes() == whole, "a file that was cut short is made again"
     assert read_depth(prepared.out / "depths" / "dive 1" / "depth_photo 0.png") == pytest.approx(2 * depth, abs=0.0021)
     scene = next(iter(sb.load_scenes("colmap", root=twice.out)))
     centres = [np.linalg.inv(scene[name].cam_from_world)[:3, 3] for name in (NAMES[0], NAMES[3])]
@@ -315,6 +321,21 @@ def test_a_command_stopped_while_writing_leaves_one_scale(
     assert scale["metres_per_unit"] == 7
     assert after / before == pytest.approx(7 / scale_before["metres_per_unit"], rel=0.01)
     assert not list((out / ".prepare").rglob("old-*"))
+
+
+def test_a_model_that_the_disk_cuts_short_is_an_error(prepared: Prepared, tmp_path: Path):
+    import pycolmap
+
+    model, unlimited = pycolmap.Reconstruction(prepared.out / "sparse"), resource.getrlimit(resource.RLIMIT_FSIZE)
+    for size in (0, 4096):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, unlimited[1]))
+        try:
+            with pytest.raises(OutputError, match="disk"):
+                write_model(model, tmp_path)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
+    write_model(model, tmp_path)
+    assert len(read_shots(tmp_path)) == len(NAMES)
 
 
 def test_without_its_notes_a_prepared_folder_is_refused_in_words(prepared: Prepared, photos: Path, tmp_path: Path):
