@@ -126,6 +126,11 @@ def _read_cameras(file: Path, distorted: bool, undistort: str) -> dict[int, tupl
     return cameras
 
 
+def count_points(file: Path) -> int:
+    """Return the number of points in a points3D.bin. Raises InputError if it breaks off."""
+    return sum(1 for _ in _rows(file, _binary_points))
+
+
 def lens_of_model(model: str, width: int, height: int, parameters: Sequence[float]) -> Lens:
     """Return a camera of COLMAP with its distortion, none for a pinhole. parameters: in COLMAP's order."""
     inner = 3 if model in _ONE_FOCAL else 4  # focal length, or both, and principal point
@@ -195,6 +200,15 @@ def _binary_images(path: Path) -> Iterator[_ImageRow]:
             raise ValueError("the points of an image break off")
         data.seek(size, os.SEEK_CUR)
         yield tuple(pose), camera, name
+
+
+def _binary_points(path: Path) -> Iterator[int]:
+    data = _opened(path)
+    for _ in range(_taken(data, "Q")[0]):
+        data.seek(43, os.SEEK_CUR)  # id, place, colour and error
+        length: int = _taken(data, "Q")[0]
+        data.seek(8 * min(length, len(data)), os.SEEK_CUR)
+        yield length
 
 
 # -- text --------------------------------------------------------------------------------------------------

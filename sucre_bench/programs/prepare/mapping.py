@@ -16,7 +16,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
 from sucre_bench.errors import InputError
-from sucre_bench.loading.colmap_model import Posed
+from sucre_bench.loading.colmap_model import Posed, count_points
 from sucre_bench.machine import processes
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.files import write_atomically
@@ -256,11 +256,12 @@ def adopted(sparse: Path, photos: dict[str, Photo], folder: Path, fewest: int) -
     """Return a COLMAP model as that of the photos, points included; None if it has few. Files go into `folder`.
 
     photos: by the names that the model has for them; images without a photo are left out; fewest: points that a photo
-    must see on average.
+    must see on average. Raises InputError if the file of its points breaks off.
     """
-    pycolmap = load_pycolmap()
-    with processes.step("COLMAP's reading of the model"):
-        model = pycolmap.Reconstruction(sparse)
+    points = sparse / ("points3D.bin" if (sparse / "images.bin").is_file() else "points3D.txt")
+    if not points.is_file() or (points.suffix == ".bin" and not count_points(points)):  # pycolmap hangs on a cut file
+        return None
+    model = load_pycolmap().Reconstruction(sparse)
     for image in [model.image(number) for number in model.reg_image_ids()]:
         if image.name not in photos:
             model.deregister_frame(image.frame_id)

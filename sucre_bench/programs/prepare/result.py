@@ -151,6 +151,11 @@ def write_result(
         qualities.append(quality_of(shot, DepthMap(depth, origin), factor))
         if shot in on_page:
             pictures[shot.name] = _thumbnails(out / "images" / shot.name, depth, (near, far))
+    off = 100 * float(np.nanmedian([q.depth_error for q in qualities]))
+    if off > 100 * _MILD_ERROR:
+        fault = f"depth is {off:.1f} % off the sparse points, so the lens or the camera positions are wrong"
+        remedy = "add photos from other heights and directions, or give a model of a calibrated camera with --model"
+        made = replace(made, warnings=(*made.warnings, f"{fault}; {remedy}"))
     made = replace(made, qualities=tuple(qualities))
     for folder in _FOLDERS:
         old = aside / f"old-{folder}"
@@ -169,7 +174,7 @@ def write_result(
         "sparse points": f"{model.num_points3D()}, each seen by {model.compute_mean_track_length():.1f} photos",
         "reprojection error": f"{error:.2f} px",
         "pixels with depth": f"{covered:.0f} %" + (parts if measured else ""),
-        "depth against sparse points": f"{100 * np.nanmedian([q.depth_error for q in qualities]):.2f} % (median)",
+        "depth against sparse points": f"{off:.2f} % (median)",
         "surface": made_from,
         "scale": made.scale.note,
     }

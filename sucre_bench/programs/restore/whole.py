@@ -22,6 +22,9 @@ from sucre_bench.loading.lens import Lens
 # The weight of no trust beside that of a neighbouring cell, in open water.
 _PULL = 0.1
 
+# Cells of a patch that counts as measured: smaller ones are false matches on waves and in water.
+_FEWEST = 9
+
 # Open water: its texture is below this share of the median texture of ground, its red below this quantile of ground's.
 # Lost trust in a disc cut out of the ground, of a fifth of the image's width: reef 2 %, flat seabed 5 %, tiles of a
 # pool 12 %. With a pull of 1 these are 24, 33 and 30 %.
@@ -74,6 +77,8 @@ def with_open_water(picture: Array, measured: Mask, photograph: Array) -> Array:
     light = luma(np.ascontiguousarray(photograph, dtype=np.float32))
     texture = np.sqrt(in_cells((light - cv2.GaussianBlur(light, (0, 0), _FINE * n)) ** 2, n))
     known = in_cells(measured, n) > 0.5
+    _, patch, found, _ = cv2.connectedComponentsWithStats(known.astype(np.uint8), connectivity=4)
+    known &= found[patch, cv2.CC_STAT_AREA] >= _FEWEST
     if not known.any():
         return picture
     small = in_cells(photograph, n)

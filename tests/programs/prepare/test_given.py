@@ -92,6 +92,10 @@ def test_poses_of_a_model_get_depth_of_its_photos_and_a_model_of_other_photos_is
         write(tmp_path / "others" / f"x{i}.png", photograph(POSES[0]))
     with pytest.raises(InputError, match=r"sparse: none of its 4 images .*0\.png.*; "):
         prepare(tmp_path / "others", tmp_path / "none", Options(model=tmp_path / "out" / "sparse"))
+    points = tmp_path / "out/sparse/points3D.bin"
+    points.write_bytes(points.read_bytes()[:5000])
+    with pytest.raises(InputError, match=r"points3D\.bin: breaks off.*; "):
+        prepare(tmp_path / "out/images", tmp_path / "again", Options(model=points.parent), again=True)
 
 
 def test_a_mesh_of_another_frame_or_without_a_model_is_refused(dive: Path, colmap: Path, tmp_path: Path):
