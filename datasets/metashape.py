@@ -40,7 +40,6 @@ from sucre_bench.loading.view_files import (
     is_rigid,
     scaled_pose,
     scene_of,
-    straight_lens,
 )
 from sucre_bench.machine.files import check_folder, regular
 from sucre_bench.machine.progress import say
@@ -367,7 +366,7 @@ class Metashape(ImageScaleOption):
         read = (lambda path: read_depth(path) * scale) if self.depth_units == "chunk" else read_depth
         with_maps = []
         for camera, photograph in zip(component.cameras, photographs, strict=True):
-            of = photograph.lens if self.depth_camera == "image" else straight_lens(camera.lens.camera)
+            of = photograph.lens if self.depth_camera == "image" else Lens(camera.lens.camera)
             with_maps.append(replace(photograph, read_depth=read, depth_lens=of))
         with_maps.sort(key=lambda photograph: photograph.name)
         with_depth = any(photograph.depth or "depth" in photograph.faults for photograph in photographs)
@@ -390,7 +389,7 @@ def _photographs(folder: Path, document: Path, cameras: Sequence[Aligned], undis
             faults["rgb"] = f"{folder}: {fault}; keep one, or use the project (.psx), which knows their folders"
         name = fits[0] if len(fits) == 1 else inner_path(camera.named) or f"camera {camera.label}"
         owners[name].append(camera)
-        lens = straight_lens(_middle(camera.lens.camera)) if undistorted else camera.lens
+        lens = Lens(_middle(camera.lens.camera)) if undistorted else camera.lens
         found.append(Photograph(name, folder / name, lens, camera.cam_from_world, faults=faults))
     if all(photograph.faults for photograph in found):
         raise InputError(found[0].faults["rgb"])

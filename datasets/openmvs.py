@@ -24,13 +24,13 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
 from sucre_bench.errors import DamagedFileError, InputError, file_error
 from sucre_bench.loading.find_folders import ImageFolder, existing, inner_path
+from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import (
     ImageScaleOption,
     Photograph,
     is_rigid,
     scaled_pose,
     scene_of,
-    straight_lens,
 )
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
@@ -100,7 +100,7 @@ class Openmvs(ImageScaleOption):
             faults["rgb"] = f"{root}: {fault}; keep one of them"
         name = fits[0] if len(fits) == 1 else inner_path(header.image) or path.stem
         pose = scaled_pose(header.cam_from_world, self.metres_per_unit)
-        return Photograph(name, root / name, straight_lens(header.camera), pose, path, self._metres, faults=faults)
+        return Photograph(name, root / name, Lens(header.camera), pose, path, self._metres, faults=faults)
 
     def _metres(self, path: Path) -> Array:
         return read_dmap_depth(path) * np.float32(self.metres_per_unit)

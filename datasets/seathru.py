@@ -30,7 +30,8 @@ from sucre_bench.loading.colmap_model import Posed, read_model
 from sucre_bench.loading.d5_charts import FULL_SIZE, published_charts
 from sucre_bench.loading.depth_maps import find_depths
 from sucre_bench.loading.find_folders import check_chosen, chosen, existing, folders_below, scene_name
-from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scaled_pose, scene_of, straight_lens
+from sucre_bench.loading.lens import Lens
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scaled_pose, scene_of
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset
@@ -172,7 +173,7 @@ class Seathru(ImageScaleOption):
             photograph = Photograph(
                 path.name,
                 path,
-                None if camera is None else straight_lens(camera),
+                None if camera is None else Lens(camera),
                 pose,
                 depths.get(path.name),
                 charts=[scaled_chart(chart, at, size) for chart, at in charts.get(path.name, ())],

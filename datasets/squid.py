@@ -30,7 +30,8 @@ from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.image_files import SUFFIXES, image_size, same_shape
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.find_folders import check_chosen, existing, folders_below, scene_name
-from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of, straight_lens
+from sucre_bench.loading.lens import Lens
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of
 from sucre_bench.machine.files import expanded
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.plugins.ranges import check_ranges
@@ -96,7 +97,7 @@ class Squid(ImageScaleOption):
             photograph = Photograph(
                 path.name,
                 path,
-                straight_lens(camera),
+                Lens(camera),
                 pose,
                 maps if maps.is_file() else None,
                 functools.partial(_read_distance, key=f"dist_map_{side}", camera=camera, farthest_m=self.farthest_m),

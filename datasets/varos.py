@@ -28,7 +28,8 @@ from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.loading.depth_maps import read_16_bit
 from sucre_bench.loading.find_folders import existing, folders_below, scene_name
-from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of, straight_lens
+from sucre_bench.loading.lens import Lens
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.decorators import dataset
@@ -76,7 +77,7 @@ class Varos(ImageScaleOption):
             raise InputError(f"{folder / 'A'}: holds no image that ends on a frame number; copy the PNG files there")
         references, depths = _frames(folder / "B"), _frames(folder / "D")
         others_of: list[tuple[Plane, str, dict[int, Path]]] = [("depth", "D", depths), ("reference", "B", references)]
-        lens = straight_lens(_camera(_beside(folder, root, _CAMERA)))
+        lens = Lens(_camera(_beside(folder, root, _CAMERA)))
         times = _times(_beside(folder, root, _TIMES), sorted(images))
         poses = _poses(_beside(folder, root, _POSES))
 

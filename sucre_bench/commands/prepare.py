@@ -147,9 +147,8 @@ def prepare(
     off = sorted((q.depth_error, q.name) for q in done.qualities if q.depth_error == q.depth_error)
     if off:
         median, (worst, name) = off[len(off) // 2][0], off[-1]
-        click.echo(
-            f"depth    {100 * median:.2f} % off the sparse points (median), {100 * worst:.2f} % in {name} at worst"
-        )
+        at_worst = f"{100 * worst:.2f} % in {name} at worst"
+        click.echo(f"depth    {100 * median:.2f} % off the sparse points (median), {at_worst}")
     click.echo(f"scale    {done.scale.note}{', kept from before' if done.is_kept else ''}")
     click.echo(f"page     {out / 'quality.html'}")
     restored = out.with_name(f"{out.name}-restored")

@@ -43,16 +43,14 @@ def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, t
     for name in images:
         if name not in sizes:
             near = difflib.get_close_matches(name, sizes, n=1, cutoff=0)
-            raise InputError(
-                f"'{in_one_line(name)}' is not an image of the scene", path, f"write names as there, like '{near[0]}'"
-            )
-    usual, found = content.get("kind", "dgk"), {}
-    for name, charts in images.items():
-        if charts:
-            found[name] = tuple(
-                chart_of(path, name, chart, entry, usual, sizes[name]) for chart, entry in charts.items()
-            )
-    return found
+            fault = f"'{in_one_line(name)}' is not an image of the scene"
+            raise InputError(fault, path, f"write names as there, like '{near[0]}'")
+    usual = content.get("kind", "dgk")
+    return {
+        name: tuple(chart_of(path, name, chart, entry, usual, sizes[name]) for chart, entry in charts.items())
+        for name, charts in images.items()
+        if charts
+    }
 
 
 def chart_of(path: Path, image: str, name: str, entry: Any, kind: Any, size: tuple[int, int]) -> Chart:

@@ -26,7 +26,7 @@ from sucre_bench.imaging.image_files import image_size
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.depth_maps import find_depths
 from sucre_bench.loading.lens import Lens
-from sucre_bench.loading.view_files import Photograph, scaled_pose, scene_of, straight_lens
+from sucre_bench.loading.view_files import Photograph, scaled_pose, scene_of
 from sucre_bench.machine.files import NO_FILE, fault_of, regular
 from sucre_bench.machine.progress import track
 from sucre_bench.machine.text_formats import first_few
@@ -103,9 +103,8 @@ def read_model(sparse: Path, images: Path, distorted: bool = False) -> list[Pose
 def _read_cameras(file: Path, distorted: bool, undistort: str) -> dict[int, tuple[Camera, Lens | None]]:
     """Return each camera, undistorted, with its lens if that distorts. undistort: the remedy for one not accepted."""
     cameras: dict[int, tuple[Camera, Lens | None]] = {}
-    for number, model, width, height, parameters in _rows(
-        file, _binary_cameras if file.suffix == ".bin" else _text_cameras
-    ):
+    read = _binary_cameras if file.suffix == ".bin" else _text_cameras
+    for number, model, width, height, parameters in _rows(file, read):
         place = f"{file}: camera {number}"
         if model not in (_PARAMETERS if distorted else _PINHOLE):
             usable = "of these distortions none is known here" if distorted else "only pinhole cameras can be used"
@@ -113,9 +112,8 @@ def _read_cameras(file: Path, distorted: bool, undistort: str) -> dict[int, tupl
         focals = parameters[: 1 if model in _ONE_FOCAL else 2]
         is_size = 0 < min(width, height) <= max(width, height) <= 1e6  # what `Camera` takes
         if not (is_size and min(focals) > 0 and all(abs(value) <= 1e9 for value in parameters)):
-            raise InputError(
-                f"{place} is {width}x{height} with parameters {parameters}, which no camera has; {_REMEDY}"
-            )
+            which = f"{width}x{height} with parameters {parameters}"
+            raise InputError(f"{place} is {which}, which no camera has; {_REMEDY}")
         lens = lens_of_model(model, width, height, parameters)
         if model in _PINHOLE:
             cameras[number] = (lens.camera, None)
@@ -285,7 +283,7 @@ def registered_scene(
         Photograph(
             image := posed.name,
             paths[image],
-            posed.lens or straight_lens(posed.camera),
+            posed.lens or Lens(posed.camera),
             scaled_pose(posed.cam_from_world, metres_per_unit),
             found.get(image),
             reference=(references or {}).get(image),

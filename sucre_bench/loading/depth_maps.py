@@ -8,7 +8,8 @@ that could belong to two images is used for neither.
 
 import importlib
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -139,16 +140,26 @@ def read_16_bit(path: Path, of: str = "values") -> np.ndarray:
 def _read_tiff(path: Path) -> np.ndarray:
     import cv2
 
+    with _decoding(path, "a TIFF"):
+        try:
+            return read_tiff(path)
+        except Exception as fault:
+            if "imagecodecs" not in str(fault):
+                raise
+            return decode(path, cv2.IMREAD_UNCHANGED)  # a compression for which tifffile needs another package
+
+
+@contextmanager
+def _decoding(path: Path, kind: str) -> Iterator[None]:
+    """Turn what a decoder of this kind raises about a file into an InputError."""
     try:
-        return read_tiff(path)
+        yield
     except InputError:
         raise
     except OSError as fault:
         raise file_error(path, fault, "copy the file again") from fault
-    except Exception as fault:  # each of its decoders raises errors of its own
-        if "imagecodecs" not in str(fault):
-            raise DamagedFileError("cannot be read, cut short or not a TIFF", path, "copy it again") from fault
-        return decode(path, cv2.IMREAD_UNCHANGED)  # a compression for which tifffile needs another package
+    except Exception as fault:  # decoders raise errors of many kinds
+        raise DamagedFileError(f"cannot be read, cut short or not {kind}", path, "copy it again") from fault
 
 
 def _kind(values: np.ndarray) -> str:
@@ -167,7 +178,7 @@ def _read_exr(path: Path) -> Array:
         exr = importlib.import_module("OpenEXR")
     except ImportError as fault:
         raise InputError("OpenEXR files need a package of their own", path, "pip install OpenEXR") from fault
-    try:
+    with _decoding(path, "an OpenEXR file"):
         with exr.File(str(regular(path)), separate_channels=True, header_only=True) as file:
             least, most = np.array(file.header()["dataWindow"], dtype=np.int64)
         if not (most >= least).all():
@@ -175,12 +186,6 @@ def _read_exr(path: Path) -> Array:
         check_pixels(path, (most - least + 1).tolist(), channels=4)
         with exr.File(str(path), separate_channels=True) as file:
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
-    except InputError:
-        raise
-    except OSError as fault:
-        raise file_error(path, fault, "copy the file again") from fault
-    except Exception as fault:  # the decoder raises errors of many kinds
-        raise DamagedFileError("cannot be read, cut short or not an OpenEXR file", path, "copy it again") from fault
     name = next(iter(channels)) if len(channels) == 1 else next((name for name in _DEPTH if name in channels), None)
     if name is None or channels[name].ndim != 2 or channels[name].dtype.kind != "f":
         raise InputError(f"has channels {', '.join(channels)}", path, "write float depth into one channel, Z")

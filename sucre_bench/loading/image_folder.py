@@ -52,12 +52,8 @@ def image_folder_scene(
     found = {} if references is None else _references(names, references, subfolders)
     sizes = {image: image_size(folder / image) for image in track(names, "image sizes")}
     # An image that cannot be read has no size to check corners against; decoding it will say what is wrong.
-    seen = (
-        read_charts(charts, {image: size or (sys.maxsize, sys.maxsize) for image, size in sizes.items()})
-        if charts
-        else {}
-    )
-    photographs = []
+    known = {image: size or (sys.maxsize, sys.maxsize) for image, size in sizes.items()}
+    seen, photographs = read_charts(charts, known) if charts else {}, []
     for image in names:
         reference = found.get(image)
         faults: dict[Plane, str] = {"reference": reference} if isinstance(reference, str) else {}

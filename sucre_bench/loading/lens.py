@@ -36,12 +36,12 @@ class Lens:
     """A distorted camera.
 
     camera: K and size of the distorted image, pixel centres at +0.5; coefficients: of the model's distortion, in
-    OpenCV's order, trailing zeros left out.
+    OpenCV's order, trailing zeros left out, none for a camera that does not distort.
     """
 
     camera: Camera
-    model: Literal["perspective", "fisheye"]
-    coefficients: tuple[float, ...]
+    model: Literal["perspective", "fisheye"] = "perspective"
+    coefficients: tuple[float, ...] = ()
 
     @property
     def identity(self) -> tuple[object, ...]:

@@ -221,8 +221,15 @@ class Found:
         """Return what is found, in a line."""
         n, whole = len(self.members), len(self.of.members)
         are_its = f"these are its {whole} pictures" if self.is_whole else f"{n} of {self.pictures} pictures are of it"
+        lists = (
+            (f"of its {whole} missing", self.missing),
+            ("not of it", self.others),
+            ("there twice", self.twice),
+            ("restored, cropped or otherwise changed", self.changed),
+            ("known by name alone", self.by_name),
+        )
         parts = [f"{self.of.name}: {are_its}"]
-        parts += [f"{len(names)} {verb}: {first_few(names, _SHOWN)}" for verb, names in self._lists() if names]
+        parts += [f"{len(names)} {verb}: {first_few(names, _SHOWN)}" for verb, names in lists if names]
         if self.resized:
             parts.append(f"they are {' and '.join(self.resized[:3])}, published at other sizes")
         return "; ".join(parts)
@@ -231,15 +238,6 @@ class Found:
         """Return the set, or how much of it the pictures are, as a part of a sentence."""
         n, whole = len(self.members), len(self.of.members)
         return f"{self.of.name} (all {whole})" if self.is_whole else f"{n} of {self.of.name}'s {whole} pictures"
-
-    def _lists(self) -> tuple[tuple[str, Sequence[str]], ...]:
-        return (
-            (f"of its {len(self.of.members)} missing", self.missing),
-            ("not of it", self.others),
-            ("there twice", self.twice),
-            ("restored, cropped or otherwise changed", self.changed),
-            ("known by name alone", self.by_name),
-        )
 
 
 def found_of(named: NamedSet, pictures: Mapping[str, Picture], of: Of = "either") -> Found:
@@ -318,24 +316,19 @@ def members_in(folder: Path, images: Sequence[str], split: str) -> tuple[str, li
         except InputError:
             pictures[image] = Picture((0, 0), None)  # it counts by its name
     found = found_of(named, pictures, "image")
-    for error, names, said, remedy in (
-        (
-            IncompleteSetError,
-            found.missing,
-            "are missing",
-            f"copy them there, see {named.source.partition(';')[0] or split}, or leave out dataset.split",
-        ),
-        (InputError, found.changed, "were restored, cropped or changed", "copy the originals there"),
-        (InputError, found.twice, "are there twice", "keep one of each"),
+    copy = f"copy them there, see {named.source.partition(';')[0] or split}, or leave out dataset.split"
+    for names, said, remedy in (
+        (found.missing, "are missing", copy),
+        (found.changed, "were restored, cropped or changed", "copy the originals there"),
+        (found.twice, "are there twice", "keep one of each"),
     ):
+        fault = f"{len(names)} of the {len(named.members)} pictures of {split} {said}: {first_few(names, _SHOWN)}"
+        if names and names is found.missing:
+            incomplete = IncompleteSetError(fault, folder, remedy)
+            incomplete.found = len(found.members)
+            raise incomplete
         if names:
-            whole = len(named.members)
-            fault = error(
-                f"{len(names)} of the {whole} pictures of {split} {said}: {first_few(names, _SHOWN)}", folder, remedy
-            )
-            if isinstance(fault, IncompleteSetError):
-                fault.found = len(found.members)
-            raise fault
+            raise InputError(fault, folder, remedy)
     if found.resized:
         say(f"{folder}: the pictures are {' and '.join(found.resized[:3])}, and of {split} published at other sizes")
     return named.name, sorted(found.members)
@@ -367,9 +360,8 @@ def recognised_sets(pictures: Mapping[str, Picture], of: Of = "either") -> tuple
     for one in shared:
         if one.of.of in parents:
             n = len(one.members) - len(one.by_name)
-            lines[one.of.of].append(
-                f"{n} are of {one.of.name}, so {one.pictures - n} may have trained {one.of.used_by}"
-            )
+            trained = f"so {one.pictures - n} may have trained {one.of.used_by}"
+            lines[one.of.of].append(f"{n} are of {one.of.name}, {trained}")
     return found, [line for of_parent in lines.values() for line in of_parent]
 
 

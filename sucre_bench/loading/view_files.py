@@ -113,11 +113,6 @@ class Photograph:
     faults: Mapping[Plane, str] = field(default_factory=dict)
 
 
-def straight_lens(camera: Camera) -> Lens:
-    """Return the lens of a camera that does not distort."""
-    return Lens(camera, "perspective", ())
-
-
 def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding = "gamma") -> View:
     """Return the view of a photograph, undistorted when it is decoded. Reads the image's header.
 
@@ -200,12 +195,9 @@ def _resampled(read: Callable[[Path], Array], lens: Lens, camera: Camera, path: 
 def is_rigid(transform: Array) -> bool:
     """Whether (4, 4) is a rotation and a translation, within the few digits that some programs write."""
     R = transform[:3, :3]
-    return bool(
-        np.isfinite(transform).all()
-        and np.allclose(transform[3], (0, 0, 0, 1), atol=1e-6)
-        and np.allclose(R @ R.T, np.eye(3), atol=1e-3)
-        and np.linalg.det(R) > 0
-    )
+    if not np.isfinite(transform).all() or not np.allclose(transform[3], (0, 0, 0, 1), atol=1e-6):
+        return False
+    return bool(np.allclose(R @ R.T, np.eye(3), atol=1e-3) and np.linalg.det(R) > 0)
 
 
 _WHOLE = 1 << 20  # bytes; larger files are hashed in blocks

@@ -72,10 +72,8 @@ class Exposure:
     def sentence(self) -> str:
         """What it says of the views, and what methods do about it."""
         if self.falls_off:
-            light = (
-                f"light falls off across the images, to {self.least:.0%} of its peak, as from a strobe on the camera"
-            )
-            return f"gains of views not known: {light}; sucre removes it by itself"
+            light = f"light falls off across the images, to {self.least:.0%} of its peak"
+            return f"gains of views not known: {light}, as from a strobe on the camera; sucre removes it by itself"
         gains = f"{min(self.gains):.2f} to {max(self.gains):.2f}, ± {self.error:.1%}"
         differ = "they differ: sucre fits them by itself" if self.differs else "no difference beyond chance"
         return f"gains of {len(self.views)} views {gains}; {differ}"

@@ -187,10 +187,10 @@ def placed(looks: Sequence[Look]) -> list[View]:
     views = []
     for look in looks:
         if look.camera is not None and look.view.cam_from_world is not None and look.depth is not None:
+            # A picture that cannot be read, or of another size than its depth, is black.
             is_told = look.picture is not None and look.picture.shape[:2] == look.depth.shape
-            shown = np.zeros((*look.depth.shape, 3), np.float32)
-            if is_told:  # a picture that cannot be read, or of another size than its depth, is black
-                shown = np.asarray(look.picture, np.float32) / 255
+            picture = look.picture if is_told else np.zeros((*look.depth.shape, 3))
+            shown = np.asarray(picture, np.float32) / 255
             rgb = srgb_decode(shown) if look.view.encoding == "linear" else shown
             views.append(replace(look.view, pixels=Arrays(rgb, look.depth), camera=look.camera))
     return views

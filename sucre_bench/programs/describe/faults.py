@@ -229,14 +229,14 @@ def _twins(looks: Sequence[Look]) -> list[Fault]:
             tiny.append((np.asarray(small), group))
         if look.depth is not None and np.ptp(look.depth) > 0:
             maps[look.depth.tobytes()].append(look.facts.name)
-    faults = []
     alike, shared = ([tuple(names) for names in groups if len(names) > 1] for groups in (pictures, maps.values()))
-    for kind, what, remedy, groups in (
+    kinds = (
         ("twins", "picture and depth map", "keep one", [names for names in alike if names in shared]),
         ("twin pictures", "picture", "keep one", [names for names in alike if names not in shared]),
         ("twin depth maps", "depth map", "give each image its own", [names for names in shared if names not in alike]),
-    ):
-        for names in groups:
-            times = "twice" if len(names) == 2 else f"{len(names)} times"
-            faults.append(Fault(kind, f"the same {what} {times}", remedy, names))
-    return faults
+    )
+    return [
+        Fault(kind, f"the same {what} {'twice' if len(names) == 2 else f'{len(names)} times'}", remedy, names)
+        for kind, what, remedy, groups in kinds
+        for names in groups
+    ]

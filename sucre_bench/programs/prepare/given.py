@@ -240,7 +240,7 @@ def _posed(model: Path, folder: Path) -> list[Posed]:
 
 def _at_size(one: Posed, size: tuple[int, int], model: Path) -> Posed:
     """Return the image with its distorted camera at a size (width, height). Raises InputError for a lens of others."""
-    lens = one.lens or Lens(one.camera, "perspective", ())
+    lens = one.lens or Lens(one.camera)
     if type(lens) is not Lens:
         fault = f"the lens of {one.name} has terms that COLMAP's models lack (b2, k4, p3 or p4)"
         raise InputError(fault, model, _UNDISTORTED)

@@ -154,12 +154,13 @@ def restore(
             alone = _run(rest, words, options.where, out, before)
     with progress.live():
         restored = [*dive.restored, *alone.restored]
-        written = write_pictures(restored, out, options.quality, options.original_geometry, note.stat().st_mtime_ns)
+        faults = write_pictures(restored, out, options.quality, options.original_geometry, note.stat().st_mtime_ns)
     covered = [coverage for coverage, _, _ in dive.trust]
     has_water, unknown = any(has for _, has, _ in dive.trust), sum(not is_known for _, _, is_known in dive.trust)
-    faults = {name: alone.faults.get(name, "") for name in names if name not in {*written.names, *written.faults}}
+    written = tuple(one.name for one in restored if one.name not in faults)
+    left = {name: alone.faults.get(name, "") for name in names if name not in {*written, *faults}}
     measured = sum(covered) / max(1, len(covered))
-    return Done(written.names, faults | written.faults, len(dive.restored), measured, has_water, unknown)
+    return Done(written, left | faults, len(dive.restored), measured, has_water, unknown)
 
 
 def _noted(source: Source, out: Path, options: Options) -> Path:
@@ -286,10 +287,10 @@ def read_prepared(dive: Path) -> PreparedDive | None:
         raise DamagedFileError("is not what prepare wrote", file, "prepare the dive again") from fault
 
 
-def photographs_in(folder: Path, leave_out: Path | None = None) -> dict[str, Path]:
+def photographs_in(folder: Path) -> dict[str, Path]:
     """Return the photographs in a folder and its sub-folders by their path in it. InputError if there is none."""
     check_folder(folder, "give the one that holds the photographs")
-    found = {name: folder / name for name in image_names(folder, subfolders=True, but=leave_out)}
+    found = {name: folder / name for name in image_names(folder, subfolders=True)}
     if not found:
         raise InputError("holds no photographs", folder, "put .jpg, .png or .tif there")
     return found

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from sucre_bench.arrays import Array, evenly
-from sucre_bench.errors import ANY_FAULT, InputError, OutputError, SucreBenchError, one_line
+from sucre_bench.errors import ANY_FAULT, InputError, OutputError, one_line
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.drawing import contact_sheet
 from sucre_bench.imaging.encoding import to_8bit, to_levels
@@ -52,18 +52,10 @@ class Restored:
     is_water_known: bool = True
 
 
-@dataclass(frozen=True)
-class Written:
-    """What became of the pictures. faults: why a photograph has none, by its name."""
-
-    names: tuple[str, ...]
-    faults: dict[str, str]
-
-
 def write_pictures(
     restored: Sequence[Restored], out: Path, quality: int, original_geometry: bool, since_ns: int
-) -> Written:
-    """Write the picture of each photograph below out/pictures, and out/contact-sheet.jpg.
+) -> dict[str, str]:
+    """Write the picture of each photograph below out/pictures, and out/contact-sheet.jpg; return why some have none.
 
     quality: of JPEG and WebP, 1 to 100; original_geometry: with the photograph's lens, else undistorted; since_ns: a
     picture that is newer than this time and its restored image stays. Raises OutputError if files cannot be written.
@@ -82,9 +74,7 @@ def write_pictures(
             return ""
         except OutputError:
             raise
-        except SucreBenchError as fault:
-            return str(fault)
-        except ANY_FAULT as fault:  # of a library, about one photograph's metadata
+        except ANY_FAULT as fault:  # one photograph's, or of a library about its metadata
             return one_line(fault)
 
     with ThreadPoolExecutor(min(usable_cores(), _AT_ONCE)) as pool:
@@ -93,7 +83,7 @@ def write_pictures(
     there = [one for one in restored if one.name not in faults]
     if there:
         write_atomically(out / "contact-sheet.jpg", _sheet([there[k] for k in evenly(len(there), _MOST_SHOWN)], folder))
-    return Written(tuple(one.name for one in there), faults)
+    return faults
 
 
 def _picture(one: Restored, original_geometry: bool) -> Array:

@@ -17,6 +17,7 @@ from typing import Any
 import pandas as pd
 import pytest
 from support import slurm_cluster
+from support.colmap_folder import picture, write_image
 from support.messages import names
 from support.places import TOYS
 
@@ -239,6 +240,22 @@ def test_what_slurm_refuses_is_said_in_its_words(user: Bench):
     assert "SLURM took 0 of 2 jobs; sbatch: error" in said
     assert "invalid partition" in said
     assert user.at_work() == []
+
+
+def test_photographs_are_restored_in_blocks(user: Bench, tmp_path: Path):
+    for n in range(4):
+        write_image(tmp_path / "photos" / f"{n}.jpg", picture(n))
+    words = [BENCH, "restore", "photos", "--method", "gray_world"]
+    where = ["shard.count=2", "hydra/launcher=slurm", "hydra.launcher.latency_s=1"]
+    for command in ([*words, "blocks", *where], [*words, "whole", "workers=0"]):
+        done = subprocess.run(
+            command, env=user.environment, cwd=tmp_path, check=False, capture_output=True, text=True, timeout=PATIENCE_S
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+    made = [{f.name: f.read_bytes() for f in (tmp_path / out / "pictures").iterdir()} for out in ("blocks", "whole")]
+    assert len(made[0]) == 4
+    assert made[0] == made[1]
+    assert list((tmp_path / "blocks/work").rglob("slurm")), "the cluster did the work"
 
 
 def test_without_slurm_the_launcher_says_where_to_go(bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
