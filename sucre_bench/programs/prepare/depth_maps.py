@@ -216,8 +216,8 @@ def write_depth(folder: Path, name: str, metres: Array) -> bool:
     if not len(filled):
         return False
     if 1000 * filled.max() > _MOST_MILLIMETRES or np.median(filled) < _NEAR_M:
-        with open_atomically(stem.with_name(f"{stem.name}.tif")) as file:
-            tifffile.imwrite(file, metres.astype(np.float32), compression=None)
+        tifffile.imwrite(content := io.BytesIO(), metres.astype(np.float32), compression=None)
+        write_atomically(stem.with_name(f"{stem.name}.tif"), content.getvalue())
     else:
         write_png(stem.with_name(f"{stem.name}.png"), np.rint(1000 * metres).astype(np.uint16))
     return True
