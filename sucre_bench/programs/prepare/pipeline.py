@@ -61,9 +61,10 @@ def prepare(
         return _prepare(folder, out, options or Options(), known or {}, again)
     except Exception as fault:  # what any library raises, or how COLMAP dies, when the disk is full
         is_own = isinstance(fault, SucreBenchError) and not isinstance(fault, PluginError)
-        is_full = not is_own and out.exists() and shutil.disk_usage(out).free < 1 << 20
-        if is_full or (isinstance(fault, OSError) and is_want_of_room(fault)):
-            raise not_writable(out, OSError(errno.ENOSPC, "") if is_full else fault) from fault
+        if not is_own and out.exists() and shutil.disk_usage(out).free < 1 << 20:
+            raise not_writable(out, OSError(errno.ENOSPC, "")) from fault
+        if isinstance(fault, OSError) and is_want_of_room(fault):
+            raise not_writable(out, fault) from fault
         raise
 
 

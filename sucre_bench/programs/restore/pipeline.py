@@ -158,9 +158,9 @@ def restore(
     covered = [coverage for coverage, _, _ in dive.trust]
     has_water, unknown = any(has for _, has, _ in dive.trust), sum(not is_known for _, _, is_known in dive.trust)
     written = tuple(one.name for one in restored if one.name not in faults)
-    left = {name: alone.faults.get(name, "") for name in names if name not in {*written, *faults}}
+    faults |= {name: alone.faults.get(name, "") for name in names if name not in {*written, *faults}}
     measured = sum(covered) / max(1, len(covered))
-    return Done(written, left | faults, len(dive.restored), measured, has_water, unknown)
+    return Done(written, faults, len(dive.restored), measured, has_water, unknown)
 
 
 def _noted(source: Source, out: Path, options: Options) -> Path:
