@@ -152,7 +152,7 @@ def write_result(
         if shot in on_page:
             pictures[shot.name] = _thumbnails(out / "images" / shot.name, depth, (near, far))
     off = 100 * float(np.nanmedian([q.depth_error for q in qualities]))
-    if off > 100 * _MILD_ERROR:
+    if off > 100 * _MILD_ERROR and not (asked["mesh"] or asked["depth"]):
         fault = f"depth is {off:.1f} % off the sparse points, so the lens or the camera positions are wrong"
         remedy = "add photos from other heights and directions, or give a model of a calibrated camera with --model"
         made = replace(made, warnings=(*made.warnings, f"{fault}; {remedy}"))
