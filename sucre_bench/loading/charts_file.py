@@ -43,8 +43,8 @@ def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, t
     for name in images:
         if name not in sizes:
             near = difflib.get_close_matches(name, sizes, n=1, cutoff=0)
-            fault = f"'{in_one_line(name)}' is not an image of the scene"
-            raise InputError(fault, path, f"write names as there, like '{near[0]}'")
+            what = f"'{in_one_line(name)}' is not an image of the scene"
+            raise InputError(what, path, f"write names as there, like '{near[0]}'")
     usual = content.get("kind", "dgk")
     return {
         name: tuple(chart_of(path, name, chart, entry, usual, sizes[name]) for chart, entry in charts.items())

@@ -133,8 +133,8 @@ def _stored_surface(folder: Path, make: Callable[[], Surface | None]) -> Surface
         return Surface(**stored)
     say("fusing the depths of all photos into one surface")
     surface = make() or Surface(np.zeros((3, 3)), np.zeros((1, 3), np.int64), np.zeros(3))
-    with open_atomically(file) as opened:
-        np.savez(opened, **vars(surface))
+    with open_atomically(file) as new:
+        np.savez(new, **vars(surface))
     return surface
 
 
