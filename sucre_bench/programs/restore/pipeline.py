@@ -155,11 +155,10 @@ def restore(
     with progress.live():
         restored = [*dive.restored, *alone.restored]
         faults = write_pictures(restored, out, options.quality, options.original_geometry, note.stat().st_mtime_ns)
-    covered = [coverage for coverage, _, _ in dive.trust]
     has_water, unknown = any(has for _, has, _ in dive.trust), sum(not is_known for _, _, is_known in dive.trust)
     written = tuple(one.name for one in restored if one.name not in faults)
     faults |= {name: alone.faults.get(name, "") for name in names if name not in {*written, *faults}}
-    measured = sum(covered) / max(1, len(covered))
+    measured = sum(coverage for coverage, _, _ in dive.trust) / max(1, len(dive.trust))
     return Done(written, faults, len(dive.restored), measured, has_water, unknown)
 
 
