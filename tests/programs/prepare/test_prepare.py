@@ -202,7 +202,7 @@ def test_the_record_holds_values_as_they_are(prepared: Prepared):
     assert camera["params"][0] == pytest.approx(290, rel=0.03)
     assert camera["params"][3] == pytest.approx(DISTORTION[0], abs=0.03)
     assert read_record(prepared.out) is not None
-    with pytest.raises(InputError, match=r"--length: -1 "):
+    with pytest.raises(InputError, match=r"--length: -1"):
         known_scale(lengths=[("a", 0, 0, 1, 1, -1.0)])
 
 
