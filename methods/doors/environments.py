@@ -44,8 +44,9 @@ class Environment:
             raise InputError("is no environment", f"command.env={text}", f"give {_FORMS}")
         tool, name, digest = found[1], found[2], found[3] or ""
         if tool == "docker" and not digest:
-            show = f"docker image inspect --format '{{{{.RepoDigests}}}} {{{{.Id}}}}' {name}"
-            bare = re.sub(r":[^/]*$", "", name)  # without a tag; a registry may have a port
+            image = name.partition("@")[0]  # without a digest that is too short
+            show = f"docker image inspect --format '{{{{.RepoDigests}}}} {{{{.Id}}}}' {image}"
+            bare = re.sub(r":[^/]*$", "", image)  # without a tag; a registry may have a port
             remedy = f"give docker:{bare}@sha256:..., or docker:sha256:... if it was built here; see `{show}`"
             raise InputError("an image without digest may change", f"command.env={text}", remedy)
         return cls(tool, str(expanded(name)) if tool != "docker" else name, digest)

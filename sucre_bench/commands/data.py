@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from rich.measure import Measurement
 from rich.text import Text
 
 from sucre_bench.commands import completion, shared
@@ -130,7 +131,9 @@ def _show(one: Described) -> None:
         colours = " ".join(f"{m:.2f}" for m in view.mean) if view.mean else "unreadable"
         depth = f"{view.coverage:.0%}" if view.has_depth else "-"
         table.add_row(Text(view.name), depth, near, *lap, colours, str(len(view.charts)) if view.charts else "-")
-    terminal.out.print(table, width=None if terminal.out.is_terminal else _WIDEST)  # in a pipe lines may be long
+    wide = terminal.out.options.update(max_width=_WIDEST)
+    table.width = Measurement.get(terminal.out, wide, table).maximum  # names stay whole; a narrow terminal wraps rows
+    terminal.out.print(table, soft_wrap=True)
     if len(one.facts) > _ROWS:
         click.echo(f"... and {len(one.facts) - _ROWS} more views; --json has them all")
     for low, high, share in zip(one.edges, one.edges[1:], one.shares, strict=False):

@@ -66,6 +66,7 @@ def run(
     or scored; 2, the command has a mistake; 130, stopped by Ctrl-C.
     """
     from sucre_bench.jobs.words import value_of
+    from sucre_bench.machine.packages import absent
 
     shared.refuse_options(overrides)
     if plugin_files:
@@ -77,6 +78,8 @@ def run(
         command = jobs([word for word in overrides if word != "job"], multirun)  # Hydra's own is `--cfg job`
         click.echo(config_text(command.jobs, command.words, command.is_sweep), nl=False)
         return
+    if old := absent("numpy", "pandas", "pyarrow", "scipy", "numba"):
+        say(f"packages: {old}", "yellow")
     # What a plugin prints is no part of a JSON object.
     printed = contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext()
     if dry_run:

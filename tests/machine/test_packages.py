@@ -1,6 +1,7 @@
 """A package that is missing, too old or broken is one line with the command that mends it, before any work."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -75,6 +76,14 @@ def test_a_package_that_is_too_old_or_does_not_import_is_named(monkeypatch: pyte
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(InputError, match=r"texture: broken_library_xyz does not import, .*libGL\.so\.1.*doctor"):
         packages.load("texture", "broken_library_xyz")
+
+
+def test_a_run_says_that_a_package_of_the_core_is_too_old(bench, monkeypatch: pytest.MonkeyPatch, small_demo):
+    version_of = packages.version_of
+    monkeypatch.setattr(packages, "version_of", lambda name: "1.0" if name == "numpy" else version_of(name))
+    done = bench("run", *small_demo, "method=underwater", "--dry-run")
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"packages: numpy is 1\.0, not >=.*; pip install 'numpy>=", done.stderr)
 
 
 def test_a_library_of_the_core_that_is_there_but_broken_is_named(

@@ -94,7 +94,7 @@ def test_an_environment_that_cannot_be_made_fails_alone_and_rows_have_the_others
         ("uv:nowhere.txt", {"nowhere.txt", "command.env", "uv:FILE"}),
         ("docker:reef:1.2", {"digest", "docker:reef@sha256", "inspect"}),
         ("docker:localhost:5000/reef:1", {"digest", "docker:localhost:5000/reef@sha256"}),
-        ("docker:reef@sha256:12", {"digest", "inspect"}),
+        ("docker:reef@sha256:12", {"digest", "docker:reef@sha256", "inspect"}),
         (f"conda:one@{IMAGE}", {IMAGE, "command.env=conda:one"}),
     ],
 )
