@@ -128,7 +128,7 @@ def roughness(column: Column) -> str:
         return ", no intervals" if column.n_views < 2 else ", intervals are rough"
     if column.worth > _ALIKE * column.n_views or not column.ranked:
         return ""
-    return f" (neighbours are alike: worth about {column.worth:.0f} independent ones; every=4 gives more)"
+    return f" (neighbours are alike: worth about {column.worth:.0f} independent; every=4 gives more)"
 
 
 def signs(comparison: Comparison, cells: Sequence[Shown], colours: bool) -> list[str]:

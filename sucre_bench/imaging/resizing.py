@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, locked, once
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.encoding import converted, to_8bit
 from sucre_bench.scene import Encoding, Pixels, Plane, Restoration, View
@@ -62,6 +62,7 @@ def split_variant(variant: str) -> tuple[str, Form | None]:
     return name, form if words else None
 
 
+@once  # several forms share a size
 def resized(image: npt.NDArray[Any], resizing: Resizing) -> npt.NDArray[Any]:
     """Return an image (H, W, 3), uint8 or float32, as (side, side, 3) of the same type, whatever its shape was.
 
@@ -85,8 +86,9 @@ def changed_restoration(restored: Restoration, encoding: Encoding, form: Form) -
 
     encoding: of its image.
     """
-    image = np.nan_to_num(converted(restored.image, encoding, "gamma"), nan=0.0).astype(np.float32)
-    return replace(restored, image=_changed(image, form), confidence=None)
+    image = converted(restored.image, encoding, "gamma").astype(np.float32, copy=False)
+    image = image if np.isfinite(image.sum()) else np.nan_to_num(image, nan=0.0)
+    return replace(restored, image=locked(_changed(image, form)), confidence=None)
 
 
 def changed_picture(shown: Array, view: View, form: Form) -> tuple[Array, View]:
@@ -117,9 +119,14 @@ class _Changed:
 
 
 def _in_8_bits(image: Array, form: Form) -> Array:
-    image_8 = to_8bit(image)
-    levels = resized(image_8, form.resizing) if form.resizing else image_8
+    levels = _levels(image)
+    levels = resized(levels, form.resizing) if form.resizing else levels
     return _changed(levels.astype(np.float32) / np.float32(255), replace(form, resizing=None))
+
+
+@once
+def _levels(image: Array) -> npt.NDArray[Any]:
+    return locked(to_8bit(image))
 
 
 def _changed(image: Array, form: Form) -> Array:

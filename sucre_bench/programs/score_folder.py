@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from sucre_bench import plugins, results
-from sucre_bench.arrays import Array, DataFrame
+from sucre_bench.arrays import Array, DataFrame, locked
 from sucre_bench.engine.python_api import score
 from sucre_bench.engine.score import row_without_value
 from sucre_bench.errors import InputError, MissingFileError, PluginError
@@ -67,7 +67,7 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
             compared_with = _only(name, reference, reference_of[name]) if reference else None
             if compared_with and is_jpeg(compared_with) and not is_jpeg(path):
                 lossy.append(compared_with)
-            rgb, target = read_rgb(path), read_rgb(compared_with) if compared_with else None
+            rgb, target = locked(read_rgb(path)), locked(read_rgb(compared_with)) if compared_with else None
             view = View(name, _Pictures(rgb, target))
             pictures[str(compared_with or name)] = picture_of(rgb if target is None else target)
             if target is not None and target.shape != rgb.shape:

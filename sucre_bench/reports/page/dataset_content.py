@@ -33,14 +33,15 @@ _WHISKER = 84  # pixels, of an interval that is drawn in a cell
 
 
 def heading(column: Column) -> dict[str, Any]:
-    """Return the head of a column. describes: nobody wins by it, and it is no cost: shown when asked for."""
+    """Return the head of a column. kind: "describes", without a better, and no cost: shown when asked for; or "dim"."""
+    describes = not column.directed and column.metric not in (*COSTS, FILLED)
     count = f"{column.n_units} {column.of}{'s' * (column.n_units != 1)}"
     return {
         "key": key_of(column),
         "head": " ".join(filter(None, [column.metric, ARROW[column.better], column.unit and f"({column.unit})"])),
         "below": [column.variant, count, *(["common pixels"] if column.pixels == "common" else [])],
         "better": column.better,
-        "describes": not column.directed and column.metric not in (*COSTS, FILLED),
+        "kind": "describes" if describes else "dim" * (column.knows == "taste"),
     }
 
 

@@ -103,7 +103,7 @@ def _sweep(tables: Sequence[Comparison], datasets: Sequence[Any], places: Mappin
 
     datasets: as `Section.content` has them.
     """
-    heads = [head for dataset in datasets for head in dataset["columns"] if not head["describes"]]
+    heads = [head for dataset in datasets for head in dataset["columns"] if head["kind"] != "describes"]
     columns: dict[str, list[Column | None]] = {head["key"]: [] for head in heads}
     for table in tables:
         by_key = {key_of(column): column for column in table.columns}
