@@ -170,11 +170,10 @@ class Psnr:
         image, reference = _pair(restored.image if raw else shown, view, encode=not raw)
         is_masked = variant in ("masked", "raw", "luma")
         mask = known_in_both(image, reference, view) if is_masked else coloured_pixels(reference)
-        if variant == "gray":
-            image, reference = (resized(to_8bit(x), _GRAY) for x in (image, reference))
-            mask = np.ones((_GRAY.side, _GRAY.side), np.bool_)
         if variant in ("luma", "gray"):
-            levels = [x if x.dtype == np.uint8 else to_8bit(x) for x in (image, reference)]
+            levels = [to_8bit(x) for x in (image, reference)]
+            if variant == "gray":
+                levels, mask = [resized(x, _GRAY) for x in levels], np.ones((_GRAY.side, _GRAY.side), np.bool_)
             # Whole levels of 255, as files hold them.
             image, reference = (np.floor(_luma(x.astype(np.float64)) + 0.5) / 255 for x in levels)
         n = np.count_nonzero(mask) * image.shape[-1]

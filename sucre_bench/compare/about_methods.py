@@ -65,11 +65,10 @@ def _notes(options: Mapping[str, Mapping[str, Any]], methods: Mapping[str, Plugi
             yield Note("differs", (name,), reasons=plugin.differs)
         for study, score in plugin.opinions.items() if plugin else ():
             studies.setdefault(study, {})[name] = score
-    for study, scores in studies.items():
-        if len(scores) > 1:
-            best_first = sorted(scores, key=lambda name: -scores[name])
-            said = ", ".join(f"{name} {scores[name]:g}" for name in best_first)
-            yield Note("opinions", tuple(best_first), reasons=f"{study}: {said}")
+    compared = [(study, sorted(of.items(), key=lambda one: -one[1])) for study, of in studies.items() if len(of) > 1]
+    if compared:  # a line for all studies, the best first
+        said = (f"{study}: {', '.join(f'{name} {score:g}' for name, score in of)}" for study, of in compared)
+        yield Note("opinions", tuple({name: 0 for _, of in compared for name, _ in of}), reasons="; ".join(said))
 
 
 def seen_in_training(out: Path, rows: DataFrame) -> Iterator[str]:

@@ -119,8 +119,7 @@ class _Changed:
 
 
 def _in_8_bits(image: Array, form: Form) -> Array:
-    levels = _levels(image)
-    levels = resized(levels, form.resizing) if form.resizing else levels
+    levels = resized(_levels(image), form.resizing) if form.resizing else _levels(image)
     return _changed(levels.astype(np.float32) / np.float32(255), replace(form, resizing=None))
 
 

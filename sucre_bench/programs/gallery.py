@@ -240,8 +240,7 @@ def _line(exhibit: Exhibit, number: Number, rows: DataFrame, out: Path) -> Itera
     else:
         is_asked = (rows["dataset"] == exhibit.name) & (rows["method"] == number.row) & (rows["metric"] == metric)
         ok = rows[is_asked & (rows["variant"] == variant) & (rows["status"] == "ok")]
-        is_view = [not number.view or Path(name).stem == number.view for name in ok["view"]]
-        ok = ok.loc[is_view]
+        ok = ok.loc[[number.view in ("", Path(name).stem) for name in ok["view"]]]
         depth = ok["region"].str.count("/")  # a chart's score, not those of its patches
         ok = ok[depth == depth.min()]
         values = ok.groupby("view", sort=False)["value"].mean()
@@ -255,7 +254,7 @@ def _line(exhibit: Exhibit, number: Number, rows: DataFrame, out: Path) -> Itera
     yield {
         "exhibit": exhibit.name,
         "row": number.row,
-        "score": f"against {number.against}, dB" if number.against else number.score,
+        "score": f"against {number.against}, dB" if number.against else f"{number.score} {number.view}".rstrip(),
         "published": number.published,
         "measured": f"{measured:.{digits or 3}f}",
         "difference": off_text if number.published else "",

@@ -212,7 +212,7 @@ class _Naming:
         known = {*self._files, *self._folders}
         words = {header: set(re.findall(r"[a-z]+", header.lower())) for header in headers}
         likely = [header for header in headers if _NAMES & words[header]] or headers
-        self._headers = [header for header in likely if any(known & _keys(row[header]) for row in rows)]
+        self._headers = [header for header in likely if any(known.intersection(_keys(row[header])) for row in rows)]
         is_of_all = len(rows) == 1 and not any(_OF_IMAGES & words[header] for header in headers)
         self._order = tuple(images) if self._headers or is_of_all else ()
 
@@ -231,7 +231,7 @@ class _Naming:
 
     def _called(self, cell: str) -> tuple[set[str], set[str]]:
         """The images, and the images of the folders, that a cell names: by its whole text, else by its last part."""
-        for key in (cell.casefold(), _key(cell), _key(cell).rpartition("/")[2]):
+        for key in _keys(cell):
             if key in self._files or key in self._folders:
                 return self._files.get(key, set()), self._folders.get(key, set())
         return set(), set()
@@ -243,8 +243,8 @@ def _key(name: str) -> str:
     return f"{folder}{slash}{without_suffix(last) if last else ''}".casefold()
 
 
-def _keys(cell: str) -> set[str]:
-    return {cell.casefold(), _key(cell), _key(cell).rpartition("/")[2]}
+def _keys(cell: str) -> tuple[str, str, str]:
+    return cell.casefold(), _key(cell), _key(cell).rpartition("/")[2]
 
 
 # -- the comparison ----------------------------------------------------------------------------------------------
@@ -353,19 +353,14 @@ def answer(column: Column, found: Sequence[Candidate], sets: Sequence[Found], si
         text = f"{yours} fit{'s' if len(numbers) == 1 else ''} no public form; the nearest is {what} {where}: {off}"
     if by_chance:
         text += f" ({in_words(column.metric, found[0].variant, size)} gives it too, perhaps by chance)"
-    colours = {f"{base}{at}" for base in ("unmasked", "gaussian-unmasked") for at in _same_form(best.variant)}
+    base, *words = best.variant.split("@")
+    # The variant "gray" resizes by itself. Y has the form of colours.
+    forms = ["@256", ""] if base == "gray" and not words else ["".join(f"@{word}" for word in words if word != "y")]
+    colours = {f"{of_rgb}{form}" for of_rgb in ("unmasked", "gaussian-unmasked") for form in forms}
     rgb = next((one for one in found if one.variant in colours), None)
     if rgb and not what.startswith("RGB"):
         text += f"; in RGB it is {rgb.value:.{digits}f}"
     return f"{text}."
-
-
-def _same_form(variant: str) -> tuple[str, ...]:
-    """The form of a variant, as its name has it, without Y."""
-    base, *words = variant.split("@")
-    if not words and base == "gray":  # which resizes by itself
-        return ("@256", "")
-    return ("".join(f"@{word}" for word in words if word != "y"),)
 
 
 def in_words(metric: str, variant: str, size: tuple[int, int] | None) -> str:
