@@ -28,7 +28,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.errors import NotApplicableError, SolveError
 from sucre_bench.methods.sucre.exact import fit
-from sucre_bench.methods.sucre.light import TILES, Light, LightFit, Parts, Problem, Sample, fit_light
+from sucre_bench.methods.sucre.light import Light, LightFit, Parts, Problem, Sample, fit_light
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.refine_noise import decoding_slope, residuals_of
 from sucre_bench.methods.sucre.robust import C2, robust_noise
@@ -41,6 +41,9 @@ if TYPE_CHECKING:
 
 # Pixels that parts are chosen on, the fewest worth it, and pixels that the chosen light is fitted to.
 _TRIED_ON, _FEWEST, _FITTED = 1_500, 200, 4_000
+
+# Tiles along each side of the image.
+_TILES = 6
 
 # Standard errors, and the share of the cost, that a part must gain.
 _SURE, _SHARE = 3.0, 0.1
@@ -126,8 +129,8 @@ def _richer(parts: Parts, *, may_be_strobe: bool) -> Iterator[Parts]:
 
 def _chosen(sample: Sample, water: WaterParameters, noise: Array, *, may_be_strobe: bool) -> tuple[Parts, list[Tried]]:
     """Return the parts of light that count, and every model that was judged."""
-    tile = sample.tile
-    fold = (tile // TILES + tile) % 2
+    at = np.floor(sample.place * _TILES).astype(np.int64)
+    tile, fold = at[1] * _TILES + at[0], at.sum(axis=0) % 2
     halves = [(sample.take(fold == k), tile[fold == k]) for k in range(2)]
     light, tried, cost, before = Light.even(water, sample.views), [], None, None
     while True:
@@ -179,10 +182,10 @@ def _promised(sample: Sample, parts: Parts, light: Light) -> float:
 
 def _held_out(halves: list[tuple[Sample, Array]], parts: Parts, light: Light, noise: Array) -> Array:
     """Return the bounded misfit of each tile, from the fit to the other half."""
-    cost = np.zeros(TILES**2)
+    cost = np.zeros(_TILES**2)
     for (fitted, _), (judged, tile) in (halves, halves[::-1]):
         found = fit_light(fitted, parts, light).light
-        cost += np.bincount(tile, _misfit(judged, found, noise), TILES**2)
+        cost += np.bincount(tile, _misfit(judged, found, noise), _TILES**2)
     return cost
 
 

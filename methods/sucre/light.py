@@ -48,9 +48,6 @@ _MOST, _FARTHEST, _DEEPEST = 3.0, 1.5, 30.0
 # Terms x^2 and y^2 of the lobe that a strobe starts from: a Gaussian of 40 degrees.
 _LOBE = -1.0
 
-# Tiles along each side of the target, whose errors count as independent.
-TILES = 6
-
 _PART = 1 << 16  # observations at a time
 
 
@@ -97,7 +94,7 @@ class Sample:
 
     z: (P, V) metres; I: (3, P, V); weight: (3, P, V) of squared residuals, 0 in gaps; ray: (2, P, V), x / z and y / z
     in the view's camera; views: names; target: index of the view whose gain is 1; place: (2, P), x and y of the pixel
-    in the target, from 0 to 1; extent: largest |x / z| or |y / z|, also of the sample that it is a part of.
+    in the target, from 0 to 1.
     """
 
     z: Array
@@ -107,7 +104,6 @@ class Sample:
     views: tuple[str, ...]
     target: int
     place: Array
-    extent: float
 
     @staticmethod
     def of(few: Observations, target: str) -> Sample:
@@ -124,19 +120,12 @@ class Sample:
         fullest = few.views[int((weight[0] > 0).sum(axis=0).argmax())]
         y, x = np.divmod(few.pixels, few.shape[1])
         place = np.stack([x / few.shape[1], y / few.shape[0]])
-        own = few.views.index(target if target in few.views else fullest)
-        return Sample(z, I, weight, ray, few.views, own, place, max(float(np.abs(ray).max()), 1e-9))
+        return Sample(z, I, weight, ray, few.views, few.views.index(target if target in few.views else fullest), place)
 
     def take(self, which: Mask | slice) -> Sample:
         """Return the sample of some pixels."""
         I, weight, ray = self.I[:, which], self.weight[:, which], self.ray[:, which]  # noqa: E741
-        return Sample(self.z[which], I, weight, ray, self.views, self.target, self.place[:, which], self.extent)
-
-    @property
-    def tile(self) -> Indices:
-        """(P,) numbers of tiles of the target, 6 x 6."""
-        x, y = np.floor(self.place * TILES).astype(np.int64)
-        return np.asarray(y * TILES + x)
+        return Sample(self.z[which], I, weight, ray, self.views, self.target, self.place[:, which])
 
     @property
     def shown(self) -> Mask:
@@ -253,6 +242,10 @@ class Problem:
     parts: Parts
 
     @cached_property
+    def extent(self) -> float:
+        return max(float(np.abs(self.sample.ray).max()), 1e-9)
+
+    @cached_property
     def distance(self) -> float:
         """The median distance, metres."""
         return float(np.median(self.sample.z[self.sample.shown]))
@@ -260,7 +253,7 @@ class Problem:
     @cached_property
     def terms(self) -> Array:
         """The terms (6, P, V) of the lens."""
-        return terms(self.sample.ray / self.sample.extent)
+        return terms(self.sample.ray / self.extent)
 
     @cached_property
     def sizes(self) -> list[int]:
@@ -306,7 +299,7 @@ class Problem:
             self.sample.views,
             np.broadcast_to(gains.reshape(-1, views).T, (views, 3)) if self.parts.gains else np.zeros((views, 3)),
             lens if self.parts.lens else np.zeros(TERMS),
-            self.sample.extent,
+            self.extent,
             Strobe.of(strobe, self.distance) if self.parts.strobe else None,
         )
 
@@ -381,27 +374,11 @@ def fit_light(sample: Sample, parts: Parts, light: Light) -> LightFit:
     ends = [problem.descend(np.r_[row.ravel(), other], _ROUGHLY) for other in others for row in rows]
     at, system = Problem(sample, parts).descend(min(ends, key=lambda end: float(end[1].cost[0]))[0], _TOLERANCE)
     light = Problem(sample, parts).light(at)
-    error = _errors(sample, parts, at, system)
+    n_excess = 3 * (np.count_nonzero(sample.shown) - len(sample.z)) - len(at)
+    H, free, variance = system.H[0], np.flatnonzero(np.diag(system.H[0]) > 0), np.zeros(len(at))
+    scale = 1 / np.sqrt(np.diag(H)[free])
+    scaled = H[np.ix_(free, free)] * scale[:, None] * scale
+    variance[free] = scale**2 * np.diag(np.linalg.pinv(scaled, rcond=1e-14, hermitian=True))
+    error = np.sqrt((variance[:9] * system.cost[0] / max(n_excess, 1)).clip(min=0)).reshape(3, 3)
     known: Mask = np.asarray(sample.shown.any(axis=0))
     return LightFit(replace(light, gains=np.where(known[:, None], light.gains, np.nan)), error)
-
-
-def _errors(sample: Sample, parts: Parts, at: Array, system: ReducedSystem) -> Array:
-    """Return standard errors (3 channels, 3) of B, beta and gamma at unknowns, the larger of two.
-
-    They are those of independent observations, and those of tiles of the target with residuals that are alike
-    (diagnostics.clustered).
-    """
-    H = system.H[0]
-    free = np.flatnonzero(np.diag(H) > 0)
-    scale = np.zeros(len(at))
-    scale[free] = 1 / np.sqrt(np.diag(H)[free])
-    inverse = np.linalg.pinv(H * scale[:, None] * scale, rcond=1e-14, hermitian=True) * scale[:, None] * scale
-    n_excess = 3 * (np.count_nonzero(sample.shown) - len(sample.z)) - len(at)
-    variance = np.diag(inverse) * system.cost[0] / max(n_excess, 1)
-    tiles = np.unique(sample.tile)
-    if not parts.strobe and (n := len(tiles)) > 3:  # a strobe's fit is to 500 pixels, few a tile
-        of_tiles = (Problem(sample.take(sample.tile == tile), parts) for tile in tiles)
-        scores = np.stack([problem.system(at).g[0] + problem.prior * at for problem in of_tiles], axis=1)
-        variance = np.maximum(variance, ((inverse @ scores) ** 2).sum(axis=1) * n / (n - 3))
-    return np.asarray(np.sqrt(variance[:9].clip(min=0)).reshape(3, 3))
