@@ -95,7 +95,8 @@ def restoration(
     options: of the method, which limits name; encoding: of the fitted intensities, where it is not the view's.
 
     confidence: (H, W) standard deviation of J, root mean square over channels. info: cost, sum of squares of each
-    channel; negative_share of J in each channel (negative colours are not physical); condition and standard_error of
+    channel; negative_share of J in each channel (negative colours are not physical); n_specks, pixels whose colour is
+    too bright for a surface; condition and standard_error of
     the water, noise of each channel, limits in words; hints: what a user can do; veil_known: whether no weak
     prior decides the water of a channel; steps, n_observations, n_repeated pixels, n_views, unreadable, device.
     """
@@ -112,6 +113,7 @@ def restoration(
         info={
             "cost": solution.cost.tolist(),
             "negative_share": negative.tolist(),
+            "n_specks": int(np.isnan(solution.J).any(axis=0).sum()),
             "n_observations": len(observations),
             "n_repeated": observations.n_repeated,
             "n_views": len(observations.views),

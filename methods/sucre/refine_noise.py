@@ -119,6 +119,7 @@ _LEAST_VARIANCE = 1e-4
 
 # No surface is more than so many times as bright as the brightest percent, by more than so many deviations. Marine
 # snow far away is 10 to 100 times as bright; real photographs have no such pixels. In linear light 3 to the power 2.4.
+# What the camera could show from nearby, up to 1, is never too bright: a white chart before dark ground, say.
 _BRIGHTEST, _TIMES, _TIMES_LINEAR, _SURE = 0.99, 3, 14, 4
 
 # Variances of a colour that is known as well as can be, and of one without any information.
@@ -374,14 +375,14 @@ def prior_of(J: Array, deviation: Array, least_spread: float = LEAST_SPREAD) -> 
 
 
 def specks_of(J: Array, deviation: Array, *, linear: bool = False) -> Mask:
-    """Return which colours (P,) of J (3, P) with standard deviations are too bright for a surface.
+    """Return which colours (P,) of J (3, P) with standard deviations are too bright for a surface, and above 1.
 
     They are snow and animals before far ground that too few views show to contradict them. linear: of linear light.
     """
     few = J[:, :: max(1, J.shape[1] // _SAMPLE_OF_PRIOR)]
     times = _TIMES_LINEAR if linear else _TIMES
-    most = times * np.quantile(few, _BRIGHTEST, axis=1).clip(min=0)[:, None]
-    return np.asarray((J - _SURE * deviation > most).any(axis=0))
+    most = times * np.quantile(few, _BRIGHTEST, axis=1)[:, None]
+    return np.asarray((J - _SURE * deviation > most.clip(min=1)).any(axis=0))
 
 
 def _variance(deviation: Array) -> Array:

@@ -75,7 +75,7 @@ class Sucre(FillOption):
     robust: bool | Literal["auto"] = "auto"
     """true: give less weight to observations that do not fit, such as animals that move and pixels paired wrongly;
     auto: only if these lie together in single views, or if noise explains the others; false: never. A colour that is
-    too bright for a surface stays unknown, except with false."""
+    too bright for a surface stays unknown, except with false; refine=true guesses it."""
 
     light: str = "auto"
     """What differs in the light of the views, fitted with the water: exposure (a gain for each view),

@@ -43,6 +43,7 @@ _PARAMETERS = {"SIMPLE_PINHOLE": 3, "PINHOLE": 4, "SIMPLE_RADIAL": 4, "RADIAL": 
 _PARAMETERS |= {"OPENCV_FISHEYE": 8, "SIMPLE_RADIAL_FISHEYE": 4, "RADIAL_FISHEYE": 5}
 _PINHOLE = ("SIMPLE_PINHOLE", "PINHOLE")
 _ONE_FOCAL = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
+_MOST_MISSING = 100  # images; of more, one view tells: each view costs time, memory and a row
 _REMEDY = "copy the model again, or export it with 'colmap model_converter'"
 
 
@@ -254,8 +255,8 @@ def registered_scene(
     image_of: the file of each image name of the model; depths: folder of depth maps in metres, of the undistorted
     images (may be missing); metres_per_unit: factor for the model's lengths; references: the image without water of
     each image that has one, distorted like it; charts: see `charts_file` (may be missing).
-    Raises MissingFileError if no image exists. A fault in the files of one view becomes a fault of that view. Of images
-    that are missing the first is a view, whose fault says how many are; the others are none.
+    Raises MissingFileError if no image exists. A fault in the files of one view becomes a fault of that view. If more
+    than 100 images are missing, only the first of them is a view, whose fault says how many are.
     """
     paths = {posed.name: image_of(posed.name) for posed in model}
     wrong = {name: fault for name, path in paths.items() if (fault := fault_of(path))}
@@ -263,8 +264,8 @@ def registered_scene(
     if len(wrong) == len(paths):
         raise MissingFileError(f"none {of} is there", next(iter(paths.values())), "copy them there")
     missing = [name for name, fault in wrong.items() if fault == NO_FILE]
-    no_views = set(missing[1:])
-    remedies = {name: f" ({len(missing)} {of} are missing: {first_few(missing, 3)}); copy them" for name in missing[:1]}
+    no_views = set(missing[1:]) if len(missing) > _MOST_MISSING else set[str]()
+    remedies = {name: f" ({len(missing)} {of} are missing: {first_few(missing, 3)}); copy them" for name in missing}
     unusable = {
         name: f"{paths[name]}: {why}{remedies.get(name, '; copy it')} there"
         for name, why in wrong.items()

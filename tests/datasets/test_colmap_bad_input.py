@@ -265,15 +265,18 @@ def test_a_fault_of_one_view_is_raised_with_its_pixels_and_other_views_go_on(
     assert getattr(scene["b.png"], plane).shape[:2] == (HEIGHT, WIDTH)
 
 
-def test_of_missing_images_the_first_is_a_view_that_says_how_many_are(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("missing", "views"), [(4, 6), (101, 3)])
+def test_of_very_many_missing_images_one_is_a_view_that_says_how_many_are(tmp_path: Path, missing: int, views: int):
     """A model of 100,000 images of which 4 were copied is no reason for 99,996 failed views."""
-    root = write_dive(tmp_path, ["a.png", "b.png", "c.png", "d.png", "e.png", "f.png"])
-    for name in "bcdf":
-        (root / f"images/{name}.png").unlink()
+    names = ["a.png", *(f"b{n:03}.png" for n in range(missing)), "c.png"]
+    root = write_dive(tmp_path, names)
+    for name in names[1:-1]:
+        (root / f"images/{name}").unlink()
     scene = load(root)
-    assert [view.name for view in scene] == ["a.png", "b.png", "e.png"]
-    with one_line("images/b.png: no such file", "4 of the model's 6", "b.png, c.png, d.png, ..."):
-        _ = scene["b.png"].rgb
+    assert len(scene) == views
+    assert [scene[n].name for n in (0, 1, -1)] == ["a.png", "b000.png", "c.png"]
+    with one_line("images/b000.png: no such file", f"{missing} of the model's {missing + 2}", "b000.png, b001.png"):
+        _ = scene["b000.png"].rgb
 
 
 @pytest.mark.parametrize("channels", [3, 4])

@@ -284,6 +284,9 @@ def test_a_speck_before_far_ground_takes_the_mean_colour_and_bright_things_stay(
     deviation[0, 2], J[0, 2] = 1.0, 4.0  # noise
     is_speck = specks_of(J, deviation)
     assert np.flatnonzero(is_speck).tolist() == [0]
+    dark = J[:, 2:] / 10
+    dark[:, 0] = 0.9, 0.9, 0.9  # a white chart before dark ground
+    assert not specks_of(dark, np.full(dark.shape, 0.01)).any()
     known = np.where(is_speck, np.inf, deviation)
     shrunk, left = prior_of(J, known).posterior(J, known)
     assert np.abs(shrunk[:, 0] - 0.5).max() < 0.1
