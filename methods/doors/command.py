@@ -47,7 +47,8 @@ _PER_SCENE = ("input", "depth", "distance", "output")
 _PER_VIEW = (*_PER_SCENE, "name", "width", "height")
 
 _FARTHEST_PNG_M = 65.535  # what 16 bits of millimetres can say
-_PLAIN = re.compile("[\\w ./@%+=:,-]*")  # text that no shell or interpreter obeys
+_PLAIN = re.compile("[\\w ./@%+=:,-]*")  # a name that no shell or interpreter obeys
+_NO_CODE = re.compile("[\\w./@%+=:,-]*")  # what may stand beside {name} in a word: an option, a part of a path
 _IMAGE_BYTES = 3  # of a pixel, in 8 bits without compression
 
 
@@ -190,8 +191,9 @@ class Command(RestoredElsewhere):
             try:
                 if self.per == "view":
                     name, (height, width) = "view.png", view.rgb.shape[:2]
-                    shells = (w for w in self._words if "{name}" in w and not _PLAIN.fullmatch(w.replace("{name}", "")))
-                    if not _PLAIN.fullmatch(view.name) and (word := next(shells, "")):
+                    named = (w for w in self._words if "name" in placeholders(w, _PER_VIEW, "command.run"))
+                    codes = (w for w in named if not _NO_CODE.fullmatch(re.sub(r"\{\w+\}", "", w)))
+                    if not _PLAIN.fullmatch(view.name) and (word := next(codes, "")):
                         remedy = "rename the view, or write {name} as a word of its own"
                         raise InputError(f"has signs that '{word}' may obey", view.name, remedy)
                     output = (place / "output" / name).with_suffix(self.output_suffix)

@@ -191,9 +191,8 @@ def _of_pair(
     swept: list[str] = []
     for kind, entry in pair.items():
         chosen |= {word.key: word for word in entry.words(kind)}
-        if (
-            not entry.label and unlabelled[kind][entry.name] > 1
-        ):  # its label names the options that tell it from the others
+        # Without a label of its own, its label names the options that tell it from the others.
+        if not entry.label and unlabelled[kind][entry.name] > 1:
             swept += [f"{kind}.{option}" for option in entry.options if option != "degrade"]
     for word, option in words:
         key = word.key
