@@ -162,18 +162,24 @@ def _field(there: Mask) -> Array:
     return np.asarray(np.clip(inside / _RIM, 0, 1), dtype=np.float32)
 
 
+# Side of the window that specks take their colour from, pixels.
+_AROUND = 9
+
+
 def fill_pixels_without_depth(
     restoration: Restoration, view: View, prior: ImagePrior | None = None, black: Array | None = None
 ) -> Restoration:
     """Return a restoration with colours for the pixels without depth, and their confidence, the standard deviation.
 
-    Such a pixel has a distance from its surroundings, the fitted water and its own intensity. prior: shrinks these
-    colours too, by the error that their guessed distance makes; black: (3,), what was subtracted from the other
-    colours. Water, prior and black are of the same encoding, the fitted one.
+    Specks get the mean of the colours around. Any other pixel has a distance from its surroundings, the fitted water
+    and its own intensity. prior: shrinks these colours too, by the error that their guessed distance makes; black:
+    (3,), what was subtracted from the other colours. Water, prior and black are of the same encoding, the fitted one.
     """
+    import cv2
+
     z = fill_distances(view)
-    holes, water = z > 0, restoration.water
-    if water is None or not holes.any():
+    holes, specks, water = z > 0, (view.depth > 0) & ~restoration.valid, restoration.water
+    if water is None or not (holes | specks).any():
         return restoration
     J = filled_by_water(view, water, z)[holes].T  # (3, P)
     deviation = deviation_of_guess(J, water, z[holes])
@@ -183,6 +189,10 @@ def fill_pixels_without_depth(
         J, deviation = prior.posterior(J, deviation)
     filled = np.full(view.rgb.shape, np.nan, dtype=np.float32)
     filled[holes] = converted(J.T, water.encoding or view.encoding, view.encoding)
+    known = np.dstack([np.nan_to_num(restoration.image), restoration.valid])
+    around = cv2.blur(known, (_AROUND, _AROUND), borderType=cv2.BORDER_CONSTANT)
+    specks &= around[..., 3] > 0
+    filled[specks] = around[specks, :3] / around[specks, 3:]
     if (confidence := restoration.confidence) is not None:
         confidence = confidence.copy()
         confidence[holes] = np.sqrt((deviation**2).mean(axis=0))

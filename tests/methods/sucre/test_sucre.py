@@ -304,6 +304,17 @@ def test_a_speck_has_no_colour_in_the_least_squares_colours() -> None:
         assert np.array_equal(result.valid, (TARGET.depth > 0) & (is_known | (rgb != 0.9).any(axis=-1)))
 
 
+def test_filled_specks_have_the_colours_around_them() -> None:
+    row, column = np.unravel_index(TARGET.distance.argmax(), TARGET.distance.shape)
+    rgb = TARGET.rgb.copy()
+    rgb[row, column] = 0.9
+    snow = replace(TARGET, pixels=Arrays(rgb, TARGET.depth))
+    result = sucre(water="truth", colours="single_view", fill=True).restore(SCENE, snow)
+    around = result.image[max(0, row - 4) : row + 5, max(0, column - 4) : column + 5]
+    assert np.isnan(result.image[row, column]).all()
+    np.testing.assert_allclose(result.filled[row, column], np.nanmean(around, axis=(0, 1)), rtol=1e-4)
+
+
 def test_red_that_is_lost_follows_the_channels_that_are_known() -> None:
     rng = np.random.default_rng(1)
     truth = coloured_surfaces(rng, 40_000)
