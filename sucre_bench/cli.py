@@ -1,5 +1,6 @@
 """The command line: sections of commands, each imported when it is called; exit codes; one-line errors."""
 
+import errno
 import os
 import re
 import sys
@@ -7,12 +8,16 @@ from importlib import import_module
 
 import click
 
-from sucre_bench.errors import SucreBenchError, did_you_mean
+from sucre_bench.errors import SucreBenchError, did_you_mean, escaped_breaks
 from sucre_bench.machine.processes import isolated_children
 from sucre_bench.machine.terminal import escaped_output, say
 
 _LONGEST, _KEPT = 1000, 400  # characters of an error's line, and of the ends of a longer one
 _BROKEN_PIPE = 141  # what a shell says of a process that SIGPIPE ended
+_MEMORY = "there is not enough memory; end other programs, or give smaller images (dataset.image_scale)"
+# Numbers of errors that concern a file, also where they do not name it.
+_OF_FILES = {errno.ENOENT, errno.EACCES, errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.ENOTEMPTY, errno.EEXIST}
+_OF_FILES |= {errno.ENAMETOOLONG, errno.ELOOP, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 
 
 def main() -> None:
@@ -62,8 +67,10 @@ def _status() -> int:
     except SucreBenchError as fault:
         return _fault(str(fault), 2)
     except MemoryError:
-        return _fault("there is not enough memory; end other programs, or give smaller images (dataset.image_scale)", 1)
+        return _fault(_MEMORY, 1)
     except ImportError as fault:
+        if (fault.name or "").startswith("sucre_bench"):  # ours, or a plugin file's: a fault of the code
+            raise
         text = " ".join(str(fault).split())
         return _fault(f"a Python package does not import: {text}; `sucre-bench doctor` says what to install", 1)
     except (click.exceptions.Abort, KeyboardInterrupt) as stopped:
@@ -77,17 +84,19 @@ def _status() -> int:
             say("stopped", "yellow")
             return 130
         if loop := re.fullmatch("Symlink loop from '(.*)'", str(fault)):  # what Path.resolve raises before Python 3.13
-            return _fault(f"{loop[1]}: links to itself; remove that link, or give another path", 2)
-        if not isinstance(fault, OSError) or (not fault.strerror and fault.filename is None):
+            return _fault(f"{escaped_breaks(loop[1])}: links to itself; remove that link, or give another path", 2)
+        if isinstance(fault, OSError) and fault.errno == errno.ENOMEM:
+            return _fault(_MEMORY, 1)
+        if not isinstance(fault, OSError) or (fault.filename is None and fault.errno not in _OF_FILES):
             raise
         path = "a file" if fault.filename is None else os.fsdecode(fault.filename)
         reason = fault.strerror or type(fault).__name__  # of a path that no file system has, say
-        return _fault(f"{path}: {reason}; give another path, or make this one usable", 2)
+        return _fault(f"{escaped_breaks(path)}: {reason}; give another path, or make this one usable", 2)
     return 0
 
 
 def _fault(text: str, status: int) -> int:
-    for line in text.splitlines():  # a long one quotes a file: its place and its remedy stay
+    for line in map(escaped_breaks, text.split("\n")):  # a long one quotes a file: its place and its remedy stay
         say(f"error: {line if len(line) <= _LONGEST else f'{line[:_KEPT]} ... {line[-_KEPT:]}'}", "red")
     return status
 

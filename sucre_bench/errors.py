@@ -38,7 +38,7 @@ class SucreBenchError(Exception):
 
     def _at_place(self, text: str) -> str:
         text = f"{self.place}: {text}" if self.place else text
-        return text if isinstance(self, LinesError) else text.replace("\n", "\\n")  # a name may hold a line break
+        return text if isinstance(self, LinesError) else escaped_breaks(text)
 
     def beside(self, place: object) -> str:
         """Return the message where a place is named already: without it, if it is the error's own."""
@@ -233,6 +233,15 @@ def check_number(place: str, value: Any, interval: str) -> None:
     """Raise InputError unless a value is a number in an interval, see `is_number_in`. place: as the user typed it."""
     if not is_number_in(interval, value):
         raise InputError(shown_value(value), place, f"give a number in {interval}")
+
+
+# What `str.splitlines` breaks a line at, as Python writes it.
+_BREAKS = {ord(sign): ascii(sign)[1:-1] for sign in "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"}
+
+
+def escaped_breaks(text: str) -> str:
+    """Return text with its line breaks as Python writes them: the name of a file may hold any."""
+    return text.translate(_BREAKS)
 
 
 def in_one_line(text: object) -> str:

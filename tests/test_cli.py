@@ -1,5 +1,6 @@
 """The command line as a user meets it: what it says, where, and its exit codes."""
 
+import errno
 import json
 import math
 import re
@@ -7,10 +8,12 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
 from sucre_bench import results
+from sucre_bench.commands.completion import completion
 from sucre_bench.errors import Lack
 
 HEAVY = {"torch", "jax", "open3d", "mlflow", "pycolmap", "colour", "pandas", "skimage", "cv2", "hydra", "scipy"}
@@ -48,6 +51,30 @@ def test_a_broken_plugin_file_is_one_line_and_exit_2(bench, tmp_path: Path):
     assert done.returncode == 2
     assert len(done.errors) == 1
     assert re.search(r"broken\.py: .*ModuleNotFoundError", done.stderr)
+
+
+@pytest.mark.parametrize(
+    ("fault", "status", "said"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), 2, r"^error: a file: No space left .*; "),
+        (PermissionError(errno.EACCES, "Permission denied", "a\rb.png"), 2, r"^error: a\\rb\.png: Permission denied; "),
+        (OSError(errno.ENOMEM, "Cannot allocate memory"), 1, r"^error: .*not enough memory; "),
+        (ImportError("no symbol", name="numba"), 1, r"^error: a Python package does not import: no symbol; "),
+        (ConnectionRefusedError(errno.ECONNREFUSED, "Connection refused"), 0, ""),
+        (ImportError("cannot import name 'x'", name="sucre_bench.scene"), 0, ""),
+    ],
+)
+def test_an_error_of_a_file_or_package_is_one_line_and_a_fault_of_the_code_is_raised(
+    bench, monkeypatch: pytest.MonkeyPatch, fault: Exception, status: int, said: str
+):
+    monkeypatch.setattr(completion, "callback", Mock(side_effect=fault))
+    if not said:
+        with pytest.raises(type(fault)):
+            bench("completion", "bash")
+        return
+    done = bench("completion", "bash")
+    assert (done.returncode, len(done.errors)) == (status, 1)
+    assert re.search(said, done.stderr)
 
 
 def test_ctrl_c_before_the_work_begins_is_one_word_and_130(bench, tmp_path: Path):

@@ -70,6 +70,7 @@ CASES: dict[str, tuple[str, int, str]] = {
     "a pixel at infinity": ("prepare dive/images out --length a.png inf 1 2 2 1", 2, r"--length: inf; "),
     "a link to itself": ("restore loop out", 2, r"/loop: links to itself; "),
     "a name of two lines": ("compare 'a\nb'", 2, r"^error: a\\nb: .*; "),
+    "a name of six lines": ("compare 'a\r\v\f\x85\u2028b'", 2, r"^error: a\\r\\x0b\\x0c\\x85\\u2028b: .*; .*\n$"),
     "a results folder in /proc": (f"{RUN} out=/proc/x", 2, r"/proc/x.*: .*; "),
     "a pipe as plugin": ("run --plugin pipe.py method=x", 2, r"pipe\.py: .*; "),
     "a deep line-up": ("run deep.yaml", 2, r"deep\.yaml: line 1: .*levels; "),
