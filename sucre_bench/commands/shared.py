@@ -68,7 +68,8 @@ def force_option(command: _F) -> _F:
     return flag("--force", help="Write over a file that sucre-bench did not write.")(command)
 
 
-_PLUGIN: Any = {"multiple": True, "metavar": "FILE", "help": "Load the plugins of this .py file; may be repeated."}
+_PLUGIN: Any = {"multiple": True, "type": _Path(), "metavar": "FILE"}
+_PLUGIN |= {"help": "Load the plugins of this .py file; may be repeated."}
 
 
 def plugin_files_option(command: _F) -> _F:

@@ -76,6 +76,8 @@ def named(kind: Kind, name: str) -> Plugin:
         return plugin
     if plugins.get(kind, name) is not None:
         return plugins.find(kind, name)  # raises with the reason
+    if not name:  # a variable that is not set, say
+        raise UnknownPluginError(f"{kind}: is empty", kind, f"give a name that `sucre-bench list {kind}s` shows")
     if kind == "dataset" and Path(name).exists():
         remedy = f"sucre-bench run {name}" if Path(name).is_file() else f"dataset=./{name}"
         fault = f"no dataset is called '{name}', but there is a path of this name"

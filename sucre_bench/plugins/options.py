@@ -103,7 +103,11 @@ def checked_options(cls: Any, given: Mapping[str, Any], place: str = "") -> dict
         where = f"{place}.{name}" if place else name
         if name not in known:
             raise unknown_name(where, name, known)
-        kind, value = known[name].type, typed(known[name].type, value)
+        kind = known[name].type
+        paths = value if isinstance(value, (list, tuple)) else [value]
+        if Path in (kind, *get_args(kind)) and any(isinstance(path, str) and not path for path in paths):
+            raise InputError("is empty", where, "give a path")  # else it would be the current folder
+        value = typed(kind, value)
         if not fits(kind, value):
             raise InputError(f"{shown_value(value)} is not {_NOUNS.get(kind, kind)}", where, remedy)
         each = value if isinstance(value, (list, tuple)) else [value]
