@@ -1,6 +1,7 @@
 """What a script passes wrongly to a public name: always an error of sucre_bench, in one line that says what to pass."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -118,6 +119,21 @@ TAKEN: dict[str, str] = {
     "Compared.rows": "table",
     "are_neighbours": "bool",
 }
+
+
+@dataclass(frozen=True, eq=False)
+class Dive(sb.View):
+    """A view as somebody's plugin may extend it."""
+
+    diver: str = ""
+
+
+def test_a_dataclass_made_from_a_public_one_checks_its_fields():
+    assert Dive("a.png", sb.Arrays(RGB), diver="Ana").rgb.shape == RGB.shape
+    with pytest.raises(sb.InputError, match=r"^Dive\(name\): is 3; pass text"):
+        Dive(3, sb.Arrays(RGB))
+    with pytest.raises(sb.InputError, match=r"^Dive\(charts\): "):
+        Dive("a.png", sb.Arrays(RGB), charts=3)
 
 
 def test_the_table_has_every_public_name():
