@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from sucre_bench.commands import shared
-from sucre_bench.machine import terminal
+from sucre_bench.machine import progress, terminal
 
 _COLOURS = {"ready": "green", "missing": "yellow", "broken": "red", "absent": "dim"}
 
@@ -30,7 +30,8 @@ def doctor(out: Path | None, as_json: bool) -> None:
     """
     from sucre_bench.programs import doctor
 
-    found = doctor.examine(out or Path())
+    with progress.live():
+        found = doctor.examine(out or Path())
     if as_json:
         shared.print_json({**asdict(found), "faults": found.faults})
         sys.exit(1 if found.faults else 0)

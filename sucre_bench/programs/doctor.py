@@ -10,12 +10,15 @@ import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
 from sucre_bench import plugins
-from sucre_bench.machine import provenance
+from sucre_bench.machine import progress, provenance
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.packages import absent, distribution_of, version_of
 from sucre_bench.machine.processes import python
@@ -59,6 +62,7 @@ _PROGRAMS = {
 
 _SLURM = ("sbatch", "squeue", "scancel", "srun")
 _LITTLE_DISK_GB = 2.0
+_LONGEST_S = 60.0  # of an import
 
 State = Literal["ready", "missing", "broken", "absent"]
 
@@ -107,16 +111,21 @@ def examine(out: Path = Path()) -> Examined:
         "disk": f"{disk.free / 2**30:.0f} of {disk.total / 2**30:.0f} GB free at {out.resolve()}",
         "gpu": gpu or "none found: torch and JAX run on the CPU",
     }
-    features = [_packages(name, *imports) for name, imports in _REQUIRED.items()]
-    features += [_plugins(), _gpu(gpu), _open3d()]
-    features += [_packages(name, package, lacking="missing") for name, package in _OPTIONAL.items()]
+    cluster, no_program = "a cluster, by SLURM", [name for name in _SLURM if not shutil.which(name)]
+    tries: list[Callable[[], Feature]] = [partial(_packages, name, *imports) for name, imports in _REQUIRED.items()]
+    tries += [partial(_gpu, gpu), _open3d]
+    tries += [partial(_packages, name, package, lacking="missing") for name, package in _OPTIONAL.items()]
+    tries += [] if no_program else [partial(_packages, cluster, "submitit")]
+    with ThreadPoolExecutor(usable_cores()) as pool:  # each waits for a process that imports
+        done = pool.map(lambda examined: examined(), tries)
+        features = list(progress.track(done, "importing packages", len(tries)))
+    features.insert(len(_REQUIRED), _plugins())
     for name, programs in _PROGRAMS.items():
         found = next((path for program in programs if (path := shutil.which(program))), None)
         missing = Feature(name, "missing", f"no {programs[0]}", _apt(programs[0]))
         features.append(Feature(name, "ready", found) if found else missing)
-    cluster, lacking = "a cluster, by SLURM", [name for name in _SLURM if not shutil.which(name)]
-    no_cluster = Feature(cluster, "absent", f"no {''.join(lacking[:1])}: not a login node of a cluster")
-    features.append(no_cluster if lacking else _packages(cluster, "submitit"))
+    if no_program:
+        features.append(Feature(cluster, "absent", f"no {no_program[0]}: not a login node of a cluster"))
     if disk.free < _LITTLE_DISK_GB * 2**30:
         said = f"less than {_LITTLE_DISK_GB:.0f} GB free; give another out=FOLDER"
         features.append(Feature("disk for results", "broken", said))
@@ -192,7 +201,10 @@ def _open3d() -> Feature:
 
 def _try(code: str) -> tuple[bool, str]:
     """Run code in another Python. Return whether it succeeded, and its last line, of errors if it failed."""
-    done = subprocess.run(python("-c", code), capture_output=True, text=True, check=False)
+    try:
+        done = subprocess.run(python("-c", code), capture_output=True, text=True, check=False, timeout=_LONGEST_S)
+    except subprocess.TimeoutExpired:
+        return False, f"no end after {_LONGEST_S:.0f} s"
     lines = (done.stderr if done.returncode else done.stdout).strip().splitlines()
     return done.returncode == 0, lines[-1] if lines else f"exit code {done.returncode}"
 

@@ -5,6 +5,7 @@ import re
 import subprocess
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from support.hidden_packages import hide
@@ -48,6 +49,20 @@ def test_doctor_counts_a_missing_dependency_but_no_extra(monkeypatch: pytest.Mon
     assert (broken.state, broken.remedy.split("-m ")[1]) == ("broken", "pip install 'pyarrow>=17'")
     assert states(found)["tests in a browser"].state == "missing"
     assert states(found)["a cluster, by SLURM"].state == "absent"
+
+
+def test_doctor_goes_on_after_an_import_that_does_not_end(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    hide(monkeypatch, "torch", "jax", "mlflow", "open3d")
+
+    def run(words: list[str], **options: Any) -> subprocess.CompletedProcess[str]:
+        if "numba" in words[-1]:
+            raise subprocess.TimeoutExpired(words, options["timeout"])
+        return subprocess.CompletedProcess(words, 0, "", "")
+
+    monkeypatch.setattr(doctor.subprocess, "run", run)
+    found = states(doctor.examine(tmp_path))
+    assert (found["SUCRe on the CPU"].state, found["results, configuration"].state) == ("broken", "ready")
+    assert "numba does not import: no end after 60 s" in found["SUCRe on the CPU"].said
 
 
 def test_doctor_sees_a_torch_that_cannot_use_the_gpu(monkeypatch: pytest.MonkeyPatch):
