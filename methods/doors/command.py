@@ -18,6 +18,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from errno import ENOSPC
+from itertools import pairwise
 from math import nan
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
@@ -48,6 +49,7 @@ _PER_VIEW = (*_PER_SCENE, "name", "width", "height")
 
 _FARTHEST_PNG_M = 65.535  # what 16 bits of millimetres can say
 _PLAIN = re.compile("[\\w ./@%+=:,-]*")  # a name that no shell or interpreter obeys
+_TAKES_CODE = re.compile(r"-\w*[ce]|--eval")  # the next word is code: sh -c, perl -e
 _NO_CODE = re.compile("[\\w./@%+=:,-]*")  # what may stand beside {name} in a word: an option, a part of a path
 _IMAGE_BYTES = 3  # of a pixel, in 8 bits without compression
 
@@ -191,8 +193,16 @@ class Command(RestoredElsewhere):
             try:
                 if self.per == "view":
                     name, (height, width) = "view.png", view.rgb.shape[:2]
-                    named = (w for w in self._words if "name" in placeholders(w, _PER_VIEW, "command.run"))
-                    codes = (w for w in named if not _NO_CODE.fullmatch(re.sub(r"\{\w+\}", "", w)))
+                    named = (
+                        (before, word)
+                        for before, word in pairwise(("", *self._words))
+                        if "name" in placeholders(word, _PER_VIEW, "command.run")
+                    )
+                    codes = (
+                        word
+                        for before, word in named
+                        if _TAKES_CODE.fullmatch(before) or not _NO_CODE.fullmatch(re.sub(r"\{\w+\}", "", word))
+                    )
                     if not _PLAIN.fullmatch(view.name) and (word := next(codes, "")):
                         remedy = "rename the view, or write {name} as a word of its own"
                         raise InputError(f"has signs that '{word}' may obey", view.name, remedy)

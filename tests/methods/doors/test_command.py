@@ -71,7 +71,7 @@ def test_a_view_whose_name_leads_out_of_the_folder_is_refused_in_a_batch():
 @pytest.mark.parametrize("name", [";exit 3;.png", "$(exit 3).png", "`exit 3`.png", "a\nexit 3.png"])
 def test_a_name_that_a_shell_would_obey_is_refused_within_code(name: str):
     scene = scene_of(name)
-    for code in ("cp {input} {output}; echo {name}", "echo {name}", "echo\t{name}"):
+    for code in ("cp {input} {output}; echo {name}", "echo {name}", "echo\t{name}", "{name}"):
         with pytest.raises(InputError, match=r"may obey; .*\{name\}"):
             restored(f"sh -c '{code}' {{input}} {{output}}", scene)
     assert restored("cp {input} {output} --suffix={name}", scene).image.shape == scene[0].rgb.shape
