@@ -63,7 +63,7 @@ class Block:
 
     @property
     def names(self) -> list[str]:
-        return [line.split()[0] for line in self.lines if re.search(r"\d\s*$", line) and line[0] != " "]
+        return [line.split()[0] for line in self.lines if re.search(r"^(?!means)\S.*\d\s*$", line)]
 
     @property
     def text(self) -> str:
