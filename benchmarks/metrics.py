@@ -23,7 +23,6 @@ from sucre_bench.engine.score import score_rows, scorers
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.image_files import read_rgb
 from sucre_bench.jobs.catalogue import metric_choices
-from sucre_bench.results.restorations import Measured
 from sucre_bench.results.rows import Row
 from sucre_bench.scene import Chart, Plane, Restoration, View
 
@@ -60,7 +59,7 @@ def of(rgb: Array, charts: list[Chart] | None = None) -> tuple[Restoration, View
 def scored(restoration: Restoration, view: View, metrics: tuple[str, ...]) -> None:
     """Show the restoration, and score it as the engine does."""
     shown = display(restoration.image, "stretch-1-99")
-    rows = score_rows(Measured(restoration, 0.0, 0.0), shown, view, scorers(metric_choices(metrics)), Row())
+    rows = score_rows(restoration, shown, view, scorers(metric_choices(metrics)), Row())
     assert all(row.status != "failed" for row in rows), [row.reason for row in rows if row.status == "failed"]
 
 

@@ -105,7 +105,7 @@ def run_case(
     case: str, seed: int, methods: Sequence[str], size: tuple[int, int], cache: Path | None
 ) -> list[dict[str, Any]]:
     """Return a row for each method and target of a case "condition/water/geometry"."""
-    condition, water, geometry = case.split("/")
+    condition, water, geometry = case.rsplit("/", 2)
     made = make(condition, water, geometry, size, seed, cache=cache)
     rows = []
     for method in methods:
@@ -169,7 +169,8 @@ def cases_of(words: str) -> list[str]:
         return [f"{name}/{place}" for name in CONDITIONS for place in ELSEWHERE.get(name, "coastal/approach").split()]
     cases = []
     for word in words.split(","):
-        condition, *rest = word.strip().split("/")
+        name = max((name for name in CONDITIONS if f"{word.strip()}/".startswith(f"{name}/")), key=len, default=word)
+        condition, *rest = name, *word.strip().removeprefix(name).split("/")[1:]
         water, geometry = [*rest, *["coastal", "approach"][len(rest) :]]
         if condition not in CONDITIONS or water not in WATERS:
             raise SystemExit(

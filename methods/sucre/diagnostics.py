@@ -31,6 +31,7 @@ _LOOSE = 0.5
 
 # From this error on, as a share, colours of far ground get a word.
 _WRONG = 0.1
+FAR_COLOURS = "colours of far ground may be wrong by"
 
 # The rounding of float32 sums of intensities, as a cost: 1e-6 rms of each observation.
 ROUNDING = 1e-12
@@ -101,15 +102,14 @@ def clustered(
     rows = water.by_channel()
     loose = [_loose(c, rows, error) for c in range(3) if f"{CHANNELS[c]}: undetermined" not in named]
     far = max(float(np.quantile(one.distance, 0.95)) for one in images)
-    limits = (*uncertainty.limits, *filter(None, loose), *_uneven(error[:, 1] * far))
+    limits = (*uncertainty.limits, *filter(None, loose), *far_colours(error[:, 1] * far))
     return replace(uncertainty, standard_error=WaterParameters.of_channels(error), limits=limits, alike=alike)
 
 
-def _uneven(wrong: Array) -> list[str]:
+def far_colours(wrong: Array) -> list[str]:
     """Say by how much (3,) colours of far ground may be wrong, as a share, if that is much."""
     many = [f"{colour} {share:.0%}" for colour, share in zip(CHANNELS, wrong, strict=True) if share > _WRONG]
-    said = "light or water differs between places or views, so colours of far ground may be wrong by"
-    return [f"{said} {', '.join(many)}"] if many else []
+    return [f"light or water differs between places or views, so {FAR_COLOURS} {', '.join(many)}"] if many else []
 
 
 def _cluster_sums(images: Sequence[Observations], water: WaterParameters) -> tuple[Array, list[Array]]:

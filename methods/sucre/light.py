@@ -12,8 +12,14 @@ of known terms with unknown coefficients.
 | lens | to log l six terms of the place in the image, the same in all views | vignetting |
 | strobe | another a and b | a strobe or lamp beside the camera |
 
-Colours are eliminated as in model.py. Levenberg-Marquardt then fits the water and the coefficients together.
-Coefficients have weak priors, worth one observation each. l is 1 in the middle of the target.
+Colours are eliminated as in model.py. Levenberg-Marquardt then fits the water and the coefficients together. l is 1 in
+the middle of the target.
+
+Distances separate light from water only in part, and what a simple model leaves out looks like light. So the
+coefficients of exposure, of white balance and of the lens each have a normal prior. The observations tell its spread s:
+with prior precision C / s^2 and posterior covariance V, s^2 = u^T C u / (rank C - tr(C V) / s^2) is iterated (MacKay
+1992, "Bayesian Interpolation"). A part with less spread than .01 is left out. The noise counts what neighbours share
+(`_shared`). A strobe has weak priors, worth one observation each.
 """
 
 from __future__ import annotations
@@ -31,9 +37,16 @@ from sucre_bench.methods.sucre.model import Bounds, ReducedSystem, WaterParamete
 from sucre_bench.methods.sucre.strobe import TERMS, UNKNOWNS, Lit, Strobe, terms
 from sucre_bench.multiview.observations import Observations
 
-# Standard deviations of coefficients beforehand: logarithms of light, and metres of a strobe's position; the noise of
-# the one observation that a weak prior is worth.
+# Standard deviations of coefficients beforehand: logarithms of light, the most, and metres of a strobe's position; the
+# noise of the one observation that a weak prior is worth.
 _WEAK, _ASIDE, _NOISE = 0.7, 0.5, 0.01
+
+# The least spread of coefficients, rounds that find the spreads, the change of their squares that ends them, and the
+# fewest coefficients that tell one. A part with less spread than the last is none.
+_LEAST, _ROUNDS, _SETTLED, _TOLD, _NONE = 1e-3, 15, 0.1, 0.01, 0.01
+
+# Tiles along each side of the target in which errors are alike.
+TILES = 6
 
 # Starts of beta and gamma, as optical depths over the median distance, besides the water fitted without light.
 _STARTS = ((0.1, 0.3), (0.7, 0.7))
@@ -93,8 +106,8 @@ class Sample:
     """P pixels that several views show, in V views: a table with a gap where a view does not show a pixel.
 
     z: (P, V) metres; I: (3, P, V); weight: (3, P, V) of squared residuals, 0 in gaps; ray: (2, P, V), x / z and y / z
-    in the view's camera; views: names; target: index of the view whose gain is 1; place: (2, P), x and y of the pixel
-    in the target, from 0 to 1.
+    in the view's camera; views: names; target: index of the view whose gain is 1; tile: (2, P), row and column of the
+    tile of the target that has the pixel.
     """
 
     z: Array
@@ -103,7 +116,7 @@ class Sample:
     ray: Array
     views: tuple[str, ...]
     target: int
-    place: Array
+    tile: Indices
 
     @staticmethod
     def of(few: Observations, target: str) -> Sample:
@@ -119,13 +132,13 @@ class Sample:
             weight[:, *at] = 1 if few.weight is None else few.weight[..., part]
         fullest = few.views[int((weight[0] > 0).sum(axis=0).argmax())]
         y, x = np.divmod(few.pixels, few.shape[1])
-        place = np.stack([x / few.shape[1], y / few.shape[0]])
-        return Sample(z, I, weight, ray, few.views, few.views.index(target if target in few.views else fullest), place)
+        tile = np.stack([y * TILES // few.shape[0], x * TILES // few.shape[1]])
+        return Sample(z, I, weight, ray, few.views, few.views.index(target if target in few.views else fullest), tile)
 
     def take(self, which: Mask | slice) -> Sample:
         """Return the sample of some pixels."""
         I, weight, ray = self.I[:, which], self.weight[:, which], self.ray[:, which]  # noqa: E741
-        return Sample(self.z[which], I, weight, ray, self.views, self.target, self.place[:, which])
+        return Sample(self.z[which], I, weight, ray, self.views, self.target, self.tile[:, which])
 
     @property
     def shown(self) -> Mask:
@@ -235,11 +248,13 @@ class Problem:
     """Water and light over a sample.
 
     Unknowns: nine of the water (B, beta, gamma of each channel); those of a strobe; terms of the lens; logarithms of
-    the gains of all views, or of each channel and view.
+    the gains of all views, or of each channel and view. precision: (n, n) of the unknowns beforehand, times the
+    variance of the noise; None for weak priors.
     """
 
     sample: Sample
     parts: Parts
+    precision: Array | None = None
 
     @cached_property
     def extent(self) -> float:
@@ -266,11 +281,31 @@ class Problem:
 
     @cached_property
     def prior(self) -> Array:
-        """The weight (n,) of each unknown's square."""
+        """The precision (n, n) of the unknowns beforehand, times the variance of the noise."""
+        if self.precision is not None:
+            return self.precision
         prior = np.full(self.size, (_NOISE / _WEAK) ** 2)
         prior[:9] = 0
         prior[9 : 9 + 3 * self.parts.strobe] = (_NOISE / _ASIDE) ** 2
-        return prior
+        return np.diag(prior)
+
+    @cached_property
+    def families(self) -> tuple[Array, Array]:
+        """Coefficients with a spread of their own, as forms (F, n, n) of their squares, and ranks (F,) of these.
+
+        They are the lens, the mean gain of a view over the channels, and what channels differ from it. Gains count from
+        the mean of all views, so that the target is one of them.
+        """
+        views, gains = len(self.sample.views), self.parts.gains
+        seen = self.sample.shown.any(axis=0).astype(np.float64)
+        centred, free = np.diag(seen) - np.outer(seen, seen) / seen.sum(), seen.sum() - 1
+        mean = np.full((gains, gains), 1 / max(gains, 1) ** 2)
+        kinds = [(mean, free), (np.eye(3) - 3 * mean, 2 * free)] if gains == 3 else [(mean, free)] * gains
+        found = [(self.size - gains * views, np.kron(channels, centred), rank) for channels, rank in kinds if rank > 0]
+        if self.parts.lens:
+            found.insert(0, (sum(self.sizes[:2]), np.eye(TERMS), TERMS))
+        forms = [np.pad(form, (start, self.size - start - len(form))) for start, form, _ in found]
+        return np.reshape(forms, (-1, self.size, self.size)), np.array([rank for *_, rank in found])
 
     @property
     def bounds(self) -> Bounds:
@@ -315,7 +350,7 @@ class Problem:
         l = light.falling(sample.ray, np.arange(views))  # noqa: E741
         lit = None if light.strobe is None else Lit.of(light.strobe, sample.ray, sample.z, slopes=True)
         n, shared = len(u), np.arange(9, sum(self.sizes[:3]))
-        H, g, cost = np.diag(self.prior), -self.prior * u, float(self.prior @ (u * u))
+        H, g, cost = self.prior.copy(), -self.prior @ u, float(u @ self.prior @ u)
         for c in range(3):
             s, water = np.sqrt(sample.weight[c]), light.water.channel(c)
             a, b, of_a, of_b = _eq_6(sample.z, water) if lit is None else lit.derivatives(water)
@@ -351,10 +386,14 @@ class Problem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LightFit:
-    """light; error: (3 channels, 3) standard errors of B, beta and gamma, the light being unknown too."""
+    """light; error: (3 channels, 3) standard errors of B, beta and gamma, the light being unknown too.
+
+    needed: the parts with a visible spread.
+    """
 
     light: Light
     error: Array
+    needed: Parts
 
 
 def fit_light(sample: Sample, parts: Parts, light: Light) -> LightFit:
@@ -366,19 +405,63 @@ def fit_light(sample: Sample, parts: Parts, light: Light) -> LightFit:
     rows = [start, *(np.c_[start[:, 0], np.full(3, beta / far), np.full(3, gamma / far)] for beta, gamma in _STARTS)]
     if parts.strobe:  # its light crosses the water twice, and the water is not that of a fit without
         rows = [row * (0.1, 0.5, 1) for row in rows]
-    first = problem.unknowns(light)[9:]
-    others = [first]
+    others = [problem.unknowns(light)[9:] for _ in range(1 + parts.strobe)]
     if parts.strobe:
-        others.append(first.copy())
         others[1][[5, 7]] = _LOBE
     ends = [problem.descend(np.r_[row.ravel(), other], _ROUGHLY) for other in others for row in rows]
-    at, system = Problem(sample, parts).descend(min(ends, key=lambda end: float(end[1].cost[0]))[0], _TOLERANCE)
-    light = Problem(sample, parts).light(at)
+    problem = Problem(sample, parts)
+    at, system = problem.descend(min(ends, key=lambda end: float(end[1].cost[0]))[0], _TOLERANCE)
     n_excess = 3 * (np.count_nonzero(sample.shown) - len(sample.z)) - len(at)
-    H, free, variance = system.H[0], np.flatnonzero(np.diag(system.H[0]) > 0), np.zeros(len(at))
-    scale = 1 / np.sqrt(np.diag(H)[free])
-    scaled = H[np.ix_(free, free)] * scale[:, None] * scale
-    variance[free] = scale**2 * np.diag(np.linalg.pinv(scaled, rcond=1e-14, hermitian=True))
-    error = np.sqrt((variance[:9] * system.cost[0] / max(n_excess, 1)).clip(min=0)).reshape(3, 3)
-    known: Mask = np.asarray(sample.shown.any(axis=0))
-    return LightFit(replace(light, gains=np.where(known[:, None], light.gains, np.nan)), error)
+    noise = system.cost[0] / max(n_excess, 1) * _shared(sample, problem.light(at))
+    at, covariance, spreads = _with_spreads(problem, at, noise)
+    light, error = problem.light(at), np.sqrt(np.diag(covariance)[:9].clip(min=0)).reshape(3, 3)
+    light = replace(light, gains=np.where(sample.shown.any(0, keepdims=True).T, light.gains, np.nan))
+    of_gains = spreads[int(parts.lens) :] > _NONE
+    gains = 3 if of_gains[1:].any() else int(of_gains.any())
+    return LightFit(light, error, replace(parts, gains=gains, lens=parts.lens and bool(spreads[0] > _NONE)))
+
+
+def _with_spreads(problem: Problem, at: Array, noise: float) -> tuple[Array, Array, Array]:
+    """Return the unknowns with the spreads that the sample tells, their covariance, and the spread of each family.
+
+    at: the unknowns with weak priors; noise: variance of an observation.
+    """
+    forms, ranks = problem.families
+    weak = problem.prior.copy()
+    weak[sum(problem.sizes[:2]) :] = 0
+    squares = (np.einsum("i,fij,j->f", at, forms, at) / ranks).clip(_LEAST**2, _WEAK**2)
+    for _ in range(_ROUNDS):
+        before, problem = squares, replace(problem, precision=np.tensordot(noise / squares, forms, 1) + weak)
+        at, system = problem.descend(at, _TOLERANCE)
+        H, covariance = system.H[0], np.zeros_like(weak)
+        free = np.flatnonzero(np.diag(H) > 0)
+        scale = 1 / np.sqrt(np.diag(H)[free])
+        inverse = np.linalg.pinv(H[np.ix_(free, free)] * scale[:, None] * scale, rcond=1e-14, hermitian=True)
+        covariance[np.ix_(free, free)] = noise * inverse * scale[:, None] * scale
+        told = ranks - np.einsum("fij,ij->f", forms, covariance) / squares
+        squares = (np.einsum("i,fij,j->f", at, forms, at) / told.clip(min=_TOLD)).clip(_LEAST**2, _WEAK**2)
+        if (np.abs(np.log(squares / before)) < _SETTLED).all():
+            break
+    return at, covariance, np.sqrt(squares)
+
+
+def _shared(sample: Sample, light: Light) -> float:
+    """Return how many times larger the variance of gains is than that of independent observations, at least 1.
+
+    Texture, caustics and poses differ more between tiles of the target than within.
+    """
+    r, shown, _ = residuals_in(sample, light)
+    of_tiles = np.zeros((TILES, TILES, 3, len(sample.views)))
+    np.add.at(of_tiles, tuple(sample.tile), np.moveaxis(r * shown, 1, 0))
+    return max(1.0, float((of_tiles**2).sum() / max(((r * shown) ** 2).sum(), 1e-30)))
+
+
+def residuals_in(sample: Sample, light: Light) -> tuple[Array, Array, Array]:
+    """Return residuals (3, P, V) and what the fit shows, both times square roots of weights, and leverages."""
+    l = light.falling(sample.ray, np.arange(len(sample.views)))  # noqa: E741
+    a, b = light.eq_6(sample.ray, sample.z)
+    s = np.sqrt(sample.weight)
+    x, veil_there = s * l * a, s * l * b
+    A = np.maximum((x * x).sum(axis=2, keepdims=True), 1e-30)
+    shown = (x * (s * sample.I - veil_there)).sum(axis=2, keepdims=True) / A * x + veil_there
+    return s * sample.I - shown, shown, x * x / A

@@ -11,7 +11,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.machine.compute import Device
 from sucre_bench.methods.sucre.choose import Chosen, choose
-from sucre_bench.methods.sucre.diagnostics import is_determined
+from sucre_bench.methods.sucre.diagnostics import FAR_COLOURS, far_colours, is_determined
 from sucre_bench.methods.sucre.light import Light, parts_of
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.paper import start_of
@@ -24,8 +24,9 @@ from sucre_bench.scene import Scene, View
 if TYPE_CHECKING:
     from sucre_bench.methods.sucre.sucre import Sucre
 
-# Distances are alike if their percentile 95 is less than this many times their percentile 5.
-_ALIKE = 1.5
+# Distances are alike if their percentile 95 is less than this many times their percentile 5. beta is not told from the
+# light where its standard error over the median distance is above this optical depth.
+_ALIKE, _LOOSE = 1.5, 0.1
 
 # A gain of this much is worth a word.
 _DIFFERENT = 0.05
@@ -58,8 +59,7 @@ class OwnWater:
             few = reweighted(matched, solution.water, robust_noise(matched, solution.water))
         chosen = choose(few, self.view.name, solution.water, parts, may_be_strobe=may_be_strobe)
         if chosen.fit is None:
-            limits = () if chosen.is_separable else (f"light differs between views; {_MIXED}",)
-            return observations, self._determined(observations, solution.with_limits(limits))
+            return observations, self._determined(observations, solution)
         return self._in_even_light(chosen, matched)
 
     def _solved(self, observations: Observations, matched: Observations | None) -> Solution:
@@ -103,26 +103,27 @@ class OwnWater:
         else:
             none = np.zeros(3)
             solution = colours_for_water(even, WaterParameters(none, light.water.beta, none), None, *where)
-        is_mixed = not chosen.is_separable or (light.falls_off and is_alike(matched))
+        near, median, far = np.quantile(matched.distance, (0.05, 0.5, 0.95))
+        is_mixed = (light.parts.strobe and far <= _ALIKE * near) or (chosen.fit.error[:, 1] * median >= _LOOSE).any()
         uncertainty = solution.uncertainty
-        error = np.fmax(uncertainty.standard_error.by_channel(), chosen.fit.error)
-        is_weak = (True, True, True) if is_mixed else uncertainty.is_weak
+        before = uncertainty.standard_error.by_channel()
+        error = np.fmax(before, chosen.fit.error)
+        if solution.growth is not None:  # errors of beta are most of what places and views share
+            larger = np.divide(error, before, out=np.ones((3, 3)), where=before > 0)[:, 1:2]
+            solution = replace(solution, growth=np.sqrt(1 + (solution.growth**2 - 1) * larger**2).astype(np.float32))
+        is_weak = (True, True, True) if is_mixed and light.strobe is not None else uncertainty.is_weak
         uncertainty = replace(uncertainty, standard_error=WaterParameters.of_channels(error), is_weak=is_weak)
         solution = replace(solution, uncertainty=uncertainty)
         view = self.options.in_even_light(self.view, light)
         solution = replace(self, view=view)._determined(even, solution)
         about = {**solution.about, **light_record(chosen, self.view.name)}
         limits = [f"{said}; {_MIXED}" if is_mixed else said for said in sentences_of(light)]
+        if not any(FAR_COLOURS in limit for limit in uncertainty.limits):
+            limits += far_colours(error[:, 1] * far)
         known = {name for name, gain in zip(light.views, light.gains, strict=True) if np.isfinite(gain).all()}
         if unknown := [name for name in all_of_it.views if name not in known]:
             limits.append(f"views that share too few pixels to find their light took no part: {', '.join(unknown)}")
         return even, replace(solution, about=about, light=light).with_limits(limits)
-
-
-def is_alike(sample: Observations) -> bool:
-    """Return whether distances are alike, as over flat ground."""
-    near, far = np.quantile(sample.distance, (0.05, 0.95))
-    return bool(far <= _ALIKE * near)
 
 
 def sentences_of(light: Light) -> list[str]:
@@ -147,7 +148,6 @@ def light_record(chosen: Chosen, target: str) -> dict[str, Any]:
     light = chosen.fit.light
     record: dict[str, Any] = {
         "parts": light.parts.words,
-        "separable": chosen.is_separable,
         "tried": [{"parts": one.parts.words, "gain": one.gain, "sigmas": one.sigmas} for one in chosen.tried],
     }
     if light.falls_off:

@@ -21,7 +21,7 @@ that leaves out the inconvenient ones is no better. `is_better` tells the two ap
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -171,7 +171,8 @@ def trust(observations: Observations, water: WaterParameters, noise: Array | Non
         for k, (n, part) in enumerate(observations.slots(block.start, block.start + block.n)):
             v[part] = settled[k, :n]
 
-    _in_threads(work, blocks(observations, _ELEMENTS))
+    with ThreadPoolExecutor(usable_cores()) as threads:
+        list(threads.map(work, blocks(observations, _ELEMENTS)))
     return v
 
 
@@ -179,12 +180,6 @@ def reweighted(observations: Observations, water: WaterParameters, noise: Array)
     """Return the observations with each weight lowered by how badly it fits the water; noise: as in `trust`."""
     v = trust(observations, water, noise)
     return replace(observations, weight=v if observations.weight is None else v * observations.weight)
-
-
-def _in_threads(work: Callable[[Block], None], cut: Iterable[Block]) -> None:
-    with ThreadPoolExecutor(usable_cores()) as threads:
-        for _ in threads.map(work, cut):
-            pass
 
 
 def _settled(observations: Observations, block: Block, water: WaterParameters, noise: Array) -> tuple[Array, Array]:

@@ -67,6 +67,10 @@ class Solution:
     light: Light | None = None
     growth: Array | None = None
 
+    @property
+    def is_under_strobe(self) -> bool:
+        return self.light is not None and self.light.strobe is not None
+
     def with_limits(self, limits: Iterable[str]) -> Solution:
         """Return the solution with more limits."""
         uncertainty = replace(self.uncertainty, limits=(*self.uncertainty.limits, *limits))

@@ -202,7 +202,7 @@ class Sucre(FillOption):
         """
         from sucre_bench.methods.sucre.own_water import UNKNOWN_VEIL, has_unknown_veil, is_in_air
 
-        if solution.light is not None or not has_unknown_veil(solution) or is_in_air(observations, solution):
+        if solution.is_under_strobe or not has_unknown_veil(solution) or is_in_air(observations, solution):
             return solution
         if normalisation(display_of(self)).removes_offsets:
             return solution
@@ -213,7 +213,7 @@ class Sucre(FillOption):
 
         robust=false leaves them as least squares has them.
         """
-        if solution.is_photograph or not (self.refine or self.robust):
+        if solution.is_photograph or not self.robust:
             return solution
         is_speck = specks_of(solution.J, solution.deviation, linear=self._fitted(view) == "linear")
         if self.refine:
@@ -224,13 +224,12 @@ class Sucre(FillOption):
     def _with_prior(self, view: View, solution: Solution) -> tuple[Solution, ImagePrior | None, Array | None]:
         """Return the solution with less noise in its colours (refine=true), the prior, and the black (3,) subtracted.
 
-        The prior keeps brightness. So in uneven light, whose veil is an offset, a black is subtracted first.
+        The prior keeps brightness. So under a strobe, whose veil is an offset, a black is subtracted first.
         """
         from sucre_bench.methods.sucre.own_water import has_unknown_veil, without_darkest
 
         black = prior = None
-        falls_off = solution.light is not None and solution.light.falls_off
-        if self.refine and falls_off and (solution.is_photograph or has_unknown_veil(solution)):
+        if self.refine and solution.is_under_strobe and (solution.is_photograph or has_unknown_veil(solution)):
             solution, black = without_darkest(solution)
         if self.refine and not solution.is_photograph:
             spread = LEAST_SPREAD_LINEAR if self._fitted(view) == "linear" else LEAST_SPREAD

@@ -2,14 +2,17 @@
 
 import contextlib
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from support.made_observations import flat, made, reduced_residuals
+from support.made_ground import WATERS, make_ground
+from support.made_observations import flat, made, parameters, reduced_residuals, table
 
 from sucre_bench.errors import InputError
+from sucre_bench.methods.sucre import Sucre
 from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
 from sucre_bench.methods.sucre.passes import WALL, Kernel, blocks, fill, open_blocks, opened, products, products_on_gpu
 from sucre_bench.methods.sucre.solution import first_slot
@@ -306,3 +309,14 @@ def test_sums_in_trees_as_on_a_gpu_are_those_of_a_matrix_product() -> None:
     block, parameters = blocks(observations, 10_000)[0], (ROWS.T[..., None, None], MARGIN[:, None, None])
     arrays = (*fill(observations, block, np.float64), *parameters)
     np.testing.assert_allclose(products_on_gpu(*arrays), products(*arrays), rtol=1e-12)
+
+
+def test_every_backend_restores_alike() -> None:
+    scene = make_ground(WATERS["milky"], width=80, height=60)
+    sucre: Any = partial(Sucre, encoding="view", light="even", robust=False)
+    reference, *others = (sucre(backend=name).restore(scene, scene["3.png"]) for name in BACKENDS)
+    for result in others:
+        assert result.info["footprint"] is True
+        found, exact = (table(parameters(one.water)) for one in (result, reference))
+        np.testing.assert_allclose(found, exact, rtol=1e-3)
+        np.testing.assert_allclose(result.image[result.valid], reference.image[reference.valid], atol=1e-3)

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.made_ground import WATERS, make_ground
 from support.made_scene import WATER, make_scene
 from support.messages import names, refused
 
@@ -216,7 +215,7 @@ def test_linear_encoding_finds_water_that_acts_on_linear_light(plain: Restoratio
     """The made scene's intensities are light here, and stored gamma-encoded as a camera's are."""
     scene = with_images(lambda rgb: np.rint(srgb_encode(rgb) * 65535) / 65535)
     encodings = ("linear", "view", "auto")
-    linear, as_stored, auto = (Sucre(encoding=e, light="even").restore(scene, scene["a.png"]) for e in encodings)
+    linear, as_stored, auto = (sucre(encoding=e, robust=False).restore(scene, scene["a.png"]) for e in encodings)
     dry = make_scene_without_water()
     errors = [np.sqrt(np.mean((srgb_decode(r.image) - dry)[r.valid] ** 2)) for r in (linear, as_stored)]
     assert errors[0] < 0.6 * errors[1]
@@ -242,7 +241,7 @@ def test_the_lamp_of_the_deep_sea_is_found(deep_sea: Scene) -> None:
     view, water = deep_sea.views[3], deep_sea.water
     errors = []
     for light in ("even", "strobe"):
-        result = sucre(light=light).restore(deep_sea, view)
+        result = sucre(light=light, robust=False).restore(deep_sea, view)
         gain = np.nanmedian(view.reference / result.image, axis=(0, 1))  # a lamp has no absolute brightness
         errors.append(np.nanmedian(np.abs(result.image * gain - view.reference)))
     assert errors[1] < 0.4 * errors[0]
@@ -374,11 +373,8 @@ def test_options_that_do_not_go_together_are_refused(options: dict[str, Any], na
         Sucre(**options)
 
 
-def test_every_backend_restores_alike() -> None:
-    scene = make_ground(WATERS["milky"], width=80, height=60)
-    names: tuple[Any, ...] = ("numpy", "numba", "torch", "jax")
-    reference, *others = (sucre(backend=name).restore(scene, scene["3.png"]) for name in names)
-    for result in others:
-        assert result.info["footprint"] is True
-        np.testing.assert_allclose(as_array(result.water), as_array(reference.water), rtol=1e-3)
-        np.testing.assert_allclose(result.image[result.valid], reference.image[reference.valid], atol=1e-3)
+@pytest.mark.parametrize("brightness", [0.0, 0.5, 1.0])
+def test_images_of_one_colour_leave_nothing_to_explain(brightness: float) -> None:
+    scene = with_images(lambda rgb: np.full_like(rgb, brightness))
+    result = Sucre(robust=False, encoding="view").restore(scene, scene["a.png"])
+    assert np.isfinite(result.image[result.valid]).all()

@@ -1,8 +1,10 @@
 """The paper's optimiser, against automatic differentiation and finite differences in float64, and made water."""
 
+from __future__ import annotations  # types do not import torch
+
 import json
 import re
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -152,6 +154,8 @@ def test_a_restoration_says_what_was_done() -> None:
 
 
 def test_the_defaults_are_the_papers_settings() -> None:
+    options = {field.name for field in fields(SucrePaper)}
+    assert options == {"fill", "steps", "lr", "objective", "start", "one_coefficient", "device"}  # no step of `sucre`
     restored = SucrePaper(device="cpu").restore(SCENE, TARGET)
     observations = observe(TARGET, SCENE.views)
     J, water = naive_adam(observations, TARGET.rgb.reshape(-1, 3)[observations.pixels].T, 200)
