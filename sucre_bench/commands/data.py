@@ -81,13 +81,10 @@ def describe(
     with progress.live():
         selections = select(overrides)
     if write_set is not None:
-        if len(selections) > 1:
-            raise InputError(f"{len(selections)} scenes are chosen", "--write-set", "describe one alone")
-        scene, n = selections[0].scene, len(selections[0].views)
-        if n < len(scene):
-            raise InputError(f"{n} of {len(scene)} views of {scene.name} are chosen", "--write-set", "choose all")
-        if n > most:
-            raise InputError(f"{scene.name} has {n} views", "--write-set", f"give --most {n} for the table of all")
+        chosen, whole = [len(one.views) for one in selections], len(selections[0].scene)
+        if chosen != [whole] or whole > most:
+            remedy = f"choose one scene, all its views, and --most {whole}"
+            raise InputError(f"takes one whole scene, and {sum(chosen)} views are chosen", "--write-set", remedy)
     with progress.live():
         # Of one scene the given file; else each sheet is named after its scene.
         ends = f"-sheet{sheet.suffix if sheet else '.png'}"
@@ -170,9 +167,7 @@ def _facts(one: Described) -> dict[str, str]:
         "exposure": one.exposure.sentence,
     }
     if one.scale is not None:
-        remedy = "run `sucre-bench prepare` again with a known length for metres"
-        no_metres = f"; lengths are no metres, and beta and gamma not 1/m; {remedy}"
-        facts["scale"] = one.scale["note"] + ("" if one.scale["is_metric"] else no_metres)
+        facts["scale"] = one.scale["note"]
     return facts
 
 

@@ -120,14 +120,12 @@ def prepare(
     give another. If you stop prepare, the same command continues.
     """
     from sucre_bench.jobs.words import quoted
-    from sucre_bench.machine.packages import require
     from sucre_bench.programs.prepare import pipeline
     from sucre_bench.programs.prepare.scale import known_scale
     from sucre_bench.programs.prepare.shots import load_pycolmap
 
     known = known_scale(factor, distances, lengths, depth_track)
-    load_pycolmap()  # first: its extra has open3d too; and before `live`, for it makes a kill dump its stack
-    require("prepare", "open3d")
+    load_pycolmap()  # before `live`, for it makes a kill dump its stack
     with progress.live(), terminated_as_interrupt():
         try:
             done = pipeline.prepare(photos, out, Options(**options), known, again)

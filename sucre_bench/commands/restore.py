@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import click
 
 from sucre_bench.commands import shared
-from sucre_bench.errors import InputError, OutputError
+from sucre_bench.errors import InputError
 from sucre_bench.machine import progress
+from sucre_bench.machine.outputs import check_working_folder
 from sucre_bench.machine.text_formats import counted
 
 if TYPE_CHECKING:
@@ -67,48 +68,49 @@ def restore(
     OUT gets pictures/, contact-sheet.jpg, and work/, from which the same command continues if you stop it. Photographs
     are never changed.
 
-    Exit codes: 0, every photograph has a picture; 1, some have none; 2, the command has a mistake; 130, stopped.
+    Exit codes: 0, every photograph has a picture; 1, some have none, or --single-view replaced a --method that failed;
+    2, the command has a mistake; 130, stopped.
     """
     from sucre_bench.commands.measurable import say_whether_measurable
     from sucre_bench.programs.restore import pipeline
 
     shared.refuse_options(words)
-    if out.exists() and not out.is_dir():
-        raise OutputError("is a file", out, "name a folder to write into")
-    for folder in (source.resolve(), *([photos.resolve()] if photos else [])):
-        if folder in (out.resolve(), *out.resolve().parents):
-            raise InputError("lies in the folder of the photographs", out, "name a folder elsewhere")
-        if out.resolve() in folder.parents:
-            raise InputError("holds the photographs themselves", out, "name a folder elsewhere")
-    if out.is_dir() and any(out.iterdir()) and not (out / "work").is_dir():
-        raise InputError("holds other files already", out, "name a new folder")
-    sorted_words = pipeline.sorted_words(words, method)
-    options = pipeline.Options(method, single_view, quality, original_geometry, *sorted_words)
-    found = _prepared(pipeline.source_of(source, photos), source, out, options)
-    done = pipeline.restore(*found, say_whether_measurable)
+    inputs = [source, *([photos] if photos else [])]
+    check_working_folder(out, "work/restore.json", inputs, begun="work/dive")
+    if any(folder.resolve() in out.resolve().parents for folder in inputs):
+        raise InputError("lies in the folder of the photographs", out, "name a folder elsewhere")
+    options = pipeline.Options(method, single_view, quality, original_geometry, *pipeline.sorted_words(words, method))
+    found, options, unplaced = _prepared(pipeline.source_of(source, photos), source, out, options)
+    done = pipeline.restore(found, out, options, say_whether_measurable)
     for name, why in list(done.faults.items())[:_MOST_NAMED]:
         click.echo(f"no picture of {name}: {why}")
     if len(done.faults) > _MOST_NAMED:
         click.echo(f"no picture of {len(done.faults) - _MOST_NAMED} more photographs")
     if not done.names:
         raise InputError("no photograph could be restored", source, "mend what is named above")
+    if done.instead:
+        replaced, (name, why) = counted(len(done.instead), "photograph"), next(iter(done.instead.items()))
+        click.echo(f"{method} could not restore {replaced}, so {single_view} balanced their colours: {name}: {why}")
     trust = "Nothing measured the water: these are balanced colours, not true ones."
-    if done.together:
-        trust = "The water was measured" if done.has_water else "The method balances colours and measures no water"
-        if done.unknown_water:
-            pictures = counted(done.unknown_water, "picture")
+    if unplaced:
+        trust = f"Each is restored alone, by {options.single_view}, because {unplaced}. {trust}"
+    if together := len(done.together):
+        has_water = any(one.has_water for one in done.together)
+        trust = "The water was measured" if has_water else "The method balances colours and measures no water"
+        if unknown := sum(not one.is_water_known for one in done.together):
+            pictures = counted(unknown, "picture")
             trust = f"The views do not determine all of the water of {pictures}, so colours there may be wrong"
-        share = f"{done.measured:.0%} of the pixels have a measured distance, and colours of the others are guesses"
-        alone = len(done.names) - done.together
+        share = f"{sum(one.measured for one in done.together) / together:.0%} of the pixels have a measured distance"
+        alone = len(done.names) - together - len(done.instead)
         rest = f"; {counted(alone, 'photograph')} without a place in the dive got balanced colours" if alone else ""
-        trust = f"{trust}; {share}{rest}."
+        trust = f"{trust}; {share}, and colours of the others are guesses{rest}."
     n, sheet = len(done.names) + len(done.faults), out / "contact-sheet.jpg"
     click.echo(f"{len(done.names)} of {n} pictures are in {out / 'pictures'}, and {sheet} shows them. {trust}")
-    sys.exit(1 if done.faults else 0)
+    sys.exit(1 if done.faults or done.has_failed else 0)
 
 
-def _prepared(found: Source, source: Path, out: Path, options: Options) -> tuple[Source, Path, Options]:
-    """Prepare photographs if the method needs that, and return what is restored, where, and how.
+def _prepared(found: Source, source: Path, out: Path, options: Options) -> tuple[Source, Options, str]:
+    """Prepare photographs if the method needs that; return what is restored, how, and why photographs have no scene.
 
     Photographs that cannot be prepared, because they do not overlap for example, are restored one by one.
     """
@@ -119,16 +121,17 @@ def _prepared(found: Source, source: Path, out: Path, options: Options) -> tuple
     from sucre_bench.programs.prepare.shots import load_pycolmap
     from sucre_bench.programs.restore.pipeline import source_of
 
-    needs = method_choice(options.method, {}).plugin.needs
     if found.is_dive:
-        return found, out, options
-    if not needs:
-        return found, out, replace(options, single_view=options.method)
-    load_pycolmap()
+        return found, options, ""
+    if not method_choice(options.method, {}).plugin.needs:
+        return found, replace(options, single_view=options.method), ""
+    load_pycolmap("restore")
     with progress.live():
         try:
-            pipeline.prepare(source, out / "work" / "dive", again=True)
+            prepared = pipeline.prepare(source, out / "work" / "dive", again=True)
         except InputError as fault:
             progress.say(f"each photograph is restored alone, by {options.single_view}: {fault.without_remedy}")
-            return found, out, options
-    return source_of(out / "work" / "dive", source), out, options
+            return found, options, fault.fault
+    for warning in prepared.warnings:
+        click.echo(f"warning  {warning}")
+    return source_of(out / "work" / "dive", source), options, ""

@@ -16,7 +16,7 @@ from sucre_bench import compare, results
 from sucre_bench.compare.about_methods import seen_in_training
 from sucre_bench.compare.terminal_table import as_blocks
 from sucre_bench.engine.run import Outcome
-from sucre_bench.errors import SucreBenchError
+from sucre_bench.errors import SucreBenchError, escaped_breaks
 from sucre_bench.machine import progress, terminal
 from sucre_bench.machine.packages import absent
 from sucre_bench.machine.text_formats import counted, masked
@@ -35,7 +35,7 @@ def compared(outcome: Outcome) -> list[Comparison]:
     """Compare the methods on each dataset of the results folder: once, for terminal, page and mlflow."""
     if not len(outcome.rows):
         return []
-    baseline = outcome.baseline if outcome.baseline in outcome.methods else ""  # it may not run here
+    baseline = outcome.job.baseline if outcome.job.baseline in outcome.methods else ""  # it may not run here
     return compare.compare(outcome.rows, order=outcome.methods, baseline=baseline)
 
 
@@ -109,15 +109,15 @@ def _written(outcome: Outcome, comparisons: Sequence[Comparison]) -> tuple[Seque
     Returns the files of the experiment and its notes, and the page.
     """
     paths, notes, page = tuple[Path, ...](), list[str](), None
-    if outcome.study is not None:
+    if outcome.job.study is not None:
         from sucre_bench.reports import paper
 
         requested = outcome.requested_rows
         is_whole = len(requested) == (outcome.rows["view"] != "").sum()  # else the folder holds other rows too
         known = comparisons if is_whole else ()
-        made = paper.write(outcome.study, requested, outcome.out, outcome.methods, outcome.datasets, known)
+        made = paper.write(outcome.job.study, requested, outcome.out, outcome.methods, outcome.datasets, known)
         paths, notes = made.paths, [*made.notes]
-    if outcome.wants_report and len(outcome.rows):
+    if outcome.job.report and len(outcome.rows):
         from sucre_bench.reports.page import write
 
         page = write(outcome.out, outcome.rows, comparisons)
@@ -131,7 +131,7 @@ def _grouped(faults: Sequence[Fault]) -> Iterator[str]:
         by_reason.setdefault((fault.where, without_view(fault.reason, fault.view)), []).append(fault.view)
     for (where, reason), views in by_reason.items():
         which = views[0] if len(views) == 1 else f"{len(views)} views"
-        yield f"{where} / {which}: {with_remedy(reason)}"
+        yield escaped_breaks(f"{where} / {which}: {with_remedy(reason)}")
 
 
 def track(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
@@ -139,7 +139,7 @@ def track(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
 
     If that fails, print the reason in one line.
     """
-    uri, experiment = outcome.tracking.uri, outcome.tracking.experiment
+    uri, experiment = outcome.job.tracking.uri, outcome.job.tracking.experiment
     if uri == "off" or absent("mlflow"):
         return
     from sucre_bench.reports import mlflow

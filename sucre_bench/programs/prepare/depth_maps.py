@@ -7,7 +7,6 @@ seabeds without overhangs: a place has one height.
 
 import functools
 import io
-import zipfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -23,7 +22,7 @@ from sucre_bench.camera import scaled_camera
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import decode, write_png
 from sucre_bench.machine.compute import usable_cores
-from sucre_bench.machine.files import open_atomically, write_atomically
+from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import say, track
 from sucre_bench.programs.prepare.photos import read_mask
 from sucre_bench.programs.prepare.plane_sweep import agreeing, neighbours, planes_of, sweep
@@ -43,9 +42,6 @@ _NEAREST = 8
 _ODD = 6.0  # in median absolute deviations of a height from its neighbours
 _LONG = 6.0  # longest edge, in median edges
 
-# What NumPy raises for a file of arrays that was cut short.
-_DAMAGED = (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile)
-
 # How a pixel got its depth, as `depth_origin/` stores it; 0: it has none.
 MEASURED, FUSED, INTERPOLATED, GIVEN = 1, 2, 3, 4
 
@@ -64,7 +60,7 @@ DepthMaps = Callable[[Shot], DepthMap]
 def swept(shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longest: int) -> DepthMaps:
     """Return the depth maps of the surface that all plane sweeps give.
 
-    masks: folder of masks (may be empty); folder: for sweeps and surface, those that are there are not made again;
+    masks: folder of masks (may be empty); folder: for sweeps, those that are there are not made again;
     longest: longest side in pixels of swept images.
     """
     place = {shot.name: i for i, shot in enumerate(shots)}
@@ -98,7 +94,7 @@ def swept(shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longes
 
     def sweep_one(i: int) -> None:
         file, depth = folder / f"{i:06d}.npy", np.zeros((small[i].camera.height, small[i].camera.width), np.float32)
-        with suppress(*_DAMAGED):
+        with suppress(OSError, ValueError, TypeError, EOFError):  # what NumPy raises for a file that was cut short
             if np.load(file, mmap_mode="r").shape == depth.shape:
                 return
         if near[i]:
@@ -109,7 +105,8 @@ def swept(shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longes
 
     with ThreadPoolExecutor(usable_cores()) as pool:
         list(track(pool.map(sweep_one, range(len(shots))), "sweeping", len(shots)))
-    surface = _stored_surface(folder, lambda: fused(small, agreed, _WIDEST))
+    say("fusing the depths of all photos into one surface")
+    surface = fused(small, agreed, _WIDEST)
     cast = surface.caster()
 
     def depth(shot: Shot) -> DepthMap:
@@ -124,18 +121,6 @@ def swept(shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longes
         return DepthMap(_enlarged(both, sizes[i]), nearest(origin.astype(np.uint8), sizes[i]))
 
     return depth
-
-
-def _stored_surface(folder: Path, make: Callable[[], Surface | None]) -> Surface:
-    """The surface that an earlier command left in the folder, or a new one. Without points it has no triangles."""
-    file = folder / "surface.npz"
-    with suppress(*_DAMAGED), file.open("rb") as opened, np.load(opened) as stored:
-        return Surface(**stored)
-    say("fusing the depths of all photos into one surface")
-    surface = make() or Surface(np.zeros((3, 3)), np.zeros((1, 3), np.int64), np.zeros(3))
-    with open_atomically(file) as new:
-        np.savez(new, **vars(surface))
-    return surface
 
 
 def masked(values: npt.NDArray[Any], shot: Shot, masks: Path) -> npt.NDArray[Any]:

@@ -27,8 +27,9 @@ from sucre_bench.loading.depth_maps import find_depths, read_depth, read_numbers
 from sucre_bench.loading.find_folders import ImageFolder
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.progress import say, track
+from sucre_bench.programs.prepare import Options
 from sucre_bench.programs.prepare.depth_maps import GIVEN, DepthMap, DepthMaps, nearest, of_surface
-from sucre_bench.programs.prepare.mapping import Mapped, Rules, adopted, map_photos
+from sucre_bench.programs.prepare.mapping import Mapped, adopted, map_photos
 from sucre_bench.programs.prepare.photos import Photo
 from sucre_bench.programs.prepare.plane_sweep import least_absolute
 from sucre_bench.programs.prepare.shots import Shot
@@ -179,7 +180,7 @@ _FEWEST_ON_AVERAGE = 20  # a photo, on average, of a COLMAP model whose points a
 _UNDISTORTED = "undistort the photos in that program, and give these with their model"
 
 
-def given_model(model: Path, photos: Sequence[Photo], folder: Path, work: Path, rules: Rules) -> Mapped:
+def given_model(model: Path, photos: Sequence[Photo], folder: Path, work: Path, options: Options) -> Mapped:
     """Return the model with the photos' names, sizes and features; its poses and its unit stay.
 
     model: a folder or file of COLMAP, Metashape or nerfstudio; folder: that of the photos; work: to write into.
@@ -210,8 +211,8 @@ def given_model(model: Path, photos: Sequence[Photo], folder: Path, work: Path, 
     ):
         return replace(kept, damaged=faults)
     given = {photo.key: _at_size(one, photo.size, model) for one, photo in found.values()}
-    rules = rules._replace(cameras="image")  # each photo has the camera of the model
-    mapped = map_photos([photo for _, photo in found.values()], work, rules, given)
+    options = replace(options, cameras="image")  # each photo has the camera of the model
+    mapped = map_photos([photo for _, photo in found.values()], work, options, given)
     return replace(mapped, attempt="given", damaged=mapped.damaged | faults)
 
 

@@ -15,13 +15,16 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from sucre_bench.arrays import evenly
 from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import Posed, count_points
 from sucre_bench.machine import processes
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import line, say, track
-from sucre_bench.programs.prepare import CameraModel, Cameras, Matching
+from sucre_bench.programs.prepare import Options
 from sucre_bench.programs.prepare.photos import Photo, write_gray
 from sucre_bench.programs.prepare.shots import load_pycolmap, write_model
 
@@ -31,15 +34,12 @@ _ENOUGH = 0.9  # share of the photos placed from which no second attempt follows
 _GUIDED_PAIRS = 10  # guided matching finds three times the matches in faint water, at about ten seconds a pair
 # COLMAP ends the process where it cannot write or allocate.
 _REMEDY = "see that the disk has room and the memory suffices (--max-size), and repeat the command"
+# A logo has matches that move less than so many pixels, in the same cells for so large a share of pairs, and in few of
+# the 20 x 20 cells of an image. Pairs count if most other matches move farther than 0.05 widths: what is straight
+# ahead of a slow camera stands still, too.
+_STILL_PX, _FAR, _CELLS, _OFTEN, _LARGEST, _PAIRS_LOOKED_AT = 1.0, 0.05, 20, 0.5, 0.1, 200
+_FEWEST_MATCHES, _FEWEST_PAIRS = 15, 3  # of a pair that is looked at; with such matches in a cell
 PAIRS_A_STEP = 64  # of the progress bar; a command that is stopped loses no more than a step
-
-
-class Rules(NamedTuple):
-    """matching: which pairs; camera: COLMAP's model; cameras: which photos share one."""
-
-    matching: Matching
-    camera: CameraModel
-    cameras: Cameras
 
 
 class _Attempt(NamedTuple):
@@ -61,7 +61,7 @@ class Mapped:
     """model: folder of the COLMAP model, its cameras those of the photos as used; registered: output names; attempt:
     the attempt that gave the model; best_matches: for each photo, the most matches with a placed photo (with any photo
     if none is placed), and the name of that photo; damaged: photos that turned out to be damaged, and why; groups:
-    sizes of all separate models."""
+    sizes of all separate models; has_logo: whether something stands at one place of all photos."""
 
     model: Path
     registered: list[str]
@@ -69,6 +69,7 @@ class Mapped:
     best_matches: dict[str, tuple[int, str]]
     damaged: dict[str, str]
     groups: list[int]
+    has_logo: bool = False
 
 
 def _stored(folder: Path) -> Mapped | None:
@@ -77,7 +78,9 @@ def _stored(folder: Path) -> Mapped | None:
     return Mapped(**json.loads(file.read_bytes()) | {"model": folder / "model"}) if file.is_file() else None
 
 
-def map_photos(photos: Sequence[Photo], folder: Path, rules: Rules, given: Mapping[str, Posed] | None = None) -> Mapped:
+def map_photos(
+    photos: Sequence[Photo], folder: Path, options: Options, given: Mapping[str, Posed] | None = None
+) -> Mapped:
     """Return the best model of the photos. Files go below `folder`; existing ones are used.
 
     given: known cameras, at the photos' sizes, and poses, by the photos' keys: only points are sought, in one attempt.
@@ -91,7 +94,7 @@ def map_photos(photos: Sequence[Photo], folder: Path, rules: Rules, given: Mappi
         if mapped is None:
             if best is not None:
                 say(f"{len(best.registered)} of {readable} photos are placed; trying again for faint features")
-            processes.call(partial(_attempt, photos, folder / attempt.name, rules, attempt, given), _REMEDY)
+            processes.call(partial(_attempt, photos, folder / attempt.name, options, attempt, given), _REMEDY)
             mapped = _stored(folder / attempt.name)
             assert mapped is not None
         if best is None or len(mapped.registered) > len(best.registered):
@@ -103,14 +106,16 @@ def map_photos(photos: Sequence[Photo], folder: Path, rules: Rules, given: Mappi
     if not best.registered and readable >= 2:
         count, pair = max((n, (name, other)) for name, (n, other) in best.best_matches.items())
         got = f"the best pair, {pair[0]} and {pair[1]}, has {count} matches" if count else "no two photos match at all"
-        fault = f"no two photos could be related: {got}, at least {_ATTEMPTS[-1].start_inliers} are needed"
+        least = _ATTEMPTS[-1].start_inliers
+        lack = f"at least {least} are needed" if count < least else "but its cameras are not apart enough"
+        fault = f"no two photos could be related: {got}, {lack}"
         remedy = "take photos that share more than half of what they show, from places well apart, or add more"
         raise InputError(fault, photos[0].path.parent, remedy)
     return best
 
 
 def _attempt(
-    photos: Sequence[Photo], folder: Path, rules: Rules, attempt: _Attempt, given: Mapping[str, Posed] | None
+    photos: Sequence[Photo], folder: Path, options: Options, attempt: _Attempt, given: Mapping[str, Posed] | None
 ) -> None:
     """Leave a model and its record in the folder."""
     pycolmap = load_pycolmap()
@@ -118,16 +123,16 @@ def _attempt(
     folder.mkdir(parents=True, exist_ok=True)
     damaged = write_gray(photos, folder, attempt.longest)
     photos = [photo for photo in photos if photo.name not in damaged]
-    model, models = folder / "model", []
+    model, models, has_logo = folder / "model", [], False
     names: list[str] = []
     matches: dict[str, tuple[int, str]] = {}
     if len(photos) >= 2:
         database = folder / "database.db"
         with processes.step("COLMAP's search for features"):
-            _find_features(database, photos, rules, attempt)
+            _find_features(database, photos, options, attempt)
         posed = _with_cameras(database, given) if given else None
         with processes.step("COLMAP's matching"):
-            _match(database, [photo.key for photo in photos], rules, attempt)
+            has_logo = _match(database, [photo.key for photo in photos], options, attempt)
         with processes.step("COLMAP's reconstruction"):
             if posed is None:
                 models = _map(database, len(photos), attempt)
@@ -138,27 +143,27 @@ def _attempt(
             names = sorted(models[0].image(number).name for number in models[0].reg_image_ids())
             write_model(models[0], model)
         matches = _best_matches(database, photos, names)
-    mapped = Mapped(model, names, attempt.name, matches, damaged, [m.num_reg_images() for m in models])
+    mapped = Mapped(model, names, attempt.name, matches, damaged, [m.num_reg_images() for m in models], has_logo)
     write_atomically(folder / "model.json", json.dumps(asdict(mapped), default=str).encode())
     shutil.rmtree(folder / "gray", ignore_errors=True)
 
 
-def _find_features(database: Path, photos: Sequence[Photo], rules: Rules, attempt: _Attempt) -> None:
+def _find_features(database: Path, photos: Sequence[Photo], options: Options, attempt: _Attempt) -> None:
     """Fill the database with photos and cameras, in order, and then with features, on all processors.
 
     Features that an earlier command found stay.
     """
     pycolmap, folder = load_pycolmap(), database.parent
-    reader, options = pycolmap.ImageReaderOptions(), pycolmap.FeatureExtractionOptions()
-    reader.camera_model = rules.camera
+    reader, extraction = pycolmap.ImageReaderOptions(), pycolmap.FeatureExtractionOptions()
+    reader.camera_model = options.camera
     if photos[0].mask is not None:
         reader.mask_path = folder / "masks"
-    options.use_gpu, options.max_image_size, options.sift.peak_threshold = False, attempt.longest, attempt.peak
+    extraction.use_gpu, extraction.max_image_size, extraction.sift.peak_threshold = False, attempt.longest, attempt.peak
 
     groups = defaultdict(list)  # that share a camera; photos of different sizes never do
     for photo in photos:
         parent = str(PurePosixPath(photo.output).parent)
-        by = {"single": "", "folder": parent, "image": photo.output}[rules.cameras]
+        by = {"single": "", "folder": parent, "image": photo.output}[options.cameras]
         groups[by, photo.size].append(photo.key)
     listed, mode = folder / "listed", pycolmap.CameraMode.SINGLE
     if not listed.is_file():  # else photos would be numbered as they finish; other numbers give other models
@@ -171,7 +176,9 @@ def _find_features(database: Path, photos: Sequence[Photo], rules: Rules, attemp
     with line("finding features", len(photos)) as step:
         for names in groups.values():
             for batch in _batches(names, usable_cores()):  # except those that have features
-                pycolmap.extract_features(database, folder / "gray", batch, mode, reader, options, pycolmap.Device.cpu)
+                pycolmap.extract_features(
+                    database, folder / "gray", batch, mode, reader, extraction, pycolmap.Device.cpu
+                )
                 for _ in batch:
                     step()
 
@@ -180,11 +187,14 @@ def _batches(items: Sequence[Any], size: int) -> list[Sequence[Any]]:
     return [items[start : start + size] for start in range(0, len(items), size)]
 
 
-def _match(database: Path, names: Sequence[str], rules: Rules, attempt: _Attempt) -> None:
-    """Match pairs of photos: all, or each with those that follow it by certain steps."""
+def _match(database: Path, names: Sequence[str], options: Options, attempt: _Attempt) -> bool:
+    """Match pairs of photos: all, or each with those that follow it by certain steps; a logo has no matches.
+
+    Return whether there is a logo.
+    """
     pycolmap = load_pycolmap()
     pairs = list(itertools.combinations(names, 2))
-    if rules.matching == "sequential" or (rules.matching == "auto" and len(names) > _MOST_EXHAUSTIVE):
+    if options.matching == "sequential" or (options.matching == "auto" and len(names) > _MOST_EXHAUSTIVE):
         starts = enumerate(names)
         pairs = [(name, names[i + step]) for i, name in starts for step in _SEQUENTIAL if i + step < len(names)]
     matching, verification = pycolmap.FeatureMatchingOptions(), pycolmap.TwoViewGeometryOptions()
@@ -196,6 +206,37 @@ def _match(database: Path, names: Sequence[str], rules: Rules, attempt: _Attempt
     for batch in track(_batches(pairs, PAIRS_A_STEP), "matching"):  # COLMAP skips the pairs that are in the database
         listed.match_list_path.write_text("".join(f"{one} {other}\n" for one, other in batch))
         pycolmap.match_image_pairs(database, matching, listed, verification, pycolmap.Device.cpu)
+    with pycolmap.Database.open(database) as opened:
+        if has_logo := _has_logo(opened, pairs):
+            say("something stands at one place of all photos, as a logo does; its matches are left out")
+            opened.clear_two_view_geometries()
+    if has_logo:
+        verification.filter_stationary_matches, verification.stationary_matches_max_error = True, _STILL_PX
+        listed.match_list_path.write_text("".join(f"{one} {other}\n" for one, other in pairs))
+        pycolmap.verify_matches(database, listed.match_list_path, verification)
+    return has_logo
+
+
+def _has_logo(opened: Any, pairs: Sequence[tuple[str, str]]) -> bool:
+    """Whether most pairs in which much else moves have matches that do not move in the same few cells of the images."""
+    images = {image.name: image for image in opened.read_all_images()}
+    count, counts = 0, np.zeros((_CELLS, _CELLS))
+    for one, other in (pairs[k] for k in evenly(len(pairs), _PAIRS_LOOKED_AT)):
+        first, second = images[one], images[other]
+        matches = opened.read_matches(first.image_id, second.image_id)
+        if len(matches) < _FEWEST_MATCHES:
+            continue
+        sides = (opened.read_keypoints(image.image_id)[:, :2] for image in (first, second))
+        at, there = (places[of] for places, of in zip(sides, matches.T, strict=True))
+        camera, motion = opened.read_camera(first.camera_id), np.linalg.norm(at - there, axis=1)
+        still = motion < _STILL_PX
+        if 2 * np.sum(motion > _FAR * camera.width) <= np.sum(~still):
+            continue
+        x, y = at[still].T
+        in_cell, *_ = np.histogram2d(x, y, _CELLS, [[0, camera.width], [0, camera.height]])
+        count, counts = count + 1, counts + (in_cell > 0)
+    cells = counts >= max(_FEWEST_PAIRS, _OFTEN * count)
+    return bool(0 < cells.mean() <= _LARGEST)
 
 
 def _map(database: Path, count: int, attempt: _Attempt) -> list[Any]:

@@ -43,8 +43,7 @@ def find_photos(folder: Path, masks: Path | None, max_size: int, leave_out: Path
     """
     check_folder(folder, "give the one that holds the photos")
     names = image_names(folder, subfolders=True, but=leave_out)
-    if masks is not None and folder.resolve() in masks.resolve().parents:
-        names = [name for name in names if masks.resolve() not in (folder / name).resolve().parents]
+    names = [name for name in names if not masks or masks.resolve() not in (folder / name).resolve().parents]
     shared = Counter(PurePosixPath(name).with_suffix("") for name in names)
     photos: list[Photo] = []
     damaged: dict[str, str] = {}

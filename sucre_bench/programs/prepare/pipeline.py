@@ -9,15 +9,16 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sucre_bench.errors import InputError, MissingFileError, OutputError, PluginError, SucreBenchError
+from sucre_bench.errors import InputError, MissingFileError, PluginError, SucreBenchError
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.lens import Lens
-from sucre_bench.machine.files import is_want_of_room, not_writable, write_atomically
+from sucre_bench.machine.files import is_want_of_room, not_writable, read_json, write_atomically
+from sucre_bench.machine.outputs import check_working_folder
 from sucre_bench.machine.progress import say
 from sucre_bench.programs.prepare import Options
 from sucre_bench.programs.prepare.depth_maps import INTERPOLATED, DepthMap, DepthMaps, masked, of_surface, relief, swept
 from sucre_bench.programs.prepare.given import given_model, mesh_maps, network_maps
-from sucre_bench.programs.prepare.mapping import Mapped, Rules, map_photos
+from sucre_bench.programs.prepare.mapping import Mapped, map_photos
 from sucre_bench.programs.prepare.photos import Photo, find_photos, too_few
 from sucre_bench.programs.prepare.result import Prepared, read_record, write_result
 from sucre_bench.programs.prepare.scale import Known, Scale, find_scale
@@ -71,21 +72,21 @@ def prepare(
 def _prepare(folder: Path, out: Path, options: Options, known: Known, again: bool) -> Prepared:
     work, images = out / ".prepare", out / "images"
     _check_options(options)
-    _check_out(folder, out)
+    check_working_folder(out, ".prepare", [folder])
     photos, damaged = find_photos(folder, options.masks, options.max_size, out)
     before = read_record(out)
     values = {name: value.resolve() if isinstance(value, Path) else value for name, value in asdict(options).items()}
     asked = json.loads(json.dumps({"photos": folder.resolve(), **values}, default=str))
     _check_asked(work / "options.json", asked, again or before is None)
 
-    rules = Rules(options.matching, options.camera, options.cameras)
+    rules = options.matching, options.camera, options.cameras
     mapping = _stage(work, "model", [photo.stamp for photo in photos], rules, *_stamps(options.model))
     if damaged and not mapping.done.is_file():  # before mapping, which may take long
         say(f"{len(damaged)} of {len(photos) + len(damaged)} photos are damaged, {min(damaged)} among them")
     if options.model is None:
-        mapped = map_photos(photos, mapping.folder, rules)
+        mapped = map_photos(photos, mapping.folder, options)
     else:
-        mapped = given_model(options.model, photos, folder, mapping.folder, rules)
+        mapped = given_model(options.model, photos, folder, mapping.folder, options)
     if not mapped.registered:
         raise too_few(folder, len(photos) + len(damaged), damaged | mapped.damaged)
     if not mapping.done.is_file():
@@ -121,7 +122,7 @@ def _prepare(folder: Path, out: Path, options: Options, known: Known, again: boo
         return DepthMap(masked(depth, shot, masks), masked(origin, shot, masks))
 
     scale = scale or find_scale(known, shots, outputs, lambda shot: maps(shot).depth, options.model is not None)
-    warnings += (*_warnings(mapped, scale), *(f"no depth for {name}: {why}" for name, why in faults.items()))
+    warnings += _warnings(mapped, faults)
     made = Prepared(
         out, (), damaged, _unplaced(photos, mapped, options.model), scale, known, warnings, keys, True, is_kept
     )
@@ -177,19 +178,11 @@ def _check_options(options: Options) -> None:
             raise MissingFileError("no such file or folder", path, f"correct {option}")
 
 
-def _check_out(folder: Path, out: Path) -> None:
-    if out.exists() and not out.is_dir():
-        raise OutputError("is a file", out, "name a folder to write into")
-    if folder.resolve() == out.resolve() or out.resolve() in folder.resolve().parents:
-        raise InputError("holds the photos themselves", out, "name another folder to write into")
-    if out.is_dir() and any(out.iterdir()) and not (out / ".prepare").is_dir():
-        gone = " and no .prepare/ to go on from" if read_record(out) else ""
-        raise InputError(f"holds other files already{gone}", out, "name a new folder")
-
-
 def _check_asked(file: Path, asked: Mapping[str, Any], again: bool) -> None:
     """Refuse to replace a result made with other options by accident; the scale may always change."""
-    before = json.loads(file.read_text()) if file.is_file() else asked
+    before = read_json(file, "name a new folder") if file.is_file() else asked
+    if not isinstance(before, dict):
+        raise InputError("is not what prepare wrote", file, "name a new folder")
     for name, value in asked.items():
         if not again and before.get(name) != value:
             fault = f"was prepared with {name}={before.get(name)}, not {value}"
@@ -235,14 +228,14 @@ def _unplaced(photos: Sequence[Photo], mapped: Mapped, model: Path | None) -> di
     return unplaced
 
 
-def _warnings(mapped: Mapped, scale: Scale) -> tuple[str, ...]:
-    warnings = []
+def _warnings(mapped: Mapped, faults: Mapping[str, str]) -> tuple[str, ...]:
+    """What to know of a model, and of the photos without a depth map, by their faults."""
+    warnings = [f"no depth for {name}: {why}" for name, why in faults.items()]
     if len(mapped.groups) > 1 and mapped.groups[1] > 2:
         sizes = " and ".join(map(str, mapped.groups))
-        warnings.append(f"the photos fall into groups of {sizes} that share no views; only the first is used")
-    if not scale.is_metric and mapped.attempt != "given":
-        warnings.append(
-            "the scale is arbitrary: depths are not metres, and a beta or gamma fitted on them is per unit, not"
-            " 1/m; restored colours do not depend on it. For metres give --distance, --length, --depth-track or --scale"
-        )
+        apart = f"the photos fall into groups of {sizes} that share no views; only the first is used"
+        warnings.insert(0, f"{apart}; prepare each place from a folder of its own")
+    if mapped.has_logo:
+        wrong = "something stands at one place of all photos, as a logo does, and its depth is wrong"
+        warnings.insert(0, f"{wrong}; mask it with `sucre-bench prepare --masks`")
     return tuple(warnings)

@@ -106,9 +106,8 @@ def read_record(out: Path) -> Prepared | None:
         record = json.loads(file.read_bytes())
         scale = dict(record["scale"])
         known = scale.pop("known")
-        rows: list[dict[str, Any]] = record["images"]
-        rows = [{k: float("nan") if v is None else v for k, v in row.items()} for row in rows]
-        qualities = tuple(Quality(**row) for row in rows)
+        nan: Any = float("nan")
+        qualities = tuple(Quality(**{k: nan if v is None else v for k, v in q.items()}) for q in record["images"])
         keys = record["made_of"]["model"], record["made_of"]["depths"]
         damaged, unplaced, warnings = dict(record["damaged"]), dict(record["unplaced"]), tuple(record["warnings"])
         return Prepared(out, qualities, damaged, unplaced, Scale(**scale), dict(known), warnings, keys)
@@ -136,7 +135,8 @@ def write_result(
     model = pycolmap.Reconstruction(pinhole)
     model.transform(pycolmap.Sim3d(factor, pycolmap.Rotation3d(), np.zeros(3)))
     for folder in _FOLDERS:
-        shutil.rmtree(aside / folder, ignore_errors=True)
+        for old in (folder, f"old-{folder}"):
+            shutil.rmtree(aside / old, ignore_errors=True)
         (aside / folder).mkdir()
     write_model(model, aside / "sparse")
 
@@ -157,13 +157,12 @@ def write_result(
         remedy = "add photos from other heights and directions, or give a model of a calibrated camera with --model"
         made = replace(made, warnings=(*made.warnings, f"{fault}; {remedy}"))
     made = replace(made, qualities=tuple(qualities))
-    for folder in _FOLDERS:
-        old = aside / f"old-{folder}"
-        shutil.rmtree(old, ignore_errors=True)
+    for folder in _FOLDERS:  # renamed, because deleting takes long, and a stop would leave no result
         if (out / folder).exists():
-            (out / folder).rename(old)
+            (out / folder).rename(aside / f"old-{folder}")
+    for folder in _FOLDERS:
         (aside / folder).rename(out / folder)
-        shutil.rmtree(old, ignore_errors=True)
+        shutil.rmtree(aside / f"old-{folder}", ignore_errors=True)
 
     seen = [(q.reprojection_px, q.points) for q in qualities if q.points]
     error = np.average([px for px, _ in seen], weights=[count for _, count in seen])
@@ -216,23 +215,12 @@ def quality_of(shot: Shot, seen: DepthMap, metres_per_unit: float) -> Quality:
     """Return the figures of an image. seen: its depth map in the model's unit, as the shot's points are."""
     depth, origin = seen
     xy, z = shot.seen_points()
-    off = np.linalg.norm(xy - shot.xy, axis=1)
-    off = off[np.isfinite(off)]
-    there = depth_at(depth, xy)
-    error = np.abs(there[there > 0] / z[there > 0] - 1)
-    filled = depth[depth > 0]
-    near, far = np.quantile(filled, [0.01, 0.99]) * metres_per_unit if len(filled) else (np.nan, np.nan)
-    return Quality(
-        shot.name,
-        len(z),
-        float(off.mean()) if len(off) else float("nan"),
-        float((depth > 0).mean()),
-        float(np.median(error)) if len(error) else float("nan"),
-        float(near),
-        float(far),
-        float((origin == MEASURED).mean()),
-        float((origin == INTERPOLATED).mean()),
-    )
+    there, filled, off = depth_at(depth, xy), depth[depth > 0], np.linalg.norm(xy - shot.xy, axis=1)
+    errors, off = np.abs(there[there > 0] / z[there > 0] - 1), off[np.isfinite(off)]
+    px, error = (float(middle(v)) if len(v) else np.nan for middle, v in ((np.mean, off), (np.median, errors)))
+    near, far = (float(np.quantile(filled, q)) * metres_per_unit if len(filled) else np.nan for q in (0.01, 0.99))
+    coverage, measured, between = (float(m.mean()) for m in (depth > 0, origin == MEASURED, origin == INTERPOLATED))
+    return Quality(shot.name, len(z), px, coverage, error, near, far, measured, between)
 
 
 def _thumbnails(image: Path, depth: Array, bounds: tuple[float, float]) -> list[str]:

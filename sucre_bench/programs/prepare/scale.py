@@ -45,12 +45,8 @@ def known_scale(
     for pixel in (pixel for _, *ends, _ in lengths for pixel in ends):
         check_number("--length", pixel, "[0, inf)")
     known: dict[str, Any] = {"factor": factor} if factor is not None else {}
-    if distances:
-        known["distances"] = [list(distance) for distance in distances]
-    if lengths:
-        known["lengths"] = [
-            {"photo": photo, "ends": [[x, y], [x2, y2]], "metres": m} for photo, x, y, x2, y2, m in lengths
-        ]
+    given = {"distances": distances, "lengths": lengths}
+    known |= {name: [list(row) for row in rows] for name, rows in given.items() if rows}
     if depth_track is not None:
         content = depth_track.read_bytes() if depth_track.is_file() else b""
         hashed = hashlib.blake2b(content, digest_size=6).hexdigest()
@@ -107,14 +103,16 @@ def find_scale(
             units = [float(np.linalg.norm(a.centre - b.centre)) for a, b in pairs]
             return _ratio(units, [metres for *_, metres in distances], "--distance")
         case {"lengths": lengths}:
-            units = [_length(find(length["photo"], "--length"), length, depth_of) for length in lengths]
-            return _ratio(units, [length["metres"] for length in lengths], "--length")
+            units = [_length(name, find(name, "--length"), ends, depth_of) for name, *ends, _ in lengths]
+            return _ratio(units, [metres for *_, metres in lengths], "--length")
         case {"depth_track": {"file": file}}:
             return _from_track(Path(file), placed)
     if is_given:
         return Scale(1.0, False, "the unit of the given model; if that is the metre, add --scale 1")
     depths = np.concatenate([shot.seen_points()[1] for shot in shots])
-    return Scale(_USUAL_DEPTH / float(np.median(depths)), False, f"arbitrary: median depth set to {_USUAL_DEPTH:g}")
+    note = f"arbitrary, median depth {_USUAL_DEPTH:g}: no metres, beta and gamma not 1/m, colours right all the same"
+    remedy = "for metres give `sucre-bench prepare` --distance, --length, --depth-track or --scale"
+    return Scale(_USUAL_DEPTH / float(np.median(depths)), False, f"{note}; {remedy}")
 
 
 def _ratio(units: Sequence[float], metres: Sequence[float], option: str) -> Scale:
@@ -127,14 +125,14 @@ def _ratio(units: Sequence[float], metres: Sequence[float], option: str) -> Scal
     return Scale(factor, True, f"from {len(factors)} x {option}: {factor:.4g} m per unit{spread}")
 
 
-def _length(shot: Shot, length: Mapping[str, Any], depth_of: Callable[[Shot], Array]) -> float:
-    """The distance of two points in the model's unit, by the depth map around their pixels."""
+def _length(name: str, shot: Shot, pixels: Sequence[float], depth_of: Callable[[Shot], Array]) -> float:
+    """The distance of two points in the model's unit, by the depth map around their pixels x, y, x, y."""
     depth, ends = depth_of(shot), []
-    for x, y in length["ends"]:
+    for x, y in (pixels[:2], pixels[2:]):
         column, row = int(x), int(y)
         around = depth[max(0, row - 3) : row + 4, max(0, column - 3) : column + 4]
         if not (0 <= x < shot.camera.width and 0 <= y < shot.camera.height) or not (around > 0).any():
-            fault = f"{length['photo']} has no depth at {x:g},{y:g}"
+            fault = f"{name} has no depth at {x:g},{y:g}"
             raise InputError(fault, "--length", "choose a point with texture near it")
         ends.append(np.linalg.inv(shot.camera.K) @ (x, y, 1) * np.median(around[around > 0]))
     return float(np.linalg.norm(ends[0] - ends[1]))

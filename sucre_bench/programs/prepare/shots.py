@@ -23,20 +23,24 @@ from sucre_bench.loading.colmap_model import Posed, read_model
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.files import not_writable
-from sucre_bench.machine.packages import load
+from sucre_bench.machine.packages import load, require
 from sucre_bench.machine.progress import track
 from sucre_bench.programs.prepare.photos import Photo, read_mask, read_photo
 
 
-def load_pycolmap() -> ModuleType:
-    """Return pycolmap with its log switched off. Raises InputError if it is missing, too old, or does not import."""
+def load_pycolmap(place: str = "prepare") -> ModuleType:
+    """Return pycolmap with its log switched off. place: the command that needs it.
+
+    Raises InputError if it or Open3D is missing or too old, or if it does not import.
+    """
     # pycolmap's wheel has its own zlib, png and jpeg. If it were the first to load them, writing a PNG later
     # would abort the process.
     import zlib  # noqa: F401
 
     import cv2  # noqa: F401
 
-    pycolmap: ModuleType = load("prepare", "pycolmap")
+    pycolmap: ModuleType = load(place, "pycolmap")  # first: its extra has Open3D too
+    require(place, "open3d")
     pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
     if threading.current_thread() is threading.main_thread():  # it alone may set handlers
         signal.signal(signal.SIGABRT, signal.SIG_DFL)  # without a page of COLMAP's stack

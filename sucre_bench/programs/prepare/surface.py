@@ -86,8 +86,8 @@ def read_mesh(path: Path) -> Surface:
     return Surface(vertices, triangles, np.zeros(len(vertices)))
 
 
-def fused(shots: Sequence[Shot], depth_of: Callable[[int], Array], widest: float) -> Surface | None:
-    """Return the surface of all depth maps; None if they hold too few points.
+def fused(shots: Sequence[Shot], depth_of: Callable[[int], Array], widest: float) -> Surface:
+    """Return the surface of all depth maps; a place without extent if they hold too few points.
 
     depth_of: the measured depth map (H, W) of a shot by its index, 0 = unknown; widest: largest distance from a
     measured point, as a share of that from the nearest camera.
@@ -97,7 +97,7 @@ def fused(shots: Sequence[Shot], depth_of: Callable[[int], Array], widest: float
     o3d = load("prepare", "open3d")
     cloud = _points(shots, depth_of, o3d)
     if cloud is None:
-        return None
+        return Surface(np.zeros((3, 3)), np.zeros((1, 3), np.int64), np.zeros(3))
     middle = cloud.get_center()
     cloud.translate(-middle)
     side = float(np.max(cloud.get_max_bound() - cloud.get_min_bound()))

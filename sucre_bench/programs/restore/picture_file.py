@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image
+from PIL import Image, TiffTags
+from PIL.ExifTags import IFD
 
 from sucre_bench.errors import ANY_FAULT
 from sucre_bench.imaging.image_files import encode_png
@@ -30,6 +31,9 @@ _RGB_PROFILE = slice(16, 20)  # bytes of an ICC profile that name the colours it
 _SIDES, _BITS, _COMPRESSION, _COLOURS, _OFFSETS, _SAMPLES, _ROWS, _COUNTS = 256, 258, 259, 262, 273, 277, 278, 279
 _STORED = {254, 255, 256, 257, 258, 259, 262, 266, 273, 277, 278, 279, 284, 317, 320, 322, 323, 324, 325, 330, 338, 339}
 _STORED |= {347, 512, 513, 514, 530, 531, 532}
+# Bytes without a type of their own, which Pillow would call numbers: configuration of components, maker note, comment,
+# source of file and scene, settings; of GPS, method and area.
+_UNTYPED = {IFD.Exif: (37121, 37500, 37510, 41728, 41729, 41995), IFD.GPSInfo: (27, 28)}
 _PROFILE_TAG, _NO_COMPRESSION, _DEFLATE, _RGB = 34675, 1, 8, 2
 
 
@@ -56,7 +60,7 @@ def encoded(picture: npt.NDArray[Any], photograph: bytes, quality: int) -> bytes
     photograph: content of its file; quality: of JPEG and WebP, 1 to 100. JPEG, WebP and BMP have 8 bits.
     """
     if photograph.startswith(_PNG):
-        return _png(encode_png(picture[..., ::-1]), photograph)
+        return _png(bytes(encode_png(picture[..., ::-1])), photograph)
     if photograph[:2] in (b"II", b"MM"):
         return _tiff(picture, photograph)
     return _by_pillow((picture >> 8).astype(np.uint8) if picture.dtype == np.uint16 else picture, photograph, quality)
@@ -66,25 +70,15 @@ def _by_pillow(picture: npt.NDArray[Any], photograph: bytes, quality: int) -> by
     made, file = Image.fromarray(picture), io.BytesIO()
     with Image.open(io.BytesIO(photograph)) as source:
         kind, info = source.format or "PNG", source.info
-    if photograph.startswith(b"\xff\xd8"):
-        made.save(file, "JPEG", quality=quality, subsampling=0)
-        return _jpeg(file.getvalue(), photograph)
-    names = {"exif", "xmp", "icc_profile"} if kind == "WEBP" else {"dpi"}
-    made.save(file, kind, quality=quality, **{name: info[name] for name in names & info.keys()})
+    names, more = {"exif", "xmp", "icc_profile"} if kind == "WEBP" else {"dpi"}, {}
+    if photograph.startswith(b"\xff\xd8"):  # of all kinds of JPEG
+        kept = (_without_preview(segment) for segment in _segments(photograph) if _is_metadata(segment))
+        kind, more = "JPEG", {"subsampling": 0, "extra": b"".join(kept)}
+    made.save(file, kind, quality=quality, **more, **{name: info[name] for name in names & info.keys()})
     return file.getvalue()
 
 
 # -- JPEG -------------------------------------------------------------------------------------------------------
-
-
-def _jpeg(made: bytes, photograph: bytes) -> bytes:
-    """A JPEG with the segments of a photograph that hold metadata in place of its own."""
-    kept = [_without_preview(segment) for segment in _segments(photograph) if _is_metadata(segment)]
-    own = b"".join(_segments(made))
-    first = next((s for s in _segments(photograph) if s[1] == 0xE0), b"")  # JFIF: pixels an inch
-    mine = next((s for s in _segments(made) if s[1] == 0xE0), b"")
-    rest = made[2 + len(own) :]
-    return b"\xff\xd8" + first + b"".join(kept) + own.replace(mine, b"", 1) + rest
 
 
 def _segments(content: bytes) -> Iterator[bytes]:
@@ -151,6 +145,9 @@ def _tiff(picture: npt.NDArray[Any], photograph: bytes) -> bytes:
     """A TIFF of one page and one strip, with the tags of a photograph that are not about its pixels."""
     tags: Any = Image.Exif()  # of the first page, with the directories of EXIF and GPS
     tags.load(photograph)
+    for directory, untyped in _UNTYPED.items():
+        known: Any = TiffTags.TAGS_V2_GROUPS[directory]
+        known |= {tag: TiffTags.TagInfo(tag, type=TiffTags.UNDEFINED, length=1) for tag in untyped}
     is_packed = tags.get(_COMPRESSION, _NO_COMPRESSION) != _NO_COMPRESSION
     for tag in _STORED & set(tags):
         del tags[tag]

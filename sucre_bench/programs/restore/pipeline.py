@@ -25,7 +25,7 @@ from sucre_bench.loading.image_folder import image_names
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import source_files
 from sucre_bench.machine import progress
-from sucre_bench.machine.files import check_folder, regular, write_atomically
+from sucre_bench.machine.files import check_folder, read_json, regular, write_atomically
 from sucre_bench.programs.restore.picture_file import bits_of
 from sucre_bench.programs.restore.write import Restored, write_pictures
 from sucre_bench.results import layout, restoration_rows, with_remedy
@@ -92,16 +92,15 @@ class Source:
 
 @dataclass(frozen=True)
 class Done:
-    """The outcome. names: of the pictures; faults: why a photograph has none; together: how many the method of the
-    dive restored; measured: the share of their pixels with a measured distance; has_water: whether it estimates the
-    water; unknown_water: in how many of them the views do not determine it."""
+    """The outcome. names: of the pictures; faults: why a photograph has none; instead: of the pictures by the method of
+    single views, why the method of the dive could not make them; has_failed: whether that was its failure, and not
+    depth that they lack; together: those that the method of the dive restored."""
 
     names: tuple[str, ...]
     faults: Mapping[str, str]
-    together: int
-    measured: float
-    has_water: bool
-    unknown_water: int
+    instead: Mapping[str, str]
+    has_failed: bool
+    together: Sequence[Restored]
 
 
 def source_of(folder: Path, photographs: Path | None = None) -> Source:
@@ -138,7 +137,7 @@ def restore(
     stopped. What is wrong with one photograph is a fault, and the others go on.
     """
     note = _noted(source, out, options)
-    dive = alone = _Run([], {}, ())
+    dive = alone = _Run([], {}, False)
     with opening_once():
         if source.is_dive:
             dataset = [word for word in options.words if word.startswith("dataset.")]
@@ -155,11 +154,10 @@ def restore(
     with progress.live():
         restored = [*dive.restored, *alone.restored]
         faults = write_pictures(restored, out, options.quality, options.original_geometry, note.stat().st_mtime_ns)
-    has_water, unknown = any(has for _, has, _ in dive.trust), sum(not is_known for _, _, is_known in dive.trust)
     written = tuple(one.name for one in restored if one.name not in faults)
     faults |= {name: alone.faults.get(name, "") for name in names if name not in {*written, *faults}}
-    measured = sum(coverage for coverage, _, _ in dive.trust) / max(1, len(dive.trust))
-    return Done(written, faults, len(dive.restored), measured, has_water, unknown)
+    instead = {name: why for name, why in dive.faults.items() if name in written}
+    return Done(written, faults, instead, dive.has_failed, dive.restored)
 
 
 def _noted(source: Source, out: Path, options: Options) -> Path:
@@ -170,9 +168,10 @@ def _noted(source: Source, out: Path, options: Options) -> Path:
     note = out / "work" / "restore.json"
     name = str(source.folder.resolve()) if source.photographs else " ".join(source.dataset)
     now = json.loads(json.dumps({"source": name, "options": asdict(replace(options, where=()))}))
-    before = json.loads(note.read_bytes()) if note.is_file() else None
-    if before and before["source"] != now["source"]:
-        raise InputError(f"holds the pictures of {before['source']}", out, "name a new folder")
+    before = read_json(note, "name a new folder for the pictures")
+    of = before.get("source") if isinstance(before, dict) else before
+    if before is not None and of != now["source"]:
+        raise InputError(f"holds the pictures of {of}", out, "name a new folder")
     if before != now:
         write_atomically(note, json.dumps(now, indent=1).encode())
     return note
@@ -185,20 +184,20 @@ def _words_of_dive(options: Options) -> list[str]:
     values = {name: value for name, value in _FOR_A_DIVE.items() if name in known}
     if choice.display != "none" and not is_of_scene(choice.display):
         values["display"] = f"{choice.display}@scene"
-    kept = {name for name in values if f"method.{name}" in given or f"{options.method}.{name}" in given}
-    words = [f"method.{name}={value}" for name, value in values.items() if name not in kept]
+    words = [
+        f"method.{k}={value}" for k, value in values.items() if not {f"method.{k}", f"{options.method}.{k}"} & given
+    ]
     of_method = [word for word in options.words if not word.startswith("dataset.")]
     return [f"method={options.method}", *words, *of_method]
 
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """What a run restored. faults: by photograph; trust: of each restored one the share of pixels with a measured
-    distance, whether a water was estimated, and whether the views determine it."""
+    """What a run restored. faults: by photograph; has_failed: see `Done`."""
 
     restored: list[Restored]
     faults: dict[str, str]
-    trust: tuple[tuple[float, bool, bool], ...]
+    has_failed: bool
 
 
 def _run(
@@ -227,7 +226,7 @@ def _run(
     named = view_of_each(source.photographs, {view for _, view in views})
 
     origins = source.prepared.origins if source.prepared else None
-    restored, trust = list[Restored](), list[tuple[float, bool, bool]]()
+    restored = []
     rows = restoration_rows(outcome.requested_rows)
     for row in tuples(rows[rows["status"] == "ok"]):
         view = views[row.scene, row.view]
@@ -237,15 +236,13 @@ def _run(
             continue
         photograph = source.photographs.get(name) or next(source_files(view))
         lens = source.prepared.lens_of(view.camera) if source.prepared else getattr(view.pixels, "lens", None)
-        image = place.restored(folder, row.method)
-        record = read_record(row, folder)
-        is_known = bool(record.get("veil_known", True))
+        image, record = place.restored(folder, row.method), read_record(row, folder)
         origin = origins and origins / PurePosixPath(view.name).with_suffix(".png")
-        restored.append(Restored(name, photograph, view, image, lens, origin, row.method, is_known))
-        trust.append((row.coverage, "beta" in record, is_known))
+        trust = row.coverage, "beta" in record, bool(record.get("veil_known", True))
+        restored.append(Restored(name, photograph, view, image, lens, origin, row.method, *trust))
     missing = (*outcome.failed, *outcome.skipped)
     faults = {named.get(fault.view, fault.view): with_remedy(fault.reason) for fault in missing}
-    return _Run(restored, faults, tuple(trust))
+    return _Run(restored, faults, bool(outcome.failed) or not restored)
 
 
 # -- the photographs of a dive ----------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -16,7 +17,7 @@ from sucre_bench.errors import ANY_FAULT, InputError, OutputError, one_line
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.drawing import contact_sheet
 from sucre_bench.imaging.encoding import to_8bit, to_levels
-from sucre_bench.imaging.image_files import decode, read_rgb
+from sucre_bench.imaging.image_files import decode, image_size, read_rgb
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.files import write_atomically
@@ -27,7 +28,8 @@ from sucre_bench.results.restorations import read_mask
 from sucre_bench.scene import View
 
 _MOST_SHOWN, _WIDE = 60, 320  # pairs on the contact sheet, evenly chosen; pixels of a picture's width
-_AT_ONCE = 4  # pictures that are written: one of 24 megapixels takes 2 GB
+_BYTES_A_PIXEL = 100  # that writing a picture takes: 2.2 GB for 24 megapixels
+_MOST_AT_ONCE = 4  # pictures that are written: a container or a cluster job may allow less memory than is free
 _ORIENTATION = 274
 _INTERPOLATED = 3  # in a map of depth's origins: between measured points, so perhaps beyond an edge of the ground
 
@@ -38,8 +40,9 @@ class Restored:
 
     name: path of its picture below the folder of pictures; photograph: its file; view: what was restored; image: the
     restored image; lens: of the photograph, if the view is its pinhole image; origin: where `prepare` says how each
-    pixel got its depth, if it does; method: its label; is_water_known: whether colours that the method guessed for
-    holes are used.
+    pixel got its depth, if it does; method: its label; measured: share of pixels with a measured distance; has_water:
+    whether a water was estimated; is_water_known: whether the views determine it, so that colours that the method
+    guessed for holes are used.
     """
 
     name: str
@@ -49,7 +52,9 @@ class Restored:
     lens: Lens | None
     origin: Path | None
     method: str
-    is_water_known: bool = True
+    measured: float
+    has_water: bool
+    is_water_known: bool
 
 
 def write_pictures(
@@ -61,6 +66,8 @@ def write_pictures(
     picture that is newer than this time and its restored image stays. Raises OutputError if files cannot be written.
     What is wrong with one photograph is a fault, and the others are written.
     """
+    import psutil
+
     folder = out / "pictures"
 
     def write(one: Restored) -> str:
@@ -77,7 +84,9 @@ def write_pictures(
         except ANY_FAULT as fault:  # one photograph's, or of a library about its metadata
             return one_line(fault)
 
-    with ThreadPoolExecutor(min(usable_cores(), _AT_ONCE)) as pool:
+    pixels = [math.prod(image_size(one.photograph) or (math.inf,)) for one in restored]
+    fit = psutil.virtual_memory().available / (_BYTES_A_PIXEL * max(pixels, default=1))
+    with ThreadPoolExecutor(max(1, int(min(_MOST_AT_ONCE, usable_cores(), fit)))) as pool:
         whys = list(track(pool.map(write, restored), "writing pictures", len(restored)))
     faults = {one.name: why for one, why in zip(restored, whys, strict=True) if why}
     there = [one for one in restored if one.name not in faults]

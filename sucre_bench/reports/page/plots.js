@@ -1,4 +1,5 @@
-// Plots: figures that the page holds as JSON, drawn by Plotly, which is unpacked when the first comes into view.
+// Plots: figures that the page holds as JSON, drawn by Plotly, which is unpacked for the first. All that are not hidden
+// are drawn at once, however far down, so that they are there when the page is printed; hidden ones when they appear.
 
 let unpacking = null;
 
@@ -56,6 +57,6 @@ const near = new IntersectionObserver(
         draw(target);
       }
   },
-  { rootMargin: "300px" },
+  { rootMargin: "999999px" },
 );
 const drawWhenSeen = () => $$(".plot").forEach((place) => near.observe(place));

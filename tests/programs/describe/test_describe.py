@@ -185,7 +185,7 @@ def test_an_arbitrary_scale_that_prepare_noted_is_not_called_metres(tmp_path: Pa
     assert "m (1, 50, 99 %)" in run(*words)[1]
     (root / "prepare.json").write_text(json.dumps({"scale": {"is_metric": False, "note": "arbitrary: of 3"}}))
     said = run(*words)[1]
-    assert "arbitrary: of 3;" in said
+    assert "arbitrary: of 3" in said
     assert "units (1, 50, 99 %)" in said
     assert " m " not in said
     assert (tmp_path / "sheet.jpg").read_bytes().startswith(b"\xff\xd8")

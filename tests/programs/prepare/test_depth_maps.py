@@ -9,7 +9,7 @@ from support.photographed_valley import CAMERA, POSES, make_shots, true_depth
 
 from sucre_bench.camera import depth_at, moved, pixel_rays
 from sucre_bench.loading.depth_maps import read_depth
-from sucre_bench.programs.prepare.depth_maps import of_surface, relief, swept, write_depth
+from sucre_bench.programs.prepare.depth_maps import of_surface, relief, write_depth
 from sucre_bench.programs.prepare.plane_sweep import neighbours
 from sucre_bench.programs.prepare.surface import fused
 
@@ -46,16 +46,6 @@ def test_the_fused_surface_closes_small_holes_shows_what_other_photos_measured_a
         assert (seen[x < 0.95] > 0).mean() > 0.97
         assert np.quantile(np.abs(seen / depth - 1)[(x < 0.95) & (seen > 0)], 0.99) < 0.01
         assert not (seen[x > 1.35] > 0).any()
-
-
-@pytest.mark.parametrize("kept", [0, 100, 700])
-def test_a_surface_file_that_was_cut_is_made_again(tmp_path: Path, kept: int):
-    shots, file = make_shots(np.zeros((1, 3))), tmp_path / "surface.npz"
-    swept(shots, tmp_path, tmp_path, tmp_path, 64)
-    whole = file.read_bytes()
-    file.write_bytes(whole[:kept])
-    swept(shots, tmp_path, tmp_path, tmp_path, 64)
-    assert file.read_bytes() == whole
 
 
 @pytest.mark.parametrize(("metres", "suffix"), [(2.5, ".png"), (90.0, ".tif"), (0.123456, ".tif")])

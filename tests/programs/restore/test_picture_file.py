@@ -1,6 +1,7 @@
 """A restored picture keeps the format and the metadata of its photograph; readers are not the libraries that write."""
 
 import io
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,7 @@ def test_exif_gps_xmp_and_profile_are_kept(kind: str) -> None:
         assert tags.get_ifd(0x8769)[37500] == b"maker note"
         assert image.info["icc_profile"] == PROFILE
         assert XMP in made
+        assert kind != "TIFF" or struct.pack("<HH", 37500, 7) in made, "bytes of no type, as the photograph's"
 
 
 @pytest.mark.parametrize("kind", ["PNG", "TIFF"])

@@ -76,6 +76,32 @@ def test_a_dive_is_whole_in_the_formats_of_its_photographs(tmp_path: Path, bench
     assert contents(tmp_path / "blocks/pictures") == contents(tmp_path / "out/pictures")
 
 
+BROKEN = """
+from dataclasses import dataclass
+from sucre_bench import Restoration, Scene, View, method
+
+
+@method(needs={"depth"}, cites="nobody")
+@dataclass(frozen=True)
+class Broken:
+    \"\"\"Fail.\"\"\"
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        raise ValueError("no light at all")
+"""
+
+
+def test_a_method_that_fails_is_named_with_the_one_that_replaced_it(tmp_path: Path, bench: Bench) -> None:
+    write_dive(tmp_path / "dive", ("a.png", "b.png"))
+    (tmp_path / "broken.py").write_text(BROKEN)
+    words = ("--plugin", "broken.py", "--method", "broken", "--single-view", "gray_world")
+    done = bench("restore", "dive", "out", *words)
+    assert done.returncode == 1
+    assert sorted(contents(tmp_path / "out/pictures")) == ["a.png", "b.png"]
+    assert all(text in done.stdout for text in ("broken", "2 photographs", "gray_world", "no light at all"))
+    assert "without a place" not in done.stdout
+
+
 @pytest.mark.parametrize("out", ["photos", "photos/restored", ".", "other", "photos/a.png"])
 def test_photographs_and_files_of_others_are_safe(tmp_path: Path, bench: Bench, out: str) -> None:
     write_image(tmp_path / "photos/a.png", seabed(0))
