@@ -8,7 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace, UnionType
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from sucre_bench.errors import InputError, shown_value
+from sucre_bench.errors import InputError, is_utf8, shown_value
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -93,7 +93,10 @@ def _fits(value: object, hint: Any) -> bool:
         # What an iterator yields is seen when it is used.
         return is_any or isinstance(value, Iterator) or all(_fits(one, inner[0]) for one in value)
     if hint in (int, float):
-        return isinstance(value, Integral if hint is int else Real) and not isinstance(value, bool)
+        is_number = isinstance(value, Integral if hint is int else Real) and not isinstance(value, bool)
+        return is_number and (not isinstance(value, Integral) or -(2**63) <= int(value) < 2**63)  # as in tables
+    if hint is str:
+        return isinstance(value, str) and is_utf8(value)
     is_class = isinstance(hint, type) and origin is None and not getattr(hint, "_is_protocol", False)
     return hint is Any or not is_class or isinstance(value, hint)
 
@@ -107,6 +110,8 @@ def _wording(hint: Any) -> str:
         return " or ".join(map(repr, inner))
     if isinstance(origin, type) and not issubclass(origin, Mapping):
         return "a set of text" if issubclass(origin, Set) else f"a list of {_wording(inner[0])}"
+    if inner and inner[0] is str and inner[1] is not Any:
+        return "a dict with texts as keys"
     kind = Mapping if origin else hint
     return _WORDS.get(kind, f"a {getattr(kind, '__name__', kind)}")
 

@@ -8,7 +8,7 @@ from importlib import import_module
 
 import click
 
-from sucre_bench.errors import SucreBenchError, did_you_mean, escaped_breaks
+from sucre_bench.errors import SucreBenchError, did_you_mean, escaped_breaks, is_utf8
 from sucre_bench.machine.processes import isolated_children
 from sucre_bench.machine.terminal import escaped_output, say
 
@@ -47,6 +47,8 @@ def _status() -> int:
         os.getcwd()  # noqa: PTH109 - numerous libraries ask for it
     except OSError as fault:
         return _fault(f"the current folder: {fault.strerror}; go to another one, for example `cd ~`", 2)
+    if wrong := [word for word in sys.argv if not is_utf8(word)]:
+        return _fault(f"{wrong[0]}: is no UTF-8; rename the file or folder", 2)
     if (path := os.environ.get("PYTHONPATH")) and "" in path.split(os.pathsep):
         say("note: PYTHONPATH has an empty part: Python imports from the current folder; remove that part", "yellow")
     try:
@@ -72,7 +74,8 @@ def _status() -> int:
         if (fault.name or "").startswith("sucre_bench"):  # ours, or a plugin file's: a fault of the code
             raise
         text = " ".join(str(fault).split())
-        return _fault(f"a Python package does not import: {text}; `sucre-bench doctor` says what to install", 1)
+        remedy = "`sucre-bench doctor` says what to install; mend it if it is your plugin's"
+        return _fault(f"a Python package does not import: {text}; {remedy}", 1)
     except (click.exceptions.Abort, KeyboardInterrupt) as stopped:
         say(str(stopped.__cause__ or stopped) or "stopped", "yellow")  # click makes an Abort of an interrupt
         return 130

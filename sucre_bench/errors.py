@@ -244,10 +244,15 @@ def escaped_breaks(text: str) -> str:
     return text.translate(_BREAKS)
 
 
+def is_utf8(text: str) -> bool:
+    """Whether tables, pages and records can store a text; not so the name of a file in another encoding."""
+    return not any("\ud800" <= sign <= "\udfff" for sign in text)
+
+
 def in_one_line(text: object) -> str:
-    """Return text from a file in a form for messages: line breaks of any kind become spaces."""
+    """Return text from a file in a form for messages: line breaks become spaces, what is no UTF-8 is escaped."""
     try:
-        return " ".join(str(text).split())
+        return " ".join(str(text).split()).encode(errors="backslashreplace").decode()
     except Exception:  # of a plugin, whose exception has no text
         return ""
 

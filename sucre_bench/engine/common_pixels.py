@@ -22,10 +22,11 @@ from sucre_bench.engine.preflight import Planned
 from sucre_bench.engine.score import Scored, Scorer, scorers, variant_rows
 from sucre_bench.engine.select_views import Task, open_scenes, opening_once, tasks
 from sucre_bench.errors import DamagedFileError, InputError, SucreBenchError, one_line, raise_if_stop
-from sucre_bench.jobs.catalogue import MetricChoice, metric_choices
+from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.jobs.job import Job, config_path, read_config
 from sucre_bench.machine import progress
 from sucre_bench.machine.text_formats import keep_traceback, now
+from sucre_bench.plugins.options import Choice
 from sucre_bench.results.bundle_format import is_bundle
 from sucre_bench.results.common_scores import (
     COMMON_PIXELS,
@@ -99,7 +100,7 @@ class _Metrics:
     limit_s: float | None = None
 
     @classmethod
-    def of(cls, metrics: Iterable[MetricChoice], log: Path | None = None, limit_s: float | None = None) -> _Metrics:
+    def of(cls, metrics: Iterable[Choice], log: Path | None = None, limit_s: float | None = None) -> _Metrics:
         """Make those of some metrics that score pixels; the last one if several have one name."""
         by_name = {metric.plugin.name: metric for metric in metrics if metric.plugin.is_of_pixels}
         return cls({(made.plugin.name, made.code): made for made in scorers(by_name.values())}, log, limit_s)

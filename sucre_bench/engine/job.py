@@ -172,7 +172,8 @@ def _rows(job: Job, method: Any, metrics: Sequence[Scorer], task: Task, over: _S
             shown, filled = displayed(measured.restoration, job.method.display, view.encoding, colours)
             look = (job.bits, over.hash if over else "")
             write_pictures(job.out, task.place, job.method.label, measured.restoration, shown, filled, *look)
-            return score_rows(measured, shown, view, metrics, task.base, log, job.view_timeout_s)
+            base = replace(task.base, seconds=measured.seconds, peak_mb=measured.peak_mb)
+            return score_rows(measured.restoration, shown, view, metrics, base, log, job.view_timeout_s)
     except BaseException as fault:
         raise_if_stop(fault)
         if _can_open_files():

@@ -88,7 +88,7 @@ def check(command: Command) -> list[Planned]:
     shared, of_job = functools.cache(with_shared_pixels), dict(iter(rows.groupby(["dataset", "method"])))
     for job in jobs:
         try:
-            for choice in (job.method, *(m.choice for m in job.metrics)):
+            for choice in (job.method, *job.metrics):
                 _try_to_make(choice, command)
             planned.append(_planned(job, of_job.get((job.dataset.label, job.method.label), rows[:0]), shared))
         except SucreBenchError as fault:

@@ -1,7 +1,7 @@
 """Functions for Python scripts: load scenes, restore a view, score the restoration, list plugins and experiments."""
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench import plugins, results
-from sucre_bench.arguments import checked
+from sucre_bench.arguments import check_argument, checked
 from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.engine.job import make_ready, measured_restore
 from sucre_bench.engine.score import score_rows, scorers
@@ -22,12 +22,15 @@ from sucre_bench.jobs.catalogue import method_choice, metric_choices
 from sucre_bench.plugins.call_method import shown_with
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.options import Choice, create
-from sucre_bench.results.restorations import Measured, write_arrays
+from sucre_bench.results.restorations import write_arrays
 from sucre_bench.scene import Encoding, Restoration, Scene, View
 from sucre_bench.thumbnails import as_html
 
 # Methods with their options that have imported and compiled what they need.
 _ready: set[str] = set()
+# What rows take of a restoration's `info`, with its type.
+_INFO: dict[str, Any] = dict.fromkeys(("display", "dataset", "scene", "method", "code", "data_id", "device"), str)
+_INFO |= {"options": Mapping[str, object], "seconds": float, "peak_mb": float}
 
 
 @checked
@@ -218,6 +221,10 @@ def score(
         sizes = f"is {result.image.shape}, the view {view.rgb.shape}"
         raise InputError(sizes, "score(result)", "restore the view at its own size")
     info, metrics = result.info, [metrics] if isinstance(metrics, str) else metrics
+    for name in info.keys() & _INFO:
+        check_argument(f"score(result.info['{name}'])", info[name], _INFO[name])
+    seed = info.get("options", {}).get("seed", 0)
+    check_argument("score(result.info['options']['seed'])", seed, int)
     how = how or info.get("display", "none")
     options, options_id = results.fingerprint({**info.get("options", {}), "display": how})
     shown = displayed(result, how, view.encoding)[0]
@@ -228,12 +235,13 @@ def score(
         method=info.get("method", ""),
         options=options,
         options_id=options_id,
-        seed=int(info.get("options", {}).get("seed", 0)),
+        seed=int(seed),
         code=info.get("code", ""),
         data_id=info.get("data_id", ""),
+        seconds=info.get("seconds", float("nan")),
+        peak_mb=info.get("peak_mb", float("nan")),
     )
-    measured = Measured(result, info.get("seconds", float("nan")), info.get("peak_mb", float("nan")))
-    return results.frame(score_rows(measured, shown, view, scorers(metric_choices(metrics)), base))
+    return results.frame(score_rows(result, shown, view, scorers(metric_choices(metrics)), base))
 
 
 def list_methods() -> DataFrame:

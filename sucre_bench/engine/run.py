@@ -22,9 +22,8 @@ from sucre_bench.engine.workers import Work, run_works
 from sucre_bench.errors import DiskFullError, SucreBenchError, one_line
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.compose_jobs import Command
-from sucre_bench.jobs.job import config_path, config_text
+from sucre_bench.jobs.job import Job, config_path, config_text
 from sucre_bench.jobs.lineup_of_results import record_line_up
-from sucre_bench.jobs.run_options import Study, Tracking
 from sucre_bench.machine import progress, provenance
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.outputs import check_results_folder
@@ -50,21 +49,17 @@ class Outcome:
 
     rows: the score table of the folder, on common pixels where methods fill different ones; stored: the same, each
     score on its method's own pixels, as it is stored; requested: dataset, method, scene and view of each requested
-    restoration; datasets, methods: labels, in the order of the command; baseline: the method that the others are
-    compared with, empty for the best; crashed: whether a process ended unexpectedly; nothing_scored: whether metrics
-    were requested, and none of them has a value for any view; hints: what to type against faults, one a method.
+    restoration; datasets, methods: labels, in the order of the command; job: the first one, which has what all have in
+    common, study and baseline say; crashed: whether a process ended unexpectedly; nothing_scored: whether metrics were
+    requested, and none of them has a value for any view; hints: what to type against faults, one a method.
     """
 
     rows: DataFrame
     stored: DataFrame
     requested: frozenset[tuple[str, str, str, str]]
-    out: Path
     datasets: tuple[str, ...]
     methods: tuple[str, ...]
-    wants_report: bool
-    study: Study | None
-    baseline: str
-    tracking: Tracking
+    job: Job
     ok: int
     cached: int
     failed: tuple[Fault, ...]
@@ -74,6 +69,11 @@ class Outcome:
     crashed: bool
     nothing_scored: bool
     hints: tuple[Hint, ...]
+
+    @property
+    def out(self) -> Path:
+        """The results folder."""
+        return self.job.out
 
     @property
     def requested_rows(self) -> DataFrame:
@@ -232,13 +232,9 @@ def _outcome(rows: DataFrame, planned: Sequence[Planned], interrupted: bool, cra
         rows=scores,
         stored=rows,
         requested=frozenset(metrics),
-        out=first.out,
         datasets=tuple(dict.fromkeys(plan.job.dataset.label for plan in planned)),
         methods=tuple(dict.fromkeys(plan.job.method.label for plan in planned)),
-        wants_report=first.report,
-        study=first.study,
-        baseline=first.baseline,
-        tracking=first.tracking,
+        job=first,
         ok=n_ok,
         cached=n_cached,
         failed=tuple(failed),

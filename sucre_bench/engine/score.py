@@ -19,14 +19,14 @@ from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured, locked
 from sucre_bench.errors import NotApplicableError, one_line, raise_if_stop
 from sucre_bench.imaging.resizing import Form, changed_picture, changed_restoration, split_variant
-from sucre_bench.jobs.catalogue import MetricChoice
 from sucre_bench.machine import progress
 from sucre_bench.machine.processes import step
 from sucre_bench.machine.text_formats import keep_traceback
 from sucre_bench.plugins.code_hash import source_hash
+from sucre_bench.plugins.options import Choice
 from sucre_bench.plugins.plugin import Metric, Plugin
 from sucre_bench.results.reasons import Reason
-from sucre_bench.results.restorations import Measured, PictureOnly
+from sucre_bench.results.restorations import PictureOnly
 from sucre_bench.results.rows import RESTORATION, Row, Status, fingerprint
 from sucre_bench.scene import Restoration, View
 
@@ -41,13 +41,13 @@ class Scorer:
     code: str
 
 
-def scorers(metrics: Iterable[MetricChoice]) -> tuple[Scorer, ...]:
+def scorers(metrics: Iterable[Choice]) -> tuple[Scorer, ...]:
     """Make the metrics. Raises InputError if an option is not acceptable."""
-    return tuple(Scorer(m.plugin, m.variants, m.choice.make(), metric_code(m)) for m in metrics)
+    return tuple(Scorer(m.plugin, m.variants, m.make(), metric_code(m)) for m in metrics)
 
 
 def score_rows(
-    measured: Measured,
+    restoration: Restoration,
     shown: Array,
     view: View,
     metrics: Iterable[Scorer],
@@ -57,20 +57,18 @@ def score_rows(
 ) -> list[Row]:
     """Return the rows of a restoration: what it took, then every score.
 
-    shown: the restored image; base: what the rows say of view, method, options, code and data; log: keeps tracebacks;
-    limit_s: how long a score may take.
+    shown: the restored image; base: what the rows say of view, method, options, code, data, seconds and memory; log:
+    keeps tracebacks; limit_s: how long a score may take.
     """
-    image, valid = measured.restoration, measured.restoration.valid
+    valid = restoration.valid
     base = replace(
         base,
-        seconds=measured.seconds,
-        peak_mb=measured.peak_mb,
-        device=str(image.info.get("device", "cpu")),
+        device=str(restoration.info.get("device", "cpu")),
         n_pixels=int(np.count_nonzero(valid)),
         coverage=float(valid.mean()),
     )
     del valid
-    took = (("seconds", "wall", "s", measured.seconds), ("peak_mb", "resident", "MB", measured.peak_mb))
+    took = (("seconds", "wall", "s", base.seconds), ("peak_mb", "resident", "MB", base.peak_mb))
     rows = [
         replace(base, metric=name, variant=variant, unit=unit, better="lower", value=value)
         for name, variant, unit, value in took
@@ -81,11 +79,11 @@ def score_rows(
         "poses": view.cam_from_world is not None,
         "reference": view.reference is not None,
         "charts": bool(view.charts),
-        "truth": "true_water" in image.info,
+        "truth": "true_water" in restoration.info,
         "restoration": True,
     }
     offered = frozenset(name for name, is_there in offers.items() if is_there)
-    scored = Scored(replace(measured.restoration, image=locked(measured.restoration.image)), locked(shown), view)
+    scored = Scored(replace(restoration, image=locked(restoration.image)), locked(shown), view)
     for scorer in metrics:
         plugin, code = scorer.plugin, score_code(base, scorer.code)
         of_metric = replace(base, metric=plugin.name, unit=plugin.unit, code=code)
@@ -125,9 +123,9 @@ class Scored:
         return self.forms[form]
 
 
-def metric_code(metric: MetricChoice) -> str:
+def metric_code(metric: Choice) -> str:
     """Return what a metric's scores rest on beside the restoration: a hash of its source, and one of its options."""
-    options = f"-{fingerprint(metric.choice.options)[1]}" if metric.choice.options else ""
+    options = f"-{fingerprint(metric.options)[1]}" if metric.options else ""
     return f"{source_hash(metric.plugin)}{options}"
 
 
@@ -167,8 +165,7 @@ def needs_unrounded(scorer: Scorer, picture: Restoration, view: View, limit_s: f
     """
 
     def made(image: Array) -> list[Row]:
-        measured = Measured(replace(picture, image=image), math.nan, math.nan)
-        return score_rows(measured, picture.image, view, [scorer], Row(), limit_s=limit_s)
+        return score_rows(replace(picture, image=image), picture.image, view, [scorer], Row(), limit_s=limit_s)
 
     one, two = made(picture.image), made(picture.image - np.float32(0.5))
     first, second = ([row.value for row in rows] for rows in (one, two))

@@ -5,8 +5,8 @@ fails. This one waits for the result file of every job. It asks ``squeue``, whic
 jobs that end without one.
 
 A job receives its configuration as text; it only needs the same Python environment, data and plugin files. It writes
-its rows to a part of its own under the output folder. A killed job loses only the view it was at, and the same command
-does what is left.
+its rows to a part of its own under the output folder. A killed job loses the view it was at, and at most the rows of
+its last .3 s. The same command does what is left.
 """
 
 from __future__ import annotations

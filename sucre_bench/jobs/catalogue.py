@@ -6,7 +6,7 @@ A folder stands for the dataset that recognises it by its files.
 import functools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING, dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -140,18 +140,6 @@ def moved_paths(kind: Kind, name: str, values: Mapping[str, Any], seen: Callable
 # -- metrics: "name", "name:variant" or "name:all" -----------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class MetricChoice:
-    """A metric and the variants of it to compute."""
-
-    choice: Choice
-    variants: tuple[str, ...]
-
-    @property
-    def plugin(self) -> Plugin:
-        return self.choice.plugin
-
-
 def metrics_of(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     """Return the configuration of metrics given as "name", "name:variant", "name:all" or a preset of several.
 
@@ -169,12 +157,12 @@ def metrics_of(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     return {name: {**made[name], "variants": variants or made[name]["variants"]} for name, variants in chosen.items()}
 
 
-def metric_choices(names: Sequence[str]) -> tuple[MetricChoice, ...]:
+def metric_choices(names: Sequence[str]) -> tuple[Choice, ...]:
     """Return metrics and their variants, named as `metrics_of` takes them."""
     return chosen_metrics(metrics_of(names))
 
 
-def chosen_metrics(values: Mapping[str, Any]) -> tuple[MetricChoice, ...]:
+def chosen_metrics(values: Mapping[str, Any]) -> tuple[Choice, ...]:
     """Return the metrics and variants of a configuration's `metrics`. Raises InputError if there are none."""
     chosen = []
     for given in values.values():
@@ -188,7 +176,7 @@ def chosen_metrics(values: Mapping[str, Any]) -> tuple[MetricChoice, ...]:
                 fault = f"has no score at another size, it needs {' and '.join(sorted(plugin.needs))}"
                 raise InputError(fault, f"{plugin.name}:{text}", "leave @ and size out")
             variants += [variant + text[len(name) :] for variant in (plugin.variants if name == "all" else [name])]
-        chosen.append(MetricChoice(choice, tuple(dict.fromkeys(variants))))
+        chosen.append(replace(choice, variants=tuple(dict.fromkeys(variants))))
     if not chosen:
         raise InputError("no metric is chosen; add metrics=[NAME,...], `sucre-bench list metrics` shows what there is")
     return tuple(chosen)

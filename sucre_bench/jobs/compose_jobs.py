@@ -33,7 +33,7 @@ from sucre_bench.jobs.catalogue import (
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.lineup import KINDS, Entry, Kind, LineUp, read_experiment, read_line_up
 from sucre_bench.jobs.run_options import RunConfig
-from sucre_bench.jobs.words import Word, first_line, parse
+from sucre_bench.jobs.words import Word, parse, resolving
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.packages import absent
 from sucre_bench.machine.progress import say
@@ -248,12 +248,9 @@ def _filled(values: dict[str, Any], has_references: bool) -> dict[str, Any]:
     if not has_references:
         return values
     from omegaconf import OmegaConf
-    from omegaconf.errors import OmegaConfBaseException
 
-    try:
+    with resolving("mend the ${...} in it"):
         resolved = OmegaConf.to_container(OmegaConf.create(values), resolve=True)
-    except OmegaConfBaseException as fault:
-        raise InputError(first_line(fault), fault.full_key or "", "mend the ${...} in it") from fault
     assert isinstance(resolved, dict)
     return {str(key): value for key, value in resolved.items()}
 

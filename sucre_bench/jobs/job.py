@@ -20,7 +20,7 @@ from sucre_bench.errors import (
     one_line,
     unknown_name,
 )
-from sucre_bench.jobs.catalogue import MetricChoice, chosen_metrics
+from sucre_bench.jobs.catalogue import chosen_metrics
 from sucre_bench.jobs.run_options import Overwrite, RunConfig, Save, Shard, Study, Tracking
 from sucre_bench.machine.files import expanded, regular
 from sucre_bench.machine.text_formats import read_yaml
@@ -41,7 +41,7 @@ class Job:
     replicate: int
     shard: Shard
     method: Choice
-    metrics: tuple[MetricChoice, ...]
+    metrics: tuple[Choice, ...]
     out: Path
     views: tuple[str, ...] | None
     every: int

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from sucre_bench.errors import InputError, did_you_mean, unknown_name
-from sucre_bench.jobs.words import Word, first_line
+from sucre_bench.jobs.words import Word, first_line, resolving
 
 _REMEDY = "leave it out, or write what Hydra's documentation has there"
 
@@ -61,6 +61,7 @@ class HydraWords:
     is_sweep: bool
     configuration: Any
 
+    @resolving(_REMEDY)
     def launcher(self, out: str) -> dict[str, Any]:
         """Return the options of the launcher, with its class as `_target_`; empty for this machine.
 
@@ -75,6 +76,7 @@ class HydraWords:
         return {str(name): value for name, value in options.items()} if options["_target_"] else {}
 
 
+@resolving(_REMEDY)
 def hydra_words(words: Sequence[Word]) -> HydraWords:
     """Compose the words for Hydra itself: groups, such as hydra/launcher=slurm, and their options.
 

@@ -204,7 +204,8 @@ def _entries(key: str, content: Mapping[str, Any]) -> Iterator[Entry]:
         if not (isinstance(options, dict) and isinstance(options.get("name"), str)):
             raise InputError(f"{one!r} has no name", key, "write NAME, or {name: NAME, OPTION: VALUE}")
         entry = Entry(options["name"], {str(name): value for name, value in options.items() if name != "name"})
-        labels[entry.label, repr(entry.options.get("degrade"))] += 1
+        label = entry.label or ("" if key == "metrics" or entry.options else entry.name)
+        labels[label, repr((entry.label, entry.options.get("degrade")))] += 1
         yield entry
     for (label, _), times in labels.items():
         if label and times > 1:

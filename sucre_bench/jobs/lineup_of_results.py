@@ -12,7 +12,7 @@ from sucre_bench import results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError
-from sucre_bench.jobs.catalogue import MetricChoice, moved_paths
+from sucre_bench.jobs.catalogue import moved_paths
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.lineup import Entry, Kind, LineUp, line_up_in
 from sucre_bench.jobs.run_options import Study
@@ -91,9 +91,9 @@ def _labelled(entries: Mapping[str, Entry]) -> tuple[Entry, ...]:
     return tuple(every)
 
 
-def _metric(choice: MetricChoice) -> Iterator[Entry]:
+def _metric(choice: Choice) -> Iterator[Entry]:
     name, variants = choice.plugin.name, choice.variants
-    options = given("metric", choice.choice.record)
+    options = given("metric", choice.record)
     if variants == choice.plugin.default or options:
         yield Entry(name, {**({} if variants == choice.plugin.default else {"variants": list(variants)}), **options})
     elif variants == tuple(choice.plugin.variants):

@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import functools
+import json
 import os
 import shutil
 import stat
@@ -10,9 +11,11 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from sucre_bench.errors import (
+    ANY_FAULT,
+    DamagedFileError,
     DiskFullError,
     FileError,
     ForbiddenFileError,
@@ -20,6 +23,9 @@ from sucre_bench.errors import (
     NotAFileError,
     NotAFolderError,
     OutputError,
+    SucreBenchError,
+    file_error,
+    one_line,
 )
 from sucre_bench.machine.processes import interrupts_held_back
 
@@ -62,6 +68,36 @@ def regular(path: Path, remedy: str = "") -> Path:
     return path
 
 
+@contextlib.contextmanager
+def reading(path: Path, remedy: str) -> Iterator[None]:
+    """Make a FileError of what reading a file in this block raises: damaged bytes raise errors of many kinds."""
+    try:
+        yield
+    except (SucreBenchError, ImportError):
+        raise
+    except PermissionError as fault:
+        raise file_error(path, fault, "let this user read it") from fault
+    except OSError as fault:
+        raise file_error(path, fault, remedy) from fault
+    except ANY_FAULT as fault:
+        raise DamagedFileError(f"cannot be read, {one_line(fault)}", path, remedy) from fault
+
+
+def read_json(path: Path, remedy: str, of_data: bool = False) -> Any:
+    """Return what a JSON file holds; None if nothing is there. Raises FileError if it cannot be read.
+
+    of_data: raise FileError also for text that is no UTF-8, which names of views and charts cannot be.
+    """
+    with reading(path, remedy):
+        try:
+            content = json.loads(regular(path).read_bytes())
+        except FileNotFoundError:
+            return None
+        if of_data:
+            json.dumps(content, ensure_ascii=False).encode()  # raises where "\\udce9" stands for what is no UTF-8
+    return content
+
+
 NO_FILE = "no such file"
 
 
@@ -89,7 +125,7 @@ def check_folder(path: Path, remedy: str) -> None:
         raise NotAFolderError("is a file, not a folder", path, remedy)
 
 
-def write_atomically(path: Path, content: bytes) -> None:
+def write_atomically(path: Path, content: bytes | memoryview) -> None:
     """Write a file atomically, with its folders.
 
     Raises OutputError if the disk is full or the place cannot be written to.

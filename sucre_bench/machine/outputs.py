@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from sucre_bench.errors import InputError, NotAFileError
+from sucre_bench.errors import InputError, NotAFileError, OutputError
 from sucre_bench.machine.files import is_file, regular
 
 ENDINGS: Mapping[str, tuple[str, ...]] = {
@@ -42,18 +42,35 @@ def check_output(path: Path, kind: str, inputs: Iterable[Path] = (), force: bool
     if path.suffix.lower() not in ENDINGS[kind]:
         noun = "picture" if kind == "contact sheet" else kind
         raise InputError(f"has no suffix of a {noun}", path, f"end it in {' or '.join(ENDINGS[kind])}")
+    if _is_own_part(path):
+        raise InputError("is a part of a results folder", path, "give a file elsewhere")
     try:
         regular(path)
     except FileNotFoundError:
         return
     except NotAFileError as fault:
         raise InputError(fault.fault, path, "give another file") from fault
-    if _is_own_part(path):
-        raise InputError("is a part of a results folder", path, "give a file elsewhere")
     if any(is_file(one) and path.samefile(one) for one in inputs):
         raise InputError("is an input of this command", path, "give another file")
     if not force and not is_ours(path):
         raise InputError("is there, and sucre_bench did not write it", path, "give another file, or add --force")
+
+
+def check_working_folder(out: Path, work: str, inputs: Iterable[Path], begun: str = "") -> None:
+    """Raise InputError or OutputError if a command must not write into a folder.
+
+    work: what is in it when the command continues there; inputs: folders of photographs that the command reads; begun:
+    all that a command leaves there that was stopped before it wrote `work`.
+    """
+    if out.exists() and not out.is_dir():
+        raise OutputError("is a file", out, "name a folder to write into")
+    for folder in inputs:
+        if out.resolve() in (folder.resolve(), *folder.resolve().parents):
+            raise InputError("holds the photographs themselves", out, "name a folder elsewhere")
+    others = {*out.glob("*"), *(out / work).parent.glob("*")} - {out / begun, (out / begun).parent}
+    if others and not (out / work).exists():
+        raise InputError(f"holds other files already, and no {work} to go on from", out, "name a new folder")
+    check_links(out)
 
 
 def is_ours(path: Path) -> bool:
@@ -75,7 +92,9 @@ def _is_own_part(path: Path) -> bool:
 
 
 def _is_results_folder(folder: Path) -> bool:
-    return (folder / "scores.parquet").is_file() or (folder / "parts").is_dir()
+    if any((folder / "parts").glob("*.parquet")):
+        return any(is_ours(folder / name) for name in ("environment.json", "config.yaml"))
+    return (folder / "scores.parquet").is_file()
 
 
 def check_results_folder(folder: Path) -> None:
@@ -95,7 +114,7 @@ def check_links(folder: Path) -> None:
     root = folder.resolve()
     for link in _links(folder):
         if not link.resolve().is_relative_to(root):
-            raise InputError("leads out of the results folder", link, "put the file itself there, or remove the link")
+            raise InputError("leads out of the folder", link, "put the file itself there, or remove the link")
 
 
 def _links(folder: Path) -> Iterator[Path]:

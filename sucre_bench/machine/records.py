@@ -16,7 +16,7 @@ from typing import Any
 
 from sucre_bench.errors import InputError
 from sucre_bench.machine.cache import waited_lock
-from sucre_bench.machine.files import is_file, not_writable, regular, write_atomically
+from sucre_bench.machine.files import is_file, not_writable, read_json, regular, write_atomically
 
 RECORDS = "records.jsonl"
 _PICTURE = "picture"  # the name in a record of the restored image, seen from the folder of the records
@@ -61,13 +61,7 @@ def record_of(file: Path) -> dict[str, Any]:
     """
     if record := stored_record(file):
         return record
-    beside = file.with_suffix(".json")
-    if not beside.is_file():
-        return {}
-    try:
-        content = json.loads(regular(beside).read_bytes())
-    except (OSError, ValueError, RecursionError) as fault:
-        raise InputError(f"cannot be read ({fault})", beside, "delete it and run again") from fault
+    content = read_json(file.with_suffix(".json"), "delete it and run again")
     return content if isinstance(content, dict) else {}
 
 

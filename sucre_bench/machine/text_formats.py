@@ -6,11 +6,10 @@ import base64
 import functools
 import hashlib
 import json
-import math
 import re
 import threading
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from importlib.resources import files
@@ -79,15 +78,7 @@ def json_text(value: Any) -> str:
      "low": null
     }
     """
-
-    def plain(value: Any) -> Any:
-        if isinstance(value, Mapping):
-            return {key: plain(inner) for key, inner in value.items()}
-        if isinstance(value, (list, tuple)):
-            return [plain(inner) for inner in value]
-        return None if isinstance(value, float) and not math.isfinite(value) else value
-
-    return json.dumps(plain(value), indent=1)
+    return json.dumps(json.loads(json.dumps(value), parse_constant=lambda _: None), indent=1)
 
 
 # -- pages that open from disk -----------------------------------------------------------------------------
@@ -99,7 +90,7 @@ def filled_in(package: str, template: str, **values: Any) -> bytes:
     In the template, `source(NAME)` is a style or script of the package, and `source_hash(NAME)` its `policy_hash`.
     Raises jinja2.UndefinedError if a value that the template uses is missing.
     """
-    return _templates(package).get_template(template).render(**values).encode()
+    return _templates(package).get_template(template).render(**values).encode(errors="backslashreplace")
 
 
 @functools.cache
@@ -168,7 +159,7 @@ def keep_traceback(log: Path | None, where: str) -> None:
         return
     with suppress(OSError):  # the row has the reason, too
         log.parent.mkdir(parents=True, exist_ok=True)
-        with log.open("a", encoding="utf-8") as file:
+        with log.open("a", encoding="utf-8", errors="backslashreplace") as file:
             file.write(f"--- {now()} {where}\n{masked(traceback.format_exc())}\n")
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import Array, coloured
-from sucre_bench.errors import PluginError, SucreBenchError
+from sucre_bench.errors import PluginError, SucreBenchError, is_utf8
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.scene import Encoding, Pixels, Plane, Restoration, Scene, View, Water
 
@@ -80,10 +80,12 @@ def restored(method: Any, scene: Scene, view: View, word: str = "method") -> Res
         raise PluginError(
             f"the method returned an image {image.shape} {image.dtype}; it must be {view.rgb.shape} and floating"
         )
-    if not np.isfinite(image).all(axis=-1).any():
+    if not coloured(image).any():
         raise PluginError(f"the method gave no pixel of {view.name} a colour; its result is all NaN or infinite")
     water = restoration.water and _explaining(restoration.water, given.encoding)
     info = dict(restoration.info)
+    if "device" in info and not is_utf8(device := str(info["device"])):
+        raise PluginError(f"the method returned the device {device!r}; it must be text in UTF-8")
     if converts:
         image, info["converted"] = srgb_decode(image), "encoded (sRGB) for the method, its result decoded"
     confidence, filled = restoration.confidence, restoration.filled

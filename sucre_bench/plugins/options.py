@@ -179,7 +179,8 @@ def seed_of(seed: int, axis: Literal["dataset", "degrade", "method"], replicate:
 class Choice:
     """A plugin with the options it is to be made with.
 
-    display: a method's normalisation, else empty; replicate: which draws it makes, see `seed_of`.
+    display: a method's normalisation, else empty; variants: of a metric; replicate: which draws it makes, see
+    `seed_of`.
     """
 
     plugin: Plugin
@@ -187,6 +188,7 @@ class Choice:
     options: Mapping[str, Any]
     display: str = ""
     replicate: int = 0
+    variants: tuple[str, ...] = ()
 
     def make(self, out: Path | None = None) -> Any:
         """Create the plugin. InputError when an option is not acceptable. out: see `create`."""

@@ -74,7 +74,7 @@ def load_file(path: str | Path) -> list[Plugin]:
     ['gray_world']
     """
     if not is_file(Path(path)):
-        raise PluginError("no such plugin file", path, "give the path of a .py file")
+        raise PluginError("no such plugin file", str(path) or "load_file('')", "give the path of a .py file")
     registry, path = _current.get(), Path(path).resolve()
     if path not in registry.files:
         registry.files[path] = _module_of(path)

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from support import command_line
-from support.command_line import calls
+from support.command_line import but_times, calls
 from support.toy_plugins import Toy
 
 from sucre_bench import compare, results
@@ -52,11 +52,6 @@ def psnr(columns: slice) -> list[float]:
         picture = np.floor(view.rgb[:, columns] * 255 + 0.5) / 255
         values.append(-10 * np.log10(np.mean((picture - view.reference[:, columns]) ** 2)))
     return values
-
-
-def but_times(rows: pd.DataFrame) -> pd.DataFrame:
-    rows = rows.drop(columns=["time", "seconds", "peak_mb"])
-    return rows.sort_values(["view", "method", "metric"]).reset_index(drop=True)
 
 
 def test_equal_restorations_tie_on_common_pixels_whatever_their_holes(both: Path):

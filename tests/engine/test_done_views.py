@@ -4,18 +4,10 @@ import json
 from pathlib import Path
 
 import pandas as pd
-from support.command_line import Started, run_here
+from support.command_line import Started, but_times, run_here
 
 from sucre_bench import results
 from sucre_bench.engine.run import Outcome, run
-
-TIMES = ["seconds", "peak_mb", "time"]
-
-
-def but_times(rows: pd.DataFrame) -> pd.DataFrame:
-    """A table without how long things took, and the memory that the process happened to hold."""
-    rows = rows.drop(columns=TIMES).assign(value=rows["value"].where(~rows["metric"].isin(TIMES), 0.0))
-    return rows.sort_values(["dataset", "method", "view", "metric", "variant", "region"]).reset_index(drop=True)
 
 
 def test_the_same_command_twice_gives_the_same_table_but_for_times(tmp_path: Path, small_demo: list[str]):
@@ -51,12 +43,6 @@ def test_a_shard_has_neighbours_and_every_view_is_in_one(tmp_path: Path, toys: s
         list(dict.fromkeys(toy(tmp_path / str(n), "shard.count=3", f"shard.index={n}").rows["view"])) for n in range(3)
     ]
     assert views == [["v0.png", "v1.png"], ["v2.png", "v3.png"], ["v4.png", "v5.png", "v6.png"]]
-
-
-def test_a_shard_that_is_none_is_refused(tmp_path: Path, bench, toys: str):
-    done = bench("run", "--plugin", toys, "dataset=toy", "method=gain", "shard.count=2", "shard.index=2")
-    assert done.returncode == 2
-    assert "shard: block 2 of 2; shard.index goes from 0 to shard.count - 1" in done.stderr
 
 
 def test_replicates_draw_anew_and_are_one_method(tmp_path: Path, toys: str):

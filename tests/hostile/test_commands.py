@@ -7,7 +7,6 @@ import os
 import re
 import shlex
 import socket
-import subprocess
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +15,7 @@ from urllib.parse import urlsplit
 import pytest
 from filelock import FileLock
 from support.colmap_folder import write_dive
-from support.command_line import PROGRAM, forks, run_bounded, run_here
+from support.command_line import forks, run_bounded, run_here
 from support.messages import Lines
 
 from sucre_bench.machine import progress
@@ -72,6 +71,10 @@ CASES: dict[str, tuple[str, int, str]] = {
     "a seed of 77 bits": (f"{RUN} seed=99999999999999999999999", 2, r"seed: 9+ .*; "),
     "a list as label": (f"{RUN} method.label=[1]", 2, r"method\.label: .*\[1\]; .*text"),
     "a number as group of options": (f"{RUN} hydra.launcher=1e999", 2, r"hydra\.launcher: .*group of options; "),
+    "a reference to nothing": (f"{RUN} hydra.mode='${{nope}}'", 2, r"hydra\.mode: .*'nope'.*; "),
+    "an image whose name is no UTF-8": ("score latin", 2, r"^error: latin/\\udce9\.png: .*UTF-8; rename"),
+    "a folder whose name is no UTF-8": ("compare '\udce9'", 2, r"^error: \\udce9: .*UTF-8; rename"),
+    "a method twice in a line-up": ("run twice.yaml", 2, r"twice\.yaml: methods: 2 .*'clahe'; "),
     "a pixel at infinity": ("prepare dive/images out --length a.png inf 1 2 2 1", 2, r"--length: inf; "),
     "a link to itself": ("restore loop out", 2, r"/loop: links to itself; "),
     "a name of two lines": ("compare 'a\nb'", 2, r"^error: a\\nb: .*; "),
@@ -96,6 +99,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_dive(folder / "dive", ("a.png", "b.png"))
     (folder / "deep.yaml").write_text("[" * 100_000)
     (folder / "empty.json").write_text("{}")
+    (folder / "twice.yaml").write_text("methods: [clahe, clahe]")
+    (folder / "latin").mkdir()
+    (folder / "latin/\udce9.png").touch()
     (folder / "loop").symlink_to("loop")
     (folder / "piped").mkdir()
     for name in ("pipe.py", "pipe.yaml", "pipe.onnx", "views.txt", "piped/scores.parquet"):
@@ -110,12 +116,6 @@ def test_a_fault_is_one_line_that_names_place_and_remedy(place: Path, command: s
     assert re.search(said, done.stderr), done.stderr
     assert "Traceback" not in done.stdout + done.stderr
     assert len(done.errors) <= 2
-
-
-def test_a_reader_that_ends_early_ends_the_command_without_a_word(tmp_path: Path):
-    words = ["bash", "-c", f"'{PROGRAM}' list methods | true"]
-    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
-    assert (done.stdout, done.stderr) == ("", "")
 
 
 ESCAPE = "a\x1b[2J\x1b]0;x\x07\u202eb.png"

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.command_line import Started, run_here
+from support.command_line import Started, but_times, run_here
 from support.photographed_valley import POSES, photograph, write
 from support.places import TOYS
 
@@ -30,11 +30,8 @@ RUN += ["tracking.uri=off", "report=false", "out=results"]
 
 def rows_and_pictures(folder: Path) -> Any:
     """The score table without what differs from run to run, and the pictures."""
-    rows = results.read(folder / "results").drop(columns=["seconds", "peak_mb", "time"])
-    rows = rows.assign(value=rows["value"].where(~rows["metric"].isin(["seconds", "peak_mb"]), 0.0))
-    rows = rows.sort_values(["method", "view", "metric", "variant", "region"])
     pictures = {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*.png")}
-    return rows.to_csv(index=False), pictures
+    return but_times(results.read(folder / "results")).to_csv(index=False), pictures
 
 
 def page(folder: Path) -> Any:

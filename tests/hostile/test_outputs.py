@@ -84,6 +84,17 @@ CASES: dict[str, tuple[str, str, str]] = {
         "results/pictures/u45/lineup.csv",
         "part of a results folder",
     ),
+    "a picture among the restored ones": (
+        "texture results surface.ply --method clahe --picture results/restored/new.png",
+        "results/restored/new.png",
+        "part of a results folder",
+    ),
+    "pictures over the photographs": ("restore dive/images dive/images", "dive/images", "photographs"),
+    "pictures over an album": ("restore dive/images album", "album", "other files"),
+    "pictures beside a thesis": ("restore dive/images mine", "mine", "other files"),
+    "pictures where a link leads": ("restore dive/images linked", "linked/pictures", "leads out of the folder;"),
+    "a scene over a project": ("prepare dive/images project", "project", "other files"),
+    "a gallery over a project": ("gallery dive project", "project/config.yaml", "did not write"),
     "a board over the report": ("site bundles results/report", "results/report/index.html", "part of a results folder"),
 }
 
@@ -101,9 +112,17 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "results/pictures/u45").mkdir(parents=True)
     (place / "results/pictures/u45/lineup.csv").write_text("sucre_bench\n")
     others = [f"theirs.{suffix}" for suffix in ("csv", "html", "yaml", "png", "mp4", "ply", "zip")]
-    for name in (*others, "home/index.html", "project/config.yaml"):
+    others += [
+        "home/index.html",
+        "project/config.yaml",
+        "album/pictures/a.png",
+        "album/work/a.txt",
+        "mine/work/thesis.txt",
+    ]
+    for name in (*others, "linked/work/restore.json"):
         (place / name).parent.mkdir(parents=True, exist_ok=True)
         (place / name).write_text("years of work\n")
+    (place / "linked/pictures").symlink_to("../album/pictures")
     return place
 
 
@@ -127,9 +146,10 @@ def test_an_output_that_would_destroy_something_is_refused(place: Path, case: tu
     assert _state(place / target) == before
 
 
-def _state(path: Path) -> tuple[int, int, bytes]:
-    state = path.lstat()
-    return state.st_mode, state.st_ino, path.read_bytes() if stat.S_ISREG(path.stat().st_mode) else b""
+def _state(path: Path) -> list[tuple[Path, int, int, bytes]]:
+    """What a file is, or a folder and all in it."""
+    every = [path, *sorted(path.rglob("*"))] if os.path.lexists(path) else []
+    return [(p, p.lstat().st_mode, p.lstat().st_ino, p.read_bytes() if p.is_file() else b"") for p in every]
 
 
 @pytest.mark.parametrize(
@@ -151,6 +171,17 @@ def test_a_command_replaces_what_it_wrote_before(place: Path, command: str):
         assert done.returncode == 0, done.stderr
 
 
+def test_folders_that_are_named_as_ours_are_no_results(tmp_path: Path):
+    for name in ("parts", "figures"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "parts" / "theirs.parquet").write_text("years of work\n")
+    (tmp_path / "config.yaml").write_text("years of work\n")
+    words = "dataset=demo dataset.width=64 dataset.height=48 dataset.views=2 --sheet figures/sheet.png"
+    done = run_here(tmp_path, "describe", *words.split())
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "figures/sheet.png").is_file()
+
+
 def test_force_writes_over_a_file_of_others(place: Path):
     done = run_here(place, "score", "dive/images", "--metrics", "uciqe", "--csv", "theirs.csv", "--force")
     assert done.returncode == 0
@@ -164,7 +195,7 @@ def test_nothing_is_written_where_a_link_leads_out_of_the_results(place: Path, c
     before = _state(place / "elsewhere/index.html")
     done = run_here(place, *command.split())
     assert done.returncode == 2
-    assert "results/report: leads out of the results folder; " in done.stderr
+    assert "results/report: leads out of the folder; " in done.stderr
     assert _state(place / "elsewhere/index.html") == before
 
 

@@ -111,6 +111,16 @@ def test_a_view_that_fails_or_comes_to_no_end_costs_itself(tmp_path: Path):
     assert told in done.stdout
 
 
+def test_text_that_is_no_utf8_costs_its_view_alone(tmp_path: Path):
+    acts = "odd-text,odd-device"
+    sweep = words(f"odd-hint,{acts}", "-m", "method=actor,gray_world", "metrics=[coverage]", "report=true")
+    done = run_here(tmp_path, *sweep)
+    check(done, tmp_path, acts, {"odd-text": r"caf\udce9.png is bad", "odd-device": r"device 'caf\udce9'"})
+    assert set(restorations(tmp_path, "gray_world")["status"]) == {"ok"}
+    (log,) = (tmp_path / "results").rglob("*.log")
+    assert r"caf\udce9.png is bad" in log.read_text(encoding="utf-8")
+
+
 HARMS = ("libraries", "leaks", "late-segfault")
 
 

@@ -153,6 +153,7 @@ charts = st.fixed_dictionaries(
 @given(content=values | charts)
 @example(content={"images": {"a.png": {"\x1e": []}}})
 @example(content={"images": {"a\nb": {"c": []}}})
+@example(content={"images": {"a.png": {"caf\udce9": [[1, 1], [9, 1], [9, 9], [1, 9]]}}})
 def test_made_up_charts_are_named(content: Any):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "charts.json"

@@ -112,7 +112,7 @@ def test_a_bundle_publishes_nothing_that_a_link_leads_to(place: Path, name: str)
     link.symlink_to(place / "secret")
     done = run_here(place, "bundle", "theirs", "out.zip", "--pictures", "all", "--plugin", "evil.py")
     assert done.returncode == 2
-    assert f"{name}: leads out of the results folder; " in done.stderr
+    assert f"{name}: leads out of the folder; " in done.stderr
     assert not (place / "out.zip").exists()
 
 
@@ -122,7 +122,7 @@ def test_no_page_log_or_picture_shows_what_a_link_leads_to(place: Path, name: st
     (place / "theirs/restored/colmap/clahe/a.png").symlink_to(place / "mine/restored/colmap/gray_world/a.png")
     done = run_here(place, *COMMANDS[name].split(), *(["--plugin", "evil.py"] if name in OF_CONFIG else []))
     assert done.returncode == 2
-    assert "a.png: leads out of the results folder; " in done.stderr
+    assert "a.png: leads out of the folder; " in done.stderr
 
 
 def test_a_bundle_of_a_folder_that_is_reached_by_a_link_is_made(place: Path):

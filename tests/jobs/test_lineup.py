@@ -233,7 +233,7 @@ def test_words_prevail_over_a_line_up(tmp_path: Path):
         ("methods: [{name: gain, gain: much}]", {"l.yaml", "gain.gain", "much", "number"}),
         ("methods: [{name: gain, label: a}, {name: halved, label: a}]", {"l.yaml", "2", "label", "'a'"}),
         ("methods: [gain, {name: halved, label: gain}]", {"two", "'toy / gain'"}),
-        ("methods: [gain, gain]", {"two", "same", "'toy / gain'"}),
+        ("methods: [gain, gain]", {"l.yaml", "2", "label", "'gain'"}),
         ("methods: [gain", {"l.yaml", "YAML"}),
         ("methods: [gain]\nmethods: [halved]", {"l.yaml", "'methods'", "twice"}),
         ("", {"l.yaml", "empty"}),
@@ -287,7 +287,7 @@ def identity(job: Job) -> tuple[Any, ...]:
         (job.method.label, results.fingerprint(job.method.record)),
         job.degrade,
         job.replicate,
-        frozenset((m.plugin.name, m.variants, results.fingerprint(m.choice.record)) for m in job.metrics),
+        frozenset((m.plugin.name, m.variants, results.fingerprint(m.record)) for m in job.metrics),
         (job.views, job.every, job.first, job.seed, job.save, job.baseline, job.study),
     )
 

@@ -4,14 +4,14 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+from support.colmap_folder import write_image
 from support.hidden_packages import hide
 
 import sucre_bench as sb
 from sucre_bench.errors import InputError
 from sucre_bench.machine import packages
-
-EXTRAS = ("mlflow", "torch", "jax", "open3d", "pycolmap", "onnxruntime", "colour")
 
 
 @pytest.mark.parametrize(
@@ -25,12 +25,14 @@ EXTRAS = ("mlflow", "torch", "jax", "open3d", "pycolmap", "onnxruntime", "colour
         (["texture", ".", "a.ply", "--method", "sucre"], "open3d", "texture", "surfaces"),
         (["prepare", "photos", "dive"], "pycolmap", "prepare", "prepare"),
         (["prepare", "photos", "dive"], "open3d", "prepare", "surfaces"),
+        (["restore", "photos", "out"], "pycolmap", "restore", "prepare"),
     ],
 )
 def test_what_is_missing_is_said_before_any_work(
     bench, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, small_demo, words: list[str], hidden: str, place, extra: str
 ):
     hide(monkeypatch, hidden)
+    write_image(tmp_path / "photos/a.jpg", np.full((30, 40, 3), 90, np.uint8))
     done = bench(*words, *(small_demo if words[0] == "run" else []))
     assert done.returncode == 2
     (line,) = done.stderr.strip().splitlines()
@@ -46,7 +48,7 @@ def test_an_onnx_network_names_its_extra(monkeypatch: pytest.MonkeyPatch, tmp_pa
 
 
 def test_a_run_without_mlflow_and_torch_is_silent_about_them(bench, monkeypatch: pytest.MonkeyPatch, small_demo):
-    hide(monkeypatch, *EXTRAS)
+    hide(monkeypatch)
     done = bench("run", "method=gray_world", *small_demo, "workers=0", "first=1")
     assert done.returncode == 0, done.stderr
     assert "mlflow" not in done.stdout + done.stderr
@@ -92,7 +94,7 @@ def test_a_library_of_the_core_that_is_there_but_broken_is_named(
     (tmp_path / "numba.py").write_text("raise ImportError('libtbb.so.12: cannot open')\n")
     (tmp_path / "pandas.py").write_text("raise ImportError('numpy has another ABI')\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    hide(monkeypatch, *EXTRAS)
+    hide(monkeypatch)
     done = bench("doctor", "--json")
     assert done.returncode == 1
     faults = {one["said"]: one["remedy"] for one in json.loads(done.stdout)["features"] if one["state"] == "broken"}

@@ -23,19 +23,9 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
         ["git", "ls-files", "--cached", "--others", "--exclude-standard"], cwd=ROOT, capture_output=True, text=True
     ).stdout.split()
     subprocess.run(["cp", "--parents", "-P", *files, str(checkout)], cwd=ROOT, check=True)
-    build = [
-        sys.executable,
-        "-m",
-        "pip",
-        "wheel",
-        "--disable-pip-version-check",
-        "--no-deps",
-        "--no-build-isolation",
-        "-q",
-        "-w",
-        str(built),
-    ]
-    done = subprocess.run([*build, str(checkout)], capture_output=True, text=True, check=False)
+    options = ["--disable-pip-version-check", "--no-deps", "--no-build-isolation", "-q", "-w"]
+    build = [sys.executable, "-m", "pip", "wheel", *options, str(built), str(checkout)]
+    done = subprocess.run(build, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return zipfile.ZipFile(next(built.glob("*.whl")))
 

@@ -79,6 +79,7 @@ BAD: dict[str, Any] = {
     "nan": float("nan"),
     "bool": True,
     "text": "no such thing",
+    "no UTF-8": "\udc80",
     "lines": "no such\nthing",
     "long": "x" * 5000,
     "bytes": b"a",
@@ -106,15 +107,14 @@ OPTIONAL = """water confidence filled camera cam_from_world degradation how with
 TAKEN: dict[str, str] = {
     **dict.fromkeys(ANY_TEXT.split(), "text lines long"),
     **dict.fromkeys(OPTIONAL.split(), "None"),
-    **dict.fromkeys(["weight", "coverage", "value"], "int big float nan"),
+    **dict.fromkeys(["weight", "coverage", "value"], "int float nan"),
     **dict.fromkeys(["dataset.has", "requires", "needs", "default"], "generator"),
     "dataset.requires": "letters generator",
     "metric.default": "letters generator",
     "compare_methods.views": "None generator",
     "track.items": "list letters 2-d uint8 objects complex texts empty table generator",
-    "total": "None int big",
-    "within": "None big",
-    "n_pixels": "int big",
+    "total": "None int",
+    "n_pixels": "int",
     "info": "dict",
     "Compared.rows": "table",
     "are_neighbours": "bool",
@@ -134,6 +134,22 @@ def test_a_dataclass_made_from_a_public_one_checks_its_fields():
         Dive(3, sb.Arrays(RGB))
     with pytest.raises(sb.InputError, match=r"^Dive\(charts\): "):
         Dive("a.png", sb.Arrays(RGB), charts=3)
+
+
+@pytest.mark.parametrize(
+    ("info", "remedy"),
+    [
+        ({"display": 3}, "text"),
+        ({"device": "caf\udce9"}, "text"),
+        ({"seconds": "long"}, "a number"),
+        ({"options": 3}, "a dict"),
+        ({"options": {1: 2}}, "a dict with texts as keys"),
+        ({"options": {"seed": 10**30}}, "a whole number"),
+    ],
+)
+def test_a_wrong_note_of_a_restoration_is_named(info: dict[str, object], remedy: str):
+    with pytest.raises(sb.InputError, match=rf"score\(result\.info\['{next(iter(info))}'\].*; pass {remedy}"):
+        sb.score(sb.Restoration(RGB, info=info), VIEW, "uciqe")
 
 
 def test_the_table_has_every_public_name():

@@ -14,10 +14,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import pytest
 from support import slurm_cluster
 from support.colmap_folder import picture, write_image
+from support.command_line import but_times
 from support.messages import names
 from support.places import TOYS
 
@@ -28,7 +28,7 @@ from sucre_bench.engine.slurm import Submitted, job_states, largest_array, wait
 BENCH = str(Path(sys.executable).with_name("sucre-bench"))
 PATIENCE_S = 600  # for a busy machine
 QUIET = ("tracking.uri=off", "report=false")
-ARRAY = 7  # the most jobs of one array, in the cluster of these tests: one less than the jobs of the longest sweep
+ARRAY = 4  # the most jobs of one array, in the cluster of these tests: one less than the jobs of the longest sweep
 
 EVENTFUL = '''
 import json
@@ -63,13 +63,11 @@ class Eventful:
             told = {"cores": len(os.sched_getaffinity(0)), "opencv": cv2.getNumThreads(), **threads}
             number = [os.environ.get(f"SLURM_ARRAY_{name}_ID", "") for name in ("JOB", "TASK")]
             here = {"job": "_".join(number), "pid": os.getppid(), "threads": told}
-            time.sleep(0.5)  # until the rows of the view before are written
             waited.with_suffix(".new").write_text(json.dumps(here))
             waited.with_suffix(".new").replace(waited)
             time.sleep(3600)
         if view.name == self.fails and not (self.notes / "mended").exists():
             raise ValueError("boom")
-        time.sleep(1.01 if view.name == "v4.png" else 0)  # long enough for its rows to be written at once
         return Restoration(view.rgb * 1.0)
 '''
 
@@ -138,6 +136,10 @@ class Bench:
     def until_no_job_is_at_work(self) -> None:
         until(lambda: self.at_work() == [])
 
+    def stored(self) -> set[str]:
+        """The views whose rows are on the disk."""
+        return set(results.read(self.out)["view"]) if any(self.out.glob("parts/*.parquet")) else set()
+
     def calls(self) -> list[str]:
         path = self.notes / "calls"
         return sorted(path.read_text().split()) if path.exists() else []
@@ -159,50 +161,44 @@ def user(tmp_path: Path, cluster: dict[str, str]) -> Iterator[Bench]:
     slurm_cluster.end_all(cluster)
 
 
-SHARDS = ("dataset.views=16", "shard.count=8", "shard.index=range(8)")
+SHARDS = ("dataset.views=10", "shard.count=5", "shard.index=range(5)")
 
 
 def test_a_sweep_survives_what_happens_to_its_jobs_and_the_same_command_does_what_is_left(user: Bench, tmp_path: Path):
-    events = ("method.waits=[v5.png,v9.png,v13.png]", "method.fails=v1.png")
+    events = ("method.waits=[v3.png,v5.png,v7.png]", "method.fails=v1.png")
     command = user.start(*SHARDS, *events)
-    killed = user.job_at("v5.png", command)
-    os.kill(user.told_at("v5.png")["pid"], signal.SIGKILL)  # as for want of memory
-    late = user.job_at("v9.png", command)
+    killed = user.job_at("v3.png", command)
+    until(lambda: "v2.png" in user.stored(), command)  # rows wait up to .3 s, and SIGKILL leaves no time to write them
+    os.kill(user.told_at("v3.png")["pid"], signal.SIGKILL)  # as for want of memory
+    late = user.job_at("v5.png", command)
     user.slurm("scancel", "--signal=USR2", late)  # what SLURM sends some time before the limit
-    again = user.job_at("v13.png", command)
+    again = user.job_at("v7.png", command)
     user.slurm("scontrol", "requeue", again)  # what becomes of a job whose node fails
     said, _ = command.communicate(timeout=PATIENCE_S)
 
     assert command.returncode == 1, said
     rows = results.read(user.out)
     done = set(rows[(rows["metric"] == "psnr") & (rows["status"] == "ok")]["view"])
-    assert done == {f"v{i}.png" for i in range(16)} - {"v1.png", "v5.png", "v9.png"}, said
-    assert f"SLURM job {killed} (shard 2 of 8) was killed (FAILED" in said, said
-    assert re.search(rf"SLURM job {late} \(shard 4 of 8\) .*time limit", said)
+    assert done == {f"v{i}.png" for i in range(10)} - {"v1.png", "v3.png", "v5.png"}, said
+    assert f"SLURM job {killed} (shard 1 of 5) was killed (FAILED" in said, said
+    assert re.search(rf"SLURM job {late} \(shard 2 of 5\) .*time limit", said)
     assert "ValueError: boom" in said
-    assert "13 ok, 3 failed" in said
-    assert user.calls().count("v13.png") == 2
-    array = killed.removesuffix("_2")
-    assert (late, again) == (f"{array}_4", f"{array}_6")
-    assert re.search(rf"SLURM job {array}, \d+: logs in", said)  # the eighth job found no place in the array
-    assert set(user.told_at("v5.png")["threads"].values()) == {1, "1"}
+    assert "7 ok, 3 failed" in said
+    assert user.calls().count("v7.png") == 2
+    array = killed.removesuffix("_1")
+    assert (late, again) == (f"{array}_2", f"{array}_3")
+    assert re.search(rf"SLURM job {array}, \d+: logs in", said)  # the fifth job found no place in the array
+    assert set(user.told_at("v3.png")["threads"].values()) == {1, "1"}
 
     (user.notes / "calls").unlink()
     (user.notes / "mended").touch()
     code, said = user.run(*SHARDS, *events)
-    assert (code, user.calls()) == (0, ["v1.png", "v5.png", "v9.png"]), said
-    assert "16 ok (13 cached), 0 failed" in said
+    assert (code, user.calls()) == (0, ["v1.png", "v3.png", "v5.png"]), said
+    assert "10 ok (7 cached), 0 failed" in said
 
-    here = [*user.fixed, "dataset.views=16", *events, f"out={tmp_path / 'whole'}"]
+    here = [*user.fixed, "dataset.views=10", *events, f"out={tmp_path / 'whole'}"]
     assert not run_jobs([*here, f"plugins=[{TOYS},{user.plugin}]"], False).failed
-    assert told(results.read(user.out)).equals(told(results.read(tmp_path / "whole")))
-
-
-def told(rows: pd.DataFrame) -> pd.DataFrame:
-    """What a table says but for how long things took, in one order."""
-    rows = rows[~rows["metric"].isin(["seconds", "peak_mb"])].drop(columns=["seconds", "peak_mb", "time"])
-    assert len(rows)
-    return rows.sort_values(["scene", "view", "metric", "variant", "region"]).reset_index(drop=True)
+    assert but_times(results.read(user.out)).equals(but_times(results.read(tmp_path / "whole")))
 
 
 def test_ctrl_c_cancels_the_jobs_and_keeps_what_they_did(user: Bench):
