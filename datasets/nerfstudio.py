@@ -9,7 +9,6 @@ planar, of the image as it is stored; a value times the unit factor is in metres
 Source: https://docs.nerf.studio/quickstart/data_conventions.html
 """
 
-import json
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -20,13 +19,13 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
-from sucre_bench.errors import InputError, MissingFileError, file_error
+from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.image_files import SUFFIXES, decode, image_size
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.find_folders import existing, inside
 from sucre_bench.loading.lens import Lens, lens_of
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, fingerprint, is_rigid, scene_of
-from sucre_bench.machine.files import regular
+from sucre_bench.machine.files import read_json, regular
 from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.plugins.ranges import check_ranges
@@ -101,12 +100,7 @@ class Nerfstudio(ImageScaleOption):
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(regular(path).read_text(encoding="utf-8"))
-    except OSError as fault:
-        raise file_error(path, fault, "check its permissions") from fault
-    except (ValueError, RecursionError) as fault:
-        raise InputError(f"{path}: breaks off or is not JSON ({fault}); copy or export it again") from fault
+    content = read_json(path, "copy or export it again", of_data=True)
     frames = content.get("frames") if isinstance(content, dict) else None
     if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
         raise InputError(f"{path}: has no frames; export it again with ns-process-data or the like")

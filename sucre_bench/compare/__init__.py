@@ -8,12 +8,11 @@ tie if the interval of their paired difference includes 0. At most 5 % of column
 
 from sucre_bench.compare.answer import verdicts
 from sucre_bench.compare.choose_pixels import Pixels, leaves_holes, on_pixels
-from sucre_bench.compare.compare_rows import against, compare, only, without_replicates
+from sucre_bench.compare.compare_rows import against, compare, only
 from sucre_bench.compare.gate import Gate, Gated, gated
 from sucre_bench.compare.load_folders import load, refusals, refuse
-from sucre_bench.compare.model import Cell, Column, Comparison, Note, Verdict
+from sucre_bench.compare.model import Cell, Column, Comparison, Note
 from sucre_bench.results.rows import COSTS, By
-from sucre_bench.results.table import is_fresh
 
 __all__ = [
     "COSTS",
@@ -25,11 +24,9 @@ __all__ = [
     "Gated",
     "Note",
     "Pixels",
-    "Verdict",
     "against",
     "compare",
     "gated",
-    "is_fresh",
     "leaves_holes",
     "load",
     "on_pixels",
@@ -37,5 +34,4 @@ __all__ = [
     "refusals",
     "refuse",
     "verdicts",
-    "without_replicates",
 ]

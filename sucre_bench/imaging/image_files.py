@@ -20,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import ANY_FAULT, DamagedFileError, InputError, SucreBenchError, file_error, one_line
-from sucre_bench.machine.files import regular, write_atomically
+from sucre_bench.errors import DamagedFileError, InputError, file_error, one_line
+from sucre_bench.machine.files import reading, regular, write_atomically
 from sucre_bench.machine.progress import say
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")  # of what is taken for an image in a folder
@@ -305,24 +305,16 @@ def read_array(path: Path, choose: Callable[[list[str]], str] | None = None) -> 
     Raises FileError if it cannot be read, DamagedFileError if it is not whole, and InputError if it has too many
     values, see `check_pixels`.
     """
-    try:
-        with regular(path).open("rb") as file:
-            if not zipfile.is_zipfile(file):
-                file.seek(0)
-                return _read_npy(path, file, path.stat().st_size)
-            if choose is None:
-                raise ValueError("an archive, not an array")
-            with zipfile.ZipFile(file) as archive:
-                member = f"{choose([name.removesuffix('.npy') for name in archive.namelist()])}.npy"
-                with archive.open(member) as content:
-                    return _read_npy(path, content, archive.getinfo(member).file_size)
-    except SucreBenchError:
-        raise
-    except ANY_FAULT as fault:  # unpacking damaged bytes raises errors of many kinds
-        remedy = "write it again with numpy.save"
-        if isinstance(fault, OSError):
-            raise file_error(path, fault, remedy) from fault
-        raise DamagedFileError(f"cannot be read, {one_line(fault)}", path, remedy) from fault
+    with reading(path, "write it again with numpy.save"), regular(path).open("rb") as file:
+        if not zipfile.is_zipfile(file):
+            file.seek(0)
+            return _read_npy(path, file, path.stat().st_size)
+        if choose is None:
+            raise ValueError("an archive, not an array")
+        with zipfile.ZipFile(file) as archive:
+            member = f"{choose([name.removesuffix('.npy') for name in archive.namelist()])}.npy"
+            with archive.open(member) as content:
+                return _read_npy(path, content, archive.getinfo(member).file_size)
 
 
 def _read_npy(path: Path, file: IO[bytes], size: int) -> np.ndarray:
@@ -341,11 +333,14 @@ def _read_npy(path: Path, file: IO[bytes], size: int) -> np.ndarray:
     return values.reshape(shape[::-1]).T if fortran else values.reshape(shape)
 
 
-def encode_png(values: npt.NDArray[Any], compression: int = 3) -> bytes:
-    """Return gray, BGR or BGRA values, 8 or 16 bit, as a PNG file. compression: 0 (fast) to 9 (small)."""
+def encode_png(values: npt.NDArray[Any], compression: int = 3) -> memoryview:
+    """Return gray, BGR or BGRA values, 8 or 16 bit, as the bytes of a PNG file. compression: 0 (fast) to 9 (small).
+
+    They are OpenCV's own, since a copy may have 300 MB.
+    """
     import cv2
 
-    return bytes(cv2.imencode(".png", values, [cv2.IMWRITE_PNG_COMPRESSION, compression])[1])
+    return cv2.imencode(".png", values, [cv2.IMWRITE_PNG_COMPRESSION, compression])[1].data
 
 
 def write_png(path: Path, values: npt.NDArray[Any], compression: int = 3) -> None:
@@ -360,4 +355,4 @@ def write_image(path: Path, values: npt.NDArray[Any]) -> None:
     """Write gray or BGR values, 8 bit, in the format of the path's suffix, see `SUFFIXES`."""
     import cv2
 
-    write_atomically(path, bytes(cv2.imencode(path.suffix, values)[1]))
+    write_atomically(path, cv2.imencode(path.suffix, values)[1].data)

@@ -9,17 +9,16 @@ to charts.json, of a CSV file that describes the chart (see `imaging.chart_kinds
 """
 
 import difflib
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sucre_bench.errors import DamagedFileError, InputError, file_error, in_one_line
+from sucre_bench.errors import InputError, in_one_line
 from sucre_bench.imaging.chart_kinds import chart_kind
 from sucre_bench.imaging.chart_patches import check_corners
-from sucre_bench.machine.files import regular
+from sucre_bench.machine.files import read_json
 from sucre_bench.scene import Chart
 
 
@@ -29,14 +28,8 @@ def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, t
     sizes: (width, height) in pixels of every image, by name. Raises InputError, naming the entry, if the file is not
     in the format above, or names an unknown image, an unknown kind, or corners that form no chart in the image.
     """
-    try:
-        content = json.loads(regular(path).read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    if (content := read_json(path, "mend it there", of_data=True)) is None:
         return {}
-    except OSError as fault:
-        raise file_error(path, fault, "let this user read it") from fault
-    except (ValueError, RecursionError) as fault:
-        raise DamagedFileError(f"is not JSON ({fault})", path, "mend it there") from fault
     images = content.get("images") if isinstance(content, dict) else None
     if not isinstance(images, dict) or not all(isinstance(charts, dict) for charts in images.values()):
         raise InputError(f'{path}: no charts by image; write {{"images": {{"a.png": {{"chart1": [[x, y], ...]}}}}}}')

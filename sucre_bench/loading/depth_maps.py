@@ -8,17 +8,16 @@ that could belong to two images is used for neither.
 
 import importlib
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import DamagedFileError, InputError, file_error
+from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import check_pixels, decode, read_array, read_tiff, same_shape, size_of_only_page
 from sucre_bench.loading.find_folders import walk
-from sucre_bench.machine.files import regular
+from sucre_bench.machine.files import reading, regular
 
 _SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr")
 _FARTHEST_M = 1000.0
@@ -140,26 +139,13 @@ def read_16_bit(path: Path, of: str = "values") -> np.ndarray:
 def _read_tiff(path: Path) -> np.ndarray:
     import cv2
 
-    with _decoding(path, "a TIFF"):
+    with reading(path, "copy it again"):
         try:
             return read_tiff(path)
         except Exception as fault:
             if "imagecodecs" not in str(fault):
                 raise
             return decode(path, cv2.IMREAD_UNCHANGED)  # a compression for which tifffile needs another package
-
-
-@contextmanager
-def _decoding(path: Path, kind: str) -> Iterator[None]:
-    """Turn what a decoder of this kind raises about a file into an InputError."""
-    try:
-        yield
-    except InputError:
-        raise
-    except OSError as fault:
-        raise file_error(path, fault, "copy the file again") from fault
-    except Exception as fault:  # decoders raise errors of many kinds
-        raise DamagedFileError(f"cannot be read, cut short or not {kind}", path, "copy it again") from fault
 
 
 def _kind(values: np.ndarray) -> str:
@@ -178,7 +164,7 @@ def _read_exr(path: Path) -> Array:
         exr = importlib.import_module("OpenEXR")
     except ImportError as fault:
         raise InputError("OpenEXR files need a package of their own", path, "pip install OpenEXR") from fault
-    with _decoding(path, "an OpenEXR file"):
+    with reading(path, "copy it again"):
         with exr.File(str(regular(path)), separate_channels=True, header_only=True) as file:
             least, most = np.array(file.header()["dataWindow"], dtype=np.int64)
         if not (most >= least).all():

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, is_utf8
 from sucre_bench.imaging.image_files import SUFFIXES, image_size
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.find_folders import folders_below, walk
@@ -17,7 +17,10 @@ from sucre_bench.scene import Encoding, Plane, Scene
 
 
 def image_names(folder: Path, subfolders: bool = False, but: Path | None = None) -> list[str]:
-    """Return the images in a folder, relative to it, in order of name; hidden files and the folder `but` left out."""
+    """Return the images in a folder, relative to it, in order of name; hidden files and the folder `but` left out.
+
+    Raises InputError for a name in another encoding than UTF-8.
+    """
     found, but = [], but and but.resolve()
     for place, below, names in walk(folder):
         below[:] = [
@@ -25,6 +28,8 @@ def image_names(folder: Path, subfolders: bool = False, but: Path | None = None)
         ]
         images = (name for name in names if name.lower().endswith(SUFFIXES) and not name.startswith("."))
         found += [(place / name).relative_to(folder).as_posix() for name in images]
+    if wrong := [name for name in found if not is_utf8(name)]:
+        raise InputError("its name is no UTF-8", folder / wrong[0], "rename it")
     return sorted(found)
 
 

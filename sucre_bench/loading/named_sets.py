@@ -283,14 +283,13 @@ def _differences(members: Sequence[Member], prints: Sequence[Print | None], of: 
     theirs = [(k, one) for k, member in enumerate(members) for one in _prints(member, of)]
     if not known or not theirs:
         return bits, off
-    arrays = {
-        (side, part): np.array([np.frombuffer(getattr(one, part), np.uint8) for one in chosen])
-        for side, chosen in (("ours", [prints[i] for i in known]), ("theirs", [one for _, one in theirs]))
-        for part in ("bits", "colour")
-    }
-    differing = np.bitwise_count(arrays["ours", "bits"][:, None] ^ arrays["theirs", "bits"][None]).sum(-1)
-    shades = [arrays[side, "colour"].astype(np.int16) for side in ("ours", "theirs")]
-    apart = np.abs(shades[0][:, None] - shades[1][None]).max(-1)
+
+    def of_all(chosen: Sequence[Any], part: str) -> npt.NDArray[np.uint8]:
+        return np.array([np.frombuffer(getattr(one, part), np.uint8) for one in chosen])
+
+    ours, members_prints = [prints[i] for i in known], [one for _, one in theirs]
+    differing = np.bitwise_count(of_all(ours, "bits")[:, None] ^ of_all(members_prints, "bits")).sum(-1)
+    apart = np.abs(of_all(ours, "colour")[:, None] - of_all(members_prints, "colour").astype(np.int16)).max(-1)
     # Of a member's photograph and reference, the one that is nearer in both.
     for j, (k, _) in enumerate(theirs):
         is_nearer = differing[:, j] + apart[:, j] < bits[known, k] + off[known, k]

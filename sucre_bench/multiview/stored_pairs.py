@@ -8,7 +8,6 @@ when complete. A damaged entry is made again.
 from __future__ import annotations
 
 import dataclasses
-import functools
 import hashlib
 import inspect
 import json
@@ -21,10 +20,9 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from sucre_bench.errors import ANY_FAULT, InputError, OutputError
+from sucre_bench.errors import ANY_FAULT, OutputError
 from sucre_bench.machine.cache import get_or_make
-from sucre_bench.machine.files import expanded, open_atomically, write_atomically
-from sucre_bench.machine.progress import say
+from sucre_bench.machine.files import open_atomically, write_atomically
 from sucre_bench.machine.provenance import engine_hash
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import Options, observe
@@ -43,7 +41,7 @@ _shared: ContextVar[tuple[Path, float] | None] = ContextVar("shared", default=No
 
 @contextmanager
 def sharing(folder: Path, most_bytes: float) -> Iterator[None]:
-    """In this block, let methods without a folder of their own share this one until it is full."""
+    """In this block, let methods share observations in this folder until it is full."""
     token = _shared.set((folder, most_bytes))
     try:
         yield
@@ -62,42 +60,28 @@ def _shared_folder() -> Path | None:
     return None
 
 
-def paired(scene: Scene, target: View, folder: Path | None = None, **options: Unpack[Options]) -> Observations:
-    """Return `observe(target, scene.views, **options)`, read from a folder if it was stored there, else stored there.
+def paired(scene: Scene, target: View, **options: Unpack[Options]) -> Observations:
+    """Return `observe(target, scene.views, **options)`, read from the folder that methods share, or stored there.
 
-    folder: None stores nothing, unless methods share a folder, see `sharing`. Stored arrays are mapped from files, so
-    memory stays small. Changes to them stay in memory. pair_s: duration of the pairing, also if an earlier run did it.
-    A scene without a data_id cannot be identified and is not stored.
-    Raises what `observe` raises, and InputError if the folder cannot be written.
+    Nothing is stored outside `sharing`, in a folder that cannot be written, and of a scene without a data_id, which
+    cannot be identified. Stored arrays are mapped from files, so memory stays small. Changes to them stay in memory.
+    pair_s: duration of the pairing, also if an earlier run did it. Raises what `observe` raises.
     """
-    if folder is None and scene.data_id and (shared := _shared_folder()):
-        try:
-            return paired(scene, target, shared, **options)
-        except InputError:  # the shared folder was removed, or the disk is full: the user did not ask for it
-            return observe(target, scene.views, **options)
+    folder = _shared_folder() if scene.data_id else None
     if folder is None:
         return observe(target, scene.views, **options)
-    if not scene.data_id:
-        _say_that_nothing_is_kept(scene.name)
-        return observe(target, scene.views, **options)
-    with_view, options = bool(options.get("with_view")), {**options, "with_view": True}  # one entry serves both
-    entry = expanded(folder) / f"{Path(target.name).stem}-{_key(scene, target, options)}"
+    stored: Options = {**options, "with_view": True}  # one entry serves both
+    entry = folder / f"{Path(target.name).stem}-{_key(scene, target, stored)}"
 
     def read(entry: Path) -> Observations | None:
-        stored = _read(entry)
-        return None if stored is None or stored.unreadable else stored  # a file may be readable now
+        found = _read(entry)
+        return None if found is None or found.unreadable else found  # a file may be readable now
 
     try:
-        kept = get_or_make(entry, read, lambda work: _make(work, scene, target, options))
-    except (OSError, OutputError) as fault:
-        reason = fault.fault if isinstance(fault, OutputError) else fault.strerror or fault
-        raise InputError(f"cannot keep observations there, {reason}", entry.parent, "name another folder") from fault
-    return kept if with_view else dataclasses.replace(kept, view=None)
-
-
-@functools.cache
-def _say_that_nothing_is_kept(scene: str) -> None:
-    say(f"{scene}: observations are not stored, because the scene has no data_id")
+        kept = get_or_make(entry, read, lambda work: _make(work, scene, target, stored))
+    except (OSError, OutputError):  # the folder was removed, or the disk is full: the user did not ask for it
+        return observe(target, scene.views, **options)
+    return kept if options.get("with_view") else dataclasses.replace(kept, view=None)
 
 
 def _key(scene: Scene, target: View, options: Options) -> str:

@@ -15,6 +15,7 @@ from sucre_bench.errors import InputError, MissingFileError, PluginError
 from sucre_bench.imaging.image_files import SUFFIXES, image_size, is_jpeg, read_rgb
 from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.loading.find_folders import ImageFolder, bare_stems
+from sucre_bench.loading.image_folder import image_names
 from sucre_bench.loading.named_sets import Found, Picture, picture_of, recognised_sets
 from sucre_bench.machine import processes, progress
 from sucre_bench.machine.files import check_folder, fault_of
@@ -98,10 +99,9 @@ def images_in(folder: Path) -> dict[str, Path]:
     if folder.is_file():
         return {folder.name: folder}
     check_folder(folder, "give a folder of images, or one image")
-    found = sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file())
-    if not found:
+    if not (names := image_names(folder, subfolders=True)):
         raise InputError(f"{folder}: holds no image ({', '.join(sorted(SUFFIXES))}); give a folder of images")
-    return {str(p.relative_to(folder)): p for p in found}
+    return {name: folder / name for name in names}
 
 
 def _references(images: Path, names: Iterable[str], place: Path) -> dict[str, list[Path]]:

@@ -2,21 +2,17 @@
 
 from sucre_bench.results.reasons import Reason, brief, with_remedy
 from sucre_bench.results.rows import (
-    COLUMNS,
     Row,
     Status,
     fingerprint,
     frame,
     replicated,
     restoration_rows,
-    score_rows,
     unreplicated,
 )
-from sucre_bench.results.table import PARTS, TABLE, Part, merge, read, write_rows
+from sucre_bench.results.table import TABLE, Part, merge, read, write_rows
 
 __all__ = [
-    "COLUMNS",
-    "PARTS",
     "TABLE",
     "Part",
     "Reason",
@@ -29,7 +25,6 @@ __all__ = [
     "read",
     "replicated",
     "restoration_rows",
-    "score_rows",
     "unreplicated",
     "with_remedy",
     "write_rows",

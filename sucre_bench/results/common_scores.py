@@ -18,8 +18,8 @@ from typing import Literal
 import numpy as np
 
 from sucre_bench.arrays import DataFrame, Mask
-from sucre_bench.errors import ANY_FAULT, DamagedFileError, InputError, SucreBenchError, file_error, one_line
-from sucre_bench.machine.files import regular, write_atomically
+from sucre_bench.errors import InputError
+from sucre_bench.machine.files import reading, regular, write_atomically
 from sucre_bench.results.bundle_format import is_bundle, open_bundle
 from sucre_bench.results.restorations import mask_id
 from sucre_bench.results.rows import COLUMNS, Row, restorations, values_of
@@ -138,18 +138,11 @@ def _read(path: Path) -> DataFrame:
     import pandas as pd
     from pyarrow.parquet import read_table
 
-    try:
+    with reading(path, "delete it and run again"):
         content = regular(path).read_bytes()
         read_table(io.BytesIO(content), use_threads=False).validate(full=True)  # pandas reads texts only when asked
         rows = pd.read_parquet(io.BytesIO(content), use_threads=False)
         return rows[list(_COLUMNS)]
-    except (SucreBenchError, ImportError):
-        raise
-    except PermissionError as fault:
-        raise file_error(path, fault, "let this user read it") from fault
-    except ANY_FAULT as fault:  # unpacking damaged bytes raises errors of many kinds
-        reason = f"not a table of scores on common pixels ({one_line(fault)})"
-        raise DamagedFileError(reason, path, "delete it and run again") from fault
 
 
 def write_common(out: Path, rows: DataFrame) -> None:

@@ -8,7 +8,7 @@ from enum import Enum
 from typing import Any
 
 from sucre_bench.arrays import DataFrame
-from sucre_bench.results.rows import score_rows, values_of
+from sucre_bench.results.rows import RESTORATION, values_of
 
 
 class Reason(Enum):
@@ -86,7 +86,7 @@ def unscored(rows: DataFrame, with_nothing_to_score: bool = False) -> Iterator[U
     have values, it needs no line that a method estimates no water, for example.
     """
     rows = rows[[*_VIEW, "method", "metric", "variant", "status", "reason"]]
-    skipped = score_rows(rows[rows["status"] == "skipped"])
+    skipped = rows[(rows["status"] == "skipped") & (rows["metric"] != RESTORATION)]
     if not with_nothing_to_score:
         skipped = skipped[skipped["reason"] != Reason.NOTHING_TO_SCORE.value]
     n_views, n_methods = len(rows.loc[rows["view"] != "", _VIEW].drop_duplicates()), rows["method"].nunique()

@@ -25,7 +25,7 @@ from sucre_bench.errors import ANY_FAULT, DamagedFileError, InputError, MissingF
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit, to_levels
 from sucre_bench.imaging.image_files import check_pixels, decode, encode_png, write_image
-from sucre_bench.machine.files import regular, write_atomically
+from sucre_bench.machine.files import open_atomically, regular, write_atomically
 from sucre_bench.machine.records import add_record, record_of
 from sucre_bench.results import layout
 from sucre_bench.results.layout import Place
@@ -202,12 +202,12 @@ _CHUNK = b"hoLE"  # by its small and capital letters: may be left out; private; 
 
 def write_masked_png(path: Path, picture: np.ndarray, mask: Mask | None) -> None:
     """Write a picture (H, W, 3), BGR of 8 or 16 bits, with its mask (H, W) if any. Raises OutputError if that fails."""
-    png = encode_png(picture, compression=1)
+    png, chunk = encode_png(picture, compression=1), b""
     if mask is not None and not mask.all():
         content = _CHUNK + zlib.compress(np.packbits(mask).tobytes())
         chunk = struct.pack(">I", len(content) - 4) + content + struct.pack(">I", zlib.crc32(content))
-        png = png[:_HEADER] + chunk + png[_HEADER:]
-    write_atomically(path, png)
+    with open_atomically(path) as file:
+        file.writelines((png[:_HEADER], chunk, png[_HEADER:]))
 
 
 def read_mask(path: Path) -> Mask | None:

@@ -145,11 +145,6 @@ def restorations(rows: DataFrame) -> DataFrame:
     return rows[(rows["metric"] == RESTORATION) & (rows["status"] == "ok") & (rows["view"] != "")]
 
 
-def score_rows(rows: DataFrame) -> DataFrame:
-    """Return the rows that do not stand for restorations."""
-    return rows[rows["metric"] != RESTORATION]
-
-
 By = Literal["method", "view", "region"]
 
 

@@ -178,7 +178,7 @@ SCENE: dict[str, tuple[Change, list[str]]] = {
         lambda root: (root / "transforms.json").unlink(),
         ["transforms.json: ", "file; ", "dataset.transforms"],
     ),
-    "cut": (lambda root: cut(root / "transforms.json"), ["transforms.json: breaks off"]),
+    "cut": (lambda root: cut(root / "transforms.json"), ["transforms.json: cannot be read, JSON"]),
     "no frames": (edit(lambda content: content.update(frames=[])), ["transforms.json: ", "no frames"]),
     "a list": (lambda root: (root / "transforms.json").write_text("[1]"), ["transforms.json: ", "no frames"]),
     "a path above": (frame(file_path="../secret.png"), ["file_path ../secret.png", "outside", "dataset.root"]),
@@ -195,6 +195,7 @@ SCENE: dict[str, tuple[Change, list[str]]] = {
     "text for a number": (frame(fl_x="150"), ["fl_x is '150'", "number"]),
     "no focal length": (edit(lambda content: [content.pop(key) for key in ("fl_x", "fl_y")]), ["camera_angle_x"]),
     "an unknown lens": (edit(lambda content: content.update(camera_model="EQUIRECTANGULAR")), ["EQUIRECTANGULAR"]),
+    "a name that is no UTF-8": (frame(file_path="caf\udce9.png"), ["transforms.json: ", "udce9"]),
     "no images": (lambda root: [path.unlink() for path in root.glob("images/*")], ["not even images/0.png"]),
 }
 

@@ -135,7 +135,7 @@ def subjects(name: str, overrides: Sequence[str] = (), kind: Kind | None = None,
     (plugin,) = found
     chosen = f"metrics=[{plugin.name}]" if plugin.kind == "metric" else f"{plugin.kind}={plugin.name}"
     job = compose_jobs.jobs([chosen, *overrides], multirun=False).jobs[0]
-    choices = {"method": job.method, "dataset": job.dataset, "metric": job.metrics[0].choice}
+    choices = {"method": job.method, "dataset": job.dataset, "metric": job.metrics[0]}
     return [Subject(plugin, choices[plugin.kind].options, on)]
 
 

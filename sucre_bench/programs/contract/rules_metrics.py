@@ -16,7 +16,6 @@ from sucre_bench.engine.score import score_rows, scorers
 from sucre_bench.engine.score_pairs import Entrant, pair_rows
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.display import display
-from sucre_bench.jobs.catalogue import MetricChoice
 from sucre_bench.multiview.common_points import SharedPoints
 from sucre_bench.plugins.options import Choice
 from sucre_bench.plugins.plugin import Plugin
@@ -24,7 +23,6 @@ from sucre_bench.programs.contract.contract import Note, Rule, Subject
 from sucre_bench.programs.contract.made_scenes import HARD, TARGET, WATER, charted, least, submerged, wall
 from sucre_bench.programs.contract.side_effects import watched
 from sucre_bench.restored_pair import RestoredPair, RestoredView
-from sucre_bench.results.restorations import Measured
 from sucre_bench.results.rows import Row
 from sucre_bench.scene import Chart, Restoration, Scene, Score, View, Water
 
@@ -56,13 +54,14 @@ def _rows_of(subject: Subject, image: Array, view: View, water: Water | None = W
     """The scores of an image (H, W, 3) by every variant, as the engine stores them."""
     restoration = Restoration(image, water, info={"true_water": WATER} if "truth" in subject.plugin.needs else {})
     shown = display(image, "none", view.encoding)
-    rows = score_rows(Measured(restoration, 0.0, 0.0), shown, view, scorers([_choice(subject)]), Row())
+    rows = score_rows(restoration, shown, view, scorers([_choice(subject)]), Row())
     return [row for row in rows if row.metric == subject.plugin.name]
 
 
-def _choice(subject: Subject) -> MetricChoice:
+def _choice(subject: Subject) -> Choice:
     subject.make()
-    return MetricChoice(Choice(subject.plugin, subject.plugin.name, subject.options), tuple(subject.plugin.variants))
+    plugin = subject.plugin
+    return Choice(plugin, plugin.name, subject.options, variants=tuple(plugin.variants))
 
 
 def _restored(view: View, image: Array) -> RestoredView:

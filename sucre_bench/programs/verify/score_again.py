@@ -25,7 +25,6 @@ from sucre_bench.machine import processes
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import Choice, options_of, seed_of, typed
 from sucre_bench.results.bundle_format import Bundle
-from sucre_bench.results.restorations import Measured
 from sucre_bench.results.rows import Row
 from sucre_bench.scene import Restoration, Scene, Score, View
 
@@ -66,7 +65,7 @@ def metrics_of(bundle: Bundle) -> Callable[[str, str, str], Scorer | str]:
         default = {option.name: option.default for option in options_of(plugin.cls)}
         given = [{}, default, *(one for one in recorded if one.get("name") == metric)]
         for options in ({name: typed(types[name], one[name]) for name in types if name in one} for one in given):
-            choice = replace(choice, choice=replace(choice.choice, options=options))
+            choice = replace(choice, options=options)
             if _options_hash(metric_code(choice)) != options_hash:
                 continue
             if any(isinstance(value, Path) for value in options.values()):
@@ -100,7 +99,7 @@ def scores_of(restoration: Restoration, shown: np.ndarray, view: View, chosen: S
     """Return the rows of a restoration that has a restored image. Its image may be the restored image, too."""
     if view.encoding == "linear":  # metrics get the restoration in the view's encoding
         restoration = replace(restoration, image=srgb_decode(restoration.image).astype(np.float32))
-    rows = score_rows(Measured(restoration, math.nan, math.nan), shown, view, chosen, Row())
+    rows = score_rows(restoration, shown, view, chosen, Row())
     return {(row.metric, row.variant, row.region): row for row in rows}
 
 
