@@ -38,51 +38,49 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-# The files that take longest, longest first: they are begun first, so that all processes end together.
+# The files that take longest, longest first: they are begun first, so that all processes end together. The first four
+# need different compiled loops: a process waits while another compiles what both need.
 SLOW = (
     "programs/contract/test_built_in.py",
     "engine/slurm/test_slurm.py",
+    "hostile/test_current_folder.py",
+    "reports/page/test_in_browser.py",
     "programs/prepare/test_prepare.py",
     "methods/sucre/test_light.py",
-    "reports/page/test_in_browser.py",
-    "engine/test_sweep.py",
-    "methods/sucre/test_exact.py",
-    "hostile/test_current_folder.py",
-    "programs/test_match_published.py",
-    "methods/sucre/test_footprint.py",
     "engine/test_real_images.py",
+    "methods/sucre/test_exact.py",
     "hostile/test_plugins.py",
+    "engine/test_sweep.py",
+    "methods/sucre/test_sucre.py",
+    "programs/test_match_published.py",
+    "engine/test_common_pixels.py",
+    "reports/test_mlflow.py",
     "docs/test_tutorial.py",
     "programs/verify/test_verify_bundle.py",
-    "engine/test_common_pixels.py",
     "programs/people/test_in_browser.py",
     "programs/prepare/test_given.py",
     "docs/test_site.py",
     "datasets/test_demo.py",
-    "reports/mlflow/test_runs.py",
     "programs/contract/test_write_plugin.py",
     "programs/restore/test_restore.py",
     "hostile/test_killed.py",
     "hostile/test_refusing_machines.py",
-    "imaging/test_image_formation.py",
+    "methods/sucre/test_footprint.py",
     "hostile/test_remedies.py",
     "docs/test_examples.py",
-    "metrics/test_seams.py",
     "methods/test_haze_lines.py",
     "reports/page/test_page.py",
     "engine/test_done_views.py",
 )
-
-
-# They start JAX, and no process can fork workers after that: they are begun last, longest first.
-WITH_JAX = tuple(f"methods/sucre/test_{name}.py" for name in ("sucre", "passes"))
+# Begun last: the file that starts JAX, after which its process can fork no workers, and rooms whose tests need none.
+LAST = ("methods/sucre/test_passes.py", "imaging", "metrics", "multiview")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the slow files first, and those with JAX last. A file's tests stay together, in their order."""
-    rank = {Path(__file__).parent / name: place for place, name in enumerate(SLOW)}
-    rank |= {Path(__file__).parent / name: len(SLOW) + 1 + place for place, name in enumerate(WITH_JAX)}
-    items.sort(key=lambda item: rank.get(item.path, len(SLOW)))
+    """Put the slow files first, JAX and what may follow it last. A file's tests stay together, in their order."""
+    tests = Path(__file__).parent
+    rank = {tests / name: place for place, name in enumerate((*SLOW, "", *LAST))}
+    items.sort(key=lambda item: rank.get(item.path, rank.get(item.path.parent, len(SLOW))))
 
 
 def pytest_xdist_auto_num_workers() -> int | None:

@@ -58,9 +58,3 @@ def test_help_begins_with_examples_that_name_real_options(
 def test_every_command_has_its_place_in_the_help():
     listed = [name for names in SECTIONS.values() for name in names]
     assert sorted(listed) == sorted(commands())
-
-
-def test_a_mistyped_command_is_answered_with_the_nearest():
-    done = CliRunner().invoke(cli, ["comprae", "results"])
-    assert done.exit_code == 2
-    assert "'compare'" in done.output

@@ -34,6 +34,8 @@ from sucre_bench.plugins import KINDS, Registry, discover, load_file
 from sucre_bench.plugins.registry import using
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from sucre_bench.engine.run import Outcome
 
 # No test waits for the disk: tests kill processes, and never the machine, and what a process has written outlives it.
@@ -241,6 +243,13 @@ def run(out: Path, *overrides: str, multirun: bool = False) -> Outcome:
 
     base = ["dataset=toy", "method=gain", "metrics=[psnr,redness]", "tracking.uri=off", "workers=0", f"out={out}"]
     return run_jobs([*base, *overrides], multirun)
+
+
+def but_times(rows: pd.DataFrame) -> pd.DataFrame:
+    """A table without how long things took, and the memory that the process happened to hold."""
+    times = ["seconds", "peak_mb", "time"]
+    rows = rows.drop(columns=times).assign(value=rows["value"].where(~rows["metric"].isin(times), 0.0))
+    return rows.sort_values(["dataset", "method", "view", "metric", "variant", "region"]).reset_index(drop=True)
 
 
 def calls(log: Path) -> list[str]:

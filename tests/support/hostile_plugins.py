@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -59,7 +60,7 @@ def _break_libraries() -> None:
 
 _leaked: list[int] = []
 
-ACTS: dict[str, Callable[[], object]] = {
+ACTS: dict[str, Callable[[], Any]] = {
     "fine": lambda: None,
     "exit": lambda: os._exit(0),
     "segfault": lambda: ctypes.string_at(0),
@@ -77,6 +78,9 @@ ACTS: dict[str, Callable[[], object]] = {
     "asleep": lambda: time.sleep(3600),
     "asleep-in-c": _sleep_in_c,
     "deaf": _catch_all,
+    "odd-text": lambda: _raise(ValueError("caf\udce9.png is bad")),  # the name of a file in another encoding
+    "odd-hint": lambda: {"hints": ["caf\udce9"]},
+    "odd-device": lambda: {"device": "caf\udce9"},
 }
 
 
@@ -100,8 +104,8 @@ class Actor:
     """Does what the view's name says."""
 
     def restore(self, scene: Scene, view: View) -> Restoration:
-        ACTS.get(view.name.removesuffix(".png"), ACTS["fine"])()
-        return Restoration(view.rgb * 0.5)
+        info = ACTS.get(view.name.removesuffix(".png"), ACTS["fine"])()
+        return Restoration(view.rgb * 0.5, info=info or {})
 
 
 @metric(variants={"only": ""}, unit="", better="higher", range=(0, 1))

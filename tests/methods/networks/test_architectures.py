@@ -1,5 +1,7 @@
 """The published networks: their sizes, keys and layers, by hand in float64."""
 
+from __future__ import annotations  # types do not import torch
+
 from pathlib import Path
 
 import numpy as np

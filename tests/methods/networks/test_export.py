@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support import lazy_torch as torch
 
 from sucre_bench.errors import InputError
 from sucre_bench.methods.networks.export import _main, tensors
-
-torch = pytest.importorskip("torch")
 
 CODE = """
 import torch

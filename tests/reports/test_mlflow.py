@@ -1,5 +1,8 @@
+"""What mlflow is told, and its stores: made once a machine, asked only if there is something new."""
+
 import json
 import re
+import socket
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,12 +16,13 @@ from sucre_bench import compare, plugins, results
 from sucre_bench.commands.run_summary import compared, track
 from sucre_bench.engine.run import Outcome
 from sucre_bench.engine.run import run as run_jobs
-from sucre_bench.errors import OutputError
+from sucre_bench.errors import InputError, OutputError
 from sucre_bench.reports import mlflow
 from sucre_bench.reports.paper import style
 from sucre_bench.results.rows import Row
 
 pytestmark = pytest.mark.usefixtures("toys")
+PASSWORD = "pa55word"
 
 
 def run_and_track(*overrides: str, multirun: bool = False) -> Outcome:
@@ -112,18 +116,25 @@ def test_pictures_have_the_step_of_their_view_in_every_run(sweep: Outcome):
 
 
 def test_the_page_opens_on_the_runs(tmp_path: Path):
-    from sucre_bench.reports import mlflow
-
     uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
     first, second = (mlflow.runs_page(uri, name, 5001) for name in ("dives", "others"))
     assert first == mlflow.runs_page(uri, "dives", 5001) != second
     assert first.startswith("http://127.0.0.1:5001/#/experiments/")
 
 
-def test_a_folder_is_told_once_and_what_is_new_in_it_later(bench, toys: str, tmp_path: Path):
+def test_a_folder_is_told_once_and_what_is_new_in_it_later(bench, tmp_path: Path):
     """As after a run on a cluster, where nothing was logged."""
 
-    words = ("run", "--plugin", toys, "dataset=toy", "metrics=[redness]", "tracking.uri=off", "out=out", "report=false")
+    words = (
+        "run",
+        "--plugin",
+        str(TOYS),
+        "dataset=toy",
+        "metrics=[redness]",
+        "tracking.uri=off",
+        "out=out",
+        "report=false",
+    )
     said = []
     for more in (("method=gain", "views=[v0.png]"), (), ("method=gain2",), ("method=gain",)):
         if more:
@@ -138,9 +149,9 @@ def test_a_folder_is_told_once_and_what_is_new_in_it_later(bench, toys: str, tmp
     assert [r.data.metrics["views_ok"] for r in told if r not in latest and "method" in r.data.tags] == [1]
 
 
-def test_runs_that_start_together_on_a_new_store_are_all_kept(toys: str, tmp_path: Path):
+def test_runs_that_start_together_on_a_new_store_are_all_kept(tmp_path: Path):
     uri = f"sqlite:///{tmp_path / 'shared' / 'mlflow.db'}"
-    words = ["run", "--plugin", toys, "dataset=toy", "method=gain", "metrics=[redness]", "report=false"]
+    words = ["run", "--plugin", str(TOYS), "dataset=toy", "method=gain", "metrics=[redness]", "report=false"]
     started = [Started(tmp_path, *words, f"out={tmp_path / str(n)}", f"tracking.uri={uri}") for n in range(2)]
     done = [one.ended() for one in started]
     assert [d.returncode for d in done] == [0] * 2, [d.stderr for d in done]
@@ -200,3 +211,105 @@ def test_what_is_broken_off_is_told_again_and_leaves_nothing_running(tmp_path: P
     assert mlflow.log(out, rows, compare.compare(rows), uri, "sucre_bench") == 1
     latest = {r.data.tags.get("method", ""): r.info.status for r in runs(uri) if r.data.tags.get("latest") == "yes"}
     assert latest == {"": "FINISHED", "gain": "FINISHED", "gain2": "FINISHED"}
+
+
+# -- stores ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache of the user's that these tests share, empty at first: an empty store takes seconds to make."""
+    folder = tmp_path_factory.getbasetemp() / "cache"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    return folder
+
+
+@pytest.fixture
+def out(bench, tmp_path: Path) -> Path:
+    words = ("dataset=toy", "method=gain", "metrics=[redness]", "report=false", "tracking.uri=off", "out=out")
+    bench("run", "--plugin", str(TOYS), *words)
+    return tmp_path / "out"
+
+
+def log(out: Path, uri: str = "") -> int:
+    rows = results.read(out)
+    return mlflow.log(out, rows, compare.compare(rows), uri or mlflow.default_uri(out), "sucre_bench")
+
+
+def test_later_stores_are_copies_of_the_first_and_keep_nothing_of_where_that_was(cache: Path, tmp_path: Path):
+    for name in ("one", "two"):
+        mlflow.runs_page(f"sqlite:///{tmp_path / name}.db", "dives", 5000)
+        client = asked(f"sqlite:///{tmp_path / name}.db")
+        experiments = client.search_experiments()
+        assert {e.name for e in experiments} == {"Default", "dives"}
+        assert not [e for e in experiments if "sucre_bench-" in e.artifact_location]
+        assert len([*(cache / "sucre_bench").glob("*.db")]) == 1
+
+
+def test_a_table_that_is_logged_is_known_without_asking_mlflow(cache: Path, out: Path):
+    uri = mlflow.default_uri(out)
+    assert not mlflow.is_logged(out, uri, "sucre_bench")
+    log(out)
+    assert mlflow.is_logged(out, uri, "sucre_bench")
+    assert not mlflow.is_logged(out, uri, "another")
+    table = out / "scores.parquet"
+    whole = table.read_bytes()
+    results.read(out).iloc[:-1].to_parquet(table, index=False)
+    assert not mlflow.is_logged(out, uri, "sucre_bench")
+    table.write_bytes(whole)
+    (out / "mlflow.db").unlink()
+    assert not mlflow.is_logged(out, uri, "sucre_bench")
+
+
+def test_mlflows_first_screen_has_the_columns_that_decide_and_its_pictures_are_no_links(cache: Path, out: Path):
+    picture = out / "restored" / "toy" / "gain" / "v0.png"
+    content = picture.read_bytes()
+    picture.rename(out / "moved.png")
+    picture.symlink_to("../../../moved.png")  # as where a user moved pictures to a larger disk
+    log(out)
+    (kept,) = (out / "mlartifacts").rglob("restored/v0.png")
+    assert (kept.is_symlink(), kept.read_bytes()) == (False, content)
+    client = asked(mlflow.default_uri(out))
+    experiment = client.get_experiment_by_name("sucre_bench")
+    key = mlflow.runs_page(mlflow.default_uri(out), "sucre_bench", 5000).partition("viewStateShareKey=")[2]
+    state = json.loads(experiment.tags[f"mlflow.sharedViewState.{key.partition('&')[0]}"])
+    assert state["selectedColumns"] == ["metrics.`redness.plain`", "metrics.`seconds.wall`"]
+    (run,) = client.search_runs([experiment.experiment_id], state["searchFilter"])
+    assert {column.split("`")[1] for column in state["selectedColumns"]} <= {*run.data.metrics}
+
+
+@pytest.mark.parametrize("content", [b"no database", None])
+def test_a_store_that_cannot_be_used_is_named_with_the_reason(cache: Path, out: Path, content: bytes | None):
+    store = out.parent / "store.db"
+    store.mkdir() if content is None else store.write_bytes(content)
+    with pytest.raises(InputError, match=r"store\.db: mlflow "):
+        log(out, f"sqlite:///{store}")
+
+
+def test_a_port_that_cannot_be_served_is_a_line_before_anything_is_done(bench, out: Path):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = str(taken.getsockname()[1])
+        for wrong in (port, "0", "70000"):
+            done = bench("track", "out", "--ui", "--port", wrong)
+            assert done.returncode == 2
+            assert len(done.errors) == 1
+            assert wrong in done.stderr
+    assert not (out / "mlflow.db").exists()
+
+
+def test_a_password_in_the_address_is_neither_printed_nor_stored(bench, tmp_path: Path, monkeypatch):
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
+    uri = f"http://me:{PASSWORD}@127.0.0.1:9"
+    words = ["dataset=toy", "method=gain", "metrics=[redness]", "out=out"]
+    said = [
+        bench("run", "--plugin", str(TOYS), *words, f"tracking.uri={uri}"),
+        bench("track", "out", "--uri", uri),
+        bench("report", "out"),
+    ]
+    assert [done.returncode for done in said] == [0, 2, 0]
+    assert not [done for done in said if PASSWORD in done.stdout + done.stderr]
+    files = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
+    assert len(files) > 5
+    assert not [path for path in files if PASSWORD.encode() in path.read_bytes()]
