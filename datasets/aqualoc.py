@@ -27,7 +27,7 @@ from sucre_bench.loading.image_folder import image_names
 from sucre_bench.loading.lens import read_kalibr
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of
 from sucre_bench.machine.files import regular
-from sucre_bench.plugins.decorators import dataset
+from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Plane, Scene
 
 _SEQUENCE = re.compile(r"(harbor_|archaeo_)?images_sequence_0*(\d+)")

@@ -19,7 +19,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model, registered_scene
 from sucre_bench.loading.find_folders import chosen, existing
 from sucre_bench.loading.view_files import ImageScaleOption
-from sucre_bench.plugins.decorators import dataset
+from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Encoding, Scene
 
 

@@ -26,7 +26,7 @@ from sucre_bench.loading.lens import Lens, read_kalibr
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.progress import say
-from sucre_bench.plugins.decorators import dataset
+from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Plane, Scene
 
 _SIZE = (968, 608)

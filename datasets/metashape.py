@@ -43,7 +43,7 @@ from sucre_bench.loading.view_files import (
 )
 from sucre_bench.machine.files import check_folder, regular
 from sucre_bench.machine.progress import say
-from sucre_bench.plugins.decorators import dataset
+from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Encoding, Plane, Scene
 
 # Finds the chunk in Metashape's export or project.

@@ -27,8 +27,8 @@ from sucre_bench.loading.lens import Lens, lens_of
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, fingerprint, is_rigid, scene_of
 from sucre_bench.machine.files import read_json, regular
 from sucre_bench.machine.progress import track
-from sucre_bench.plugins.decorators import dataset
-from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.plugins.options import check_ranges
+from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Encoding, Plane, Scene
 
 _USUAL = ("transforms.json",), ("transforms_train.json", "transforms_val.json", "transforms_test.json")

@@ -34,8 +34,8 @@ from sucre_bench.loading.view_files import (
 )
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
-from sucre_bench.plugins.decorators import dataset
-from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.plugins.options import check_ranges
+from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Encoding, Plane, Scene
 
 

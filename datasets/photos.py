@@ -30,7 +30,7 @@ from sucre_bench.loading.find_folders import chosen, existing, folders_below, sc
 from sucre_bench.loading.image_folder import SplitOption, image_folder_scene, image_names, paired_folders
 from sucre_bench.loading.named_sets import IncompleteSetError
 from sucre_bench.loading.view_files import ImageScaleOption
-from sucre_bench.plugins.decorators import dataset
+from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Encoding, Scene
 
 

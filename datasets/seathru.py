@@ -34,8 +34,8 @@ from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scaled_pose, scene_of
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.progress import track
-from sucre_bench.plugins.decorators import dataset
-from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.plugins.options import check_ranges
+from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Chart, Encoding, Plane, Scene
 
 # Reads camera raw files as linear images: the sensor's values, demosaiced and otherwise unchanged.

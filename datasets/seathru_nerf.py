@@ -17,8 +17,8 @@ from typing import Literal
 from sucre_bench.loading.colmap_model import read_model, registered_scene
 from sucre_bench.loading.find_folders import ImageFolder, chosen, existing, folders_below, scene_name
 from sucre_bench.loading.view_files import ImageScaleOption
-from sucre_bench.plugins.decorators import dataset
-from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.plugins.options import check_ranges
+from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Encoding, Scene
 
 _HELD_OUT = 8  # every eighth image by name, from the first, tests what was learned of the others

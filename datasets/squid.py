@@ -33,8 +33,8 @@ from sucre_bench.loading.find_folders import check_chosen, existing, folders_bel
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of
 from sucre_bench.machine.files import expanded
-from sucre_bench.plugins.decorators import dataset
-from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.plugins.options import check_ranges
+from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Encoding, Plane, Scene
 
 _SIZE = (2737, 1827)  # of the images and maps, which the calibration was made at

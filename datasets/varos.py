@@ -32,7 +32,7 @@ from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.text_formats import read_yaml
-from sucre_bench.plugins.decorators import dataset
+from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Plane, Scene
 
 _FAR_M = 25.0

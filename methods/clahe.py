@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from sucre_bench import Restoration, Scene, View, method
 from sucre_bench.imaging.filters import equalised
-from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.plugins.options import check_ranges
 
 
 @method(requires=("cv2",), cites="Zuiderveld 1994", encoding="gamma")

@@ -23,7 +23,7 @@ from sucre_bench.imaging.encoding import converted, srgb_decode
 from sucre_bench.imaging.fill import FillOption, with_filled
 from sucre_bench.imaging.image_formation import distances
 from sucre_bench.machine.progress import say, track
-from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.plugins.options import check_ranges
 from sucre_bench.scene import Encoding
 
 Along = Literal["distance", "depth"]

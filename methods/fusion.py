@@ -23,7 +23,7 @@ from sucre_bench.imaging.filters import (
     stretched_by_weakness,
     stretched_together,
 )
-from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.plugins.options import check_ranges
 
 _EXPOSED = 0.25  # sigma of the exposedness weight (2012)
 _REGULARISER = 0.1  # delta (2018): every input contributes a little everywhere

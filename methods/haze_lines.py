@@ -18,7 +18,7 @@ from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.filters import guided_filter, window_max
 from sucre_bench.imaging.image_formation import recovered, reduced, transmissions
 from sucre_bench.machine.progress import track
-from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.plugins.options import check_ranges
 from sucre_bench.scene import Water
 
 # Jerlov's optical water types, as ratios of the attenuation of blue, green and red.

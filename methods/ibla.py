@@ -16,7 +16,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.imaging.cielab import luma
 from sucre_bench.imaging.filters import guided_filter, window_max
 from sucre_bench.imaging.image_formation import highest, nearest_depth, reduced, restoration, stretched_plane
-from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.plugins.options import check_ranges
 
 _WAVELENGTH_NM = np.array([620.0, 540.0, 450.0])  # of red, green and blue
 _SLOPE, _INTERCEPT = -0.00113, 1.62517  # scattering is linear in the wavelength (Zhao et al. 2015)

@@ -14,7 +14,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.imaging.cielab import from_lab, to_lab
 from sucre_bench.imaging.display import stretch
 from sucre_bench.imaging.filters import box_mean, stretched_together
-from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.plugins.options import check_ranges
 
 _DETAIL_PX = 1.0  # standard deviation of the Gaussian that separates detail; not published
 _ZERO = 128.0  # gray's a and b in 8 bits, in which the publication's means are positive

@@ -12,7 +12,7 @@ import numpy as np
 from sucre_bench import Restoration, Scene, View, method
 from sucre_bench.imaging.display import stretch
 from sucre_bench.imaging.filters import gray_world, red_from_green
-from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.plugins.options import check_ranges
 
 
 @method(

@@ -15,7 +15,7 @@ from sucre_bench import Restoration, Scene, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.cielab import from_lab, to_lab
 from sucre_bench.imaging.filters import denoised
-from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.plugins.options import check_ranges
 
 _SPREAD = math.sqrt((4 - math.pi) / 2)  # sigma / a
 _RESIDUAL = (0.83, 0.95, 0.97)  # shares of red, green and blue light that a metre of water leaves

@@ -13,7 +13,7 @@ from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.filters import guided_filter
 from sucre_bench.imaging.image_formation import brightest, restoration
-from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.plugins.options import check_ranges
 
 
 @method(

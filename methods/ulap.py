@@ -12,7 +12,7 @@ from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.filters import guided_filter
 from sucre_bench.imaging.image_formation import brightest, highest, nearest_depth, restoration, stretched_plane
-from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.plugins.options import check_ranges
 
 _OFFSET, _STRONGER, _RED = 0.51157954, 0.50516165, -0.90511117  # learned, for intensities in [0, 1]
 

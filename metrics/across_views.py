@@ -28,7 +28,7 @@ from sucre_bench.arrays import CHANNELS, Array, Mask
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.cielab import ciede2000, contrast, lab_d50
 from sucre_bench.imaging.encoding import srgb_decode
-from sucre_bench.plugins.decorators import metric
+from sucre_bench.plugins.plugin import metric
 from sucre_bench.restored_pair import RestoredPair
 from sucre_bench.results.reasons import Reason
 from sucre_bench.scene import Score

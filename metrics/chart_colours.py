@@ -22,7 +22,7 @@ from sucre_bench.arrays import CHANNELS, Array
 from sucre_bench.imaging.chart_kinds import Patch
 from sucre_bench.imaging.chart_patches import PatchReading, measure
 from sucre_bench.imaging.cielab import ciede2000, lab_d50, srgb_of_lab_d50
-from sucre_bench.plugins.decorators import metric
+from sucre_bench.plugins.plugin import metric
 from sucre_bench.scene import Restoration, Score, View
 
 _LOST_DEG = 90.0  # the mean error of a hue at random

@@ -15,7 +15,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.imaging.cielab import ciede2000, lab_d50
 from sucre_bench.imaging.encoding import srgb_encode
 from sucre_bench.imaging.references import known_in_both, psnr_of, reference_of
-from sucre_bench.plugins.decorators import metric
+from sucre_bench.plugins.plugin import metric
 from sucre_bench.scene import Restoration, Score, View
 
 _MOST = 1 << 18  # pixels of which CIEDE2000 is computed, on a regular grid; each takes a microsecond

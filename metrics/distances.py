@@ -12,7 +12,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, distance_map, unproject
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.chart_patches import chart_mask
-from sucre_bench.plugins.decorators import metric
+from sucre_bench.plugins.plugin import metric
 from sucre_bench.scene import Restoration, Score, View
 
 

@@ -14,8 +14,7 @@ from sucre_bench.arrays import Array, Mask, coloured_pixels, once
 from sucre_bench.imaging.cielab import to_lab
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.image_formation import reduced
-from sucre_bench.plugins.decorators import metric
-from sucre_bench.plugins.plugin import Fault
+from sucre_bench.plugins.plugin import Fault, metric
 from sucre_bench.scene import Restoration, Score, View
 
 _SIDE = 480

@@ -19,7 +19,7 @@ from sucre_bench.camera import depth_at, moved, project, relative_pose, unprojec
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
-from sucre_bench.plugins.decorators import metric
+from sucre_bench.plugins.plugin import metric
 from sucre_bench.restored_pair import CommonPoints, RestoredPair
 from sucre_bench.scene import Encoding, Score, View
 

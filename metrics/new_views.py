@@ -11,7 +11,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, NotApplicableError
-from sucre_bench.plugins.decorators import metric
+from sucre_bench.plugins.plugin import metric
 from sucre_bench.scene import Restoration, Score, View
 
 

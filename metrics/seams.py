@@ -14,7 +14,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.seams import find_seams
-from sucre_bench.plugins.decorators import metric
+from sucre_bench.plugins.plugin import metric
 from sucre_bench.scene import Restoration, Score, View
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from sucre_bench.arrays import CHANNELS, Array, coloured_pixels
 from sucre_bench.imaging.chart_patches import chart_mask
-from sucre_bench.plugins.decorators import metric
+from sucre_bench.plugins.plugin import metric
 from sucre_bench.scene import Restoration, Score, View
 
 # Half the width of the hues that count as red, degrees; the least saturation and value of HSV.

@@ -19,7 +19,7 @@ from sucre_bench.imaging.encoding import srgb_encode, to_8bit
 from sucre_bench.imaging.references import known_in_both, psnr_of, reference_of
 from sucre_bench.imaging.resizing import Resizing, resized
 from sucre_bench.machine.compute import compiled, usable_cores
-from sucre_bench.plugins.decorators import metric
+from sucre_bench.plugins.plugin import metric
 from sucre_bench.scene import Restoration, Score, View
 
 Image = npt.NDArray[Any]

@@ -26,7 +26,7 @@ from sucre_bench.arrays import Array, locked, once
 from sucre_bench.imaging.cielab import lab_d50_of_linear
 from sucre_bench.imaging.encoding import Palette, eight_bit, palette, srgb_decode
 from sucre_bench.imaging.percentiles import ValueCounts
-from sucre_bench.plugins.decorators import metric
+from sucre_bench.plugins.plugin import metric
 from sucre_bench.scene import Restoration, Score, View
 
 _VARIANTS = {

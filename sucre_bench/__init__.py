@@ -63,9 +63,9 @@ if TYPE_CHECKING:
     from sucre_bench.errors import SolveError as SolveError
     from sucre_bench.errors import SucreBenchError as SucreBenchError
     from sucre_bench.machine.progress import track as track
-    from sucre_bench.plugins.decorators import dataset as dataset
-    from sucre_bench.plugins.decorators import method as method
-    from sucre_bench.plugins.decorators import metric as metric
+    from sucre_bench.plugins.plugin import dataset as dataset
+    from sucre_bench.plugins.plugin import method as method
+    from sucre_bench.plugins.plugin import metric as metric
     from sucre_bench.plugins.registry import load_file as load_file
     from sucre_bench.programs.contract import breaches as breaches
     from sucre_bench.restored_pair import RestoredPair as RestoredPair

@@ -42,7 +42,7 @@ from sucre_bench.methods.doors.precomputed import (
     placeholders,
 )
 from sucre_bench.methods.doors.process import Ended, Printed, run_program
-from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.plugins.options import check_ranges
 
 _PER_SCENE = ("input", "depth", "distance", "output")
 _PER_VIEW = (*_PER_SCENE, "name", "width", "height")

@@ -16,7 +16,7 @@ from sucre_bench.errors import InputError, did_you_mean, one_line
 from sucre_bench.machine.compute import Device, usable_cores
 from sucre_bench.methods.networks.run_torch import check_file
 from sucre_bench.methods.networks.sizes import resized, restored_at, tiled
-from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.plugins.options import check_ranges
 
 # Opens an ONNX model, reads the sizes and types that it declares, and runs it on pixels.
 

@@ -17,7 +17,7 @@ from sucre_bench.imaging.filters import equalised, stretched_by_weakness
 from sucre_bench.machine.compute import Device
 from sucre_bench.methods.networks.run_torch import Architecture, TorchNetwork, check_file, loaded
 from sucre_bench.methods.networks.sizes import limited, restored_at, tiled
-from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.plugins.options import check_ranges
 
 
 @dataclass(frozen=True)

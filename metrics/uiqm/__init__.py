@@ -42,7 +42,7 @@ from sucre_bench.metrics.uiqm.sharpness_and_contrast import (
     uism,
     uism_blocks,
 )
-from sucre_bench.plugins.decorators import metric
+from sucre_bench.plugins.plugin import metric
 from sucre_bench.scene import Restoration, Score, View
 
 # UICM, the colourfulness in UIQM: mean and spread of the opponent colours R - G and (R + G) / 2 - B.

@@ -134,7 +134,7 @@ def lineup(folder: Path, out: Path | None, force: bool) -> None:
     """
     from sucre_bench import plugins
     from sucre_bench.jobs.job import load_them
-    from sucre_bench.jobs.lineup_of_results import line_up_of
+    from sucre_bench.jobs.lineup import line_up_of
     from sucre_bench.jobs.words import shell
 
     file = folder / "lineup.yaml" if out is None else out

@@ -80,7 +80,7 @@ def _line_up(folder: Path, has_code: bool) -> dict[str, str]:
     results folder names them, so each must have been loaded: else it may be any file of this machine.
     """
     from sucre_bench import plugins, results
-    from sucre_bench.jobs.lineup_of_results import line_up_of
+    from sucre_bench.jobs.lineup import line_up_of
 
     results.read(folder)  # a folder without results is an error of its own
     try:

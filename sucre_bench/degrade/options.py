@@ -14,7 +14,7 @@ import numpy as np
 from sucre_bench.arguments import checked
 from sucre_bench.errors import InputError, MissingFileError, unknown_name
 from sucre_bench.machine.files import expanded
-from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.plugins.options import check_ranges
 from sucre_bench.scene import Water
 
 _PLACE = "degrade.add_water"

@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from sucre_bench import compare, results
-from sucre_bench.arrays import DataFrame
+from sucre_bench.arrays import DataFrame, evenly
 from sucre_bench.engine.across_views import score_across_views
 from sucre_bench.engine.common_pixels import score_on_common_pixels
-from sucre_bench.engine.hints import Hint, hints
 from sucre_bench.engine.job import JobAtWork
 from sucre_bench.engine.preflight import Planned, check, is_for_cluster, workers_at_once
 from sucre_bench.engine.select_views import opening_once
 from sucre_bench.engine.workers import Work, run_works
-from sucre_bench.errors import DiskFullError, SucreBenchError, one_line
+from sucre_bench.errors import DiskFullError, InputError, SucreBenchError, one_line
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job, config_path, config_text
-from sucre_bench.jobs.lineup_of_results import record_line_up
+from sucre_bench.jobs.lineup import record_line_up
 from sucre_bench.machine import progress, provenance
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.outputs import check_results_folder
@@ -31,7 +31,11 @@ from sucre_bench.machine.processes import terminated_as_interrupt
 from sucre_bench.machine.text_formats import keep_traceback, masked
 from sucre_bench.results.common_scores import read_common
 from sucre_bench.results.layout import decoded_path, log_path, pairs_path
-from sucre_bench.results.rows import restoration_rows, values_of
+from sucre_bench.results.restorations import read_record
+from sucre_bench.results.rows import restoration_rows, tuples, values_of
+
+_MOST_VIEWS = 50  # whose records are read, evenly chosen
+_NUMBER = re.compile(r"\d+(\.\d+)?")
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,16 @@ class Fault:
     where: str
     view: str
     reason: str
+
+
+@dataclass(frozen=True)
+class Hint:
+    """A fault that most of the views have, and what to type. where: dataset and method; n_views: of n_read."""
+
+    where: str
+    n_views: int
+    n_read: int
+    text: str
 
 
 @dataclass(frozen=True)
@@ -246,5 +260,30 @@ def _outcome(rows: DataFrame, planned: Sequence[Planned], interrupted: bool, cra
         interrupted=interrupted,
         crashed=crashed,
         nothing_scored=any(metrics.values()) and not (of_request["status"] == "ok").any(),
-        hints=tuple(hints(planned, restored, first.out)),
+        hints=tuple(_hints(planned, restored, first.out)),
     )
+
+
+def _hints(planned: Sequence[Planned], restored: DataFrame, out: Path) -> Iterator[Hint]:
+    """Yield the most frequent of the "hints" in the records of each method's restorations, if they have any.
+
+    restored: the rows of restored views. Hints that differ by numbers alone are one. "method.fill=true" becomes the
+    word for this method in the command, "sucre.fill=true" or that of its label.
+    """
+    for name, plan in {plan.name: plan for plan in planned}.items():
+        job = plan.job
+        rows = restored[(restored["dataset"] == job.dataset.label) & (restored["method"] == job.method.label)]
+        rows = rows.iloc[evenly(len(rows), _MOST_VIEWS)]
+        kinds, first = Counter[str](), dict[str, str]()
+        for row in tuples(rows):
+            try:
+                found = read_record(row, out).get("hints", ())
+            except InputError:  # damaged; the picture may be whole
+                continue
+            of_view = {_NUMBER.sub("", text): text for text in found}
+            kinds.update(of_view.keys())
+            first = of_view | first
+        if kinds:
+            kind, n_views = kinds.most_common(1)[0]
+            option = re.compile(rf"\b(method|{re.escape(job.method.plugin.name)})\.(?=\w+=)")
+            yield Hint(name, n_views, len(rows), option.sub(f"{job.method_word}.", first[kind]))

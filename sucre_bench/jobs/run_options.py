@@ -11,9 +11,8 @@ from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.resizing import split_variant
-from sucre_bench.plugins.options import checked_options, options_of, plain_value
+from sucre_bench.plugins.options import check_ranges, checked_options, options_of, plain_value
 from sucre_bench.plugins.plugin import fits
-from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import COSTS, By
 

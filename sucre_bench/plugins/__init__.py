@@ -6,7 +6,6 @@ that does not import is listed with its reason, and the others work. Importing a
 are named in ``requires`` and imported where they are used.
 """
 
-from sucre_bench.plugins.decorators import dataset, method, metric, snake_case
 from sucre_bench.plugins.plugin import (
     KINDS,
     NEEDS,
@@ -18,8 +17,12 @@ from sucre_bench.plugins.plugin import (
     Metric,
     PairMetric,
     Plugin,
+    dataset,
+    method,
+    metric,
     missing_needs,
     plugin_of,
+    snake_case,
 )
 from sucre_bench.plugins.registry import (
     Registry,

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from sucre_bench.arguments import check_argument
-from sucre_bench.errors import InputError, did_you_mean, shown_value, unknown_name
+from sucre_bench.errors import InputError, did_you_mean, is_number_in, shown_value, unknown_name
 from sucre_bench.imaging.display import normalisation
 from sucre_bench.machine.files import expanded, fault_of
 from sucre_bench.machine.packages import require
@@ -152,6 +152,27 @@ def typed(annotation: Any, value: Any) -> Any:
         return value.lower() == "true"
     is_word = str in kinds or str(value) in kinds  # "nan" may be a word of a Literal
     return text if is_word and isinstance(value, (int, float)) else value
+
+
+def check_ranges(options: Any, place: str | None = None, /, **ranges: str) -> None:
+    """Raise InputError for the first option outside of its range: one line with its name, its value and the range.
+
+    options: a dataclass, of a plugin say; place: what stands before the option's name, default the plugin's name;
+    ranges: option -> interval, such as ``"(0, 1]"``, of which "(" excludes the bound. Each element of a tuple must lie
+    in it. NaN lies in none. A field of type int takes whole numbers only, and an optional one takes None.
+    """
+    types = {option.name: option.type for option in options_of(type(options))}
+    for option, interval in ranges.items():
+        value, kinds = getattr(options, option), (types[option], *get_args(types[option]))
+        is_whole, is_many, is_optional = float not in kinds, get_origin(kinds[0]) is tuple, type(None) in kinds
+        each = value if is_many and isinstance(value, (tuple, list)) else [value]
+        if is_many != (each is value) or not all(is_number_in(interval, one, is_whole) for one in each):
+            if value is None and is_optional:
+                continue
+            before = type(options).__plugin__.name if place is None else place
+            noun = ("" if is_many else "a ") + ("whole number" if is_whole else "number") + "s" * is_many
+            fault, remedy = shown_value(value), f"give {noun} in {interval}{' or none' * is_optional}"
+            raise InputError(fault, f"{before}.{option}" if before else option, remedy)
 
 
 def plain_value(value: Any) -> Any:

@@ -16,8 +16,7 @@ from sucre_bench.engine.run import run as run_jobs
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.catalogue import moved_paths
 from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.lineup import line_up_in
-from sucre_bench.jobs.lineup_of_results import line_up_of, line_up_path, record_line_up
+from sucre_bench.jobs.lineup import line_up_in, line_up_of, line_up_path, record_line_up
 
 pytestmark = pytest.mark.usefixtures("toys")
 

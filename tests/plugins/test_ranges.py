@@ -11,9 +11,8 @@ from support.forward_model import NOISE, UNWANTED, restored
 from support.messages import names
 
 from sucre_bench import InputError, Restoration, Scene, View, method
-from sucre_bench.plugins.options import Option, options_of
+from sucre_bench.plugins.options import Option, check_ranges, options_of
 from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.plugins.registry import discover, find
 
 NAMES = ["clahe", "fusion_2012", "fusion_2018", "haze_lines", "ibla", "red_compensation", "rghs", "udcp", "ulap"]
