@@ -8,9 +8,10 @@
 VENV ?= .venv
 bin = $(VENV)/bin
 
-# A file's tests run in one process: what they share is made once. PYTHONDONTWRITEBYTECODE would make each of the hundreds
-# of processes that tests start compile all it imports.
-pytest = env -u PYTHONDONTWRITEBYTECODE $(bin)/python -m pytest
+# PYTHONDONTWRITEBYTECODE would make each of the processes that the demo or the tests start compile all it imports.
+kept = env -u PYTHONDONTWRITEBYTECODE
+# A file's tests run in one process: what they share is made once.
+pytest = $(kept) $(bin)/python -m pytest
 in_parallel = -n auto --dist loadfile --no-loadscope-reorder
 
 SEED ?= $(shell od -An -N4 -tu4 /dev/urandom)
@@ -21,7 +22,7 @@ setup:
 	@VENV=$(VENV) scripts/setup.sh
 
 demo: setup
-	@$(bin)/sucre-bench run -m experiment=demo
+	@$(kept) $(bin)/sucre-bench run -m experiment=demo
 
 test: setup
 	@$(pytest) $(in_parallel)

@@ -5,9 +5,10 @@
                            harbor_groundtruth_files/new_harbor_colmap_traj_sequence_07.txt
     Archaeological_site_sequences/ likewise: images_sequence_7/, archaeo_camera_calib.yaml, new_archaeo_colmap_traj_...
 
-Conventions. A line of a trajectory is frame, tx ty tz, qx qy qz qw: the camera's centre in the world and the rotation
-that takes its axes there. Metres in the files new_..., which corrected the scale, and so are preferred. Calibrations
-are Kalibr's, fisheye ("equidistant"); images are undistorted on the way. Frames that were not registered have no pose.
+Conventions. A line of a trajectory is frame, tx ty tz, qx qy qz qw. These are the camera's centre in the world and the
+rotation that takes its axes there. Metres in the files new_..., which corrected the scale, and so are preferred.
+Calibrations are Kalibr's, fisheye ("equidistant"); images are undistorted on the way. Frames that were not registered
+have no pose.
 Source: Ferrera et al., AQUALOC: an underwater dataset for visual-inertial-pressure localization, IJRR 2019.
 """
 

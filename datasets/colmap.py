@@ -8,7 +8,7 @@ root/charts.json            optional: colour charts, see `sucre_bench.loading.ch
 
 With undistort=true cameras may be SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV, OPENCV_FISHEYE, SIMPLE_RADIAL_FISHEYE or
 RADIAL_FISHEYE as well. Images, references and the corners of charts are then those of the distorted image, as it is
-stored, and are undistorted on the way; depth maps are of the undistorted image, see `sucre_bench.loading.lens`.
+stored, and are undistorted on the way. Depth maps are of the undistorted image, see `sucre_bench.loading.lens`.
 """
 
 from collections.abc import Iterator, Sequence

@@ -12,7 +12,7 @@ p1. A fisheye has the angle from the axis in the place of r (Agisoft Metashape U
 
 Poses: a camera's <transform> takes points of its frame (x right, y down, z ahead) to the chunk's. The <transform> of
 its component, or else of the chunk, takes those to the world: scale R X + t, geocentric where the survey is
-georeferenced; t, of thousands of kilometres there, is left away. A camera with a master_id has the master's pose times
+georeferenced. t, of thousands of kilometres there, is left away. A camera with a master_id has the master's pose times
 its sensor's <rotation> and <location>, which is in units of the chunk.
 """
 

@@ -65,8 +65,9 @@ class Nerfstudio(ImageScaleOption):
     def scenes(self) -> Iterator[Scene]:
         """Yield the one scene, named like its folder. Reads the JSON, headers and samples of files.
 
-        Raises InputError for what concerns all views: no or a damaged file, a path that leaves the folder, a camera or
-        pose that is none, no image at all. What is wrong with the files of one view is raised when they are loaded.
+        Raises InputError for what concerns all views. That is no file or a damaged one, a path that leaves the folder,
+        a camera or pose that is none, no image at all. What is wrong with the files of one view is raised when they are
+        loaded.
         """
         root = existing(self.root, "transforms.json")
         photographs: dict[str, Photograph] = {}

@@ -5,7 +5,7 @@ root/reference/a.png      optional: the same view without water; of the image's 
 root/charts.json          optional: colour charts, see `sucre_bench.loading.charts_file`
 
 And three published sets of single images. Where they have references, these are the best liked of many methods'
-results, not the scene without water: scores against them say how near a method comes to that taste.
+results, not the scene without water. Scores against them say how near a method comes to that taste.
 
 LSUI   input/1.jpg                  the photograph
        GT/1.jpg                     its reference

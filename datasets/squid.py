@@ -7,9 +7,9 @@
     Michmoret/, Nachsholim/, Satil/                         likewise
 
 Conventions. The maps hold distances from the camera's centre: each is divided by the length of its pixel's ray to
-make planar depth. MATLAB's K stands transposed, with the first pixel's centre at (1, 1), here (0.5, 0.5); its poses are
-for row vectors, x2 = x1 R + t, lengths in millimetres unless it says otherwise. The world is the left camera.
-The images are taken as linear: they stem from raw files and are dark as those are.
+make planar depth. MATLAB's K stands transposed, with the first pixel's centre at (1, 1), here (0.5, 0.5). Its poses are
+for row vectors, x2 = x1 R + t, lengths in millimetres unless it says otherwise. The world is the left camera. The
+images are taken as linear: they stem from raw files and are dark as those are.
 Source: Berman, Levy, Avidan & Treibitz, Underwater single image color restoration using haze-lines and a new
 quantitative dataset, TPAMI 2021.
 """

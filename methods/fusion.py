@@ -174,8 +174,8 @@ def _laplacian(light: Array) -> Array:
 def saliency(rgb: Array) -> Array:
     """Return (H, W) float32: how far each pixel's smoothed colour is from the image's mean colour, in L*a*b* / 100.
 
-    rgb: (H, W, 3) in [0, 1]. Without the division by the image's maximum that is for display, so that maps of
-    two images can be compared; the unit is the distance from black to white.
+    rgb: (H, W, 3) in [0, 1]. Without the division by the image's maximum that is for display, so that maps of two
+    images can be compared. The unit is the distance from black to white.
     """
     lab = to_lab(rgb) / 100
     mean = lab.mean(axis=(0, 1), dtype=np.float64).astype(np.float32)

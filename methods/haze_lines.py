@@ -146,7 +146,7 @@ def textureless_area(encoded: Array, share: float) -> Mask:
     """Return (H, W): the largest connected region among the `share` of pixels that are farthest from any edge.
 
     encoded: (H, W, 3) gamma-encoded, in which the dark parts' edges count as much as the bright ones'. An edge is a
-    gradient of luminance after a Gaussian of sigma 1; a pixel has the strongest one in a window of 1/64 of the image.
+    gradient of luminance after a Gaussian of sigma 1. A pixel has the strongest one in a window of 1/64 of the image.
     """
     import cv2
 

@@ -1,7 +1,7 @@
 """Minimal colour loss and locally adaptive contrast enhancement, MLLE.
 
 Zhang, Zhuang, Sun, Li, Kwong & Li 2022, Underwater image enhancement via minimal color loss and locally adaptive
-contrast enhancement, IEEE TIP 31. Written from the publication's method; its authors' program is compiled and was not
+contrast enhancement, IEEE TIP 31. Written from the publication's method. Its authors' program is compiled and was not
 read. docs/method-choices.md says which reading of each step is taken, and how near the result is to the authors'.
 """
 

@@ -1,9 +1,9 @@
 """Sea-thru (Akkaynak & Treibitz 2019), for 8-bit images: Sea-thru* of the SUCRe paper.
 
 D. Akkaynak and T. Treibitz, Sea-thru: A Method for Removing Water From Underwater Images, CVPR 2019. The method is made
-for raw images. SUCRe's authors adapted it to 8 bits (supplementary material, Sea-thru*) but did not publish how, so the
-adaptations here are our own; each is documented where it is made. Intensities are in [0, 1], distances Euclidean, in
-metres.
+for raw images. SUCRe's authors adapted it to 8 bits (supplementary material, Sea-thru*) but did not publish how. The
+adaptations here are our own, and each is documented where it is made. Intensities are in [0, 1], distances Euclidean,
+in metres.
 """
 
 from __future__ import annotations
@@ -180,9 +180,8 @@ _LOG_OUTLIER = 0.1  # in -ln E: beyond 10 % residuals count linearly only
 def amplified(beta: TwoTerm, z: Array, amplification: float) -> Array:
     """Return (P,) how much fades up to distances z (P,) metres, and is to be undone: J = D exp(optical depth).
 
-    It is beta(z) z, made to rise with distance: more water never lets more light through, but two fitted terms
-    may say so where few pixels are, or where a seabed seen from above fades only a little. It ends at
-    ln(amplification).
+    It is beta(z) z, made to rise with distance. More water never lets more light through, but two fitted terms may say
+    so where few pixels are, or where a seabed seen from above fades only a little. It ends at ln(amplification).
     """
     at = np.geomspace(z.min(), z.max(), 1024)
     depth = np.maximum.accumulate(beta.optical_depth(at)).clip(max=np.log(amplification))

@@ -1,6 +1,6 @@
 """Underwater light attenuation prior, ULAP (Song et al. 2018, A rapid scene depth estimation model).
 
-Water takes red first. So depth is modelled as linear in red and in the stronger of green and blue; the authors learned
+Water takes red first. So depth is modelled as linear in red and in the stronger of green and blue. The authors learned
 the coefficients from images of known relative depth.
 """
 

@@ -1,7 +1,7 @@
 """Scores of several restored views of a scene: does a method give one point the same colour in all of them?
 
 No reference is needed: without the water, a point looks alike from everywhere. `Consistency` is the difference between
-the colours, `PointContrast` how much colours differ at all, `RangeSlope` whether colours follow the distance; `matches`
+the colours, `PointContrast` how much colours differ at all, `RangeSlope` whether colours follow the distance. `matches`
 has how many more points can be matched between views.
 
 A colour is the mean over a patch of 8 x 8 pixels of the restored image, of those that have a colour in both views. A
@@ -15,8 +15,8 @@ camera,
     slope = sum (z_i - z_j) (ln J_i - ln J_j) / sum (z_i - z_j)^2
 
 over the patches of all pairs of views i, j. It is the least-squares slope of ln J on z with an intercept for each patch
-(fixed effects), where a patch that n views show counts n times. Attenuation alone gives -beta. Veiling light adds light
-with distance: in green and blue the input's slope may be near 0 or positive.
+(fixed effects). A patch that n views show counts n times. Attenuation alone gives -beta. Veiling light adds light with
+distance: in green and blue the input's slope may be near 0 or positive.
 """
 
 from collections.abc import Iterator

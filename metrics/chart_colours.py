@@ -2,7 +2,7 @@
 
 All score the shown picture, in [0, 1] and gamma-encoded. A chart yields one score named after it, the mean over its
 patches, and one per patch, "<chart>/<number>-<name>". Where a patch has no value (no pixel with a colour; for psi also
-a median of exactly black, which has no direction) its score is NaN with coverage 0, and the mean of the chart leaves it
+a median of exactly black, which has no direction) its score is NaN with coverage 0. The mean of the chart leaves it
 out. The coverage of the chart, the share of its patches' pixels that were scored, shows this. `patch_colour` has the
 colours themselves, for tables of swatches.
 
@@ -78,7 +78,7 @@ class De00:
     """Mean CIEDE2000 difference between measured and expected chart patches.
 
     Both are compared in CIE Lab under D50, the white of the maker's list; sRGB is brought there from D65 by Bradford's
-    adaptation. Neither Sea-thru nor SUCRe says which list is meant: on the unrestored Sea-thru charts the two means are
+    adaptation. Neither Sea-thru nor SUCRe says which list is meant. On the unrestored Sea-thru charts the two means are
     within .3 of each other (35.3 and 35.5), single patches up to 11 apart.
     """
 

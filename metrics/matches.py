@@ -1,7 +1,7 @@
 """Matches: how many more points can be matched between restored views than between the photographs.
 
 SIFT (Lowe 2004) finds keypoints in both views. The nearest descriptor is a match if it is nearer than 0.8 of the second
-nearest, and if the same holds for the nearest from the other side. A match is verified if its keypoints lie where depth
+nearest. The same must hold for the nearest from the other side. A match is verified if its keypoints lie where depth
 and poses put the point, within 1 % of the image's diagonal. The geometry is known, so nothing is drawn at random.
 """
 

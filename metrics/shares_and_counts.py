@@ -1,5 +1,5 @@
-"""Shares of pixels: with a colour (coverage), with an impossible one (negative), made saturated red (saturated_red);
-and how many observations of the view a method used, over all views (observations)."""
+"""Shares of pixels: with a colour (coverage), with an impossible one (negative), made saturated red (saturated_red).
+Also how many observations of the view a method used, over all views (observations)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

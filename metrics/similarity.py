@@ -1,7 +1,7 @@
 """Similarity to a reference image: PSNR and SSIM.
 
 Both compare in [0, 1], gamma-encoded, over the pixels that the view has depth for (all, where it has no depth map) and
-that the method gave a colour: the mean is taken over those pixels alone. (Blackening the rest in both images and
+that the method gave a colour. The mean is taken over those pixels alone. (Blackening the rest in both images and
 averaging over everything would add -10 log10(area) dB, 13 dB at 5 %.) The variants "unmasked" take every pixel, holes
 as black, as most published tables do. Each score's coverage is the share of the image's pixels it is made of.
 """
@@ -58,9 +58,9 @@ def mean_ssim(one: Image, other: Image, weights: Array, norm: float, whole: Mask
 
     weights: (11,) of a row and of a column of the window, 0 where it is narrower, summing to 1; norm: by which
     variances and covariances are multiplied. What is not finite counts as 0. K1 = .01, K2 = .03, range 1 (Wang et al.
-    2004, eq. 13). With s = x + y and d = x - y, four filtered images do where x and y need five: 2 mu_x mu_y =
-    (mu_s^2 - mu_d^2) / 2, mu_x^2 + mu_y^2 = (mu_s^2 + mu_d^2) / 2, likewise for the variances. They are filtered in
-    float32, less a typical value of s and d near by, so that the variances lose no digits.
+    2004, eq. 13). With s = x + y and d = x - y, four filtered images do where x and y need five. 2 mu_x mu_y = (mu_s^2
+    - mu_d^2) / 2, mu_x^2 + mu_y^2 = (mu_s^2 + mu_d^2) / 2, likewise for the variances. They are filtered in float32,
+    less a typical value of s and d near by, so that the variances lose no digits.
     """
     height, _, channels = one.shape
     bands = [(c, row, min(row + _BAND, height)) for c in range(channels) for row in range(0, height, _BAND)]
@@ -204,7 +204,7 @@ class Ssim:
     """Structural similarity to the reference (Wang et al. 2004), K1 = .01, K2 = .03, data range 1.
 
     Masked variants average over the pixels whose whole window has a colour and depth, so that no hole bleeds into the
-    score; as in the original, windows that leave the image count nowhere.
+    score. As in the original, windows that leave the image count nowhere.
     """
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:

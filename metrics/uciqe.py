@@ -7,9 +7,9 @@ Source: Yang & Sowmya 2015, "An underwater color image quality evaluation metric
 sigma_c: spread of the chroma c = |(a, b)|; con_l: luminance at its top less at its bottom 1 %; mu_s: mean saturation.
 The publication fixes neither the scale of Lab nor the saturation's formula, so public programs give anything from .3
 to 40 for one picture. The published values lie in 0 to 1. "yang2015", the default, is the widely shared program with
-OpenCV's Lab (white D65); "matlab" is the same with MATLAB's Lab (white D50), and reproduces the scores that U45
-publishes within .0001. astronaut / coffee of scikit-image: yang2015 .688 / .663, matlab .691 / .665,
-ratio 2.12 / 1.41, cielab 38.4 / 35.5, hsv 38.5 / 36.5, hue .520 / .474, centred .404 / .420.
+OpenCV's Lab (white D65). "matlab" is the same with MATLAB's Lab (white D50), and reproduces the scores that U45
+publishes within .0001. astronaut / coffee of scikit-image: yang2015 .688 / .663, matlab .691 / .665, ratio 2.12 / 1.41,
+cielab 38.4 / 35.5, hsv 38.5 / 36.5, hue .520 / .474, centred .404 / .420.
 
 All variants see the picture as 8-bit sRGB; pixels without a colour are left out of every term. Sums run over the
 picture's palette: each colour once, times how often it occurs.

@@ -40,10 +40,10 @@ class Demo:
 
     The reference images show the same scene without water, in even light. The images follow SUCRe's model exactly,
     apart from noise and 8 bits. "deep_sea" is different: there the only light is a lamp on the camera. It has a
-    lobe and falls with the square of its way, which is through the water too, and the veil is its light that is
-    scattered once. No method without a model of the lamp should be expected to find the water of such a scene.
-    A pixel of the reference is the mean of 3 x 3 samples over its own area on the ground, so far pixels have less
-    contrast than near ones, as in a photograph.
+    lobe and falls with the square of its way, which is through the water too. The veil is its light that is scattered
+    once. No method without a model of the lamp should be expected to find the water of such a scene. A pixel of the
+    reference is the mean of 3 x 3 samples over its own area on the ground. Far pixels thus have less contrast than near
+    ones, as in a photograph.
     """
 
     water: Preset = "coastal"

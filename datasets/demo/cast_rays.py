@@ -1,7 +1,7 @@
 """Casts rays at the made seabed and its boards: which surface each meets first, how far away, and how it is turned.
 
 The ground is a grid of heights with two triangles a cell. Seen from above, a ray crosses the grid's lines and the
-diagonals of its cells; between two crossings it is over one triangle, so one subtraction says whether it goes below.
+diagonals of its cells. Between two crossings it is over one triangle, so one subtraction says whether it goes below.
 Blocks of cells that lie lower than the ray are left in one step.
 """
 

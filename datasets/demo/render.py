@@ -1,6 +1,6 @@
 """Pictures and depth maps of the made seabed, without water and in it, and which charts a view shows.
 
-One ray through the centre of a pixel finds its surface and depth; its colour is the mean over the pixel's footprint on
+One ray through the centre of a pixel finds its surface and depth. Its colour is the mean over the pixel's footprint on
 that surface's plane. So a pixel never mixes two surfaces, and belongs to the depth it is given.
 
 Water works on gamma-encoded intensities, I = J exp(-beta z) + B (1 - exp(-gamma z)) (SUCRe, eq. 5), with z the

@@ -406,7 +406,7 @@ _BAND_ROWS = 128  # of the seabed painted at once: what is worked on stays in th
 def paint_seabed(terrain: Terrain, noise: Noise, grid: Grid) -> Texture:
     """Return the seabed's texture over a grid: sand, rock and what grows on it.
 
-    It is shaded as by even light from above on a matt surface: that belongs to the surface and looks the same from
+    It is shaded as by even light from above on a matt surface. That belongs to the surface and looks the same from
     everywhere, as the colour model requires.
     """
     shade = _shade(terrain)

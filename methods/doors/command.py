@@ -60,8 +60,9 @@ class Command(RestoredElsewhere):
     """Run a program that reads an image and writes one, once for each view or once for all views of a scene.
 
     The program gets no shell and no input, but this process's environment and working folder. If it fails, the view
-    fails with the exit code and the last line that it printed. Beside its image a.png it may write the water to a.json:
-    B, and beta and gamma if known, three numbers each, and `encoding` if it explains intensities encoded otherwise.
+    fails with the exit code and the last line that it printed. Beside its image a.png it may write the water to a.json.
+    That is B, and beta and gamma if known, three numbers each, and `encoding` if it explains intensities encoded
+    otherwise.
     """
 
     run: str

@@ -104,7 +104,7 @@ class ImageFolder:
     def find(self, name: str, names: Sequence[str]) -> Path:
         """Return the image of the view of that name. names: of all the scene's views.
 
-        Raises InputError where two files may be the view's, or a file another view's as well, or it lies elsewhere;
+        Raises InputError where two files may be the view's, or a file another view's as well, or it lies elsewhere.
         NotApplicableError, saying what was looked for, where there is none.
         """
         wanted = inside(str(_place(str(inside(name)), self.pattern)))
@@ -159,7 +159,7 @@ class RestoredElsewhere:
     """Options of a method whose images another program makes, and the reader of such images.
 
     8- and 16-bit files are divided by 255 and 65535; floating ones, .npy, .npz and .tif, are taken as they are. Arrays
-    are (H, W, 3) in RGB order, those with a fourth channel have their transparency there; an .npz holds one, or several
+    are (H, W, 3) in RGB order, those with a fourth channel have their transparency there. An .npz holds one, or several
     and one called "image".
     """
 
@@ -259,8 +259,9 @@ def _stored(path: Path) -> np.ndarray:
 class Precomputed(RestoredElsewhere):
     """Read images that were restored elsewhere, one for each view, from a folder by the view's name.
 
-    A view without an image is skipped. Time and memory are unknown. A file a.json beside a.png may hold the water: B,
-    and beta and gamma if known, three numbers each, and `encoding` if it explains other intensities than the image's.
+    A view without an image is skipped. Time and memory are unknown. A file a.json beside a.png may hold the water. That
+    is B, and beta and gamma if known, three numbers each, and `encoding` if it explains other intensities than the
+    image's.
     """
 
     folder: Path

@@ -86,7 +86,7 @@ def model_file(path: Path) -> Path:
 def opened(path: Path, device: Device, layout: Layout, output: str) -> OnnxNetwork:
     """Open a model, kept for the next view while no file of its folder changes: its weights may lie beside it.
 
-    Raises InputError, naming the file, for one that is no model or does not take one picture of three channels, and
+    Raises InputError, naming the file, for one that is no model or does not take one picture of three channels. Also
     for a device that is not there.
     """
     files = sorted((file.name, file.stat()) for file in path.parent.iterdir() if file.is_file())

@@ -10,13 +10,13 @@ Source: Panetta, Gao & Agaian 2016, "Human-visual-system-inspired underwater ima
 
 sums over k1 k2 blocks, (+) (-) (x) the operations of parameterised logarithmic image processing (PLIP), whose
 constants gamma and k are 1026. Where readers of the publication differ, the default takes: blocks of 10x10 pixels,
-incomplete ones dropped; a block whose least value is 0 adds nothing to an EME; the intensity is the luma
-.299/.587/.114; the sum is PLIP's too, so that logAMEE is a mean whatever the image's size (with a plain sum the factor
-(x) makes it vanish as the image grows); the sign of every m ln m is turned, as all are negative and the published
+incomplete ones dropped. A block whose least value is 0 adds nothing to an EME. The intensity is the luma
+.299/.587/.114. The sum is PLIP's too, so that logAMEE is a mean whatever the image's size (with a plain sum the factor
+(x) makes it vanish as the image grows). The sign of every m ln m is turned, as all are negative and the published
 values positive. A scale of the Sobel filter cancels in max / min. -m ln m is greatest at m = .37: blocks of full
 contrast count for less again. Each variant differs from the default in exactly what its description says.
 
-"matlab-first-output" reproduces the scores that U45 publishes: what the table calls UICM is the trimmed mean of R - G,
+"matlab-first-output" reproduces the scores that U45 publishes. What the table calls UICM is the trimmed mean of R - G,
 since the program takes the first of several results of its own function. "matlab" is that program with its UICM.
 astronaut / coffee of scikit-image: panetta2016 2.54 / 2.93, funie 2.41 / 2.52, chen none / .64.
 

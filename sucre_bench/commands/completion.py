@@ -1,7 +1,7 @@
 """`sucre-bench completion`: prints the scripts by which shells complete commands, and answers what they ask.
 
 A shell asks by `_SUCRE_BENCH_COMPLETE=SHELL_complete`, with the line up to the cursor in COMP_LINE; the answer is a
-line a word. The scripts are of our own because click's part what is typed at "=" (bash) or "," (fish), put a space
+line a word. The scripts are of our own because click's part words at "=" (bash) or "," (fish). They also put a space
 behind "method=", and complete no path behind "=". The words of `run` (key=value) come from the options of plugins.
 """
 

@@ -1,7 +1,7 @@
 """What is known of methods beside their scores.
 
-What they were trained on, as their option `trained_on` says, and which test pictures were among it; how their pictures
-differ from their publication's; what people thought of them in published studies.
+What they were trained on, as their option `trained_on` says, and which test pictures were among it. How their pictures
+differ from their publication's. What people thought of them in published studies.
 """
 
 import json

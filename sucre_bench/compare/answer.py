@@ -136,7 +136,7 @@ def _differences_from_baseline(comparison: Comparison, column: Column) -> Iterat
 def answer(comparison: Comparison, chosen: Deciding) -> list[str]:
     """Return a few sentences by the chosen columns: what is wrong with the pictures, and who leads.
 
-    Where no score shows which colours are true, the first sentence says that, evidence is named as that, and the last
+    Where no score shows which colours are true, the first sentence says that. Evidence is named as that, and the last
     sentence says what to do.
     """
     lines = _against_baseline if comparison.baseline else _leaders

@@ -11,18 +11,19 @@ methods of a table are drawn together, which pairs their differences.
 A bootstrap of few units is too narrow. Its spread is too small by sqrt((n - 1) / n), and its tails are normal instead
 of Student's. Intervals of means are widened by both, about the mean (Hesterberg 2015, sec. 5.3).
 
-A score of a pair of views stands in the means of both views, so views are not independent, and the spread between them
+A score of a pair of views stands in the means of both views, so views are not independent. The spread between them
 shows half of what a view brings to the overall mean or less. Each view then counts by its pseudo-value: how the overall
 mean changes without it (jackknife of a U-statistic of degree 2, Arvesen 1969).
 
 **Intervals of differences.** Differences of several pairs are judged at once, so each gets the same multiple of its
-standard error, chosen so that all of their intervals hold together in 95 % of tables (max-t: Romano and Wolf 2005, sec.
-4). Differences from one method, the best or a baseline, are fewer than those of all pairs, so they are judged in steps
-(step-down max-t): methods that differ by more than chance leave, and the others are judged anew by shorter intervals.
+standard error. It is chosen so that all of their intervals hold together in 95 % of tables (max-t: Romano and Wolf
+2005, sec. 4). Differences from one method, the best or a baseline, are fewer than those of all pairs, so they are
+judged in steps (step-down max-t). Methods that differ by more than chance leave, and the others are judged anew by
+shorter intervals.
 
 Which method is the best is seen only in the scores. So the family of its leads is all pairs of the methods that are
 left. But if the best method beats every other one by the pair's own Student's interval, it leads them all, however many
-they are (Hung and Fithian 2019): to do this by chance, it must beat a method that is as good as itself.
+they are (Hung and Fithian 2019). To do this by chance, it must beat a method that is as good as itself.
 
 **Neighbours.** Views along a track show much the same, so their differences are alike and count for fewer independent
 ones. The correlation of differences between neighbours is estimated, and intervals grow as for a series with that
@@ -177,8 +178,8 @@ def differences(units: Units, pairs: Sequence[Pair]) -> Array:
 
     A length is a multiple of a standard error (Cochran 1977, sec. 6.4: a ratio's error). For one pair, the multiple is
     Student's. For several, it is the quantile of the greatest t over the pairs in resamples, but no more than what
-    Student's law and Sidak's inequality allow whatever the correlation: with few units, resamples that drew a unit
-    repeatedly have errors near 0, and the quantile becomes far too great.
+    Student's law and Sidak's inequality allow, whatever the correlation. With few units, resamples that drew a unit
+    repeatedly have errors near 0. Then the quantile would be far too great.
 
     pairs: numbers of methods (i, j); NaN for pairs with scores that are not finite, which do not count. There must be
     at least two units.

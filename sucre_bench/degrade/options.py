@@ -97,7 +97,7 @@ class Degradation:
     keep: int | None = None
     """Keep only this many views, after `within`: the target and others drawn at random; null: all."""
     add_water: Any = None
-    """Add water to the reference, or to the image if the scene has no references: nine numbers [B, beta, gamma], each
+    """Add water to the reference, or to the image if the scene has no references. Nine numbers [B, beta, gamma], each
     RGB, or a JSON file with "B", "beta" and "gamma". It becomes the true water; the dry image becomes the reference."""
     blur_px: float = 0.0
     """Blur the image in linear light with a Gaussian of this standard deviation, in pixels of the original; 0: none."""

@@ -152,9 +152,9 @@ def restore(method: str | Any, scene: Scene, view: View | str | int, **options: 
 
     `info` of the result also has method, options, display, seconds and peak_mb (MB of memory).
 
-    Raises InputError if the scene has no such view or lacks what the method needs, PluginError if the result breaks the
-    contract, SolveError if the estimation has no answer, and NotApplicableError (a SolveError) if the method is not
-    made for the view.
+    Raises InputError if the scene has no such view or lacks what the method needs. PluginError if the result breaks the
+    contract; SolveError if the estimation has no answer. NotApplicableError (a SolveError) if the method is not made
+    for the view.
 
     >>> scene = load_scene("demo", views=2, width=160, height=120)
     >>> result = restore("gray_world", scene, 0)

@@ -69,8 +69,8 @@ def revisit(out: Path, methods: Sequence[str], dataset: str = "", scene: str = "
     """Open the data of a run again, and find what methods made of them; pixels stay unread.
 
     methods: labels, or "input" for the views themselves; dataset, scene: may be left out where there is only one.
-    Raises InputError for a label or scene that the results do not have, and where config.yaml tells of another dataset
-    or the data are no longer those that were restored.
+    Raises InputError for a label or scene that the results do not have. Also if config.yaml names another dataset, or
+    if the data are no longer those that were restored.
     """
     from sucre_bench import results
     from sucre_bench.engine.select_views import open_scenes, tasks

@@ -1,7 +1,7 @@
 """Scores one restoration: a row for each score, and a skipped or failed row if a metric gives none.
 
-The rows of what failed or was skipped are made here for methods and datasets, too: status and reason, a line on stderr,
-and the traceback in the log.
+The rows of what failed or was skipped are made here for methods and datasets, too. They have status and reason, a line
+on stderr, and the traceback in the log.
 """
 
 from __future__ import annotations

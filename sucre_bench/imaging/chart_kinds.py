@@ -12,8 +12,8 @@ right and bottom edge in that unit, from the frame's top left; L, a, b: CIE Lab 
 degree observer), brought to D50 by Bradford's adaptation. Columns R, G, B, 0 to 255, may give the expected sRGB; else
 it is the Lab's, clipped. Patches are numbered as they are listed; those of a chroma of 5 or more count as colours.
 
-Measured reflectances, in [0, 1], may stand in place of L, a, b: one column a wavelength, named by its nm, from 400 or
-less to 700 or more. The illuminant may then be a CSV file, too, and a third line may name a camera's responses:
+Measured reflectances, in [0, 1], may stand in place of L, a, b. There is one column a wavelength, named by its nm, from
+400 or less to 700 or more. The illuminant may then be a CSV file, too, and a third line may name a camera's responses:
 
     # illuminant: D65
     # frame: 120 x 80
@@ -23,8 +23,8 @@ less to 700 or more. The illuminant may then be a CSV file, too, and a third lin
 See `imaging.spectra` for these files, whose paths start at the chart's file.
 
 The ColorChecker Digital SG is given in the maker's values of charts made after November 2014, as colour-science has
-them. Its corners are the outer corners of the four corner patches, A1, N1, N10, A10; a patch is taken as 7/8 of its
-pitch, as for the Classic; only its inner half is read.
+them. Its corners are the outer corners of the four corner patches, A1, N1, N10, A10. A patch is taken as 7/8 of its
+pitch, as for the Classic. Only its inner half is read.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
 """Measures colour charts: the places of patches, their expected colours, and their colours in an image.
 
-Conventions. A chart's frame is the unit square, x right, y down, as the chart is read: its corners (0, 0), (1, 0),
-(1, 1), (0, 1) are the top left, top right, bottom right and bottom left in `scene.Chart.corners`. Expected colours are
+Conventions. A chart's frame is the unit square, x right, y down, as the chart is read. Its corners (0, 0), (1, 0), (1,
+1), (0, 1) are the top left, top right, bottom right and bottom left in `scene.Chart.corners`. Expected colours are
 given twice, as their makers and users publish them: CIE Lab under illuminant D50, and gamma-encoded sRGB (D65). The two
 disagree by a few dE00 (DGK: up to 12), so whoever compares must name the list.
 
 Sources. "dgk", DGK Color Tools, the charts of the Sea-thru data set (Akkaynak & Treibitz 2019): the maker's Lab
 (taken as D50: patches 13-18 then agree with the sRGB list within dE00 1) and the sRGB list in public use; the corners
 are those of the black frame. "colorchecker24", X-Rite ColorChecker Classic as made before November 2014: the maker's
-published Lab D50 and sRGB values; the corners are the outer corners of the four corner patches, which every size of
+published Lab D50 and sRGB values. The corners are the outer corners of the four corner patches, which every size of
 this chart shows. "colorchecker_sg" and charts described by a CSV file: see `sucre_bench.imaging.chart_kinds`.
 """
 
@@ -44,8 +44,8 @@ def measure(shown: Array, chart: Chart) -> list[PatchReading]:
     """Return what an image shows of each patch of a chart, in the order of the kind's patches.
 
     shown: (H, W, 3), NaN where there is no colour; chart.corners: (4, 2) pixels, pixel centres at +0.5.
-    The image's own pixels are taken, those whose centre lies in the inner half (in x and y) of the patch; where a patch
-    is too small to hold one, the pixel at its centre. Pixels beyond the image's edge count as pixels without colour.
+    The image's own pixels are taken, those whose centre lies in the inner half (in x and y) of the patch. A patch that
+    is too small to hold one has the pixel at its centre. Pixels beyond the image's edge count as pixels without colour.
     Raises InputError for an unknown kind, and for corners that are not a convex quadrilateral in reading order.
     """
     kind, corners = chart_kind(chart.kind), np.asarray(chart.corners, dtype=np.float64)

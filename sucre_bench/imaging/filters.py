@@ -79,10 +79,10 @@ def stretched_together(rgb: Array, percent: float) -> Array:
 def stretched_by_weakness(rgb: Array) -> Array:
     """Return the image with each channel stretched to [0, 1] by itself; the weaker a channel, the more of it is cut.
 
-    At both ends a share of 0.005 max(sum R, sum G, sum B) / sum of the channel is cut, always less than half: without
+    At both ends a share of 0.005 max(sum R, sum G, sum B) / sum of the channel is cut, always less than half. Without
     that bound a channel that is nearly black would be inverted. A constant channel stays as it is. This variant of the
-    simplest colour balance (Limare et al. 2011) is that of Water-Net's authors and of public programs for Ancuti et
-    al. 2012.
+    simplest colour balance (Limare et al. 2011) is that of Water-Net's authors and of public programs for Ancuti et al.
+    2012.
     """
     total = rgb.sum(axis=(0, 1), dtype=np.float64)
     cut = np.minimum(_CUT * total.max() / np.maximum(total, 1e-12), 0.49)

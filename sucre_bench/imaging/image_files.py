@@ -129,7 +129,7 @@ def _check_shrinks(path: Path, found: tuple[int, int], size: tuple[int, int]) ->
 
 
 def decode(path: Path, flags: int) -> np.ndarray:
-    """Return what OpenCV makes of a file by its flags, channels in BGR order; a JPEG always has 8 bits, and three
+    """Return what OpenCV makes of a file by its flags, channels in BGR order. A JPEG always has 8 bits, and three
     channels unless gray is asked for. FileError when it is unreadable, DamagedFileError when it is incomplete.
     """
     try:

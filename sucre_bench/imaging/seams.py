@@ -6,12 +6,12 @@ change. To tell such steps from the photograph's own edges, which a restoration 
 
 1. Both pictures, each channel brought to [0, 1] at its percentiles 1 and 99, are reduced to 512 pixels, a hole where
    most is hole.
-2. At each pixel two strips of 31 x 5 pixels that meet there are compared, for six directions of the line between them:
-   the step of a quantity q, d q, is the difference of its means over the strips. Means over 155 pixels know little of
+2. At each pixel two strips of 31 x 5 pixels that meet there are compared, for six directions of the line between them.
+   The step of a quantity q, d q, is the difference of its means over the strips. Means over 155 pixels know little of
    noise and fine texture, and much of an edge that is as long as a strip.
 3. Looked at is where the photograph I does not visibly step: |d I| < 0.05, a twentieth of its contrast, in all
-   channels; where distances differ by less than 10 %, or one thing ends before another; and where strips are four
-   fifths full.
+   channels. Distances must differ by less than 10 %, or one thing end before another. Strips must be four fifths
+   full.
 4. What a smooth function of colour I and log distance s can do to a step is linear in d I, d s and I d s. In each
    eighth of the distances the coefficients are found by least squares over all places and directions. Seams are too few
    to disturb the fit. The excess u is the rest of the picture's step d S.

@@ -62,7 +62,7 @@ def jobs(words: Sequence[str], multirun: bool) -> Command:
     """Read overrides and perhaps a line-up file, expand their sweeps, and check every job.
 
     Raises InputError for an unknown name or option (with the nearest known), a wrong type, a word that is no choice,
-    a dataset's option without a dataset, two jobs with one label, or a line-up that cannot be read.
+    or a dataset's option without a dataset. Also for two jobs with one label, or a line-up that cannot be read.
     """
     # A leading ~ of a value is expanded here; the shell does so only at the start of a word.
     parts = [(word, word.partition("=")[0], word.partition("=")[2].strip("'\"")) for word in words]

@@ -25,8 +25,8 @@ from sucre_bench.scene import Chart
 def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, tuple[Chart, ...]]:
     """Return the charts of each image that has some; none if the file does not exist.
 
-    sizes: (width, height) in pixels of every image, by name. Raises InputError, naming the entry, if the file is not
-    in the format above, or names an unknown image, an unknown kind, or corners that form no chart in the image.
+    sizes: (width, height) in pixels of every image, by name. Raises InputError, naming the entry, if the file is not in
+    the format above. Also if it names an unknown image, an unknown kind, or corners that form no chart in the image.
     """
     if (content := read_json(path, "mend it there", of_data=True)) is None:
         return {}

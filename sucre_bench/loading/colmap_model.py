@@ -70,8 +70,8 @@ def read_model(sparse: Path, images: Path, distorted: bool = False) -> list[Pose
     """Return the registered images of the model in `sparse` or `sparse`/0, ordered by name.
 
     images: the image folder, for the remedy in messages; distorted: accept distorted cameras. Raises InputError if
-    there is no model, if it cannot be read or is empty, if a camera is distorted and not accepted, of an unknown model,
-    or cannot be undistorted, or if an image name occurs twice or leaves the folder.
+    there is no model, if it cannot be read or is empty. Also if a camera is distorted and not accepted, of an unknown
+    model, or cannot be undistorted, or if an image name occurs twice or leaves the folder.
     """
     places = [(folder, suffix) for folder in (sparse, sparse / "0") for suffix in (".bin", ".txt")]
     pairs = ((folder / f"cameras{suffix}", folder / f"images{suffix}") for folder, suffix in places)

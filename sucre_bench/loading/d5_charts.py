@@ -1,9 +1,9 @@
 """The charts of Sea-thru D5: 152 DGK charts in 43 images, from the table that is published for them.
 
-The table's corners are those of the patches' extent, not of the chart's black frame: against frames read by hand in two
-images (8 charts, to 4 px of 1877) they lie up to 14 px inside, and once carried out to the frame by the chart's layout
-2.5 px off on average. They belong to the photographs as taken, with their lens' distortion: undistorted along with the
-image they come to those 2.5 px, without that to 4.4 px.
+The table's corners are those of the patches' extent, not of the chart's black frame. Against frames read by hand in two
+images (8 charts, to 4 px of 1877) they lie up to 14 px inside. Once carried out to the frame by the chart's layout they
+are 2.5 px off on average. They belong to the photographs as taken, with their lens' distortion. Undistorted along with
+the image they come to those 2.5 px, without that to 4.4 px.
 """
 
 import csv

@@ -1,11 +1,11 @@
 """Named test sets: the pictures that papers test on, and which of them lie in a folder.
 
-sets/NAME.csv has a row a picture: its name in the dataset, its other published names, its published size, and the
-prints of the photograph and of its reference, which may lack. Comments before the header say what the set is.
+sets/NAME.csv has a row a picture. It holds its name in the dataset, its other published names, its published size, and
+the prints of the photograph and of its reference, which may lack. Comments before the header say what the set is.
 
 A print is 256 bits and a mean colour. The bits say which of the 16x16 lowest frequencies of the gray picture, brought
 to 64x64 pixels, are above their median. Of 1,695 pictures of 18 folders, JPEG of quality 40, resizing to 112 pixels or
-to a square changes at most 24 bits; other pictures differ in 70 or more, neighbours in a video in 44. What 13 methods
+to a square changes at most 24 bits. Other pictures differ in 70 or more, neighbours in a video in 44. What 13 methods
 made of 998 of them differs in at most 60, but for one picture.
 """
 

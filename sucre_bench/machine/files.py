@@ -49,7 +49,7 @@ def user_cache() -> Path:
 def regular(path: Path, remedy: str = "") -> Path:
     """Return a path that leads to a regular file, for reading: a pipe or a device would perhaps never end.
 
-    Raises FileNotFoundError if nothing is there, or MissingFileError where a remedy is given; NotAFileError for
+    Raises FileNotFoundError if nothing is there, or MissingFileError where a remedy is given. NotAFileError for
     anything but a file, and ForbiddenFileError if the system does not say what it is. Nothing is opened.
     """
     try:

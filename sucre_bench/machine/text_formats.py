@@ -25,7 +25,7 @@ _DEEPEST = 50  # levels; the time to parse grows with the square of the depth
 def read_yaml(text: str) -> Any:
     """Return the value of a YAML text; dates stay text.
 
-    Raises yaml.YAMLError, and MarkedYAMLError where a line can be named: also for an alias (with merge keys, 400 bytes
+    Raises yaml.YAMLError, and MarkedYAMLError where a line can be named. Also for an alias (with merge keys, 400 bytes
     of them stand for gigabytes), for a key that stands twice, and for more than 50 levels.
     """
     import yaml
@@ -123,8 +123,8 @@ _latest = datetime.min.replace(tzinfo=UTC)
 def now() -> str:
     """Return the time as rows have it: UTC, ISO 8601, microseconds.
 
-    Each call of a process returns a later time than the one before, and than every time given to `not_before`, even if
-    the computer's clock was set back in between.
+    Each call of a process returns a later time than the one before. It is also later than every time given to
+    `not_before`, even if the computer's clock was set back in between.
     """
     global _latest
     with _lock:

@@ -9,7 +9,7 @@ view's projections is needed. The arithmetic is float32 without reordering: equa
 "depth": another view sees a point if its depth map agrees with the point's depth. A target pixel's centre with its
 depth is projected into the other view, to (x, y) at planar depth Z. The view sees it if the depth d of the pixel at
 (x, y) agrees: |Z - d| <= tolerance Z. A hidden point fails this test. The colour is interpolated between the four
-pixels around (x, y) if all four depths agree; else it is the colour of the pixel at (x, y), so that no colour bleeds
+pixels around (x, y) if all four depths agree. Else it is the colour of the pixel at (x, y), so that no colour bleeds
 over an outline. The distance is the point's own. Every visible point has an observation.
 """
 

@@ -76,7 +76,7 @@ def observe(
     Interpolated colours of 8-bit images are rounded to 8 bits again: .0011 rms, less than their noise. Colours that are
     not finite give no observation. Left out are views without a pose or depth, views that show 1e-6 of the target's
     pixels or less, and views with an unreadable file.
-    Raises NotApplicableError if no pixel of the target has depth, SolveError if too little memory is free, InputError
+    Raises NotApplicableError if no pixel of the target has depth, SolveError if too little memory is free. InputError
     if the target has no depth map or pose, or an option is wrong.
     """
     began = time.perf_counter()

@@ -15,7 +15,7 @@ def source_hash(*used: Plugin, files: Iterable[Path] = ()) -> str:
     Code counts as syntax: comments, docstrings, the module a definition stands in, and which module it is imported
     from change nothing. The versions of the engine and of the libraries it computes with count.
 
-    Of `files`, which may be large, name, size and time of change count; of a folder, those of all files in it, except
+    Of `files`, which may be large, name, size and time of change count. Of a folder, those of all files in it, except
     hidden files and `__pycache__`.
     """
     sources = [(plugin, _source_of(plugin)) for plugin in used]

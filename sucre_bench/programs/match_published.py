@@ -1,7 +1,7 @@
 """Finds the public variant that gives the numbers of a published table: `sucre-bench score IMAGES --like TABLE.csv`.
 
-A table has a row an image, or a row a folder of images of which it gives means, and a column a metric; "psnr=26.36"
-is a table of one mean. Every variant of these metrics is computed on the images, also of the images at 256x256, and
+A table has a row an image, or a row a folder of images of which it gives means, and a column a metric. "psnr=26.36" is
+a table of one mean. Every variant of these metrics is computed on the images, also of the images at 256x256, and
 compared with the table. Where none fits, also of cropped pictures, of Y, and of other ranges.
 """
 

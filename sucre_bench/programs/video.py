@@ -7,7 +7,7 @@ Measures of flicker:
 
 gain      the mean over channels of |G(t+1) - G(t)|, where G = ln(mean of restored / mean of input) of a channel, in
           linear light, over the pixels that are restored (not black). A method that multiplies every other view by a
-          gain g flickers by |ln g|; one with a constant gain by 0, whatever the views show.
+          gain g flickers by |ln g|. One with a constant gain flickers by 0, whatever the views show.
 points    the mean CIEDE2000 between the same scene points in consecutive restored views, matched by depth and poses
           (rule "depth" of multiview/pairing.py). The input's own is given beside it: water and light change it, too.
 relative  points, divided by the mean CIEDE2000 between those points and others of the same view (half of the list of

@@ -4,8 +4,8 @@ The detector knows ColorChecker Classics. Its model of the Digital SG is not use
 charts mirrored, or not at all.
 
 A chart is flat: the depth map inside its outline gives the plane of its four corners. These are projected into another
-view. They are proposed there if the whole frame is inside the image, seen from the front, large enough to read, and
-not hidden according to that view's depth.
+view. They are proposed there if the whole frame is inside the image, seen from the front and large enough to read. It
+must not be hidden according to that view's depth.
 """
 
 from collections.abc import Container, Iterable, Iterator, Sequence

@@ -1,7 +1,7 @@
 """Finds faults in a scene's data, each with its remedy.
 
-If depth maps of views disagree, the usual mistakes are undone one by one: distances in place of depth, depth in another
-unit than the poses, inverted poses. A mistake whose undoing makes far more points agree is named.
+If depth maps of views disagree, the usual mistakes are undone one by one. They are distances in place of depth, depth
+in another unit than the poses, inverted poses. A mistake whose undoing makes far more points agree is named.
 """
 
 import re

@@ -98,7 +98,7 @@ def common_masks(folder: Path, key: Key) -> dict[tuple[str, str], Mask]:
     """Return the pixels (H, W) that all methods fill, by scene and view; no entry for a view without holes.
 
     A study shows only these, so that people judge colours and not holes. Raises InputError if a mask is gone or
-    damaged, if the masks of a view differ in size, or if its methods share less than 1 % of the image.
+    damaged, or if the masks of a view differ in size, or if its methods share less than 1 % of the image.
     """
     rows = restorations(results.read(folder))
     rows = rows[(rows["dataset"] == key.dataset) & rows["method"].isin(key.methods) & (rows["coverage"] < 1)]

@@ -2,14 +2,14 @@
 
 The model: a person prefers method i to j with probability 1 / (1 + exp(s_j - s_i)) (Bradley and Terry 1952). Scores are
 log-odds with mean 0. A tie counts half a vote each way. The fit is that of the library choix (iterative Luce spectral
-ranking, Maystre and Grossglauser 2015). As in Firth's method (1993), which for two methods adds half a vote each way,
-each of M methods has 1 / M of a vote more for and against each other one. So a method that won every vote has a finite
-score, and an interval.
+ranking, Maystre and Grossglauser 2015). As in Firth's method (1993), each of M methods has 1 / M of a vote more for and
+against each other one. For two methods that is half a vote each way. So a method that won every
+vote has a finite score, and an interval.
 
 An interval is the score +- Student's t times the bootstrap's standard error over observers, or 1.96 times that of the
 model if it is greater. Votes that all agree give the bootstrap no spread. In simulations of two and four equal methods,
 with observers who differ by 0.7 in log-odds or not at all, at most 5 % of studies with 6 observers and 30 votes had a
-false lead, and up to 32 % of those with 3 to 5 observers. These get no interval, see `want`.
+false lead. With 3 to 5 observers it was up to 32 %. These get no interval, see `want`.
 """
 
 from __future__ import annotations
@@ -175,7 +175,7 @@ class MetricAgreement:
 def observer_agreement(votes: Votes) -> Agreement:
     """Return how far observers agree on the pairs of pictures that at least two of them judged.
 
-    Which picture of a pair is called the first is arbitrary, so each vote counts as won and, mirrored, as lost: 0 is
+    Which picture of a pair is called the first is arbitrary, so each vote counts as won and, mirrored, as lost. 0 is
     then the agreement of people who toss coins, whichever methods are compared.
     """
     first, second = np.minimum(votes.first, votes.second), np.maximum(votes.first, votes.second)

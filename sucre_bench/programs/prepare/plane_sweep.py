@@ -33,8 +33,8 @@ _AGREEMENT = 0.01  # relative difference of depths
 def neighbours(shots: Sequence[Shot], most: int) -> list[list[int]]:
     """Return, for each photo, the indices of the photos that together determine its depths best, the best first.
 
-    A common point counts by the angle it is seen under, up to 5 degrees in full, beyond 45 not at all, and until the
-    chosen photos see it twice in full: so they see all parts of the photo.
+    A common point counts by the angle it is seen under, up to 5 degrees in full, beyond 45 not at all. It counts until
+    the chosen photos see it twice in full, so they see all parts of the photo.
     """
     from scipy.sparse import csc_array
 

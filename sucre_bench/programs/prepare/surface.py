@@ -1,8 +1,8 @@
 """One surface of the whole scene, and the depth at which each photo sees it.
 
-The measured depths of all photos become points with normals, and these one closed surface: Kazhdan & Hoppe, Screened
-Poisson surface reconstruction, ACM TOG 2013, by Open3D. Parts far from every measured point are cut off, so open water
-stays open, and parts that stand before what photos measured. Photos agree because all see the same surface.
+The measured depths of all photos become points with normals, and these one closed surface. Source: Kazhdan & Hoppe,
+Screened Poisson surface reconstruction, ACM TOG 2013, by Open3D. Parts far from every measured point are cut off, so
+open water stays open, and parts that stand before what photos measured. Photos agree because all see the same surface.
 """
 
 import tempfile

@@ -2,8 +2,8 @@
 
 A pixel that no method coloured shows the photograph, changed by what restoring changed at the rim around it. So there
 is no step at the rim, and no water is guessed. The change is the difference of restored picture and photograph,
-continued from known pixels by push and pull: halved until every cell knows a value, then enlarged into the unknown
-cells (Gortler, Grzeszczuk, Szeliski & Cohen 1996, The lumigraph, sec. 3.4.2).
+continued from known pixels by push and pull. It is halved until every cell knows a value, then enlarged into the
+unknown cells (Gortler, Grzeszczuk, Szeliski & Cohen 1996, The lumigraph, sec. 3.4.2).
 
 Open water has no colour of its own, so it stays as the photograph shows it. It is smooth, and has less red than all
 ground, since nothing is farther. Trust in a restored colour is 1 in cells where most distances were measured, and is

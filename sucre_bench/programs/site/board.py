@@ -1,8 +1,8 @@
 """Puts the methods of many bundles into tables. Results that may not be compared get separate tables.
 
-A table has one dataset in one state of its data, the same images for all methods, and for each column one variant and
-one version of its metric. What does not fit a table begins another one, with the reason. Seconds and memory are left
-out, since bundles come from different machines, and so are metrics that are not registered here.
+A table has one dataset in one state of its data. It has the same images for all methods, and for each column one
+variant and one version of its metric. What does not fit a table begins another one, with the reason. Seconds and memory
+are left out, since bundles come from different machines, and so are metrics that are not registered here.
 """
 
 import json

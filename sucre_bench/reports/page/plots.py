@@ -1,7 +1,7 @@
 """The page's plots, as JSON for Plotly, which the page's script draws, and what it shows of colour charts.
 
-A colour is a name of the style sheet, such as "--ink", or "--m0" for the first method: the script resolves it for light
-and dark.
+A colour is a name of the style sheet, for example "--ink", or "--m0" for the first method. The script resolves it for
+light and dark.
 """
 
 import html

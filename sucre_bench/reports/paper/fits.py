@@ -141,7 +141,7 @@ def scaling(results: StudyResults) -> Iterator[Drawn]:
     """Draw time over observations (SUCRe, supplementary material, Processing time), whole, and by stage if recorded.
 
     Each point is a restoration. The lines are t = a + b n, found by least squares of the relative error, so that small
-    and large n count alike; the legend has b, in seconds for a million observations, where it is twice its standard
+    and large n count alike. The legend has b, in seconds for a million observations, where it is twice its standard
     error. Axes are logarithmic, on which such a line bends towards a where n is small. Variants that share what they
     pair show the same points for pairing; reading files, and degrading what is read, is part of it.
     """
@@ -211,9 +211,9 @@ def line(n: Array, seconds: Array) -> tuple[float, float, float]:
 def water(results: StudyResults) -> Iterator[Drawn]:
     """Draw estimated water over the variance of distances (SUCRe, fig. "Distance map variance vs. parameters").
 
-    A row a parameter, a column a method, at most four a figure; a dot a view and channel; dashed, the true water where
-    the run's records know it. On top, the scatter of each channel over the views: standard deviation by mean. Views of
-    one water that disagree at the left and agree at the right are the paper's case. Needs metrics of the roles
+    A row a parameter, a column a method, at most four a figure; a dot a view and channel. Dashed is the true water
+    where the run's records know it. On top, the scatter of each channel over the views: standard deviation by mean.
+    Views of one water that disagree at the left and agree at the right are the paper's case. Needs metrics of the roles
     water-parameters and distance-variance. Yields a figure per dataset and page of methods.
     """
     estimates = scores_of(results.rows, "water-parameters")

@@ -111,10 +111,11 @@ def _wrapped(text: str, inches: float, lines: int = 1) -> str:
 def seams(results: StudyResults) -> Iterator[Drawn]:
     """Draw pictures beside one another, with the steps that the photograph does not have (`imaging.seams`).
 
-    Of each dataset, the views with the highest score of the metric seams are drawn, a figure each: the photograph, and
-    every method that changed it, all at full contrast (percentiles 1 and 99 of each channel), as the metric sees them;
-    enlarged, the window with most seams in any of them; and the steps. Distances are not kept with results: steps are
-    looked for at all distances here, and without accounting for those. Scores are the metric's.
+    Of each dataset, the views with the highest score of the metric seams are drawn, a figure each. It has the
+    photograph, and every method that changed it, all at full contrast (percentiles 1 and 99 of each channel), as the
+    metric sees them. Below are, enlarged, the window with most seams in any of them; and the steps. Distances are not
+    kept with results: steps are looked for at all distances here, and without accounting for those. Scores are the
+    metric's.
     """
     scores, is_drawn = scores_of(results.rows, "seams"), False
     scores = scores[scores["variant"].isin(scores["variant"].iloc[:1])]  # of several, the first

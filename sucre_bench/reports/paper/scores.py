@@ -1,9 +1,9 @@
 """The figures of comparisons: scores (all methods by each metric), against (scores over the option of a study), and
 validity: how well each score orders methods as the study's first score does, over scenes.
 
-The agreement of two scores is Kendall's tau-b between their orders of the methods, in each view that both scored; the
-mean over a scene's views, then over scenes. Scenes are the independent units of its 95 % interval (a bootstrap). The
-photograph is left out: it competes with no method.
+The agreement of two scores is Kendall's tau-b between their orders of the methods, in each view that both scored. It is
+the mean over a scene's views, then over scenes. Scenes are the independent units of its 95 % interval (a bootstrap).
+The photograph is left out: it competes with no method.
 """
 
 import math
@@ -75,9 +75,9 @@ def _scores(comparison: Comparison, columns: Sequence[Column], height: float) ->
 def against(results: StudyResults) -> Iterator[Drawn]:
     """Draw scores over the values of the study's option: a panel a metric, a line a method, bands are 95 % intervals.
 
-    Values lie where their numbers are, on a logarithmic axis where they span more than a factor of 30; "all" or
-    "none", being without limit, follows the greatest. Values that are words stand side by side. Yields a figure per
-    dataset, or why there is none of it.
+    Values lie where their numbers are, on a logarithmic axis where they span more than a factor of 30. "all" or "none",
+    being without limit, follows the greatest. Values that are words stand side by side. Yields a figure per dataset, or
+    why there is none of it.
     """
     if not results.study.along:
         raise NotApplicableError("nothing to draw scores against; give study.along=degrade.NAME, say")

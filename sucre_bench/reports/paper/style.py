@@ -1,10 +1,10 @@
 """The style of figures: sizes of paper columns, type, panels, and a colour and a marker for each method.
 
-A method's colour is found from its label alone, so that it has the same one in every figure, run and study; where two
+A method's colour is found from its label alone, so that it has the same one in every figure, run and study. Where two
 methods of one figure would share it, `looks` gives one of them the next. The palette begins with the seven colours of
-Okabe & Ito 2008, "Color Universal Design"; each of the others is the colour farthest from all before it (CIEDE2000) as
-people with normal, deuteranope and protanope vision see it (Machado, Oliveira & Fernandes 2009), among those dark
-enough for white paper. Colours may still be confused where there are many: markers tell those apart.
+Okabe & Ito 2008, "Color Universal Design". Each of the others is dark enough for white paper, and the farthest from all
+before it (CIEDE2000) as people with normal, deuteranope and protanope vision see it (Machado, Oliveira & Fernandes
+2009). Colours may still be confused where there are many: markers tell those apart.
 """
 
 from __future__ import annotations
