@@ -25,11 +25,6 @@ def main() -> None:
     # pyarrow's own allocator keeps much of what it has freed: 50 MB more for a table of 90,000 rows.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # else a damaged image costs ten lines more
-    sys.exit(_ended())
-
-
-def _ended() -> int:
-    """Run the command line, write out what it printed, and return its exit code."""
     if os.environ.get("_SUCRE_BENCH_COMPLETE"):  # a shell asks
         import_module("sucre_bench.commands.completion").install()
     try:
@@ -38,7 +33,7 @@ def _ended() -> int:
     except BrokenPipeError:  # who read us (head, say) has enough, and what is left in the buffer has nowhere to go
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = _BROKEN_PIPE
-    return status
+    sys.exit(status)
 
 
 def _status() -> int:

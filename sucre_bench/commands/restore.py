@@ -71,7 +71,6 @@ def restore(
     Exit codes: 0, every photograph has a picture; 1, some have none, or --single-view replaced a --method that failed;
     2, the command has a mistake; 130, stopped.
     """
-    from sucre_bench.commands.measurable import say_whether_measurable
     from sucre_bench.programs.restore import pipeline
 
     shared.refuse_options(words)
@@ -81,7 +80,7 @@ def restore(
         raise InputError("lies in the folder of the photographs", out, "name a folder elsewhere")
     options = pipeline.Options(method, single_view, quality, original_geometry, *pipeline.sorted_words(words, method))
     found, options, unplaced = _prepared(pipeline.source_of(source, photos), source, out, options)
-    done = pipeline.restore(found, out, options, say_whether_measurable)
+    done = pipeline.restore(found, out, options, shared.say_whether_measurable)
     for name, why in list(done.faults.items())[:_MOST_NAMED]:
         click.echo(f"no picture of {name}: {why}")
     if len(done.faults) > _MOST_NAMED:

@@ -91,11 +91,10 @@ def run(
         shared.print_json(asdict(found)) if as_json else run_forecast.show(found)
         return
     from sucre_bench.commands import run_summary
-    from sucre_bench.commands.measurable import say_what_views_show
     from sucre_bench.engine.run import run as run_jobs
 
     with printed:
-        outcome = run_jobs(overrides, multirun, say_what_views_show)
+        outcome = run_jobs(overrides, multirun, shared.say_what_views_show)
         comparisons = run_summary.compared(outcome)
         summary = run_summary.as_object(outcome, comparisons) if as_json else None
     try:
@@ -141,13 +140,13 @@ def lineup(folder: Path, out: Path | None, force: bool) -> None:
     is_printed = str(file) == "-"
     if not is_printed:
         check_output(file, "line-up", force=force)
-    found = line_up_of(folder, Path() if is_printed else file.parent)
-    for note in found.notes:
+    line_up, notes = line_up_of(folder, Path() if is_printed else file.parent)
+    for note in notes:
         say(f"note: {note}", "yellow")
-    paths = [file.parent / path for path in found.line_up.settings.get("plugins", [])]
+    paths = [file.parent / path for path in line_up.settings.get("plugins", [])]
     if unloaded := [str(path) for path in paths if not plugins.is_loaded(path)]:
         say(f"note: plugin files that the folder names are not loaded; {load_them(unloaded)}", "yellow")
-    text = found.line_up.as_yaml(
+    text = line_up.as_yaml(
         f"The line-up that made {folder}. To run it: sucre-bench run {'FILE' if is_printed else file.name}"
     )
     if is_printed:

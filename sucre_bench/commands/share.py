@@ -84,7 +84,7 @@ def _line_up(folder: Path, has_code: bool) -> dict[str, str]:
 
     results.read(folder)  # a folder without results is an error of its own
     try:
-        line_up = line_up_of(folder, folder).line_up
+        line_up, _ = line_up_of(folder, folder)
     except SucreBenchError as fault:
         say(f"no lineup.yaml in the bundle: {fault}", "yellow")
         return {}

@@ -9,7 +9,8 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -174,15 +175,12 @@ class CommonView:
             if todo:
                 shown = locked(source.shown(common.mask, f"the restored image of {method}"))
                 scored, started = Scored(source.restoration(common.mask), shown, self.view), now()
-                rows += [CommonRow.of(row, common.id) for own in todo for row in self._again(own, scored, started)]
+                limits = self.metrics.log, self.metrics.limit_s
+                for own, scorer in ((own, self.metrics.scorer(own)) for own in todo):
+                    if scorer:  # makes the score on own pixels again, on these
+                        made = variant_rows(scorer.metric, scored, replace(own, time=started), *limits)
+                        rows += [CommonRow.of(row, common.id) for row in made if row.region == "image"]
         return rows
-
-    def _again(self, own: Row, scored: Scored, started: str) -> Iterator[Row]:
-        """Score by the metric and variant of a score on own pixels."""
-        if scorer := self.metrics.scorer(own):
-            base = replace(own, time=started)
-            made = variant_rows(scorer.metric, scored, base, self.metrics.log, self.metrics.limit_s)
-            yield from (row for row in made if row.region == "image")
 
 
 def _key(row: Row) -> ViewKey:
@@ -247,7 +245,7 @@ def score_on_common_pixels(planned: Sequence[Planned], rows: DataFrame, out: Pat
     rows: of the results folder `out`. Raises OutputError if the table cannot be written. A fault in a view becomes its
     row.
     """
-    every = {(plan.job.dataset.label, task.base.scene, task.view.name): task for plan in planned for task in plan.tasks}
+    every = {_key(task.base): task for plan in planned for task in plan.tasks}
     if not every.keys() & differing_views(filled_restorations(rows)):
         return
     with locked_table(out, COMMON_TABLE):
@@ -308,9 +306,15 @@ def score_folders(folders: Sequence[Path], rows: DataFrame) -> DataFrame:
         of_view.setdefault((dataset, scene, view), []).append(folder_of.get((dataset, scene, view, *which)))
     wanted = {key for key in differing if None not in of_view[key] and len({*of_view[key]}) > 1}
     labels = {dataset for dataset, _, _ in wanted}
-    jobs = [job for folder in places if wanted for job in _jobs(folder) if job.dataset.label in labels]
+    jobs, opened = list[Job](), dict[ViewKey, Task]()
+    for folder in places if wanted else ():
+        with suppress(SucreBenchError):  # the jobs of the last run cannot be read any more
+            jobs += [job.of_all_views() for job in read_config(config_path(folder)) if job.dataset.label in labels]
     with opening_once():
-        opened = {key: task for job in reversed(jobs) for key, task in _tasks(job).items() if key in wanted}
+        for job in reversed(jobs):
+            with suppress(SucreBenchError):  # its data cannot be opened
+                every = list(tasks(job, open_scenes(job.dataset)))
+                opened |= {key: task for task in every if (key := _key(task.base)) in wanted}
 
     def source(row: Row) -> Source | None:
         task, folder = opened[_key(row)], folder_of[(*_key(row), row.method, row.time)]
@@ -320,20 +324,3 @@ def score_folders(folders: Sequence[Path], rows: DataFrame) -> DataFrame:
     views = _common_views({key: (task.base, task.view) for key, task in opened.items()}, rows, metrics, source)
     complete = [view for key, view in views.items() if len(view.whole) == len(of_view[key])]
     return common_frame(row for view in progress.track(complete, "common pixels") for row in view.rows())
-
-
-def _jobs(folder: Path) -> list[Job]:
-    """The jobs of a folder's last run, with all views; none if they cannot be read any more."""
-    try:
-        return [job.of_all_views() for job in read_config(config_path(folder))]
-    except SucreBenchError:
-        return []
-
-
-def _tasks(job: Job) -> dict[ViewKey, Task]:
-    """The views of a job's dataset; none if its data cannot be opened."""
-    try:
-        every = tasks(job, open_scenes(job.dataset))
-        return {(job.dataset.label, task.base.scene, task.view.name): task for task in every}
-    except SucreBenchError:
-        return {}

@@ -113,30 +113,26 @@ class Compared:
         if unknown := [label for label in labels if label not in self.labels]:
             raise InputError(f"no method '{unknown[0]}'", "plot(labels)", f"there are {', '.join(self.labels)}")
         main = deciding(found).main if not metric and (found := self.comparison) else None
-        metric = f"{main.metric}:{main.variant}" if main else metric
+        name, _, variant = (f"{main.metric}:{main.variant}" if main else metric).partition(":")
         panels = {"photograph": to_8bit(display(shown.rgb, "none", shown.encoding))}
         for label in labels or self.labels:
             if (shown.name, label) in self.pictures:
-                panels[self._title(shown.name, label, metric)] = self.pictures[shown.name, label]
+                rows = self.rows[(self.rows["view"] == shown.name) & (self.rows["method"] == label)]
+                scores = rows[(rows["metric"] == name) & (rows["status"] == "ok") & (rows["region"] == "image")]
+                score = scores[scores["variant"] == variant] if variant else scores
+                title = label
+                if not score.empty:
+                    title = f"{label}, {name} {number(score['value'].iloc[0])} {score['unit'].iloc[0]}".rstrip()
+                panels[title] = self.pictures[shown.name, label]
         if shown.reference is not None:
             panels["reference"] = to_8bit(display(shown.reference, "none", shown.encoding))
         parts = []
-        for name, picture in panels.items():
+        for title, picture in panels.items():
             size = (round(picture.shape[1] * height / picture.shape[0]), height)
             how = cv2.INTER_AREA if height < picture.shape[0] else cv2.INTER_LINEAR
             resized: Picture = np.asarray(cv2.resize(picture, size, interpolation=how), np.uint8)
-            parts += [np.full((height, _GAP, 3), 255, np.uint8), captioned(resized, name)]
+            parts += [np.full((height, _GAP, 3), 255, np.uint8), captioned(resized, title)]
         return Image.fromarray(np.hstack(parts[1:]))
-
-    def _title(self, view: str, label: str, metric: str) -> str:
-        """The label, with its score if there is one."""
-        name, _, variant = metric.partition(":")
-        of = (self.rows["view"] == view) & (self.rows["method"] == label) & (self.rows["metric"] == name)
-        scores = self.rows[of & (self.rows["status"] == "ok") & (self.rows["region"] == "image")]
-        scores = scores[scores["variant"] == variant] if variant else scores
-        if scores.empty:
-            return label
-        return f"{label}, {name} {number(scores['value'].iloc[0])} {scores['unit'].iloc[0]}".rstrip()
 
 
 @checked

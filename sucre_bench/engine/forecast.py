@@ -1,9 +1,8 @@
 """The forecast of a command: its jobs, and their time, memory and disk, from what stored views of each job took."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from sucre_bench import results
@@ -89,12 +88,9 @@ def _expected(plan: Planned, stored: Mapping[Any, DataFrame]) -> Expected:
     out, method = job.out, job.method.label
     views = {*zip(done["scene"], done["view"], strict=True)}
     places = [task.place for task in plan.tasks if (task.base.scene, task.view.name) in views]
-    of_views = [_size_mb([p.restored(out, method), p.original(out)]) for p in places]
-    disk = n_todo * sum(of_views) / len(of_views) if of_views else math.nan
+    # Those of a view, and those beside them with the other suffix of a restoration.
+    pictures = {path for place in places for path in (place.restored(out, method), place.original(out))}
+    files = {path.with_suffix(suffix) for path in pictures for suffix in (path.suffix, ".npz")}
+    size_mb = sum(file.stat().st_size for file in files if file.is_file()) / 1e6
+    disk = n_todo * size_mb / len(places) if places else math.nan
     return Expected(*names, n_todo * seconds, memory, disk)
-
-
-def _size_mb(paths: Iterable[Path]) -> float:
-    """The size of these files, and of those beside them with the other suffixes of a restoration."""
-    files = {path.with_suffix(suffix) for path in paths for suffix in (path.suffix, ".npz")}
-    return sum(file.stat().st_size for file in files if file.is_file()) / 1e6

@@ -135,25 +135,20 @@ def tasks(job: Job, scenes: Sequence[Scene]) -> Iterator[Task]:
     data_ids = {scene.name: drawn.data_id(scene.data_id) for scene in scenes}
     is_degraded = bool(drawn.identity())
     whole = [degraded_whole(scene, drawn) for scene in scenes] if is_degraded else scenes
-    for scene, view in _selected(whole, job):
+    every = [(scene, view) for scene in whole for view in scene.views]
+    if job.views is not None:
+        names = {view.name for _, view in every}
+        if unknown := [name for name in job.views if name not in names]:
+            hint = did_you_mean(unknown[0], names) if len(names) < 20 else f"there are {len(names)} others"
+            raise InputError(f"no view is called '{unknown[0]}'", "views", hint)
+        chosen = set(job.views)
+        every = [(scene, view) for scene, view in every if view.name in chosen]
+    for scene, view in job.shard.of(every[:: job.every][: job.first]):
         row = replace(
             base, scene=results.replicated(scene.name, job.replicate), view=view.name, data_id=data_ids[scene.name]
         )
         neighbours = around(scene, view, drawn) if is_degraded else scene
         yield Task(neighbours, view, kept[scene.name, view.name], row)
-
-
-def _selected(scenes: Sequence[Scene], job: Job) -> Sequence[tuple[Scene, View]]:
-    everything = [(scene, view) for scene in scenes for view in scene.views]
-    if job.views is not None:
-        names = {view.name for _, view in everything}
-        unknown = [name for name in job.views if name not in names]
-        if unknown:
-            hint = did_you_mean(unknown[0], names) if len(names) < 20 else f"there are {len(names)} others"
-            raise InputError(f"no view is called '{unknown[0]}'", "views", hint)
-        chosen = set(job.views)
-        everything = [(scene, view) for scene, view in everything if view.name in chosen]
-    return job.shard.of(everything[:: job.every][: job.first])
 
 
 def base_row(job: Job) -> Row:

@@ -109,25 +109,18 @@ def _with_line_up(file: Path | None, typed: Sequence[Word]) -> tuple[LineUp, lis
         name = experiments[0].values[0]
         if len(experiments[0].values) > 1 or not isinstance(name, str):
             raise InputError("one experiment at a time", experiments[0].text, "give experiment=NAME")
-        line_up = _of_what_is_installed(read_experiment(name))
+        line_up, kept = read_experiment(name), []
+        for entry in line_up.methods:  # a study needs all of its own; others go without what lacks an extra
+            plugin = plugin_of("method", entry.name) if "study" not in line_up.settings else None
+            if plugin and (lacking := absent(*plugin.requires)) and lacking.is_extra:
+                say(f"{entry.label or entry.name} is left out: {lacking}")
+            else:
+                kept.append(entry)
+        line_up = replace(line_up, methods=tuple(kept))
     if plugin_files:
         every = list(dict.fromkeys([*line_up.settings.get("plugins", []), *plugin_files]))
         line_up = replace(line_up, settings={**line_up.settings, "plugins": every})
     return line_up, [word for word in typed if word.key not in ("experiment", "plugins")]
-
-
-def _of_what_is_installed(line_up: LineUp) -> LineUp:
-    """An experiment without the methods that lack an extra, each named in one line; a study needs all of its own."""
-    if "study" in line_up.settings:
-        return line_up
-    kept = []
-    for entry in line_up.methods:
-        plugin = plugin_of("method", entry.name)
-        if plugin and (lacking := absent(*plugin.requires)) and lacking.is_extra:
-            say(f"{entry.label or entry.name} is left out: {lacking}")
-        else:
-            kept.append(entry)
-    return replace(line_up, methods=tuple(kept))
 
 
 # -- words and line-ups: which word is for which job -----------------------------------------------------------

@@ -25,7 +25,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 from sucre_bench import plugins, results
-from sucre_bench.arrays import DataFrame
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, SucreBenchError, did_you_mean, one_line, unknown_name
 from sucre_bench.jobs.catalogue import is_path, moved_paths, named, option_names, presets, recognised
@@ -363,17 +362,10 @@ def _relative(path: str, folder: Path) -> str:
     return os.path.relpath(path, folder) if is_here or not Path(path).is_absolute() else path
 
 
-@dataclass(frozen=True)
-class Found:
-    """A folder's line-up, and notes on where it differs from what the folder holds."""
+def line_up_of(out: Path, folder: Path) -> tuple[LineUp, list[str]]:
+    """Return the line-up of a results folder, and notes on where a run of it would do other than the folder holds.
 
-    line_up: LineUp
-    notes: tuple[str, ...] = ()
-
-
-def line_up_of(out: Path, folder: Path) -> Found:
-    """Return the line-up of a results folder. folder: where its file will be, to which relative paths are rewritten.
-
+    folder: where its file will be, to which relative paths are rewritten.
     Raises InputError when the folder has no results, or its runs did not record a line-up.
     """
     rows = results.restoration_rows(results.read(out))
@@ -391,17 +383,15 @@ def line_up_of(out: Path, folder: Path) -> Found:
         methods=tuple(_with_paths("method", entry, seen) for entry in line_up.methods),
         settings={**line_up.settings, **({"plugins": files} if files else {})},
     )
-    return Found(moved, tuple(_notes(line_up, rows)))
-
-
-def _notes(line_up: LineUp, rows: DataFrame) -> Iterator[str]:
-    """Where a run of the line-up would do other than the folder holds."""
+    notes = list[str]()
     there = set(rows[["dataset", "method"]].itertuples(index=False, name=None))
-    methods = [entry.label or entry.name for entry in line_up.methods]
-    for dataset, method in itertools.product(map(_full_label, line_up.datasets), methods):
+    labels = [entry.label or entry.name for entry in line_up.methods]
+    for dataset, method in itertools.product(map(_full_label, line_up.datasets), labels):
         if (dataset, method) not in there:
-            yield f"the folder has no results of {method} on {dataset}; the line-up runs it too"
+            notes.append(f"the folder has no results of {method} on {dataset}; the line-up runs it too")
     views = rows.groupby(["dataset", "method"])["view"].agg(frozenset)
     for dataset, by_method in views.groupby("dataset"):
         if by_method.nunique() > 1:
-            yield f"not every method has the same views of {dataset}; the line-up takes those of the last command"
+            text = "the line-up takes those of the last command"
+            notes.append(f"not every method has the same views of {dataset}; {text}")
+    return moved, notes
