@@ -4,10 +4,9 @@ import functools
 import inspect
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 from sucre_bench.machine.provenance import hash_of
-from sucre_bench.plugins.plugin import Kind, Plugin
+from sucre_bench.plugins.plugin import Plugin
 
 
 def source_hash(*used: Plugin, files: Iterable[Path] = ()) -> str:
@@ -19,7 +18,7 @@ def source_hash(*used: Plugin, files: Iterable[Path] = ()) -> str:
     Of `files`, which may be large, name, size and time of change count. Of a folder, those of all files in it, except
     hidden files and `__pycache__`.
     """
-    sources = [(plugin, _source_of(plugin.cls, plugin.kind)) for plugin in used]
+    sources = [(plugin, _source_of(plugin)) for plugin in used]
     typed_in = []  # what there is of a plugin without a file: the compiled code of what its class defines
     for plugin in (plugin for plugin, source in sources if source is None):
         codes = ((name, getattr(value, "__code__", None)) for name, value in sorted(vars(plugin.cls).items()))
@@ -38,15 +37,18 @@ def _stamps(place: Path) -> Iterator[tuple[str, int, int]]:
             yield str(within), state.st_size, state.st_mtime_ns
 
 
-@functools.cache
-def _source_of(cls: type[Any], kind: Kind) -> Path | None:
+def _source_of(plugin: Plugin) -> Path | None:
     """A plugin's file, or its folder where it has one of its own; None for one that was typed into a session."""
     try:
-        source = inspect.getsourcefile(cls)
+        source = inspect.getsourcefile(plugin.cls)
     except (OSError, TypeError):
         source = None
-    if source is None:
-        return None
-    file, shared = Path(source), (Path(__file__).parent.parent / f"{kind}s").resolve()
+    return None if source is None else _file_or_folder(source, plugin.kind)
+
+
+@functools.cache
+def _file_or_folder(source: str, kind: str) -> Path:
+    file = Path(source)
+    shared = (Path(__file__).parent.parent / f"{kind}s").resolve()
     has_folder = file.parent.resolve() != shared and (file.parent / "__init__.py").exists()
     return file.parent if has_folder else file

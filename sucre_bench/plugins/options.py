@@ -55,9 +55,13 @@ class Option:
         return get_origin(self.type) is Literal
 
 
-@functools.cache  # asked for with every score
 def options_of(cls: Any) -> tuple[Option, ...]:
     """Return a plugin class's fields; those that plugins share come last."""
+    return _options_of(cls)
+
+
+@functools.cache  # asked for with every score
+def _options_of(cls: Any) -> tuple[Option, ...]:
     hints = get_type_hints(cls)
     given = sorted((f for f in fields(cls) if f.init), key=lambda f: bool(f.kw_only))
     defaults = (f.default if f.default_factory is MISSING else f.default_factory() for f in given)

@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from support.command_line import Done
 
@@ -38,6 +39,20 @@ def test_one_hint_a_method_after_the_table(tmp_path: Path, bench: Callable[..., 
     assert "dim.gain=2" in lines[0]
     assert "hint" not in done.stderr
     assert bench("run", "-m", *DEMO, "method=dim,gray_world", "dim.gain=2", "overwrite=always", *words).returncode == 0
+
+
+def test_a_reason_names_an_option_as_the_command_takes_it(tmp_path: Path, bench: Callable[..., Done]) -> None:
+    broken = PLUGIN.replace("import Restoration", "import Restoration, SolveError")
+    broken = broken.replace(
+        "        return", '        raise SolveError("all is dark; use method.gain=2")\n        return'
+    )
+    (tmp_path / "dim.py").write_text(broken)
+    line_up = "methods: [{name: dim, label: bright}]\nmetrics: [psnr]\n"
+    (tmp_path / "lineup.yaml").write_text(line_up)
+    words = ("first=1", "tracking.uri=off", "out=results", "workers=0", "--plugin", "dim.py")
+    bench("run", "lineup.yaml", *DEMO, *words)
+    (reason,) = set(pd.read_parquet(tmp_path / "results/scores.parquet").reason)
+    assert "bright.gain=2" in reason
 
 
 @pytest.mark.parametrize(

@@ -300,10 +300,10 @@ def test_running_the_line_up_of_a_results_folder_gives_the_same_jobs(tmp_path: P
     outcome = run_jobs(["l.yaml", *words, "out=results", f"plugins=[{TOYS}]"], False)
     assert not outcome.failed
     first = compose_jobs.jobs(["l.yaml", *words], False).jobs
-    found = line_up_of(Path("results"), Path("published"))
-    assert not found.notes
+    line_up, notes = line_up_of(Path("results"), Path("published"))
+    assert not notes
     Path("published").mkdir()
-    again = from_file(Path("published/l.yaml"), found.line_up.as_yaml("A comment."))
+    again = from_file(Path("published/l.yaml"), line_up.as_yaml("A comment."))
     assert set(map(identity, again)) == set(map(identity, first))
     assert len(again) == len(first) == 12
 
@@ -311,8 +311,8 @@ def test_running_the_line_up_of_a_results_folder_gives_the_same_jobs(tmp_path: P
 def test_the_line_up_of_a_folder_has_what_older_commands_made_in_it(tmp_path: Path):
     run(tmp_path / "results", "method.gain=2", "method.label=double")
     run(tmp_path / "results", "method=gain,halved", "metrics=[psnr:raw]", multirun=True)
-    found = line_up_of(tmp_path / "results", tmp_path)
-    made = from_file(tmp_path / "l.yaml", found.line_up.as_yaml())
+    line_up, _ = line_up_of(tmp_path / "results", tmp_path)
+    made = from_file(tmp_path / "l.yaml", line_up.as_yaml())
     assert labelled(made, "gain") == {"double": 2.0, "gain": 1.0, "halved": None}
     assert [job.method.label for job in made] == ["double", "gain", "halved"]
     assert {m.plugin.name: m.variants for m in made[0].metrics} == {"psnr": ("raw",), "redness": ("plain",)}
@@ -321,13 +321,13 @@ def test_the_line_up_of_a_folder_has_what_older_commands_made_in_it(tmp_path: Pa
 def test_the_line_up_of_a_folder_says_where_it_asks_for_more(tmp_path: Path):
     run(tmp_path / "results", "dataset.views=2", "dataset.label=two")
     run(tmp_path / "results", "method=halved")
-    found = line_up_of(tmp_path / "results", tmp_path)
-    assert any({"gain", "toy"} <= set(re.findall(r"\w+", note)) for note in found.notes)
+    _, notes = line_up_of(tmp_path / "results", tmp_path)
+    assert any({"gain", "toy"} <= set(re.findall(r"\w+", note)) for note in notes)
 
 
 def test_the_line_up_of_a_sweep_keeps_the_labels_of_a_dataset_with_options(tmp_path: Path):
     run(tmp_path / "results", "dataset.views=2", "degrade.noise=0,0.1", multirun=True)
-    made = from_file(tmp_path / "l.yaml", line_up_of(tmp_path / "results", tmp_path).line_up.as_yaml())
+    made = from_file(tmp_path / "l.yaml", line_up_of(tmp_path / "results", tmp_path)[0].as_yaml())
     assert [job.dataset.label for job in made] == ["toy", "toy,noise=0.1"]
 
 
@@ -337,7 +337,7 @@ def test_paths_in_the_line_up_of_a_folder_stay_when_another_command_adds_to_it(
     monkeypatch.chdir(tmp_path)
     for words in (["method.log=logs/a"], ["method=halved"]):
         run(Path("results"), *words)
-    (logged, _) = line_up_of(Path("results"), Path("paper")).line_up.methods
+    (logged, _) = line_up_of(Path("results"), Path("paper"))[0].methods
     assert (logged.name, logged.options["log"]) == ("gain", "../logs/a")
 
 
