@@ -27,7 +27,7 @@ from sucre_bench.loading.find_folders import existing, folders_below, walk
 from sucre_bench.loading.image_folder import image_names
 from sucre_bench.loading.lens import read_kalibr
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of
-from sucre_bench.machine.files import regular
+from sucre_bench.machine.files import reading, regular
 from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Plane, Scene
 
@@ -57,8 +57,10 @@ class Aqualoc(ImageScaleOption):
         A sequence without a trajectory has no poses. Raises InputError when there is no sequence, one is there twice,
         or its calibration or trajectory is missing or wrong.
         """
-        root = existing(self.root)
-        texts, found = _texts(root), dict[str, Path]()
+        root, texts, found = existing(self.root), dict[str, Path](), dict[str, Path]()
+        for place, below, names in walk(root):  # folders of frames are not looked into
+            below[:] = [name for name in below if not _SEQUENCE.fullmatch(name)]
+            texts.update({name.lower(): place / name for name in names if name.lower().endswith((".txt", ".yaml"))})
         lack = "holds no folder of frames; expected folders named like harbor_images_sequence_07 or images_sequence_7"
         for folder in folders_below(root, lambda place, _: _SEQUENCE.fullmatch(place.name) is not None, lack):
             match = _SEQUENCE.fullmatch(folder.name)
@@ -98,23 +100,12 @@ class Aqualoc(ImageScaleOption):
         return scene_of(name, photographs, self.image_scale)
 
 
-def _texts(root: Path) -> dict[str, Path]:
-    """Return the .txt and .yaml files below root by name in lower case; the folders of frames are not looked into."""
-    found = {}
-    for place, below, names in walk(root):
-        below[:] = [name for name in below if not _SEQUENCE.fullmatch(name)]
-        found.update({name.lower(): place / name for name in names if name.lower().endswith((".txt", ".yaml"))})
-    return found
-
-
 def _poses(path: Path) -> dict[int, Array]:
     """Return cam_from_world (4, 4) by frame."""
     from scipy.spatial.transform import Rotation
 
-    try:
+    with reading(path, "copy the file again"):
         lines = regular(path).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as fault:
-        raise InputError(f"{path}: cannot be read ({fault}); copy the file again") from fault
     poses = {}
     for number, line in enumerate(lines, 1):
         cells = line.replace(",", " ").split()

@@ -17,7 +17,6 @@ its sensor's <rotation> and <location>, which is in units of the chunk.
 """
 
 import zipfile
-import zlib
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -30,18 +29,12 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
-from sucre_bench.errors import InputError, MissingFileError, did_you_mean, file_error
+from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.loading.depth_maps import find_depths, read_depth
 from sucre_bench.loading.find_folders import ImageFolder, chosen, existing, inner_path, inside, without_suffix
 from sucre_bench.loading.lens import Lens, lens_of
-from sucre_bench.loading.view_files import (
-    ImageScaleOption,
-    Photograph,
-    is_rigid,
-    scaled_pose,
-    scene_of,
-)
-from sucre_bench.machine.files import check_folder, regular
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, is_rigid, scaled_pose, scene_of
+from sucre_bench.machine.files import check_folder, reading, regular
 from sucre_bench.machine.progress import say
 from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Encoding, Plane, Scene
@@ -130,34 +123,19 @@ def _chunk(document: Path, project: Path, entry: Element) -> Chunk:
 
 def _archived(path: Path) -> Element:
     """Parse the doc.xml of an archive."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            if archive.getinfo("doc.xml").file_size > _LARGEST:
-                raise InputError(f"{path}: its doc.xml is larger than {_LARGEST >> 20} MiB; {_EXPORT}")
-            return _parsed(path, archive.read("doc.xml"))
-    except FileNotFoundError as fault:
-        remedy = f"copy the project with its .files folder, or {_EXPORT}"
-        raise MissingFileError("no such file", path, remedy) from fault
-    except (OSError, zipfile.BadZipFile, zlib.error, KeyError, NotImplementedError, RuntimeError) as fault:
-        remedy = f"copy it again, or {_EXPORT}"
-        raise InputError(f"{path}: is not an archive with a doc.xml, or damaged; {remedy}") from fault
+    remedy = f"copy the project with its .files folder, or {_EXPORT}"
+    with reading(path, remedy), zipfile.ZipFile(regular(path)) as archive:
+        if archive.getinfo("doc.xml").file_size > _LARGEST:
+            raise InputError(f"{path}: its doc.xml is larger than {_LARGEST >> 20} MiB; {_EXPORT}")
+        return ElementTree.fromstring(archive.read("doc.xml"))
 
 
 def _unpacked(path: Path) -> Element:
     """Parse a file that is XML itself."""
-    try:
+    with reading(path, _EXPORT):
         if regular(path).stat().st_size > _LARGEST:
             raise InputError(f"{path}: is larger than {_LARGEST >> 20} MiB; {_EXPORT}")
-        return _parsed(path, path.read_bytes())
-    except OSError as fault:
-        raise file_error(path, fault, "check its permissions") from fault
-
-
-def _parsed(path: Path, content: bytes) -> Element:
-    try:
-        return ElementTree.fromstring(content)
-    except (ElementTree.ParseError, ValueError) as fault:
-        raise InputError(f"{path}: breaks off or is not XML ({fault}); {_EXPORT}") from fault
+        return ElementTree.fromstring(path.read_bytes())
 
 
 _UNDISTORT = "use File > Export > Undistort Photos and dataset.undistorted=true"
@@ -187,14 +165,10 @@ class Component:
 
 
 def read_components(chunk: Chunk, document: Path) -> list[Component]:
-    """Return the components that have aligned, enabled cameras. InputError when there are none, or one is damaged."""
-    try:
-        return _components(chunk, document)
-    except (ValueError, TypeError, AttributeError) as fault:  # a number or a part that is not there
-        raise InputError(f"{document}: is not what Metashape writes ({fault}); {_EXPORT}") from fault
+    """Return the components that have aligned, enabled cameras.
 
-
-def _components(chunk: Chunk, document: Path) -> list[Component]:
+    InputError when there are none or one is wrong; any error for a number or a part that is not there.
+    """
     sensors = {str(sensor.get("id")): sensor for sensor in chunk.element.iterfind("sensors/sensor")}
     cameras = list(_cameras(chunk.element.find("cameras")))
     poses = {str(camera.get("id")): _pose(camera, document) for camera, _ in cameras}
@@ -347,10 +321,13 @@ class Metashape(ImageScaleOption):
         images, maps_folder = (chosen(self, root, option, "folder") for option in ("images", "depths"))
         document = find_document(root, self.document)
         chunk = read_chunk(document, self.chunk)
-        components = read_components(chunk, document)
+        with reading(document, _EXPORT):
+            components = read_components(chunk, document)
         cameras = [camera for component in components for camera in component.cameras]
         photographs = dict(zip(cameras, _photographs(images, document, cameras, self.undistorted), strict=True))
-        maps = {camera: _map_name(photographs[camera].name, camera.label) for camera in cameras}
+        # A depth map is named after the camera's label, in the folder of its image.
+        folders = {camera: PurePosixPath(photograph.name).parent for camera, photograph in photographs.items()}
+        maps = {camera: (folder / f"{camera.label}.png").as_posix() for camera, folder in folders.items()}
         depths, ambiguous = find_depths(maps_folder, list(maps.values()))
         for camera, name in maps.items():
             faults: dict[Plane, str] = {"depth": ambiguous[name]} if name in ambiguous else {}
@@ -397,11 +374,6 @@ def _photographs(folder: Path, document: Path, cameras: Sequence[Aligned], undis
     if shared is not None:
         raise InputError(f"{document}: two cameras have the image {shared}; give cameras labels of their own")
     return found
-
-
-def _map_name(image: str, label: str) -> str:
-    """What a depth map is named after: the camera's label, in the folder of its image."""
-    return (PurePosixPath(image).parent / f"{label}.png").as_posix()
 
 
 def _middle(camera: Camera) -> Camera:

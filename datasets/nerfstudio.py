@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -27,7 +27,6 @@ from sucre_bench.loading.lens import Lens, lens_of
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, fingerprint, is_rigid, scene_of
 from sucre_bench.machine.files import read_json, regular
 from sucre_bench.machine.progress import track
-from sucre_bench.plugins.options import check_ranges
 from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Encoding, Plane, Scene
 
@@ -49,6 +48,8 @@ _Frame = Mapping[str, Any]
 class Nerfstudio(ImageScaleOption):
     """A scene in nerfstudio's format: one view a frame of transforms.json, in order of name."""
 
+    ranges: ClassVar = {"depth_scale": "(0, inf)"}
+
     root: Path
     """The folder that holds transforms.json and everything that it names."""
     transforms: str = ""
@@ -57,10 +58,6 @@ class Nerfstudio(ImageScaleOption):
     """Metres in a unit of the depth maps; none: what the file says (depth_unit_scale_factor), or else 0.001."""
     encoding: Encoding = "gamma"
     """How images are encoded: "gamma" (sRGB-like) or "linear"."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_ranges(self, depth_scale="(0, inf)")
 
     def scenes(self) -> Iterator[Scene]:
         """Yield the one scene, named like its folder. Reads the JSON, headers and samples of files.

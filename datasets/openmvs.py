@@ -16,25 +16,18 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, ClassVar
 
 import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
-from sucre_bench.errors import DamagedFileError, InputError, file_error
+from sucre_bench.errors import DamagedFileError, InputError
 from sucre_bench.loading.find_folders import ImageFolder, existing, inner_path
 from sucre_bench.loading.lens import Lens
-from sucre_bench.loading.view_files import (
-    ImageScaleOption,
-    Photograph,
-    is_rigid,
-    scaled_pose,
-    scene_of,
-)
-from sucre_bench.machine.files import regular
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, is_rigid, scaled_pose, scene_of
+from sucre_bench.machine.files import reading, regular
 from sucre_bench.machine.progress import track
-from sucre_bench.plugins.options import check_ranges
 from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Encoding, Plane, Scene
 
@@ -51,6 +44,8 @@ from sucre_bench.scene import Encoding, Plane, Scene
 class Openmvs(ImageScaleOption):
     """A scene with depth maps of OpenMVS: one view a depth map, in order of the images' names."""
 
+    ranges: ClassVar = {"metres_per_unit": "(0, inf)"}
+
     root: Path
     """The folder that holds the depth maps and, in it or below, the images."""
     dmaps: str = "*.dmap"
@@ -62,7 +57,6 @@ class Openmvs(ImageScaleOption):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_ranges(self, metres_per_unit="(0, inf)")
         if Path(self.dmaps).is_absolute() or ".." in Path(self.dmaps).parts or not self.dmaps:
             raise InputError(f"openmvs.dmaps: '{self.dmaps}' is no pattern of paths in root; give '*.dmap'")
 
@@ -130,13 +124,8 @@ class Header:
 
 def read_header(path: Path) -> Header:
     """Return the header of a depth map. Raises InputError if the file is no depth map, truncated, or has no camera."""
-    try:
-        with regular(path).open("rb") as file:
-            return _header(file)
-    except OSError as fault:
-        raise file_error(path, fault, "check its permissions") from fault
-    except (struct.error, ValueError) as fault:
-        raise DamagedFileError(f"breaks off or is not a .dmap ({fault})", path, _REMEDY) from fault
+    with reading(path, _REMEDY), regular(path).open("rb") as file:
+        return _header(file)
 
 
 def read_dmap_depth(path: Path) -> Array:

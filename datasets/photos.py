@@ -55,20 +55,24 @@ class Lsui(ImageScaleOption, SplitOption):
 
         Reads headers and samples of files. InputError when a folder is missing, or no part has the whole set.
         """
-        root, found, lacking = existing(self.root), False, list[IncompleteSetError]()
+        root, found, lacking = existing(self.root), False, list[InputError]()
         for place, images, references in paired_folders(root, ("input",), ("gt", "reference")):
-            if references is None:
-                raise MissingFileError("no such folder", place / "GT", f"unpack the references there, beside {images}")
-            name = scene_name(place, root)
             try:
-                scene = image_folder_scene(name, images, references, self.image_scale, split=self.split)
-            except IncompleteSetError as fault:
+                if references is None:
+                    remedy = f"unpack the references there, beside {images}"
+                    raise MissingFileError("no such folder", place / "GT", remedy)
+                scene = image_folder_scene(
+                    scene_name(place, root), images, references, self.image_scale, split=self.split
+                )
+            except (IncompleteSetError, MissingFileError) as fault:
+                if not self.split:
+                    raise
                 lacking.append(fault)
                 continue
             found = True
             yield scene
         if lacking and not found:
-            raise max(lacking, key=lambda fault: fault.found)
+            raise max(lacking, key=lambda fault: getattr(fault, "found", -1))
         if not found:
             raise InputError(f"{root}: holds no folder input; unpack it there, or give the folder that holds it")
 

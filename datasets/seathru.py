@@ -16,7 +16,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -32,9 +32,8 @@ from sucre_bench.loading.depth_maps import find_depths
 from sucre_bench.loading.find_folders import check_chosen, chosen, existing, folders_below, scene_name
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scaled_pose, scene_of
-from sucre_bench.machine.files import expanded
+from sucre_bench.machine.files import expanded, reading
 from sucre_bench.machine.progress import track
-from sucre_bench.plugins.options import check_ranges
 from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Chart, Encoding, Plane, Scene
 
@@ -65,20 +64,17 @@ def read_raw(path: Path, size: tuple[int, int] | None = None) -> Array:
     import cv2
 
     rawpy = _rawpy(path)
-    try:
-        with rawpy.imread(str(path)) as raw:
-            counts = raw.postprocess(
-                demosaic_algorithm=rawpy.DemosaicAlgorithm.LINEAR,
-                output_color=rawpy.ColorSpace.raw,
-                user_wb=[1.0, 1.0, 1.0, 1.0],
-                gamma=(1, 1),
-                no_auto_bright=True,
-                adjust_maximum_thr=0.0,
-                output_bps=16,
-                user_flip=0,
-            )
-    except (rawpy.LibRawError, OSError) as fault:
-        raise InputError(f"{path}: cannot be read ({fault}); copy it again") from fault
+    with reading(path, "copy it again"), rawpy.imread(str(path)) as raw:
+        counts = raw.postprocess(
+            demosaic_algorithm=rawpy.DemosaicAlgorithm.LINEAR,
+            output_color=rawpy.ColorSpace.raw,
+            user_wb=[1.0, 1.0, 1.0, 1.0],
+            gamma=(1, 1),
+            no_auto_bright=True,
+            adjust_maximum_thr=0.0,
+            output_bps=16,
+            user_flip=0,
+        )
     image = counts.astype(np.float32) / np.float32(65535)
     height, width = image.shape[:2]
     if size is not None and (width, height) != size:
@@ -112,6 +108,8 @@ _DEPTH_FOLDERS = ("depth_resized", "depth", "depthmaps")  # the closest to the i
 class Seathru(ImageScaleOption):
     """The Sea-thru data: one scene for each set below root (D1 to D5), views in order of name."""
 
+    ranges: ClassVar = {"metres_per_unit": "(0, inf)", "focal_px": "(0, inf)"}
+
     root: Path
     """The download, or one set of it."""
     images: tuple[str, ...] = ("linearPNG", "Raw")
@@ -127,10 +125,6 @@ class Seathru(ImageScaleOption):
     """Length in metres of one unit of that model; structure from motion does not know it."""
     focal_px: float | None = None
     """Focal length in pixels of the stored images, if there is no model."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_ranges(self, metres_per_unit="(0, inf)", focal_px="(0, inf)")
 
     def scenes(self) -> Iterator[Scene]:
         """Yield a scene for each set. Reads headers and samples of files, decodes nothing.
@@ -161,8 +155,10 @@ class Seathru(ImageScaleOption):
 
         photographs = []
         for path in paths:
-            size, posed = sizes[path.name], model.get(path.name, ())
-            camera, pose, faults = _centred(size, self.focal_px), None, dict[Plane, str]()
+            size, posed, f = sizes[path.name], model.get(path.name, ()), self.focal_px
+            # Of a known focal length: the axis meets the middle of the image.
+            camera = Camera(np.array([[f, 0, size[0] / 2], [0, f, size[1] / 2], [0, 0, 1]]), *size) if f else None
+            pose, faults = None, dict[Plane, str]()
             if len(posed) == 1:
                 camera, pose = posed[0].camera, scaled_pose(posed[0].cam_from_world, self.metres_per_unit)
             elif posed:
@@ -241,11 +237,3 @@ def _depths(place: Path, names: Sequence[str]) -> tuple[dict[str, Path], dict[st
     if refused and not found and not faults:
         raise refused[0]
     return found, faults
-
-
-def _centred(size: tuple[int, int], focal_px: float | None) -> Camera | None:
-    """Return a camera whose axis meets the middle of the image; None where the focal length is not known."""
-    if focal_px is None:
-        return None
-    width, height = size
-    return Camera(np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1]]), width, height)

@@ -12,12 +12,11 @@ Source: Levy et al., SeaThru-NeRF: neural radiance fields in scattering media, C
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 from sucre_bench.loading.colmap_model import read_model, registered_scene
 from sucre_bench.loading.find_folders import ImageFolder, chosen, existing, folders_below, scene_name
 from sucre_bench.loading.view_files import ImageScaleOption
-from sucre_bench.plugins.options import check_ranges
 from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Encoding, Scene
 
@@ -37,6 +36,8 @@ _HELD_OUT = 8  # every eighth image by name, from the first, tests what was lear
 class SeathruNerf(ImageScaleOption):
     """The SeaThru-NeRF reefs: one scene for each, views in order of name, undistorted on the way."""
 
+    ranges: ClassVar = {"metres_per_unit": "(0, inf)"}
+
     root: Path
     """The download, or one scene of it."""
     images: tuple[str, ...] = ("images_wb", "images")
@@ -49,10 +50,6 @@ class SeathruNerf(ImageScaleOption):
     """Length in metres of one unit of the model; structure from motion does not know it."""
     encoding: Encoding = "linear"
     """How the images are encoded: "linear" as released, "gamma" for copies that were made for a screen."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_ranges(self, metres_per_unit="(0, inf)")
 
     def scenes(self) -> Iterator[Scene]:
         """Yield a scene for each reef. Reads models, headers and samples of files, decodes nothing.

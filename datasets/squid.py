@@ -20,7 +20,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -32,8 +32,7 @@ from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.find_folders import check_chosen, existing, folders_below, scene_name
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of
-from sucre_bench.machine.files import expanded
-from sucre_bench.plugins.options import check_ranges
+from sucre_bench.machine.files import expanded, reading, regular
 from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Encoding, Plane, Scene
 
@@ -54,6 +53,8 @@ _METRES = {"m": 1.0, "meters": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001
 class Squid(ImageScaleOption):
     """The SQUID stereo pairs: one scene for each image set below root, of the left and the right view."""
 
+    ranges: ClassVar = {"farthest_m": "(0, inf)"}
+
     root: Path
     """The download, one site of it or one image set."""
     encoding: Encoding = "linear"
@@ -62,10 +63,6 @@ class Squid(ImageScaleOption):
     """Distances beyond this are unknown, because stereo may give any length where it fails."""
     charts: str = "charts.json"
     """File of charts' corners in an image set's folder. charts.json need not exist; another name must, in one set."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_ranges(self, farthest_m="(0, inf)")
 
     def scenes(self) -> Iterator[Scene]:
         """Yield a scene for each image set. Reads calibrations, headers and samples of files, no more.
@@ -143,7 +140,13 @@ def _calibration(path: Path) -> tuple[tuple[Camera, Camera], Array]:
     """Return the left and the right camera, and the (4, 4) transform from the left one's frame, in metres."""
     stored: Any = _load(path)
     if _field(stored, "RotationOfCamera2") is None and "__function_workspace__" in stored:
-        stored = _objects(path)  # saved as an object of a MATLAB class, as released
+        try:  # saved as an object of a MATLAB class, as released
+            matio = importlib.import_module("matio")
+        except ImportError as fault:
+            remedy = "install mat-io (pip install mat-io), or in MATLAB save toStruct(stereoParams) to it"
+            raise InputError(f"{path}: holds an object of a MATLAB class; {remedy}") from fault
+        with reading(path, "in MATLAB save toStruct(stereoParams) to it"):
+            stored = matio.load_from_mat(str(path))
     try:
         cameras = _camera(_field(stored, "CameraParameters1")), _camera(_field(stored, "CameraParameters2"))
         rotation, translation = (_numbers(_field(stored, f"{part}OfCamera2")) for part in ("Rotation", "Translation"))
@@ -205,21 +208,5 @@ def _load(path: Path, variable: str | None = None) -> dict[str, Any]:
     """Return what a MATLAB file holds, or of it one variable."""
     import scipy.io
 
-    try:
-        return dict(scipy.io.loadmat(path, variable_names=variable))
-    except NotImplementedError as fault:
-        raise InputError(f"{path}: is of MATLAB 7.3; save it again with save(..., '-v7')") from fault
-    except Exception as fault:  # of any kind: a file cut short trips its reader anywhere
-        raise InputError(f"{path}: cannot be read, cut short or no MATLAB file; copy it again") from fault
-
-
-def _objects(path: Path) -> Any:
-    try:
-        matio = importlib.import_module("matio")
-    except ImportError as fault:
-        remedy = "install mat-io (pip install mat-io), or in MATLAB save toStruct(stereoParams) to it"
-        raise InputError(f"{path}: holds an object of a MATLAB class; {remedy}") from fault
-    try:
-        return matio.load_from_mat(str(path))
-    except Exception as fault:  # of any kind, as above
-        raise InputError(f"{path}: cannot be read ({fault}); in MATLAB save toStruct(stereoParams) to it") from fault
+    with reading(path, "copy it again, or save it again as MATLAB's '-v7'"):
+        return dict(scipy.io.loadmat(regular(path), variable_names=variable))

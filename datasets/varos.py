@@ -30,7 +30,7 @@ from sucre_bench.loading.depth_maps import read_16_bit
 from sucre_bench.loading.find_folders import existing, folders_below, scene_name
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of
-from sucre_bench.machine.files import regular
+from sucre_bench.machine.files import reading, regular
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Plane, Scene
@@ -76,22 +76,21 @@ class Varos(ImageScaleOption):
         if not images:
             raise InputError(f"{folder / 'A'}: holds no image that ends on a frame number; copy the PNG files there")
         references, depths = _frames(folder / "B"), _frames(folder / "D")
-        others_of: list[tuple[Plane, str, dict[int, Path]]] = [("depth", "D", depths), ("reference", "B", references)]
         lens = Lens(_camera(_beside(folder, root, _CAMERA)))
         times = _times(_beside(folder, root, _TIMES), sorted(images))
         poses = _poses(_beside(folder, root, _POSES))
 
         photographs = []
         for frame, path in sorted(images.items()):
-            faults: dict[Plane, str] = {}
-            for plane, place, others in others_of:
-                if others and frame not in others:
-                    faults[plane] = f"{folder / place}: no file of frame {frame}; copy it there"
+            lack = f"no file of frame {frame}; copy it there"
+            faults: dict[Plane, str] = {"depth": f"{folder / 'D'}: {lack}"} if depths and frame not in depths else {}
+            if references and frame not in references:
+                faults["reference"] = f"{folder / 'B'}: {lack}"
             photograph = Photograph(
                 path.relative_to(folder / "A").as_posix(),
                 path,
                 lens,
-                _nearest(poses, times.get(frame)),
+                _at(times.get(frame), *poses),
                 depths.get(frame),
                 _read_depth,
                 reference=references.get(frame),
@@ -195,16 +194,11 @@ def _poses(path: Path) -> tuple[Array, Array]:
     return values[order, 0], np.linalg.inv(world_from_cam[order])
 
 
-def _nearest(poses: tuple[Array, Array], time: int | None) -> Array | None:
-    if time is None:
-        return None
-    nearest = int(np.argmin(np.abs(poses[0] - time)))
-    return poses[1][nearest] if abs(poses[0][nearest] - time) <= _SAME_TIME_NS else None
+def _at(time: int | None, times: Array, poses: Array) -> Array | None:
+    nearest = 0 if time is None else int(np.argmin(np.abs(times - time)))
+    return None if time is None or abs(times[nearest] - time) > _SAME_TIME_NS else poses[nearest]
 
 
 def _rows(path: Path) -> list[list[Any]]:
-    try:
-        with regular(path).open(encoding="utf-8-sig", newline="") as file:
-            return [row for row in csv.reader(file) if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as fault:
-        raise InputError(f"{path}: cannot be read ({fault}); copy the file again") from fault
+    with reading(path, "copy the file again"), regular(path).open(encoding="utf-8-sig", newline="") as file:
+        return [row for row in csv.reader(file) if row]

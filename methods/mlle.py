@@ -20,11 +20,7 @@ _DETAIL_PX = 1.0  # standard deviation of the Gaussian that separates detail; no
 _ZERO = 128.0  # gray's a and b in 8 bits, in which the publication's means are positive
 
 
-@method(
-    requires=("cv2",),
-    cites="Zhang, Zhuang, Sun, Li, Kwong & Li 2022, IEEE TIP (MLLE)",
-    encoding="gamma",
-)
+@method(requires=("cv2",), cites="Zhang, Zhuang, Sun, Li, Kwong & Li 2022, IEEE TIP (MLLE)", encoding="gamma")
 @dataclass(frozen=True)
 class Mlle:
     """Balance weak channels, then raise the contrast of lightness block by block.

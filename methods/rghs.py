@@ -25,10 +25,7 @@ _LEVEL = 1 / 255  # a mode is a level of an 8-bit histogram
 
 
 @method(
-    requires=("cv2",),
-    cites="Huang, Wang, Song, Sequeira & Mavromatis 2018",
-    encoding="gamma",
-    opinions={"SAUD": 54},
+    requires=("cv2",), cites="Huang, Wang, Song, Sequeira & Mavromatis 2018", encoding="gamma", opinions={"SAUD": 54}
 )
 @dataclass(frozen=True)
 class Rghs:

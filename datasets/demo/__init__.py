@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sucre_bench.errors import InputError
+from sucre_bench.machine.files import user_cache
 from sucre_bench.plugins.options import check_ranges
 from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Scene, Water
@@ -78,10 +79,10 @@ class Demo:
 
     def folder(self) -> Path:
         """Return the folder of the scene's files, which are made if they are not there."""
-        from sucre_bench.datasets.demo.made_scene import make, make_once, scene_folder
+        from sucre_bench.datasets.demo.made_scene import make, make_once
 
-        options = self._options()
-        return make_once(scene_folder(self.root, options), lambda: make(**options))
+        place = user_cache() / "demo" if self.root is None else self.root
+        return make_once(place / f"{self.water}-{self.data_id}", lambda: make(**self._options()))
 
     def _options(self) -> dict[str, Any]:
         return {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "root"}

@@ -15,32 +15,11 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, pixel_rays
-from sucre_bench.datasets.demo import WATERS, Preset
-from sucre_bench.datasets.demo.render import (
-    LAMP,
-    Surfaces,
-    build,
-    make_camera,
-    make_path,
-    render,
-    underwater,
-    visible_charts,
-)
-from sucre_bench.datasets.demo.seabed import (
-    GROUND,
-    SITES,
-    Grid,
-    Noise,
-    Terrain,
-    make_terrain,
-    paint_seabed,
-    place_board,
-)
+from sucre_bench.datasets.demo import WATERS, Preset, render, seabed
 from sucre_bench.errors import OutputError
 from sucre_bench.imaging.chart_kinds import KINDS, chart_kind
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import write_png
-from sucre_bench.machine.files import user_cache
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import Chart, Water
 
@@ -79,19 +58,20 @@ def make(
 
     InputError where Open3D, which casts the rays, does not load.
     """
-    camera = make_camera(width, height)
-    poses = make_path(views, seed)
+    camera, poses = render.make_camera(width, height), render.make_path(views, seed)
     texel = float(_NEAR_M / camera.K[0, 0])
-    surfaces = _make_surfaces(seed, texel)
-
-    rays = pixel_rays(camera)
+    noise_field, terrain = seabed.Noise(seed), _terrain(seed)
+    grids = seabed.Grid(*_NEAR, cell=texel), dataclasses.replace(seabed.GROUND, cell=_COARSER * texel)
+    near, far = (seabed.paint_seabed(terrain, noise_field, grid) for grid in grids)
+    boards = [seabed.place_board(site, terrain, _FINER * texel) for site in seabed.SITES]
+    surfaces, rays = render.build(terrain, near, far, boards), pixel_rays(camera)
     shape = (views, height, width)
     rgb = np.empty((*shape, 3), dtype=np.uint8)
     reference, depth = np.empty((*shape, 3), dtype=np.float32), np.empty(shape, dtype=np.float32)
     for i in track(range(views), "making the demo scene"):
-        reference[i], depth[i] = render(surfaces, camera, poses[i])
+        reference[i], depth[i] = render.render(surfaces, camera, poses[i])
         grain = np.random.default_rng([seed, 41, i]).normal(0, noise, rgb[i].shape)
-        rgb[i] = to_8bit(underwater(reference[i], rays, depth[i], water) + grain)
+        rgb[i] = to_8bit(render.underwater(reference[i], rays, depth[i], water) + grain)
     return MadeScene(
         names=tuple(f"view_{i:03d}.png" for i in range(views)),
         camera=camera,
@@ -99,22 +79,15 @@ def make(
         rgb=rgb,
         reference=reference,
         depth=depth,
-        charts=tuple(visible_charts(surfaces, camera, pose) for pose in poses),
+        charts=tuple(render.visible_charts(surfaces, camera, pose) for pose in poses),
         preset=water,
         water=WATERS[water],
     )
 
 
-def _make_surfaces(seed: int, texel: float) -> Surfaces:
-    noise, terrain = Noise(seed), _terrain(seed)
-    grids = Grid(*_NEAR, cell=texel), dataclasses.replace(GROUND, cell=_COARSER * texel)
-    near, far = (paint_seabed(terrain, noise, grid) for grid in grids)
-    return build(terrain, near, far, [place_board(site, terrain, _FINER * texel) for site in SITES])
-
-
 @functools.lru_cache(maxsize=1)  # a third of a small scene's time, the same in every water
-def _terrain(seed: int) -> Terrain:
-    return make_terrain(seed, Noise(seed), [(site.x, site.y) for site in SITES])
+def _terrain(seed: int) -> seabed.Terrain:
+    return seabed.make_terrain(seed, seabed.Noise(seed), [(site.x, site.y) for site in seabed.SITES])
 
 
 # Writes the made scene as files, in the layout that SUCRe reads and `prepare` writes.
@@ -142,7 +115,8 @@ def write_made_scene(made: MadeScene, folder: Path) -> None:
     water: dict[str, Any] = {"preset": made.preset}
     water |= {name: getattr(made.water, name).tolist() for name in ("veiling_light", "attenuation", "backscatter")}
     if made.preset == "deep_sea":
-        water |= {"lamp_from_cam": LAMP.lamp_from_cam.tolist(), "lamp_covariance": LAMP.covariance.tolist()}
+        lamp = render.LAMP
+        water |= {"lamp_from_cam": lamp.lamp_from_cam.tolist(), "lamp_covariance": lamp.covariance.tolist()}
     for name, content in (("charts.json", {"images": charts}), (LAST, water)):
         (folder / name).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
@@ -172,11 +146,6 @@ def scene_id(options: Mapping[str, Any]) -> str:
     """Return a hash of the options that decide the scene's files; it names their folder and identifies the scene."""
     content = json.dumps([VERSION, options, repr({name: chart_kind(name) for name in KINDS})], sort_keys=True)
     return hashlib.blake2b(content.encode(), digest_size=6).hexdigest()
-
-
-def scene_folder(root: Path | None, options: Mapping[str, Any]) -> Path:
-    """Return the folder of a scene below `root`, or else in the user's cache. It may not be there yet."""
-    return (user_cache() / "demo" if root is None else Path(root)) / f"{options['water']}-{scene_id(options)}"
 
 
 def make_once(folder: Path, make: Callable[[], MadeScene]) -> Path:

@@ -10,9 +10,8 @@ import pytest
 from sucre_bench.arrays import Array
 from sucre_bench.camera import pixel_rays
 from sucre_bench.datasets.demo import WATERS, Demo, Preset, made_scene
-from sucre_bench.datasets.demo.cast_rays import RayCaster
 from sucre_bench.datasets.demo.made_scene import MadeScene, make, make_once
-from sucre_bench.datasets.demo.render import LAMP, apply, build, lamp_light, make_camera, render, underwater
+from sucre_bench.datasets.demo.render import LAMP, RayCaster, apply, build, lamp_light, make_camera, render, underwater
 from sucre_bench.datasets.demo.seabed import (
     SITES,
     Grid,

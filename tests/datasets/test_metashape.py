@@ -187,7 +187,7 @@ def text(old: str, new: str) -> Change:
 SCENE: dict[str, tuple[Change, list[str]]] = {
     "no document": (lambda root: (root / "cameras.xml").unlink(), ["no cameras.xml, .psx or .psz"]),
     "two documents": (lambda root: shutil.copy(root / "cameras.xml", root / "b.xml"), ["b.xml, cameras.xml are there"]),
-    "cut": (lambda root: cut(root / "cameras.xml"), ["cameras.xml: breaks off", "Export Cameras"]),
+    "cut": (lambda root: cut(root / "cameras.xml"), ["cameras.xml: cannot be read", "Export Cameras"]),
     "nothing aligned": (text("<transform>", "<other>"), ["cameras.xml"]),
     "a damaged pose": (text(" 0.0 0.0 0.0 1.0</transform>", "</transform>"), ["cameras.xml", "reshape"]),
     "a scaled pose": (text("0.0 0.0 0.0 1.0</transform>", "0.0 0.0 0.0 2.0</transform>"), ["DSC_0.JPG", "not rigid"]),

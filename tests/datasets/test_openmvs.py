@@ -107,7 +107,7 @@ def other_bytes(offset: int, layout: str, *values: object) -> Change:
 # The name is 12 bytes from 30 on, the ids are from 42, K is from 58, R from 130 to 202.
 SCENE: dict[str, tuple[Change, list[str]]] = {
     "no depth map": (lambda root: [path.unlink() for path in root.glob("*.dmap")], ["*.dmap: no depth map"]),
-    "cut in the header": (lambda root: cut(root / "depth0000.dmap", 0.0001), ["depth0000.dmap: breaks off"]),
+    "cut in the header": (lambda root: cut(root / "depth0000.dmap", 0.0001), ["depth0000.dmap: cannot be read"]),
     "another format": (other_bytes(0, "2s", b"DX"), ["depth0000.dmap", "not a .dmap"]),
     "no depth in it": (other_bytes(2, "B", 2), ["depth0000.dmap", "flags 2"]),
     "a huge depth map": (other_bytes(4, "4I", *[2**31] * 4), ["depth0000.dmap", "not a .dmap"]),
