@@ -191,7 +191,7 @@ SCENE: dict[str, tuple[Change, list[str]]] = {
     "nothing aligned": (text("<transform>", "<other>"), ["cameras.xml"]),
     "a damaged pose": (text(" 0.0 0.0 0.0 1.0</transform>", "</transform>"), ["cameras.xml", "reshape"]),
     "a scaled pose": (text("0.0 0.0 0.0 1.0</transform>", "0.0 0.0 0.0 2.0</transform>"), ["DSC_0.JPG", "not rigid"]),
-    "a number that is none": (text("<f>150.0</f>", "<f>wide</f>"), ["cameras.xml: ", "Metashape"]),
+    "a number that is none": (text("<f>150.0</f>", "<f>wide</f>"), ["cameras.xml: ", "Export Cameras"]),
     "no focal length": (text("<f>150.0</f>", "<f>-1</f>"), ["sensor 'GoPro'", "f = -1"]),
     "a spherical sensor": (text('type="frame"', 'type="spherical"'), ["sensor 'GoPro' is spherical"]),
     "one image twice": (text('label="DSC_1"', 'label="dsc_0"'), ["two cameras", "DSC_0.png"]),
