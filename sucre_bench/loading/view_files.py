@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Picture
 from sucre_bench.camera import Camera, scaled_camera
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, check_number
 from sucre_bench.imaging.chart_kinds import kind_id
 from sucre_bench.imaging.chart_patches import scaled_chart
 from sucre_bench.imaging.image_files import check_pixels, image_size, is_jpeg, read_rgb, same_shape
@@ -26,7 +26,6 @@ from sucre_bench.machine.compute import compiled
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
 from sucre_bench.machine.provenance import engine_hash
-from sucre_bench.plugins.options import check_ranges
 from sucre_bench.scene import Chart, Encoding, Plane, Scene, View
 
 
@@ -255,13 +254,15 @@ def fingerprint(path: Path) -> bytes:
 class ImageScaleOption:
     """The option of datasets that can shrink their images. Raises InputError if an option is out of its range."""
 
-    ranges: ClassVar[Mapping[str, str]] = {}  # of a dataset's other options, as `check_ranges` takes them
+    ranges: ClassVar[Mapping[str, str]] = {}  # of other options; one whose default is none may be none
 
     image_scale: float = 1.0
     """Shrink images by this factor, above 0 up to 1; with them depth maps, references, cameras and chart corners."""
 
     def __post_init__(self: Any) -> None:
-        check_ranges(self, image_scale="(0, 1]", **self.ranges)
+        for option, interval in {"image_scale": "(0, 1]", **self.ranges}.items():
+            if (value := getattr(self, option)) is not None or getattr(type(self), option) is not None:
+                check_number(f"{type(self).__plugin__.name}.{option}", value, interval)
 
 
 # -- pixels that the processes of a run share ---------------------------------------------------------------
