@@ -164,7 +164,6 @@ def _facts(one: Described) -> dict[str, str]:
         "cameras": f"{len(focals)}, focal {', '.join(f'{fx:.0f}' for fx, _ in focals[:3])} px" if focals else "none",
         "travel": travel,
         "water": ", ".join(f"{name} {' '.join(f'{v:.3g}' for v in values)}" for name, values in water) or "not known",
-        "exposure": one.exposure.sentence,
     }
     if one.scale is not None:
         facts["scale"] = one.scale["note"]

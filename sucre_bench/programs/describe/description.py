@@ -17,7 +17,6 @@ from sucre_bench.imaging.drawing import contact_sheet, depth_colours, save_marke
 from sucre_bench.loading.named_sets import Found, Member, Picture, recognised_sets, set_table
 from sucre_bench.machine.files import expanded, regular
 from sucre_bench.machine.progress import track
-from sucre_bench.programs.describe.exposure import Exposure, NoExposure, estimate_exposure
 from sucre_bench.programs.describe.facts import Look, Overlap, Spread, ViewFacts, look_at, overlaps, spread_of
 from sucre_bench.programs.describe.faults import Fault, find_faults
 from sucre_bench.scene import Water
@@ -34,9 +33,9 @@ class Described:
 
     n_views: number of views in the scene, also those that are not described; scale: the note of `prepare`, with
     is_metric (whether lengths are metres) and note (how the scale was found), or None if there is none (lengths then
-    count as metres); unit: of lengths; exposure: or why it is not known; spread: None without poses or depth; edges
-    (B + 1,), shares (B,): the distances of all pixels with depth, empty without depth; sets: the named test sets of its
-    photographs; shared: what these share with other sets, a line each.
+    count as metres); unit: of lengths; spread: None without poses or depth; edges (B + 1,), shares (B,): the distances
+    of all pixels with depth, empty without depth; sets: the named test sets of its photographs; shared: what these
+    share with other sets, a line each.
     """
 
     dataset: str
@@ -48,7 +47,6 @@ class Described:
     water: Water | None
     looks: list[Look]
     overlaps: list[Overlap]
-    exposure: Exposure | NoExposure
     spread: Spread | None
     edges: list[float]
     shares: list[float]
@@ -63,20 +61,11 @@ class Described:
 
     def as_object(self) -> dict[str, Any]:
         """Return it as plain data for JSON."""
-        light = self.exposure if isinstance(self.exposure, Exposure) else None
         return {
             **{name: getattr(self, name) for name in ("dataset", "scene", "n_views", "scale", "unit", "has")},
             "water": self.water and {name: np.asarray(value).tolist() for name, value in vars(self.water).items()},
             "views": [asdict(view) for view in self.facts],
             "overlaps": [asdict(overlap) for overlap in self.overlaps],
-            "exposure": light
-            and {
-                "gains": dict(zip(light.views, light.gains, strict=True)),
-                "error": light.error,
-                "differs": light.differs,
-                "least_light": light.least,
-            },
-            "exposure_unknown": self.exposure.name.lower() if isinstance(self.exposure, NoExposure) else None,
             "measures_water": self.spread and {"text": self.spread.sentence(self.unit), **asdict(self.spread)},
             "distances": {"edges": self.edges, "shares": self.shares},
             "sets": [found.as_object() for found in self.sets],
@@ -168,7 +157,6 @@ def described(selection: Selection, most: int) -> Described:
         water=scene.water,
         looks=looks,
         overlaps=between,
-        exposure=estimate_exposure(looks),
         spread=spread_of(scene.views),
         edges=edges,
         shares=shares,

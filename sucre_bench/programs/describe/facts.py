@@ -18,7 +18,7 @@ from sucre_bench.camera import Camera, depth_at, distance_map, moved, project, r
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.imaging.chart_patches import image_from_chart, reading_order
 from sucre_bench.imaging.display import display
-from sucre_bench.imaging.encoding import converted, srgb_decode, to_8bit
+from sucre_bench.imaging.encoding import converted, to_8bit
 from sucre_bench.loading.named_sets import Print, print_of
 from sucre_bench.machine.progress import track
 from sucre_bench.multiview.pairing import lift, visible_pixels
@@ -183,17 +183,12 @@ def _floats(values: Array) -> tuple[float, ...]:
 
 
 def placed(looks: Sequence[Look]) -> list[View]:
-    """Return the views that have camera, pose and depth at reduced size, with the intensities that their files hold."""
-    views = []
-    for look in looks:
-        if look.camera is not None and look.view.cam_from_world is not None and look.depth is not None:
-            # A picture that cannot be read, or of another size than its depth, is black.
-            is_told = look.picture is not None and look.picture.shape[:2] == look.depth.shape
-            picture = look.picture if is_told else np.zeros((*look.depth.shape, 3))
-            shown = np.asarray(picture, np.float32) / 255
-            rgb = srgb_decode(shown) if look.view.encoding == "linear" else shown
-            views.append(replace(look.view, pixels=Arrays(rgb, look.depth), camera=look.camera))
-    return views
+    """Return the views that have camera, pose and depth, black and with their depth at reduced size."""
+    return [
+        replace(look.view, pixels=Arrays(np.zeros((*look.depth.shape, 3), np.float32), look.depth), camera=look.camera)
+        for look in looks
+        if look.camera is not None and look.view.cam_from_world is not None and look.depth is not None
+    ]
 
 
 def overlaps(looks: Sequence[Look]) -> list[Overlap]:
