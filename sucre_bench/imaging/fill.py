@@ -68,7 +68,8 @@ def in_cells(plane: Array | Mask, n: int) -> Array:
 
     height, width = plane.shape[:2]
     size = (-(-width // n), -(-height // n))
-    return np.asarray(cv2.resize(plane.astype(np.float32), size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+    plane = plane.astype(np.float32, copy=False)
+    return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 
 def continued(values: Array, known: Mask, guide: Array, pull: Array | None = None) -> Array:

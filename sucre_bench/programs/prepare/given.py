@@ -187,7 +187,7 @@ def given_model(model: Path, photos: Sequence[Photo], folder: Path, work: Path, 
     Raises InputError if it cannot be read, or if none of its images is among the photos.
     """
     places = (model / "0", model / "sparse", model / "sparse" / "0")
-    sparse = next((place for place in (model, *places) if any(place.glob("cameras.[bt]*"))), None)
+    sparse = next((place for place in (model, *places) if any(place.glob("images.[bt]*"))), None)
     posed = read_model(sparse, folder, distorted=True) if sparse else _posed(model, folder)
     files, by_name = ImageFolder(folder), {photo.name: photo for photo in photos}
     found: dict[str, tuple[Posed, Photo]] = {}
@@ -227,7 +227,7 @@ def _posed(model: Path, folder: Path) -> list[Posed]:
         with suppress(InputError):
             kind = recognised(model)
     if kind not in ("nerfstudio", "metashape"):
-        remedy = "give the folder of cameras.bin, cameras.xml or transforms.json"
+        remedy = "give the folder of cameras.bin and images.bin, cameras.xml or transforms.json"
         raise InputError("holds no model of COLMAP, hloc, Metashape or nerfstudio", model, remedy)
     if kind == "metashape":
         named["images"] = str(folder.resolve())

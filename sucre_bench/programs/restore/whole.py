@@ -45,23 +45,28 @@ def whole(restored: Array, known: Mask, photograph: Array) -> Array:
         return restored
     if not known.any():
         return photograph
-    change = _continued((restored - photograph) * known[..., None], known.astype(np.float32))
-    return np.where(known[..., None], restored, (photograph + change).clip(0, 1)).astype(np.float32)
+    change = np.subtract(restored, photograph, dtype=np.float32)
+    change[~known] = 0
+    picture = _continued(change, known.astype(np.float32))
+    picture += photograph  # in place, as all below: pictures of 24 megapixels have 290 MB
+    np.clip(picture, 0, 1, out=picture)
+    np.copyto(picture, restored, where=known[..., None])
+    return picture
 
 
 def _continued(sums: Array, weight: Array) -> Array:
-    """Return sums (H, W, 3) by weight (H, W), with values for pixels of weight 0 from those around."""
+    """Turn sums (H, W, 3) into sums by weight (H, W), with values for pixels of weight 0 from those around."""
     import cv2
 
     height, width = weight.shape
-    values = np.divide(sums, weight[..., None], out=np.zeros_like(sums), where=weight[..., None] > 0)
-    if (weight > 0).all() or max(height, width) == 1:
-        return values
     half = (-(-width // 2), -(-height // 2))
-    less = (cv2.resize(one, half, interpolation=cv2.INTER_AREA) for one in (sums, weight))
-    coarse = _continued(*(np.asarray(one, dtype=np.float32) for one in less))
-    wide = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR).reshape(height, width, 3)
-    return np.where(weight[..., None] > 0, values, wide).astype(np.float32)
+    less = [cv2.resize(one, half, interpolation=cv2.INTER_AREA) for one in (sums, weight)]
+    np.divide(sums, weight[..., None], out=sums, where=weight[..., None] > 0)
+    if not (weight > 0).all() and max(height, width) > 1:
+        coarse = _continued(*(np.asarray(one, dtype=np.float32) for one in less))
+        wide = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR).reshape(height, width, 3)
+        np.copyto(sums, wide, where=weight[..., None] == 0)
+    return sums
 
 
 def with_open_water(picture: Array, measured: Mask, photograph: Array) -> Array:
@@ -94,7 +99,10 @@ def with_open_water(picture: Array, measured: Mask, photograph: Array) -> Array:
     fine = cv2.resize(edged, size, interpolation=cv2.INTER_LINEAR)
     is_known = cv2.resize(known.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST_EXACT) > 0
     fine[measured & is_known] = 1
-    return np.asarray(photograph + fine[..., None] * (picture - photograph), dtype=np.float32)
+    change = np.subtract(picture, photograph, dtype=np.float32)
+    change *= fine[..., None]
+    change += photograph
+    return change
 
 
 def as_photographed(lens: Lens, picture: Array, known: Mask) -> tuple[Array, Mask]:
