@@ -14,15 +14,8 @@ import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
 from sucre_bench.arrays import Array
+from sucre_bench.imaging import filters
 from sucre_bench.imaging.cielab import luma, to_lab
-from sucre_bench.imaging.filters import (
-    denoised,
-    equalised,
-    gray_world,
-    red_from_green,
-    stretched_by_weakness,
-    stretched_together,
-)
 from sucre_bench.plugins.options import check_ranges
 
 _EXPOSED = 0.25  # sigma of the exposedness weight (2012)
@@ -74,13 +67,13 @@ class Fusion2012:
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, in [0, 1]."""
         if self.balance == "stretch":
-            balanced = stretched_by_weakness(view.rgb)
+            balanced = filters.stretched_by_weakness(view.rgb)
         else:
             # A shift keeps each channel's contrast, so a channel with little light gains no noise.
             shift = (0.5 + (self.illuminant - 1) * view.rgb.mean(axis=(0, 1), dtype=np.float64)).astype(np.float32)
-            balanced = stretched_together(view.rgb + shift, self.percent)
+            balanced = filters.stretched_together(view.rgb + shift, self.percent)
         # The publication filters noise over time; a single photograph gets a bilateral filter in its place.
-        equal = equalised(denoised(balanced, self.noise), self.clip, self.tiles)
+        equal = filters.equalised(filters.denoised(balanced, self.noise), self.clip, self.tiles)
         return Restoration(blend(balanced, equal, weight_2012, 0, self.levels))
 
 
@@ -120,10 +113,11 @@ class Fusion2018:
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, in [0, 1]."""
-        lifted = red_from_green(view.rgb, self.red)
+        lifted = filters.red_from_green(view.rgb, self.red)
         if self.blue:
-            lifted = red_from_green(lifted[..., ::-1], self.blue)[..., ::-1]  # the same equation with blue for red
-        balanced = np.ascontiguousarray(gray_world(lifted))
+            # The same equation with blue for red.
+            lifted = filters.red_from_green(lifted[..., ::-1], self.blue)[..., ::-1]
+        balanced = np.ascontiguousarray(filters.gray_world(lifted))
         levels = self.levels or most_levels(balanced.shape[:2])
         darker, sharper = balanced ** np.float32(self.gamma), sharpened(balanced, self.blur_px)
         return Restoration(blend(darker, sharper, weight_2018, _REGULARISER, levels))

@@ -12,9 +12,9 @@ import numpy as np
 
 from sucre_bench import Restoration, Scene, View, Water, method
 from sucre_bench.arrays import Array
-from sucre_bench.errors import InputError
 from sucre_bench.imaging.fill import FillOption, with_filled
 from sucre_bench.imaging.image_formation import TwoTerm, channels, distances, is_flat, trusted, without_water
+from sucre_bench.plugins.options import check_ranges
 
 Kind = Literal["constant", "two_term"]
 
@@ -82,12 +82,7 @@ class GaussianSeathru(FillOption):
     to 5,500. info["undetermined"] names channels whose best search reached this limit."""
 
     def __post_init__(self) -> None:
-        if self.sample < 2:
-            raise InputError(f"gaussian_seathru.sample: {self.sample} pixels have no spread; give 2 or more")
-        if self.seed < 0:
-            raise InputError(f"gaussian_seathru.seed: {self.seed} is negative; give 0 or more")
-        if self.most_evaluations < 1:
-            raise InputError(f"gaussian_seathru.most_evaluations: {self.most_evaluations}; give 1 or more")
+        check_ranges(self, sample="[2, inf)", seed="[0, inf)", most_evaluations="[1, inf)")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return J, NaN where the view has no depth; it may leave [0, 1].

@@ -9,6 +9,7 @@ in metres.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -16,11 +17,11 @@ import numpy as np
 
 from sucre_bench import Restoration, Scene, View, Water, method
 from sucre_bench.arrays import Array, Mask
-from sucre_bench.errors import InputError
 from sucre_bench.imaging.display import gray_world_gain
 from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.fill import FillOption, with_filled
 from sucre_bench.imaging.image_formation import TwoTerm, channels, distances, is_flat, trusted, without_water
+from sucre_bench.plugins.options import check_ranges
 from sucre_bench.scene import Encoding
 
 if TYPE_CHECKING:
@@ -136,9 +137,9 @@ def fit_backscatter(intensity: Array, z: Array) -> Backscatter:
     return Backscatter(*np.transpose([_fitted(intensity[:, c].astype(np.float64), z) for c in range(3)]))
 
 
-def _fitted(dark: Array, z: Array) -> tuple[float, float, float, float]:
+def _fitted(dark: Array, z: Array) -> Any:
     """Return Binf, b, J', b' of one channel: the best of the most promising starts."""
-    from scipy.optimize import least_squares, nnls
+    from scipy.optimize import nnls
 
     def terms(b: float, rest: float) -> tuple[Array, Array]:
         return -np.expm1(-b * z), np.exp(-rest * z)
@@ -153,13 +154,19 @@ def _fitted(dark: Array, z: Array) -> tuple[float, float, float, float]:
         system = np.stack([np.append(veil, 0 * z), np.append(faded, np.sqrt(_DARKNESS) * faded)], axis=1)
         (B, J), misfit = nnls(system, np.append(dark, 0 * z))
         starts.append((misfit, (min(B, 1.0), b, min(J, 1.0), rest)))
-    bounds = ([0, 0, 0, 0], [1, _GREATEST_RATE, 1, _GREATEST_RATE])
-    fits = [
-        least_squares(residuals, start, bounds=bounds, loss="soft_l1", f_scale=_OUTLIER)
-        for _, start in sorted(starts)[:_REFINED]
-    ]
-    best = min(fits, key=lambda fit: fit.cost).x
-    return float(best[0]), float(best[1]), float(best[2]), float(best[3])
+    return _refined(residuals, starts, [1, _GREATEST_RATE, 1, _GREATEST_RATE], _OUTLIER)
+
+
+def _refined(residuals: Callable[[Array], Array], starts: list[Any], greatest: list[float], outlier: float) -> Any:
+    """Return the four parameters, in [0, greatest], that fit best of the most promising (misfit, start).
+
+    outlier: residuals beyond count linearly only.
+    """
+    from scipy.optimize import least_squares
+
+    how: dict[str, Any] = {"bounds": ([0] * 4, greatest), "loss": "soft_l1", "f_scale": outlier}
+    fits = [least_squares(residuals, start, **how) for _, start in sorted(starts)[:_REFINED]]
+    return tuple(float(x) for x in min(fits, key=lambda fit: fit.cost).x)
 
 
 # Attenuation from how the local illuminant fades with distance (Akkaynak & Treibitz 2019, sec. 4.4, eqs. 11, 15-17).
@@ -222,7 +229,7 @@ def fit_attenuation(z: Array, E: Array, kind: Kind) -> TwoTerm:
     The publication compares z with -ln E / beta(z): the same zero, but a division by what may be 0. Starts are a grid;
     for each pair of rates the factors follow linearly. Bounds: a, c in [0, 100], b, d in [0, 100] 1/m.
     """
-    from scipy.optimize import least_squares, nnls
+    from scipy.optimize import nnls
 
     if kind == "constant" or not z.size:
         return TwoTerm(constant_attenuation(z, E))
@@ -234,12 +241,7 @@ def fit_attenuation(z: Array, E: Array, kind: Kind) -> TwoTerm:
     for b, d in itertools.combinations(_EXPONENTS, 2):
         (a, c), misfit = nnls(np.stack([z * np.exp(-b * z), z * np.exp(-d * z)], axis=1), -np.log(E))
         starts.append((misfit, (min(a, _GREATEST_FACTOR), b, min(c, _GREATEST_FACTOR), d)))
-    bounds = ([0, 0, 0, 0], [_GREATEST_FACTOR, _GREATEST_EXPONENT, _GREATEST_FACTOR, _GREATEST_EXPONENT])
-    fits = [
-        least_squares(residuals, start, bounds=bounds, loss="soft_l1", f_scale=_LOG_OUTLIER)
-        for _, start in sorted(starts)[:_REFINED]
-    ]
-    return TwoTerm(*(float(x) for x in min(fits, key=lambda fit: fit.cost).x))
+    return TwoTerm(*_refined(residuals, starts, [_GREATEST_FACTOR, _GREATEST_EXPONENT] * 2, _LOG_OUTLIER))
 
 
 _GREY_LEVEL = 1 / 255
@@ -292,16 +294,8 @@ class Seathru(FillOption):
     """Longest side, pixels, of the grid on which water and illuminant are estimated: every n-th pixel counts."""
 
     def __post_init__(self) -> None:
-        for name, least in (("bins", 1), ("most", 1), ("amplification", 1), ("size", 16)):
-            if not getattr(self, name) >= least:
-                raise InputError(f"seathru.{name}: {getattr(self, name)} is too small; give {least} or more")
-        if not 0 < self.f < np.inf:
-            raise InputError(
-                f"seathru.f: {self.f} is not positive and finite; give the illuminant over the average, such as 2"
-            )
-        for name in ("p", "eps", "share"):
-            if not 0 < getattr(self, name) <= 1:
-                raise InputError(f"seathru.{name}: {getattr(self, name)} is not a share; give more than 0, at most 1")
+        check_ranges(self, bins="[1, inf)", most="[1, inf)", amplification="[1, inf)", size="[16, inf)")
+        check_ranges(self, f="(0, inf)", p="(0, 1]", eps="(0, 1]", share="(0, 1]")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return J, NaN where the view has no depth; it may leave [0, 1]. NotApplicableError if no pixel has depth."""

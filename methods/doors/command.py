@@ -32,7 +32,6 @@ from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.image_files import write_png
 from sucre_bench.machine.files import expanded, temporary_folder, write_atomically
 from sucre_bench.machine.progress import track
-from sucre_bench.methods.doors.environments import Environment
 from sucre_bench.methods.doors.precomputed import (
     SUFFIXES,
     ImageFolder,
@@ -41,7 +40,7 @@ from sucre_bench.methods.doors.precomputed import (
     inside,
     placeholders,
 )
-from sucre_bench.methods.doors.process import Ended, Printed, run_program
+from sucre_bench.methods.doors.process import Ended, Environment, Printed, run_program
 from sucre_bench.plugins.options import check_ranges
 
 _PER_SCENE = ("input", "depth", "distance", "output")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -71,8 +72,6 @@ def score(
 
     The command scores every pixel, black ones too. `sucre-bench run` leaves out pixels that have no colour.
     """
-    import pandas as pd
-
     from sucre_bench.imaging.image_files import image_size
     from sucre_bench.programs import match_published, score_folder
     from sucre_bench.results.reasons import Reason, brief
@@ -87,17 +86,19 @@ def score(
         published = match_published.read_table(like, images, files, reference is not None)
         every = (*files.values(), *(score_folder.images_in(reference).values() if reference else ()))
         sizes = {image_size(path) for path in every}
-        names = names or match_published.variants_to_try(published, sizes)
         for warning in published.warnings:
             say(warning, "yellow")
     # What a metric prints is not part of the table.
     with contextlib.redirect_stdout(sys.stderr), progress.live():
-        scored = score_folder.score_folder(images, reference, names)
-        if published and not metrics and (more := match_published.further_variants(published, scored.rows, sizes)):
-            further = score_folder.score_folder(images, reference, more).rows
-            new = further[~further["view"].isin(further.loc[further["status"] != "ok", "view"])]
-            scored = replace(scored, rows=pd.concat([scored.rows, new], ignore_index=True))
-    rows = scored.rows
+        found: list[FolderScores] = []
+
+        def score_rows(names: Sequence[str]) -> pd.DataFrame:
+            found.append(score_folder.score_folder(images, reference, names, is_known=bool(found)))
+            return found[-1].rows
+
+        searched = None if metrics else published
+        rows = match_published.search(searched, sizes, score_rows) if searched else score_rows(names)
+    scored = replace(found[0], rows=rows)
     for line in (*(found.sentence() for found in scored.sets), *scored.shared):
         say(f"set  {line}", "dim")
     if file:

@@ -11,7 +11,7 @@ import csv
 import math
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
@@ -265,6 +265,40 @@ def _names(metric: str) -> list[str]:
     whole = {name for name in names if name.endswith("unmasked")}
     twins = {name.removesuffix("-unmasked") for name in whole} | ({"masked", "raw"} if whole else set())
     return [name for name in names if name in whole or name not in twins]
+
+
+def search(
+    table: PublishedTable, sizes: set[tuple[int, int] | None], score: Callable[[Sequence[str]], DataFrame]
+) -> DataFrame:
+    """Return score rows of variants, tried until each column has one that fits.
+
+    First PSNR, which is quick, then the others at the sizes that fit it: one program made all numbers. Then all, then
+    unusual forms. sizes: see `variants_to_try`; score: returns the rows of variants, reading each picture once.
+    """
+    import pandas as pd
+
+    names = variants_to_try(table, sizes)
+    scores = score([name for name in names if name.startswith("psnr:")] or names)
+    for stage in ("of the fitting sizes", "all", "unusual"):
+        found = [(column.metric, compare(column, scores)) for column in table.columns]
+        fitting = {_size_of(one.variant) for _, several in found for one in several if one.fits}
+        tried = {f"{metric}:{one.variant}" for metric, several in found for one in several}
+        open_metrics = {metric for metric, several in found if not (several and several[0].fits)}
+        more = names if stage != "unusual" else further_variants(table, scores, sizes)
+        more = [name for name in more if name not in tried and name.partition(":")[0] in open_metrics]
+        if stage == "of the fitting sizes":
+            more = [name for name in more if _size_of(name) in fitting]
+        if more:
+            new = score(more)
+            of_whole = new[~new["view"].isin(new.loc[new["status"] != "ok", "view"])]
+            scores = pd.concat([scores, of_whole], ignore_index=True)
+    return scores
+
+
+def _size_of(name: str) -> str:
+    """The size that a variant scores at: "@256-bilinear"; "" for the files' own."""
+    base, *words = name.rpartition(":")[2].split("@")
+    return f"@{words[0]}" if words else f"@{_SIDE}" if base in ("gray", "funie") else ""
 
 
 def further_variants(table: PublishedTable, scores: DataFrame, sizes: set[tuple[int, int] | None]) -> list[str]:

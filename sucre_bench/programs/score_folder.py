@@ -45,13 +45,13 @@ class FolderScores:
     shared: Sequence[str]
 
 
-def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -> FolderScores:
+def score_folder(images: Path, reference: Path | None, metrics: Sequence[str], is_known: bool = False) -> FolderScores:
     """Score every image under a folder (or one file), the folder's name as the method, a whole named set as the scene.
 
     reference: a folder with the same names, or one file; metrics: names as `sucre_bench.score` takes them, none for
     every metric that applies, in all its variants. An image that cannot be read, or has no reference of its name, is a
-    failed row. A line says when PNG or TIFF images are compared with JPEG references. Raises InputError when there is
-    no image, no folder of references, or no reference of any image.
+    failed row. A line says when PNG or TIFF images are compared with JPEG references. is_known: that was said, and sets
+    were looked for. Raises InputError when there is no image, no folder of references, or no reference of any image.
     """
     import pandas as pd
 
@@ -66,11 +66,12 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
     for name, path in progress.track(files.items(), f"scoring {label}"):
         try:
             compared_with = _only(name, reference, reference_of[name]) if reference else None
-            if compared_with and is_jpeg(compared_with) and not is_jpeg(path):
+            if compared_with and not is_known and is_jpeg(compared_with) and not is_jpeg(path):
                 lossy.append(compared_with)
             rgb, target = locked(read_rgb(path)), locked(read_rgb(compared_with)) if compared_with else None
             view = View(name, _Pictures(rgb, target))
-            pictures[str(compared_with or name)] = picture_of(rgb if target is None else target)
+            if not is_known:
+                pictures[str(compared_with or name)] = picture_of(rgb if target is None else target)
             if target is not None and target.shape != rgb.shape:
                 at_a_size = [name for name in names if re.search(r"@\d", name)]
                 if rgb.shape[0] != rgb.shape[1] or not at_a_size:
