@@ -15,7 +15,8 @@ from sucre_bench.arguments import checked
 from sucre_bench.arrays import DataFrame, Picture
 from sucre_bench.compare import Comparison
 from sucre_bench.compare.answer import deciding
-from sucre_bench.compare.documents import as_text
+from sucre_bench.compare.documents import as_text, without_costs
+from sucre_bench.compare.terminal_table import as_table
 from sucre_bench.compare.words import number
 from sucre_bench.engine.common_pixels import Source, score_in_memory
 from sucre_bench.engine.python_api import restore, score
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 Methods = Sequence[Any] | Mapping[str, Any]
+_WIDTH = 100  # characters of a printed table
 _GAP = 4  # pixels between the pictures of a plot
 
 
@@ -49,6 +51,8 @@ _GAP = 4  # pixels between the pictures of a plot
 @dataclass(frozen=True, eq=False, repr=False)
 class Compared:
     """The result of `compare_methods`. Printed, it is a table of the methods' means with 95 % intervals.
+
+    It leaves out seconds and memory, which `table` has.
 
     rows: the long table, a row a score, each on a method's own pixels; common: scores on the pixels that all methods
     fill, of views where these differ, for `comparison`; pictures: the restored images (H, W, 3) uint8 RGB by view and
@@ -85,11 +89,11 @@ class Compared:
 
     def __repr__(self) -> str:
         found = self.comparison
-        return as_text([found], "md") if found else "no scores"
+        return as_table(without_costs(found), _WIDTH).plain.rstrip() if found else "no scores"
 
     def _repr_html_(self) -> str:
         found = self.comparison
-        return as_text([found], "html") if found else "no scores"
+        return as_text([without_costs(found)], "html") if found else "no scores"
 
     @checked
     def plot(self, view: str | int = 0, labels: Sequence[str] = (), metric: str = "", height: int = 360) -> Image:

@@ -23,6 +23,7 @@ from sucre_bench.plugins.call_method import shown_with
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.options import Choice, create
 from sucre_bench.results.restorations import write_arrays
+from sucre_bench.results.rows import COSTS
 from sucre_bench.scene import Encoding, Restoration, Scene, View
 from sucre_bench.thumbnails import as_html
 
@@ -241,7 +242,8 @@ def score(
         seconds=info.get("seconds", float("nan")),
         peak_mb=info.get("peak_mb", float("nan")),
     )
-    return results.frame(score_rows(result, shown, view, scorers(metric_choices(metrics)), base))
+    rows = score_rows(result, shown, view, scorers(metric_choices(metrics)), base)
+    return results.frame(sorted(rows, key=lambda row: row.metric in COSTS))
 
 
 def list_methods() -> DataFrame:

@@ -15,6 +15,7 @@ from sucre_bench.errors import InputError, MissingFileError, UnknownPluginError,
 from sucre_bench.imaging.resizing import split_variant
 from sucre_bench.jobs.run_options import CONF_FOLDER
 from sucre_bench.jobs.words import quoted
+from sucre_bench.loading.image_folder import no_image
 from sucre_bench.machine import progress
 from sucre_bench.machine.packages import absent
 from sucre_bench.machine.text_formats import read_yaml
@@ -215,7 +216,8 @@ def recognised(folder: Path) -> str:
         of_users = (p for p in plugins.usable("dataset").values() if p.signs and not p.licence)
         looked_for = ", ".join(f"{plugin.signs[0]} ({plugin.name})" for plugin in of_users)
         remedy = f"give {typed(inner)}" if inner else "name the dataset: dataset=NAME dataset.root=DIR"
-        raise InputError(f"holds none of {looked_for}, and no published dataset", typed(folder), remedy)
+        fault = f"holds none of {looked_for}, and no published dataset"
+        raise InputError(fault, typed(folder), remedy) if inner else no_image(folder, fault, remedy, typed(folder))
     ((name, sign),) = fits.items()
     progress.say(f"{folder} is dataset={name} {root}, for it holds {sign}")
     return name

@@ -15,6 +15,9 @@ from sucre_bench.loading.view_files import Photograph, scene_of
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import Encoding, Plane, Scene
 
+# Photographs that need the programs of cameras and telephones.
+_OTHER_FORMATS = (".arw", ".avif", ".cr2", ".cr3", ".dng", ".heic", ".heif", ".nef", ".orf", ".raf", ".rw2")
+
 
 def image_names(folder: Path, subfolders: bool = False, but: Path | None = None) -> list[str]:
     """Return the images in a folder, relative to it, in order of name; hidden files and the folder `but` left out.
@@ -31,6 +34,18 @@ def image_names(folder: Path, subfolders: bool = False, but: Path | None = None)
     if wrong := [name for name in found if not is_utf8(name)]:
         raise InputError("its name is no UTF-8", folder / wrong[0], "rename it")
     return sorted(found)
+
+
+def no_image(folder: Path, fault: str = "", remedy: str = "copy the images there", place: str = "") -> InputError:
+    """Return the error for a folder without images. It names a photograph of another format instead, if one is there.
+
+    place: what the user typed for the folder.
+    """
+    for path in sorted(folder.iterdir()):
+        if path.suffix.lower() in _OTHER_FORMATS:
+            remedy = "export the photographs as .jpg, .png or .tif"
+            return InputError(f"{path.name} is in a format that sucre_bench does not read", place or folder, remedy)
+    return InputError(fault or f"holds no image ({' '.join(SUFFIXES)})", place or folder, remedy)
 
 
 def image_folder_scene(
@@ -51,7 +66,7 @@ def image_folder_scene(
     """
     names = image_names(folder, subfolders, but=references)
     if not names:
-        raise InputError(f"holds no image ({' '.join(SUFFIXES)})", folder, "copy the images there")
+        raise no_image(folder)
     if split:
         name, names = members_in(folder, names, split)
     found = {} if references is None else _references(names, references, subfolders)

@@ -12,10 +12,10 @@ from sucre_bench.arrays import Array, DataFrame, locked
 from sucre_bench.engine.python_api import score
 from sucre_bench.engine.score import row_without_value
 from sucre_bench.errors import InputError, MissingFileError, PluginError
-from sucre_bench.imaging.image_files import SUFFIXES, image_size, is_jpeg, read_rgb
+from sucre_bench.imaging.image_files import image_size, is_jpeg, read_rgb
 from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.loading.find_folders import ImageFolder, bare_stems
-from sucre_bench.loading.image_folder import image_names
+from sucre_bench.loading.image_folder import image_names, no_image
 from sucre_bench.loading.named_sets import Found, Picture, picture_of, recognised_sets
 from sucre_bench.machine import processes, progress
 from sucre_bench.machine.files import check_folder, fault_of
@@ -101,7 +101,7 @@ def images_in(folder: Path) -> dict[str, Path]:
         return {folder.name: folder}
     check_folder(folder, "give a folder of images, or one image")
     if not (names := image_names(folder, subfolders=True)):
-        raise InputError(f"{folder}: holds no image ({', '.join(sorted(SUFFIXES))}); give a folder of images")
+        raise no_image(folder)
     return {name: folder / name for name in names}
 
 

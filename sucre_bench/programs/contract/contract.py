@@ -161,7 +161,9 @@ def check(subject: Subject, lasting: bool = True) -> Iterator[Outcome]:
             breaches = {_cause(text) for level, text in outcome.findings if level == "breach"}
             if of_kind is rules_methods and breaches and breaches <= heard:  # one cause, which breaks every rule
                 outcome = outcome._replace(findings=(), skipped="for the reason above")
-            heard |= breaches
+            if outcome.skipped in heard:
+                outcome = outcome._replace(skipped="for the reason above")
+            heard |= breaches | {outcome.skipped} - {""}
             yield outcome
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.image_files import decode, image_size, same_shape, write_png
-from sucre_bench.loading.image_folder import image_names
+from sucre_bench.loading.image_folder import image_names, no_image
 from sucre_bench.machine.files import check_folder
 from sucre_bench.machine.progress import track
 
@@ -71,7 +71,7 @@ def too_few(folder: Path, files: int, damaged: Mapping[str, str]) -> InputError:
         reasons = [f"{name} {why.partition('; ')[0]}" for name, why in sorted(damaged.items())]
         more = f"; and {len(reasons) - 4} more" if len(reasons) > 4 else ""
         what = f"{what} that can be read ({'; '.join(reasons[:4])}{more})"
-    return InputError(what, folder, "put two or more .jpg, .png or .tif of one place there")
+    return no_image(folder, what, "put two or more .jpg, .png or .tif of one place there")
 
 
 def _find_mask(masks: Path, name: PurePosixPath, size: tuple[int, int]) -> Path:
