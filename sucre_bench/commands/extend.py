@@ -209,14 +209,9 @@ def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bo
         ]
         show("  ", Text(", ").join(parts), f" in {sum(outcome.seconds for outcome in outcomes):.1f} s")
         rules = [
-            {
-                "name": outcome.name,
-                "rule": outcome.rule,
-                "status": outcome.status,
-                "seconds": round(outcome.seconds, 3),
-                **({"skipped": outcome.skipped} if outcome.skipped else {}),
-                "findings": [finding._asdict() for finding in outcome.findings],
-            }
+            {name: value for name, value in outcome._asdict().items() if value != ""}
+            | {"status": outcome.status, "seconds": round(outcome.seconds, 3)}
+            | {"findings": [finding._asdict() for finding in outcome.findings]}
             for outcome in outcomes
         ]
         is_kept = all(outcome.status != "broken" for outcome in outcomes)
