@@ -34,6 +34,9 @@ _SHOWN = 3  # names in a warning
 _SIDE = 256  # at which papers score
 _FILTERS = ("", "-bilinear", "-nearest")  # see `imaging.resizing`
 _FURTHER = ("@y", "@crop4", "@crop4@y", "@range2", "@minmax")  # forms to try where none of the usual ones fits
+# DNnet's program takes 255 x 250 as the square of PSNR's peak, and so gives this much less than any other, dB.
+_PEAK, _PEAK_LESS = "@peak250", 10 * math.log10(255 / 250)
+_RARE = (*_FURTHER, _PEAK)
 
 # A variant gives the published numbers if 95 % of them agree to the printed digits or to 2 in 10,000, and all to 1 %:
 # rounding inside a program moves single pictures.
@@ -298,7 +301,8 @@ def search(
 def _size_of(name: str) -> str:
     """The size that a variant scores at: "@256-bilinear"; "" for the files' own."""
     base, *words = name.rpartition(":")[2].split("@")
-    return f"@{words[0]}" if words else f"@{_SIDE}" if base in ("gray", "funie") else ""
+    own = f"@{_SIDE}" if base in ("gray", "funie") else ""
+    return next((f"@{word}" for word in words if word[0].isdigit()), own)
 
 
 def further_variants(table: PublishedTable, scores: DataFrame, sizes: set[tuple[int, int] | None]) -> list[str]:
@@ -336,8 +340,11 @@ def compare(column: Column, scores: DataFrame) -> list[Candidate]:
     of_scored = (replace(cell, images=tuple(name for name in cell.images if name in scored)) for cell in column.cells)
     known = [cell for cell in of_scored if cell.images]
     candidates = []
-    for variant, rows in ok.groupby("variant", sort=False):
-        values = dict(zip(rows["view"], rows["value"], strict=True))
+    forms = [(str(variant), rows["view"], rows["value"]) for variant, rows in ok.groupby("variant", sort=False)]
+    if column.metric == "psnr":
+        forms += [(f"{variant}{_PEAK}", views, values - _PEAK_LESS) for variant, views, values in forms]
+    for variant, views, of_views in forms:
+        values = dict(zip(views, of_views, strict=True))
         cells = [cell for cell in known if all(name in values for name in cell.images)]
         lacking, largest, at, mean, fits, value = len(known) - len(cells), np.inf, "", np.inf, False, np.nan
         if cells:
@@ -350,7 +357,8 @@ def compare(column: Column, scores: DataFrame) -> list[Candidate]:
             value = float(computed.mean())
             mean, largest, at = float(off.mean()), float(off.max()), cells[int(off.argmax())].label
             fits = bool(not lacking and close.mean() >= _MOST and near.all())
-        candidates.append(Candidate(str(variant), value, mean, largest, at, len(cells), lacking, fits))
+        if fits or not variant.endswith(_PEAK):
+            candidates.append(Candidate(variant, value, mean, largest, at, len(cells), lacking, fits))
     return sorted(candidates, key=lambda c: (not c.fits, c.lacking, c.mean))
 
 
@@ -366,7 +374,7 @@ def answer(column: Column, found: Sequence[Candidate], sets: Sequence[Found], si
         return f"{column.metric}: no variant has a score of these images."
     numbers = [cell.value for cell in column.cells]
     # Among many forms one may give one or two numbers by chance.
-    usual = [one for one in found if not (one.fits and one.variant.endswith(_FURTHER))]
+    usual = [one for one in found if not (one.fits and one.variant.endswith(_RARE))]
     by_chance = bool(usual) and found[0] not in usual and len(numbers) < 3
     best = usual[0] if by_chance else found[0]
     digits = max(0, -math.floor(math.log10(2 * column.cells[0].rounding)))
@@ -399,7 +407,7 @@ def answer(column: Column, found: Sequence[Candidate], sets: Sequence[Found], si
 
 def in_words(metric: str, variant: str, size: tuple[int, int] | None) -> str:
     """Return what a variant is: "gray PSNR at 256x256 (bilinear)". size: of all files, None if they differ."""
-    base, form = split_variant(variant)
+    base, form = split_variant(variant.removesuffix(_PEAK))
     form, kind = form or Form(), base.partition("-")[0]
     name = metric.upper()
     if metric in ("psnr", "ssim"):
@@ -415,6 +423,5 @@ def in_words(metric: str, variant: str, size: tuple[int, int] | None) -> str:
     else:
         name += f" at {size[0]}x{size[1]}" if size else " at the files' sizes"
     changes = {"range2": " with a range of 2", "minmax": " of pictures stretched from least to most"}
-    return (
-        name + (f" without {form.crop} pixels at each edge" if form.crop else "") + changes.get(form.change or "", "")
-    )
+    name += f" without {form.crop} pixels at each edge" if form.crop else ""
+    return name + changes.get(form.change or "", "") + " with 255 x 250 as squared peak" * variant.endswith(_PEAK)

@@ -242,6 +242,20 @@ def test_one_number_gets_a_sentence_with_colours_size_and_rgb(bench: Bench, pair
         assert words in sentence
 
 
+def test_one_form_answers_all_numbers_and_dnnets_peak_is_known(bench: Bench, pairs: tuple[str, str]) -> None:
+    """SSIM is tried at the size that fits PSNR: here a number that another size gives too."""
+    rgb = published_psnr(*pairs)
+    words = ("score", pairs[0], "--reference", pairs[1])
+    ssim = json.loads(bench(*words, "--metrics", "ssim:gaussian-unmasked@64-bilinear", "--json").stdout)
+    published = f"psnr={np.mean(rgb):.3f},ssim={np.mean([row['value'] for row in ssim]):.3f}"
+    said = [line for line in bench(*words, "--like", published).stdout.splitlines() if line.startswith("Your")]
+    assert ["at 64x64 (bilinear)" in line for line in said] == [True, True], said
+    peak = [value + 10 * np.log10(250 / 255) for value in rgb]
+    Path(pairs[0], "..", "t.csv").write_text("image;PSNR\n" + "".join(f"{n};{x:.3f}\n" for n, x in enumerate(peak)))
+    done = bench(*words, "--like", str(Path(pairs[0], "..", "t.csv")))
+    assert "RGB PSNR at 64x64 (bilinear) with 255 x 250 as squared peak" in " ".join(done.stdout.split())
+
+
 @pytest.mark.parametrize("name", ["result\\{n}.png", "{n}"])
 def test_a_paper_may_name_other_suffixes_and_folders(bench: Bench, pairs: tuple[str, str], tmp_path: Path, name: str):
     """And cropped edges are found where no usual form fits."""
