@@ -11,7 +11,7 @@ RADIAL_FISHEYE as well. Images, references and the corners of charts are then th
 stored, and are undistorted on the way. Depth maps are of the undistorted image, see `sucre_bench.loading.lens`.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -66,6 +66,9 @@ class Colmap(ImageScaleOption):
         if not any((images / name).is_file() for name in names):
             fault = f"none of the model's {len(names)} images is there, not even {names[0]}"
             raise InputError(f"{images}: {fault}; put them there or name their folder with dataset.images=...")
+        found = {name: references / name for name in names if (references / name).is_file()}
+        if references.is_dir() and not found:
+            raise InputError(f"{references}: no file is named like an image; name them like {names[0]}")
         yield registered_scene(
             root.resolve().name,
             posed,
@@ -73,13 +76,6 @@ class Colmap(ImageScaleOption):
             depths,
             self.image_scale,
             self.encoding,
-            references=_references(references, names),
+            references=found,
             charts=chosen(self, root, "charts", "file"),
         )
-
-
-def _references(folder: Path, names: Sequence[str]) -> dict[str, Path]:
-    found = {name: folder / name for name in names if (folder / name).is_file()}
-    if folder.is_dir() and not found:
-        raise InputError(f"{folder}: no file is named like an image; name them like {names[0]}")
-    return found

@@ -366,7 +366,10 @@ def _photographs(folder: Path, document: Path, cameras: Sequence[Aligned], undis
             faults["rgb"] = f"{folder}: {fault}; keep one, or use the project (.psx), which knows their folders"
         name = fits[0] if len(fits) == 1 else inner_path(camera.named) or f"camera {camera.label}"
         owners[name].append(camera)
-        lens = Lens(_middle(camera.lens.camera)) if undistorted else camera.lens
+        lens = camera.lens
+        if undistorted:  # Undistort Photos makes one focal length, and the principal point the middle
+            (width, height), f = (lens.camera.width, lens.camera.height), lens.camera.K[1, 1]
+            lens = Lens(Camera(np.array([[f, 0, width / 2], [0, f, height / 2], [0, 0, 1]]), width, height))
         found.append(Photograph(name, folder / name, lens, camera.cam_from_world, faults=faults))
     if all(photograph.faults for photograph in found):
         raise InputError(found[0].faults["rgb"])
@@ -374,10 +377,3 @@ def _photographs(folder: Path, document: Path, cameras: Sequence[Aligned], undis
     if shared is not None:
         raise InputError(f"{document}: two cameras have the image {shared}; give cameras labels of their own")
     return found
-
-
-def _middle(camera: Camera) -> Camera:
-    """The camera of what Undistort Photos writes: one focal length, the principal point in the middle."""
-    K = camera.K.copy()
-    K[0, 0], K[0, 1], K[0, 2], K[1, 2] = K[1, 1], 0, camera.width / 2, camera.height / 2
-    return Camera(K, camera.width, camera.height)
