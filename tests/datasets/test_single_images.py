@@ -144,6 +144,8 @@ def test_of_lsui_only_the_part_that_has_the_named_set_is_read(tmp_path: Path) ->
     table.write_text(set_table("mine", members))
     scene = only(Lsui(tmp_path, split=str(table)))
     assert (scene.name, scene.data_id) == ("mine", only(Lsui(tmp_path / "train", split=str(table))).data_id)
+    write_images(tmp_path / "u45" / "input", "1.png")  # of another set, without references
+    assert only(Lsui(tmp_path, split=str(table))).name == "mine"
     (tmp_path / "train" / "input" / "2.png").unlink()
     with refused("1", "2", "m1", str(tmp_path / "train" / "input")):
         list(Lsui(tmp_path, split=str(table)).scenes())
