@@ -27,8 +27,6 @@ def test_it_runs_without_a_screen_and_its_own_method_is_in_the_table(tmp_path: P
     assert sum("data:image/jpeg" in page for page in pages) == 4  # scene, view and two restorations
     assert sum("image/png" in output.get("data", {}) for output in outputs) == 1
     assert any("colorchecker-1" in page and "psi" in page for page in pages), "the charts are scored"
-    said = [output.text for output in outputs if output.output_type == "stream" and output.name == "stdout"]
-    by_method = {line.split("|")[1].strip(): line for line in said[-1].splitlines() if line.startswith("| ")}
-    assert {"gray_world", "sucre_exact", "known_water"} <= set(by_method)
+    assert all(f">{method}</th>" in pages[-1] for method in ("gray_world", "sucre_exact", "known_water"))
     errors = [output.text for output in outputs if output.output_type == "stream" and output.name == "stderr"]
     assert not [text for text in errors if not text.startswith("compiling loops")]
