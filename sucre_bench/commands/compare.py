@@ -43,8 +43,7 @@ if TYPE_CHECKING:
     "limits",
     multiple=True,
     metavar="[METHOD/]METRIC=LIMIT",
-    help="With --baseline: exit with 1 if a method is worse than the baseline by more than LIMIT and by more than"
-    " chance. psnr=-0.5 means 0.5 dB. May be repeated.",
+    help="With --baseline: exit with 1 if a method is worse by more than LIMIT, more than by chance. May be repeated.",
 )
 @shared.flag("--common", help="If methods ran on different images, compare on the images they share.")
 @shared.flag("--intervals", help="Show 95 % intervals, and a sentence for each lead.")
@@ -52,15 +51,14 @@ if TYPE_CHECKING:
 @shared.option(
     "--pixels",
     of=("common", "own"),
-    help="If methods fill different pixels of an image (by more than 1 %): score all on the common pixels, or each on"
-    " its own.",
+    help="If methods fill different pixels of an image: score all on the common pixels, or each on its own.",
 )
 @shared.flag("--spread", help="Show standard deviations too (with n - 1).")
 @shared.option(
     "--format",
     "how",
     of=("terminal", "md", "latex", "html", "csv", "json"),
-    help="Format of the tables. All formats but terminal have every column, with 95 % intervals.",
+    help="Format of the tables. All but terminal have 95 % intervals; csv and json have every column.",
 )
 @shared.flag("--json", "as_json", help="The same as --format json.")
 @shared.plugin_files_option

@@ -41,6 +41,8 @@ def brief(text: str) -> str:
 
 def with_remedy(text: str) -> str:
     """Return a row's reason, followed by the command that makes what is lacking, if there is one."""
+    if text.startswith("ImportError: "):  # of a package that is there, but broken
+        return f"{text}; `sucre-bench doctor` says what to install"
     lacking = brief(text).split() if Reason.of(text) is Reason.LACK else []
     makes = [name for name in ("depth", "poses") if name in lacking]
     return f"{text}; `sucre-bench prepare` makes {' and '.join(makes)}" if makes else text
