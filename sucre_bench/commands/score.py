@@ -74,7 +74,7 @@ def score(
     """
     from sucre_bench.imaging.image_files import image_size
     from sucre_bench.programs import match_published, score_folder
-    from sucre_bench.results.reasons import Reason, brief
+    from sucre_bench.results.reasons import Reason, brief, without_view
     from sucre_bench.results.rows import RESTORATION, csv_text
 
     if file:
@@ -119,7 +119,7 @@ def score(
         remedy = "give --reference DIR" if is_reference else "`sucre-bench run` scores it, on a dataset that has this"
         say(f"failed  {metric}: {lack}; {remedy}", "red")
     for (view, metric, reason), _ in asked[~is_lack].groupby(["view", "metric", "reason"], sort=False):
-        say(f"failed  {view}: {f'{metric}: ' if metric != RESTORATION else ''}{reason}", "red")
+        say(f"failed  {view}: {f'{metric}: ' if metric != RESTORATION else ''}{without_view(reason, view)}", "red")
     sys.exit(1 if len(asked) else 0)
 
 
