@@ -20,15 +20,14 @@ from pathlib import Path
 
 import numpy as np
 
+from sucre_bench import InputError, dataset
 from sucre_bench.arrays import Array
-from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import image_size
 from sucre_bench.loading.find_folders import existing, folders_below, walk
 from sucre_bench.loading.image_folder import image_names
 from sucre_bench.loading.lens import read_kalibr
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of
 from sucre_bench.machine.files import reading, regular
-from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Plane, Scene
 
 _SEQUENCE = re.compile(r"(harbor_|archaeo_)?images_sequence_0*(\d+)")

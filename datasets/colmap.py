@@ -15,11 +15,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from sucre_bench.errors import InputError
+from sucre_bench import InputError, dataset
 from sucre_bench.loading.colmap_model import read_model, registered_scene
 from sucre_bench.loading.find_folders import chosen, existing
 from sucre_bench.loading.view_files import ImageScaleOption
-from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Encoding, Scene
 
 

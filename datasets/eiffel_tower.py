@@ -16,12 +16,10 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Literal
 
-from sucre_bench.errors import InputError
+from sucre_bench import InputError, Scene, dataset
 from sucre_bench.loading.colmap_model import read_model, registered_scene
 from sucre_bench.loading.find_folders import chosen, existing
 from sucre_bench.loading.view_files import ImageScaleOption
-from sucre_bench.plugins.plugin import dataset
-from sucre_bench.scene import Scene
 
 _YEARS = ("2015", "2016", "2018", "2020")
 

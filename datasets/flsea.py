@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from sucre_bench.errors import InputError
+from sucre_bench import InputError, dataset
 from sucre_bench.imaging.image_files import image_size
 from sucre_bench.loading.find_folders import existing, folders_below, scene_name
 from sucre_bench.loading.image_folder import image_names
@@ -26,7 +26,6 @@ from sucre_bench.loading.lens import Lens, read_kalibr
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.progress import say
-from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Plane, Scene
 
 _SIZE = (968, 608)

@@ -27,8 +27,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from sucre_bench import Camera, dataset
 from sucre_bench.arrays import Array
-from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.loading.depth_maps import find_depths, read_depth
 from sucre_bench.loading.find_folders import ImageFolder, chosen, existing, inner_path, inside, without_suffix
@@ -36,7 +36,6 @@ from sucre_bench.loading.lens import Lens, lens_of
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, is_rigid, scaled_pose, scene_of
 from sucre_bench.machine.files import check_folder, reading, regular
 from sucre_bench.machine.progress import say
-from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Encoding, Plane, Scene
 
 # Finds the chunk in Metashape's export or project.

@@ -17,8 +17,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from sucre_bench import Camera, dataset, track
 from sucre_bench.arrays import Array
-from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.image_files import SUFFIXES, decode, image_size
 from sucre_bench.loading.depth_maps import read_depth
@@ -26,8 +26,6 @@ from sucre_bench.loading.find_folders import existing, inside
 from sucre_bench.loading.lens import Lens, lens_of
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, fingerprint, is_rigid, scene_of
 from sucre_bench.machine.files import read_json, regular
-from sucre_bench.machine.progress import track
-from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Encoding, Plane, Scene
 
 _USUAL = ("transforms.json",), ("transforms_train.json", "transforms_val.json", "transforms_test.json")

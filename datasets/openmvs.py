@@ -20,15 +20,13 @@ from typing import Any, BinaryIO, ClassVar
 
 import numpy as np
 
+from sucre_bench import Camera, dataset, track
 from sucre_bench.arrays import Array
-from sucre_bench.camera import Camera
 from sucre_bench.errors import DamagedFileError, InputError
 from sucre_bench.loading.find_folders import ImageFolder, existing, inner_path
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, is_rigid, scaled_pose, scene_of
 from sucre_bench.machine.files import reading, regular
-from sucre_bench.machine.progress import track
-from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Encoding, Plane, Scene
 
 

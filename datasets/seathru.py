@@ -20,9 +20,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from sucre_bench import Camera, InputError, dataset, track
 from sucre_bench.arrays import Array
-from sucre_bench.camera import Camera
-from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_patches import scaled_chart
 from sucre_bench.imaging.image_files import SUFFIXES, image_size, read_rgb, same_shape
 from sucre_bench.loading.charts_file import read_charts
@@ -33,8 +32,6 @@ from sucre_bench.loading.find_folders import check_chosen, chosen, existing, fol
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scaled_pose, scene_of
 from sucre_bench.machine.files import expanded, reading
-from sucre_bench.machine.progress import track
-from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Chart, Encoding, Plane, Scene
 
 # Reads camera raw files as linear images: the sensor's values, demosaiced and otherwise unchanged.

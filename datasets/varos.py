@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
+from sucre_bench import Camera, dataset
 from sucre_bench.arrays import Array
-from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, MissingFileError, one_line
 from sucre_bench.loading.depth_maps import read_16_bit
 from sucre_bench.loading.find_folders import existing, folders_below, scene_name
@@ -32,7 +32,6 @@ from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of
 from sucre_bench.machine.files import reading, regular
 from sucre_bench.machine.text_formats import read_yaml
-from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Plane, Scene
 
 _FAR_M = 25.0

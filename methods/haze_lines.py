@@ -11,15 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench import Restoration, Scene, View, method
+from sucre_bench import Restoration, Scene, View, Water, method, track
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.imaging.display import gray_world_gain
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.filters import guided_filter, window_max
 from sucre_bench.imaging.image_formation import recovered, reduced, transmissions
-from sucre_bench.machine.progress import track
 from sucre_bench.plugins.options import check_ranges
-from sucre_bench.scene import Water
 
 # Jerlov's optical water types, as ratios of the attenuation of blue, green and red.
 #

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench import Restoration, Scene, View, method
-from sucre_bench.errors import InputError
+from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.imaging.display import stretch
 
 

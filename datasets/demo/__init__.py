@@ -8,11 +8,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sucre_bench.errors import InputError
+from sucre_bench import InputError, Scene, Water, dataset
 from sucre_bench.machine.files import user_cache
 from sucre_bench.plugins.options import check_ranges
-from sucre_bench.plugins.plugin import dataset
-from sucre_bench.scene import Scene, Water
 
 Preset = Literal["clear", "coastal", "turbid", "deep_sea"]
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from sucre_bench import Chart, Water, track
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, pixel_rays
 from sucre_bench.datasets.demo import WATERS, Preset, render, seabed
@@ -20,8 +21,6 @@ from sucre_bench.errors import OutputError
 from sucre_bench.imaging.chart_kinds import KINDS, chart_kind
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import write_png
-from sucre_bench.machine.progress import track
-from sucre_bench.scene import Chart, Water
 
 # Texels are as large as a pixel at 2 m, where the cameras come near; elsewhere coarser, on the boards finer, so that
 # patches have straight edges.

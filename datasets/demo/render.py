@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from sucre_bench import Chart, Water
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, moved, pixel_rays, project
 from sucre_bench.datasets.demo import WATERS, Preset
 from sucre_bench.datasets.demo.seabed import Board, Terrain, Texture, sample
 from sucre_bench.machine.compute import compiled, usable_cores
-from sucre_bench.scene import Chart, Water
 
 # Casts rays at the seabed and its boards: which surface each meets first, how far away, and how it is turned.
 #

@@ -25,13 +25,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sucre_bench import InputError, NotApplicableError, Restoration, Scene, SucreBenchError, View, method
+from sucre_bench import InputError, NotApplicableError, Restoration, Scene, SucreBenchError, View, method, track
 from sucre_bench.arrays import Array
 from sucre_bench.errors import DiskFullError, MissingFileError
 from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.image_files import write_png
 from sucre_bench.machine.files import expanded, temporary_folder, write_atomically
-from sucre_bench.machine.progress import track
 from sucre_bench.methods.doors.precomputed import (
     SUFFIXES,
     ImageFolder,
