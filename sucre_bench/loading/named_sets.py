@@ -317,11 +317,11 @@ def members_in(folder: Path, images: Sequence[str], split: str) -> tuple[str, li
     found = found_of(named, pictures, "image")
     copy = f"copy them there, see {named.source.partition(';')[0] or split}, or leave out dataset.split"
     for names, said, remedy in (
-        (found.missing, "are missing", copy),
-        (found.changed, "were restored, cropped or changed", "copy the originals there"),
-        (found.twice, "are there twice", "keep one of each"),
+        (found.missing, "missing", copy),
+        (found.changed, "restored, cropped or changed", "copy the originals there"),
+        (found.twice, "there twice", "keep one of each"),
     ):
-        fault = f"{len(names)} of the {len(named.members)} pictures of {split} {said}: {first_few(names, _SHOWN)}"
+        fault = f"of the {len(named.members)} pictures of {split}, {len(names)} {said}: {first_few(names, _SHOWN)}"
         if names and names is found.missing:
             incomplete = IncompleteSetError(fault, folder, remedy)
             incomplete.found = len(found.members)
