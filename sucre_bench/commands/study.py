@@ -34,7 +34,7 @@ _LARGE = 20_000_000  # bytes; many mail servers refuse more
 @shared.option(
     "--pixels",
     of=("common", "own"),
-    help="If methods leave different holes: show the pixels that all methods fill, or the own pixels of each.",
+    help="If methods leave holes: show the largest part of a view that all methods fill, or each picture whole.",
 )
 @shared.flag("--votes", help="Evaluate the files of votes after FOLDER.")
 @shared.argument("files", nargs=-1, metavar="[VOTES.json]...")
@@ -79,15 +79,17 @@ def study(
         check_output(out, "page", force=force)
         check_links(folder)
         key = design.design(folder, shared.labels_of(methods), dataset, views)
-        masks = design.common_masks(folder, key) if pixels == "common" else {}
+        key, parts, left_out = design.whole_parts(folder, key) if pixels == "common" else (key, {}, [])
         with progress.live():
-            design.write_page(out, folder, key, question or design.QUESTION, pairs, width, masks)
+            design.write_page(out, folder, key, question or design.QUESTION, pairs, width, parts)
         path, n_views = design.write_key(folder, key), len(key.pictures) // len(key.methods)
         click.echo(f"page     {out}, {out.stat().st_size / 1e6:.1f} MB: {len(key.methods)} methods on {n_views} views")
-        if masks:
-            share = sum(float(mask.mean()) for mask in masks.values()) / len(masks)
-            of = f"{len(masks)} of {n_views} views"
-            click.echo(f"pixels   those that all methods fill: {100 * share:.0f} % of {of}; the others are black")
+        if parts:
+            share = sum(part.share for part in parts.values()) / len(parts)
+            of = f"{len(parts)} of {n_views} views"
+            click.echo(f"cropped  {of}, to what all methods fill: {100 * share:.0f} % of the view on average")
+        for line in left_out:
+            click.echo(f"left out {line}")
         click.echo(f"key      {path}: keep it, and do not send it")
         if out.stat().st_size > _LARGE:
             click.echo("smaller  for e-mail: --views 6, or --width 800")

@@ -11,7 +11,7 @@ import random
 import re
 import secrets
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import combinations
 from pathlib import Path
 from types import MappingProxyType
@@ -27,12 +27,15 @@ from sucre_bench.machine import progress
 from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.machine.text_formats import filled_in
 from sucre_bench.results import layout
-from sucre_bench.results.common_scores import LEAST_FILLED, common_pixels, filled_restorations
+from sucre_bench.results.common_scores import common_pixels, filled_restorations
 from sucre_bench.results.restorations import stored_mask
 from sucre_bench.results.rows import restorations, row_objects
 
 QUESTION = "Which picture shows the scene better?"
 _FORMAT, _VERSION = "sucre_bench people's study", 1
+_CELLS = 96  # along the longer side of a view, in which rectangles without holes are sought
+_FILLED = 0.9  # of a cell without a hole: the rest are specks
+_LEAST_OF_ALL, _LEAST_OF_VIEW = 0.25, 0.1  # of the views that a study shows, and of each one
 _QUALITY = 95  # of JPEG, without loss of colour resolution: about 0.3 MB a picture of 1200 pixels
 
 
@@ -94,25 +97,73 @@ def design(folder: Path, methods: Sequence[str], dataset: str = "", views: int =
     return Key(secrets.token_hex(4), wanted[0].dataset, tuple(methods), pictures)
 
 
-def common_masks(folder: Path, key: Key) -> dict[tuple[str, str], Mask]:
-    """Return the pixels (H, W) that all methods fill, by scene and view; no entry for a view without holes.
+@dataclass(frozen=True, eq=False)
+class Part:
+    """What a study shows of a view with holes: the largest rectangle that all methods fill.
 
-    A study shows only these, so that people judge colours and not holes. Raises InputError if a mask is gone or
-    damaged, or if the masks of a view differ in size, or if its methods share less than 1 % of the image.
+    area: rows and columns; mask: (H, W) of the view, the pixels that all methods fill; specks of others in the
+    rectangle are painted from around them, alike in all pictures; share: of the view that the rectangle has.
+    """
+
+    area: tuple[slice, slice]
+    mask: Mask
+    share: float
+
+
+def whole_parts(folder: Path, key: Key) -> tuple[Key, dict[tuple[str, str], Part], list[str]]:
+    """Return a study without holes, the parts of its views that have some, and whom it leaves out.
+
+    People judge colours, not holes. While the parts have less than a quarter of the views on average, the method that
+    fills least is left out, until there are two. Views with less than a tenth are left out.
+    Raises InputError if a mask is gone or damaged, if the masks of a view differ in size, or if no view is left.
     """
     rows = restorations(results.read(folder))
     rows = rows[(rows["dataset"] == key.dataset) & rows["method"].isin(key.methods) & (rows["coverage"] < 1)]
-    shown = {(one.scene, one.view) for one in key.pictures.values()}
+    places = {(one.scene, one.view) for one in key.pictures.values()}
     masks: dict[tuple[str, str], dict[str, Mask | None]] = {}
     for row in row_objects(rows):
         where, place = (row.scene, row.view), layout.find(key.dataset, row.scene, row.view, folder)
-        if where in shown and place is not None:
+        if where in places and place is not None:
             masks.setdefault(where, {})[row.method] = stored_mask(folder, place, row)
-    made = {where: common_pixels(of_view).mask for where, of_view in masks.items()}
-    for (_, view), mask in made.items():
-        if mask.mean() < LEAST_FILLED:
-            raise InputError("all methods share less than 1 % of it", view, "leave one out, or use --pixels own")
-    return made
+    left, said = [*key.methods], list[str]()
+    while True:
+        with_holes = {where: {m: of[m] for m in left if m in of} for where, of in masks.items()}
+        parts = {where: _part(common_pixels(of).mask) for where, of in with_holes.items() if of}
+        share = float(np.mean([parts[where].share if where in parts else 1.0 for where in places]))
+        if share >= _LEAST_OF_ALL or len(left) == 2:
+            break
+        filled = {m: sum(1.0 if (mask := of.get(m)) is None else mask.mean() for of in masks.values()) for m in left}
+        least = min(left, key=filled.__getitem__)
+        left.remove(least)
+        said.append(f"{least}: it fills least, and all methods together fill a rectangle of {100 * share:.0f} %")
+    gone = sorted(where for where, part in parts.items() if part.share < _LEAST_OF_VIEW)
+    if len(gone) == len(places):
+        raise InputError("all methods share less than a tenth of it", gone[0][1], "leave one out, or use --pixels own")
+    said += [f"{view}: all methods fill no rectangle of a tenth of it" for _, view in gone]
+    pictures = {n: one for n, one in key.pictures.items() if one.method in left and (one.scene, one.view) not in gone}
+    kept = {where: part for where, part in parts.items() if where not in gone and part.share < 1}
+    return replace(key, methods=tuple(left), pictures=pictures), kept, said
+
+
+def _part(mask: Mask) -> Part:
+    """The largest rectangle of cells that are filled but for specks."""
+    side = -(-max(mask.shape) // _CELLS)
+    rows, columns = (np.arange(0, length, side) for length in mask.shape)
+    in_cells = np.add.reduceat(np.add.reduceat(np.stack([mask, np.ones_like(mask)], dtype=int), rows, 1), columns, 2)
+    is_filled = in_cells[0] >= _FILLED * in_cells[1]
+    best, area = 0, (slice(0), slice(0))
+    for top in range(len(is_filled)):
+        run = is_filled[top]
+        for bottom in range(top, len(is_filled)):
+            run = run & is_filled[bottom]
+            starts, ends = np.flatnonzero(np.diff(run, prepend=False, append=False)).reshape(-1, 2).T
+            if not len(starts):
+                break
+            n = int((ends - starts).argmax())
+            if (size := (bottom + 1 - top) * int(ends[n] - starts[n])) > best:
+                best = size
+                area = slice(top * side, (bottom + 1) * side), slice(int(starts[n]) * side, int(ends[n]) * side)
+    return Part(area, mask, mask[area].size / mask.size)
 
 
 # -- the page ----------------------------------------------------------------------------------------------
@@ -125,11 +176,11 @@ def write_page(
     question: str,
     pairs: int,
     width: int,
-    masks: Mapping[tuple[str, str], Mask] = MappingProxyType({}),
+    parts: Mapping[tuple[str, str], Part] = MappingProxyType({}),
 ) -> None:
     """Write the page. pairs: of a sitting; width: most pixels of a picture's width.
 
-    masks: by scene and view, the pixels (H, W) that are shown, of all methods alike; the others are black.
+    parts: by scene and view, what is shown of those that are not shown whole.
     Raises InputError if a picture is gone or the pictures of a view differ in size, OutputError if the page cannot be
     written.
     """
@@ -146,13 +197,13 @@ def write_page(
     orders = {f"{i},{j}": rng.sample(range(len(places)), len(places)) for i, j in between}
     sitting = {"study": key.study, "pairs": min(pairs, len(views) * len(between)), "views": views, "orders": orders}
     content = Markup(json.dumps(sitting))
-    pictures = _pictures(folder, key, width, masks)
+    pictures = _pictures(folder, key, width, parts)
     write_atomically(
         path, filled_in(__package__, "page.html.j2", question=question, content=content, pictures=pictures)
     )
 
 
-def _pictures(folder: Path, key: Key, width: int, masks: Mapping[tuple[str, str], Mask]) -> list[tuple[str, str]]:
+def _pictures(folder: Path, key: Key, width: int, parts: Mapping[tuple[str, str], Part]) -> list[tuple[str, str]]:
     """The pictures by their names in the page, in the order of these names, as JPEG in base64."""
     import cv2
     from PIL import Image
@@ -167,8 +218,9 @@ def _pictures(folder: Path, key: Key, width: int, masks: Mapping[tuple[str, str]
         image = decode(path, cv2.IMREAD_COLOR)[..., ::-1]
         if sizes.setdefault((shown.scene, shown.view), image.shape) != image.shape:
             raise InputError(f"{path}: is not of the size of the other methods' pictures; run this method again")
-        if (mask := masks.get((shown.scene, shown.view))) is not None:
-            image = np.where(mask[..., None], image, np.uint8(0))
+        if part := parts.get((shown.scene, shown.view)):
+            specks = (~part.mask[part.area]).astype(np.uint8)
+            image = cv2.inpaint(np.ascontiguousarray(image[part.area]), specks, 3, cv2.INPAINT_TELEA)
         picture, jpeg = Image.fromarray(np.ascontiguousarray(image)), io.BytesIO()
         picture.thumbnail((width, 10 * width), Image.Resampling.LANCZOS)
         picture.save(jpeg, "JPEG", quality=_QUALITY, subsampling=0)
