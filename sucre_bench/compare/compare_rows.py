@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Hashable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -32,6 +32,9 @@ from sucre_bench.results.table import is_fresh
 _UNUSED = frozenset({"options", "options_id", "n_pixels", "seconds", "peak_mb", "device", "seed", "code"})
 _UNIT, _COLUMN = ["scene", "view", "region"], ["metric", "variant"]
 
+# Metric, variant, unit and better of a column, whether its scores are on common pixels, and these.
+_Measured = tuple[str, str, str, str, bool, DataFrame]
+
 
 def compare(
     rows: DataFrame, metrics: Sequence[str] = (), by: By = "method", order: Sequence[str] = (), baseline: str = ""
@@ -59,13 +62,15 @@ def compare(
         rows = rows[rows["view"] != ""]
         several = rows.groupby("dataset")["scene"].nunique().max() > 1
         groups += ["scene", by] if several else [by]
-    tables = []
+    is_named_fault = rows["region"].str.contains("/", regex=False)
+    measured, tables = _by_table(rows[~is_named_fault], groups), []
     for key, of_table in rows.groupby(groups, sort=False):
         if by == "region":
             of_table = _with_reasons(of_table, rows[(rows[groups[:-1]] == list(key[:-1])).all(axis=1)])
         if of_table["_asked"].any():
             methods = sorted(of_table["method"].unique(), key=order.index)
-            tables.append(_table(" · ".join(map(str, key)), of_table, methods, baseline, known[key[0]]))
+            title = " · ".join(map(str, key))
+            tables.append(_table(title, of_table, methods, baseline, known[key[0]], measured.get(key, [])))
     scored = [table for table in tables if table.columns]
     return scored if by != "method" and scored else tables  # of a region that some views lack
 
@@ -142,9 +147,9 @@ def _with_reasons(region: DataFrame, everywhere: DataFrame) -> DataFrame:
     return pd.concat([region.assign(_asked=scored), elsewhere[has_reason].assign(_asked=False)])
 
 
-def _table(title: str, rows: DataFrame, methods: list[str], baseline: str, known: About) -> Comparison:
-    import pandas as pd
-
+def _table(
+    title: str, rows: DataFrame, methods: list[str], baseline: str, known: About, found: list[_Measured]
+) -> Comparison:
     faults = [*fault_notes(rows)]
     rows = rows[~rows["region"].str.contains("/", regex=False)]  # names of faults
     fresh = rows[rows["_fresh"]]
@@ -155,12 +160,11 @@ def _table(title: str, rows: DataFrame, methods: list[str], baseline: str, known
     of_colours = {name: p.needs for name, p in metrics.items() if p and p.needs & {"reference", "charts"}}
     is_lack = (rows["status"] == "skipped") & rows["reason"].str.startswith(Reason.LACK.value)
     lacks = frozenset[str]().union(*(of_colours.get(name, ()) for name in rows.loc[is_lack, "metric"].unique()))
-    ok = fresh[fresh["_asked"] & (fresh["status"] == "ok") & fresh["value"].notna()]
     has_holes = leaves_holes(fresh)  # else all methods fill the same pixels
     if has_holes and len(filled := filled_rows(rows)):
-        ok = pd.concat([filled, ok])
+        found = [*_by_table(filled.assign(_one=0), ["_one"]).popitem()[1], *found]
     made, repetitions, measured = dict[Column, DataFrame](), dict[Column, DataFrame](), dict[Column, ColumnScores]()
-    for column, repeated, values in _by_column(ok):
+    for column, repeated, values in map(_column, found):
         if column.n_units:
             scores = _scores(column, values.dropna() if column.missing else values, known.is_track)
             units = scores.independent
@@ -168,12 +172,12 @@ def _table(title: str, rows: DataFrame, methods: list[str], baseline: str, known
             measured[column] = scores
         made[column], repetitions[column] = values, repeated
     columns = sorted(made, key=_place)
-    found = [*faults, *(pixel_notes(rows, columns) if has_holes else ())]
-    found += notes(rows[rows["method"].isin(methods)], made, repetitions, methods)
+    noted = [*faults, *(pixel_notes(rows, columns) if has_holes else ())]
+    noted += notes(rows[rows["method"].isin(methods)], made, repetitions, methods)
     if stale:
-        found.append(Note("older data", stale))
+        noted.append(Note("older data", stale))
     if baseline and baseline not in methods:
-        found.append(Note("no baseline", (baseline,)))
+        noted.append(Note("no baseline", (baseline,)))
         baseline = ""
     photographs = tuple(name for name in methods if name in known.photographs)
     cells = dict[tuple[str, Column], Cell]()
@@ -189,7 +193,7 @@ def _table(title: str, rows: DataFrame, methods: list[str], baseline: str, known
         tuple(columns),
         cells,
         stale,
-        notes=(*found, *known.notes),
+        notes=(*noted, *known.notes),
         measured=measured,
         photographs=photographs,
         lacks_truth=lacks >= {"reference", "charts"},
@@ -197,41 +201,57 @@ def _table(title: str, rows: DataFrame, methods: list[str], baseline: str, known
     return against(table, baseline) if baseline else table
 
 
-def _by_column(ok: DataFrame) -> Iterator[tuple[Column, DataFrame, DataFrame]]:
-    """Yield each column, in the order of rows, with its values before and after repetitions are averaged.
+def _by_table(rows: DataFrame, groups: list[str]) -> dict[tuple[Hashable, ...], list[_Measured]]:
+    """Return the columns of each table with scores, in the order of rows, in one pass over all tables.
 
-    Both are tables of units x methods, sorted, NaN = a hole; the first has `REPETITION` in its index, the second _UNIT.
+    groups: columns that tell tables apart. The scores are units x methods, sorted, with `REPETITION` in the index and
+    NaN for a hole.
     """
+    ok = rows[rows["_fresh"] & rows["_asked"] & (rows["status"] == "ok") & rows["value"].notna()]
     if ok.empty:
-        return
-    of_common = set(values_of(ok.loc[ok["pixels"] == "common", _COLUMN], *_COLUMN))
-    firsts = ok[[*_COLUMN, "unit", "better"]].drop_duplicates(_COLUMN)
-    keys = [*_COLUMN, *REPETITION, "method"]
-    in_order = ok[[*keys, "value"]].sort_values("value", kind="stable")  # sums must not depend on the order of rows
-    every = in_order.groupby(keys)["value"].mean().unstack("method")
-    for metric, variant, unit, better in values_of(firsts, *firsts):
-        repeated = every.xs((metric, variant))
-        if (lacking := repeated.isna().to_numpy()).any():
-            repeated = repeated.loc[:, ~lacking.all(axis=0)]
-        values = _averaged(repeated)
-        units, is_whole = values.index.tolist(), ~np.isnan(values.to_numpy()).any(axis=1)
-        left, plugin = list(itertools.compress(units, is_whole)), plugins.installed("metric", metric)
-        of_unknown = (0 if metric in (*COSTS, FILLED) else -math.inf, 1 if metric == FILLED else math.inf)
-        column = Column(
-            metric=metric,
-            variant=variant,
-            unit=unit,
-            better="none" if plugin and variant in plugin.unranked else better,
-            range=plugin.range if plugin else of_unknown,
-            of="image" if all(region == "image" for *_, region in units) else "chart",
-            n_units=len(left),
-            n_views=len({(scene, view) for scene, view, _ in left}),
-            n_scenes=len({scene for scene, *_ in left}),
-            missing=len(units) - len(left),
-            pixels="common" if (metric, variant) in of_common else "own",
-            knows=plugin.knows(variant) if plugin else "truth" if metric in (*COSTS, FILLED, PREFERENCE) else "taste",
-        )
-        yield column, repeated, values
+        return {}
+    of_column = [*groups, *_COLUMN]
+    is_common = ok.assign(_common=ok["pixels"] == "common").groupby(of_column, sort=False)["_common"].any()
+    keys = [*dict.fromkeys([*of_column, *REPETITION])]
+    in_order = ok[[*keys, "method", "value"]].sort_values("value", kind="stable")  # sums do not depend on rows' order
+    every = in_order.groupby([*keys, "method"])["value"].mean().unstack("method")
+    places = every.index.to_frame(index=False).groupby(of_column).indices
+    scores = every.droplevel([name for name in keys if name not in REPETITION]).reorder_levels(REPETITION)
+    tables: dict[tuple[Hashable, ...], list[_Measured]] = {}
+    firsts = ok.drop_duplicates(of_column)
+    for (*key, metric, variant), unit, better in zip(
+        values_of(firsts, *of_column), firsts["unit"], firsts["better"], strict=True
+    ):
+        of_one = scores.iloc[places[*key, metric, variant]]
+        common = bool(is_common[*key, metric, variant])
+        tables.setdefault(tuple(key), []).append((metric, variant, unit, better, common, of_one))
+    return tables
+
+
+def _column(found: _Measured) -> tuple[Column, DataFrame, DataFrame]:
+    """Return a column, with its values before and after repetitions are averaged."""
+    metric, variant, unit, better, is_common, repeated = found
+    if (lacking := repeated.isna().to_numpy()).any():
+        repeated = repeated.loc[:, ~lacking.all(axis=0)]
+    values = _averaged(repeated)
+    units, is_whole = values.index.tolist(), ~np.isnan(values.to_numpy()).any(axis=1)
+    left, plugin = list(itertools.compress(units, is_whole)), plugins.installed("metric", metric)
+    of_unknown = (0 if metric in (*COSTS, FILLED) else -math.inf, 1 if metric == FILLED else math.inf)
+    column = Column(
+        metric=metric,
+        variant=variant,
+        unit=unit,
+        better="none" if plugin and variant in plugin.unranked else better,
+        range=plugin.range if plugin else of_unknown,
+        of="image" if all(region == "image" for *_, region in units) else "chart",
+        n_units=len(left),
+        n_views=len({(scene, view) for scene, view, _ in left}),
+        n_scenes=len({scene for scene, *_ in left}),
+        missing=len(units) - len(left),
+        pixels="common" if is_common else "own",
+        knows=plugin.knows(variant) if plugin else "truth" if metric in (*COSTS, FILLED, PREFERENCE) else "taste",
+    )
+    return column, repeated, values
 
 
 def _averaged(repetitions: DataFrame) -> DataFrame:

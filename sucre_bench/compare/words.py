@@ -96,7 +96,7 @@ def shown(comparison: Comparison, method: str, column: Column, spread: bool = Fa
     value = number(cell.mean) + (f" ± {number(cell.std)}" if spread and not math.isnan(cell.std) else "")
     if comparison.baseline or not column.ranked:
         return Shown("", value, _interval(cell.low, cell.high), holes, "")
-    differ = any(c.place > 1 for (_, of), c in comparison.cells.items() if of == column)  # else there is no best
+    differ = any(c.place > 1 for c in comparison.of(column).values())  # else there is no best
     place: Literal["", "best", "second"] = "best" if cell.place == 1 else "second" if cell.place == 2 else ""
     return Shown("≈" if cell.tie else "", value, _interval(cell.low, cell.high), holes, place if differ else "")
 
