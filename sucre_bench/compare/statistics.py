@@ -208,8 +208,10 @@ def undone_by(units: Units, best: int, second: int) -> int | None:
     """
     pair = Units(units.sums[:, [best, second]], units.sizes)
     alone = differences(pair, [(0, 1)])
-    if not (alone > 0).all() or not 2 < len(units.sizes) <= _MOST_LEFT_OUT:
+    if not (alone > 0).all() or len(units.sizes) > _MOST_LEFT_OUT:
         return None
+    if len(units.sizes) == 2:  # one unit has no interval
+        return 0
     wider = differences(units, [(best, second)]) / alone  # by what neighbours have in common
     for unit in range(len(units.sizes)):
         rest = Units(np.delete(pair.sums, unit, axis=0), np.delete(pair.sizes, unit))

@@ -8,21 +8,10 @@ from typing import Literal
 from sucre_bench.compare.model import Column, Comparison, Note, Verdict, may_be_chance, says_filled
 from sucre_bench.machine.text_formats import counted
 
-
-@dataclass(frozen=True)
-class NumberRule:
-    """How numbers are rounded.
-
-    decimals: (least size, decimals), largest first; figures: of smaller numbers; scientific_below: from what size on
-    these are written as 1.2e-05.
-    """
-
-    decimals: tuple[tuple[float, int], ...]
-    figures: int
-    scientific_below: float
-
-
-NUMBERS = NumberRule(((100, 0), (10, 1), (1, 2), (0.1, 3)), 2, 1e-4)
+# How numbers are rounded: decimals from what size on, the largest first; figures of smaller ones, and from what size on
+# these are written as 1.2e-05.
+_DECIMALS, _FIGURES = ((100, 0), (10, 1), (1, 2), (0.1, 3)), 2
+NUMBERS = {"decimals": _DECIMALS, "figures": _FIGURES, "scientific_below": 1e-4}
 
 ARROW = {"higher": "↑", "lower": "↓", "none": ""}
 
@@ -35,10 +24,10 @@ def number(value: float) -> str:
     if not math.isfinite(value):
         return "-" if math.isnan(value) else "inf" if value > 0 else "-inf"
     size = abs(value)
-    for least, decimals in NUMBERS.decimals:
+    for least, decimals in _DECIMALS:
         if size >= least:
             return f"{value:.{decimals}f}"
-    return f"{value:#.{NUMBERS.figures}g}" if size else "0"
+    return f"{value:#.{_FIGURES}g}" if size else "0"
 
 
 def signed(value: float) -> str:

@@ -11,7 +11,6 @@ import gzip
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +69,7 @@ def write(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], widths:
         scripts=Markup(scripts),
         json=_json,
         number=number,
-        summary={"datasets": [t.title for t in comparisons], "numbers": asdict(NUMBERS)},
+        summary={"datasets": [t.title for t in comparisons], "numbers": NUMBERS},
         datasets=datasets,
         places=places,
         sweep=_sweep(comparisons, datasets, places) if len(comparisons) > 1 else [],
