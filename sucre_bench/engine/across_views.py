@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -62,73 +62,58 @@ def _score_dataset(jobs: Sequence[Job], rows: DataFrame, part: Part) -> None:
             by_scene.setdefault(task.scene.name, []).append(task)
         by_job.append(by_scene)
     for name, every in by_job[0].items():
-        found = [_Restored.of(job, by_scene[name], rows) for job, by_scene in zip(jobs, by_job, strict=True)]
-        if not (due := [restored for restored in found if restored.is_due]):
+        found = [_entrant(job, by_scene[name], rows) for job, by_scene in zip(jobs, by_job, strict=True)]
+        if not (entrants := [entrant for entrant in found if entrant]):
             continue
-        scene = replace(due[0].tasks[0].scene, views=[task.view for task in every])
-        entrants, log = [restored.entrant for restored in due], log_path(jobs[0].out)
-        with progress.line(f"pairs of views of {scene.name}", len(due)) as step:
+        scene, log = replace(every[0].scene, views=[task.view for task in every]), log_path(jobs[0].out)
+        with progress.line(f"pairs of views of {scene.name}", len(entrants)) as step:
             for scored in pair_rows(scene, entrants, log, jobs[0].view_timeout_s, step):
                 part.add(scored)
         part.flush()
 
 
-@dataclass(frozen=True, eq=False)
-class _Restored:
-    """The restored views of a scene by one job.
+def _entrant(job: Job, every: Sequence[Task], rows: DataFrame) -> Entrant | None:
+    """Return what a job has restored of a scene; None if nothing of it is to be scored.
 
-    tasks: of these views; entrant: what `pair_rows` takes; scored: (view, metric, variant, code) of the scores in the
-    table, failed ones left out.
+    every: all views of the scene; rows: the score table.
     """
+    base = every[0].base
+    same = ("dataset", "method", "scene", "options_id", "data_id")
+    of_job = rows[np.logical_and.reduce([rows[name] == getattr(base, name) for name in same])]
+    wholes = restorations(of_job[of_job["code"] == base.code])
+    stored = {row.view: replace(row, time=now()) for row in row_objects(wholes)}
+    paths = {t.view.name: t.place.restored(job.out, job.method.label) for t in every if t.view.name in stored}
+    there = {task.view.name: task for task in every if task.view.name in paths and paths[task.view.name].is_file()}
 
-    job: Job
-    tasks: tuple[Task, ...]
-    entrant: Entrant
-    scored: frozenset[tuple[str, str, str, str]]
+    def opened(name: str) -> RestoredView:
+        task = there[name]
+        source, shape = Source.stored(job.out, task.place, stored[name]), task.view.rgb.shape[:2]
 
-    @classmethod
-    def of(cls, job: Job, every: Sequence[Task], rows: DataFrame) -> _Restored:
-        """Find what the results folder holds. every: all views of the scene."""
-        base = every[0].base
-        same = ("dataset", "method", "scene", "options_id", "data_id")
-        of_job = rows[np.logical_and.reduce([rows[name] == getattr(base, name) for name in same])]
-        wholes = restorations(of_job[of_job["code"] == base.code])
-        stored = {row.view: replace(row, time=now()) for row in row_objects(wholes)}
-        paths = {t.view.name: t.place.restored(job.out, job.method.label) for t in every if t.view.name in stored}
-        there = {task.view.name: task for task in every if task.view.name in paths and paths[task.view.name].is_file()}
-        known = of_job[of_job["status"] != "failed"][["view", "metric", "variant", "code"]]
+        def mask() -> Mask:
+            some = source.mask()
+            return np.ones(shape, np.bool_) if some is None else some
 
-        def opened(name: str) -> RestoredView:
-            task = there[name]
-            source, shape = Source.stored(job.out, task.place, stored[name]), task.view.rgb.shape[:2]
+        def computed() -> Array | None:
+            kept = source.restoration(mask())
+            return None if isinstance(kept, PictureOnly) else kept.image
 
-            def mask() -> Mask:
-                some = source.mask()
-                return np.ones(shape, np.bool_) if some is None else some
+        return RestoredView(task.view, lambda: source.shown(mask(), paths[name]), computed)
 
-            def computed() -> Array | None:
-                kept = source.restoration(mask())
-                return None if isinstance(kept, PictureOnly) else kept.image
-
-            return RestoredView(task.view, lambda: source.shown(mask(), paths[name]), computed)
-
-        # A hash of which views are restored, and of which J is stored.
-        content = [(name, paths[name].with_suffix(".npz").is_file()) for name in there]
-        among = hashlib.blake2b(json.dumps(content).encode(), digest_size=6).hexdigest()
-        of_pairs = scorers(metric for metric in job.metrics if metric.plugin.is_of_pairs)
-        entrant = Entrant({name: stored[name] for name in there}, opened, of_pairs, among)
-        return cls(job, tuple(there.values()), entrant, frozenset(known.itertuples(index=False, name=None)))
-
-    @property
-    def is_due(self) -> bool:
-        """Whether there is anything to score that is not scored already."""
-        wanted = {
-            (name, scorer.plugin.name, variant, self.entrant.code(base, scorer))
-            for name, base in self.entrant.bases.items()
-            for scorer in self.entrant.scorers
-            for variant in scorer.variants
-        }
-        if self.job.overwrite == "never":
-            there = {one[:3] for one in self.scored}
-            return any(one[:3] not in there for one in wanted)
-        return bool(wanted) and (self.job.overwrite == "always" or not wanted <= self.scored)
+    # A hash of which views are restored, and of which J is stored.
+    content = [(name, paths[name].with_suffix(".npz").is_file()) for name in there]
+    among = hashlib.blake2b(json.dumps(content).encode(), digest_size=6).hexdigest()
+    of_pairs = scorers(metric for metric in job.metrics if metric.plugin.is_of_pairs)
+    entrant = Entrant({name: stored[name] for name in there}, opened, of_pairs, among)
+    wanted = {
+        (name, scorer.plugin.name, variant, entrant.code(whole, scorer))
+        for name, whole in entrant.bases.items()
+        for scorer in of_pairs
+        for variant in scorer.variants
+    }
+    known = of_job[of_job["status"] != "failed"][["view", "metric", "variant", "code"]]
+    scored = set(known.itertuples(index=False, name=None))
+    if job.overwrite == "never":
+        is_due = not {one[:3] for one in wanted} <= {one[:3] for one in scored}
+    else:
+        is_due = bool(wanted) and (job.overwrite == "always" or not wanted <= scored)
+    return entrant if is_due else None

@@ -182,11 +182,11 @@ def _run_jobs(command: Command, planned: Sequence[Planned]) -> bool:
         with progress.line(f"{len(planned)} jobs", sum(len(plan.tasks) for plan in planned)) as after_view:
             run_works([JobAtWork(plan, after_view) for plan in planned], n_workers)
         return True
-    from sucre_bench.engine.slurm import Launcher
+    from sucre_bench.engine.slurm import launch
 
     options = {name: value for name, value in command.launcher.items() if name != "_target_"}
     try:
-        Launcher(**options).launch([plan.job for plan in planned if plan.todo])
+        launch([plan.job for plan in planned if plan.todo], **options)
     except DiskFullError:
         raise
     except Exception as fault:

@@ -75,91 +75,83 @@ class Submitted:
         return self.id.partition("_")[0]
 
 
-class Launcher:
-    """Submits jobs, waits for all of them, and reports those that were lost. Options: see `jobs.launchers`."""
+def launch(jobs: Sequence[Job], submitit_folder: str, latency_s: float, **options: Any) -> None:
+    """Submit jobs, wait for all of them, and report those that were lost; their rows say how each ended.
 
-    def __init__(self, submitit_folder: str, latency_s: float, **options: Any) -> None:
-        self._folder = Path(submitit_folder).absolute()
-        self._latency_s = latency_s
-        self._options = options
+    Options: see `jobs.launchers`. Raises InputError before it submits any, PluginError if the queue refuses them.
+    """
+    place = "hydra/launcher=slurm"
+    if not all(shutil.which(name) for name in ("sbatch", "squeue", "scancel", "srun")):
+        raise InputError("no sbatch here", place, "give the command on a login node of the cluster")
+    if (states := job_states()) is None:
+        raise InputError("squeue gets no answer from the controller", place, "try again when it runs")
+    folder = Path(submitit_folder).absolute()
+    folder.mkdir(parents=True, exist_ok=True)
+    earlier = {path.name.partition("_")[0] for path in folder.glob("*_submission.sh")}
+    if both := " ".join(sorted(earlier & _at_work(states))):  # they would do the same work
+        fault = f"SLURM job {both} of an earlier command is not done"
+        raise InputError(fault, folder, f"wait for it, or end it with `scancel {both}`")
+    submitted: list[Submitted] = []
+    try:
+        _submit(jobs, folder, options, submitted)
+        _wait(jobs, folder, submitted, latency_s)
+    except BaseException:
+        if arrays := sorted({job.array for job in submitted}):
+            progress.say(f"cancelling SLURM job {', '.join(arrays)}; finished results stay")
+            _answer("scancel", *arrays)  # SIGTERM comes first, SIGKILL a little later
+            until = time.monotonic() + _CANCEL_S
+            while time.monotonic() < until and _at_work(job_states() or {}).intersection(arrays):
+                time.sleep(0.5)
+        raise
 
-    def launch(self, jobs: Sequence[Job]) -> None:
-        """Run the jobs; their rows say how each ended.
 
-        Raises InputError before it submits any, PluginError if the queue refuses them.
-        """
-        place = "hydra/launcher=slurm"
-        if not all(shutil.which(name) for name in ("sbatch", "squeue", "scancel", "srun")):
-            raise InputError("no sbatch here", place, "give the command on a login node of the cluster")
-        if (states := job_states()) is None:
-            raise InputError("squeue gets no answer from the controller", place, "try again when it runs")
-        self._folder.mkdir(parents=True, exist_ok=True)
-        earlier = {path.name.partition("_")[0] for path in self._folder.glob("*_submission.sh")}
-        if both := " ".join(sorted(earlier & _at_work(states))):  # they would do the same work
-            fault = f"SLURM job {both} of an earlier command is not done"
-            raise InputError(fault, self._folder, f"wait for it, or end it with `scancel {both}`")
-        submitted: list[Submitted] = []
+def _submit(jobs: Sequence[Job], folder: Path, options: dict[str, Any], submitted: list[Submitted]) -> None:
+    """Submit jobs in arrays as large as SLURM takes, noting each in `submitted` at once."""
+    from submitit import AutoExecutor
+
+    cpus = options["cpus_per_task"]
+    options["signal_delay_s"] = min(options["signal_delay_s"], 15 * options["timeout_min"])
+    options["setup"] = [*(f"export {name}={cpus}" for name in _THREADS), *options["setup"]]
+    options["srun_args"] = [f"--cpus-per-task={cpus}"]  # srun does not take over sbatch's, since SLURM 22.05
+    named = {
+        name if name in _COMMON else f"slurm_{name}": value for name, value in options.items() if value is not None
+    }
+    executor = AutoExecutor(folder, cluster="slurm", slurm_max_num_timeout=0)
+    executor.update_parameters(**named, slurm_wckey=None)  # submitit's default is not known to every cluster
+    most = largest_array()
+    for start in range(0, len(jobs), most):
+        array = jobs[start : start + most]
         try:
-            self._submit(jobs, submitted)
-            self._wait(jobs, submitted)
-        except BaseException:
-            if arrays := sorted({job.array for job in submitted}):
-                progress.say(f"cancelling SLURM job {', '.join(arrays)}; finished results stay")
-                _answer("scancel", *arrays)  # SIGTERM comes first, SIGKILL a little later
-                until = time.monotonic() + _CANCEL_S
-                while time.monotonic() < until and _at_work(job_states() or {}).intersection(arrays):
-                    time.sleep(0.5)
-            raise
+            with _in_no_job():
+                queued = executor.map_array(work, [job.config for job in array], [job.shared_pairs for job in array])
+        except Exception as fault:  # sbatch's refusal, in its words
+            lines = [line.strip() for line in str(fault).splitlines() if "error" in line] or [one_line(fault)]
+            raise PluginError(f"SLURM took {len(submitted)} of {len(jobs)} jobs; {lines[0]}") from fault
+        submitted += [Submitted(job.job_id, job.paths.result_pickle, job.paths.stderr) for job in queued]
 
-    def _submit(self, jobs: Sequence[Job], submitted: list[Submitted]) -> None:
-        """Submit jobs in arrays as large as SLURM takes, noting each in `submitted` at once."""
-        from submitit import AutoExecutor
 
-        options = dict(self._options)
-        cpus = options["cpus_per_task"]
-        options["signal_delay_s"] = min(options["signal_delay_s"], 15 * options["timeout_min"])
-        options["setup"] = [*(f"export {name}={cpus}" for name in _THREADS), *options["setup"]]
-        options["srun_args"] = [f"--cpus-per-task={cpus}"]  # srun does not take over sbatch's, since SLURM 22.05
-        named = {
-            name if name in _COMMON else f"slurm_{name}": value for name, value in options.items() if value is not None
-        }
-        executor = AutoExecutor(self._folder, cluster="slurm", slurm_max_num_timeout=0)
-        executor.update_parameters(**named, slurm_wckey=None)  # submitit's default is not known to every cluster
-        most = largest_array()
-        for start in range(0, len(jobs), most):
-            array = jobs[start : start + most]
-            try:
-                with _in_no_job():
-                    queued = executor.map_array(
-                        work, [job.config for job in array], [job.shared_pairs for job in array]
-                    )
-            except Exception as fault:  # sbatch's refusal, in its words
-                lines = [line.strip() for line in str(fault).splitlines() if "error" in line] or [one_line(fault)]
-                raise PluginError(f"SLURM took {len(submitted)} of {len(jobs)} jobs; {lines[0]}") from fault
-            submitted += [Submitted(job.job_id, job.paths.result_pickle, job.paths.stderr) for job in queued]
-
-    def _wait(self, jobs: Sequence[Job], submitted: Sequence[Submitted]) -> None:
-        """Wait for all jobs, and write a row for each dataset and method that lost some."""
-        job_of = {one.id: job for one, job in zip(submitted, jobs, strict=True)}
-        lost: dict[str, list[tuple[Job, str]]] = {}
-        progress.say(f"SLURM job {', '.join(dict.fromkeys(one.array for one in submitted))}: logs in {self._folder}")
-        with progress.line(f"{len(jobs)} jobs on SLURM", len(jobs)) as after_job:
-            for ended, fault in wait(submitted, job_states, self._latency_s):
-                after_job()
-                if not fault:
-                    for handed_over in (ended.result, self._folder / f"{ended.id}_submitted.pkl"):
-                        handed_over.unlink(missing_ok=True)
-                    continue
-                job = job_of[ended.id]
-                name = f"{job.dataset.label} / {job.method.label}"
-                shard = f" (shard {job.shard.index} of {job.shard.count})" if job.shard.count > 1 else ""
-                reason = f"SLURM job {ended.id}{shard} {fault}"
-                progress.say(f"failed  {name}: {reason}", is_fault=True)
-                lost.setdefault(name, []).append((job, reason))
-        for (job, reason), *others in lost.values():
-            more = f"; and {len(others)} more of its jobs" if others else ""
-            row = row_without_value(base_row(job), "failed", reason + more)
-            results.write_rows(job.out, file_name(f"{job.dataset.label}-{job.method.label}"), [row])
+def _wait(jobs: Sequence[Job], folder: Path, submitted: Sequence[Submitted], latency_s: float) -> None:
+    """Wait for all jobs, and write a row for each dataset and method that lost some."""
+    job_of = {one.id: job for one, job in zip(submitted, jobs, strict=True)}
+    lost: dict[str, list[tuple[Job, str]]] = {}
+    progress.say(f"SLURM job {', '.join(dict.fromkeys(one.array for one in submitted))}: logs in {folder}")
+    with progress.line(f"{len(jobs)} jobs on SLURM", len(jobs)) as after_job:
+        for ended, fault in wait(submitted, job_states, latency_s):
+            after_job()
+            if not fault:
+                for handed_over in (ended.result, folder / f"{ended.id}_submitted.pkl"):
+                    handed_over.unlink(missing_ok=True)
+                continue
+            job = job_of[ended.id]
+            name = f"{job.dataset.label} / {job.method.label}"
+            shard = f" (shard {job.shard.index} of {job.shard.count})" if job.shard.count > 1 else ""
+            reason = f"SLURM job {ended.id}{shard} {fault}"
+            progress.say(f"failed  {name}: {reason}", is_fault=True)
+            lost.setdefault(name, []).append((job, reason))
+    for (job, reason), *others in lost.values():
+        more = f"; and {len(others)} more of its jobs" if others else ""
+        row = row_without_value(base_row(job), "failed", reason + more)
+        results.write_rows(job.out, file_name(f"{job.dataset.label}-{job.method.label}"), [row])
 
 
 @contextmanager

@@ -128,12 +128,11 @@ def _with_line_up(file: Path | None, typed: Sequence[Word]) -> tuple[LineUp, lis
 
 @dataclass(frozen=True)
 class _Option:
-    """A word for some datasets or methods. owner: their name or label; empty for all that have the option."""
+    """What a word sets. owner: name or label of the datasets or methods; empty for all that have the option."""
 
     kind: Kind
     owner: str
     name: str
-    word: Word
 
     def is_for(self, entry: Entry) -> bool:
         """Whether a dataset or method has the option, and the word means it."""
@@ -291,9 +290,9 @@ def _meant(word: Word, entries: Mapping[Kind, Sequence[Entry]]) -> list[_Option]
     """The options that a word may be: of all datasets or methods, or of those that its first part names."""
     head, dot, rest = word.key.partition(".")
     if dot and head in KINDS:
-        return [_Option("dataset" if head == "dataset" else "method", "", rest, word)]
+        return [_Option("dataset" if head == "dataset" else "method", "", rest)]
     named_so = {kind: any(head in (entry.name, entry.label) for entry in entries[kind]) for kind in KINDS}
-    return [_Option(kind, head, rest, word) for kind in KINDS if dot and named_so[kind]]
+    return [_Option(kind, head, rest) for kind in KINDS if dot and named_so[kind]]
 
 
 def _is_replaced(word: Word, keys: set[str], entries: Mapping[Kind, Sequence[Entry]], line_up: LineUp) -> bool:

@@ -24,7 +24,7 @@ class SlurmSettings:
     others are sbatch's.
     """
 
-    _target_: str = "sucre_bench.engine.slurm.Launcher"
+    _target_: str = "sucre_bench.engine.slurm.launch"
     timeout_min: int = 60
     cpus_per_task: int = 1
     mem_gb: float | None = None
