@@ -12,8 +12,8 @@ from support.made_scene import WATER, make_camera, make_pose, make_view
 
 from sucre_bench import Scene, results
 from sucre_bench.compare import compare
+from sucre_bench.engine.across_views import Entrant, pair_rows
 from sucre_bench.engine.score import scorers
-from sucre_bench.engine.score_pairs import Entrant, pair_rows
 from sucre_bench.imaging.display import display
 from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.restored_pair import RestoredView

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import Array, locked
+from sucre_bench.engine.across_views import Entrant, pair_rows
 from sucre_bench.engine.score import score_rows, scorers
-from sucre_bench.engine.score_pairs import Entrant, pair_rows
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.display import display
 from sucre_bench.multiview.common_points import SharedPoints
