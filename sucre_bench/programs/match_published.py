@@ -253,15 +253,6 @@ def _keys(cell: str) -> tuple[str, str, str]:
 # -- the comparison ----------------------------------------------------------------------------------------------
 
 
-def variants_to_try(table: PublishedTable, sizes: set[tuple[int, int] | None]) -> list[str]:
-    """Return every variant of the table's metrics, as `score_folder` takes them.
-
-    sizes: (width, height) of images and references. Also at the sizes that papers use, if any has another.
-    """
-    names = [f"{metric}:{name}" for metric in dict.fromkeys(c.metric for c in table.columns) for name in _names(metric)]
-    return [f"{name}{size}" for size in _at(sizes) for name in names]
-
-
 def _names(metric: str) -> list[str]:
     """The variants that differ on pictures without holes: not "masked" where there is "unmasked"."""
     names = list(plugins.usable("metric")[metric].variants)
@@ -276,21 +267,33 @@ def search(
     """Return score rows of variants, tried until each column has one that fits.
 
     First PSNR, which is quick, then the others at the sizes that fit it: one program made all numbers. Then all, then
-    unusual forms. sizes: see `variants_to_try`; score: returns the rows of variants, reading each picture once.
+    unusual forms. sizes: (width, height) of images and references; they are also scored at the sizes that papers use,
+    if any has another. score: returns the rows of variants, named as `score_folder` takes them.
     """
     import pandas as pd
 
-    names = variants_to_try(table, sizes)
+    metrics = dict.fromkeys(column.metric for column in table.columns)
+    every = [f"{metric}:{name}" for metric in metrics for name in _names(metric)]
+    names = [f"{name}{size}" for size in _at(sizes) for name in every]
     scores = score([name for name in names if name.startswith("psnr:")] or names)
     for stage in ("of the fitting sizes", "all", "unusual"):
         found = [(column.metric, compare(column, scores)) for column in table.columns]
         fitting = {_size_of(one.variant) for _, several in found for one in several if one.fits}
         tried = {f"{metric}:{one.variant}" for metric, several in found for one in several}
-        open_metrics = {metric for metric, several in found if not (several and several[0].fits)}
-        more = names if stage != "unusual" else further_variants(table, scores, sizes)
-        more = [name for name in more if name not in tried and name.partition(":")[0] in open_metrics]
-        if stage == "of the fitting sizes":
-            more = [name for name in more if _size_of(name) in fitting]
+        more = list[str]()
+        for metric, several in found:
+            plugin = plugins.usable("metric")[metric]
+            if (several and several[0].fits) or (stage == "unusual" and "reference" not in plugin.needs):
+                continue
+            of_metric = [name for name in names if name.partition(":")[0] == metric]
+            if stage == "unusual":  # forms of the two nearest variants, of those of every pixel
+                whole = [name for name in plugin.variants if name.endswith("unmasked")]
+                near = {one.variant.partition("@")[0].removesuffix("-unmasked") for one in several[:2]}
+                bases = [name for name in whole if name.removesuffix("-unmasked") in near] or whole
+                of_metric = [f"{metric}:{b}{size}{form}" for b in bases for size in _at(sizes) for form in _FURTHER]
+            if stage == "of the fitting sizes":
+                of_metric = [name for name in of_metric if _size_of(name) in fitting]
+            more += [name for name in of_metric if name not in tried]
         if more:
             new = score(more)
             of_whole = new[~new["view"].isin(new.loc[new["status"] != "ok", "view"])]
@@ -303,23 +306,6 @@ def _size_of(name: str) -> str:
     base, *words = name.rpartition(":")[2].split("@")
     own = f"@{_SIDE}" if base in ("gray", "funie") else ""
     return next((f"@{word}" for word in words if word[0].isdigit()), own)
-
-
-def further_variants(table: PublishedTable, scores: DataFrame, sizes: set[tuple[int, int] | None]) -> list[str]:
-    """Return unusual forms to try for columns of metrics with a reference that no variant in `scores` gives.
-
-    Unusual forms of the two nearest variants, if they are of every pixel. sizes: see `variants_to_try`.
-    """
-    more = []
-    for column in table.columns:
-        plugin = plugins.usable("metric")[column.metric]
-        nearest = compare(column, scores)[:2]
-        if "reference" in plugin.needs and not any(one.fits for one in nearest):
-            whole = [name for name in plugin.variants if name.endswith("unmasked")]
-            near = {one.variant.partition("@")[0].removesuffix("-unmasked") for one in nearest}
-            names = [name for name in whole if name.removesuffix("-unmasked") in near] or whole
-            more += [f"{plugin.name}:{name}{size}{form}" for name in names for size in _at(sizes) for form in _FURTHER]
-    return more
 
 
 def _at(sizes: set[tuple[int, int] | None]) -> list[str]:
@@ -394,8 +380,8 @@ def answer(column: Column, found: Sequence[Candidate], sets: Sequence[Found], si
             off = f"{best.mean:.2g} away on average, and {best.largest:.2g} at most"
         text = f"{yours} fit{'s' if len(numbers) == 1 else ''} no public form; the nearest is {what} {where}: {off}"
     if by_chance:
-        text += f" ({in_words(column.metric, found[0].variant, size)} gives it too, perhaps by chance)"
-    base, *words = best.variant.split("@")
+        text += f" ({in_words(column.metric, found[0].variant, size)} gives it{' too' * best.fits}, perhaps by chance)"
+    base, *words = best.variant.removesuffix(_PEAK).split("@")
     # The variant "gray" resizes by itself. Y has the form of colours.
     forms = ["@256", ""] if base == "gray" and not words else ["".join(f"@{word}" for word in words if word != "y")]
     colours = {f"{of_rgb}{form}" for of_rgb in ("unmasked", "gaussian-unmasked") for form in forms}
