@@ -60,6 +60,8 @@ ELSEWHERE = {
     "veil by direction": "coastal/approach coastal/forward",
     "shading": "coastal/approach coastal/survey",
     "ripples": "coastal/approach coastal/survey",
+    "forward scatter": "coastal/approach coastal/forward coastal/survey clear/approach",
+    "forward scatter .2": "coastal/approach coastal/forward",
     "clipping 2.2": "clear/approach",
     "low contrast": "coastal/approach haze/survey",
 }
@@ -186,6 +188,7 @@ def main() -> None:
     parser.add_argument("--option", action="append", default=[], help="option of all methods, such as robust=true")
     parser.add_argument("--conditions", default="all", help="cases separated by commas, or all")
     parser.add_argument("--seeds", type=int, default=1, help="scenes of each case")
+    parser.add_argument("--first-seed", type=int, default=0, help="seed of the first scene")
     parser.add_argument("--size", default="192x144", help="pixels, width x height")
     parser.add_argument("--cache", type=Path, help="folder in which scenes are stored")
     parser.add_argument("--csv", type=Path, help="file for all numbers of all targets")
@@ -197,7 +200,7 @@ def main() -> None:
     with ProcessPoolExecutor(words.processes, get_context("spawn")) as pool:
         jobs = [
             pool.submit(run_case, case, seed, methods, (width, height), words.cache)
-            for seed in range(words.seeds)
+            for seed in range(words.first_seed, words.first_seed + words.seeds)
             for case in cases_of(words.conditions)
         ]
         for place, job in enumerate(jobs, 1):

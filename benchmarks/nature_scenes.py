@@ -114,6 +114,7 @@ CONDITIONS = {
     "veil by direction": Condition(veil_by_direction=0.3),
     "patchy water 10 %": Condition(patchy=0.1),
     "forward scatter": Condition(blur_px_m=0.5),
+    "forward scatter .2": Condition(blur_px_m=0.2),
     "in air": Condition(air=True),
     "in air, auto exposure": Condition(air=True, auto_exposure=True),
     "dark": Condition(gain=0.15, noise=0.006),

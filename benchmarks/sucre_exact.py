@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.methods.sucre.exact import fit
-from sucre_bench.methods.sucre.model import WaterParameters, predict
+from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.methods.sucre.passes import opened
 from sucre_bench.multiview.observations import Observations
 
@@ -50,7 +50,8 @@ def made(n_pixels: int) -> Observations:
             z = distance[part] = 1 + 9 * rng.random(n, dtype=np.float32)
             noise = np.float32(NOISE) * rng.standard_normal(n, dtype=np.float32)
             for c in range(3):
-                seen = predict(J[c, start : start + n], z, *map(np.float32, WATER.channel(c))) + noise
+                B, beta, gamma = map(np.float32, WATER.channel(c))
+                seen = J[c, start : start + n] * transmission(z, beta) + veil(z, B, gamma) + noise
                 colour[c, part] = np.rint(255 * seen.clip(0, 1))
     return observations
 

@@ -126,19 +126,15 @@ def _chosen(sample: Sample, water: WaterParameters, noise: Array, *, may_be_stro
         if not (tried[-1].gain > _SHARE and sigmas > _SURE):
             return parts, tried
         found = fit_light(sample, better, light)
-        if better == _ALL and found.needed.gains and not _is_sharper(found, fit_light(sample, _LENS, light)):
-            better = _LENS
-            continue
+        if better == _ALL and found.needed.gains:
+            old = fit_light(sample, _LENS, light).error[:, 1]
+            if np.divide(found.error[:, 1], old, out=np.ones(3), where=old > 0).mean() >= _SHARPER:
+                better = _LENS
+                continue
         parts, light, cost = found.needed, found.light, new
         if parts.strobe or not may_be_strobe or light.least > _DIM:
             return parts, tried
         better = replace(parts, lens=False, strobe=True)
-
-
-def _is_sharper(fit: LightFit, without: LightFit) -> bool:
-    """Return whether beta is known better with gains than in the fit without."""
-    old, new = without.error[:, 1], fit.error[:, 1]
-    return bool(np.divide(new, old, out=np.ones(3), where=old > 0).mean() < _SHARPER)
 
 
 def _held_out(halves: list[tuple[Sample, Array]], parts: Parts, light: Light, noise: Array) -> Array:

@@ -119,14 +119,13 @@ def fit(
     backend: Backend = "auto",
     device: Device = "auto",
     seed: int = 0,
-    sample: int = SAMPLE,
     one_coefficient: bool = False,
 ) -> WaterFit:
     """Find the one water that explains the observations of one image, or of several, best.
 
     physical: hold colours above zero, up to the noise of the free fit. sharp: for each image whose observations are
-    blurred, those whose colours are held, each pixel by its first observation; None for other images. sample: pixels
-    that minima are chosen on. one_coefficient: gamma is beta, the paper's eq. 1.
+    blurred, those whose colours are held, each pixel by its first observation; None for other images.
+    one_coefficient: gamma is beta, the paper's eq. 1.
     Raises NotApplicableError when no pixel is seen twice, or all from one distance each.
     """
     images = [observations] if isinstance(observations, Observations) else observations
@@ -134,7 +133,7 @@ def fit(
     images = [one for one in images if one.n_repeated]
     if not images:
         raise NotApplicableError(_HOPELESS.format("no pixel is seen in two views"))
-    few = _samples(images, sample, singles=physical, seed=seed)
+    few = _samples(images, SAMPLE, singles=physical, seed=seed)
     ranges = [one.distance_range() for one in few]
     if not any((farthest > nearest * (1 + _SAME)).any() for nearest, farthest in ranges):  # then any water fits
         raise NotApplicableError(_HOPELESS.format("every pixel is seen from one distance only"))
@@ -223,7 +222,13 @@ class _Search:
                     at = np.where(bright[:, None], one.at, likely.at)
                     at[at[:, 0] >= 1] *= [0, 1, 0]
                     likely = replace(likely, at=at, free=np.where(bright[:, None], one.free, likely.free))
-                end = _with_weak_channels(end, likely, weak, clear, evaluate, self.distance)
+                # No veil where none can be seen, nor where nothing is attenuated.
+                is_veiled = _has_veil(likely.at, self.distance) & ~clear & (likely.at[:, 1] > 0)
+                veiled = np.where(is_veiled[:, None], likely.at, likely.at * [0, 1, 0])
+                at = np.where(weak[:, None], veiled, end.at)
+                free = np.where(weak[:, None], likely.free, end.free)
+                converged = np.where(weak, likely.converged, end.converged)
+                end = Minimum(at, evaluate(at), free, end.steps + likely.steps + 2, converged)
             if margin is not None:  # without the shortfall of negative colours
                 end = replace(end, system=replace(end.system, cost=_summed(kernels, None)(end.at).cost))
         uncertainty = _uncertainty(end, images, dead, self.tied)
@@ -245,26 +250,6 @@ def _water(end: Minimum, dead: Mask) -> WaterParameters:
 def _uncertainty(end: Minimum, images: Sequence[Observations], dead: Mask, tied: bool) -> WaterUncertainty:
     excess = sum(one.n_excess for one in images)
     return uncertainty_of(_water(end, dead), end.system, end.free, excess, dead, tied=tied)
-
-
-def _with_weak_channels(
-    end: Minimum,
-    prior: Minimum,
-    weak: Mask,
-    clear: Mask,
-    evaluate: Callable[[Array], ReducedSystem],
-    distance: float,
-) -> Minimum:
-    """Take the weak channels (3,) from the fit with priors, without backscatter where no veil can be seen.
-
-    clear: (3,), channels without attenuation, which have no veil either.
-    """
-    is_veiled = _has_veil(prior.at, distance) & ~clear & (prior.at[:, 1] > 0)
-    veiled = np.where(is_veiled[:, None], prior.at, prior.at * [0, 1, 0])
-    at = np.where(weak[:, None], veiled, end.at)
-    free = np.where(weak[:, None], prior.free, end.free)
-    converged = np.where(weak, prior.converged, end.converged)
-    return Minimum(at, evaluate(at), free, end.steps + prior.steps + 2, converged)
 
 
 def _margin(few: Sequence[Observations], sharp: Sequence[Observations | None], free: WaterParameters) -> Array:

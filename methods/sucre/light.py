@@ -74,13 +74,8 @@ class Parts:
 
     @property
     def words(self) -> list[str]:
-        words = {
-            "exposure": self.gains == 1,
-            "white_balance": self.gains == 3,
-            "lens": self.lens,
-            "strobe": self.strobe,
-        }
-        return [word for word, has in words.items() if has]
+        has = (self.gains == 1, self.gains == 3, self.lens, self.strobe)
+        return [word for word, one in zip(_WORDS, has, strict=True) if one]
 
 
 AUTO, EVEN = "auto", "even"
@@ -335,7 +330,7 @@ class Problem:
             np.broadcast_to(gains.reshape(-1, views).T, (views, 3)) if self.parts.gains else np.zeros((views, 3)),
             lens if self.parts.lens else np.zeros(TERMS),
             self.extent,
-            Strobe.of(strobe, self.distance) if self.parts.strobe else None,
+            Strobe(strobe[:3], strobe[3:], self.distance) if self.parts.strobe else None,
         )
 
     def system(self, u: Array) -> ReducedSystem:

@@ -59,11 +59,6 @@ class WaterParameters:
         """Return the parameters from rows (3 channels, 3): B, beta, gamma of each channel."""
         return WaterParameters(*(np.array(rows[:, k], dtype=np.float64) for k in range(3)))
 
-    @property
-    def tied(self) -> WaterParameters:
-        """The water of the paper's eq. 1, with one coefficient: gamma is beta."""
-        return WaterParameters(self.B, self.beta, self.beta)
-
     def by_channel(self) -> Array:
         """Return (3 channels, 3) float64: a row a channel, columns B, beta, gamma."""
         return np.stack([self.B, self.beta, self.gamma], axis=1).astype(np.float64)
@@ -118,11 +113,6 @@ def transmission(z: Any, beta: Any) -> Any:
 def veil(z: Any, B: Any, gamma: Any) -> Any:
     """Return b, the light that the water adds."""
     return B * -library_of(z).expm1(-gamma * z)
-
-
-def predict(J: Any, z: Any, B: Any, beta: Any, gamma: Any) -> Any:
-    """Return I."""
-    return J * transmission(z, beta) + veil(z, B, gamma)
 
 
 def inverted(I: Any, z: Any, parameters: Iterable[Any], least: float) -> tuple[Any, Any]:  # noqa: E741

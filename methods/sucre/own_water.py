@@ -8,16 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import NotApplicableError
-from sucre_bench.machine.compute import Device
+from sucre_bench.errors import NotApplicableError, SolveError
 from sucre_bench.methods.sucre.choose import Chosen, choose
-from sucre_bench.methods.sucre.diagnostics import FAR_COLOURS, far_colours, is_determined
+from sucre_bench.methods.sucre.diagnostics import FAR_COLOURS, clustered, far_colours, is_determined
+from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.light import Light, parts_of
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.paper import start_of
-from sucre_bench.methods.sucre.passes import Backend
 from sucre_bench.methods.sucre.robust import reweighted, robust_noise
-from sucre_bench.methods.sucre.solution import Solution, colours_for_water, solve_exact
+from sucre_bench.methods.sucre.solution import Solution, colours_for_water, matched_at, sampled, solve_exact
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Scene, View
 
@@ -27,6 +26,12 @@ if TYPE_CHECKING:
 # Distances are alike if their percentile 95 is less than this many times their percentile 5. beta is not told from the
 # light where its standard error over the median distance is above this optical depth.
 _ALIKE, _LOOSE = 1.5, 0.1
+
+# Blur that grows with distance looks like attenuation, less so in footprints so many times wider. Images are blurred if
+# beta then falls by more than this: optical depth of the farthest, times standard errors, in the means of the channels.
+# It is .13 and more under forward scatter, .08 at most over ripples of the ground. The least share of beta that is
+# worth a word; pixels fitted to, the fewest.
+_WIDER, _BLURRED, _LITTLE, _JUDGED, _ENOUGH = 3.0, 0.1, 0.02, 5_000, 1_000
 
 # A gain of this much is worth a word.
 _DIFFERENT = 0.05
@@ -47,6 +52,41 @@ class OwnWater:
 
         matched: a sample with equal footprints.
         """
+        explained, solution = self._in_light(observations, matched)
+        unknown = solution.is_under_strobe or solution.is_photograph
+        if matched is None or not self.options.footprint or unknown or self.view.is_jpeg or "robust" in solution.about:
+            return explained, solution
+        return explained, solution.with_limits(self._blur(observations, matched, solution))
+
+    def _blur(self, observations: Observations, matched: Observations, solution: Solution) -> list[str]:
+        """Say if the images hold blur that is not the footprint's, such as forward scatter: see _WIDER.
+
+        A wide footprint holds marine snow and animals too, and JPEG files have wide ones anyway: nothing tells there.
+        """
+        few = sampled(matched, _JUDGED, singles=False, seed=0)
+        wide = matched_at(self.options, self.scene, self.view, observations, few.pixels, _WIDER)
+        if len(common := np.intersect1d(few.pixels, wide.pixels)) < _ENOUGH:
+            return []
+        both = [one.take(np.flatnonzero(np.isin(one.pixels, common))) for one in (few, wide)]
+        both = [solution.light.removed(one) if solution.light else one for one in both]
+        try:
+            narrow, wider = (fit(one, one_coefficient=self.options.one_coefficient) for one in both)
+        except SolveError:
+            return []
+        error = clustered(narrow.uncertainty, both[:1], narrow.water).standard_error.beta
+        known = np.isfinite(error) & (error > 0)
+        if not known.any():
+            return []
+        drop, far = (narrow.water.beta - wider.water.beta)[known], np.quantile(few.distance, 0.95)
+        share, sure = drop / narrow.water.beta[known], (drop / error[known]).mean()
+        if min(share.mean(), sure) < _LITTLE or drop.mean() * far * sure < _BLURRED:
+            return []
+        return [
+            "far images are more blurred than their pixels explain, by scattered light, focus or poses: attenuation "
+            f"may be {share.max():.0%} too high or more, and far colours too bright"
+        ]
+
+    def _in_light(self, observations: Observations, matched: Observations | None) -> tuple[Observations, Solution]:
         parts = parts_of(self.options.light, "method.light")
         to_fit = matched if self.options.footprint else None
         solution = self._solved(observations, to_fit)
@@ -78,11 +118,20 @@ class OwnWater:
         return replace(solution, about=solution.about | about)
 
     def _determined(self, observations: Observations, solution: Solution) -> Solution:
-        """Return the solution, or the photograph if the water is a guess."""
-        if not is_guess(solution):
+        """Return the solution, or the photograph without a water if the water is a guess.
+
+        It is one where weak priors decide the water of most channels, and noise fills a channel. The standard deviation
+        is then that of one observation.
+        """
+        if is_determined(solution.uncertainty) or (np.median(solution.deviation, axis=1) <= _LOST).all():
             return solution
-        intensities = self.options.intensities(self.view)
-        return photograph_as_colours(observations, intensities, solution, self.options.backend, self.options.device)
+        none = WaterParameters.of_channels(np.zeros((3, 3)))
+        without = colours_for_water(observations, none, None, self.options.backend, self.options.device)
+        uncertainty = replace(without.uncertainty, limits=(_PHOTOGRAPH,), is_weak=(True, True, True))
+        J = start_of(observations, self.options.intensities(self.view)).astype(np.float32)
+        deviation = np.broadcast_to(uncertainty.noise[:, None], J.shape).astype(np.float32)
+        about = solution.about | {"solver": "none"}
+        return replace(without, J=J, deviation=deviation, uncertainty=uncertainty, about=about, is_photograph=True)
 
     def _in_even_light(self, chosen: Chosen, matched: Observations) -> tuple[Observations, Solution]:
         """Return the solution for observations that are brought to even light, and these.
@@ -167,6 +216,11 @@ _CLEAR = 0.05
 # A channel is lost if its typical colour has a larger standard deviation than this, the whole scale.
 _LOST = 1.0
 
+_PHOTOGRAPH = (
+    "these views do not determine the water; the colours are those of the photograph, and the display stretches "
+    "them; take views from more distances"
+)
+
 UNKNOWN_VEIL = (
     "the veil of most channels is not determined, so it stays in the colours as an offset of each channel; "
     "method.display=stretch-1-99 removes it from the picture"
@@ -206,29 +260,3 @@ def is_in_air(observations: Observations, solution: Solution) -> bool:
     error = solution.uncertainty.standard_error.beta * far
     known = np.isfinite(error)
     return bool((solution.water.beta * far < _CLEAR).all() and known.any() and (error[known] < _CLEAR).all())
-
-
-def is_guess(solution: Solution) -> bool:
-    """Return whether weak priors decide the water of most channels, and noise fills a channel."""
-    lost = np.median(solution.deviation, axis=1) > _LOST
-    return not is_determined(solution.uncertainty) and bool(lost.any())
-
-
-def photograph_as_colours(
-    observations: Observations, intensities: Array, solution: Solution, backend: Backend, device: Device
-) -> Solution:
-    """Return the target's intensities (H W, 3) as the colours, no water, and the limit that says so.
-
-    The standard deviation is that of one observation.
-    """
-    none = WaterParameters.of_channels(np.zeros((3, 3)))
-    without = colours_for_water(observations, none, None, backend, device)
-    limit = (
-        "these views do not determine the water; the colours are those of the photograph, and the display stretches "
-        "them; take views from more distances"
-    )
-    uncertainty = replace(without.uncertainty, limits=(limit,), is_weak=(True, True, True))
-    J = start_of(observations, intensities).astype(np.float32)
-    deviation = np.broadcast_to(uncertainty.noise[:, None], J.shape).astype(np.float32)
-    about = solution.about | {"solver": "none"}
-    return replace(without, J=J, deviation=deviation, uncertainty=uncertainty, about=about, is_photograph=True)

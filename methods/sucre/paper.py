@@ -193,7 +193,8 @@ def minimise(
     from torch.optim.adam import adam  # torch.optim.Adam imports PyTorch's compiler at its first step, for a second
 
     J_now = torch.tensor(J, dtype=torch.float32, device=device)
-    water_now = torch.tensor((water.tied if tied else water).by_channel())
+    columns = [0, 1, 1 if tied else 2]
+    water_now = torch.tensor(water.by_channel()[:, columns]).contiguous()  # as the gradient is
     J_grad = torch.zeros_like(J_now)
     unknowns = [J_now, water_now]
     means, squares = ([torch.zeros_like(unknown) for unknown in unknowns] for _ in range(2))
@@ -209,8 +210,8 @@ def minimise(
             # fused: one pass over memory, not ten
             adam(unknowns, gradients, means, squares, [], counts, fused=True, maximize=False, **settings)
             cost, water_grad = objective.evaluate(J_now, water_now, J_grad)
-    found = WaterParameters.of_channels(water_now.numpy())
-    return Fit(J_now.cpu().numpy(), found.tied if tied else found, cost.numpy(), first.numpy())
+    found = WaterParameters.of_channels(water_now.numpy()[:, columns])
+    return Fit(J_now.cpu().numpy(), found, cost.numpy(), first.numpy())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

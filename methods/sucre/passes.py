@@ -98,19 +98,18 @@ def backend_for(backend: Backend, device: Device) -> tuple[Literal["numba", "tor
         )
     if backend != "jax" and backend != "torch" and device != "cuda":
         return "numba", "cpu"
-    has_gpu = _jax_sees_gpu() if backend == "jax" else _torch_sees_gpu()
+    if backend == "jax":
+        has_gpu = _jax_sees_gpu()
+    else:
+        import torch
+
+        has_gpu = torch.cuda.is_available()
     if device == "cuda" and not has_gpu:
         fault, remedy = ("JAX sees no GPU", "method.backend=torch")
         if backend != "jax":
             fault, remedy = ("PyTorch sees no CUDA GPU", "method.device=cpu")
         raise InputError(f"method.device=cuda: {fault}; use method.device=auto or {remedy}")
     return "jax" if backend == "jax" else "torch", "cuda" if device != "cpu" and has_gpu else "cpu"
-
-
-def _torch_sees_gpu() -> bool:
-    import torch
-
-    return torch.cuda.is_available()
 
 
 def _jax_sees_gpu() -> bool:
@@ -387,7 +386,7 @@ def on_jax(observations: Observations, device: str) -> AbstractContextManager[Bl
     place = jax.devices("gpu" if device == "cuda" else "cpu")[0]
 
     def compute(formula: Any, block: Block, *parameters: Any) -> Array:
-        width = min(_power_of_two(block.n), max(1, _JAX[device] // block.slots))
+        width = min(1 << (block.n - 1).bit_length(), max(1, _JAX[device] // block.slots))
         narrow = [None if values is None else values.astype(np.float32) for values in parameters]
         return np.asarray(_jitted(formula)(*jax.device_put((*fill(observations, block, width=width), *narrow), place)))
 
@@ -401,12 +400,7 @@ def _jitted(formula: Callable[..., Any]) -> Callable[..., Any]:
     return jax.jit(formula)
 
 
-def _power_of_two(n: int) -> int:
-    """The smallest power of two that is at least n."""
-    return 1 << (n - 1).bit_length()
-
-
 def _few_sizes(n: int) -> int:
     """The smallest power of two, or three quarters of one, that is at least n."""
-    power = _power_of_two(n)
+    power = 1 << (n - 1).bit_length()
     return power * 3 // 4 if n <= power * 3 // 4 else power

@@ -137,8 +137,8 @@ def _mean_on_surface(variance: Array, distance: Array, mean: Array) -> None:
     half = _WINDOW // 2
     for y in range(rows):
         for x in range(columns):
-            z, n, red, green, blue = distance[y, x], 0, 0.0, 0.0, 0.0
-            mean[y, x] = np.nan
+            z, n = distance[y, x], 0
+            mean[y, x] = 0.0 if z > 0 else np.nan
             if not z > 0:
                 continue
             for v in range(max(0, y - half), min(rows, y + half + 1)):
@@ -146,11 +146,10 @@ def _mean_on_surface(variance: Array, distance: Array, mean: Array) -> None:
                     total = variance[v, u, 0] + variance[v, u, 1] + variance[v, u, 2]
                     if abs(distance[v, u] - z) <= _SURFACE * z and math.isfinite(total):
                         n += 1
-                        red += variance[v, u, 0]
-                        green += variance[v, u, 1]
-                        blue += variance[v, u, 2]
-            if n:
-                mean[y, x, 0], mean[y, x, 1], mean[y, x, 2] = red / n, green / n, blue / n
+                        for c in range(3):
+                            mean[y, x, c] += variance[v, u, c]
+            for c in range(3):
+                mean[y, x, c] = mean[y, x, c] / n if n else np.nan
 
 
 def _field(there: Mask) -> Array:
@@ -252,6 +251,8 @@ def corrected_edges(target: Target, J: Array, deviation: Array, water: WaterPara
 
     J, deviation: NaN without depth. A corrected colour has the deviation of a single observation, as far as it is one.
     """
+    import cv2
+
     known = np.isfinite(J + target.intensity).all(axis=-1) & (target.distance > 0)
     own, a = _alone(target.intensity, target.distance, water)
     difference = np.where(known[..., None], own - J, np.float32(0))
@@ -265,7 +266,9 @@ def corrected_edges(target: Target, J: Array, deviation: Array, water: WaterPara
     side = _other_side(target, share[..., 0] > 0)
     moved = side > 0
     if target.is_wrong is not None:
-        share[_small_spots((share[..., 0] > 0) & ~moved, target.half**2) & target.is_wrong] = 0
+        spots = (share[..., 0] > 0) & ~moved
+        _, spot, sizes, _ = cv2.connectedComponentsWithStats(spots.astype(np.uint8), connectivity=8)
+        share[spots & (sizes[spot, cv2.CC_STAT_AREA] <= target.half**2) & target.is_wrong] = 0
     corrected = J + share * e
     corrected[moved], there = _alone(target.intensity[moved], side[moved], water)
     share[moved] = 1
@@ -290,14 +293,6 @@ def wrong_in_target(observations: Observations, weight: Array, target: str) -> M
     wrong = np.zeros(observations.shape, dtype=bool)
     wrong.ravel()[observations.pixels[own[(v[is_own] < WRONG) & (others[own] > _AGREE)]]] = True
     return wrong
-
-
-def _small_spots(contradicted: Mask, most: int) -> Mask:
-    """Return those (H, W) of the contradicted pixels that form spots of at most so many."""
-    import cv2
-
-    _, spot, sizes, _ = cv2.connectedComponentsWithStats(contradicted.astype(np.uint8), connectivity=8)
-    return np.asarray(contradicted & (sizes[spot, cv2.CC_STAT_AREA] <= most))
 
 
 def _alone(intensity: Array, distance: Array, water: WaterParameters) -> tuple[Array, Array]:

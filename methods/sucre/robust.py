@@ -105,9 +105,7 @@ def is_better(observations: Observations, plain: WaterParameters, robust: WaterP
     if (robust.is_implausible & ~plain.is_implausible).any():
         return False
     doubtful = (v < _DOUBTFUL) & (v >= WRONG)
-    if doubtful.mean() < _NOISE:
-        return True
-    return _share_in_patches(observations, v < WRONG) > _IN_PATCHES
+    return bool(doubtful.mean() < _NOISE or _share_in_patches(observations, v < WRONG) > _IN_PATCHES)
 
 
 def _share_in_patches(observations: Observations, wrong: Mask) -> float:

@@ -86,7 +86,6 @@ def solve_exact(
     robust: bool | Literal["auto"] = False,
     backend: Backend = "auto",
     device: Device = "auto",
-    seed: int = 0,
 ) -> Solution:
     """Find the minimum; with `robust`, of observations weighted by how well they fit. Raises what `fit` raises.
 
@@ -105,15 +104,15 @@ def solve_exact(
         trust,
     )
 
-    sharp = sampled(observations, SAMPLE, singles=physical, seed=seed) if robust or matched is not None else None
-    fitted = partial(fit, one_coefficient=one_coefficient, backend=backend, device=device, seed=seed)
+    sharp = sampled(observations, SAMPLE, singles=physical, seed=0) if robust or matched is not None else None
+    fitted = partial(fit, one_coefficient=one_coefficient, backend=backend, device=device)
     to_fit = observations if matched is None else matched
     found = fitted(to_fit)
     about: dict[str, Any] = {}
     noise: Array | None = None
     contradicted: list[str] = []
     few = sharp if matched is None else matched
-    judged = sampled(few, _JUDGED, singles=False, seed=seed) if robust and few is not None else None
+    judged = sampled(few, _JUDGED, singles=False, seed=0) if robust and few is not None else None
     is_tried = robust is True or (judged is not None and (trust(judged, found.water) < WRONG).mean() > _FEW_WRONG)
     if is_tried and judged and few and sharp:  # water and weights are iterated on a sample
         again, weighted = fit_robustly(few, fitted, plain=None if matched is None else found)
@@ -222,10 +221,13 @@ def matched_sample(options: Sucre, scene: Scene, view: View, observations: Obser
     return found if found.n_repeated >= _FEWEST_MATCHED else None
 
 
-def matched_at(options: Sucre, scene: Scene, view: View, observations: Observations, pixels: Indices) -> Observations:
+def matched_at(
+    options: Sucre, scene: Scene, view: View, observations: Observations, pixels: Indices, wider: float = 1.0
+) -> Observations:
     """Return observations of pixels (flat indices) with matched footprints; observations: name the views."""
     from sucre_bench.multiview.footprints import matched_footprints
 
     shown = set(observations.views)
     views = [other for other in scene.views if other.name in shown]
-    return matched_footprints(view, views, pixels, **options.pairing_with(with_view=True, with_ray=True))
+    how = options.pairing_with(with_view=True, with_ray=True)
+    return matched_footprints(view, views, pixels, **how, wider=wider)

@@ -37,10 +37,6 @@ class Strobe:
     lobe: Array
     r: float
 
-    @staticmethod
-    def of(unknowns: Array, r: float) -> Strobe:
-        return Strobe(unknowns[:3], unknowns[3:], r)
-
     def on(self, ray: Array, z: Array, *, slopes: bool = False) -> tuple[Array, Array, Array, Array]:
         """Return log S, d, and their derivatives by position and lobe, (9, ...) each if asked for.
 
@@ -54,7 +50,10 @@ class Strobe:
         log_S = np.tensordot(self.lobe, known, 1) - np.log((square + _SIZE**2) / self.r**2)
         if not slopes:
             return log_S, d, log_S, d
-        slope = np.tensordot(_slopes(at), self.lobe, ((1,), (0,)))
+        (x, y), zero, one = at, np.zeros_like(d), np.ones_like(d)
+        of_r = 4 * (x * x + y * y)
+        by_place = np.stack([[one, zero, 2 * x, y, zero, of_r * x], [zero, one, zero, x, 2 * y, of_r * y]])
+        slope = np.tensordot(by_place, self.lobe, ((1,), (0,)))
         turned = np.concatenate([slope, 0 * slope[:1]]) - (slope * at).sum(axis=0) * Y / d
         by_position = 2 * Y / (square + _SIZE**2) - turned / d
         ways = np.concatenate([-Y / d, np.zeros((TERMS, *d.shape))])
@@ -119,10 +118,3 @@ def terms(at: Array) -> Array:
     x, y = at
     r = x * x + y * y
     return np.stack([x, y, x * x, x * y, y * y, r * r])
-
-
-def _slopes(at: Array) -> Array:
-    """Return the derivatives (2, 6, ...) of the terms by x and by y."""
-    x, y = at
-    r, zero, one = x * x + y * y, np.zeros_like(x), np.ones_like(x)
-    return np.stack([[one, zero, 2 * x, y, zero, 4 * r * x], [zero, one, zero, x, 2 * y, 4 * r * y]])

@@ -184,8 +184,10 @@ class Sucre(FillOption):
             solution = self._refined(view, observations, solution)
         solution = self._without_specks(view, solution)
         solution, prior, black = self._with_prior(view, solution)
-        if self._decodes(view):
-            solution = _encoded(solution)
+        if self._decodes(view):  # the curve continues below 0 and above 1
+            J = srgb_encode(solution.J)
+            deviation = np.abs(srgb_encode(solution.J + solution.deviation) - J)
+            solution = replace(solution, J=J, deviation=deviation)
         stages["solve"] = time.perf_counter() - started
         restored = restoration(view, observations, solution, stages, self, self._fitted(view))
         if self.fill:
@@ -202,11 +204,10 @@ class Sucre(FillOption):
         """
         from sucre_bench.methods.sucre.own_water import UNKNOWN_VEIL, has_unknown_veil, is_in_air
 
-        if solution.is_under_strobe or not has_unknown_veil(solution) or is_in_air(observations, solution):
-            return solution
-        if normalisation(display_of(self)).removes_offsets:
-            return solution
-        return solution.with_limits([UNKNOWN_VEIL])
+        is_shown = not (solution.is_under_strobe or normalisation(display_of(self)).removes_offsets)
+        if is_shown and has_unknown_veil(solution) and not is_in_air(observations, solution):
+            return solution.with_limits([UNKNOWN_VEIL])
+        return solution
 
     def _without_specks(self, view: View, solution: Solution) -> Solution:
         """Return the solution with colours unknown that no surface has: NaN, or for the prior of refine=true to guess.
@@ -380,12 +381,6 @@ class SucrePlus(Sucre):
 
     physical: bool = True
     refine: bool = True
-
-
-def _encoded(solution: Solution) -> Solution:
-    """Encode the colours of a fit to linear light as the view is; the curve continues below 0 and above 1."""
-    J = srgb_encode(solution.J)
-    return replace(solution, J=J, deviation=np.abs(srgb_encode(solution.J + solution.deviation) - J))
 
 
 def typed(options: Any, name: str, value: bool | str) -> str:

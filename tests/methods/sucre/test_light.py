@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from support.command_line import registry
@@ -109,6 +110,17 @@ def test_exposure_that_follows_the_distance_is_not_taken_for_linear_light() -> N
     observations = sucre().observe(scene, scene["3.png"])
     matched = sucre().matched(scene, scene["3.png"], observations)
     assert nearer_encoding(sucre(), scene, scene["3.png"], observations, matched).encoding == "view"
+
+
+def test_blur_that_grows_with_the_distance_is_said_and_sharp_images_get_no_such_word(plain: Scene) -> None:
+    views = []
+    for view in plain.views:  # forward scatter: half a pixel a metre
+        rgb = cv2.GaussianBlur(view.rgb, (0, 0), 0.5 * float(np.median(view.depth)))
+        views.append(replace(view, pixels=Arrays(rgb, view.depth, view.reference)))
+    for scene, is_said in ((replace(plain, views=views), True), (plain, False)):
+        result = sucre(light="even").restore(scene, scene["3.png"])
+        assert any("blurred" in limit for limit in result.info["limits"]) == is_said
+        assert (rates(result, WATERS["green"])[0].max() > 0.15) == is_said
 
 
 def test_even_light_is_left_as_it_is(plain: Scene) -> None:

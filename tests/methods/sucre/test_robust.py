@@ -26,7 +26,7 @@ def spoilt(observations: Observations, share: float = 0.12, seed: int = 5) -> tu
 
 
 def plain_fit(observations: Observations) -> WaterFit:
-    return fit(observations, sample=3000)
+    return fit(observations)
 
 
 def psnr(observations: Observations, found: WaterFit, J: np.ndarray, pixels: np.ndarray) -> float:
