@@ -34,7 +34,7 @@ _STORED |= {347, 512, 513, 514, 530, 531, 532}
 # Bytes without a type of their own, which Pillow would call numbers: configuration of components, maker note, comment,
 # source of file and scene, settings; of GPS, method and area.
 _UNTYPED = {IFD.Exif: (37121, 37500, 37510, 41728, 41729, 41995), IFD.GPSInfo: (27, 28)}
-_PROFILE_TAG, _NO_COMPRESSION, _DEFLATE, _RGB = 34675, 1, 8, 2
+_PROFILE_TAG, _IPTC_TAG, _NO_COMPRESSION, _DEFLATE, _RGB = 34675, 33723, 1, 8, 2
 
 
 def bits_of(photograph: Path) -> int:
@@ -143,6 +143,7 @@ def _chunks(content: bytes) -> Iterator[bytes]:
 
 def _tiff(picture: npt.NDArray[Any], photograph: bytes) -> bytes:
     """A TIFF of one page and one strip, with the tags of a photograph that are not about its pixels."""
+    TiffTags.TAGS_V2[_IPTC_TAG] = TiffTags.TagInfo(_IPTC_TAG, type=TiffTags.UNDEFINED)  # of any length
     tags: Any = Image.Exif()  # of the first page, with the directories of EXIF and GPS
     tags.load(photograph)
     for directory, untyped in _UNTYPED.items():
@@ -153,8 +154,11 @@ def _tiff(picture: npt.NDArray[Any], photograph: bytes) -> bytes:
         del tags[tag]
     if _PROFILE_TAG in tags and bytes(tags[_PROFILE_TAG])[_RGB_PROFILE] != b"RGB ":
         del tags[_PROFILE_TAG]
+    order: Any = "<" if photograph.startswith(b"II") else ">"
+    if not isinstance(tags.get(_IPTC_TAG, b""), bytes):  # called numbers of 32 bits by many programs
+        tags[_IPTC_TAG] = np.array(tags[_IPTC_TAG], f"{order}u4").tobytes()
     height, width = picture.shape[:2]
-    pixels = picture.astype(picture.dtype.newbyteorder("<" if photograph.startswith(b"II") else ">")).tobytes()
+    pixels = picture.astype(picture.dtype.newbyteorder(order)).tobytes()
     pixels = zlib.compress(pixels, 6) if is_packed else pixels
     tags[_SIDES], tags[_SIDES + 1] = width, height
     tags[_BITS], tags[_SAMPLES] = (8 * picture.itemsize,) * 3, 3

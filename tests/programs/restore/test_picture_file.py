@@ -62,10 +62,14 @@ def test_png_and_tiff_lose_no_level(tmp_path: Path, kind: str, bits: int) -> Non
 
 def test_a_tiff_of_16_bits_stays_one(tmp_path: Path) -> None:
     file = tmp_path / "a.tif"
+    iptc = b"\x1c\x02\x19\x00\x04reef\x00\x00\x00"
     tags = [(700, 1, len(XMP), XMP, True), (33550, 12, 3, (0.5, 0.5, 0.0), True)]  # GeoTIFF's size of a pixel
+    tags.append((33723, 4, 3, struct.unpack("<3I", iptc), True))  # keywords, as exiftool writes them
     tifffile.imwrite(file, PICTURE, photometric="rgb", compression="zlib", iccprofile=PROFILE, extratags=tags)
     assert bits_of(file) == 16
-    with tifffile.TiffFile(io.BytesIO(encoded(PICTURE[::-1], file.read_bytes(), 95))) as made:
+    content = encoded(PICTURE[::-1], file.read_bytes(), 95)
+    assert iptc in content
+    with tifffile.TiffFile(io.BytesIO(content)) as made:
         page = made.pages.first
         assert (page.asarray() == PICTURE[::-1]).all()
         assert (page.iccprofile, page.tags[33550].value) == (PROFILE, (0.5, 0.5, 0.0))
