@@ -249,18 +249,18 @@ def is_utf8(text: str) -> bool:
     return not any("\ud800" <= sign <= "\udfff" for sign in text)
 
 
-def in_one_line(text: object) -> str:
+def in_one_line(text: object, how: Callable[[object], str] = str) -> str:
     """Return text from a file in a form for messages: line breaks become spaces, what is no UTF-8 is escaped."""
     try:
-        return " ".join(str(text).split()).encode(errors="backslashreplace").decode()
-    except Exception:  # of a plugin, whose exception has no text
+        return " ".join(how(text).split()).encode(errors="backslashreplace").decode()
+    except Exception:  # of an object of the user's that has no text
         return ""
 
 
 def shown_value(value: object) -> str:
     """Return a value as Python writes it, if that is short; else its type."""
-    text = in_one_line(repr(value))
-    return text if len(text) <= 40 else type(value).__name__
+    text = in_one_line(value, repr)
+    return text if 0 < len(text) <= 40 else type(value).__name__
 
 
 def one_line(fault: BaseException) -> str:

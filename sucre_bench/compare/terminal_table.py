@@ -238,6 +238,8 @@ def _joined(head: str, tables: Sequence[Text], dim: Sequence[str], said: Sequenc
     """One text. Lines are broken between words."""
     from rich.text import Text
 
+    width = max(width, 20)  # a serial console says that it has no columns
+
     def wrapped(line: str, style: str) -> Text:
         text = textwrap.fill(line, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
         return Text(text, style=style)

@@ -246,6 +246,7 @@ def score(
     return results.frame(sorted(rows, key=lambda row: row.metric in COSTS))
 
 
+@checked
 def list_methods() -> DataFrame:
     """Return a table of methods and presets by name: what each does, what it needs, and whether it can run here.
 
@@ -255,6 +256,7 @@ def list_methods() -> DataFrame:
     return _table("method", "needs")
 
 
+@checked
 def list_datasets() -> DataFrame:
     """Return a table of the datasets by name: what each holds, what its scenes may have, and where to get it.
 
@@ -264,6 +266,7 @@ def list_datasets() -> DataFrame:
     return _table("dataset", "has", "source")
 
 
+@checked
 def list_metrics() -> DataFrame:
     """Return a table of the metrics by name: what each measures, its unit, its better direction, and its variants.
 
@@ -273,6 +276,7 @@ def list_metrics() -> DataFrame:
     return _table("metric", "needs", "unit", "better", "variants")
 
 
+@checked
 def list_experiments() -> DataFrame:
     """Return a table of the experiments by name, with what each does.
 

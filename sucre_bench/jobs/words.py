@@ -55,6 +55,9 @@ def _literal(value: Any) -> Any:
 # Text in quotes, or a bare value of a list or a mapping.
 _VALUE = re.compile(r"""'(?:\\.|[^'])*'|"(?:\\.|[^"])*"|(?<![^,\[:])[^][{},:'"$ ]+(?![^],}])""")
 
+# A bare value with spaces at an end, which Hydra would leave out.
+_SPACED = re.compile(r"""[ \t]+[^][{}(),:'"$]+|[^][{}(),:'"$]+[ \t]+""")
+
 
 def parse(texts: Iterable[str]) -> list[Word]:
     """Read overrides. Raises InputError for one that Hydra's grammar does not have, with how to write it.
@@ -69,6 +72,8 @@ def parse(texts: Iterable[str]) -> list[Word]:
     for text in texts:
         key, equals, typed = text.partition("=")
         literal = typed if "(" in typed else _VALUE.sub(_literal_number, typed)
+        if _SPACED.fullmatch(typed):
+            literal = f"'{typed}'"
         try:
             override = parser.parse_override(f"{key}{equals}{literal}")
             values: list[Any] = [override.value()]

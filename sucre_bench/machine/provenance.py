@@ -14,15 +14,16 @@ import platform
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from sucre_bench.arguments import check_argument
 from sucre_bench.errors import InputError
 from sucre_bench.machine.cache import get_or_make
 from sucre_bench.machine.compute import usable_cores
-from sucre_bench.machine.files import regular, user_cache, write_atomically
+from sucre_bench.machine.files import read_json, user_cache, write_atomically
 from sucre_bench.machine.packages import distribution_of, requirements, version_of
 from sucre_bench.machine.text_formats import masked
 
@@ -85,15 +86,21 @@ def write(path: Path, content: dict[str, Any]) -> None:
     write_atomically(path, (masked(json.dumps(content, indent=2)) + "\n").encode())
 
 
+# What `environment` returns: the page reads all of it.
+_TEXTS = Mapping[str, str]
+_TYPES: dict[str, Any] = {"command": list[str], "seed": int, "python": str, "data": _TEXTS, "packages": _TEXTS}
+_TYPES |= {"sucre_bench": str | None, "git_commit": str | None, "git_dirty": bool | None, "machine": Mapping[str, Any]}
+_OF_MACHINE = {"system", "processor", "cores", "memory_gb", "gpu"}
+
+
 def read(path: Path) -> dict[str, Any] | None:
     """Read an environment; None if the file does not exist or is not one that `write` wrote."""
     try:
-        content: dict[str, Any] = json.loads(regular(path).read_text(encoding="utf-8"))
-        is_ours = set(content) >= {"command", "sucre_bench", "git_commit", "python", "seed"} and all(
-            isinstance(content[name], dict) for name in ("machine", "data", "packages")
-        )
-        return content if is_ours and isinstance(content["command"], list) else None
-    except (OSError, InputError, ValueError, TypeError, KeyError, RecursionError):
+        content: dict[str, Any] = read_json(path, "", of_data=True)
+        for name, hint in _TYPES.items():
+            check_argument(name, content[name], hint)
+        return content if set(content["machine"]) >= _OF_MACHINE else None
+    except (InputError, TypeError, KeyError):
         return None
 
 

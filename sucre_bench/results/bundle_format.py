@@ -242,6 +242,7 @@ def _described(bundle: Bundle, manifest: bytes) -> Bundle:
     """The bundle with what its bundle.json says."""
     try:
         told = json.loads(manifest)
+        json.dumps(told, ensure_ascii=False).encode()  # raises where "\\udce9" stands for what is no UTF-8
         if (told["format"], told["version"]) != (_FORMAT, _VERSION):
             raise ValueError(f"it says {told['format']!r}, version {told['version']!r}")
         hashes = [

@@ -29,6 +29,7 @@ from sucre_bench.errors import (
     MissingFileError,
     OutputError,
     file_error,
+    is_utf8,
     one_line,
 )
 from sucre_bench.machine.cache import waited_lock
@@ -148,7 +149,8 @@ def check_values(path: Path, rows: pyarrow.Table) -> None:
 
 def _is_object(text: str | None) -> bool:
     try:
-        return isinstance(json.loads(text or ""), dict)
+        told = json.loads(text or "")
+        return isinstance(told, dict) and is_utf8(json.dumps(told, ensure_ascii=False))
     except (ValueError, RecursionError):
         return False
 

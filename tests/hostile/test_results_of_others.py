@@ -1,5 +1,6 @@
 """A results folder from somebody else: no command runs its code, or publishes what its links lead to."""
 
+import json
 import shutil
 import zipfile
 from pathlib import Path
@@ -168,3 +169,12 @@ def test_a_bundle_without_a_score_is_one_line(place: Path):
 
 def test_dates_and_words_stay_as_they_are_typed():
     assert read_yaml("a: 2026-11-22\nb: [x, {c: 1.5}]") == {"a": "2026-11-22", "b": ["x", {"c": 1.5}]}
+
+
+@pytest.mark.parametrize("changed", [{"git_dirty": "x"}, {"git_commit": 5}, {"machine": {}}, {"command": ["\udc80"]}])
+def test_an_environment_of_another_form_is_no_part_of_the_page(place: Path, changed: dict[str, object]):
+    path = place / "mine/environment.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **changed}))
+    done = run_here(place, "report", "mine")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "uncommitted changes" not in (place / "mine/report/index.html").read_text()

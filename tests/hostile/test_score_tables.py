@@ -61,6 +61,7 @@ FAULTS: dict[str, tuple[Callable[[Path], None], str]] = {
     "null views": (column("view", [None, *ROWS["view"][1:]]), "column 'view'"),
     "an unknown status": (column("status", "fine"), "column 'status'"),
     "options that are no JSON": (column("options", "{"), "column 'options'"),
+    "options that are no UTF-8": (column("options", '{"gain": "\\udc80"}'), "column 'options'"),
     "deep options": (column("options", "[" * 100_000), "column 'options'"),
     "a column is missing": (without("region"), "column 'region'"),
     "cut short": (cut, "scores.parquet: not"),

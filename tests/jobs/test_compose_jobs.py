@@ -73,6 +73,12 @@ def test_names_and_paths_stay_as_typed(typed: str):
     assert [job.method.label for job in swept.jobs] == [f"gain,log={typed}", "gain,log=other"]
 
 
+@pytest.mark.parametrize("typed", [" a", "2026_11_22 ", " a b "])
+def test_a_name_keeps_its_spaces(typed: str):
+    (one,) = jobs(f"out={typed}", f"method.label={typed}").jobs
+    assert (str(one.out), one.method.label) == (typed, typed)
+
+
 def test_the_label_is_the_methods_name_and_what_the_sweep_changed():
     def label(*overrides: str) -> str:
         return jobs(*overrides).jobs[0].method.label

@@ -158,6 +158,24 @@ def test_the_table_has_every_public_name():
     assert {name.partition(".")[0] for name in TAKES} == set(sb.__all__) - errors - lists - {"Pixels", "__version__"}
 
 
+class Textless:
+    """An object that cannot be shown."""
+
+    def __repr__(self) -> str:
+        raise RuntimeError("no text")
+
+
+def test_an_object_without_a_text_is_named_by_its_class():
+    with pytest.raises(sb.InputError, match=r"^Scene\(name\): is Textless; pass text"):
+        sb.Scene(Textless(), [], frozenset())
+
+
+@pytest.mark.parametrize("name", ["list_datasets", "list_experiments", "list_methods", "list_metrics"])
+def test_a_list_takes_no_argument(name: str):
+    with pytest.raises(sb.InputError, match=rf"^{name}: .*; "):
+        getattr(sb, name)(1)
+
+
 @pytest.mark.parametrize("name", TAKES)
 def test_a_wrong_argument_is_one_line_that_says_what_to_pass(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

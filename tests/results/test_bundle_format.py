@@ -125,12 +125,16 @@ def test_an_ordinary_bundle_is_within_these_limits(tmp_path: Path):
         assert len(bundle.rows) == 3
 
 
+EMPTY = {"format": "sucre_bench bundle", "version": 1, "sucre_bench": "", "inside": {}, "outside": {}, "by": ""}
+
+
 @pytest.mark.parametrize(
     "manifest",
     [
         b"no JSON", b"[]", b"{}", b'"text"', b"[" * 100_000,
         json.dumps({"format": "sucre_bench bundle", "version": 2}).encode(),
         json.dumps({"format": "sucre_bench bundle", "version": 1, "inside": [1], "outside": {}, "by": ""}).encode(),
+        json.dumps({**EMPTY, "by": "\udc80"}).encode(),
     ],
 )  # fmt: skip
 def test_a_manifest_of_another_kind_is_refused(tmp_path: Path, manifest: bytes):

@@ -21,10 +21,10 @@ import numpy as np
 
 from sucre_bench import results
 from sucre_bench.arrays import Mask, evenly
-from sucre_bench.errors import InputError, MissingFileError, did_you_mean, one_line
+from sucre_bench.errors import InputError, MissingFileError, did_you_mean
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.machine import progress
-from sucre_bench.machine.files import regular, write_atomically
+from sucre_bench.machine.files import read_json, write_atomically
 from sucre_bench.machine.text_formats import filled_in
 from sucre_bench.results import layout
 from sucre_bench.results.common_scores import common_pixels, filled_restorations
@@ -244,7 +244,7 @@ def keys(folder: Path) -> dict[str, Key]:
     found = {}
     for path in sorted((folder / "people").glob("*.json")):
         try:
-            told = json.loads(regular(path).read_text(encoding="utf-8"))
+            told = read_json(path, "restore a copy of it", of_data=True)
             study = told["study"]
             if (told["format"], told["version"]) != (_FORMAT, _VERSION) or not re.fullmatch(r"[0-9a-f]{8}", study):
                 raise ValueError("another format")
@@ -253,6 +253,6 @@ def keys(folder: Path) -> dict[str, Key]:
                 for name, one in told["pictures"].items()
             }
             found[study] = Key(study, str(told["dataset"]), tuple(map(str, told["methods"])), pictures)
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as fault:
-            raise InputError(f"{path}: is no key of a study ({one_line(fault)}); restore a copy of it") from fault
+        except (ValueError, KeyError, TypeError, AttributeError) as fault:
+            raise InputError("is no key of a study", path, "restore a copy of it") from fault
     return found

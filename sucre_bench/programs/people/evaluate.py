@@ -1,7 +1,6 @@
 """From files of votes to preferences of methods, agreement, and rows of the metric `preference`."""
 
 import hashlib
-import json
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +12,7 @@ import pandas as pd
 
 from sucre_bench import results
 from sucre_bench.errors import InputError, LinesError
-from sucre_bench.machine.files import regular
+from sucre_bench.machine.files import read_json, regular
 from sucre_bench.machine.text_formats import now
 from sucre_bench.programs.people import design, statistics
 from sucre_bench.programs.people.design import Key, Shown
@@ -72,7 +71,7 @@ def _votes(path: Path, keys: Mapping[str, Key], reasons: Counter[str]) -> Iterat
     try:
         if regular(path).stat().st_size > _MOST_BYTES:
             raise ValueError("larger than 16 MB")
-        told = json.loads(path.read_bytes())
+        told = read_json(path, remedy, of_data=True)
         study, observer, given = told["study"], told["observer"], list(told["votes"])
         if (told["format"], told["version"]) != _FORMAT or not (isinstance(observer, str) and 1 <= len(observer) <= 64):
             raise ValueError("another format")

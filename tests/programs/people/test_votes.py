@@ -131,6 +131,7 @@ def test_what_is_no_vote_is_named_and_the_others_count(bench: Bench, study: dict
 
 def test_files_that_hold_no_votes_are_named(bench: Bench, study: dict[str, Any], tmp_path: Path):
     texts = ["", "no JSON", "[]", "{}", '{"format": "sucre_bench votes", "version": 1}', "[" * 100_000, '{"format": 1}']
+    texts.append(Path(write(tmp_path / "b.json", study, [vote(study, 1)], observer="\udc80")).read_text())
     bad = [f"bad{k}.json" for k in range(len(texts))]
     for name, text in zip(bad, texts, strict=True):
         (tmp_path / name).write_text(text)
