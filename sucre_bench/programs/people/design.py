@@ -138,7 +138,9 @@ def whole_parts(folder: Path, key: Key) -> tuple[Key, dict[tuple[str, str], Part
         said.append(f"{least}: it fills least, and all methods together fill a rectangle of {100 * share:.0f} %")
     gone = sorted(where for where, part in parts.items() if part.share < _LEAST_OF_VIEW)
     if len(gone) == len(places):
-        raise InputError("all methods share less than a tenth of it", gone[0][1], "leave one out, or use --pixels own")
+        raise InputError(
+            "all methods fill no rectangle of a tenth of it", gone[0][1], "leave one out, or use --pixels own"
+        )
     said += [f"{view}: all methods fill no rectangle of a tenth of it" for _, view in gone]
     pictures = {n: one for n, one in key.pictures.items() if one.method in left and (one.scene, one.view) not in gone}
     kept = {where: part for where, part in parts.items() if where not in gone and part.share < 1}
