@@ -237,7 +237,7 @@ class Environment:
         return [*run, *gpus, *(word for one in seen for word in ("--volume", one)), self._image, *words]
 
     def make(self) -> None:
-        """Make what is missing of it. InputError with the last line that the tool printed, where that fails."""
+        """Make what is missing of it. InputError with the last cause that the tool printed, where that fails."""
         tries = {
             "uv": [self.command(["python", "-V"])],
             "conda": [["conda", "list", "--quiet", *_conda(self.name)]],
@@ -248,7 +248,9 @@ class Environment:
             if not ended.fault:
                 return
         remedy = f"mend it until this works: {' '.join(words)}"
-        fault = f"cannot be made: {ended.last_words or ended.fault}"
+        causes = [line for line in ended.said.splitlines() if re.match(r"\s*(error|cause|Caused by): ", line)]
+        last = replace(ended, said="\n".join(causes) or ended.said).last_words
+        fault = f"cannot be made: {last.removeprefix('cause: ').rstrip('.') or ended.fault}"
         raise InputError(fault, self._place, remedy) from Printed(ended.said)
 
     @property

@@ -10,6 +10,7 @@ from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.about_methods import options_of
 from sucre_bench.compare.compare_rows import asked_for
 from sucre_bench.errors import InputError, LinesError
+from sucre_bench.loading.named_sets import named_sets
 from sucre_bench.machine import progress
 from sucre_bench.results.bundle_format import is_bundle, open_bundle
 from sucre_bench.results.rows import COSTS, values_of
@@ -107,6 +108,10 @@ def refusals(rows: DataFrame, metrics: Sequence[str] = (), common: bool = False)
     for dataset, of_dataset in rows[fresh].groupby("dataset", sort=False):
         scored = of_dataset[asked[of_dataset.index] & ~of_dataset["metric"].isin(COSTS)]
         ok = scored[scored["status"] == "ok"]
+        sets = sorted({results.unreplicated(scene)[0] for scene in of_dataset["scene"].unique()} & set(named_sets()))
+        if len(sets) > 1:
+            remedy = "run each again with a dataset.label of its own, or compare folders of one set"
+            yield str(dataset), f"rows are of the test sets {names_of(sets)}; {remedy}"
         reasons = (*_images(of_dataset, common), *_variants(scored), *_versions(ok), *_normalisations(of_dataset))
         yield from ((str(dataset), reason) for reason in reasons)
 

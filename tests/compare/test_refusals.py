@@ -44,6 +44,12 @@ def test_nothing_in_common_is_refused_even_so():
     refused([*run_of("a", "ab"), *run_of("b", "cd")], "different images", r"a on 2, b on 2", common=True)
 
 
+def test_pictures_of_two_named_sets_are_not_averaged():
+    of_both = [row for scene in ("u90", "t90") for method in "ab" for row in run_of(method, scene=scene)]
+    refused(of_both, "rows are of the test sets t90 and u90", r"^sea: .* dataset\.label ", common=True)
+    compare.refuse(frame([row for row in of_both if row.scene == "u90"]))
+
+
 def test_an_image_that_failed_was_run_on():
     rows = [*run_of("a"), *run_of("b", "abc"), replace(run_of("b", "d")[0], status="failed")]
     compare.refuse(frame(rows))
