@@ -14,18 +14,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Mask, coloured_pixels
+from sucre_bench.arrays import Array, Mask, coloured_pixels, locked
 from sucre_bench.imaging.encoding import srgb_encode, to_8bit
 from sucre_bench.imaging.references import known_in_both, psnr_of, reference_of
 from sucre_bench.imaging.resizing import Resizing, resized
-from sucre_bench.machine.compute import usable_cores
+from sucre_bench.machine.compute import compiled, usable_cores
 from sucre_bench.plugins.plugin import metric
 from sucre_bench.scene import Restoration, Score, View
 
 Image = npt.NDArray[Any]
 RADIUS = 5  # the widest window reaches so far
-_BAND = 128  # rows that are looked at together
-_C1, _C2 = np.float32(2 * 0.01**2), np.float32(2 * 0.03**2)
+_BAND, _TILE = 128, 512  # rows a thread takes at a time; columns whose sums stay in the processor's cache
 
 
 def squared_error(one: Image, other: Image, mask: Mask) -> float:
@@ -33,18 +32,25 @@ def squared_error(one: Image, other: Image, mask: Mask) -> float:
 
     What is not finite in `one` counts as 0.
     """
-    total = 0.0
-    for start in range(0, len(mask), _BAND):
-        band = slice(start, start + _BAND)
-        errors = (_finite(one[band]).astype(np.float64) - other[band])[mask[band]].ravel()
-        total += float(errors @ errors)
-    return total
+    rows = (locked(image.reshape(len(mask), -1)) for image in (one, other))
+    return float(compiled(_squared_error)(*rows, mask))
 
 
-def _finite(image: Image) -> Image:
-    """An image with 0 for what is not finite."""
-    is_finite = np.isfinite(image)
-    return image if is_finite.all() else np.where(is_finite, image, image.dtype.type(0))
+def _squared_error(one: Image, other: Image, mask: Mask) -> float:
+    """Of images (H, W * C)."""
+    height, length = one.shape
+    channels = length // mask.shape[1]
+    counts = np.ones(length, np.bool_)
+    sums = np.zeros(length)  # a sum for each column, so that the loop over columns becomes vector code
+    for row in range(height):
+        for column in range(mask.shape[1]):
+            for channel in range(channels):
+                counts[column * channels + channel] = mask[row, column]
+        for i in range(length):
+            value = np.float64(one[row, i])
+            error = (value if value - value == 0 else 0.0) - np.float64(other[row, i])
+            sums[i] += error * error if counts[i] else 0.0
+    return sums.sum()
 
 
 def mean_ssim(one: Image, other: Image, weights: Array, norm: float, whole: Mask) -> float:
@@ -57,37 +63,77 @@ def mean_ssim(one: Image, other: Image, weights: Array, norm: float, whole: Mask
     less a typical value of s and d near by, so that the variances lose no digits.
     """
     height, _, channels = one.shape
-
-    def of_rows(start: int) -> float:
-        import cv2
-
-        inside = whole[start : start + _BAND]
-        if not inside.any():
-            return 0.0
-        first, end = max(start - RADIUS, 0), min(start + _BAND + RADIUS, height)
-        x, y = (_finite(image[first:end]) for image in (one, other))
-        means, spreads = [], []
-        for values in (x + y, x - y):
-            typical = values[start - first :][: len(inside)][inside][::16].mean(axis=0, dtype=np.float64).astype("f4")
-            values -= typical
-            filtered: list[Image] = [
-                cv2.sepFilter2D(v, -1, weights, weights)[start - first :][: len(inside)].reshape(*inside.shape, -1)
-                for v in (values, values * values)
-            ]
-            mean, square = filtered
-            square -= mean * mean
-            square *= np.float32(norm)
-            mean += typical
-            mean *= mean
-            spreads.append(square)
-            means.append(mean)
-        ssim = (means[0] - means[1] + _C1) * (spreads[0] - spreads[1] + _C2)
-        ssim /= (means[0] + means[1] + _C1) * (spreads[0] + spreads[1] + _C2)
-        return float(ssim[inside].sum(dtype=np.float64))
+    bands = [(c, row, min(row + _BAND, height)) for c in range(channels) for row in range(0, height, _BAND)]
+    loop, one, other = compiled(_ssim_of_rows), locked(one), locked(other)
+    rounded = weights.astype(np.float32)
+    rounded[RADIUS] += np.float32(1 - rounded.sum(dtype=np.float64))  # what rounding took from the sum
 
     with ThreadPoolExecutor(usable_cores()) as pool:
-        total = sum(pool.map(of_rows, range(0, height, _BAND)))  # the same sum however many threads there are
+        sums = pool.map(lambda rows: loop(one, other, rows, rounded, np.float32(norm), whole), bands)
+        total = float(sum(sums))  # in order: the same sum however many threads there are
     return total / (int(np.count_nonzero(whole)) * channels)
+
+
+def _ssim_of_rows(
+    one: Image, other: Image, rows: tuple[int, int, int], weights: Image, norm: np.float32, whole: Mask
+) -> float:
+    """The sum over window centres. rows: a channel, and its first row and the end.
+
+    Rows beyond the image repeat its first or last: their weight is 0, or the window is not whole.
+    """
+    channel, start, end = rows
+    height, width, _ = one.shape
+    zero = np.float32(0)
+    c1, c2 = np.float32(2 * 0.01**2), np.float32(2 * 0.03**2)
+    w0, w1, w2, w3, w4, w5 = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
+    line = np.zeros((4, _TILE + 2 * RADIUS), np.float32)  # s, d, s^2, d^2 of a row
+    ring = np.zeros((2 * RADIUS + 1, 4, _TILE), np.float32)  # the last rows, filtered along the row
+    sums = np.zeros(_TILE)
+    for left in range(0, width, _TILE):
+        n = min(_TILE, width - left)
+        first, last = max(left - RADIUS, 0), min(left + n + RADIUS, width)
+        line[:] = 0
+        typical_s, typical_d, seen = 0.0, 0.0, 0
+        for row in range(start, end, 8):
+            for x in range(left, left + n, 8):
+                if whole[row, x]:
+                    a, b = one[row, x, channel], other[row, x, channel]
+                    a, b = (a if np.isfinite(a) else 0.0), (b if np.isfinite(b) else 0.0)
+                    typical_s, typical_d, seen = typical_s + a + b, typical_d + a - b, seen + 1
+        s0, d0 = np.float32(typical_s / max(seen, 1)), np.float32(typical_d / max(seen, 1))
+        for row in range(start - RADIUS, end + RADIUS):
+            source = min(max(row, 0), height - 1)
+            for x in range(first, last):
+                a, b = np.float32(one[source, x, channel]), np.float32(other[source, x, channel])
+                a = a if a - a == zero else zero
+                b = b if b - b == zero else zero
+                s, d = (a + b) - s0, (a - b) - d0
+                i = x - left + RADIUS
+                line[0, i], line[1, i], line[2, i], line[3, i] = s, d, s * s, d * d
+            for k in range(4):
+                v, h = line[k], ring[row % 11, k]
+                for i in range(n):
+                    near = w5 * v[i + 5] + w4 * (v[i + 4] + v[i + 6]) + w3 * (v[i + 3] + v[i + 7])
+                    h[i] = near + w2 * (v[i + 2] + v[i + 8]) + w1 * (v[i + 1] + v[i + 9]) + w0 * (v[i] + v[i + 10])
+            centre = row - RADIUS
+            if centre < start:
+                continue
+            for k in range(4):
+                v = line[k]
+                a0, a1, a2 = ring[(row + 1) % 11, k], ring[(row + 2) % 11, k], ring[(row + 3) % 11, k]
+                a3, a4, a5 = ring[(row + 4) % 11, k], ring[(row + 5) % 11, k], ring[(row + 6) % 11, k]
+                a6, a7, a8 = ring[(row + 7) % 11, k], ring[(row + 8) % 11, k], ring[(row + 9) % 11, k]
+                a9, a10 = ring[(row + 10) % 11, k], ring[row % 11, k]
+                for i in range(n):
+                    near = w5 * a5[i] + w4 * (a4[i] + a6[i]) + w3 * (a3[i] + a7[i])
+                    v[i] = near + w2 * (a2[i] + a8[i]) + w1 * (a1[i] + a9[i]) + w0 * (a0[i] + a10[i])
+            for i in range(n):
+                s, d = line[0, i], line[1, i]
+                of_s, of_d = (line[2, i] - s * s) * norm, (line[3, i] - d * d) * norm
+                s, d = (s + s0) * (s + s0), (d + d0) * (d + d0)
+                ssim = (s - d + c1) * (of_s - of_d + c2) / ((s + d + c1) * (of_s + of_d + c2))
+                sums[i] += np.float64(ssim) if whole[centre, left + i] else 0.0
+    return sums.sum()
 
 
 _GRAY = Resizing(256)
@@ -96,7 +142,7 @@ _GRAY = Resizing(256)
 @metric(
     role="similarity",
     needs={"reference"},
-    requires=["PIL"],
+    requires=["numba", "PIL"],
     unit="dB",
     better="higher",
     range=(-np.inf, np.inf),
@@ -137,7 +183,7 @@ class Psnr:
 @metric(
     role="similarity",
     needs={"reference"},
-    requires=["cv2"],
+    requires=["cv2", "numba"],
     unit="",
     better="higher",
     range=(-1, 1),

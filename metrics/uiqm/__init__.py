@@ -108,7 +108,7 @@ def _opponents(shown: npt.NDArray[Any], wraparound: bool, order: str) -> tuple[V
 
 
 _ABOUT: dict[str, Any] = {
-    "requires": ["cv2"],
+    "requires": ["cv2", "numba"],
     "unit": "",
     "better": "higher",
     "cites": "Panetta, Gao & Agaian 2016",
