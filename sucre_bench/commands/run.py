@@ -1,4 +1,7 @@
-"""`sucre-bench run` and `lineup`: restore a dataset with methods, and write what made a results folder."""
+"""`sucre-bench run` and `lineup`: restore a dataset with methods, and write what made a results folder.
+
+`engine.run.run` does the work; --cfg and --dry-run stop before it.
+"""
 
 from __future__ import annotations
 

@@ -43,7 +43,9 @@ _PIXELS_OF_A_VIEW = 50_000  # of each view, for a scene's percentiles and means
 
 
 class JobAtWork(Work):
-    """A planned job: `work` restores and scores its views in a worker; the other functions keep their rows.
+    """A planned job: `work` restores and scores its views in a worker, which sends their rows to `keep`.
+
+    `keep` and the other functions run in the process of the command and write the score table.
 
     after_view: called when a view is done, computed or not.
     """
@@ -93,7 +95,7 @@ class JobAtWork(Work):
             scenes = {scene: _SceneColours.of(job, method, views) for scene, views in shown_over.items() if views}
             for task in left:
                 timed, over = replace(task, base=replace(task.base, time=now())), scenes.get(task.base.scene)
-                emit(_rows(job, method, metrics, timed, over))
+                emit(_restored_and_scored(job, method, metrics, timed, over))
                 if not _can_open_files():
                     return
 
@@ -160,7 +162,9 @@ def measured_restore(method: Any, scene: Scene, view: View, word: str = "method"
     return Measured(with_truth(restoration, scene, view), *took)
 
 
-def _rows(job: Job, method: Any, metrics: Sequence[Scorer], task: Task, over: _SceneColours | None = None) -> list[Row]:
+def _restored_and_scored(
+    job: Job, method: Any, metrics: Sequence[Scorer], task: Task, over: _SceneColours | None = None
+) -> list[Row]:
     """Restore, store and score one view. over: colours of its scene, where all views of a scene are shown alike."""
     view, log = task.view, log_path(job.out)
     decides = over is not None and view.name in over.views  # its colours are among them, so it is restored already

@@ -1,1 +1,4 @@
-"""Several views of one scene: which pixels of other views show a pixel's point, and in which colour."""
+"""Several views of one scene: which pixels of other views show a pixel's point, and in which colour.
+
+A method calls `stored_pairs.paired`, which calls `observe.observe` if nothing is stored; that calls `pairing.match`.
+"""

@@ -1,6 +1,7 @@
 """Methods, datasets and metrics are plugins: a decorated frozen dataclass in a file of its own.
 
-The decorators attach their arguments to the class. `discover` looks for such classes in the folders methods/,
+The decorators attach their arguments to the class, and name the plugin after it: SucrePaper is `sucre_paper`.
+`jobs/catalogue.py` asks for a plugin by this name. `discover` looks for such classes in the folders methods/,
 datasets/ and metrics/, in the entry-point group ``sucre_bench.plugins``, and in files that the user names. A plugin
 that does not import is listed with its reason, and the others work. Importing a plugin must be cheap: heavy packages
 are named in ``requires`` and imported where they are used.
