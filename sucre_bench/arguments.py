@@ -8,7 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace, UnionType
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from sucre_bench.errors import InputError, is_utf8, shown_value
+from sucre_bench.errors import InputError, is_utf8, one_line, shown_value
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -32,13 +32,14 @@ def checked(call: Callable[P, T]) -> Callable[P, T]:
     @functools.wraps(function)
     def checking(*args: P.args, **kwargs: P.kwargs) -> T:
         try:
-            given = signature.bind(*args, **kwargs).arguments
+            bound = signature.bind(*args, **kwargs)
         except TypeError as fault:
             raise InputError(str(fault), name, f"see help({name})") from fault
+        given = bound.arguments
         for parameter, hint in hints().items():
             if parameter in given and signature.parameters[parameter].kind is not inspect.Parameter.VAR_KEYWORD:
-                check_argument(f"{name}({parameter})", given[parameter], hint)
-        return function(*args, **kwargs)
+                given[parameter] = check_argument(f"{name}({parameter})", given[parameter], hint)
+        return function(*bound.args, **bound.kwargs)
 
     if isinstance(call, type):
         _check_in_subclasses(call, checking, lambda: {one: hints()[one] for one in [*signature.parameters][1:]})
@@ -61,13 +62,21 @@ def _check_in_subclasses(cls: Any, checking: object, hints: Callable[[], dict[st
     cls.__post_init__ = check_fields
 
 
-def check_argument(place: str, value: object, hint: Any) -> None:
+def check_argument(place: str, value: Any, hint: Any) -> Any:
     """Raise InputError unless a value fits a type: None fits no text, a text is no list. place: as the user typed it.
 
-    Arrays are looked at by `array_of`.
+    Returns the value; of an iterator what it yields, unless that may be anything. `array_of` looks at arrays.
     """
-    if not _fits(value, hint):
+    try:
+        is_taken = _fits(value, hint)
+        if is_taken and isinstance(value, Iterator) and not any(isinstance(one, TypeVar) for one in get_args(hint)):
+            value = tuple(value)
+            is_taken = _fits(value, hint)
+    except Exception as fault:  # of a collection of the user's
+        raise InputError(f"raises {one_line(fault)}", place, f"pass {_wording(hint)}") from fault
+    if not is_taken:
         raise InputError(f"is {shown_value(value)}", place, f"pass {_wording(hint)}")
+    return value
 
 
 def _fits(value: object, hint: Any) -> bool:
@@ -90,7 +99,6 @@ def _fits(value: object, hint: Any) -> bool:
             return False
         if ndim != 1 and not (ndim and is_any):
             return False
-        # What an iterator yields is seen when it is used.
         return is_any or isinstance(value, Iterator) or all(_fits(one, inner[0]) for one in value)
     if hint in (int, float):
         is_number = isinstance(value, Integral if hint is int else Real) and not isinstance(value, bool)

@@ -8,11 +8,10 @@ from importlib import import_module
 
 import click
 
-from sucre_bench.errors import SucreBenchError, did_you_mean, escaped_breaks, is_utf8
+from sucre_bench.errors import SucreBenchError, did_you_mean, escaped_breaks, is_utf8, shortened
 from sucre_bench.machine.processes import isolated_children
 from sucre_bench.machine.terminal import escaped_output, say
 
-_LONGEST, _KEPT = 1000, 400  # characters of an error's line, and of the ends of a longer one
 _BROKEN_PIPE = 141  # what a shell says of a process that SIGPIPE ended
 _MEMORY = "there is not enough memory; end other programs, or give smaller images (dataset.image_scale)"
 # Numbers of errors that concern a file, also where they do not name it.
@@ -94,8 +93,8 @@ def _status() -> int:
 
 
 def _fault(text: str, status: int) -> int:
-    for line in map(escaped_breaks, text.split("\n")):  # a long one quotes a file: its place and its remedy stay
-        say(f"error: {line if len(line) <= _LONGEST else f'{line[:_KEPT]} ... {line[-_KEPT:]}'}", "red")
+    for line in text.split("\n"):
+        say(f"error: {shortened(escaped_breaks(line))}", "red")
     return status
 
 

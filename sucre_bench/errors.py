@@ -38,7 +38,7 @@ class SucreBenchError(Exception):
 
     def _at_place(self, text: str) -> str:
         text = f"{self.place}: {text}" if self.place else text
-        return text if isinstance(self, LinesError) else escaped_breaks(text)
+        return text if isinstance(self, LinesError) else shortened(escaped_breaks(text))
 
     def beside(self, place: object) -> str:
         """Return the message where a place is named already: without it, if it is the error's own."""
@@ -188,7 +188,7 @@ class NotApplicableError(SolveError):
 # What a plugin may raise. sys.exit in a plugin must not end a command; Ctrl-C must.
 ANY_FAULT = (Exception, SystemExit)
 
-_MOST_CHARACTERS = 2000  # of an exception's text
+_LONGEST, _KEPT = 1000, 400  # characters of a message, and of the ends of a longer one
 
 
 @dataclass(frozen=True)
@@ -244,6 +244,11 @@ def escaped_breaks(text: str) -> str:
     return text.translate(_BREAKS)
 
 
+def shortened(text: str) -> str:
+    """Return the ends of a long text, which quotes a file: its place and its remedy stay."""
+    return text if len(text) <= _LONGEST else f"{text[:_KEPT]} ... {text[-_KEPT:]}"
+
+
 def is_utf8(text: str) -> bool:
     """Whether tables, pages and records can store a text; not so the name of a file in another encoding."""
     return not any("\ud800" <= sign <= "\udfff" for sign in text)
@@ -265,8 +270,16 @@ def shown_value(value: object) -> str:
 
 def one_line(fault: BaseException) -> str:
     """Return an exception as one line: its text, after its type unless it is an error of sucre_bench."""
-    text = in_one_line(fault)
-    text = text if len(text) <= _MOST_CHARACTERS else f"{text[:_MOST_CHARACTERS]}..."
+    text = shortened(in_one_line(fault))
     if isinstance(fault, SucreBenchError):
         return text
     return f"{type(fault).__name__}: {text}" if text else type(fault).__name__
+
+
+def in_words(fault: BaseException) -> str:
+    """Return what reading a damaged file raised, without the names that Python has for it."""
+    if isinstance(fault, KeyError):
+        return f"it lacks {in_one_line(fault)}"
+    if isinstance(fault, (TypeError, AttributeError, IndexError)):
+        return "its content is of another kind"
+    return in_one_line(fault).partition("; use ")[0] or "it is damaged"

@@ -141,7 +141,7 @@ def test_compare_says_why_where_there_is_no_score(bench, tmp_path: Path):
         done = bench("compare", "results", *more)
         assert (done.returncode, done.stdout) == (2, "")
         (line,) = done.errors
-    assert re.fullmatch(r"error: reef: m .*\(4 failed: ValueError: boom\)", line)
+    assert re.fullmatch(r"error: results: reef: m .*\(4 failed: ValueError: boom\); .+", line)
 
 
 def test_what_is_missing_is_said_in_one_line(bench):

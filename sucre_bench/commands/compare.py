@@ -104,8 +104,9 @@ def compare(
         rows = compare.on_pixels(rows, lambda: _common(folders, rows))
     compared = compare.compare(rows, metrics, by, baseline=baseline)
     if not any(table.columns for table in compared):
-        notes = "\n".join(f"{t.title}: {note}" for t in compared for note in left_out(t))
-        raise InputError(notes or f"{', '.join(map(str, folders))}: no score there; run methods into it first")
+        notes = "; ".join(f"{t.title}: {note}" for t in compared for note in left_out(t))
+        remedy = "mend that, and run again" if notes else "run methods into it first"
+        raise InputError(notes or "no score there", ", ".join(map(str, folders)), remedy)
     verdicts = compare.gated(rows, gates, baseline) if gates else []
     _print(compared, folders, "json" if as_json else how, (spread, intervals, all_metrics, bool(metrics)))
     for line in dict.fromkeys(line for folder in folders for line in seen_in_training(folder, rows)):

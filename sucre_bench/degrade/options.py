@@ -42,7 +42,7 @@ def read_water(given: Any, place: str = _PLACE) -> Water:
         return read_water(water, str(path))
     try:
         numbers = np.empty(0) if np.iscomplexobj(given) else np.array(parts, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
+    except Exception:  # each kind of object has its own
         numbers = np.empty(0)
     if numbers.shape == (9,):
         numbers = numbers.reshape(3, 3)

@@ -41,10 +41,10 @@ from pathlib import Path
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import InputError, did_you_mean, one_line
+from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.imaging.cielab import colour_science, lab_d50_from, srgb_of_lab_d50
 from sucre_bench.imaging.spectra import colours, on_grid
-from sucre_bench.machine.files import fault_of, regular
+from sucre_bench.machine.files import fault_of, reading, regular
 
 _CHROMATIC = 5.0  # chroma in Lab: the "neutral" patches of sold charts stay below 2, their dark skin is at 19
 _LENGTH = r"\d+\.?\d*|\.\d+"
@@ -66,10 +66,8 @@ def read_kind(path: Path) -> ChartKind:
     """Return the kind that a CSV file describes, see above. Raises InputError naming the line that is wrong."""
     if fault := fault_of(path):
         raise InputError(f"{path}: {fault}; give the path of the CSV file that describes the chart")
-    try:
+    with reading(path, "correct the path of the chart"):
         return _parsed(str(path), regular(path).read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"cannot be read, {one_line(error)}", path, "correct the path of the chart") from error
 
 
 @functools.lru_cache(maxsize=32)  # asked for with every chart that is measured

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import DamagedFileError, InputError, file_error, one_line
+from sucre_bench.errors import DamagedFileError, InputError, file_error, in_words
 from sucre_bench.machine.files import reading, regular, write_atomically
 from sucre_bench.machine.progress import say
 
@@ -172,7 +172,7 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
     except InputError:
         raise
     except Exception as fault:  # each of the decoders has its own
-        raise DamagedFileError(f"cannot be read, {one_line(fault)}", place, "copy the file again") from fault
+        raise DamagedFileError(f"cannot be read, {in_words(fault)}", place, "copy the file again") from fault
     return np.asarray(decoded)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import InputError, did_you_mean, one_line
+from sucre_bench.errors import InputError, did_you_mean, in_words
 from sucre_bench.imaging.cielab import colour_science, lab_d50_of_xyz, srgb_of_lab_d50
 from sucre_bench.imaging.encoding import srgb_encode
 from sucre_bench.machine.files import fault_of, regular
@@ -66,7 +66,7 @@ def _table(path: Path, columns: int) -> Array:
         rows = list(csv.reader(regular(path).read_text(encoding="utf-8-sig").splitlines()))[1:]
         table = np.array([row for row in rows if row], dtype=np.float64)
     except (OSError, ValueError, csv.Error) as fault:
-        raise InputError(f"{path}: no table of spectra, {one_line(fault)}; correct the path or the file") from fault
+        raise InputError(f"{path}: no table of spectra, {in_words(fault)}; correct the path or the file") from fault
     if table.ndim != 2 or table.shape[1] != 1 + columns or not np.isfinite(table).all() or (table[:, 1:] < 0).any():
         wanted = "wavelength,power" if columns == 1 else "wavelength,R,G,B"
         raise InputError(f"{path}: not the columns {wanted} of finite values from 0; write the file so")

@@ -17,12 +17,11 @@ from sucre_bench.errors import (
     InputError,
     SucreBenchError,
     file_error,
-    one_line,
     unknown_name,
 )
 from sucre_bench.jobs.catalogue import chosen_metrics
 from sucre_bench.jobs.run_options import Overwrite, RunConfig, Save, Shard, Study, Tracking
-from sucre_bench.machine.files import expanded, regular
+from sucre_bench.machine.files import expanded, reading, regular
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import Choice, plain_value, plugin_choice, seed_of
 
@@ -145,11 +144,9 @@ def _view_names(given: Any) -> tuple[str, ...] | None:
     names = [str(n) for n in given] if isinstance(given, list) else [str(given)]
     if len(names) == 1 and names[0].endswith(".txt"):
         path = expanded(names[0])
-        try:
+        with reading(path, "save it as UTF-8 text"):
             text = regular(path, "give a list of views: text, a name a line").read_text(encoding="utf-8-sig")
-            names = [line.strip() for line in text.splitlines() if line.strip()]
-        except (OSError, UnicodeDecodeError) as fault:
-            raise InputError(f"not a list of views, {one_line(fault)}", path, "save it as UTF-8 text") from fault
+        names = [line.strip() for line in text.splitlines() if line.strip()]
     if not names:
         raise InputError("an empty list", "views", "name some views, or leave views= out for all of them")
     return tuple(names)

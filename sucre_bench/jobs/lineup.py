@@ -26,7 +26,7 @@ from typing import Any, Literal
 
 from sucre_bench import plugins, results
 from sucre_bench.degrade import Degradation
-from sucre_bench.errors import InputError, SucreBenchError, did_you_mean, one_line, unknown_name
+from sucre_bench.errors import InputError, SucreBenchError, did_you_mean, in_words, unknown_name
 from sucre_bench.jobs.catalogue import is_path, moved_paths, named, option_names, presets, recognised
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.run_options import CONF_FOLDER, RunConfig, Study
@@ -184,7 +184,7 @@ def read_content(path: Path) -> dict[str, Any]:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
         raise InputError(f"line {line}: is no plain YAML, {error.problem}", path, "mend the line") from error
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(f"cannot be read, {one_line(error)}", path, "save it as YAML in UTF-8") from error
+        raise InputError(f"cannot be read, {in_words(error)}", path, "save it as YAML in UTF-8") from error
     if content is None:
         raise InputError("is empty", path, "list methods: [NAME, ...]")
     if not isinstance(content, dict):

@@ -19,7 +19,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
-from sucre_bench.errors import InputError, one_line
+from sucre_bench.errors import InputError, in_words
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.text_formats import read_yaml
 
@@ -294,7 +294,7 @@ def read_kalibr(path: Path, size: tuple[int, int]) -> Lens:
             raise ValueError(f"focal length {focal_x:g}, {focal_y:g} for {width}x{height}")
     except (OSError, yaml.YAMLError, KeyError, AttributeError, TypeError, ValueError, RecursionError) as fault:
         expected = "a camchain, or a report on camera and IMU, as Kalibr writes them"
-        raise InputError(f"is no camera ({one_line(fault)})", path, f"expected {expected}") from fault
+        raise InputError(f"is no camera ({in_words(fault)})", path, f"expected {expected}") from fault
     while coefficients and coefficients[-1] == 0:
         coefficients.pop()
     K = np.array([[focal_x, 0, x + 0.5], [0, focal_y, y + 0.5], [0, 0, 1]], dtype=np.float64)

@@ -25,7 +25,7 @@ from sucre_bench.errors import (
     OutputError,
     SucreBenchError,
     file_error,
-    one_line,
+    in_words,
 )
 from sucre_bench.machine.processes import interrupts_held_back
 
@@ -80,7 +80,7 @@ def reading(path: Path, remedy: str) -> Iterator[None]:
     except OSError as fault:
         raise file_error(path, fault, remedy) from fault
     except ANY_FAULT as fault:
-        raise DamagedFileError(f"cannot be read, {one_line(fault)}", path, remedy) from fault
+        raise DamagedFileError(f"cannot be read, {in_words(fault)}", path, remedy) from fault
 
 
 def read_json(path: Path, remedy: str, of_data: bool = False) -> Any:

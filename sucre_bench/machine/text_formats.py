@@ -16,6 +16,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sucre_bench.errors import in_words
+
 if TYPE_CHECKING:
     from jinja2 import Environment
 
@@ -33,7 +35,7 @@ def read_yaml(text: str) -> Any:
     try:
         return yaml.load(text, _loader())
     except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as fault:  # of tags with odd values
-        raise yaml.YAMLError(f"{type(fault).__name__}: {fault}") from fault
+        raise yaml.YAMLError(in_words(fault)) from fault
 
 
 @functools.cache

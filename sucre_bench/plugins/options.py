@@ -137,8 +137,10 @@ def typed(annotation: Any, value: Any) -> Any:
             return value
         elements = [typed(kinds[1], one) for one in value]
         return tuple(elements) if origin is tuple else elements
+    if not isinstance(value, (str, Path, int, float)):
+        return value
     text = str(value).lower() if isinstance(value, bool) else str(value)  # as it was typed: a file may be called true
-    if Path in kinds and isinstance(value, (str, Path, int, float)):
+    if Path in kinds:
         return expanded(text)
     if float in kinds and int not in kinds and type(value) is int:
         return float(value)

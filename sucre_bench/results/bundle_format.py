@@ -19,15 +19,14 @@ import json
 import shutil
 import stat
 import zipfile
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
 from sucre_bench.arrays import DataFrame
-from sucre_bench.errors import InputError, NotAFileError, one_line
-from sucre_bench.machine.files import open_atomically, regular
+from sucre_bench.errors import InputError, NotAFileError
+from sucre_bench.machine.files import open_atomically, reading, regular
 from sucre_bench.results.rows import COLUMNS, NUMBERS, csv_text, frame
 from sucre_bench.results.table import check_values
 
@@ -100,11 +99,8 @@ class Bundle:
             raise fault.within(self.path) from fault
 
     def _unpacked(self, name: str) -> bytes:
-        try:
-            with self.archive.open(name) as file:
-                return file.read(self.entries[name] + 1)
-        except (OSError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError) as fault:
-            raise InputError(f"cannot be unpacked ({one_line(fault)})", name, "copy it again") from fault
+        with reading(Path(name), "copy it again"), self.archive.open(name) as file:
+            return file.read(self.entries[name] + 1)
 
     def fault_of(self, name: str) -> str:
         """Say what is wrong with a file that the bundle lists; empty if nothing is."""
@@ -193,12 +189,8 @@ def open_bundle(path: Path, limits: Limits = LIMITS) -> Iterator[Bundle]:
     if path.is_dir():
         raise NotAFileError("is a folder, not a bundle", path, f"`sucre-bench bundle {path} FILE.zip` makes one of it")
     regular(path, "give a bundle that `sucre-bench bundle` wrote")
-    try:
+    with reading(path, "give a file that `sucre-bench bundle` wrote"):
         archive = zipfile.ZipFile(path)
-    except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError) as fault:
-        raise InputError(
-            f"is no bundle ({one_line(fault)})", path, "give a file that `sucre-bench bundle` wrote"
-        ) from fault
     with archive:
         infos = archive.infolist()
         if fault_found := _fault_of_entries(infos, limits):
@@ -227,7 +219,7 @@ def _fault_of_entry(info: zipfile.ZipInfo, limits: Limits) -> str:
     parts, size = name.split("/"), info.file_size
     faults = {
         "is no plain path": name != info.filename or not name.isprintable() or "\\" in name or ":" in parts[0],
-        "is a link or a folder, not a file": info.is_dir() or kind not in (0, stat.S_IFREG),
+        "is a link or a folder, not a file": name.endswith("/") or kind not in (0, stat.S_IFREG),
         "leads out of the bundle": any(part in ("", ".", "..") for part in parts),
         "has too long a name": len(name.encode(errors="replace")) > limits.name_bytes,
         "is encrypted": info.flag_bits & 0x1,
@@ -240,7 +232,7 @@ def _fault_of_entry(info: zipfile.ZipInfo, limits: Limits) -> str:
 
 def _described(bundle: Bundle, manifest: bytes) -> Bundle:
     """The bundle with what its bundle.json says."""
-    try:
+    with reading(bundle.path / MANIFEST, "bundle again"):
         told = json.loads(manifest)
         json.dumps(told, ensure_ascii=False).encode()  # raises where "\\udce9" stands for what is no UTF-8
         if (told["format"], told["version"]) != (_FORMAT, _VERSION):
@@ -252,8 +244,6 @@ def _described(bundle: Bundle, manifest: bytes) -> Bundle:
         if any(type(one.size) is not int for listed in hashes for one in listed.values()):
             raise ValueError("the size of a file is no whole number of bytes")
         by, version = str(told["by"])[:200], str(told["sucre_bench"])[:40]
-    except (ValueError, OverflowError, KeyError, TypeError, AttributeError, RecursionError) as fault:
-        raise InputError(f"{MANIFEST} is not one of ours ({one_line(fault)})", bundle.path, "bundle again") from fault
     return replace(bundle, id=_id(manifest), by=by, version=version, inside=hashes[0], outside=hashes[1])
 
 
@@ -262,7 +252,7 @@ def _table(path: Path, content: bytes, columns: Sequence[str]) -> DataFrame:
     import pandas as pd
     from pyarrow import Table
 
-    try:
+    with reading(path, "bundle again"):
         read = pd.read_csv(io.BytesIO(content), dtype="str", keep_default_na=False)[list(columns)]
         # Not by pandas: some of its versions lose the last digits of a number.
         numbers = {name: [float(text or "nan") for text in read[name]] for name in columns if name in NUMBERS}
@@ -270,8 +260,6 @@ def _table(path: Path, content: bytes, columns: Sequence[str]) -> DataFrame:
         for text in rows["methods"].unique() if "methods" in columns else ():
             if not (isinstance(names := json.loads(text), list) and all(isinstance(name, str) for name in names)):
                 raise ValueError("column 'methods' is no list of labels")
-    except (ValueError, KeyError, OverflowError, RecursionError, pd.errors.ParserError) as fault:
-        raise InputError(f"is no score table ({one_line(fault)})", path, "bundle again") from fault
     check_values(path, Table.from_pandas(rows, preserve_index=False))
     return rows
 

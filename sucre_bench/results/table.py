@@ -29,8 +29,8 @@ from sucre_bench.errors import (
     MissingFileError,
     OutputError,
     file_error,
+    in_words,
     is_utf8,
-    one_line,
 )
 from sucre_bench.machine.cache import waited_lock
 from sucre_bench.machine.files import not_writable, regular, write_atomically
@@ -105,6 +105,8 @@ def _file(path: Path, labels: Mapping[str, str]) -> pyarrow.Table | None:
         columns = {}
         for name in COLUMNS:
             column = f"column '{name}'"
+            if name not in held.column_names:
+                raise ValueError("is missing")
             columns[name] = held[name].cast(NUMBERS.get(name, "large_string"))
     except FileNotFoundError:
         return None
@@ -113,7 +115,7 @@ def _file(path: Path, labels: Mapping[str, str]) -> pyarrow.Table | None:
     except (ForbiddenFileError, ImportError):
         raise
     except ANY_FAULT as fault:  # unpacking damaged bytes raises errors of many kinds, pyarrow's OSError among them
-        raise _damaged(path, f"{column}: {one_line(fault)}") from fault
+        raise _damaged(path, f"{column}: {in_words(fault)}") from fault
     rows = pyarrow.table(columns)
     check_values(path, rows)
     for name, label in labels.items():

@@ -7,6 +7,7 @@ import functools
 import io
 import json
 import os
+import re
 import tempfile
 import warnings
 from collections.abc import Callable
@@ -92,6 +93,7 @@ def check_names(fault: SucreBenchError, place: object) -> None:
     """The fault is one line that names the place."""
     assert str(place) in str(fault)
     assert len(str(fault).splitlines()) == 1
+    assert not re.search(r"\b[A-Z]\w*Error\b", str(fault))
 
 
 changes = st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=8)), max_size=4)

@@ -91,8 +91,16 @@ def test_a_table_that_cannot_be_used_is_one_line_with_file_and_column(
         assert "scores.parquet" in done.stderr
         assert said in done.stderr
         assert len(done.errors) == 1
-        assert "Traceback" not in done.stderr
+        assert not re.search(r"Traceback|\w+Error\b", done.stderr)
         assert (path.read_bytes() if path.is_file() else None) == before
+
+
+def test_a_table_of_nothing_but_nan_is_one_line_with_a_remedy(tmp_path: Path):
+    (tmp_path / "results").mkdir()
+    column("value", float("nan"))(tmp_path / "results/scores.parquet")
+    done = run_here(tmp_path, "compare", "results")
+    assert done.returncode == 2
+    assert [re.fullmatch(r"error: results: .*gain.*; [^;]+", line) is not None for line in done.errors] == [True]
 
 
 def fault_of_reading(folder: Path) -> str:

@@ -1,6 +1,6 @@
 """What a script passes wrongly to a public name: always an error of sucre_bench, in one line that says what to pass."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -159,15 +159,24 @@ def test_the_table_has_every_public_name():
 
 
 class Textless:
-    """An object that cannot be shown."""
+    """An object that cannot be shown, and not be looked through."""
 
     def __repr__(self) -> str:
         raise RuntimeError("no text")
+
+    def __iter__(self) -> Iterator[str]:
+        raise RuntimeError("no words")
 
 
 def test_an_object_without_a_text_is_named_by_its_class():
     with pytest.raises(sb.InputError, match=r"^Scene\(name\): is Textless; pass text"):
         sb.Scene(Textless(), [], frozenset())
+
+
+@pytest.mark.parametrize("words", [Textless(), (str(1 // n) for n in (1, 0))], ids=["collection", "generator"])
+def test_an_iterator_that_raises_is_named_by_its_argument(words: Iterable[str]):
+    with pytest.raises(sb.InputError, match=r"^dataset\(requires\): raises \w+Error.*; pass a list"):
+        sb.dataset(name="a", requires=words)
 
 
 @pytest.mark.parametrize("name", ["list_datasets", "list_experiments", "list_methods", "list_metrics"])
@@ -188,7 +197,7 @@ def test_a_wrong_argument_is_one_line_that_says_what_to_pass(
         for kind, value in BAD.items():
             if kind in taken:
                 continue
-            with pytest.raises(sb.SucreBenchError, match=r"\A[^\n]+; [^\n]+\Z"):
+            with pytest.raises(sb.SucreBenchError, match=r"\A(?=.{,1000}\Z)[^\n]+; [^\n]+\Z"):
                 pytest.fail(f"{argument} took {kind}: {type(call(**{**good, argument: value}))}")
     if isinstance(call, type):
         with pytest.raises(sb.InputError, match=r"\A[^\n]+'no_such'; [^\n]+\Z"):

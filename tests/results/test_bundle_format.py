@@ -87,6 +87,7 @@ def entry(name: str, mode: int = stat.S_IFREG | 0o644) -> zipfile.ZipInfo:
 
 
 HOSTILE = {
+    "nameless": [(entry(""), b"x")],
     "parent": [(entry("../evil"), b"x")],
     "inner parent": [(entry("restored/../../evil"), b"x")],
     "absolute": [(entry("/etc/evil"), b"x")],
