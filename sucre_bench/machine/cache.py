@@ -49,6 +49,7 @@ def waited_lock(path: Path, patience_s: float = -1, silent_s: float = _SILENT_S)
             except TimeoutError:
                 raise InputError(f"{lock.lock_file}: {held}") from None
 
+    path.touch()  # where no file can be made, FileLock would wait
     try:
         lock = acquire(FileLock(path))
     except OSError as fault:

@@ -21,7 +21,7 @@ from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING
 
-from sucre_bench.errors import InputError, OutputError, SucreBenchError, one_line
+from sucre_bench.errors import InputError, OutputError, SucreBenchError, in_words
 from sucre_bench.machine.cache import get_or_make, waited_lock
 from sucre_bench.machine.files import regular, temporary_folder, user_cache, write_atomically
 from sucre_bench.machine.packages import version_of
@@ -109,7 +109,7 @@ def one_line_for(uri: str) -> Iterator[None]:
     except SucreBenchError:
         raise
     except Exception as fault:
-        reason = shorten(masked(one_line(fault)), 200)
+        reason = shorten(masked(in_words(fault)), 200)
         raise OutputError(f"cannot log in mlflow, {reason}", masked(uri), "check the URI") from fault
 
 
