@@ -253,7 +253,7 @@ def _table(path: Path, content: bytes, columns: Sequence[str]) -> DataFrame:
     from pyarrow import Table
 
     with reading(path, "bundle again"):
-        read = pd.read_csv(io.BytesIO(content), dtype="str", keep_default_na=False)[list(columns)]
+        read = pd.read_csv(io.BytesIO(content), dtype="str", keep_default_na=False, usecols=list(columns))
         # Not by pandas: some of its versions lose the last digits of a number.
         numbers = {name: [float(text or "nan") for text in read[name]] for name in columns if name in NUMBERS}
         rows = read.assign(**numbers).astype(frame([]).dtypes.to_dict())
