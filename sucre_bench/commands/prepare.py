@@ -53,6 +53,7 @@ _MOST_NAMED = 5  # left-out photos of a kind that are named
     help="single: all photos share a camera; folder: those of a folder do; image: none do. Photos of different sizes"
     " never do.",
 )
+@shared.option("--focal", of=float, metavar="WIDTHS", help="Hold this focal length, in longer sides of a photo.")
 @shared.option(
     "--max-size",
     of=click.IntRange(min=0),
@@ -147,6 +148,7 @@ def prepare(
         median, (worst, name) = off[len(off) // 2][0], off[-1]
         at_worst = f"{100 * worst:.2f} % in {name} at worst"
         click.echo(f"depth    {100 * median:.2f} % off the sparse points (median), {at_worst}")
+    click.echo(f"lens     focal length {done.focal}")
     click.echo(f"scale    {done.scale.note}{', kept from before' if done.is_kept else ''}")
     click.echo(f"page     {out / 'quality.html'}")
     restored = out.with_name(f"{out.name}-restored")

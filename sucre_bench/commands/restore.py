@@ -37,6 +37,7 @@ _MOST_NAMED = 5
     metavar="FOLDER",
     help="Photographs that a DIVE was prepared from [default: where they were then].",
 )
+@shared.option("--focal", of=float, metavar="WIDTHS", help="Hold this focal length, in longer sides of a photograph.")
 @shared.flag(
     "--original-geometry", help="Distort pictures back, as the camera saw them; without it they are undistorted."
 )
@@ -49,6 +50,7 @@ def restore(
     method: str,
     single_view: str,
     photos: Path | None,
+    focal: float | None,
     original_geometry: bool,
     quality: int,
 ) -> None:
@@ -79,7 +81,7 @@ def restore(
     if any(folder.resolve() in out.resolve().parents for folder in inputs):
         raise InputError("lies in the folder of the photographs", out, "name a folder elsewhere")
     options = pipeline.Options(method, single_view, quality, original_geometry, *pipeline.sorted_words(words, method))
-    found, options, unplaced = _prepared(pipeline.source_of(source, photos), source, out, options)
+    found, options, unplaced = _prepared(pipeline.source_of(source, photos), source, out, options, focal)
     done = pipeline.restore(found, out, options, shared.say_whether_measurable)
     for name, why in list(done.faults.items())[:_MOST_NAMED]:
         click.echo(f"no picture of {name}: {why}")
@@ -108,7 +110,9 @@ def restore(
     sys.exit(1 if done.faults or done.has_failed else 0)
 
 
-def _prepared(found: Source, source: Path, out: Path, options: Options) -> tuple[Source, Options, str]:
+def _prepared(
+    found: Source, source: Path, out: Path, options: Options, focal: float | None
+) -> tuple[Source, Options, str]:
     """Prepare photographs if the method needs that; return what is restored, how, and why photographs have no scene.
 
     Photographs that cannot be prepared, because they do not overlap for example, are restored one by one.
@@ -116,18 +120,23 @@ def _prepared(found: Source, source: Path, out: Path, options: Options) -> tuple
     from dataclasses import replace
 
     from sucre_bench.jobs.catalogue import method_choice
+    from sucre_bench.programs import prepare
     from sucre_bench.programs.prepare import pipeline
     from sucre_bench.programs.prepare.shots import load_pycolmap
     from sucre_bench.programs.restore.pipeline import source_of
 
+    is_alone = not found.is_dive and not method_choice(options.method, {}).plugin.needs
+    if focal is not None and (found.is_dive or is_alone):
+        raise InputError("is for photographs that are prepared here", "--focal", "leave it out, or give it to prepare")
     if found.is_dive:
         return found, options, ""
-    if not method_choice(options.method, {}).plugin.needs:
+    if is_alone:
         return found, replace(options, single_view=options.method), ""
     load_pycolmap("restore")
+    wanted = prepare.Options(focal=focal)
     with progress.live():
         try:
-            prepared = pipeline.prepare(source, out / "work" / "dive", again=True)
+            prepared = pipeline.prepare(source, out / "work" / "dive", wanted, again=True)
         except InputError as fault:
             progress.say(f"each photograph is restored alone, by {options.single_view}: {fault.without_remedy}")
             return found, options, fault.fault

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from sucre_bench.errors import InputError
+
 Matching = Literal["auto", "exhaustive", "sequential"]
 CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"]
 Cameras = Literal["single", "folder", "image"]
@@ -19,19 +21,27 @@ class Options:
     """The options of `prepare`.
 
     masks: folder of masks, white where a photo is used; matching: pairs of photos, by their number if "auto"; camera:
-    COLMAP's camera model; cameras: photos that share one; max_size: longest side in pixels that photos are shrunk to,
+    COLMAP's camera model; cameras: photos that share one; focal: focal length that is held, in longer sides of a photo,
+    None: it is found; max_size: longest side in pixels that photos are shrunk to,
     0: not at all; surface: plane sweep or relief of the sparse points, by number if "auto"; depth_size: longest side in
     pixels of swept images; model: of another program, whose poses are kept; mesh: in the frame of that model, for the
     depths; depth: folder of depth or disparity maps of the photos, in any unit.
+    Raises InputError for a focal length that no camera has.
     """
 
     masks: Path | None = None
     matching: Matching = "auto"
     camera: CameraModel = "SIMPLE_RADIAL"
     cameras: Cameras = "single"
+    focal: float | None = None
     max_size: int = 0
     surface: Surface = "auto"
     depth_size: int = 800
     model: Path | None = None
     mesh: Path | None = None
     depth: Path | None = None
+
+    def __post_init__(self) -> None:
+        if self.focal is not None and not 0.2 <= self.focal <= 10:  # fields of view of 136 and 6 degrees
+            remedy = "divide pixels by the photo's longer side, or a 35 mm equivalent in millimetres by 36"
+            raise InputError(f"{self.focal:g} is not from 0.2 to 10 widths", "--focal", remedy)

@@ -10,6 +10,7 @@ import json
 import shutil
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -135,7 +136,7 @@ def _attempt(
             has_logo = _match(database, [photo.key for photo in photos], options, attempt)
         with processes.step("COLMAP's reconstruction"):
             if posed is None:
-                models = _map(database, len(photos), attempt)
+                models = _map(database, len(photos), attempt, options.focal is not None)
             else:
                 models = [pycolmap.triangulate_points(posed, database, folder / "gray", folder)]
         if models:
@@ -164,23 +165,38 @@ def _find_features(database: Path, photos: Sequence[Photo], options: Options, at
     for photo in photos:
         parent = str(PurePosixPath(photo.output).parent)
         by = {"single": "", "folder": parent, "image": photo.output}[options.cameras]
-        groups[by, photo.size].append(photo.key)
+        groups[by, photo.size].append(photo)
     listed, mode = folder / "listed", pycolmap.CameraMode.SINGLE
     if not listed.is_file():  # else photos would be numbered as they finish; other numbers give other models
         for old in folder.glob(f"{database.name}*"):
             old.unlink()
         pycolmap.Database.open(database).close()  # makes the file
-        for names in groups.values():
-            pycolmap.import_images(database, folder / "gray", mode, names, reader)
+        for group in groups.values():
+            # The gray pictures have no EXIF. Below water its focal length is no more than a start.
+            reader.default_focal_length_factor = options.focal or _exif_focal(group[0].path)
+            pycolmap.import_images(database, folder / "gray", mode, [photo.key for photo in group], reader)
+        if options.focal is not None:
+            with pycolmap.Database.open(database) as opened:
+                for camera in opened.read_all_cameras():
+                    camera.has_prior_focal_length = True
+                    opened.update_camera(camera)
         listed.touch()
     with line("finding features", len(photos)) as step:
-        for names in groups.values():
-            for batch in _batches(names, usable_cores()):  # except those that have features
+        for group in groups.values():
+            for batch in _batches([photo.key for photo in group], usable_cores()):  # except those that have features
                 pycolmap.extract_features(
                     database, folder / "gray", batch, mode, reader, extraction, pycolmap.Device.cpu
                 )
                 for _ in batch:
                     step()
+
+
+def _exif_focal(path: Path) -> float:
+    """The focal length that a photo's EXIF tells, in longer sides; without any COLMAP's usual guess."""
+    with suppress(ValueError):  # COLMAP cannot read every format
+        camera = load_pycolmap().infer_camera_from_image(path)
+        return float(camera.mean_focal_length() / max(camera.width, camera.height))
+    return 1.2
 
 
 def _batches(items: Sequence[Any], size: int) -> list[Sequence[Any]]:
@@ -239,8 +255,8 @@ def _has_logo(opened: Any, pairs: Sequence[tuple[str, str]]) -> bool:
     return bool(0 < cells.mean() <= _LARGEST)
 
 
-def _map(database: Path, count: int, attempt: _Attempt) -> list[Any]:
-    """All models, the one with the most photos first. count: number of photos."""
+def _map(database: Path, count: int, attempt: _Attempt, is_held: bool) -> list[Any]:
+    """All models, the one with the most photos first. count: number of photos; is_held: whether the focal length is."""
     pycolmap, folder = load_pycolmap(), database.parent
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed, options.min_model_size, options.extract_colors = 0, 2, False
@@ -248,6 +264,7 @@ def _map(database: Path, count: int, attempt: _Attempt) -> list[Any]:
     options.mapper.init_min_num_inliers = attempt.start_inliers
     options.mapper.abs_pose_min_num_inliers = attempt.pose_inliers
     options.ba_global_function_tolerance = 1e-6
+    options.ba_refine_focal_length = not is_held
     output = folder / "models"
     shutil.rmtree(output, ignore_errors=True)
     output.mkdir()

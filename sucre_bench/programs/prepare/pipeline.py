@@ -79,7 +79,7 @@ def _prepare(folder: Path, out: Path, options: Options, known: Known, again: boo
     asked = json.loads(json.dumps({"photos": folder.resolve(), **values}, default=str))
     _check_asked(work / "options.json", asked, again or before is None)
 
-    rules = options.matching, options.camera, options.cameras
+    rules = options.matching, options.camera, options.cameras, *filter(None, [options.focal])
     mapping = _stage(work, "model", [photo.stamp for photo in photos], rules, *_stamps(options.model))
     if damaged and not mapping.done.is_file():  # before mapping, which may take long
         say(f"{len(damaged)} of {len(photos) + len(damaged)} photos are damaged, {min(damaged)} among them")
@@ -122,10 +122,9 @@ def _prepare(folder: Path, out: Path, options: Options, known: Known, again: boo
         return DepthMap(masked(depth, shot, masks), masked(origin, shot, masks))
 
     scale = scale or find_scale(known, shots, outputs, lambda shot: maps(shot).depth, options.model is not None)
-    warnings += _warnings(mapped, faults)
-    made = Prepared(
-        out, (), damaged, _unplaced(photos, mapped, options.model), scale, known, warnings, keys, True, is_kept
-    )
+    unplaced = _unplaced(photos, mapped, options.model)
+    warnings += _warnings(mapped, len(unplaced), faults)
+    made = Prepared(out, (), damaged, unplaced, scale, known, warnings, keys, True, is_kept)
     result = _stage(work, "result", surface.key, scale, sorted(damaged))
     result.done.unlink(missing_ok=True)
     made = write_result(made, pinhole, mapped, shots, (made_from, maps), asked, result.folder)
@@ -168,6 +167,8 @@ def _stamps(path: Path | None) -> list[object]:
 
 
 def _check_options(options: Options) -> None:
+    if options.focal and options.model:
+        raise InputError("is part of the model that --model gives", "--focal", "give one of them")
     if options.mesh and options.depth:
         raise InputError("gives depths, as --depth does", "--mesh", "give one of them")
     if options.mesh and not options.model:
@@ -228,13 +229,13 @@ def _unplaced(photos: Sequence[Photo], mapped: Mapped, model: Path | None) -> di
     return unplaced
 
 
-def _warnings(mapped: Mapped, faults: Mapping[str, str]) -> tuple[str, ...]:
-    """What to know of a model, and of the photos without a depth map, by their faults."""
+def _warnings(mapped: Mapped, unplaced: int, faults: Mapping[str, str]) -> tuple[str, ...]:
+    """What to know of a model, of photos without a place in it, and of those without a depth map, by their faults."""
     warnings = [f"no depth for {name}: {why}" for name, why in faults.items()]
-    if len(mapped.groups) > 1 and mapped.groups[1] > 2:
-        sizes = " and ".join(map(str, mapped.groups))
-        apart = f"the photos fall into groups of {sizes} that share no views; only the first is used"
-        warnings.insert(0, f"{apart}; prepare each place from a folder of its own")
+    if unplaced > 1 and mapped.attempt != "given":
+        sizes = f" (groups of {' and '.join(map(str, mapped.groups[1:]))} fit each other)" if mapped.groups[1:] else ""
+        apart = f"{unplaced} photos fit nowhere among the {len(mapped.registered)} that are used{sizes}"
+        warnings.insert(0, f"{apart}; prepare another place from a folder of its own, or add photos between")
     if mapped.has_logo:
         wrong = "something stands at one place of all photos, as a logo does, and its depth is wrong"
         warnings.insert(0, f"{wrong}; mask it with `sucre-bench prepare --masks`")

@@ -67,7 +67,7 @@ class Prepared:
     out: its folder; qualities: figures of its images; damaged, unplaced: photos left out, with reason and remedy;
     scale; known: what the scale was found from; warnings; keys: of the model and of the depth maps' stage, which decide
     whether a scale and a length are still valid; is_new: False if nothing had to be done; is_kept: whether the scale is
-    that of an earlier command.
+    that of an earlier command; focal: see `_focal`.
     """
 
     out: Path
@@ -80,6 +80,7 @@ class Prepared:
     keys: tuple[str, str]
     is_new: bool = True
     is_kept: bool = False
+    focal: str = ""
 
     @property
     def photos(self) -> int:
@@ -110,7 +111,8 @@ def read_record(out: Path) -> Prepared | None:
         qualities = tuple(Quality(**{k: nan if v is None else v for k, v in q.items()}) for q in record["images"])
         keys = record["made_of"]["model"], record["made_of"]["depths"]
         damaged, unplaced, warnings = dict(record["damaged"]), dict(record["unplaced"]), tuple(record["warnings"])
-        return Prepared(out, qualities, damaged, unplaced, Scale(**scale), dict(known), warnings, keys)
+        focal = _focal(record["cameras"], record["options"])
+        return Prepared(out, qualities, damaged, unplaced, Scale(**scale), dict(known), warnings, keys, focal=focal)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as fault:
         remedy = "remove it, and give the scale again if one was given"
         raise InputError("is not what prepare wrote", file, remedy) from fault
@@ -154,9 +156,10 @@ def write_result(
     off = 100 * float(np.nanmedian([q.depth_error for q in qualities]))
     if off > 100 * _MILD_ERROR and not (asked["mesh"] or asked["depth"]):
         fault = f"depth is {off:.1f} % off the sparse points, so the lens or the camera positions are wrong"
-        remedy = "add photos from other heights and directions, or give a model of a calibrated camera with --model"
+        remedy = "add photos from other heights and directions, or hold the focal length of a calibration with --focal"
         made = replace(made, warnings=(*made.warnings, f"{fault}; {remedy}"))
-    made = replace(made, qualities=tuple(qualities))
+    cameras = _cameras(pycolmap.Reconstruction(mapped.model))
+    made = replace(made, qualities=tuple(qualities), focal=_focal(cameras, asked))
     for folder in _FOLDERS:  # renamed, because deleting takes long, and a stop would leave no result
         if (out / folder).exists():
             (out / folder).rename(aside / f"old-{folder}")
@@ -172,6 +175,7 @@ def write_result(
         "photos placed": f"{len(shots)} of {made.photos}, {_ATTEMPTS[mapped.attempt]}",
         "sparse points": f"{model.num_points3D()}, each seen by {model.compute_mean_track_length():.1f} photos",
         "reprojection error": f"{error:.2f} px",
+        "focal length": made.focal,
         "pixels with depth": f"{covered:.0f} %" + (parts if measured else ""),
         "depth against sparse points": f"{off:.2f} % (median)",
         "surface": made_from,
@@ -180,26 +184,38 @@ def write_result(
     unit, title = "m" if made.scale.is_metric else "no unit", out.resolve().name
     page = {"title": title, "unit": unit, "made": made, "facts": facts, "pictures": pictures}
     write_atomically(out / "quality.html", filled_in(__package__, "quality.html.j2", **page))
-    _write_record(made, asked, facts, pycolmap.Reconstruction(mapped.model).cameras)
+    _write_record(made, asked, facts, cameras)
     return made
 
 
-def _write_record(made: Prepared, asked: Mapping[str, Any], facts: Any, cameras: Mapping[int, Any]) -> None:
-    """Write prepare.json. cameras: of the distorted photos; `order` names their params in COLMAP's order."""
+def _cameras(model: Any) -> dict[str, dict[str, Any]]:
+    """The cameras of the distorted photos, for prepare.json; `order` names their params in COLMAP's order."""
+    return {
+        str(number): {
+            "model": camera.model.name,
+            "width": camera.width,
+            "height": camera.height,
+            "order": [name.strip() for name in camera.params_info.split(",")],
+            "params": [float(value) for value in camera.params],
+        }
+        for number, camera in model.cameras.items()
+    }
+
+
+def _focal(cameras: Mapping[str, Any], options: Mapping[str, Any]) -> str:
+    """The cameras' focal lengths, for people."""
+    found = [camera["params"][0] / max(camera["width"], camera["height"]) for camera in cameras.values()]
+    widths = " to ".join(sorted({f"{width:.2f}" for width in (min(found), max(found))}))
+    return f"{widths} widths (longer sides) of a photo{', held' if options.get('focal') else ''}"
+
+
+def _write_record(made: Prepared, asked: Mapping[str, Any], facts: Any, cameras: Mapping[str, Any]) -> None:
+    """Write prepare.json."""
     record = {
         "photos": asked["photos"],
         "options": {name: value for name, value in asked.items() if name != "photos"},
         "facts": facts,
-        "cameras": {
-            str(number): {
-                "model": camera.model.name,
-                "width": camera.width,
-                "height": camera.height,
-                "order": [name.strip() for name in camera.params_info.split(",")],
-                "params": [float(value) for value in camera.params],
-            }
-            for number, camera in cameras.items()
-        },
+        "cameras": cameras,
         "versions": {name: importlib.metadata.version(name) for name in _PACKAGES},
         "scale": {**asdict(made.scale), "known": made.known},
         "damaged": made.damaged,

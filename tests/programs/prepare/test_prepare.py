@@ -12,6 +12,8 @@ import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from PIL import Image
+from PIL.ExifTags import IFD, Base
 from support.messages import Lines
 from support.photographed_valley import DISTORTION, HEIGHT, NAMES, PLACES, POSES, WIDTH, photograph, true_depth, write
 
@@ -136,9 +138,12 @@ def test_options_that_are_damaged_are_refused(prepared: Prepared, photos: Path, 
     file.write_text(before)
 
 
-def test_other_options_are_refused_for_a_folder_made_before(prepared: Prepared, photos: Path):
-    with pytest.raises(InputError, match=r"depth_size=800.*\b300\b.*--again"):
-        prepare(photos / "photos", prepared.out, Options(masks=photos / "masks", depth_size=300))
+@pytest.mark.parametrize(("name", "value", "was"), [("depth_size", 300, "800"), ("focal", 1.0, "None")])
+def test_other_options_are_refused_for_a_folder_made_before(
+    name: str, value: Any, was: str, prepared: Prepared, photos: Path
+):
+    with pytest.raises(InputError, match=rf"{name}={was}, not {value}; .*--again"):
+        prepare(photos / "photos", prepared.out, replace(Options(masks=photos / "masks"), **{name: value}))
 
 
 # -- the scale, as the command takes it ------------------------------------------------------------------
@@ -188,6 +193,7 @@ def test_every_way_to_give_the_scale_makes_metres(how: str, prepared: Prepared, 
     factor = scale["metres_per_unit"]
     assert factor == pytest.approx(FAR * prepared.scale.metres_per_unit, rel=0.02)
     assert f"{factor:.3g}"[:4] in said.partition("scale    ")[2].partition("\n")[0]
+    assert float(said.partition("focal length ")[2].split()[0]) == pytest.approx(290 / WIDTH, rel=0.03)
     left_out = [line.split(":")[0].split()[-1] for line in said.splitlines() if line.startswith("left out")]
     assert left_out == ["cut.png", "else.png"]
 
@@ -271,6 +277,52 @@ def test_equal_photos_give_an_equal_model_and_progress_counts_each_once_where_ma
     models = [[path.read_bytes() for path in sorted(one.model.glob("*.bin"))] for one in (mapped, straight)]
     assert len(models[0]) >= 3
     assert models[0] == models[1]
+
+
+@pytest.mark.parametrize("focal", [290 / WIDTH, 1.1])
+def test_a_focal_length_is_held_and_the_rest_of_the_lens_is_found(
+    focal: float, four: tuple[list[Photo], mapping.Mapped], tmp_path: Path
+):
+    mapped = mapping.map_photos(four[0], tmp_path, replace(RULES, focal=focal))
+    assert len(mapped.registered) == 4
+    lens = read_model(mapped.model, tmp_path, distorted=True)[0].lens
+    assert lens is not None
+    assert lens.camera.K[0, 0] == pytest.approx(focal * WIDTH, abs=1e-6)
+    if focal < 1:
+        assert lens.coefficients[0] == pytest.approx(DISTORTION[0], abs=0.02)
+
+
+def test_mapping_starts_from_the_focal_length_in_exif_and_finds_the_true_one(tmp_path: Path):
+    import pycolmap
+
+    tags = Image.Exif()
+    tags.get_ifd(IFD.Exif)[Base.FocalLengthIn35mmFilm] = 24  # in air; the port of a housing makes it 1.33 times longer
+    (tmp_path / "photos").mkdir()
+    for i, pose in enumerate(POSES[:4]):
+        Image.fromarray(photograph(pose)).save(tmp_path / "photos" / f"{i}.jpg", quality=95, exif=tags)
+    mapped = mapping.map_photos(find_photos(tmp_path / "photos", None, 0, tmp_path)[0], tmp_path / "work", RULES)
+    with pycolmap.Database.open(mapped.model.parent / "database.db") as opened:
+        (camera,) = opened.read_all_cameras()
+    assert camera.mean_focal_length() / WIDTH == pytest.approx(24 / 36, rel=0.05)
+    lens = read_model(mapped.model, tmp_path, distorted=True)[0].lens
+    assert lens is not None
+    assert lens.camera.K[0, 0] == pytest.approx(290, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("words", "fault"),
+    [
+        (["--focal", "24"], "24 is not from 0.2 to 10 widths"),
+        (["--focal", "nan"], "nan is not from"),
+        (["--focal", "-1"], "-1 is not from"),
+        (["--focal", "1", "--model", "sparse"], "--model"),
+    ],
+)
+def test_a_focal_length_that_no_camera_has_is_refused(words: list[str], fault: str, photos: Path, tmp_path: Path):
+    with pytest.raises(InputError, match="--focal") as refused:
+        CliRunner().invoke(command, [str(photos / "photos"), str(tmp_path / "o"), *words], catch_exceptions=False)
+    assert fault in str(refused.value)
+    assert not (tmp_path / "o").exists()
 
 
 # -- stopped half-way ------------------------------------------------------------------------------------
