@@ -19,8 +19,8 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
-from sucre_bench.errors import InputError, in_words
-from sucre_bench.machine.files import regular
+from sucre_bench.errors import InputError
+from sucre_bench.machine.files import reading, regular
 from sucre_bench.machine.text_formats import read_yaml
 
 # The least ratio of the pinhole's focal length to the photograph's. A quarter is a fisheye of 160 degrees; it shows the
@@ -278,9 +278,7 @@ def read_kalibr(path: Path, size: tuple[int, int]) -> Lens:
     size: (width, height) of the images in pixels, for a file without it. Raises InputError if the file cannot be read
     or holds no pinhole camera with one of the distortions above.
     """
-    import yaml
-
-    try:
+    with reading(path, "give a camchain, or a report on camera and IMU, as Kalibr writes them"):
         text = regular(path).read_text(encoding="utf-8")
         stored = _report(text) if path.suffix.lower() == ".txt" else read_yaml(text)
         stored = stored.get("cam0", stored)
@@ -292,9 +290,6 @@ def read_kalibr(path: Path, size: tuple[int, int]) -> Lens:
             raise ValueError(f"{kind[0]} with {kind[1]} distortion is not known here")
         if not (np.isfinite([x, y, *coefficients]).all() and min(focal_x, focal_y, width, height) > 0):
             raise ValueError(f"focal length {focal_x:g}, {focal_y:g} for {width}x{height}")
-    except (OSError, yaml.YAMLError, KeyError, AttributeError, TypeError, ValueError, RecursionError) as fault:
-        expected = "a camchain, or a report on camera and IMU, as Kalibr writes them"
-        raise InputError(f"is no camera ({in_words(fault)})", path, f"expected {expected}") from fault
     while coefficients and coefficients[-1] == 0:
         coefficients.pop()
     K = np.array([[focal_x, 0, x + 0.5], [0, focal_y, y + 0.5], [0, 0, 1]], dtype=np.float64)

@@ -5,8 +5,6 @@ import functools
 import io
 import json
 import math
-import struct
-import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,6 +21,7 @@ from sucre_bench.engine.score import Scorer, needs_unrounded
 from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError
 from sucre_bench.imaging.image_files import decode_bytes, image_size
 from sucre_bench.machine import progress
+from sucre_bench.machine.files import reading
 from sucre_bench.plugins.call_method import with_truth
 from sucre_bench.programs.verify import TOLERANCE
 from sucre_bench.programs.verify.score_again import Pictured, Scenes, metrics_of, open_data
@@ -194,12 +193,8 @@ def _opened(bundle: Bundle, picture_of: Callable[[str], Array], row: Any) -> _Op
     files = (image, image.with_suffix(".json"), place.original(Path()), place.reference(Path()))
     name, record_name, view, reference = (name if (name := file.as_posix()) in bundle.inside else "" for file in files)
     picture, remedy = picture_of(name), "ask who made the bundle"
-    try:
+    with reading(bundle.path / name, f"{remedy} for another"):
         mask = mask_in(io.BytesIO(bundle.read(name)), bundle.path / name)
-    except (ValueError, struct.error, zlib.error) as damaged:
-        raise InputError(
-            f"{name}: its mask cannot be read ({damaged})", bundle.path, f"{remedy} for another"
-        ) from damaged
     # Pictures of earlier versions have no mask: their holes are among the black pixels.
     is_hole = (picture == 0).all(axis=-1) if mask is None else ~mask
     n_most, n_holes = int(is_hole.sum()), is_hole.size - int(row.n_pixels)
@@ -208,10 +203,8 @@ def _opened(bundle: Bundle, picture_of: Callable[[str], Array], row: Any) -> _Op
         raise InputError(f"{name}: {fault}", bundle.path, remedy)
     if n_holes:
         picture = np.where(is_hole[..., None], np.float32(np.nan), picture)
-    try:
+    with reading(bundle.path / record_name, f"{remedy} for another"):
         record = json.loads(bundle.read(record_name)) if record_name else {}
-    except (ValueError, RecursionError) as fault:
-        raise InputError(f"{record_name}: is no JSON", bundle.path, f"{remedy} for another") from fault
     record = record if isinstance(record, dict) else {}
     water = water_of(record, bundle.path / record_name)
     record.pop("true_water", None)  # metrics get that of the data
