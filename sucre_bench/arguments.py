@@ -13,7 +13,7 @@ from sucre_bench.errors import InputError, is_utf8, one_line, shown_value
 P = ParamSpec("P")
 T = TypeVar("T")
 
-_WORDS = {str: "text", int: "a whole number", float: "a number", bool: "True or False", type(None): "None"}
+_WORDS = {str: "text", int: "a whole number below 2^63", float: "a number", bool: "True or False", type(None): "None"}
 _WORDS |= {Mapping: "a dict", Path: "a path"}
 
 

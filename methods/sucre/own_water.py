@@ -123,7 +123,7 @@ class OwnWater:
         It is one where weak priors decide the water of most channels, and noise fills a channel. The standard deviation
         is then that of one observation.
         """
-        if is_determined(solution.uncertainty) or (np.median(solution.deviation, axis=1) <= _LOST).all():
+        if is_determined(solution.uncertainty) or not (np.median(solution.deviation, axis=1) > _LOST).any():
             return solution
         none = WaterParameters.of_channels(np.zeros((3, 3)))
         without = colours_for_water(observations, none, None, self.options.backend, self.options.device)

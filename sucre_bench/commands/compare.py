@@ -43,7 +43,8 @@ if TYPE_CHECKING:
     "limits",
     multiple=True,
     metavar="[METHOD/]METRIC=LIMIT",
-    help="With --baseline: exit with 1 if a method is worse by more than LIMIT, more than by chance. May be repeated.",
+    help="With --baseline: exit with 1 if a method is worse than the baseline by more than LIMIT and by more than"
+    " chance. psnr=-0.5 means 0.5 dB. May be repeated.",
 )
 @shared.flag("--common", help="If methods ran on different images, compare on the images they share.")
 @shared.flag("--intervals", help="Show 95 % intervals, and a sentence for each lead.")

@@ -162,7 +162,7 @@ def _table(
     lacks = frozenset[str]().union(*(of_colours.get(name, ()) for name in rows.loc[is_lack, "metric"].unique()))
     has_holes = leaves_holes(fresh)  # else all methods fill the same pixels
     if has_holes and len(filled := filled_rows(rows)):
-        found = [*_by_table(filled.assign(_one=0), ["_one"]).get((0,), ()), *found]
+        found = [*_by_table(filled.assign(_one=0, _asked=True), ["_one"]).get((0,), ()), *found]
     made, repetitions, measured = dict[Column, DataFrame](), dict[Column, DataFrame](), dict[Column, ColumnScores]()
     for column, repeated, values in map(_column, found):
         if column.n_units:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _STYLE = {"best": "bold green", "second": "underline", "better": "green", "worse": "red"}
 _SHORTEST_NAMES = 20  # characters that the names of methods have at least
 _MOST_NOTES = 5
-_MOST_BLOCKS = 3  # datasets with a block of their own
+_MOST_BLOCKS = 3  # comparisons with a block of their own
 
 
 @dataclass(frozen=True)
@@ -197,12 +197,12 @@ def _overview(comparisons: Sequence[Comparison], width: int) -> Text:
     if min(views) < max(views):
         few = sum(column.has_few_views for column in mains)
         over = [f"means over {min(views)} to {max(views)} views"]
-        over += [f"in {few} datasets over fewer than {FEWEST_VIEWS}, where intervals are rough"] * bool(few)
+        over += [f"in {few} tables over fewer than {FEWEST_VIEWS}, where intervals are rough"] * bool(few)
     dim = [_signs(comparisons[0], laid_out, over)]
     noted = [{note.kind for note in one.notes if {*note.columns} & {*mains}} for one in comparisons]
     for kind, where in (("common pixels", "on the pixels that all methods fill"), ("own pixels", "on own pixels")):
         if some := sum(kind in kinds for kinds in noted):
-            dim.append(f"in {some} of {n} datasets methods fill different pixels; scores are {where}")
+            dim.append(f"in {some} of {n} tables methods fill different pixels; scores are {where}")
     best = Counter(
         ranking[0]
         for one, ranking, column in zip(comparisons, ranked, mains, strict=True)
@@ -211,7 +211,7 @@ def _overview(comparisons: Sequence[Comparison], width: int) -> Text:
     counts = ", ".join(f"{name} in {times}" for name, times in best.most_common())
     said = [f"best {mains[0].metric}: {counts} of {n}"] if best else []
     said += [text for one in blind[:1] for text in (one.blind, one.advice)]
-    head = f"{words.title(mains[0])} of {n} datasets{': ' + prefix if prefix else ''}"
+    head = f"{words.title(mains[0])} of {n} tables{': ' + prefix if prefix else ''}"
     return _joined(head, _aligned(methods, laid_out, width, apart), dim, said, width)
 
 

@@ -221,7 +221,8 @@ def score(
     if result.image.shape != view.rgb.shape:
         sizes = f"is {result.image.shape}, the view {view.rgb.shape}"
         raise InputError(sizes, "score(result)", "restore the view at its own size")
-    info, metrics = result.info, [metrics] if isinstance(metrics, str) else metrics
+    metrics = [metrics] if isinstance(metrics, str) else metrics
+    info = {name: value for name, value in result.info.items() if value is not None}  # None: not measured, not known
     for name in info.keys() & _INFO:
         check_argument(f"score(result.info['{name}'])", info[name], _INFO[name])
     seed = info.get("options", {}).get("seed", 0)

@@ -55,7 +55,8 @@ def _literal(value: Any) -> Any:
 # Text in quotes, or a bare value of a list or a mapping.
 _VALUE = re.compile(r"""'(?:\\.|[^'])*'|"(?:\\.|[^"])*"|(?<![^,\[:])[^][{},:'"$ ]+(?![^],}])""")
 
-# A bare value with spaces at an end, which Hydra would leave out.
+# A bare name of a folder or label with spaces at an end, which Hydra would leave out.
+_NAMES = (".out", ".label", ".root")
 _SPACED = re.compile(r"""[ \t]+[^][{}(),:'"$]+|[^][{}(),:'"$]+[ \t]+""")
 
 
@@ -72,7 +73,7 @@ def parse(texts: Iterable[str]) -> list[Word]:
     for text in texts:
         key, equals, typed = text.partition("=")
         literal = typed if "(" in typed else _VALUE.sub(_literal_number, typed)
-        if _SPACED.fullmatch(typed):
+        if f".{key}".endswith(_NAMES) and _SPACED.fullmatch(typed):
             literal = f"'{typed}'"
         try:
             override = parser.parse_override(f"{key}{equals}{literal}")

@@ -93,7 +93,7 @@ DATASET: dict[str, tuple[Change, list[str]]] = {
     "not text": (lambda root: (root / "sparse/images.txt").write_bytes(b"\xff\xfe1"), ["images.txt", "not a COLMAP"]),
     "depths misnamed": (misname_depths, ["depths: no depth map is named after an image", "depth_a.png"]),
     "empty reference": (lambda root: (root / "reference").mkdir(), ["reference: no file is named", "a.png"]),
-    "charts: not JSON": (text("charts.json", '{"images": '), ["charts.json: cannot be read, JSON", "line 1"]),
+    "charts: not JSON": (text("charts.json", '{"images": '), ["charts.json: cannot be read", "line 1"]),
     "charts: no images": (charts({"a.png": {}}), ["charts.json: no charts by image", "write"]),
     "charts: image unknown": (charts({"images": {"aa.png": {"left": IN}}}), ["charts.json: 'aa.png'", "like 'a.png'"]),
     "charts: kind unknown": (chart({"kind": "dkg", "corners": IN}), ["charts.json: a.png, left", "'dkg'", "'dgk'"]),

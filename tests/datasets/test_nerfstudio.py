@@ -178,7 +178,7 @@ SCENE: dict[str, tuple[Change, list[str]]] = {
         lambda root: (root / "transforms.json").unlink(),
         ["transforms.json: ", "file; ", "dataset.transforms"],
     ),
-    "cut": (lambda root: cut(root / "transforms.json"), ["transforms.json: cannot be read, JSON"]),
+    "cut": (lambda root: cut(root / "transforms.json"), ["transforms.json: cannot be read", "line 1"]),
     "no frames": (edit(lambda content: content.update(frames=[])), ["transforms.json: ", "no frames"]),
     "a list": (lambda root: (root / "transforms.json").write_text("[1]"), ["transforms.json: ", "no frames"]),
     "a path above": (frame(file_path="../secret.png"), ["file_path ../secret.png", "outside", "dataset.root"]),

@@ -36,6 +36,12 @@ _STORED |= {347, 512, 513, 514, 530, 531, 532}
 _UNTYPED = {IFD.Exif: (37121, 37500, 37510, 41728, 41729, 41995), IFD.GPSInfo: (27, 28)}
 _PROFILE_TAG, _IPTC_TAG, _NO_COMPRESSION, _DEFLATE, _RGB = 34675, 33723, 1, 8, 2
 
+# Pillow writes a tag with the type in its own tables, so these learn the types once.
+TiffTags.TAGS_V2[_IPTC_TAG] = TiffTags.TagInfo(_IPTC_TAG, type=TiffTags.UNDEFINED)  # of any length
+for _directory, _tags in _UNTYPED.items():
+    _known: Any = TiffTags.TAGS_V2_GROUPS[_directory]
+    _known |= {tag: TiffTags.TagInfo(tag, type=TiffTags.UNDEFINED, length=1) for tag in _tags}
+
 
 def bits_of(photograph: Path) -> int:
     """Return the bits a channel of a photograph: 16 for PNG and TIFF files that have them, else 8. Reads its header."""
@@ -143,12 +149,8 @@ def _chunks(content: bytes) -> Iterator[bytes]:
 
 def _tiff(picture: npt.NDArray[Any], photograph: bytes) -> bytes:
     """A TIFF of one page and one strip, with the tags of a photograph that are not about its pixels."""
-    TiffTags.TAGS_V2[_IPTC_TAG] = TiffTags.TagInfo(_IPTC_TAG, type=TiffTags.UNDEFINED)  # of any length
     tags: Any = Image.Exif()  # of the first page, with the directories of EXIF and GPS
     tags.load(photograph)
-    for directory, untyped in _UNTYPED.items():
-        known: Any = TiffTags.TAGS_V2_GROUPS[directory]
-        known |= {tag: TiffTags.TagInfo(tag, type=TiffTags.UNDEFINED, length=1) for tag in untyped}
     is_packed = tags.get(_COMPRESSION, _NO_COMPRESSION) != _NO_COMPRESSION
     for tag in _STORED & set(tags):
         del tags[tag]
