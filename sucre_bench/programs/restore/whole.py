@@ -8,7 +8,8 @@ unknown cells (Gortler, Grzeszczuk, Szeliski & Cohen 1996, The lumigraph, sec. 3
 Open water has no colour of its own, so it stays as the photograph shows it. It is smooth, and has less red than all
 ground, since nothing is farther. Trust in a restored colour is 1 in cells where most distances were measured, and is
 continued from there over the image, held back by edges. Over open water it is lost within a few cells, elsewhere it
-stays. So a surface that goes on behind an edge of the ground, or a false match in the water, leaves no dark rim there.
+stays. Small patches of distances that look like open water are false. So a surface that goes on behind an edge of the
+ground, or a false match in the water, leaves no dark rim there.
 """
 
 import numpy as np
@@ -19,15 +20,17 @@ from sucre_bench.imaging.fill import cell_px, continued, in_cells
 from sucre_bench.imaging.filters import guided_filter
 from sucre_bench.loading.lens import Lens
 
-# The weight of no trust beside that of a neighbouring cell, in open water.
-_PULL = 0.1
+# The weight of no trust beside that of a neighbouring cell is this power of the likeness to open water. So holes in
+# the ground, which are a little like water everywhere, keep trust.
+_SHARP = 4
 
-# Cells of a patch that counts as measured: smaller ones are false matches on waves and in water.
-_FEWEST = 9
+# Cells of a patch that counts as measured: smaller ones are false matches on waves and in water. So are patches of
+# fewer than the second number of cells that look more like water than the share.
+_FEWEST, _LARGE, _WATERY = 9, 60, 0.2
 
 # Open water: its texture is below this share of the median texture of ground, its red below this quantile of ground's.
-# Lost trust in a disc cut out of the ground, of a fifth of the image's width: reef 2 %, flat seabed 5 %, tiles of a
-# pool 12 %. With a pull of 1 these are 24, 33 and 30 %.
+# Lost trust in a disc cut out of the ground, of a fifth of the image's width: reef 1 %, flat seabed 0, tiles of a pool
+# 5 %.
 _SMOOTH, _RED = 0.2, 0.01
 _FINE = 0.5  # standard deviation of the texture's filter, in cells; with wider ones a rim of water has the ground's
 _FINE_PX = 10  # pixels of a cell's side when trust is held at edges: more than that cost time and show nothing
@@ -83,15 +86,18 @@ def with_open_water(picture: Array, measured: Mask, photograph: Array) -> Array:
     texture = np.sqrt(in_cells((light - cv2.GaussianBlur(light, (0, 0), _FINE * n)) ** 2, n))
     known = in_cells(measured, n) > 0.5
     _, patch, found, _ = cv2.connectedComponentsWithStats(known.astype(np.uint8), connectivity=4)
-    known &= found[patch, cv2.CC_STAT_AREA] >= _FEWEST
+    cells = found[patch, cv2.CC_STAT_AREA]
+    known &= cells >= _FEWEST
     if not known.any():
         return picture
+    ground = large if (large := known & (cells >= _LARGE)).any() else known
     small = in_cells(photograph, n)
     red = small[..., 0] / np.maximum(small.sum(axis=-1), 1e-6)
-    rough = texture / max(_SMOOTH * float(np.median(texture[known])), 1e-6)
-    near = red / max(float(np.quantile(red[known], _RED)), 1e-6)
-    is_smooth, is_far = 1 / (1 + rough.clip(0, 10) ** 4), 1 / (1 + near.clip(0, 10) ** 16)
-    trust = continued(known.astype(np.float32), known, small, _PULL * is_smooth * is_far)
+    rough = texture / max(_SMOOTH * float(np.median(texture[ground])), 1e-6)
+    near = red / max(float(np.quantile(red[ground], _RED)), 1e-6)
+    watery = 1 / (1 + rough.clip(0, 10) ** 4) / (1 + near.clip(0, 10) ** 16)
+    known &= ground | (np.bincount(patch.ravel(), watery.ravel())[patch] < _WATERY * cells)
+    trust = continued(known.astype(np.float32), known, small, watery**_SHARP)
     size = measured.shape[::-1]
     guide = in_cells(photograph, step := -(-n // _FINE_PX))
     coarse = np.asarray(cv2.resize(trust, guide.shape[1::-1], interpolation=cv2.INTER_LINEAR), dtype=np.float32)

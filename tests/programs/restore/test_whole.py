@@ -32,7 +32,8 @@ def test_open_water_stays_as_photographed_and_holes_in_the_ground_do_not() -> No
     photograph = cv2.GaussianBlur(photograph.astype(np.float32), (0, 0), 1.5).clip(0, 1)
     measured = ground[..., 0] & ((x - 200) ** 2 + (y - 220) ** 2 > 30**2)
     picture = photograph + np.array([0.3, -0.1, -0.2], np.float32)
-    made = with_open_water(picture, measured, photograph)
+    false = (x - 200) ** 2 + (y - 40) ** 2 < 8**2  # 50 cells of depth that stands in the water
+    made = with_open_water(picture, measured | false, photograph)
     assert (made[measured] == picture[measured]).mean() > 0.98  # a cell of the rim may be mostly water
     np.testing.assert_allclose(made[:80], photograph[:80], atol=0.02)
     np.testing.assert_allclose(made[140:], picture[140:], atol=0.02)
