@@ -360,7 +360,7 @@ def test_many_datasets_say_on_which_pixels_their_scores_are():
             holed if n < 3 else replace(holed, coverage=1.0),
         )
     ]
-    assert re.search(r"\b3 of 4 datasets\b.*pixels", printed(compare.compare(frame(rows))).text)
+    assert re.search(r"\b3 of 4 tables\b.*pixels", printed(compare.compare(frame(rows))).text)
 
 
 def test_against_a_baseline_each_side_is_named():
