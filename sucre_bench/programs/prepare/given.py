@@ -7,6 +7,7 @@ Models are those of COLMAP, hloc, Metashape or nerfstudio. A COLMAP model keeps 
 points are made anew, at the given poses.
 """
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -47,24 +48,30 @@ _SIMPLER = 1.1  # a fit with one more parameter must be better than this
 def mesh_maps(path: Path, shots: Sequence[Shot]) -> DepthMaps:
     """Return the depth maps of a mesh in the model's frame. Raises InputError if it is in another one.
 
-    A mesh in millimetres, centimetres or feet, in a model in metres, is converted.
+    A mesh in millimetres, centimetres or feet, in a model in metres, is converted. One in .glb may be turned so that y
+    is up, as glTF has it: from z, or from what is up in the photos (`texture` does so).
     """
-    mesh = read_mesh(path)
+    from scipy.spatial.transform import Rotation
+
+    mesh, turns = read_mesh(path), [np.eye(3)]
+    if path.suffix.lower() == ".glb":
+        ups = np.array([0.0, 0, 1]), -np.sum([shot.cam_from_world[1, :3] for shot in shots], axis=0)
+        turns += [Rotation.align_vectors(np.array([[0.0, 1, 0]]), up[None])[0].as_matrix() for up in ups]
     checked = [shot for shot in shots if len(shot.points)][:: -(-len(shots) // _MOST_CHECKED)]
-    shares = {}
-    for unit in _UNITS:
-        maps, on_it = of_surface(replace(mesh, vertices=mesh.vertices * unit), GIVEN), [np.zeros(0, bool)]
+    shares = list[float]()
+    for turn, unit in itertools.product(turns, _UNITS):
+        maps, on_it = of_surface(replace(mesh, vertices=mesh.vertices @ turn * unit), GIVEN), [np.zeros(0, bool)]
         for shot in checked:
             xy, z = shot.seen_points()
             there = depth_at(maps(shot).depth, xy)
             on_it.append((there > 0) & (np.abs(there / z - 1) < _NEAR))
         seen = np.concatenate(on_it)
-        shares[unit] = float(seen.mean()) if len(seen) else 0.0
-        if shares[unit] >= _ENOUGH:
+        shares.append(float(seen.mean()) if len(seen) else 0.0)
+        if shares[-1] >= _ENOUGH:
             if _UNITS[unit]:
                 say(f"{path} fits the model when multiplied by {unit:g}; it seems to be in {_UNITS[unit]}")
             return maps
-    fault = f"is in another frame than the model: {100 * shares[1.0]:.0f} % of the sparse points lie on it"
+    fault = f"is in another frame than the model: {100 * shares[0]:.0f} % of the sparse points lie on it"
     raise InputError(fault, path, "export it from the program that made the model, in the same coordinates")
 
 

@@ -22,8 +22,9 @@ USED = POSES[:4]
 
 @pytest.fixture(scope="module")
 def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four photos, their true cameras for nerfstudio and COLMAP, and a mesh of the valley."""
+    """Four photos, their true cameras for nerfstudio and COLMAP, and a mesh of the valley; .glb has y up."""
     import open3d as o3d
+    from scipy.spatial.transform import Rotation
 
     root = tmp_path_factory.mktemp("given")
     flip = np.diag([1.0, -1, -1, 1])
@@ -42,6 +43,9 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     for name, factor, shift in (("valley.ply", 1, 0), ("millimetres.glb", 1000, 0), ("elsewhere.ply", 1, 1.5)):
         points = np.stack([x, y, z], -1).reshape(-1, 3) * factor + shift
+        if name.endswith(".glb"):
+            up = -np.mean([pose[1, :3] for pose in USED], axis=0)
+            points = Rotation.align_vectors([[0, 1, 0]], [up])[0].apply(points)
         vertices, faces = o3d.utility.Vector3dVector(points), o3d.utility.Vector3iVector(triangles)
         o3d.io.write_triangle_mesh(str(root / name), o3d.geometry.TriangleMesh(vertices, faces))
     return root
