@@ -19,7 +19,7 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -42,6 +42,7 @@ _COMMON = {"timeout_min", "cpus_per_task", "mem_gb", "gpus_per_node", "name"}
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 _USUAL_MAX_ARRAY = 1001  # slurm.conf(5)
 _TIMEOUT_S = 60  # of a question to the controller
+_SETTLE_S = 5.0  # a job has its result some time before SLURM calls it ended
 _CANCEL_S = 15.0  # SLURM's own patience with what it ends is 30 s (KillWait)
 _SAY_S = 30.0  # between two lines
 
@@ -83,12 +84,12 @@ def launch(jobs: Sequence[Job], submitit_folder: str, latency_s: float, **option
     place = "hydra/launcher=slurm"
     if not all(shutil.which(name) for name in ("sbatch", "squeue", "scancel", "srun")):
         raise InputError("no sbatch here", place, "give the command on a login node of the cluster")
-    if (states := job_states()) is None:
+    if job_states() is None:
         raise InputError("squeue gets no answer from the controller", place, "try again when it runs")
     folder = Path(submitit_folder).absolute()
     folder.mkdir(parents=True, exist_ok=True)
     earlier = {path.name.partition("_")[0] for path in folder.glob("*_submission.sh")}
-    if both := " ".join(sorted(earlier & _at_work(states))):  # they would do the same work
+    if both := " ".join(sorted(_at_work(earlier, _SETTLE_S))):  # they would do the same work
         fault = f"SLURM job {both} of an earlier command is not done"
         raise InputError(fault, folder, f"wait for it, or end it with `scancel {both}`")
     submitted: list[Submitted] = []
@@ -99,9 +100,7 @@ def launch(jobs: Sequence[Job], submitit_folder: str, latency_s: float, **option
         if arrays := sorted({job.array for job in submitted}):
             progress.say(f"cancelling SLURM job {', '.join(arrays)}; finished results stay")
             _answer("scancel", *arrays)  # SIGTERM comes first, SIGKILL a little later
-            until = time.monotonic() + _CANCEL_S
-            while time.monotonic() < until and _at_work(job_states() or {}).intersection(arrays):
-                time.sleep(0.5)
+            _at_work(arrays, _CANCEL_S)
         raise
 
 
@@ -182,9 +181,15 @@ def job_states() -> dict[str, str] | None:
     return {job.strip(): state.strip() for job, _, state in (line.partition("|") for line in answer.splitlines())}
 
 
-def _at_work(states: dict[str, str]) -> set[str]:
-    """The arrays and single jobs that have not ended."""
-    return {job.partition("_")[0] for job, state in states.items() if state not in _ENDED}
+def _at_work(arrays: Collection[str], patience_s: float) -> set[str]:
+    """Return those of some arrays and single jobs that have not ended, after waiting for them for so many seconds."""
+    until = time.monotonic() + patience_s
+    while True:
+        states = job_states() or {}
+        left = {job.partition("_")[0] for job, state in states.items() if state not in _ENDED}.intersection(arrays)
+        if not left or time.monotonic() > until:
+            return left
+        time.sleep(0.5)
 
 
 def largest_array() -> int:
