@@ -116,6 +116,7 @@ def _chosen(sample: Sample, water: WaterParameters, noise: Array, *, may_be_stro
     if not problem.descend(start, _PROMISED)[1].cost < (1 - _PROMISED) * problem.system(start).cost:
         return light.parts, tried
     parts, better, cost = light.parts, _ALL, _held_out(halves, light.parts, light, noise)
+    lens: LightFit | None = None
     while True:
         new = _held_out(halves, better, light, noise)
         gain = (cost - new)[cost + new > 0]
@@ -125,9 +126,10 @@ def _chosen(sample: Sample, water: WaterParameters, noise: Array, *, may_be_stro
         tried.append(Tried(better, float(gain.sum() / cost.sum()), sigmas))
         if not (tried[-1].gain > _SHARE and sigmas > _SURE):
             return parts, tried
-        found = fit_light(sample, better, light)
+        found = lens if lens and better == _LENS else fit_light(sample, better, light)
         if better == _ALL and found.needed.gains:
-            old = fit_light(sample, _LENS, light).error[:, 1]
+            lens = fit_light(sample, _LENS, light)
+            old = lens.error[:, 1]
             if np.divide(found.error[:, 1], old, out=np.ones(3), where=old > 0).mean() >= _SHARPER:
                 better = _LENS
                 continue

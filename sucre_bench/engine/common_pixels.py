@@ -240,7 +240,7 @@ def score_on_common_pixels(planned: Sequence[Planned], rows: DataFrame, out: Pat
     """Bring the scores on common pixels up to date for the views of a run's jobs.
 
     All methods of the folder that restored a view take part, also those of earlier runs. A method that failed or fills
-    less than 1 % of the image does not. What is there already is not scored again, unless the common mask has changed.
+    less than 1 % of the image does not. Scores in the table stay, unless the common mask has changed.
 
     rows: of the results folder `out`. Raises OutputError if the table cannot be written. A fault in a view becomes its
     row.
