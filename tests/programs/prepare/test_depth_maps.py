@@ -10,7 +10,7 @@ from support.photographed_valley import CAMERA, POSES, make_shots, true_depth
 from sucre_bench.camera import depth_at, moved, pixel_rays
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.programs.prepare.depth_maps import of_surface, relief, write_depth
-from sucre_bench.programs.prepare.plane_sweep import neighbours
+from sucre_bench.programs.prepare.plane_sweep import agreeing, neighbours
 from sucre_bench.programs.prepare.surface import fused
 
 
@@ -46,6 +46,14 @@ def test_the_fused_surface_closes_small_holes_shows_what_other_photos_measured_a
         assert (seen[x < 0.95] > 0).mean() > 0.97
         assert np.quantile(np.abs(seen / depth - 1)[(x < 0.95) & (seen > 0)], 0.99) < 0.01
         assert not (seen[x > 1.35] > 0).any()
+
+
+def test_specks_that_match_by_chance_are_no_depth_and_thin_things_are():
+    shot, swept = make_shots(np.zeros((1, 3)))[0], np.zeros((CAMERA.height, CAMERA.width), np.float32)
+    swept[20:60, 20:60], swept[30, 30], swept[80, 20:40] = 2, 5, 3  # ground with a false pixel, and a rope
+    swept[100:103, 100:103] = 4  # open water that looks alike
+    wanted = np.where(swept <= 3, swept, 0)
+    assert agreeing(shot, swept, [shot, shot], lambda _: swept) == pytest.approx(wanted, rel=1e-6)
 
 
 @pytest.mark.parametrize(("metres", "suffix"), [(2.5, ".png"), (90.0, ".tif"), (0.123456, ".tif")])
