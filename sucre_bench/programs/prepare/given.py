@@ -36,8 +36,8 @@ from sucre_bench.programs.prepare.plane_sweep import least_absolute
 from sucre_bench.programs.prepare.shots import Shot
 from sucre_bench.programs.prepare.surface import read_mesh
 
-_UNITS = {1.0: "", 0.001: "millimetres", 0.01: "centimetres", 0.3048: "feet", 1000.0: "kilometres"}
-_NEAR, _ENOUGH = 0.05, 0.5  # relative: a mesh is at a point; least share of points at which it is
+_UNITS = {1.0: "", 0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches", 0.3048: "feet", 1000.0: "kilometres"}
+_NEAR, _SAME = 0.05, 1e-3  # relative: a mesh is at a point, for most points; two units fit it alike
 _MOST_CHECKED = 12  # photos
 _FEWEST_POINTS = 12  # of a photo, to fit its map
 _WORST = 0.05  # median relative difference of a fitted map from the sparse points
@@ -48,8 +48,8 @@ _SIMPLER = 1.1  # a fit with one more parameter must be better than this
 def mesh_maps(path: Path, shots: Sequence[Shot]) -> DepthMaps:
     """Return the depth maps of a mesh in the model's frame. Raises InputError if it is in another one.
 
-    A mesh in millimetres, centimetres or feet, in a model in metres, is converted. One in .glb may be turned so that y
-    is up, as glTF has it: from z, or from what is up in the photos (`texture` does so).
+    A mesh in millimetres, centimetres, inches or feet, in a model in metres, is converted. One in .glb may be turned so
+    that y is up, as glTF has it: from z, or from what is up in the photos (`texture` does so).
     """
     from scipy.spatial.transform import Rotation
 
@@ -57,22 +57,28 @@ def mesh_maps(path: Path, shots: Sequence[Shot]) -> DepthMaps:
     if path.suffix.lower() == ".glb":
         ups = np.array([0.0, 0, 1]), -np.sum([shot.cam_from_world[1, :3] for shot in shots], axis=0)
         turns += [Rotation.align_vectors(np.array([[0.0, 1, 0]]), up[None])[0].as_matrix() for up in ups]
-    checked = [shot for shot in shots if len(shot.points)][:: -(-len(shots) // _MOST_CHECKED)]
-    shares = list[float]()
-    for turn, unit in itertools.product(turns, _UNITS):
-        maps, on_it = of_surface(replace(mesh, vertices=mesh.vertices @ turn * unit), GIVEN), [np.zeros(0, bool)]
+    checked, cast = [shot for shot in shots if len(shot.points)][:: -(-len(shots) // _MOST_CHECKED)], mesh.caster()
+
+    def off(turn: Array, unit: float) -> Array:
+        """How far each sparse point is off the mesh, relative, 1 where the mesh is not."""
+        found = []
         for shot in checked:
-            xy, z = shot.seen_points()
-            there = depth_at(maps(shot).depth, xy)
-            on_it.append((there > 0) & (np.abs(there / z - 1) < _NEAR))
-        seen = np.concatenate(on_it)
-        shares.append(float(seen.mean()) if len(seen) else 0.0)
-        if shares[-1] >= _ENOUGH:
-            if _UNITS[unit]:
-                say(f"{path} fits the model when multiplied by {unit:g}; it seems to be in {_UNITS[unit]}")
-            return maps
-    fault = f"is in another frame than the model: {100 * shares[0]:.0f} % of the sparse points lie on it"
-    raise InputError(fault, path, "export it from the program that made the model, in the same coordinates")
+            pose, (xy, z) = shot.cam_from_world.copy(), shot.seen_points()
+            pose[:3] = np.column_stack([pose[:3, :3] @ turn.T, pose[:3, 3] / unit])  # from the mesh's frame
+            found.append(np.abs(cast(replace(shot, cam_from_world=pose), xy)[0][0] * unit / z - 1))
+        return np.concatenate(found)
+
+    choices = list(itertools.product(turns, _UNITS))
+    offs = [float(np.median(off(*choice))) for choice in choices]
+    if min(offs) > _NEAR:
+        share = np.mean(off(*choices[0]) < _NEAR)
+        fault = f"is in another frame than the model: {100 * share:.0f} % of the sparse points lie on it"
+        raise InputError(fault, path, "export it from the program that made the model, in the same coordinates")
+    # A seabed through the origin fits in many units, one of them better than all.
+    turn, unit = next(choice for choice, median in zip(choices, offs, strict=True) if median <= min(offs) + _SAME)
+    if _UNITS[unit]:
+        say(f"{path} fits the model when multiplied by {unit:g}; it seems to be in {_UNITS[unit]}")
+    return of_surface(replace(mesh, vertices=mesh.vertices @ turn * unit), GIVEN)
 
 
 class _Form(NamedTuple):

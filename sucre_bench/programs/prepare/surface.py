@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.arrays import Array
-from sucre_bench.camera import moved, pixel_rays
+from sucre_bench.camera import moved, pixel_rays, unproject
 from sucre_bench.errors import InputError
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.files import regular
@@ -43,17 +43,24 @@ class Surface:
     triangles: npt.NDArray[np.int64]
     gaps: Array
 
-    def caster(self) -> Callable[[Shot], tuple[Array, npt.NDArray[np.int64]]]:
-        """Return the function that gives a shot's planar depth (H, W) float32, 0 = none, and triangles (H, W)."""
+    def caster(self) -> Callable[..., tuple[Array, npt.NDArray[np.int64]]]:
+        """Return the function that gives a shot's planar depth (H, W) float32, 0 = none, and triangles (H, W).
+
+        Its second argument, (P, 2) pixels x, y, gives these alone: (1, P).
+        """
         o3d = load("prepare", "open3d")
         tensor, scene = o3d.core.Tensor, o3d.t.geometry.RaycastingScene()
         middle = np.median(self.vertices, axis=0)  # rays are float32
         around = (self.vertices - middle).astype(np.float32)
         scene.add_triangles(tensor(around), tensor(self.triangles.astype(np.uint32)))
 
-        def cast(shot: Shot) -> tuple[Array, npt.NDArray[np.int64]]:
+        def cast(shot: Shot, at: Array | None = None) -> tuple[Array, npt.NDArray[np.int64]]:
             # Along rays of unit depth, the distance to the hit is the planar depth.
-            rays = pixel_rays(shot.camera) @ shot.cam_from_world[:3, :3].astype(np.float32)
+            if at is None:
+                rays = pixel_rays(shot.camera)
+            else:
+                rays = unproject(shot.camera, at[:, 0], at[:, 1], np.ones(len(at), np.float32)).T[None]
+            rays = rays @ shot.cam_from_world[:3, :3].astype(np.float32)
             depth, triangle = np.zeros(rays.shape[:2], np.float32), np.zeros(rays.shape[:2], np.int64)
             for top in range(0, len(rays), _ROWS):
                 block = rays[top : top + _ROWS]

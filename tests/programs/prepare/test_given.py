@@ -1,29 +1,54 @@
 """Poses, meshes and depth maps of other programs: a made valley, photographed by a distorting camera, is the truth."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from support.photographed_valley import CAMERA, DISTORTION, HEIGHT, PLANES, POSES, WIDTH, photograph, true_depth, write
+from support.photographed_valley import (
+    CAMERA,
+    DISTORTION,
+    HEIGHT,
+    PLANES,
+    POSES,
+    WIDTH,
+    make_shots,
+    photograph,
+    true_depth,
+    write,
+)
 
 import sucre_bench as sb
 from sucre_bench.arrays import Array
-from sucre_bench.camera import pixel_rays
+from sucre_bench.camera import depth_at, pixel_rays
 from sucre_bench.commands.prepare import prepare as command
 from sucre_bench.errors import InputError
 from sucre_bench.loading.lens import Lens
 from sucre_bench.programs.prepare import Options
+from sucre_bench.programs.prepare.given import mesh_maps
 from sucre_bench.programs.prepare.pipeline import prepare
 
 USED = POSES[:4]
 
 
+def write_mesh(path: Path, points: Array) -> None:
+    """Write the mesh of a grid of points (n, n, 3)."""
+    import open3d as o3d
+
+    n = len(points)
+    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).reshape(-1, 1)
+    faces = o3d.utility.Vector3iVector(
+        np.concatenate([corner + np.array(three) for three in ((0, 1, n), (1, n + 1, n))])
+    )
+    mesh = o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(points.reshape(-1, 3)), faces)
+    o3d.io.write_triangle_mesh(str(path), mesh)
+
+
 @pytest.fixture(scope="module")
 def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four photos, their true cameras for nerfstudio and COLMAP, and a mesh of the valley; .glb has y up."""
-    import open3d as o3d
     from scipy.spatial.transform import Rotation
 
     root = tmp_path_factory.mktemp("given")
@@ -37,17 +62,12 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (root / "transforms.json").write_text(json.dumps(camera | {"frames": frames}))
     x, y = np.meshgrid(np.linspace(-6, 8, 281), np.linspace(-6, 8, 281))
     z = ((1 - x[..., None] * PLANES[:, 0] - y[..., None] * PLANES[:, 1]) / PLANES[:, 2]).min(axis=-1)
-    corner = (np.arange(280)[:, None] * 281 + np.arange(280)).ravel()
-    triangles = np.concatenate(
-        [np.stack([corner, corner + 1, corner + 281], 1), np.stack([corner + 1, corner + 282, corner + 281], 1)]
-    )
     for name, factor, shift in (("valley.ply", 1, 0), ("millimetres.glb", 1000, 0), ("elsewhere.ply", 1, 1.5)):
-        points = np.stack([x, y, z], -1).reshape(-1, 3) * factor + shift
+        points = np.stack([x, y, z], -1) * factor + shift
         if name.endswith(".glb"):
             up = -np.mean([pose[1, :3] for pose in USED], axis=0)
-            points = Rotation.align_vectors([[0, 1, 0]], [up])[0].apply(points)
-        vertices, faces = o3d.utility.Vector3dVector(points), o3d.utility.Vector3iVector(triangles)
-        o3d.io.write_triangle_mesh(str(root / name), o3d.geometry.TriangleMesh(vertices, faces))
+            points = points @ Rotation.align_vectors([[0, 1, 0]], [up])[0].as_matrix().T
+        write_mesh(root / name, points)
     return root
 
 
@@ -100,6 +120,19 @@ def test_poses_of_a_model_get_depth_of_its_photos_and_a_model_of_other_photos_is
     points.write_bytes(points.read_bytes()[:5000])
     with pytest.raises(InputError, match=r"points3D\.bin: breaks off.*; "):
         prepare(tmp_path / "out/images", tmp_path / "again", Options(model=points.parent), again=True)
+
+
+def test_the_unit_of_a_mesh_is_the_one_that_fits_best(tmp_path: Path):
+    def height(x: Array, y: Array) -> Array:  # of a seabed through the origin, which stays there in any unit
+        return x / 10 + 0.06 * np.sin(7 * x) * np.cos(5 * y)
+
+    shot = make_shots(np.array([[0.0, 0, -2]]))[0]
+    shot = replace(shot, points=np.array([[x / 6, y / 6, height(x / 6, y / 6)] for x, y, _ in shot.points]))
+    x, y = np.meshgrid(np.linspace(-3, 3, 601), np.linspace(-3, 3, 601))
+    write_mesh(tmp_path / "inches.ply", np.stack([x, y, height(x, y)], -1) / 0.0254)
+    xy, z = shot.seen_points()
+    off = depth_at(mesh_maps(tmp_path / "inches.ply", [shot])(shot).depth, xy) / z - 1
+    assert np.median(np.abs(off)) < 0.002
 
 
 def test_a_mesh_of_another_frame_or_without_a_model_is_refused(dive: Path, colmap: Path, tmp_path: Path):
