@@ -19,7 +19,8 @@ import sucre_bench as sb
 from sucre_bench.errors import InputError
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.methods.sucre.paper import solve_adam, start_of
-from sucre_bench.methods.sucre.solution import Solution, solve_exact
+from sucre_bench.methods.sucre.policy import solve_exact
+from sucre_bench.methods.sucre.solution import Solution
 from sucre_bench.multiview.observe import observe
 from sucre_bench.scene import Scene
 

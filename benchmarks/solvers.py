@@ -16,7 +16,8 @@ import numpy as np
 import sucre_bench as sb
 from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.paper import solve_adam
-from sucre_bench.methods.sucre.solution import Solution, solve_exact
+from sucre_bench.methods.sucre.policy import solve_exact
+from sucre_bench.methods.sucre.solution import Solution
 from sucre_bench.multiview.observe import observe
 
 TURNS = 3

@@ -1,4 +1,4 @@
-"""Chooses the parts of light (light.py) that the observations pay for, and stored intensities or linear light.
+"""Chooses the parts of light (light.py) that the observations pay for.
 
 One rule decides: pixels that no fit has seen. The image is cut into tiles. Each model is fitted to every second tile
 and judged on the others, then the reverse. Its cost is the bounded misfit of robust.py, in units of the noise without
@@ -10,34 +10,20 @@ without any is left out. Then a strobe is judged in place of the lens.
 Gains can stand for attenuation, where each view sees the ground from another distance. Then they explain a little, and
 beta is known worse with them. Where light does differ, residuals fall so much that beta is known better, though there
 are more unknowns. So gains are taken only if the errors of beta fall; else a lens is judged alone.
-
-encoding=auto takes the encoding in which the model explains more. Water acts on light. A camera's files store a curve
-of it, and the curve is often near sRGB. Where it is, the model explains linear light better; where the file holds
-something else, as the demo does, stored intensities. The water is fitted to equal footprints in both, and the residuals
-of linear light are divided by the slope of the curve. So both are in stored units, in which noise is alike.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import NotApplicableError, SolveError
-from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.light import TILES, Light, LightFit, Parts, Problem, Sample, fit_light, residuals_in
 from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.methods.sucre.refine_noise import decoding_slope, residuals_of
 from sucre_bench.methods.sucre.robust import C2, robust_noise
-from sucre_bench.methods.sucre.solution import colours_for_water, matched_at, sampled
+from sucre_bench.methods.sucre.solution import sampled
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.scene import Scene, View
-
-if TYPE_CHECKING:
-    from sucre_bench.methods.sucre.sucre import Sucre
 
 # Pixels that parts are chosen on, the fewest worth it, and pixels that the chosen light is fitted to.
 _TRIED_ON, _FEWEST, _FITTED = 1_500, 200, 4_000
@@ -148,69 +134,3 @@ def _held_out(halves: list[tuple[Sample, Array]], parts: Parts, light: Light, no
         squares = (r**2 / noise[:, None, None] ** 2 / np.maximum(1 - leverage, 1e-3)).sum(axis=0)
         cost += np.bincount(tile, (squares / (1 + squares / C2)).sum(axis=1), TILES**2)
     return cost
-
-
-# -- encoding ----------------------------------------------------------------------
-
-# Linear light is chosen where it leaves less than this share of the residuals of stored intensities. Made scenes in
-# linear light had .79 to .89, others 1.3 to 1.6; with uneven light, and on real photographs, both were near 1.
-_BETTER = 0.95
-
-# Pixels that both are fitted to.
-_PIXELS = 2_000
-
-# Observations that decide their pixel's colour alone have no residual.
-_ALONE = 0.9
-
-
-@dataclass(frozen=True, slots=True)
-class NearerEncoding:
-    """The encoding that the model explains better; ratio: residuals of linear light over those of stored intensities.
-
-    They are those of the fits that decided: without gains if these refuse linear light, else with a gain for each view.
-    None if nothing tells.
-    """
-
-    encoding: Literal["view", "linear"]
-    ratio: float | None = None
-
-
-def nearer_encoding(
-    options: Sucre, scene: Scene, view: View, observations: Observations, matched: Observations | None
-) -> NearerEncoding:
-    """Return the encoding in which the water of a view explains more: stored intensities where too few pixels tell.
-
-    observations: stored intensities; matched: their sample with equal footprints. The footprints of linear light are
-    means of decoded images: over rough texture, decoded means of stored intensities explain neither encoding. Linear
-    light must also explain more where each view has a gain: a camera's exposure that follows the distance is a curve.
-    """
-    if matched is None or view.encoding == "linear":
-        return NearerEncoding("view")
-    few = sampled(matched, _PIXELS, singles=False, seed=0)
-    in_linear = replace(options, encoding="linear")
-    try:
-        decoded = matched_at(in_linear, scene, view, observations, few.pixels)
-        for parts in (Parts(), Parts(gains=1)):
-            stored = _residual(options, few, view, parts)
-            linear = _residual(options, decoded, view, parts, decoding_slope)
-            if not linear < _BETTER * stored:
-                return NearerEncoding("view", linear / stored if stored > 0 else None)
-    except (NotApplicableError, SolveError):
-        return NearerEncoding("view")
-    return NearerEncoding("linear", linear / stored)
-
-
-def _residual(
-    options: Sucre, sample: Observations, view: View, parts: Parts, slope: Callable[[Array], Array] = np.ones_like
-) -> float:
-    """Return the median size of studentised residuals in stored units; slope: of intensities by stored ones."""
-    water = fit(sample, **options.compute).water
-    if parts != Parts():
-        few = Sample.of(sample, view.name)
-        light = fit_light(few, parts, Light.even(water, few.views)).light
-        sample, water = light.removed(sample), light.water
-    solution = colours_for_water(sample, water, None, options.backend, options.device)
-    r, h, _, explained = residuals_of(sample, solution.J, water)
-    recorded = explained if sample.weight is None else explained * np.sqrt(sample.weight)
-    r = r / slope(recorded.clip(0, 1))
-    return float(np.median(np.abs(r / np.sqrt(1 - h.clip(0, _ALONE)))[h < _ALONE]))

@@ -148,7 +148,7 @@ def for_known_water(uncertainty: WaterUncertainty) -> WaterUncertainty:
 def uncertainty_of(
     water: WaterParameters,
     system: ReducedSystem,
-    free: Mask,
+    free: Mask | None,
     n_excess: int,
     dead: Mask | None = None,
     *,
@@ -156,10 +156,11 @@ def uncertainty_of(
 ) -> WaterUncertainty:
     """Return the uncertainty of a water from the system around it.
 
-    free: (3 channels, 3) bool, parameters that no bound holds; n_excess: how many more observations than pixels there
-    are, over pixels seen repeatedly; dead: (3,) bool, channels without signal; tied: gamma is beta.
+    free: (3 channels, 3) bool, parameters that no bound holds, None for all; n_excess: how many more observations than
+    pixels there are, over pixels seen repeatedly; dead: (3,) bool, channels without signal; tied: gamma is beta.
     """
     dead = np.zeros(3, dtype=bool) if dead is None else dead
+    free = np.ones((3, 3), dtype=bool) if free is None else free
     system = system.tied() if tied else system
     informed = (np.einsum("cii->ci", system.H) > 0) & ~dead[:, None]
     noise = np.sqrt(system.cost / (n_excess - 3)) if n_excess > 3 else np.full(3, np.nan)

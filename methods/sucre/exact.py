@@ -44,10 +44,12 @@ from sucre_bench.errors import NotApplicableError, SolveError
 from sucre_bench.machine.compute import Device
 from sucre_bench.methods.sucre.diagnostics import CHANNELS, ROUNDING, WaterUncertainty, uncertainty_of
 from sucre_bench.methods.sucre.model import Bounds, Minimum, ReducedSystem, WaterParameters, minimise, veil
-from sucre_bench.methods.sucre.passes import Backend, Kernel, opened
+from sucre_bench.methods.sucre.passes import Backend, opened
 from sucre_bench.methods.sucre.robust import LEAST_NOISE, robust_noise
 from sucre_bench.methods.sucre.solution import SAMPLE, first_slot, sampled
 from sucre_bench.multiview.observations import Observations
+
+_Evaluate = Callable[[Array], ReducedSystem]
 
 # Pixels that the starts are tried on, how many starts, and how many different minima the sample chooses from.
 _SCREEN, _STARTS, _MINIMA = 2_000, 8, 3
@@ -139,7 +141,9 @@ def fit(
         raise NotApplicableError(_HOPELESS.format("every pixel is seen from one distance only"))
     distance = float(np.median(np.concatenate([one.distance for one in few])))
     search, margin = _Search(distance, backend, device, one_coefficient), None
-    starts, ends = search.screened(_samples(few, _SCREEN, singles=False, seed=seed))
+    with search.over(_samples(few, _SCREEN, singles=False, seed=seed)) as evaluate:
+        starts = _promising(evaluate, distance)
+        ends = [search.descended(evaluate, at, tolerance=_SCREENED, max_steps=15) for at in starts]
     ends = search.ends(few, None, _distinct(ends))
     dark = [first_slot(one) for one in sharp if one is not None] if physical else []
     if physical:
@@ -160,7 +164,7 @@ class _Search:
     device: Device
     tied: bool
 
-    def descended(self, evaluate: Callable[[Array], ReducedSystem], start: Array, **limits: Any) -> Minimum:
+    def descended(self, evaluate: _Evaluate, start: Array, **limits: Any) -> Minimum:
         """Return where a start leads; in rows that have one coefficient, if gamma is tied to beta."""
         most = _MOST_DEPTH / self.distance  # rates for scenes seen from about this distance
         bounds = Bounds(np.zeros(3), np.array([1.0, most, most]), np.array([False, True, True]))
@@ -170,21 +174,21 @@ class _Search:
         return replace(end, at=end.at[:, [0, 1, 1]], free=end.free[:, [0, 1, 1]])
 
     @contextmanager
-    def _opened(self, images: Sequence[Observations]) -> Iterator[list[Kernel]]:
+    def over(self, images: Sequence[Observations], margin: Array | None = None) -> Iterator[_Evaluate]:
+        """Open the observations of images, whose systems are summed at given rows (3 channels, 3)."""
         with ExitStack() as stack:
-            yield [stack.enter_context(opened(one, self.backend, self.device)) for one in images]
+            kernels = [stack.enter_context(opened(one, self.backend, self.device)) for one in images]
 
-    def screened(self, fewest: Sequence[Observations]) -> tuple[list[Array], list[Minimum]]:
-        """Return the most promising starts on very few pixels, best first, and where each leads."""
-        with self._opened(fewest) as kernels:
-            evaluate = _summed(kernels, None)
-            starts = _promising(evaluate, self.distance)
-            return starts, [self.descended(evaluate, at, tolerance=_SCREENED, max_steps=15) for at in starts]
+            def evaluate(rows: Array) -> ReducedSystem:
+                water = WaterParameters.of_channels(rows)
+                first, *others = (kernel.system(water, margin) for kernel in kernels)
+                return sum(others, first)
+
+            yield evaluate
 
     def ends(self, few: Sequence[Observations], margin: Array | None, starts: Sequence[Array]) -> list[Minimum]:
         """Return where the starts lead on a sample."""
-        with self._opened(few) as kernels:
-            evaluate = _summed(kernels, margin)
+        with self.over(few, margin) as evaluate:
             return [self.descended(evaluate, start, tolerance=_ROUGHLY) for start in starts]
 
     def refined(
@@ -202,11 +206,10 @@ class _Search:
         """
         floor = ROUNDING * sum(map(len, images))
 
-        def lowest(evaluate: Callable[[Array], ReducedSystem], starts: Iterable[Array]) -> Minimum:
+        def lowest(evaluate: _Evaluate, starts: Iterable[Array]) -> Minimum:
             return _best([self.descended(evaluate, at, tolerance=_TOLERANCE, floor=floor) for at in starts])
 
-        with self._opened([*images, *dark]) as kernels:
-            evaluate = _summed(kernels, margin)
+        with self.over([*images, *dark], margin) as evaluate:
             end = lowest(evaluate, starts)
             known = _uncertainty(end, images, dead, self.tied)
             weak = _undetermined(end.at, known, end.free, dead, self.distance)
@@ -229,17 +232,15 @@ class _Search:
                 free = np.where(weak[:, None], likely.free, end.free)
                 converged = np.where(weak, likely.converged, end.converged)
                 end = Minimum(at, evaluate(at), free, end.steps + likely.steps + 2, converged)
-            if margin is not None:  # without the shortfall of negative colours
-                end = replace(end, system=replace(end.system, cost=_summed(kernels, None)(end.at).cost))
+        if margin is not None:  # without the shortfall of negative colours
+            with self.over(images) as evaluate:
+                end = replace(end, system=replace(end.system, cost=evaluate(end.at).cost))
         uncertainty = _uncertainty(end, images, dead, self.tied)
         if weak.any():
-            limits = list(uncertainty.limits)
-            for c in np.flatnonzero(weak):
-                seen = "only a combination of B, beta and gamma is known; a weak prior decides"
-                seen = seen if end.at[c, 0] else "no backscatter can be seen; fitted without"
-                limits.append(f"{CHANNELS[c]}: {seen}")
-            is_weak = (bool(weak[0]), bool(weak[1]), bool(weak[2]))
-            uncertainty = replace(uncertainty, limits=tuple(limits), is_weak=is_weak)
+            known_only = "only a combination of B, beta and gamma is known; a weak prior decides"
+            said = [known_only if B else "no backscatter can be seen; fitted without" for B in end.at[:, 0]]
+            limits = (*uncertainty.limits, *(f"{CHANNELS[c]}: {said[c]}" for c in np.flatnonzero(weak)))
+            uncertainty = replace(uncertainty, limits=limits, is_weak=(bool(weak[0]), bool(weak[1]), bool(weak[2])))
         return WaterFit(_water(end, dead), end.system.cost, uncertainty, end.steps + 1, bool(end.converged.all()))
 
 
@@ -312,19 +313,10 @@ def _best(ends: Sequence[Minimum]) -> Minimum:
     return Minimum(at, system, free, sum(end.steps + 1 for end in ends) - 1, converged)
 
 
-def _summed(kernels: Sequence[Kernel], margin: Array | None) -> Callable[[Array], ReducedSystem]:
-    def evaluate(rows: Array) -> ReducedSystem:
-        water = WaterParameters.of_channels(rows)
-        first, *others = (kernel.system(water, margin) for kernel in kernels)
-        return sum(others, first)
-
-    return evaluate
-
-
 # -- starting points ------------------------------------------------------------
 
 
-def _promising(evaluate: Callable[[Array], ReducedSystem], distance_m: float) -> list[Array]:
+def _promising(evaluate: _Evaluate, distance_m: float) -> list[Array]:
     """Return the best waters (3 channels, 3) of the grid, best first, for each channel by itself."""
     waters, costs = [], []
     for beta, gamma in itertools.product(_GRID, _GRID):
@@ -353,9 +345,7 @@ def _undetermined(rows: Array, uncertainty: WaterUncertainty, free: Mask, dead: 
     return np.asarray(loose & ~dead & np.isfinite(uncertainty.noise))
 
 
-def _with_priors(
-    evaluate: Callable[[Array], ReducedSystem], noise: Array, distance: float, channels: Mask
-) -> Callable[[Array], ReducedSystem]:
+def _with_priors(evaluate: _Evaluate, noise: Array, distance: float, channels: Mask) -> _Evaluate:
     """Return the evaluation with priors on some channels (3,); noise: (3,) of an observation; distance: median, m."""
     scale = np.where(channels, noise * distance, 0)
     J = np.zeros((3, 2, 3))  # of the two prior residuals in B, beta, gamma

@@ -89,15 +89,12 @@ def water_of(source: str, scene: Scene, view: View, encoding: Encoding, option: 
         if absent := plugins.missing_needs(plugin, scene.has):
             raise InputError(f"{place}: {absent}; name another method")
         found = restored(create(plugin, {}), scene, view)
-        water = found.water
-        unknown = ["B, beta, gamma"]
-        if water is not None:
-            values = {"B": water.veiling_light, "beta": water.attenuation, "gamma": water.backscatter}
-            unknown = [name for name, each in values.items() if np.isnan(each).all()]
-        if water is None or unknown:
+        names = {"B": "veiling_light", "beta": "attenuation", "gamma": "backscatter"}
+        unknown = [name for name, long in names.items() if np.isnan(getattr(found.water, long, np.nan)).all()]
+        if found.water is None or unknown:
             fault = f"it estimates no {', '.join(unknown)}"
             raise InputError(f"{place}: {fault}; name one that does, such as gaussian_seathru")
-        return _known(place, water, lighting_of(found.info, place, view.name), view, encoding, option)
+        return _known(place, found.water, lighting_of(found.info, place, view.name), view, encoding, option)
     path = expanded(source)
     if path.is_dir():
         path = _of_view(path, scene, view)
@@ -151,36 +148,31 @@ def _of_file(path: Path) -> Water:
 def _known(
     place: str, water: Water, lighting: Lighting, view: View, encoding: Encoding, option: SourceOption
 ) -> KnownWater:
-    """Return the checked water in the view's exposure. InputError when it cannot explain the view's observations."""
+    """Return the checked water in the view's exposure.
+
+    InputError when it is no water, belongs to intensities of another encoding, or to light that is not the view's.
+    """
     if lighting.falls_off:
         fault = "was fitted together with light that falls off, and explains no other"
         raise InputError(f"{place}: {fault}; use {option.name}={option.words[0]}")
-    parameters, gains = _checked(place, water, view, encoding, option), lighting.gains
-    if not gains:
-        return KnownWater(parameters, {})
-    if view.name not in gains:
-        fault = f"was fitted with gains of views, and has none of {view.name}"
-        raise InputError(f"{place}: {fault}; give a folder with the water of each view, or one fitted in even light")
-    of_view = np.asarray(gains[view.name])
-    relative = {name: np.asarray(gain) / of_view for name, gain in gains.items()}
-    return KnownWater(replace(parameters, B=parameters.B * of_view), relative)
-
-
-def _checked(place: str, water: Water, view: View, encoding: Encoding, option: SourceOption) -> WaterParameters:
-    """Return the parameters. InputError when they are no water or belong to intensities of another encoding."""
     values = np.array([water.veiling_light, water.attenuation, water.backscatter], dtype=np.float64)
     if values.shape != (3, 3) or not np.isfinite(values).all():
         raise InputError(f"{place}: B, beta and gamma must be three finite numbers each, red, green and blue")
     if np.abs(values[0]).max() > _MOST_B or np.abs(values[1:]).max() > _MOST_RATE:
         limits = f"B is an intensity, at most {_MOST_B:g}, beta and gamma are rates in 1/m, at most {_MOST_RATE:g}"
         raise InputError(f"{place}: no water is like this; {limits}")
-    explained = water.encoding or view.encoding
-    if explained != encoding:
+    if (explained := water.encoding or view.encoding) != encoding:
         remedy = f"give one of {encoding} intensities"
         if option.chooses_encoding and view.encoding != "linear":
             remedy = f"{'give' if explained == 'linear' else 'leave out'} method.encoding=linear"
         raise InputError(f"{place}: is of {explained} intensities, and {encoding} ones are to be explained; {remedy}")
-    return WaterParameters(*values)
+    if not lighting.gains:
+        return KnownWater(WaterParameters(*values), {})
+    if view.name not in lighting.gains:
+        fault = f"was fitted with gains of views, and has none of {view.name}"
+        raise InputError(f"{place}: {fault}; give a folder with the water of each view, or one fitted in even light")
+    gains = {name: np.asarray(gain) / np.asarray(lighting.gains[view.name]) for name, gain in lighting.gains.items()}
+    return KnownWater(WaterParameters(values[0] * np.asarray(lighting.gains[view.name]), *values[1:]), gains)
 
 
 def _of_view(folder: Path, scene: Scene, view: View) -> Path:
@@ -210,7 +202,7 @@ def _shared_fit(scene: Scene, options: Sucre) -> WaterFit | SolveError:
     """Return the common water; or why there is none, which is kept too, since finding out takes as long."""
     from sucre_bench.methods.sucre import exact
     from sucre_bench.methods.sucre.diagnostics import clustered
-    from sucre_bench.methods.sucre.solution import SAMPLE, matched_sample, sampled
+    from sucre_bench.methods.sucre.solution import SAMPLE, Observed, sampled
 
     sharp: list[Observations | None] = []
     to_fit: list[Observations] = []
@@ -218,15 +210,15 @@ def _shared_fit(scene: Scene, options: Sucre) -> WaterFit | SolveError:
     for k in track(evenly(len(scene), _SHARED_VIEWS), "shared water"):
         view = scene.views[k]
         try:
-            observations = options.observe(scene, view)
+            seen = Observed.of(options, scene, view)
         except (InputError, SolveError) as fault:
             last = str(fault)
             say(f"shared water skips {view.name}: {fault}")
             continue
-        if not observations.n_repeated:
+        if not seen.observations.n_repeated:
             continue
-        sample = sampled(observations, SAMPLE, singles=options.physical, seed=k)
-        matched = matched_sample(options, scene, view, observations) if options.footprint else None
+        sample = sampled(seen.observations, SAMPLE, singles=options.physical, seed=k)
+        matched = seen.matched if options.footprint else None
         to_fit.append(sample if matched is None else matched)
         sharp.append(None if matched is None else sample)
     if not to_fit:

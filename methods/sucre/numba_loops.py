@@ -15,22 +15,15 @@ This module imports numba; only passes.opened imports this module.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from collections.abc import Callable
+from typing import Any
 
 import numba
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.machine.compute import usable_cores
-from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
-from sucre_bench.methods.sucre.passes import DARKEST, LEAST, WALL, Block, blocks
+from sucre_bench.methods.sucre.passes import DARKEST, LEAST, WALL, Block, colours
 from sucre_bench.multiview.observations import Observations
-
-T = TypeVar("T")
 
 # Sums may be reordered and products fused, else no sum becomes vector instructions; NaN and infinity keep their
 # meaning, so that a water out of the range of numbers is seen as such.
@@ -42,7 +35,7 @@ _loop = numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
 _inline = numba.njit(forceinline=True, error_model="numpy", fastmath=_FAST)
 
 _PLACES = 1 << 13  # observations in a block: its six arrays take 200 kB, a part of a core's L2 cache
-_SHARE = 1 << 20  # observations in a share of a thread, some milliseconds
+SHARE = 1 << 20  # observations in a share of a thread, some milliseconds
 
 _LOG2_E = 1 / np.log(2)
 _ONE, _ZERO, _HALF = np.float32(1), np.float32(0), np.float32(0.5)
@@ -188,7 +181,7 @@ def _hold(kept: Any, slots: int, n: int, starts: Any, start: int, sums: Any, mar
 
 @_loop
 def _share_products(store: Any, share: Any, size: int, water: Any, margin: Any) -> Any:
-    """The products (3, 4, 4) of a share's pixels (start, stop, slots), `size` at a time; see formulas.products."""
+    """The products (3, 4, 4) of a share's pixels (start, stop, slots), `size` at a time; see passes.products."""
     distance, _, _, starts, _ = store
     start, stop, slots = share
     kept, sums = np.empty((slots, 4, size), dtype=np.float32), np.empty((5, size), dtype=np.float32)
@@ -208,10 +201,8 @@ def _share_products(store: Any, share: Any, size: int, water: Any, margin: Any) 
 
 
 @_loop
-def _share_colours(
-    store: Any, share: Any, size: int, water: Any, noise: Any, covariance: Any, J: Any, deviation: Any
-) -> None:
-    """Write J and its deviation (3, P) of a share's pixels; see formulas.colours."""
+def _share_colours(store: Any, share: Any, size: int, water: Any, noise: Any, covariance: Any, found: Any) -> None:
+    """Write J and its deviation, (2, 3, n), of a share's pixels; see passes.colours."""
     start, stop, _ = share
     kept, sums = np.empty((1, 4, size), dtype=np.float32), np.empty((5, size), dtype=np.float32)
     roots = np.ones(size, dtype=np.float32)
@@ -226,60 +217,35 @@ def _share_colours(
                 of_water = p * (V[0, 0] * p + V[0, 1] * q + V[0, 2] * u)
                 of_water += q * (V[1, 0] * p + V[1, 1] * q + V[1, 2] * u)
                 of_water += u * (V[2, 0] * p + V[2, 1] * q + V[2, 2] * u)
-                J[c, begin + i] = J_i
-                deviation[c, begin + i] = np.sqrt(noise[c] * noise[c] / sums[0, i] + of_water)
+                found[0, c, begin - start + i] = J_i
+                found[1, c, begin - start + i] = np.sqrt(noise[c] * noise[c] / sums[0, i] + of_water)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _CompiledKernel:
-    observations: Observations
-    store: tuple[Any, ...]
-    workers: ThreadPoolExecutor
-    device: str = "cpu"
-
-    def system(self, water: WaterParameters, margin: Array | None = None) -> ReducedSystem:
-        rows, held = _float32(water.by_channel()), _float32(() if margin is None else margin)
-        stop = None if margin is not None else self.observations.n_repeated
-
-        def work(share: Block) -> Array:
-            return _share_products(self.store, *_extent(share), rows, held)
-
-        total: Array = sum(self._each(work, stop), np.zeros((3, 4, 4)))
-        total += np.triu(total, 1).swapaxes(1, 2)
-        scale = np.ones((3, 4))
-        scale[:, 2] = water.B  # the loops leave B out of D_gamma
-        return ReducedSystem.from_products(total * scale[:, :, None] * scale[:, None, :])
-
-    def colours(self, water: WaterParameters, noise: Array, covariance: Array) -> tuple[Array, Array]:
-        J, deviation = np.empty((2, 3, len(self.observations.pixels)), dtype=np.float32)
-        parameters = _float32(water.by_channel()), _float32(noise), _float32(covariance)
-
-        def work(share: Block) -> None:
-            _share_colours(self.store, *_extent(share), *parameters, J, deviation)
-
-        list(self._each(work, None))
-        return J, deviation
-
-    def _each(self, work: Callable[[Block], T], stop: int | None) -> Iterator[T]:
-        """Work each share of pixels 0 to stop; a thread for a single one would cost more than its work."""
-        shares = blocks(self.observations, _SHARE, stop=stop)
-        return map(work, shares) if len(shares) == 1 else self.workers.map(work, shares)
-
-
-def _float32(values: Any) -> Array:
-    return np.array(values, dtype=np.float32)
-
-
-def _extent(share: Block) -> tuple[tuple[int, int, int], int]:
-    """Return a share as the loops take it, and how many of its pixels to work at a time."""
-    return (share.start, share.start + share.n, share.slots), min(max(64, _PLACES // share.slots), 1024)
-
-
-@contextmanager
-def compiled(observations: Observations) -> Iterator[_CompiledKernel]:
-    """Open the observations for compiled loops, on as many threads as numba's own setting says."""
+def compiled(observations: Observations) -> Callable[..., Array]:
+    """Return what computes a formula for a block with these loops."""
     weight = np.empty((0, 0), dtype=np.float32) if observations.weight is None else np.atleast_2d(observations.weight)
     arrays = (observations.distance, observations.colour, weight, observations.starts)
     store = (*map(np.ascontiguousarray, arrays), np.float32(observations.scale))
-    with ThreadPoolExecutor(usable_cores()) as workers:
-        yield _CompiledKernel(observations, store, workers)
+
+    def compute(formula: Any, block: Block, rows: Array, *parameters: Array | None) -> Array:
+        share, size = (block.start, block.start + block.n, block.slots), min(max(64, _PLACES // block.slots), 1024)
+        water, *others = map(_channel_first, (rows, *parameters))
+        if formula is colours:
+            found = np.empty((2, 3, block.n), dtype=np.float32)
+            noise, covariance = others
+            _share_colours(store, share, size, water, noise, covariance, found)
+            return found
+        total: Array = _share_products(store, share, size, water, others[0])
+        total += np.triu(total, 1).swapaxes(1, 2)
+        scale = np.ones((3, 4))
+        scale[:, 2] = rows[0, :, 0, 0]  # the loops leave B out of D_gamma
+        return total * scale[:, :, None] * scale[:, None, :]
+
+    return compute
+
+
+def _channel_first(values: Array | None) -> Array:
+    """Return parameters (..., 3, 1, 1) as (3, ...) float32; none of None."""
+    if values is None:
+        return np.empty(0, dtype=np.float32)
+    return np.ascontiguousarray(np.moveaxis(values[..., 0, 0], -1, 0), dtype=np.float32)

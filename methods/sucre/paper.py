@@ -33,14 +33,15 @@ from sucre_bench.arrays import Array
 from sucre_bench.imaging.fill import FillOption
 from sucre_bench.machine.compute import Device
 from sucre_bench.machine.progress import track
+from sucre_bench.methods.sucre.diagnostics import uncertainty_of
+from sucre_bench.methods.sucre.known_water import START, check_source, water_of
 from sucre_bench.methods.sucre.model import WaterParameters, derivatives
+from sucre_bench.methods.sucre.passes import Backend, backend_for, one_torch_thread, opened
+from sucre_bench.methods.sucre.solution import Course, Solution
 from sucre_bench.multiview.observations import Observations
 
 if TYPE_CHECKING:
     import torch
-
-    from sucre_bench.methods.sucre.passes import Backend
-    from sucre_bench.methods.sucre.solution import Solution
 
 CITES = (
     "Boittiaux, Marxer, Dune, Arnaubec, Ferrera & Hugel 2024, SUCRe: Leveraging Scene Structure for Underwater "
@@ -92,8 +93,6 @@ class SucrePaper(FillOption):
     """Where to compute: auto takes a CUDA GPU when PyTorch sees one."""
 
     def __post_init__(self) -> None:
-        from sucre_bench.methods.sucre.known_water import START, check_source
-
         check_source(self.start, START)
         if self.steps < 1 or not self.lr > 0:
             raise InputError(f"sucre_paper: steps is {self.steps}, lr {self.lr}; both must be positive")
@@ -105,7 +104,6 @@ class SucrePaper(FillOption):
         Raises NotApplicableError when no pixel has depth, SolveError when Adam left the range of numbers, InputError
         for a start that cannot be read.
         """
-        from sucre_bench.methods.sucre.known_water import START, water_of
         from sucre_bench.methods.sucre.record import named, restoration, with_residuals
         from sucre_bench.methods.sucre.refine_views import fill_pixels_without_depth
         from sucre_bench.multiview.stored_pairs import paired
@@ -115,14 +113,13 @@ class SucrePaper(FillOption):
         start, water = start_of(observations, view.rgb.reshape(-1, 3)), _INITIAL_WATER
         if self.start != "paper":
             water = water_of(self.start, scene, view, view.encoding, START).water
-        how: Any = {"steps": self.steps, "lr": self.lr, "objective": self.objective, "device": self.device}
-        how |= {"backend": "torch", "water": water, "tied": self.one_coefficient}
+        how: dict[str, Any] = {"water": water, "tied": self.one_coefficient, "objective": self.objective}
         with named(view):
-            solution = solve_adam(observations, start, **how)
+            solution = solve_adam(observations, start, self.steps, self.lr, backend="torch", device=self.device, **how)
         solution = with_residuals(observations, solution)
         solve_s = time.perf_counter() - started
         stages = {"read": observations.read_s, "pair": observations.pair_s, "solve": solve_s}
-        restored = restoration(view, observations, solution, stages, self)
+        restored = restoration(observations, solution, stages, self)
         return fill_pixels_without_depth(restored, view) if self.fill else restored
 
 
@@ -144,64 +141,23 @@ def solve_adam(
     water: WaterParameters = _INITIAL_WATER,
     tied: bool = False,
 ) -> Solution:
-    """Take steps from J = start (3, P), the target's intensities, and a water; tied: gamma is beta.
+    """Take Adam's steps from J = start (3, P) and a water, full batch, without bounds, and return its last iterate.
 
-    Raises SolveError when they diverge.
+    tied: gamma is beta. Raises SolveError when it diverges.
     """
-    from sucre_bench.methods.sucre.passes import backend_for, opened
-    from sucre_bench.methods.sucre.solution import Solution, uncertainty_at
-
-    eps = _EPS if objective == "sum" else _EPS * 3 * len(observations)  # the same as dividing the sum
-    _, place = backend_for("torch", device)
-    fit = minimise(observations, start, water, steps=steps, lr=lr, eps=eps, tied=tied, device=place)
-    if not np.isfinite(fit.cost).all():
-        raise SolveError(f"Adam diverged after {steps} steps; lower lr ({lr}) or steps")
-    with opened(observations, backend, device) as kernel:
-        uncertainty = uncertainty_at(kernel, observations, fit.water, tied=tied)
-        _, deviation = kernel.colours(fit.water, uncertainty.noise, uncertainty.covariance)
-    about = {"solver": "adam", "steps": steps, "initial_cost": fit.initial_cost.tolist(), "device": place}
-    return Solution(fit.J, deviation, fit.water, fit.cost, uncertainty, about)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Fit:
-    """Adam's last iterate.
-
-    J: (3, P) float32, intensities without water; cost, initial_cost: (3,) float64, sum of squared residuals of each
-    channel.
-    """
-
-    J: Array
-    water: WaterParameters
-    cost: Array
-    initial_cost: Array
-
-
-def minimise(
-    observations: Observations,
-    J: Array,
-    water: WaterParameters,
-    *,
-    steps: int = 200,
-    lr: float = 0.05,
-    eps: float = 1e-8,
-    tied: bool = False,
-    device: str = "cpu",
-) -> Fit:
-    """Take Adam's steps from J (3, P) and a water, full batch, without bounds; tied: gamma is beta."""
     import torch
     from torch.optim.adam import adam  # torch.optim.Adam imports PyTorch's compiler at its first step, for a second
 
-    J_now = torch.tensor(J, dtype=torch.float32, device=device)
-    columns = [0, 1, 1 if tied else 2]
+    eps = _EPS if objective == "sum" else _EPS * 3 * len(observations)  # the same as dividing the sum
+    _, place = backend_for("torch", device)
+    J_now, columns = torch.tensor(start, dtype=torch.float32, device=place), [0, 1, 1 if tied else 2]
     water_now = torch.tensor(water.by_channel()[:, columns]).contiguous()  # as the gradient is
-    J_grad = torch.zeros_like(J_now)
-    unknowns = [J_now, water_now]
+    J_grad, unknowns = torch.zeros_like(J_now), [J_now, water_now]
     means, squares = ([torch.zeros_like(unknown) for unknown in unknowns] for _ in range(2))
     counts = [torch.zeros((), device=unknown.device) for unknown in unknowns]
     settings: Any = {"lr": lr, "eps": eps, "beta1": 0.9, "beta2": 0.999, "weight_decay": 0, "amsgrad": False}
-    with Objective.on(observations, device) as objective:
-        cost, water_grad = objective.evaluate(J_now, water_now, J_grad)
+    with Objective.on(observations, place) as eq_7:
+        cost, water_grad = eq_7.evaluate(J_now, water_now, J_grad)
         first = cost
         for _ in track(range(steps), "SUCRe (Adam)"):
             if tied:
@@ -209,9 +165,15 @@ def minimise(
             gradients = [J_grad, water_grad]
             # fused: one pass over memory, not ten
             adam(unknowns, gradients, means, squares, [], counts, fused=True, maximize=False, **settings)
-            cost, water_grad = objective.evaluate(J_now, water_now, J_grad)
+            cost, water_grad = eq_7.evaluate(J_now, water_now, J_grad)
+    if not cost.isfinite().all():
+        raise SolveError(f"Adam diverged after {steps} steps; lower lr ({lr}) or steps")
     found = WaterParameters.of_channels(water_now.numpy()[:, columns])
-    return Fit(J_now.cpu().numpy(), found, cost.numpy(), first.numpy())
+    with opened(observations, backend, device) as kernel:
+        uncertainty = uncertainty_of(found, kernel.system(found), None, observations.n_excess, tied=tied)
+        _, deviation = kernel.colours(found, uncertainty.noise, uncertainty.covariance)
+    course = Course(solver="adam", device=place, steps=steps, initial_cost=first.numpy())
+    return Solution(J_now.cpu().numpy(), deviation, found, cost.numpy(), uncertainty, course)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -242,18 +204,10 @@ class Objective:
         size = block_px or _BLOCK_PX[device]
         starts = range(0, len(observations.pixels), size)
         blocks = [(c, start, list(observations.slots(start, start + size))) for start in starts for c in range(3)]
-        distance = torch.from_numpy(observations.distance).to(device)
-        colour = torch.from_numpy(observations.colour).to(device)
-        # One thread an operation and several blocks at a time: an operation on a block takes some 30 us, less than
-        # gathering threads for it, and a displaced thread would hold up all the others.
-        threads = torch.get_num_threads()
-        n_workers = threads if device == "cpu" else 1
-        torch.set_num_threads(1)
-        try:
-            with ThreadPoolExecutor(n_workers) as workers:
-                yield Objective(distance, colour, observations.scale, blocks, workers, n_workers)
-        finally:
-            torch.set_num_threads(threads)
+        distance, colour = (torch.from_numpy(v).to(device) for v in (observations.distance, observations.colour))
+        n_workers = torch.get_num_threads() if device == "cpu" else 1
+        with one_torch_thread(), ThreadPoolExecutor(n_workers) as workers:
+            yield Objective(distance, colour, observations.scale, blocks, workers, n_workers)
 
     def evaluate(self, J: torch.Tensor, water: torch.Tensor, J_grad: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the cost (3,) and dE/dwater (3, 3), float64 on the CPU, and write dE/dJ (3, P) to J_grad.

@@ -1,10 +1,10 @@
 """The two passes over all observations that the solvers need: the normal equations of the water, and all colours.
 
-A backend is a `Kernel`: these two functions and nothing else. Solving, sampling and judging are the same for all.
-numba_loops.py has the passes as compiled loops. The formulas below are written once for every library that computes
-with rectangles (NumPy, PyTorch, JAX): a block is a run of pixels and their observations as rectangles (K, n), K slots
-and n pixels. The pixels are sorted by how many observations they have, so few places stay empty; empty places have
-weight 0.
+A backend computes these two for a block of pixels, and nothing else. Solving, sampling and judging are the same for
+all. numba_loops.py has the passes as compiled loops. The formulas below are written once for every library that
+computes with rectangles (NumPy, PyTorch, JAX): a block is a run of pixels and their observations as rectangles (K, n),
+K slots and n pixels. The pixels are sorted by how many observations they have, so few places stay empty; empty places
+have weight 0.
 
 Cancellation. D' is formed before it is squared: H = sum D^T D - C^T C / A in float32 would lose all digits where
 distances are alike (relative error 9 at 3 to 3.3 m, against 1e-3). For beta it simplifies to
@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 
@@ -43,31 +43,6 @@ DARKEST = -60.0
 LEAST = 2.0**-126
 
 
-class Kernel(Protocol):
-    """Sums over the observations it was opened with."""
-
-    @property
-    def device(self) -> str:
-        """Where it computes: "cpu" or "cuda"."""
-        ...
-
-    def system(self, water: WaterParameters, margin: Array | None = None) -> ReducedSystem:
-        """Return the reduced problem around a water, over the pixels that inform it.
-
-        Without a margin these are the pixels seen more than once. With a margin (3,), an intensity for each channel,
-        they are all pixels, and colours are held above zero up to it (see `products`).
-        """
-        ...
-
-    def colours(self, water: WaterParameters, noise: Array, covariance: Array) -> tuple[Array, Array]:
-        """Return J (3, P) float32 and its standard deviation (3, P) float32, in the order of `Observations.pixels`.
-
-        noise: (3,) standard deviation of I; covariance: (3, 3, 3) of each channel's B, beta, gamma. Where all weights
-        of a pixel are 0 in a channel, J is 0 and its deviation infinite.
-        """
-        ...
-
-
 def opened(
     observations: Observations, backend: Backend | Literal["numpy"], device: Device
 ) -> AbstractContextManager[Kernel]:
@@ -77,12 +52,12 @@ def opened(
     such device.
     """
     if backend == "numpy":
-        return on_numpy(observations)
+        return open_blocks(observations, "cpu", in_numpy(observations), _NUMPY)
     library, place = backend_for(backend, device)
     if library == "numba":
-        from sucre_bench.methods.sucre.numba_loops import compiled
+        from sucre_bench.methods.sucre.numba_loops import SHARE, compiled
 
-        return compiled(observations)
+        return open_blocks(observations, "cpu", compiled(observations), SHARE)
     return on_torch(observations, place) if library == "torch" else on_jax(observations, place)
 
 
@@ -258,12 +233,13 @@ def _squares(columns: Any, on_gpu: bool) -> Any:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BlockKernel:
-    """The passes as sums over blocks of at most `places` places, by a library that computes with rectangles.
+class Kernel:
+    """The passes over the observations it was opened with, as sums over blocks of at most `places` places.
 
-    compute: returns a formula's result for a block, float64 or float32, from arrays of parameters; MemoryError where a
-    GPU lacks the memory for it. slots: how many slots to give a block that needs so many. Results come in the order of
-    the blocks, whatever thread made them, so that equal runs give equal sums.
+    device: where it computes, "cpu" or "cuda"; compute: returns the result for a block of a formula (`products`,
+    `colours`), float64 or float32, from arrays of parameters; MemoryError where a GPU lacks the memory for it. slots:
+    how many slots to give a block that needs so many. Results come in the order of the blocks, whatever thread made
+    them, so that equal runs give equal sums.
     """
 
     observations: Observations
@@ -274,12 +250,22 @@ class BlockKernel:
     workers: ThreadPoolExecutor
 
     def system(self, water: WaterParameters, margin: Array | None = None) -> ReducedSystem:
+        """Return the reduced problem around a water, over the pixels that inform it.
+
+        Without a margin these are the pixels seen more than once. With a margin (3,), an intensity for each channel,
+        they are all pixels, and colours are held above zero up to it (see `products`).
+        """
         stop = self.observations.n_repeated if margin is None else None
         formula = products_on_gpu if self.device == "cuda" else products
         parts = self._each(stop, formula, water, None if margin is None else _by_channel(margin))
         return ReducedSystem.from_products(sum((part for _, part in parts), np.zeros((3, 4, 4))))
 
     def colours(self, water: WaterParameters, noise: Array, covariance: Array) -> tuple[Array, Array]:
+        """Return J (3, P) float32 and its standard deviation (3, P) float32, in the order of `Observations.pixels`.
+
+        noise: (3,) standard deviation of I; covariance: (3, 3, 3) of each channel's B, beta, gamma. Where all weights
+        of a pixel are 0 in a channel, J is 0 and its deviation infinite.
+        """
         found = np.empty((2, 3, len(self.observations.pixels)), dtype=np.float32)
         by_channel = _by_channel(np.moveaxis(covariance, 0, -1))
         for block, part in self._each(None, colours, water, _by_channel(noise), by_channel):
@@ -318,10 +304,10 @@ def open_blocks(
     compute: Callable[..., Array],
     places: int,
     slots: Callable[[int], int] = int,
-) -> Iterator[BlockKernel]:
+) -> Iterator[Kernel]:
     """Open the observations for a library: several blocks at a time on the CPU, block after block on a GPU."""
     with ThreadPoolExecutor(usable_cores() if device == "cpu" else 1) as workers:
-        yield BlockKernel(observations, device, compute, places, slots, workers)
+        yield Kernel(observations, device, compute, places, slots, workers)
 
 
 # -- NumPy, PyTorch and JAX ----------------------------------------------------------------------
@@ -339,23 +325,36 @@ _TORCH = {"cpu": 1 << 14, "cuda": 1 << 22}
 _JAX = {"cpu": 1 << 14, "cuda": 1 << 21}
 
 
-def on_numpy(observations: Observations) -> AbstractContextManager[BlockKernel]:
-    """Open the observations for NumPy."""
+def in_numpy(observations: Observations) -> Callable[..., Array]:
+    """Return what computes a formula for a block with NumPy."""
 
     def compute(formula: Any, block: Block, *parameters: Any) -> Array:
         with np.errstate(divide="ignore"):  # by the information of pixels without any weight
             return np.asarray(formula(*fill(observations, block, np.float64), *parameters))
 
-    return open_blocks(observations, "cpu", compute, _NUMPY)
+    return compute
 
 
 @contextmanager
-def on_torch(observations: Observations, device: str) -> Iterator[BlockKernel]:
-    """Open the observations for PyTorch on "cpu" or "cuda".
+def one_torch_thread() -> Iterator[None]:
+    """Give PyTorch's operations one thread each, as several blocks run at a time.
 
-    On the CPU every operation has one thread and several blocks run at a time. An operation on a block takes some
-    20 us, less than gathering threads for it costs, and a thread that is displaced would hold up all the others.
+    An operation on a block takes some 20 us, less than gathering threads for it costs, and a thread that is displaced
+    would hold up all the others.
     """
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+@contextmanager
+def on_torch(observations: Observations, device: str) -> Iterator[Kernel]:
+    """Open the observations for PyTorch on "cpu" or "cuda"."""
     import torch
 
     def moved(values: Array | None) -> torch.Tensor | None:
@@ -370,16 +369,11 @@ def on_torch(observations: Observations, device: str) -> Iterator[BlockKernel]:
         torch.cuda.empty_cache()
         raise MemoryError
 
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        with open_blocks(observations, device, compute, _TORCH[device]) as kernel:
-            yield kernel
-    finally:
-        torch.set_num_threads(threads)
+    with one_torch_thread(), open_blocks(observations, device, compute, _TORCH[device]) as kernel:
+        yield kernel
 
 
-def on_jax(observations: Observations, device: str) -> AbstractContextManager[BlockKernel]:
+def on_jax(observations: Observations, device: str) -> AbstractContextManager[Kernel]:
     """Open the observations for JAX on "cpu" or "cuda"."""
     import jax
 

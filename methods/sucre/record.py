@@ -21,7 +21,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,11 @@ _TYPED = re.compile(r"\b(method|\w+\.\w+)=\w|out of the dataset")
 UNDETERMINED = (
     "the distances are too alike to measure the water, so colours may be wrong; use method=dive_gray_world, or "
     "photographs from more distances"
+)
+
+UNKNOWN_VEIL = (
+    "the veil of most channels is not determined, so it stays in the colours as an offset of each channel; "
+    "method.display=stretch-1-99 removes it from the picture"
 )
 
 # Number of observations used, and the largest leverage.
@@ -74,15 +79,13 @@ def named(view: View) -> Iterator[None]:
 
 
 def with_residuals(observations: Observations, solution: Solution) -> Solution:
-    """Add residual statistics (see `residuals`) to `solution.about`, if all of the result is wanted."""
+    """Add residual statistics (see `residuals`) to the course, if all of the result is wanted."""
     if not is_stored_in_full():
         return solution
-    statistics = residuals(observations, solution.J, solution.water)
-    return replace(solution, about=solution.about | {"residuals": statistics})
+    return solution.decided(residuals=residuals(observations, solution.J, solution.water))
 
 
 def restoration(
-    view: View,
     observations: Observations,
     solution: Solution,
     stage_seconds: Mapping[str, float],
@@ -100,36 +103,46 @@ def restoration(
     the water, noise of each channel, limits in words; hints: what a user can do; veil_known: whether no weak
     prior decides the water of a channel; steps, n_observations, n_repeated pixels, n_views, unreadable, device.
     """
-    water, uncertainty = solution.water, solution.uncertainty
+    uncertainty = solution.uncertainty
     deviation = solution.deviation if solution.growth is None else solution.deviation * solution.growth
     negative = (solution.J < 0).mean(axis=1)
     unknown = (solution.deviation > 1).mean(axis=1)
     name = type(options).__plugin__.name
     limits = [with_name(limit, name) for limit in (*uncertainty.limits, *faults_of_colours(negative, unknown, options))]
-    return Restoration(
-        observations.image(solution.J),
-        water=Water(water.B, water.beta, water.gamma, encoding),
-        confidence=observations.image(np.sqrt((deviation**2).mean(axis=0))),
-        info={
-            "cost": solution.cost.tolist(),
-            "negative_share": negative.tolist(),
-            "n_specks": int(np.isnan(solution.J).any(axis=0).sum()),
-            "n_observations": len(observations),
-            "n_repeated": observations.n_repeated,
-            "n_views": len(observations.views),
-            "unreadable": observations.unreadable,
-            "noise": _numbers(uncertainty.noise),
-            "condition": _numbers(uncertainty.condition),
-            "standard_error": {
-                name: _numbers(getattr(uncertainty.standard_error, name)) for name in ("B", "beta", "gamma")
-            },
-            "limits": limits,
-            "hints": hints(limits, uncertainty),
-            "veil_known": not any(uncertainty.is_weak),
-            **solution.about,
-            "stage_seconds": dict(stage_seconds),
-        },
-    )
+    info = {
+        "cost": solution.cost,
+        "negative_share": negative,
+        "n_specks": int(np.isnan(solution.J).any(axis=0).sum()),
+        "n_observations": len(observations),
+        "n_repeated": observations.n_repeated,
+        "n_views": len(observations.views),
+        "unreadable": observations.unreadable,
+        "noise": uncertainty.noise,
+        "condition": uncertainty.condition,
+        "standard_error": uncertainty.standard_error,
+        "limits": limits,
+        "hints": hints(limits, uncertainty),
+        "veil_known": not any(uncertainty.is_weak),
+        **plain(solution.course),
+        "stage_seconds": stage_seconds,
+    }
+    water = Water(solution.water.B, solution.water.beta, solution.water.gamma, encoding)
+    confidence = observations.image(np.sqrt((deviation**2).mean(axis=0)))
+    return Restoration(observations.image(solution.J), water=water, confidence=confidence, info=plain(info))
+
+
+def plain(value: Any) -> Any:
+    """Return typed data as plain data for JSON: without fields that are None, numbers None where not finite."""
+    if is_dataclass(value):
+        found = {field.name: getattr(value, field.name) for field in fields(value)}
+        return {name: plain(one) for name, one in found.items() if one is not None}
+    if isinstance(value, Mapping):
+        return {name: plain(one) for name, one in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list):
+        return [plain(one) for one in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def hints(limits: Sequence[str], uncertainty: WaterUncertainty) -> list[str]:
@@ -153,11 +166,6 @@ def faults_of_colours(negative: Array, unknown: Array, options: Any) -> list[str
                 remedy = f"; {word} {effect}" if word else ""
                 doubts.append(f"{colour}: {share:.0%} of the colours are {fault}{remedy}")
     return doubts
-
-
-def _numbers(values: Array) -> list[float | None]:
-    """Numbers as a list, None where not finite."""
-    return [float(value) if np.isfinite(value) else None for value in values]
 
 
 def residuals(observations: Observations, J: Array, water: WaterParameters) -> dict[str, Any]:

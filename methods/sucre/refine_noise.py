@@ -138,16 +138,16 @@ def calibrated(observations: Observations, solution: Solution, *, decoded: bool 
     if observations.n_repeated < _FEWEST or not np.isfinite(solution.uncertainty.noise).all():
         return solution
     A, At2, A2 = np.zeros((3, 3, len(observations.pixels)), dtype=np.float32)
+    trust = _trust(observations, solution)
     for n, part in observations.slots():
         a = transmission(observations.distance[part], solution.water.columns()[1].astype(np.float32))
-        information, v = _information(observations, a, part), robust_part(observations, solution.weight, part)
+        information, v = _information(observations, a, part), trust[part]
         A[:, :n] += v * information
         At2[:, :n] += v**2 * information * _slope(observations, part, decoded) ** 2
         A2[:, :n] += (v * information) ** 2
     k, repeated = 1.0, observations.n_repeated
-    if solution.weight is not None:
-        parts = [robust_part(observations, solution.weight, part)[..., :repeated] for _, part in observations.slots()]
-        v = np.concatenate(parts, axis=-1).astype(np.float64)
+    if solution.trust is not None:
+        v = np.concatenate([trust[part][:repeated] for _, part in observations.slots()]).astype(np.float64)
         slope = v * (1 - 4 / 3 * (1 - np.sqrt(v)))
         k = float(v.sum() / max(slope.sum(), _LEAST_SLOPE * v.sum())) ** 2
     of_noise = solution.uncertainty.noise[:, None] ** 2 / A
@@ -167,8 +167,8 @@ def noise_parts(observations: Observations, solution: Solution, *, decoded: bool
 
     places = np.arange(0, observations.n_repeated, -(-observations.n_repeated // _SAMPLE))
     few = observations.take(places)
-    weight = None if solution.weight is None else replace(observations, weight=solution.weight).take(places).weight
-    counted = np.broadcast_to(robust_part(few, weight, slice(None)), few.colour.shape)
+    trusted = replace(observations, weight=_trust(observations, solution)).take(places).weight
+    counted = np.broadcast_to(np.asarray(trusted), few.colour.shape)
     r, h, strength, _ = residuals_of(few, solution.J[:, places], solution.water, counted)
     slopes = np.broadcast_to(_slope(few, slice(None), decoded) ** 2, few.colour.shape)
     parts = np.zeros((3, 2))
@@ -211,14 +211,8 @@ def residuals_of(
     return root * r, h, information, I - r
 
 
-def robust_part(observations: Observations, weight: Array | None, part: slice) -> Array:
-    """Return the robust part v, (n,) or (3, n), of the weights of a solution, 1 without any."""
-    if weight is None:
-        return np.ones(len(observations.distance[part]), dtype=np.float32)
-    if observations.weight is None:
-        return weight[..., part]
-    whole, known = np.broadcast_arrays(weight[..., part], observations.weight[..., part])
-    return np.divide(whole, known, out=np.zeros_like(whole), where=known > 0)
+def _trust(observations: Observations, solution: Solution) -> Array:
+    return np.ones(len(observations), dtype=np.float32) if solution.trust is None else solution.trust
 
 
 def _slope(observations: Observations, part: slice, decoded: bool) -> Array:

@@ -26,18 +26,14 @@ views, which is no contradiction):
 
 where s is the typical e a of pixels at a similar distance, from its median.
 
-1. A contradicted pixel near an edge of depth takes the side whose pixels look like it in the photograph, with weights
-   exp(-|I - I_q|^2 / 2 s^2), if these are many on the other side and few on its own. Its colour is its own intensity
-   at that side's distance.
-2. Specks stay as the other views show them: a few contradicted pixels side by side, whose own observation robust
+1. Specks stay as the other views show them: a few contradicted pixels side by side, whose own observation robust
    weights call wrong while two others agree. Marine snow looks like that.
-3. Other contradicted pixels take their own detail: J + e, faded in between two thresholds of chi. One observation
+2. Other contradicted pixels take their own detail: J + e, faded in between two thresholds of chi. One observation
    tells no more than all of them, so their standard deviation does not fall.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -46,10 +42,19 @@ import numpy as np
 from sucre_bench.arrays import Array, Indices, Mask
 from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.fill import deviation_of_guess, fill_distances, filled_by_water
-from sucre_bench.machine.compute import compiled
 from sucre_bench.methods.sucre.model import WaterParameters, inverted
-from sucre_bench.methods.sucre.refine_noise import ImagePrior, box_sum, robust_part
-from sucre_bench.methods.sucre.robust import WRONG
+from sucre_bench.methods.sucre.refine_noise import (
+    LEAST_SPREAD,
+    LEAST_SPREAD_LINEAR,
+    ImagePrior,
+    box_sum,
+    calibrated,
+    followed,
+    prior_of,
+    specks_of,
+)
+from sucre_bench.methods.sucre.robust import WRONG, trusted
+from sucre_bench.methods.sucre.solution import Observed, Solution
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Restoration, View
 
@@ -61,12 +66,6 @@ _CHANCE = 4.0
 
 # The least transmission and the least square of a number that is divided by.
 _DARK, _LEAST_SQUARE = 1e-6, 1e-12
-
-# Pixels of a window whose distance differs by no more than this share lie on one surface.
-_SURFACE = 0.05
-
-# The largest variance that counts. Larger ones say no more, and would leave rounding errors in running sums.
-_ENDLESS = 1e4
 
 
 def evened(observations: Observations, J: Array, water: WaterParameters, target: str) -> Array:
@@ -117,41 +116,6 @@ def evened(observations: Observations, J: Array, water: WaterParameters, target:
     return np.asarray(J + np.where(A_o > 0, change, 0).reshape(-1, 3)[pixels].T, dtype=np.float32)
 
 
-def even_deviation(observations: Observations, deviation: Array, distance: Array) -> Array:
-    """Return standard deviations (3, P) float32 as the root mean squares over the window, on the same surface.
-
-    distance: (H, W) of the target, metres. Pixels whose distance differs by more than a share are another surface,
-    where another part of the light arrives. Colours are shrunk by their deviations, and a gap that is shrunk more than
-    the pixels around it would show again. A deviation that is not known, NaN or infinite, stays so.
-    """
-    variance = observations.image(deviation.astype(np.float64) ** 2)
-    mean = np.empty_like(variance)
-    compiled(_mean_on_surface)(variance.clip(max=_ENDLESS), np.asarray(distance, dtype=np.float32), mean)
-    evened = np.sqrt(mean.reshape(-1, 3)[observations.pixels].T)
-    return np.where(np.isfinite(deviation), evened, deviation)
-
-
-def _mean_on_surface(variance: Array, distance: Array, mean: Array) -> None:
-    """Fill mean (H, W, 3) with the means over the window, of finite values at nearly the pixel's own distance."""
-    rows, columns = distance.shape
-    half = _WINDOW // 2
-    for y in range(rows):
-        for x in range(columns):
-            z, n = distance[y, x], 0
-            mean[y, x] = 0.0 if z > 0 else np.nan
-            if not z > 0:
-                continue
-            for v in range(max(0, y - half), min(rows, y + half + 1)):
-                for u in range(max(0, x - half), min(columns, x + half + 1)):
-                    total = variance[v, u, 0] + variance[v, u, 1] + variance[v, u, 2]
-                    if abs(distance[v, u] - z) <= _SURFACE * z and math.isfinite(total):
-                        n += 1
-                        for c in range(3):
-                            mean[y, x, c] += variance[v, u, c]
-            for c in range(3):
-                mean[y, x, c] = mean[y, x, c] / n if n else np.nan
-
-
 def _field(there: Mask) -> Array:
     """Return (H, W): 1 inside the field of a view, gaps closed, down to 0 at its rim; images end at no rim."""
     import cv2
@@ -161,59 +125,16 @@ def _field(there: Mask) -> Array:
     return np.asarray(np.clip(inside / _RIM, 0, 1), dtype=np.float32)
 
 
-# Side of the window that specks take their colour from, pixels.
-_AROUND = 9
-
-
-def fill_pixels_without_depth(
-    restoration: Restoration, view: View, prior: ImagePrior | None = None, black: Array | None = None
-) -> Restoration:
-    """Return a restoration with colours for the pixels without depth, and their confidence, the standard deviation.
-
-    Specks get the mean of the colours around. Any other pixel has a distance from its surroundings, the fitted water
-    and its own intensity. prior: shrinks these colours too, by the error that their guessed distance makes; black:
-    (3,), what was subtracted from the other colours. Water, prior and black are of the same encoding, the fitted one.
-    """
-    import cv2
-
-    z = fill_distances(view)
-    holes, specks, water = z > 0, (view.depth > 0) & ~restoration.valid, restoration.water
-    if water is None or not (holes | specks).any():
-        return restoration
-    J = filled_by_water(view, water, z)[holes].T  # (3, P)
-    deviation = deviation_of_guess(J, water, z[holes])
-    if black is not None:
-        J = J - black[:, None]
-    if prior is not None:
-        J, deviation = prior.posterior(J, deviation)
-    filled = np.full(view.rgb.shape, np.nan, dtype=np.float32)
-    filled[holes] = converted(J.T, water.encoding or view.encoding, view.encoding)
-    known = np.dstack([np.nan_to_num(restoration.image), restoration.valid])
-    around = cv2.blur(known, (_AROUND, _AROUND), borderType=cv2.BORDER_CONSTANT)
-    specks &= around[..., 3] > 0
-    filled[specks] = around[specks, :3] / around[specks, 3:]
-    if (confidence := restoration.confidence) is not None:
-        confidence = confidence.copy()
-        confidence[holes] = np.sqrt((deviation**2).mean(axis=0))
-    return replace(restoration, filled=filled, confidence=confidence)
-
-
 # -- edges ----------------------------------------------------------------------
 
 # Half a window, of means and of sides, as a share of the image's width; at least so many pixels.
 _HALF, _FEWEST = 0.005, 3
-
-# Distances on two sides of an edge differ by at least this factor.
-_STEP = 1.1
 
 # Differences count in means up to so many typical ones.
 _CLIPPED = 3.0
 
 # A pixel is contradicted from the first chi on, and wholly from the second on.
 _DOUBT, _SURE = 9.0, 25.0
-
-# Difference of intensities that look alike; the least mean weight of the other side, and how much more than the own.
-_ALIKE, _LEAST_LIKE, _MORE = 0.04, 0.2, 4.0
 
 _FAINTEST = 1e-3
 
@@ -223,21 +144,18 @@ _SAMPLE, _FINE = 200_000, 1000
 # Sum of the robust weights of other views that agree.
 _AGREE = 1.5
 
-# Metres that no distance exceeds.
-_FAR = 1e9
-
 # Classes of distance, the median of the square of a standard normal number, and the least noise (8 bits).
 _CLASSES, _MEDIAN_OF_SQUARE, _LEAST_NOISE = 12, 0.455, 2e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What the target itself shows: intensity (H, W, 3) as fitted, picture (H, W, 3) as stored, distance (H, W) metres,
-    0 where unknown; is_wrong (H, W): pixels that the other views agree to contradict, where robust weights tell.
+    """What the target itself shows: intensity (H, W, 3) as fitted, distance (H, W) metres, 0 where unknown.
+
+    is_wrong: (H, W) pixels that the other views agree to contradict, where robust weights tell.
     """
 
     intensity: Array
-    picture: Array
     distance: Array
     is_wrong: Mask | None = None
 
@@ -263,31 +181,23 @@ def corrected_edges(target: Target, J: Array, deviation: Array, water: WaterPara
     noise = _deviation(e, a, target.distance, known)
     chi = ((e / np.maximum(noise, _LEAST_NOISE / a)) ** 2).mean(axis=-1)
     share = np.where(known, np.clip((chi - _DOUBT) / (_SURE - _DOUBT), 0, 1), 0)[..., None]
-    side = _other_side(target, share[..., 0] > 0)
-    moved = side > 0
     if target.is_wrong is not None:
-        spots = (share[..., 0] > 0) & ~moved
+        spots = share[..., 0] > 0
         _, spot, sizes, _ = cv2.connectedComponentsWithStats(spots.astype(np.uint8), connectivity=8)
         share[spots & (sizes[spot, cv2.CC_STAT_AREA] <= target.half**2) & target.is_wrong] = 0
-    corrected = J + share * e
-    corrected[moved], there = _alone(target.intensity[moved], side[moved], water)
-    share[moved] = 1
-    noise[moved] *= a[moved] / there
     rest = np.multiply(1 - share, deviation, out=np.zeros_like(noise), where=share < 1)  # deviations may be infinite
     left = np.sqrt(rest**2 + (share * noise) ** 2)
-    least = np.where(np.isfinite(deviation) & ~moved[..., None], deviation, 0)
-    left = np.maximum(left, least)  # one observation tells no more than all of them
-    return corrected.astype(np.float32), np.where(share > 0, left, deviation).astype(np.float32)
+    left = np.maximum(left, np.where(np.isfinite(deviation), deviation, 0))  # one tells no more than all of them
+    return (J + share * e).astype(np.float32), np.where(share > 0, left, deviation).astype(np.float32)
 
 
-def wrong_in_target(observations: Observations, weight: Array, target: str) -> Mask:
+def wrong_in_target(observations: Observations, v: Array, target: str) -> Mask:
     """Return (H, W) the pixels whose own observation is wrong while at least two others agree.
 
-    observations: with `view`, without robust weights; weight: (N,) with them; target: name of the view.
+    observations: with `view`; v: (N,), the trust in them; target: name of the view.
     """
     assert observations.view is not None, "observe with views"
     place = np.concatenate([np.arange(n) for n, _ in observations.slots()])
-    v = np.atleast_2d(robust_part(observations, weight, slice(None))).max(axis=0)
     is_own = observations.view == observations.views.index(target)
     others, own = np.bincount(place[~is_own], v[~is_own], len(observations.pixels)), place[is_own]
     wrong = np.zeros(observations.shape, dtype=bool)
@@ -318,45 +228,102 @@ def _deviation(e: Array, a: Array, distance: Array, known: Mask) -> Array:
     return np.asarray(table[((distance - middle[0]) / step).clip(0, _FINE - 1).astype(np.int32)] / a)
 
 
-def _other_side(target: Target, contradicted: Mask) -> Array:
-    """Return (H, W) the distance of the other side for pixels that look like it, 0 for the others."""
+# -- all of it ----------------------------------------------------------------------
+
+# Colours that are darker than the black of a channel, as a share.
+_BLACK = 0.005
+
+DARKEST_AS_VEIL = (
+    "the veil is not determined; the darkest colours of each channel were taken for it, so true black may be lighter"
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Refined:
+    """A solution with refined colours; the prior that shrank them; black: (3,), what was subtracted from them."""
+
+    solution: Solution
+    prior: ImagePrior | None = None
+    black: Array | None = None
+
+
+def refined(seen: Observed, solution: Solution, *, takes_darkest: bool) -> Refined:
+    """Return colours without specks and, with refine=true, with less noise and without gaps.
+
+    takes_darkest: whether the darkest colours of each channel are taken for a veil, an offset at one distance. The
+    prior keeps brightness, so that black is subtracted first.
+    """
+    options, linear, black, prior = seen.options, seen.encoding == "linear", None, None
+    if not solution.is_photograph:
+        if options.colours == "multi_view" and (solution.trust is not None or options.refine):
+            solution = calibrated(seen.observations, solution, decoded=seen.is_decoded)
+            solution = _of_many_views(seen, solution) if options.refine else solution
+        if options.robust:  # colours that no surface has are unknown: none at all, or for the prior to guess
+            is_speck = specks_of(solution.J, solution.deviation, linear=linear)
+            if not options.refine:
+                solution = replace(solution, J=np.where(is_speck, np.float32(np.nan), solution.J))
+            unknown = np.float32(np.inf if options.refine else np.nan)
+            solution = replace(solution, deviation=np.where(is_speck, unknown, solution.deviation))
+    if takes_darkest:
+        black = np.nanquantile(solution.J, _BLACK, axis=1).astype(np.float32)
+        solution = replace(solution.with_limits([DARKEST_AS_VEIL]), J=solution.J - black[:, None]).decided(black=black)
+    if options.refine and not solution.is_photograph:
+        prior = prior_of(solution.J, solution.deviation, LEAST_SPREAD_LINEAR if linear else LEAST_SPREAD)
+    if prior is not None:
+        J, deviation = prior.posterior(solution.J, solution.deviation)
+        solution = replace(solution, J=J, deviation=deviation)
+    return Refined(solution, prior, black)
+
+
+def _of_many_views(seen: Observed, solution: Solution) -> Solution:
+    """Return colours without gaps, with the edges that the image shows, and with less noise in two channels."""
+    observations, view, is_wrong = seen.observations, seen.view, None
+    if solution.trust is not None:
+        is_wrong = wrong_in_target(observations, solution.trust, view.name)
+        observations = trusted(observations, solution.trust)
+
+    def by_pixel(image: Array) -> Array:
+        return image.reshape(-1, 3)[observations.pixels].T
+
+    J, deviation = evened(observations, solution.J, solution.water, view.name), solution.deviation
+    if seen.options.robust is not True:
+        target = Target(seen.intensities, view.distance, is_wrong)
+        images = corrected_edges(target, observations.image(J), observations.image(deviation), solution.water)
+        J, deviation = map(by_pixel, images)
+    J, deviation = map(by_pixel, followed(observations.image(J), observations.image(deviation)))
+    return replace(solution, J=J, deviation=deviation)
+
+
+# Side of the window that specks take their colour from, pixels.
+_AROUND = 9
+
+
+def fill_pixels_without_depth(restoration: Restoration, view: View, refined: Refined | None = None) -> Restoration:
+    """Return a restoration with colours for the pixels without depth, and their confidence, the standard deviation.
+
+    Specks get the mean of the colours around. Any other pixel has a distance from its surroundings, the fitted water
+    and its own intensity. refined: its prior shrinks these colours too, by the error that their guessed distance makes,
+    and its black is subtracted.
+    """
     import cv2
 
-    side = np.zeros(target.distance.shape, dtype=np.float32)
-    window = np.ones((4 * target.half + 1,) * 2, np.uint8)
-    known = target.distance > 0
-    farthest = cv2.dilate(np.where(known, target.distance, 0).astype(np.float32), window)
-    nearest = cv2.erode(np.where(known, target.distance, _FAR).astype(np.float32), window)
-    contradicted = contradicted & (farthest > _STEP * nearest)
-    picture = np.ascontiguousarray(np.nan_to_num(target.picture, nan=-9.0), dtype=np.float32)  # like no other
-    distance = np.ascontiguousarray(target.distance, dtype=np.float32)
-    compiled(_find_side)(picture, distance, contradicted, 2 * target.half, side)
-    return side
-
-
-def _find_side(picture: Array, distance: Array, contradicted: Array, half: int, side: Array) -> None:
-    rows, columns = distance.shape
-    for y in range(rows):
-        for x in range(columns):
-            if not contradicted[y, x]:
-                continue
-            z = distance[y, x]
-            own = other = own_n = other_n = total = 0.0
-            for v in range(max(0, y - half), min(rows, y + half + 1), 2):
-                for u in range(max(0, x - half), min(columns, x + half + 1), 2):
-                    d = distance[v, u]
-                    if not d > 0 or contradicted[v, u]:
-                        continue
-                    square = 0.0
-                    for c in range(3):
-                        square += (picture[v, u, c] - picture[y, x, c]) ** 2
-                    w = math.exp(-0.5 * square / (_ALIKE * _ALIKE))
-                    if d > z * _STEP or z > d * _STEP:
-                        other += w
-                        other_n += 1
-                        total += w * d
-                    else:
-                        own += w
-                        own_n += 1
-            if other_n > 0 and other > _LEAST_LIKE * other_n and other / other_n > _MORE * own / max(own_n, 1.0):
-                side[y, x] = total / other
+    z = fill_distances(view)
+    holes, specks, water = z > 0, (view.depth > 0) & ~restoration.valid, restoration.water
+    if water is None or not (holes | specks).any():
+        return restoration
+    J = filled_by_water(view, water, z)[holes].T  # (3, P)
+    deviation = deviation_of_guess(J, water, z[holes])
+    if refined is not None and refined.black is not None:
+        J = J - refined.black[:, None]
+    if refined is not None and refined.prior is not None:
+        J, deviation = refined.prior.posterior(J, deviation)
+    filled = np.full(view.rgb.shape, np.nan, dtype=np.float32)
+    filled[holes] = converted(J.T, water.encoding or view.encoding, view.encoding)
+    known = np.dstack([np.nan_to_num(restoration.image), restoration.valid])
+    around = cv2.blur(known, (_AROUND, _AROUND), borderType=cv2.BORDER_CONSTANT)
+    specks &= around[..., 3] > 0
+    filled[specks] = around[specks, :3] / around[specks, 3:]
+    if (confidence := restoration.confidence) is not None:
+        confidence = confidence.copy()
+        confidence[holes] = np.sqrt((deviation**2).mean(axis=0))
+    return replace(restoration, filled=filled, confidence=confidence)

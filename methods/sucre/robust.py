@@ -174,10 +174,14 @@ def trust(observations: Observations, water: WaterParameters, noise: Array | Non
     return v
 
 
+def trusted(observations: Observations, v: Array) -> Observations:
+    """Return the observations with each weight times the trust (N,) in it."""
+    return replace(observations, weight=v if observations.weight is None else v * observations.weight)
+
+
 def reweighted(observations: Observations, water: WaterParameters, noise: Array) -> Observations:
     """Return the observations with each weight lowered by how badly it fits the water; noise: as in `trust`."""
-    v = trust(observations, water, noise)
-    return replace(observations, weight=v if observations.weight is None else v * observations.weight)
+    return trusted(observations, trust(observations, water, noise))
 
 
 def _settled(observations: Observations, block: Block, water: WaterParameters, noise: Array) -> tuple[Array, Array]:

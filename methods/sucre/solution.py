@@ -1,48 +1,68 @@
-"""The result of every solver, `Solution`; the pixels that the water is fitted to; and colours in a water."""
+"""A view with its observations, `Observed`; the result of every solver, `Solution`; and colours in a water."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
-from functools import partial
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from sucre_bench import Arrays
 from sucre_bench.arrays import Array, Indices
+from sucre_bench.camera import pixel_rays
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.machine.compute import Device
-from sucre_bench.methods.sucre.diagnostics import (
-    WaterUncertainty,
-    clustered,
-    for_known_water,
-    rescaled_to_noise,
-    uncertainty_of,
-)
+from sucre_bench.methods.sucre.diagnostics import WaterUncertainty, for_known_water, uncertainty_of
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.passes import Backend, Kernel, opened
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.scene import Scene, View
+from sucre_bench.scene import Encoding, Scene, View
 
 if TYPE_CHECKING:
     from sucre_bench.methods.sucre.light import Light
     from sucre_bench.methods.sucre.sucre import Sucre
 
-# Pixels of the sample: a fit on 5,000 was within 1e-4 of the full cost; four times as many cost little.
-SAMPLE = 20_000
+# Pixels of the sample: a fit on 5,000 was within 1e-4 of the full cost; four times as many cost little. The fewest with
+# equal footprints that are worth a fit of their own.
+SAMPLE, _FEWEST_MATCHED = 20_000, 200
 
-# Pixels that the water is fitted to with matched footprints, and the fewest that are worth a fit of their own.
-_MATCHED, _FEWEST_MATCHED = 20_000, 200
 
-# A fit with colours above zero may leave residuals whose cost is larger by this share: .01 to .02 on photographs whose
-# free fit takes shade for a veil. Noise of JPEG files makes dark colours negative with any veil; pushing them up raised
-# the cost by .2 to 2.5.
-_RISE = 0.05
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LightRecord:
+    """What the light was taken for: parts, the models that were judged, the least light in a corner, and a strobe."""
 
-# Pixels that observations are judged on, whether they fit.
-_JUDGED = 5_000
+    parts: list[str]
+    tried: list[dict[str, Any]]
+    least: float | None
+    strobe: dict[str, Array] | None
 
-# Fewer wrong observations than this share change no water.
-_FEW_WRONG = 1e-3
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Course:
+    """How a solution was found, in the words of its record; None where nothing was to be decided.
+
+    solver: exact; adam; given, the water is from elsewhere; none, the photograph without a water. steps: passes over
+    all observations; initial_cost: (3,) of Adam's start. footprint: whether the water was fitted to equal footprints;
+    unexplained: their mean noise in it, an intensity; robust: "wrong", the share of observations that weights leave
+    out; physical: whether colours were held above zero. gains: of views by name, a number or three each; black:
+    (3,), what was subtracted from the colours; residuals: their statistics.
+    """
+
+    solver: Literal["exact", "adam", "given", "none"]
+    device: str
+    steps: int | None = None
+    converged: bool | None = None
+    initial_cost: Array | None = None
+    footprint: bool | None = None
+    unexplained: float | None = None
+    robust: Mapping[str, float] | None = None
+    physical: bool | None = None
+    light: LightRecord | None = None
+    gains: Mapping[str, Any] | None = None
+    black: Array | None = None
+    residuals: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,10 +70,9 @@ class Solution:
     """A water and the colours in it.
 
     J, deviation: (3, P) float32, in the order of `Observations.pixels`, intensities without water and their standard
-    deviation; cost: (3,) sum of squared residuals; uncertainty: of the water; about: solver, steps, and the like;
-    weight: of each observation, as in `Observations`, from robust=true; is_photograph: J is the photograph, without a
-    water; light: that was removed from the observations; growth: (3, P), how many times larger than `deviation` the
-    standard deviation is if residuals of neighbours and of a view are alike.
+    deviation; cost: (3,) sum of squared residuals; uncertainty: of the water; trust: (N,) robust weight of each
+    observation, 0 to 1; light: that was removed from the observations; growth: (3, P), how many times larger than
+    `deviation` the standard deviation is if residuals of neighbours and of a view are alike.
     """
 
     J: Array
@@ -61,11 +80,14 @@ class Solution:
     water: WaterParameters
     cost: Array
     uncertainty: WaterUncertainty
-    about: dict[str, Any] = field(default_factory=dict)
-    weight: Array | None = None
-    is_photograph: bool = False
+    course: Course
+    trust: Array | None = None
     light: Light | None = None
     growth: Array | None = None
+
+    @property
+    def is_photograph(self) -> bool:
+        return self.course.solver == "none"
 
     @property
     def is_under_strobe(self) -> bool:
@@ -76,103 +98,107 @@ class Solution:
         uncertainty = replace(self.uncertainty, limits=(*self.uncertainty.limits, *limits))
         return replace(self, uncertainty=uncertainty)
 
+    def decided(self, **course: Any) -> Solution:
+        """Return the solution with more in its course."""
+        return replace(self, course=replace(self.course, **course))
 
-def solve_exact(
-    observations: Observations,
-    *,
-    matched: Observations | None = None,
-    physical: bool = False,
-    one_coefficient: bool = False,
-    robust: bool | Literal["auto"] = False,
-    backend: Backend = "auto",
-    device: Device = "auto",
-) -> Solution:
-    """Find the minimum; with `robust`, of observations weighted by how well they fit. Raises what `fit` raises.
 
-    robust: auto weights them if robust.py's `is_better` says so.
-    matched: observations of some pixels that the water is fitted to instead (see multiview/footprints.py); all colours
-    are those of `observations`.
-    """
-    from sucre_bench.methods.sucre.exact import fit
-    from sucre_bench.methods.sucre.robust import (
-        WRONG,
-        contradicted_views,
-        fit_robustly,
-        is_better,
-        reweighted,
-        robust_noise,
-        trust,
-    )
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """A view of a scene as options see it: its image, and the observations of its pixels."""
 
-    sharp = sampled(observations, SAMPLE, singles=physical, seed=0) if robust or matched is not None else None
-    fitted = partial(fit, one_coefficient=one_coefficient, backend=backend, device=device)
-    to_fit = observations if matched is None else matched
-    found = fitted(to_fit)
-    about: dict[str, Any] = {}
-    noise: Array | None = None
-    contradicted: list[str] = []
-    few = sharp if matched is None else matched
-    judged = sampled(few, _JUDGED, singles=False, seed=0) if robust and few is not None else None
-    is_tried = robust is True or (judged is not None and (trust(judged, found.water) < WRONG).mean() > _FEW_WRONG)
-    if is_tried and judged and few and sharp:  # water and weights are iterated on a sample
-        again, weighted = fit_robustly(few, fitted, plain=None if matched is None else found)
-        v = trust(judged, again.water)
-        contradicted = contradicted_views(judged, v)
-        if robust is True or is_better(judged, found.water, again.water, v):
-            noise = robust_noise(sharp, again.water)
-            observations = reweighted(observations, again.water, noise)
-            to_fit = observations if matched is None else weighted
-            found = fitted(to_fit) if matched is None else again
-            about["robust"] = {"wrong": float((v < WRONG).mean())}
-    if physical:
-        held = [sharp] if matched is not None and sharp is not None else []
-        above = fitted(to_fit, physical=True, sharp=held)
-        about["physical"] = matched is None or bool((above.cost <= (1 + _RISE) * found.cost).all())
-        found = above if about["physical"] else found
-    about |= {"solver": "exact", "steps": found.passes, "converged": found.converged}
-    with opened(observations, backend, device) as kernel:
-        uncertainty = found.uncertainty
-        if noise is not None and sharp is not None:
-            uncertainty = rescaled_to_noise(uncertainty, robust_noise(sharp, found.water))
-        elif matched is not None:  # the water's errors come from the sample, the colours' from their own noise
-            uncertainty = replace(uncertainty, noise=uncertainty_at(kernel, observations, found.water).noise)
-        if matched is not None:
-            uncertainty = clustered(uncertainty, [to_fit], found.water, tied=one_coefficient)
-        solution = _with_colours(kernel, found.water, uncertainty, about).with_limits(contradicted)
-    return solution if noise is None else replace(solution, weight=observations.weight)
+    options: Sucre
+    scene: Scene
+    view: View
+    observations: Observations
+
+    @staticmethod
+    def of(options: Sucre, scene: Scene, view: View) -> Observed:
+        """Raises NotApplicableError when no pixel has depth or none is seen twice."""
+        return Observed(options, scene, view, options.observe(scene, view))
+
+    @cached_property
+    def matched(self) -> Observations | None:
+        """A sample with equal footprints (multiview/footprints.py), None where too few pixels have one."""
+        n = self.observations.n_repeated
+        if n < _FEWEST_MATCHED:
+            return None
+        chosen = np.random.default_rng(0).choice(n, min(n, SAMPLE), replace=False)
+        found = self.matched_at(self.observations.pixels[chosen])
+        return found if found.n_repeated >= _FEWEST_MATCHED else None
+
+    def matched_at(self, pixels: Indices, wider: float = 1.0) -> Observations:
+        """Return observations of pixels (flat indices) with equal footprints, so many times wider than they need be."""
+        from sucre_bench.multiview.footprints import matched_footprints
+
+        shown = set(self.observations.views)
+        views = [other for other in self.scene.views if other.name in shown]
+        how = self.options.pairing_with(with_view=True, with_ray=True)
+        return matched_footprints(self.view, views, pixels, **how, wider=wider)
+
+    def alone(self) -> Observed:
+        """Return the view with its own observations alone."""
+        from sucre_bench.multiview.observe import observe
+
+        return replace(self, observations=observe(self.view, [self.view], **self.options.pairing_with()))
+
+    @property
+    def encoding(self) -> Encoding:
+        """The encoding of the intensities that are fitted."""
+        return "linear" if self.options.encoding == "linear" else self.view.encoding
+
+    @property
+    def is_decoded(self) -> bool:
+        return self.encoding != self.view.encoding
+
+    @property
+    def intensities(self) -> Array:
+        """The view's intensities (H, W, 3) in the encoding that is fitted."""
+        return srgb_decode(self.view.rgb) if self.is_decoded else self.view.rgb
+
+    def evened(self, light: Light) -> Observed:
+        """Return the view and its observations as even light would show them.
+
+        Intensities may exceed 1. A strobe's light needs depth; the view is NaN elsewhere.
+        """
+        assert self.view.camera is not None
+        rays = np.moveaxis(pixel_rays(self.view.camera), -1, 0)[:2]
+        unknown = np.nan if light.parts.strobe else 1.0
+        z = np.where(self.view.depth > 0, self.view.distance, unknown).astype(np.float64)
+        recorded = np.moveaxis(self.intensities, -1, 0)
+        even = np.moveaxis(replace(light, gains=np.zeros((1, 3))).evened(recorded, rays, z, 0)[0], 0, -1)
+        rgb = (srgb_encode(even) if self.is_decoded else even).astype(np.float32)
+        view = replace(self.view, pixels=Arrays(rgb, self.view.depth, self.view.reference))
+        observations = self.options.observe(self.scene, self.view, with_view=True, with_ray=True)
+        return replace(self, view=view, observations=light.removed(observations))
+
+    def coloured(self, water: WaterParameters, uncertainty: WaterUncertainty | None = None) -> Solution:
+        """Return the colours in a water: see `colours_for_water`."""
+        options = self.options
+        return colours_for_water(self.observations, water, uncertainty, options.backend, options.device)
 
 
 def colours_for_water(
     observations: Observations,
     water: WaterParameters,
     uncertainty: WaterUncertainty | None,
-    backend: Backend,
+    backend: Backend | Literal["numpy"],
     device: Device,
 ) -> Solution:
     """Return the colours in a water that is known, from elsewhere (uncertainty None) or from a common fit."""
     with opened(observations, backend, device) as kernel:
-        known = uncertainty or for_known_water(uncertainty_at(kernel, observations, water))
-        return _with_colours(kernel, water, known, {"solver": "given"})
+        known = uncertainty or for_known_water(uncertainty_of(water, kernel.system(water), None, observations.n_excess))
+        return coloured(kernel, water, known, Course(solver="given", device=kernel.device))
 
 
-def _with_colours(
-    kernel: Kernel, water: WaterParameters, uncertainty: WaterUncertainty, about: dict[str, Any]
-) -> Solution:
+def coloured(kernel: Kernel, water: WaterParameters, uncertainty: WaterUncertainty, course: Course) -> Solution:
+    """Return the colours of a kernel's observations."""
     J, deviation = kernel.colours(water, uncertainty.noise, uncertainty.covariance)
     growth = None
     if uncertainty.alike is not None:
         _, wide = kernel.colours(water, uncertainty.noise, uncertainty.alike)
         growth = np.divide(wide, deviation, out=np.ones_like(wide), where=deviation > 0).clip(min=1)
-    about = {**about, "device": kernel.device}
-    return Solution(J, deviation, water, kernel.system(water).cost, uncertainty, about, growth=growth)
-
-
-def uncertainty_at(
-    kernel: Kernel, observations: Observations, water: WaterParameters, *, tied: bool = False
-) -> WaterUncertainty:
-    """Return the uncertainty of a water that need not be the minimum."""
-    free = np.ones((3, 3), dtype=bool)
-    return uncertainty_of(water, kernel.system(water), free, observations.n_excess, tied=tied)
+    return Solution(J, deviation, water, kernel.system(water).cost, uncertainty, course, growth=growth)
 
 
 def sampled(observations: Observations, n: int, *, singles: bool, seed: int) -> Observations:
@@ -209,25 +235,3 @@ def first_slot(observations: Observations) -> Observations:
         view=None,
         ray=None,
     )
-
-
-def matched_sample(options: Sucre, scene: Scene, view: View, observations: Observations) -> Observations | None:
-    """Return a sample with matched footprints (multiview/footprints.py), None where too few pixels have one."""
-    n = observations.n_repeated
-    if n < _FEWEST_MATCHED:
-        return None
-    pixels = observations.pixels[np.random.default_rng(0).choice(n, min(n, _MATCHED), replace=False)]
-    found = matched_at(options, scene, view, observations, pixels)
-    return found if found.n_repeated >= _FEWEST_MATCHED else None
-
-
-def matched_at(
-    options: Sucre, scene: Scene, view: View, observations: Observations, pixels: Indices, wider: float = 1.0
-) -> Observations:
-    """Return observations of pixels (flat indices) with matched footprints; observations: name the views."""
-    from sucre_bench.multiview.footprints import matched_footprints
-
-    shown = set(observations.views)
-    views = [other for other in scene.views if other.name in shown]
-    how = options.pairing_with(with_view=True, with_ray=True)
-    return matched_footprints(view, views, pixels, **how, wider=wider)

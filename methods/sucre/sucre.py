@@ -9,30 +9,18 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from sucre_bench import Arrays, InputError, Restoration, Scene, View, method
-from sucre_bench.arrays import Array
-from sucre_bench.camera import Camera, pixel_rays
-from sucre_bench.imaging.display import normalisation
-from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.camera import Camera
+from sucre_bench.imaging.encoding import srgb_encode
 from sucre_bench.imaging.fill import FillOption
 from sucre_bench.machine.compute import Device
 from sucre_bench.machine.packages import require
-from sucre_bench.methods.sucre.known_water import check_source, shared_water, water_of
-from sucre_bench.methods.sucre.light import AUTO, EVEN, Light, Parts, parts_of
+from sucre_bench.methods.sucre.known_water import check_source
+from sucre_bench.methods.sucre.light import Parts, parts_of
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.paper import CITES
 from sucre_bench.methods.sucre.passes import Backend
-from sucre_bench.methods.sucre.refine_noise import (
-    LEAST_SPREAD,
-    LEAST_SPREAD_LINEAR,
-    ImagePrior,
-    prior_of,
-    specks_of,
-)
-from sucre_bench.plugins.call_method import display_of
-from sucre_bench.scene import Encoding
 
 if TYPE_CHECKING:
-    from sucre_bench.methods.sucre.solution import Solution
     from sucre_bench.multiview.observations import Observations
     from sucre_bench.multiview.observe import Options
 
@@ -120,21 +108,18 @@ class Sucre(FillOption):
         of matched footprints: seconds the first time, then no time.
         """
         from sucre_bench.methods.sucre.passes import opened
-        from sucre_bench.methods.sucre.refine_views import Target, corrected_edges, even_deviation
-        from sucre_bench.multiview.footprints import matched_footprints
-        from sucre_bench.multiview.observe import observe
+        from sucre_bench.methods.sucre.solution import Observed
 
-        n, options = 8, self.pairing_with()
+        n = 8
         camera = Camera(np.array([[n, 0, n / 2], [0, n, n / 2], [0, 0, 1.0]]), n, n)
         grey = np.full((n, n, 3), 128 / 255)
         one, same = (View(name, Arrays(grey, np.ones((n, n))), camera, np.eye(4)) for name in ("one", "same"))
-        observations = observe(one, [one, same], **options)
-        matched_footprints(one, [one, same], observations.pixels, **options)
-        even_deviation(observations, np.ones((3, len(observations.pixels)), dtype=np.float32), one.distance)
+        seen = Observed.of(self, Scene("warm up", [one, same], frozenset({"depth", "poses"})), one)
+        observations = seen.observations
+        seen.matched_at(observations.pixels)
         water = WaterParameters.of_channels(np.full((3, 3), 0.1))
-        corrected_edges(Target(grey, grey, np.ones((n, n))), grey, np.ones_like(grey), water)
-        for seen in (observations, replace(observations, colour=observations.colour.astype(np.float32))):
-            with opened(seen, self.backend, self.device) as kernel:
+        for stored in (observations, replace(observations, colour=observations.colour.astype(np.float32))):
+            with opened(stored, self.backend, self.device) as kernel:
                 for margin in (None, np.full(3, 0.1)):
                     kernel.system(water, margin)
                 kernel.colours(water, np.ones(3), np.zeros((3, 3, 3)))
@@ -146,142 +131,44 @@ class Sucre(FillOption):
         Raises NotApplicableError when no pixel has depth or none is seen twice, SolveError when the fit fails,
         InputError for a water that cannot be read.
         """
-        from sucre_bench.methods.sucre.choose import nearer_encoding
-        from sucre_bench.methods.sucre.record import named
+        from sucre_bench.methods.sucre.policy import Veil, nearer_encoding, solved, veil_of
+        from sucre_bench.methods.sucre.record import UNKNOWN_VEIL, named, restoration, with_residuals
+        from sucre_bench.methods.sucre.refine_views import fill_pixels_without_depth, refined
+        from sucre_bench.methods.sucre.solution import Observed
 
-        observations = self.observe(scene, view)
+        seen, nearer = Observed.of(self, scene, view), None
         started = time.perf_counter()
         with named(view):
-            matched = self.matched(scene, view, observations)
-            if self.encoding != "auto":
-                return self._restored(scene, view, observations, matched, started)
-            nearer = nearer_encoding(self, scene, view, observations, matched)
-            chosen = replace(self, encoding=nearer.encoding)
-            if nearer.encoding == "linear":
+            if self.encoding == "auto":
+                nearer = nearer_encoding(seen)
+                options = replace(self, encoding=nearer.encoding)
                 paused = time.perf_counter()
-                observations = chosen.observe(scene, view)
+                seen = Observed.of(options, scene, view) if nearer.encoding == "linear" else seen
                 started += time.perf_counter() - paused  # pairing is no part of the fit
-                matched = chosen.matched(scene, view, observations)
-            restored = chosen._restored(scene, view, observations, matched, started)  # noqa: SLF001
-        return replace(restored, info={**restored.info, "encoding": asdict(nearer)})
-
-    def _restored(
-        self, scene: Scene, view: View, observations: Observations, matched: Observations | None, started: float
-    ) -> Restoration:
-        """Return the restoration in a chosen encoding; matched: see `matched`; started: when its fit began, seconds."""
-        from sucre_bench.methods.sucre.record import restoration, with_residuals
-        from sucre_bench.methods.sucre.refine_views import fill_pixels_without_depth
-
-        stages = {"read": observations.read_s, "pair": observations.pair_s}
-        observations, solution = self._solve(scene, view, observations, matched)
-        if solution.light is not None:
-            view = self.in_even_light(view, solution.light)
-        solution = self._with_limit_of_veil(observations, solution)
-        solution = with_residuals(observations, solution)
-        if self.colours == "single_view":
-            observations, solution = self._single_view(view, solution)
-        else:
-            solution = self._refined(view, observations, solution)
-        solution = self._without_specks(view, solution)
-        solution, prior, black = self._with_prior(view, solution)
-        if self._decodes(view):  # the curve continues below 0 and above 1
-            J = srgb_encode(solution.J)
-            deviation = np.abs(srgb_encode(solution.J + solution.deviation) - J)
-            solution = replace(solution, J=J, deviation=deviation)
-        stages["solve"] = time.perf_counter() - started
-        restored = restoration(view, observations, solution, stages, self, self._fitted(view))
-        if self.fill:
-            restored = fill_pixels_without_depth(restored, view, prior, black)
-        if black is not None and restored.water is not None:  # the water tells no veil
-            unknown = np.full(3, np.nan)
-            restored = replace(restored, water=replace(restored.water, veiling_light=unknown, backscatter=unknown))
-        return restored
-
-    def _with_limit_of_veil(self, observations: Observations, solution: Solution) -> Solution:
-        """Return the solution, with a limit that names the unknown veil if it would stay visible in the picture.
-
-        Some displays subtract an offset of each channel. They remove such a veil, and no limit is needed.
-        """
-        from sucre_bench.methods.sucre.own_water import UNKNOWN_VEIL, has_unknown_veil, is_in_air
-
-        is_shown = not (solution.is_under_strobe or normalisation(display_of(self)).removes_offsets)
-        if is_shown and has_unknown_veil(solution) and not is_in_air(observations, solution):
-            return solution.with_limits([UNKNOWN_VEIL])
-        return solution
-
-    def _without_specks(self, view: View, solution: Solution) -> Solution:
-        """Return the solution with colours unknown that no surface has: NaN, or for the prior of refine=true to guess.
-
-        robust=false leaves them as least squares has them.
-        """
-        if solution.is_photograph or not self.robust:
-            return solution
-        is_speck = specks_of(solution.J, solution.deviation, linear=self._fitted(view) == "linear")
-        if self.refine:
-            return replace(solution, deviation=np.where(is_speck, np.float32(np.inf), solution.deviation))
-        J, deviation = (np.where(is_speck, np.float32(np.nan), values) for values in (solution.J, solution.deviation))
-        return replace(solution, J=J, deviation=deviation)
-
-    def _with_prior(self, view: View, solution: Solution) -> tuple[Solution, ImagePrior | None, Array | None]:
-        """Return the solution with less noise in its colours (refine=true), the prior, and the black (3,) subtracted.
-
-        The prior keeps brightness. So under a strobe, whose veil is an offset, a black is subtracted first.
-        """
-        from sucre_bench.methods.sucre.own_water import has_unknown_veil, without_darkest
-
-        black = prior = None
-        if self.refine and solution.is_under_strobe and (solution.is_photograph or has_unknown_veil(solution)):
-            solution, black = without_darkest(solution)
-        if self.refine and not solution.is_photograph:
-            spread = LEAST_SPREAD_LINEAR if self._fitted(view) == "linear" else LEAST_SPREAD
-            prior = prior_of(solution.J, solution.deviation, spread)
-        if prior is not None:
-            J, deviation = prior.posterior(solution.J, solution.deviation)
-            solution = replace(solution, J=J, deviation=deviation)
-        return solution, prior, black
-
-    def _refined(self, view: View, observations: Observations, solution: Solution) -> Solution:
-        """Return colours of many views with calibrated standard deviations and without gaps, where chosen.
-
-        view: in even light, as the observations are.
-        """
-        if solution.is_photograph or (solution.weight is None and not self.refine):
-            return solution
-        from sucre_bench.methods.sucre.refine_noise import calibrated, followed
-        from sucre_bench.methods.sucre.refine_views import (
-            Target,
-            corrected_edges,
-            even_deviation,
-            evened,
-            wrong_in_target,
-        )
-
-        solution = calibrated(observations, solution, decoded=self._decodes(view))
-        if not self.refine:
-            return solution
-        is_wrong = None
-        if solution.weight is not None:
-            is_wrong = wrong_in_target(observations, solution.weight, view.name)
-            observations = replace(observations, weight=solution.weight)
-        J, deviation = evened(observations, solution.J, solution.water, view.name), solution.deviation
-        if self.robust is not True:
-            intensity = self.intensities(view).reshape(*observations.shape, 3)
-            target = Target(intensity, view.rgb, view.distance, is_wrong)
-            images = corrected_edges(target, observations.image(J), observations.image(deviation), solution.water)
-            J, deviation = (image.reshape(-1, 3)[observations.pixels].T for image in images)
-        deviation = even_deviation(observations, deviation, view.distance)
-        images = followed(observations.image(J), observations.image(deviation))
-        J, deviation = (image.reshape(-1, 3)[observations.pixels].T for image in images)
-        return replace(solution, J=J, deviation=deviation)
-
-    def matched(self, scene: Scene, view: View, observations: Observations) -> Observations | None:
-        """Return the sample with equal footprints that water, encoding and light are found on; None if none is."""
-        from sucre_bench.methods.sucre.solution import matched_sample
-
-        is_used = self.footprint or self.encoding == "auto" or self.light not in (AUTO, EVEN)
-        if self.water != "own" or not is_used:
-            return None
-        return matched_sample(self, scene, view, observations)
+            stages = {"read": seen.observations.read_s, "pair": seen.observations.pair_s}
+            seen, solution = solved(seen)
+            veil = veil_of(seen.observations, solution, self)
+            if veil is Veil.SAID:
+                solution = solution.with_limits([UNKNOWN_VEIL])
+            solution = with_residuals(seen.observations, solution)
+            if self.colours == "single_view":
+                seen = seen.alone()
+                alone = seen.coloured(solution.water, solution.uncertainty)
+                solution = replace(alone, course=solution.course, light=solution.light)
+            done = refined(seen, solution, takes_darkest=veil is Veil.DARKEST)
+            solution = done.solution
+            if seen.is_decoded:  # the curve continues below 0 and above 1
+                J = srgb_encode(solution.J)
+                deviation = np.abs(srgb_encode(solution.J + solution.deviation) - J)
+                solution = replace(solution, J=J, deviation=deviation)
+            stages["solve"] = time.perf_counter() - started
+            restored = restoration(seen.observations, solution, stages, self, seen.encoding)
+            if self.fill:
+                restored = fill_pixels_without_depth(restored, seen.view, done)
+            if done.black is not None and restored.water is not None:  # the water tells no veil
+                unknown = np.full(3, np.nan)
+                restored = replace(restored, water=replace(restored.water, veiling_light=unknown, backscatter=unknown))
+        return replace(restored, info=restored.info | ({"encoding": asdict(nearer)} if nearer else {}))
 
     def observe(self, scene: Scene, view: View, *, with_view: bool = False, with_ray: bool = False) -> Observations:
         """Return the observations of a view; with their views and rays in any case, if asked for."""
@@ -298,65 +185,16 @@ class Sucre(FillOption):
             "with_view": with_view or self.refine,
         }
 
-    def _solve(
-        self, scene: Scene, view: View, observations: Observations, matched: Observations | None
-    ) -> tuple[Observations, Solution]:
-        """Return the solution, and the observations that it explains."""
-        from sucre_bench.methods.sucre.own_water import OwnWater
-        from sucre_bench.methods.sucre.solution import colours_for_water
-
-        where = (self.backend, self.device)
-        if self.water == "own":
-            return OwnWater(self, scene, view).solve(observations, matched)
-        if self.water == "shared":
-            shared = shared_water(scene, self)
-            return observations, colours_for_water(observations, shared.water, shared.uncertainty, *where)
-        known = water_of(self.water, scene, view, self._fitted(view))
-        if not known.gains:
-            return observations, colours_for_water(observations, known.water, None, *where)
-        light = Light.of_gains(known.gains, known.water)
-        observations = light.removed(self.observe(scene, view, with_view=True, with_ray=True))
-        solution = colours_for_water(observations, known.water, None, *where)
-        return observations, replace(solution, about=solution.about | {"gains": dict(known.gains)})
-
     @property
     def compute(self) -> dict[str, Any]:
         """Options that every fit has."""
         return {"backend": self.backend, "device": self.device}
 
-    def _single_view(self, view: View, solution: Solution) -> tuple[Observations, Solution]:
-        """Return the image's own observations, and their colours in the water of a solution."""
-        from sucre_bench.methods.sucre.solution import colours_for_water
-        from sucre_bench.multiview.observe import observe
-
-        in_target = observe(view, [view], **self.pairing_with())
-        alone = colours_for_water(in_target, solution.water, solution.uncertainty, self.backend, self.device)
-        return in_target, replace(
-            alone, about=solution.about, is_photograph=solution.is_photograph, light=solution.light
-        )
-
-    def intensities(self, view: View) -> Array:
-        """Return the target's intensities (H W, 3) in the encoding that is fitted."""
-        rgb = view.rgb.reshape(-1, 3)
-        return srgb_decode(rgb) if self._decodes(view) else rgb
-
-    def in_even_light(self, view: View, light: Light) -> View:
-        """Return the view as even light would show it. May exceed 1; a strobe needs depth, else NaN."""
-        assert view.camera is not None
-        rays = np.moveaxis(pixel_rays(view.camera), -1, 0)[:2]
-        z = np.where(view.depth > 0, view.distance, np.nan if light.parts.strobe else 1.0).astype(np.float64)
-        even = replace(light, gains=np.zeros((1, 3)))
-        recorded = np.moveaxis(self.intensities(view).reshape(view.rgb.shape), -1, 0)
-        linear = np.moveaxis(even.evened(recorded, rays, z, 0)[0], 0, -1)
-        rgb = srgb_encode(linear) if self._decodes(view) else linear
-        return replace(view, pixels=Arrays(rgb.astype(np.float32), view.depth, view.reference))
-
-    def _fitted(self, view: View) -> Encoding:
-        """The encoding of the intensities that are fitted."""
-        return "linear" if self.encoding == "linear" else view.encoding
-
-    def _decodes(self, view: View) -> bool:
-        return self._fitted(view) != view.encoding
+    @property
+    def fitting(self) -> dict[str, Any]:
+        """Options of `policy.solve_exact`."""
+        chosen = {"physical": self.physical, "one_coefficient": self.one_coefficient, "robust": self.robust}
+        return self.compute | chosen
 
 
 @method(

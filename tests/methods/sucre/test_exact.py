@@ -15,8 +15,9 @@ from sucre_bench.methods.sucre.diagnostics import clustered, uncertainty_of
 from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.model import Bounds, ReducedSystem, WaterParameters, minimise
 from sucre_bench.methods.sucre.paper import solve_adam
+from sucre_bench.methods.sucre.policy import solve_exact
 from sucre_bench.methods.sucre.refine_noise import prior_of
-from sucre_bench.methods.sucre.solution import colours_for_water, solve_exact
+from sucre_bench.methods.sucre.solution import colours_for_water
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 from sucre_bench.multiview.observe import observe
 
@@ -212,7 +213,7 @@ def test_noise_with_heavy_tails_pulls_no_water_from_its_minimum() -> None:
     averaged, _ = made(10_000, noise=0.001, **dark)
     assert np.abs(table(fit(averaged, physical=True, sharp=[sharp]).water) / TRUTH - 1).max() > 0.05
     found = solve_exact(sharp, matched=averaged, physical=True)
-    assert found.about["physical"] is False
+    assert found.course.physical is False
     np.testing.assert_allclose(table(found.water), TRUTH, rtol=0.03)
 
 

@@ -15,11 +15,12 @@ from support.made_observations import parameters
 from sucre_bench import Arrays, InputError, Restoration, Scene, Water
 from sucre_bench.imaging.display import display
 from sucre_bench.methods.sucre import Sucre, SucrePlus
-from sucre_bench.methods.sucre.choose import choose, nearer_encoding
+from sucre_bench.methods.sucre.choose import choose
 from sucre_bench.methods.sucre.light import Light, Parts, Problem, Sample
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.passes import opened
-from sucre_bench.methods.sucre.solution import matched_sample, sampled
+from sucre_bench.methods.sucre.policy import nearer_encoding
+from sucre_bench.methods.sucre.solution import Observed, sampled
 from sucre_bench.methods.sucre.strobe import Lit, Strobe
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
@@ -98,7 +99,7 @@ def test_vignetting_is_found_with_the_water(plain: Scene) -> None:
     truth = scene["3.png"].reference
     errors = [np.sqrt(np.nanmean((one.image - truth) ** 2)) for one in (even, result)]
     assert errors[1] < 0.7 * errors[0]
-    matched = sucre().matched(scene, scene["3.png"], sucre().observe(scene, scene["3.png"]))
+    matched = Observed.of(sucre(), scene, scene["3.png"]).matched
     chosen = choose(matched, "3.png", parameters(even.water), None, may_be_strobe=False)
     assert chosen.fit.light.parts == Parts(lens=True)
 
@@ -107,9 +108,7 @@ def test_exposure_that_follows_the_distance_is_not_taken_for_linear_light() -> N
     """In even light, residuals of linear light are .94 of those of stored intensities; with gains 1.55."""
     gains = tuple((np.array(GROUND["heights_m"]) / GROUND["heights_m"][3]) ** 0.35)
     scene = make_ground(WATERS["blue ocean"], gains=gains, **GROUND)
-    observations = sucre().observe(scene, scene["3.png"])
-    matched = sucre().matched(scene, scene["3.png"], observations)
-    assert nearer_encoding(sucre(), scene, scene["3.png"], observations, matched).encoding == "view"
+    assert nearer_encoding(Observed.of(sucre(), scene, scene["3.png"])).encoding == "view"
 
 
 def test_blur_that_grows_with_the_distance_is_said_and_sharp_images_get_no_such_word(plain: Scene) -> None:
@@ -195,8 +194,7 @@ def test_a_strobes_veil_is_its_light_scattered_once() -> None:
 
 @pytest.fixture(scope="module")
 def matched(exposed: Scene) -> Observations:
-    method, view = sucre(), exposed["3.png"]
-    found = matched_sample(method, exposed, view, method.observe(exposed, view))
+    found = Observed.of(sucre(), exposed, exposed["3.png"]).matched
     assert found is not None
     return found
 

@@ -1,4 +1,4 @@
-"""A board in front of ground, whose depth map is off by some pixels, and pixels that other views show wrongly."""
+"""A board in front of ground, and pixels that other views show wrongly."""
 
 import numpy as np
 from support.made_ground import WATERS
@@ -9,7 +9,6 @@ from sucre_bench.methods.sucre.refine_views import Target, corrected_edges
 SHAPE = (80, 120)
 ROW, COLUMN = np.mgrid[: SHAPE[0], : SHAPE[1]]
 BOARD = (COLUMN >= 40) & (COLUMN < 80) & (ROW >= 20) & (ROW < 60)
-SHIFTED = (COLUMN >= 37) & (COLUMN < 77) & (ROW >= 20) & (ROW < 60)  # the board in the depth map
 NEAR, FAR = 2.0, 5.0
 WATER = WaterParameters(*(getattr(WATERS["coast"], k) for k in ("veiling_light", "attenuation", "backscatter")))
 
@@ -27,27 +26,12 @@ def scene() -> tuple[np.ndarray, np.ndarray]:
     return J, I + 0.003 * rng.standard_normal(I.shape)
 
 
-def test_pixels_on_the_wrong_side_of_a_depth_edge_take_the_side_that_they_look_like() -> None:
-    J, I = scene()  # noqa: E741
-    distance = np.where(SHIFTED, NEAR, FAR)
-    # what views show that are paired by that depth map: the board where it says so
-    paired = np.where(SHIFTED[..., None], 0.8, (0.35, 0.25, 0.15)).astype(np.float32)
-    deviation = np.full((*SHAPE, 3), 0.01, np.float32)
-    found, _ = corrected_edges(Target(I, I, distance), paired, deviation, WATER)
-    wrong = (SHIFTED != BOARD) & (ROW >= 24) & (ROW < 56)
-    before, after = (np.abs(image - J)[wrong].mean() for image in (paired, found))
-    assert before > 0.3
-    assert after < 0.1
-    right = SHIFTED == BOARD
-    assert np.abs(found - J)[right].mean() < 1.1 * np.abs(paired - J)[right].mean()
-
-
 def test_only_small_spots_that_are_wrong_in_the_image_itself_stay_as_other_views_show_them() -> None:
     J, I = scene()  # noqa: E741
     snow, fish = (ROW % 16 == 4) & (COLUMN % 16 == 4), (ROW >= 66) & (COLUMN >= 90)
     I[snow | fish] = 0.9
     deviation = np.full((*SHAPE, 3), 0.01, np.float32)
-    target = Target(I, I, np.where(BOARD, NEAR, FAR), is_wrong=snow | fish)
+    target = Target(I, np.where(BOARD, NEAR, FAR), is_wrong=snow | fish)
     found, _ = corrected_edges(target, J.astype(np.float32), deviation, WATER)
     flake, fin = (np.abs(found - J)[where].min(axis=-1) for where in (snow & ~fish, fish))
     assert flake.max() < 0.02
@@ -64,7 +48,7 @@ def test_pixels_that_other_views_show_wrongly_get_what_the_image_shows_and_its_n
     deviation = np.full((*SHAPE, 3), 0.002, np.float32)
     untold = (ROW < 40) & (COLUMN < 60)  # a deviation may be infinite
     deviation[untold] = np.inf
-    found, left = corrected_edges(Target(I, I, distance), paired, deviation, WATER)
+    found, left = corrected_edges(Target(I, distance), paired, deviation, WATER)
     assert np.abs(found - J)[wrong].mean() < 0.04
     assert (left[wrong & ~untold] > deviation[wrong & ~untold]).all()
     assert not np.isnan(left).any()
@@ -80,7 +64,7 @@ def test_a_pixel_that_shows_what_the_image_shows_is_not_known_better_than_from_a
     wrong = (ROW % 9 == 4) & (COLUMN % 9 == 4)
     paired = np.where(wrong[..., None], J + 0.3, J).astype(np.float32)
     deviation = np.full((*SHAPE, 3), 0.4, np.float32)  # the light of the views differs, so no colour is known well
-    found, left = corrected_edges(Target(I, I, distance), paired, deviation, WATER)
+    found, left = corrected_edges(Target(I, distance), paired, deviation, WATER)
     assert np.abs(found - J)[wrong].mean() < 0.1
     assert (left[wrong] >= deviation[wrong]).all()
 
@@ -92,7 +76,7 @@ def test_where_views_agree_nothing_changes_and_holes_stay() -> None:
     colours = np.where(hole[..., None], np.nan, J).astype(np.float32)
     I[70, 100] = np.nan
     deviation = np.full((*SHAPE, 3), 0.01, np.float32)
-    found, left = corrected_edges(Target(I, I, np.where(hole, 0, distance)), colours, deviation, WATER)
+    found, left = corrected_edges(Target(I, np.where(hole, 0, distance)), colours, deviation, WATER)
     np.testing.assert_array_equal(np.isnan(found), np.isnan(colours))
     known = ~hole
     assert np.mean(found[known] == colours[known]) > 0.99

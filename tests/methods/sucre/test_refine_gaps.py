@@ -10,7 +10,7 @@ from support.made_scene import WATER
 
 from sucre_bench import Arrays, Scene, View
 from sucre_bench.methods.sucre import Sucre
-from sucre_bench.methods.sucre.refine_views import even_deviation, evened
+from sucre_bench.methods.sucre.refine_views import evened
 from sucre_bench.methods.sucre.solution import colours_for_water
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 
@@ -19,7 +19,6 @@ WATER_OF_ALL = parameters(WATER)
 ROW, COLUMN = np.divmod(np.arange(SHAPE[0] * SHAPE[1]), SHAPE[1])
 GAPS = (ROW + COLUMN) % 4 == 0
 FIELD = COLUMN < 60  # of the other view
-FLAT = np.full(SHAPE, 4.0, np.float32)  # distance of the ground
 
 
 def two_views(gain: float) -> tuple[Observations, np.ndarray]:
@@ -73,43 +72,6 @@ def test_pixels_that_the_target_does_not_show_stay() -> None:
     observations, _ = two_views(1.2)
     J = colours_for_water(observations, WATER_OF_ALL, None, "numpy", "cpu").J
     np.testing.assert_array_equal(evened(observations, J, WATER_OF_ALL, "elsewhere.png"), J)
-
-
-def test_a_gap_is_as_uncertain_as_what_surrounds_it() -> None:
-    observations, _ = two_views(1.2)
-    solution = colours_for_water(observations, WATER_OF_ALL, None, "numpy", "cpu")
-    spread = observations.image(even_deviation(observations, solution.deviation, FLAT)).reshape(-1, 3)
-    inside = (COLUMN < 50) & (COLUMN > 8) & (ROW > 8) & (ROW < 50)
-    np.testing.assert_allclose(spread[inside & GAPS].mean(axis=0), spread[inside & ~GAPS].mean(axis=0), rtol=0.02)
-    alone = observations.image(solution.deviation).reshape(-1, 3)[COLUMN > 75]
-    np.testing.assert_allclose(spread[COLUMN > 75], alone, rtol=1e-5)
-
-
-def test_deviations_of_two_surfaces_do_not_mix() -> None:
-    observations, _ = two_views(1.2)
-    far = COLUMN >= 45
-    distance = np.where(far, 8.0, 2.0).astype(np.float32).reshape(SHAPE)
-    deviation = np.where(far, 0.3, 0.01)[observations.pixels] * np.ones((3, 1), np.float32)
-    np.testing.assert_allclose(even_deviation(observations, deviation, distance), deviation, rtol=1e-4)
-
-
-def test_deviations_that_are_not_known_do_not_become_zero() -> None:
-    observations, _ = two_views(1.2)
-    deviation = np.full((3, len(observations.pixels)), 0.02, np.float32)
-    deviation[:, COLUMN[observations.pixels] < 10] = np.nan
-    spread = even_deviation(observations, deviation, FLAT)
-    assert np.array_equal(np.isnan(spread), np.isnan(deviation))
-    np.testing.assert_allclose(spread[np.isfinite(spread)], 0.02, rtol=1e-4)
-
-
-def test_one_huge_deviation_leaves_those_far_away_as_they_are() -> None:
-    observations, _ = two_views(1.2)
-    deviation = np.full((3, len(observations.pixels)), 0.02, np.float32)
-    deviation[0, observations.pixels == 0] = 1e12  # lost in noise
-    far = (ROW > 8) & (COLUMN > 8)
-    np.testing.assert_allclose(
-        even_deviation(observations, deviation, FLAT)[:, far[observations.pixels]], 0.02, rtol=1e-4
-    )
 
 
 def test_a_view_that_shows_nothing_any_more_changes_nothing() -> None:

@@ -94,7 +94,7 @@ def test_deviations_of_robust_colours_are_their_errors(tau: float, wrong: float)
     colour[:, bad] = rng.uniform(0, 1, (3, int(bad.sum())))
     observations = replace(observations, colour=colour)
     weighted = reweighted(observations, WATER_OF_ALL, robust_noise(observations, WATER_OF_ALL))
-    found = replace(colours_for_water(weighted, WATER_OF_ALL, None, "numpy", "cpu"), weight=weighted.weight)
+    found = replace(colours_for_water(weighted, WATER_OF_ALL, None, "numpy", "cpu"), trust=weighted.weight)
     solution = calibrated(observations, found)
     for which in (near, ~near):
         several = which & (observations.counts >= 3)

@@ -9,8 +9,8 @@ from support.made_scene import WATER
 
 from sucre_bench.methods.sucre.exact import WaterFit, fit
 from sucre_bench.methods.sucre.passes import opened
+from sucre_bench.methods.sucre.policy import solve_exact
 from sucre_bench.methods.sucre.robust import fit_robustly, reweighted, robust_noise
-from sucre_bench.methods.sucre.solution import solve_exact
 from sucre_bench.multiview.observations import Observations
 
 TRUE = parameters(WATER)
@@ -64,7 +64,7 @@ def test_auto_leaves_out_what_is_wrong_and_nothing_where_the_model_explains_litt
     observations = replace(observations, colour=colour)
     plain, auto = (solve_exact(observations, robust=robust) for robust in (False, "auto"))
     is_left_out = what in ("animal", "snow")
-    assert (auto.weight is not None) is is_left_out is ("robust" in auto.about)
+    assert (auto.trust is not None) is is_left_out is (auto.course.robust is not None)
     if is_left_out:
         before, after = (np.abs(table(one.water) / table(TRUE) - 1).max() for one in (plain, auto))
         assert after < 0.03 < before

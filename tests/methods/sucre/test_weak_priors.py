@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from support.made_observations import made, table
 
-from sucre_bench import Arrays, View, Water
+from sucre_bench import Water
 from sucre_bench.methods.sucre import Sucre
 from sucre_bench.methods.sucre.exact import fit
+from sucre_bench.methods.sucre.policy import solve_exact
 from sucre_bench.methods.sucre.record import restoration
-from sucre_bench.methods.sucre.solution import colours_for_water, solve_exact
+from sucre_bench.methods.sucre.solution import colours_for_water
 
 # A survey close above flat ground: distances hardly differ, so that B and gamma are known as a product at most.
 SURVEY = {"distances_m": (1.9, 2.1), "noise": 0.01, "eight_bit": True}
@@ -42,9 +43,8 @@ def test_a_veil_that_grows_ever_faster_has_no_white_light_and_leaves_beta_right(
 def test_the_record_says_whether_a_weak_prior_decides_a_channel() -> None:
     for options, known in ((SURVEY, False), ({"noise": 0.004}, True)):
         observations, _ = made(8_000, 5, water=CLEAR, **options)
-        view = View("0.png", Arrays(np.full((*observations.shape, 3), 0.5)))
         solution = solve_exact(observations)
-        found = restoration(view, observations, solution, {"pair": 0.0, "solve": 0.0}, Sucre())
+        found = restoration(observations, solution, {"pair": 0.0, "solve": 0.0}, Sucre())
         assert found.info["veil_known"] is known
 
 

@@ -1,0 +1,458 @@
+"""Every decision on the way from observations to colours. Each is a function with a typed result.
+
+| decision | function | result |
+|---|---|---|
+| stored intensities or linear light | `nearer_encoding` | `NearerEncoding` |
+| which observations count less | `weighted` | `Weighted`, None for none |
+| colours held above zero | `held_above_zero` | `WaterFit`, None if the free fit stays |
+| light that differs | `choose.choose` | `Chosen` |
+| the water, or the photograph without one | `is_guess` | bool |
+| blur that is not the footprint's | `blurred` | a sentence, None for none |
+| what becomes of a veil that is not determined | `veil_of` | `Veil` |
+
+What was decided is in `Solution.course`, and from there in the record of the view.
+
+encoding=auto takes the encoding in which the model explains more. Water acts on light. A camera's files store a curve
+of it, and the curve is often near sRGB. Where it is, the model explains linear light better; where the file holds
+something else, as the demo does, stored intensities. The water is fitted to equal footprints in both, and the residuals
+of linear light are divided by the slope of the curve. So both are in stored units, in which noise is alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import Enum
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+
+from sucre_bench.arrays import Array
+from sucre_bench.errors import NotApplicableError, SolveError
+from sucre_bench.imaging.display import normalisation
+from sucre_bench.machine.compute import Device
+from sucre_bench.methods.sucre.choose import Chosen, choose
+from sucre_bench.methods.sucre.diagnostics import (
+    FAR_COLOURS,
+    clustered,
+    far_colours,
+    is_determined,
+    rescaled_to_noise,
+    uncertainty_of,
+)
+from sucre_bench.methods.sucre.exact import WaterFit, fit
+from sucre_bench.methods.sucre.known_water import shared_water, water_of
+from sucre_bench.methods.sucre.light import Light, Parts, Sample, fit_light, parts_of
+from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.paper import start_of
+from sucre_bench.methods.sucre.passes import Backend, opened
+from sucre_bench.methods.sucre.refine_noise import decoding_slope, residuals_of
+from sucre_bench.methods.sucre.robust import (
+    WRONG,
+    contradicted_views,
+    fit_robustly,
+    is_better,
+    reweighted,
+    robust_noise,
+    trust,
+    trusted,
+)
+from sucre_bench.methods.sucre.solution import (
+    SAMPLE,
+    Course,
+    LightRecord,
+    Observed,
+    Solution,
+    coloured,
+    sampled,
+)
+from sucre_bench.multiview.observations import Observations
+from sucre_bench.plugins.call_method import display_of
+
+# Pixels that observations are judged on, whether they fit, and pixels that both encodings are fitted to.
+_JUDGED, _PIXELS = 5_000, 2_000
+
+# Fewer wrong observations than this share change no water.
+_FEW_WRONG = 1e-3
+
+# A fit with colours above zero may leave residuals whose cost is larger by this share: .01 to .02 on photographs whose
+# free fit takes shade for a veil. Noise of JPEG files makes dark colours negative with any veil; pushing them up raised
+# the cost by .2 to 2.5.
+_RISE = 0.05
+
+# Linear light is chosen where it leaves less than this share of the residuals of stored intensities. Made scenes in
+# linear light had .79 to .89, others 1.3 to 1.6; with uneven light, and on real photographs, both were near 1.
+_BETTER = 0.95
+
+# Observations that decide their pixel's colour alone have no residual.
+_ALONE = 0.9
+
+# Distances are alike if their percentile 95 is less than this many times their percentile 5. beta is not told from the
+# light where its standard error over the median distance is above this optical depth.
+_ALIKE, _LOOSE = 1.5, 0.1
+
+# Blur that grows with distance looks like attenuation, less so in footprints so many times wider. Images are blurred if
+# beta then falls by more than this: optical depth of the farthest, times standard errors, in the means of the channels.
+# It is .13 and more under forward scatter, .08 at most over ripples of the ground. The least share of beta that is
+# worth a word; the fewest pixels.
+_WIDER, _BLURRED, _LITTLE, _ENOUGH = 3.0, 0.1, 0.02, 1_000
+
+# A gain of this much is worth a word.
+_DIFFERENT = 0.05
+
+# Less optical depth than this over the farthest distances is none. Pure water has as much in red over .2 m.
+_CLEAR = 0.05
+
+# A channel is lost if its typical colour has a larger standard deviation than this, the whole scale.
+_LOST = 1.0
+
+_MIXED = "distances do not separate it from attenuation, so colours of far ground may be wrong"
+
+_PHOTOGRAPH = (
+    "these views do not determine the water; the colours are those of the photograph, and the display stretches "
+    "them; take views from more distances"
+)
+
+NONE = WaterParameters.of_channels(np.zeros((3, 3)))
+
+
+def solved(seen: Observed) -> tuple[Observed, Solution]:
+    """Return the solution in the water that the options name, and what it explains: in even light, if that differs."""
+    if seen.options.water == "own":
+        return _in_own_water(seen)
+    if seen.options.water == "shared":
+        shared = shared_water(seen.scene, seen.options)
+        return seen, seen.coloured(shared.water, shared.uncertainty)
+    known = water_of(seen.options.water, seen.scene, seen.view, seen.encoding)
+    if not known.gains:
+        return seen, seen.coloured(known.water)
+    seen = seen.evened(Light.of_gains(known.gains, known.water))
+    return seen, seen.coloured(known.water).decided(gains=known.gains)
+
+
+def _in_own_water(seen: Observed) -> tuple[Observed, Solution]:
+    options = seen.options
+    solution = solve_exact(seen.observations, matched=seen.matched if options.footprint else None, **options.fitting)
+    parts = parts_of(options.light, "method.light")
+    chosen = Chosen(None)
+    if (matched := seen.matched) is not None and parts != Parts() and not (parts is None and not options.footprint):
+        few = matched
+        if solution.trust is not None:  # animals tell nothing of the light
+            few = reweighted(matched, solution.water, robust_noise(matched, solution.water))
+        may_be_strobe = not (options.fill or options.one_coefficient) and options.colours == "multi_view"
+        chosen = choose(few, seen.view.name, solution.water, parts, may_be_strobe=may_be_strobe)
+    even, said = seen, list[str]()
+    if chosen.fit is not None:
+        even = seen.evened(chosen.fit.light)
+        solution, said = _in_even_light(seen, even, chosen)
+    if is_guess(solution):
+        solution = _photograph(even, solution)
+    return even, solution.with_limits([*said, *blurred(seen, solution)])
+
+
+def _in_even_light(seen: Observed, even: Observed, chosen: Chosen) -> tuple[Solution, list[str]]:
+    """Return the solution for observations that were brought to even light, and what to say of their light.
+
+    The water is fitted anew, except under a strobe, whose veil is another. Its errors include those of the light.
+    """
+    assert chosen.fit is not None
+    assert seen.matched is not None
+    light, of_light = chosen.fit.light, chosen.fit.error
+    if not even.observations.n_repeated:
+        raise NotApplicableError("the light leaves no pixel that two views show; use method.light=even")
+    if light.strobe is None:
+        matched = light.removed(seen.matched) if seen.options.footprint else None
+        solution = solve_exact(even.observations, matched=matched, **seen.options.fitting)
+    else:
+        solution = even.coloured(replace(NONE, beta=light.water.beta))
+    near, median, far = np.quantile(seen.matched.distance, (0.05, 0.5, 0.95))
+    is_mixed = (light.parts.strobe and far <= _ALIKE * near) or bool((of_light[:, 1] * median >= _LOOSE).any())
+    before = solution.uncertainty.standard_error.by_channel()
+    error, growth = np.fmax(before, of_light), solution.growth
+    if growth is not None:  # errors of beta are most of what places and views share
+        larger = np.divide(error, before, out=np.ones((3, 3)), where=before > 0)[:, 1:2]
+        growth = np.sqrt(1 + (growth**2 - 1) * larger**2).astype(np.float32)
+    uncertainty = replace(solution.uncertainty, standard_error=WaterParameters.of_channels(error))
+    if is_mixed and light.parts.strobe:
+        uncertainty = replace(uncertainty, is_weak=(True, True, True))
+    said = [f"{one}; {_MIXED}" if is_mixed else one for one in sentences_of(light)]
+    if not any(FAR_COLOURS in limit for limit in uncertainty.limits):
+        said += far_colours(error[:, 1] * far)
+    gains = _gains_of(light)
+    if unknown := [name for name in even.observations.views if name not in gains]:
+        said.append(f"views that share too few pixels to find their light took no part: {', '.join(unknown)}")
+    solution = replace(solution, uncertainty=uncertainty, light=light, growth=growth)
+    return solution.decided(
+        light=LightRecord(
+            parts=light.parts.words,
+            tried=[{"parts": one.parts.words, "gain": one.gain, "sigmas": one.sigmas} for one in chosen.tried],
+            least=light.least if light.falls_off else None,
+            strobe=None if light.strobe is None else {"position": light.strobe.position, "lobe": light.strobe.lobe},
+        ),
+        gains={seen.view.name: 1.0} | gains if light.parts.gains else None,
+    ), said
+
+
+def _gains_of(light: Light) -> dict[str, Any]:
+    """Return the gains of the views that the fit saw, one or three each."""
+    gains = np.exp(light.gains[:, 0] if light.parts.gains == 1 else light.gains)
+    return {name: gain.tolist() for name, gain in zip(light.views, gains, strict=True) if np.isfinite(gain).all()}
+
+
+def sentences_of(light: Light) -> list[str]:
+    """Say what was removed."""
+    said = []
+    if light.parts.gains:
+        gains = np.exp(light.gains)
+        low, high = np.nanmin(gains), np.nanmax(gains)
+        what = "exposure" if light.parts.gains == 1 else "white balance"
+        if high > (1 + _DIFFERENT) * low or light.parts.gains == 3:
+            said.append(f"{what} differs between views; gains of {low:.2f} to {high:.2f} were fitted")
+    if light.parts.lens:
+        said.append(f"light falls off across the images, to {light.least:.0%} in the corners; the falloff was removed")
+    if light.strobe is not None:
+        said.append("a strobe beside the camera was fitted, and its light removed")
+    return said
+
+
+# -- the exact fit: weights, and colours above zero ---------------------------------------------------------------
+
+
+def solve_exact(
+    observations: Observations,
+    *,
+    matched: Observations | None = None,
+    physical: bool = False,
+    one_coefficient: bool = False,
+    robust: bool | Literal["auto"] = False,
+    backend: Backend = "auto",
+    device: Device = "auto",
+) -> Solution:
+    """Find the minimum; with `robust`, of observations weighted by how well they fit. Raises what `fit` raises.
+
+    matched: observations of some pixels that the water is fitted to instead (see multiview/footprints.py); all colours
+    are those of `observations`.
+    """
+    how = partial(fit, one_coefficient=one_coefficient, backend=backend, device=device)
+    sharp = sampled(observations, SAMPLE, singles=physical, seed=0)
+    to_fit, said = observations if matched is None else matched, list[str]()
+    found, weights = how(to_fit), None
+    if robust:
+        weights, said = weighted(observations, sharp, matched, found, how, is_forced=robust is True)
+    if weights is not None:
+        observations, to_fit, found = weights.observations, weights.to_fit, weights.found
+    above = held_above_zero(to_fit, None if matched is None else sharp, found, how) if physical else None
+    found = above or found
+    with opened(observations, backend, device) as kernel:
+        uncertainty, unexplained = found.uncertainty, None
+        if weights is not None:
+            uncertainty = rescaled_to_noise(uncertainty, robust_noise(sharp, found.water))
+        elif matched is not None:  # the water's errors come from the sample, the colours' from their own noise
+            of_all = uncertainty_of(found.water, kernel.system(found.water), None, observations.n_excess)
+            uncertainty = replace(uncertainty, noise=of_all.noise)
+        if matched is not None:
+            unexplained = float(robust_noise(matched, found.water).mean())
+            uncertainty = clustered(uncertainty, [to_fit], found.water, tied=one_coefficient)
+        course = Course(
+            solver="exact",
+            device=kernel.device,
+            steps=found.passes,
+            converged=found.converged,
+            footprint=matched is not None,
+            unexplained=unexplained,
+            robust=None if weights is None else {"wrong": weights.wrong},
+            physical=above is not None if physical else None,
+        )
+        solution = coloured(kernel, found.water, uncertainty, course).with_limits(said)
+    return solution if weights is None else replace(solution, trust=weights.trust)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Weighted:
+    """Observations with robust weights, and the trust in each (N,); the fit, and what it was made to.
+
+    wrong: the share of wrong observations.
+    """
+
+    observations: Observations
+    trust: Array
+    to_fit: Observations
+    found: WaterFit
+    wrong: float
+
+
+def weighted(
+    observations: Observations,
+    sharp: Observations,
+    matched: Observations | None,
+    plain: WaterFit,
+    how: Callable[[Observations], WaterFit],
+    *,
+    is_forced: bool,
+) -> tuple[Weighted | None, list[str]]:
+    """Return the observations with robust weights where these serve, and what to say of contradicted views.
+
+    sharp: a sample that water and weights are iterated on without a matched one; plain: fitted without weights;
+    is_forced: whether weights are wanted in any case.
+    """
+    few = sharp if matched is None else matched
+    judged = sampled(few, _JUDGED, singles=False, seed=0)
+    if not (is_forced or (trust(judged, plain.water) < WRONG).mean() > _FEW_WRONG):
+        return None, []
+    found, to_fit = fit_robustly(few, how, plain=None if matched is None else plain)
+    v = trust(judged, found.water)
+    said = contradicted_views(judged, v)
+    if not (is_forced or is_better(judged, plain.water, found.water, v)):
+        return None, said
+    of_all = trust(observations, found.water, robust_noise(sharp, found.water))
+    observations = trusted(observations, of_all)
+    if matched is None:
+        to_fit, found = observations, how(observations)
+    return Weighted(observations, of_all, to_fit, found, float((v < WRONG).mean())), said
+
+
+def held_above_zero(
+    to_fit: Observations, sharp: Observations | None, free: WaterFit, how: Callable[..., WaterFit]
+) -> WaterFit | None:
+    """Return the fit whose colours are held above zero; None if it explains the observations worse than the free one.
+
+    sharp: whose colours are held, where `to_fit` has equal footprints. Without these it always counts.
+    """
+    above = how(to_fit, physical=True, sharp=[] if sharp is None else [sharp])
+    return above if sharp is None or (above.cost <= (1 + _RISE) * free.cost).all() else None
+
+
+# -- what is not known ----------------------------------------------------------------------------------------
+
+
+def is_guess(solution: Solution) -> bool:
+    """Decide whether the water is a guess: weak priors decide it in most channels, and noise fills a channel."""
+    return not is_determined(solution.uncertainty) and bool((np.median(solution.deviation, axis=1) > _LOST).any())
+
+
+def _photograph(seen: Observed, solution: Solution) -> Solution:
+    """Return the photograph without a water. Its standard deviation is that of one observation."""
+    without = seen.coloured(NONE)
+    uncertainty = replace(without.uncertainty, limits=(_PHOTOGRAPH,), is_weak=(True, True, True))
+    J = start_of(seen.observations, seen.intensities.reshape(-1, 3)).astype(np.float32)
+    deviation = np.broadcast_to(uncertainty.noise[:, None], J.shape).astype(np.float32)
+    course = replace(solution.course, solver="none")
+    return replace(without, J=J, deviation=deviation, uncertainty=uncertainty, course=course, light=solution.light)
+
+
+def blurred(seen: Observed, solution: Solution) -> list[str]:
+    """Say if the images hold blur that is not the footprint's, such as forward scatter: see _WIDER.
+
+    A wide footprint holds marine snow and animals too, and JPEG files have wide ones anyway: nothing tells there.
+    """
+    unknown = solution.is_under_strobe or solution.is_photograph or solution.trust is not None or seen.view.is_jpeg
+    if seen.matched is None or not seen.options.footprint or unknown:
+        return []
+    few = sampled(seen.matched, _JUDGED, singles=False, seed=0)
+    wide = seen.matched_at(few.pixels, _WIDER)
+    if len(common := np.intersect1d(few.pixels, wide.pixels)) < _ENOUGH:
+        return []
+    both = [one.take(np.flatnonzero(np.isin(one.pixels, common))) for one in (few, wide)]
+    both = [solution.light.removed(one) if solution.light else one for one in both]
+    try:
+        narrow, wider = (fit(one, one_coefficient=seen.options.one_coefficient) for one in both)
+    except SolveError:
+        return []
+    error = clustered(narrow.uncertainty, both[:1], narrow.water).standard_error.beta
+    known = np.isfinite(error) & (error > 0)
+    if not known.any():
+        return []
+    drop, far = (narrow.water.beta - wider.water.beta)[known], np.quantile(few.distance, 0.95)
+    share, sure = drop / narrow.water.beta[known], (drop / error[known]).mean()
+    if min(share.mean(), sure) < _LITTLE or drop.mean() * far * sure < _BLURRED:
+        return []
+    return [
+        "far images are more blurred than their pixels explain, by scattered light, focus or poses: attenuation "
+        f"may be {share.max():.0%} too high or more, and far colours too bright"
+    ]
+
+
+class Veil(Enum):
+    """What becomes of a veil that is not determined, an offset of each channel."""
+
+    KNOWN = "nothing: it is determined, or there is none"
+    UNSAID = "it stays in the colours; the display removes it, or it is a strobe's"
+    SAID = "it stays in the picture, and the record says so"
+    DARKEST = "the darkest colours of each channel are taken for it"
+
+
+def veil_of(observations: Observations, solution: Solution, options: Any) -> Veil:
+    """Decide what becomes of the veil of most channels. Under water a strobe always makes one."""
+    if is_determined(solution.uncertainty):
+        return Veil.KNOWN
+    if solution.is_under_strobe:
+        return Veil.DARKEST if options.refine else Veil.UNSAID
+    if solution.is_photograph or _is_in_air(observations, solution):
+        return Veil.KNOWN
+    return Veil.UNSAID if normalisation(display_of(options)).removes_offsets else Veil.SAID
+
+
+def _is_in_air(observations: Observations, solution: Solution) -> bool:
+    """Return whether the observations show that no channel is attenuated, so that there is no veil either.
+
+    At least one channel must tell it, by the standard error of its beta: distances that are all alike tell nothing. One
+    whose beta is 0, the end of the range, has no standard error.
+    """
+    far = float(np.quantile(observations.distance, 0.95))
+    error = solution.uncertainty.standard_error.beta * far
+    known = np.isfinite(error)
+    return bool((solution.water.beta * far < _CLEAR).all() and known.any() and (error[known] < _CLEAR).all())
+
+
+# -- encoding -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class NearerEncoding:
+    """The encoding that the model explains better; ratio: residuals of linear light over those of stored intensities.
+
+    They are those of the fits that decided: without gains if these refuse linear light, else with a gain for each view.
+    None if nothing tells.
+    """
+
+    encoding: Literal["view", "linear"]
+    ratio: float | None = None
+
+
+def nearer_encoding(seen: Observed) -> NearerEncoding:
+    """Return the encoding in which the water of a view explains more: stored intensities where too few pixels tell.
+
+    seen: stored intensities. The footprints of linear light are means of decoded images: over rough texture, decoded
+    means of stored intensities explain neither encoding. Linear light must also explain more where each view has a
+    gain: a camera's exposure that follows the distance is a curve.
+    """
+    if seen.options.water != "own" or seen.view.encoding == "linear" or seen.matched is None:
+        return NearerEncoding("view")
+    few = sampled(seen.matched, _PIXELS, singles=False, seed=0)
+    try:
+        decoded = replace(seen, options=replace(seen.options, encoding="linear")).matched_at(few.pixels)
+        for parts in (Parts(), Parts(gains=1)):
+            stored = _residual(seen, few, parts)
+            linear = _residual(seen, decoded, parts, decoding_slope)
+            if not linear < _BETTER * stored:
+                return NearerEncoding("view", linear / stored if stored > 0 else None)
+    except (NotApplicableError, SolveError):
+        return NearerEncoding("view")
+    return NearerEncoding("linear", linear / stored)
+
+
+def _residual(
+    seen: Observed, sample: Observations, parts: Parts, slope: Callable[[Array], Array] = np.ones_like
+) -> float:
+    """Return the median size of studentised residuals in stored units; slope: of intensities by stored ones."""
+    water = fit(sample, **seen.options.compute).water
+    if parts != Parts():
+        few = Sample.of(sample, seen.view.name)
+        light = fit_light(few, parts, Light.even(water, few.views)).light
+        sample, water = light.removed(sample), light.water
+    J = replace(seen, observations=sample).coloured(water).J
+    r, h, _, explained = residuals_of(sample, J, water)
+    recorded = explained if sample.weight is None else explained * np.sqrt(sample.weight)
+    r = r / slope(recorded.clip(0, 1))
+    return float(np.median(np.abs(r / np.sqrt(1 - h.clip(0, _ALONE)))[h < _ALONE]))
