@@ -1,6 +1,8 @@
 """The built-in dataset: a made underwater scene with known truth, made once and stored in the cache folder."""
 
 import dataclasses
+import hashlib
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,10 +23,14 @@ _PARAMETERS: dict[Preset, list[tuple[float, float, float]]] = {
     "turbid": [(0.23, 0.45, 0.34), (0.56, 0.26, 0.34), (0.42, 0.32, 0.36)],
     "deep_sea": [(0.02, 0.13, 0.17), (0.19, 0.06, 0.055), (0.08, 0.07, 0.07)],
 }
-WATERS = {preset: Water(*np.array(rows)) for preset, rows in _PARAMETERS.items()}
-
-
+LAST = "water.json"  # the file of a made scene that is written after all else: a folder without it is not finished
+_VERSION = 3  # to be raised whenever equal options make another scene than before
 _MOST_PIXELS = 2_000_000_000  # of all views: a bundle of a stranger may ask for them
+
+
+def water_of(preset: Preset) -> Water:
+    """Return the water of this name."""
+    return Water(*np.array(_PARAMETERS[preset]))
 
 
 @dataset(
@@ -73,21 +79,26 @@ class Demo:
 
         for scene in Colmap(root=self.folder()).scenes():
             has = scene.has | {"truth"}
-            yield dataclasses.replace(scene, name=self.water, water=WATERS[self.water], has=has, data_id=self.data_id)
+            yield dataclasses.replace(scene, name=self.water, water=water_of(self.water), has=has, data_id=self.data_id)
 
     def folder(self) -> Path:
         """Return the folder of the scene's files, which are made if they are not there."""
-        from sucre_bench.datasets.demo.made_scene import make, make_once
-
         place = user_cache() / "demo" if self.root is None else self.root
-        return make_once(place / f"{self.water}-{self.data_id}", lambda: make(**self._options()))
+        folder = place / f"{self.water}-{self.data_id}"
+        if not (folder / LAST).is_file():
+            from sucre_bench.datasets.demo.made_scene import make, make_once
+
+            make_once(folder, lambda: make(**self._options()))
+        return folder
 
     def _options(self) -> dict[str, Any]:
         return {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "root"}
 
     @property
     def data_id(self) -> str:
-        """A hash of the options that decide the scene's files."""
-        from sucre_bench.datasets.demo.made_scene import scene_id
+        """A hash of the options that decide the scene's files; it names their folder and identifies the scene."""
+        from sucre_bench.imaging.chart_kinds import KINDS, chart_kind
 
-        return scene_id(self._options())
+        kinds = repr({name: chart_kind(name) for name in KINDS})
+        content = json.dumps([_VERSION, self._options(), kinds], sort_keys=True)
+        return hashlib.blake2b(content.encode(), digest_size=6).hexdigest()

@@ -2,11 +2,10 @@
 
 import dataclasses
 import functools
-import hashlib
 import json
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,9 +15,8 @@ import numpy as np
 from sucre_bench import Chart, Water, track
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, pixel_rays
-from sucre_bench.datasets.demo import WATERS, Preset, render, seabed
+from sucre_bench.datasets.demo import LAST, Preset, render, seabed, water_of
 from sucre_bench.errors import OutputError
-from sucre_bench.imaging.chart_kinds import KINDS, chart_kind
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import write_png
 
@@ -80,7 +78,7 @@ def make(
         depth=depth,
         charts=tuple(render.visible_charts(surfaces, camera, pose) for pose in poses),
         preset=water,
-        water=WATERS[water],
+        water=water_of(water),
     )
 
 
@@ -94,8 +92,6 @@ def _terrain(seed: int) -> seabed.Terrain:
 # `images/`, `reference/` (8-bit PNG), `depths/depth_<stem>.png` (16-bit, millimetres along the optical axis),
 # `sparse/` (a COLMAP text model with the cameras and poses, without points), `charts.json` (corners in pixels),
 # `water.json`.
-
-LAST = "water.json"  # written after all else: a folder without it is not finished
 
 
 def write_made_scene(made: MadeScene, folder: Path) -> None:
@@ -137,14 +133,6 @@ def _write_model(made: MadeScene, folder: Path) -> None:
 
 
 # Where the made scene is stored, and when it is made again: once for each combination of options.
-
-VERSION = 3  # to be raised whenever equal options make another scene than before
-
-
-def scene_id(options: Mapping[str, Any]) -> str:
-    """Return a hash of the options that decide the scene's files; it names their folder and identifies the scene."""
-    content = json.dumps([VERSION, options, repr({name: chart_kind(name) for name in KINDS})], sort_keys=True)
-    return hashlib.blake2b(content.encode(), digest_size=6).hexdigest()
 
 
 def make_once(folder: Path, make: Callable[[], MadeScene]) -> Path:

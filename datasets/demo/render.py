@@ -17,7 +17,7 @@ import numpy as np
 from sucre_bench import Chart, Water
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, moved, pixel_rays, project
-from sucre_bench.datasets.demo import WATERS, Preset
+from sucre_bench.datasets.demo import Preset, water_of
 from sucre_bench.datasets.demo.seabed import Board, Terrain, Texture, sample
 from sucre_bench.machine.compute import compiled, usable_cores
 
@@ -322,9 +322,9 @@ def underwater(J: Array, rays: Array, depth: Array, preset: Preset) -> Array:
     points = np.asarray(rays * np.where(depth > 0, depth, _OPEN_WATER_M)[..., None], dtype=np.float64)
     distance = np.linalg.norm(points, axis=-1)
     if preset != "deep_sea":
-        return apply(J, distance, WATERS[preset])
+        return apply(J, distance, water_of(preset))
     light, way = lamp_light(LAMP, points)
-    water = WATERS[preset]
+    water = water_of(preset)
     seen = J * light[..., None] * np.exp(-water.attenuation * (distance + way)[..., None])
     for s in (np.arange(_LAMP_STEPS) + 0.5) / _LAMP_STEPS:  # finer near the camera, where the lamp is bright
         light, way = lamp_light(LAMP, points * s**2)

@@ -44,7 +44,8 @@ def report(folder: Path) -> None:
 @shared.option(
     "--method", required=True, metavar="LABEL", help='Label of the method that gives the colours; "input": the views.'
 )
-@shared.scene_options
+@shared.dataset_option
+@shared.scene_option
 @shared.option(
     "--voxel",
     of=click.FloatRange(0, min_open=True),
@@ -117,7 +118,8 @@ def texture(
 @shared.argument("results")
 @shared.argument("out")
 @shared.option("--methods", required=True, metavar="A,B", help="Labels of methods, in the order of the panels.")
-@shared.scene_options
+@shared.dataset_option
+@shared.scene_option
 @shared.option("--fps", default=10.0, of=click.FloatRange(0.1, 120), help="Views a second.")
 @shared.flag(
     "--split", help="Show one panel for each method: the input left of a moving divider, the method right of it."

@@ -65,33 +65,6 @@ def print_json(value: Any) -> None:
     click.echo(json_text(value))
 
 
-def json_option(command: _F) -> _F:
-    """Add --json, for programs: the command prints one JSON value on stdout and nothing else there."""
-    return flag("--json", "as_json", help="Print one JSON object on stdout and nothing else, for programs.")(command)
-
-
-def force_option(command: _F) -> _F:
-    """Add --force: the parameter force of `check_output`."""
-    return flag("--force", help="Write over a file that sucre-bench did not write.")(command)
-
-
-_PLUGIN: Any = {"multiple": True, "type": _Path(), "metavar": "FILE"}
-_PLUGIN |= {"help": "Load the plugins of this .py file; may be repeated."}
-
-
-def plugin_files_option(command: _F) -> _F:
-    """Add --plugin FILE, which may be repeated: the parameter plugin_files."""
-    return click.option("--plugin", "plugin_files", **_PLUGIN)(command)
-
-
-def plugin_option(command: _F) -> _F:
-    """Add --plugin FILE, which may be repeated. The plugins are loaded before the command runs.
-
-    Raises PluginError then if a file does not exist or does not import.
-    """
-    return click.option("--plugin", expose_value=False, callback=_load_plugins, **_PLUGIN)(command)
-
-
 def _load_plugins(context: click.Context, _: click.Parameter, files: Sequence[str]) -> None:
     if files and not context.resilient_parsing:  # a shell that completes words asks for no plugin
         from sucre_bench import plugins
@@ -100,16 +73,19 @@ def _load_plugins(context: click.Context, _: click.Parameter, files: Sequence[st
             plugins.load_file(file)
 
 
-def scene_options(command: _F) -> _F:
-    """Add --dataset and --scene, which choose one scene of a results folder."""
-    scene = option("--scene", default="", metavar="NAME", help="Needed if the dataset has several scenes.")
-    return dataset_option(scene(command))
-
-
-def dataset_option(command: _F) -> _F:
-    """Add --dataset, which chooses one dataset of a results folder."""
-    text = "Needed if the results have several datasets."
-    return option("--dataset", default="", metavar="LABEL", help=text)(command)
+# For programs: the command prints one JSON value on stdout and nothing else there.
+json_option = flag("--json", "as_json", help="Print one JSON object on stdout and nothing else, for programs.")
+# The parameter force of `check_output`.
+force_option = flag("--force", help="Write over a file that sucre-bench did not write.")
+_PLUGIN: Any = {"multiple": True, "of": _Path(), "metavar": "FILE"}
+_PLUGIN |= {"help": "Load the plugins of this .py file; may be repeated."}
+# Plugin files that the command loads: the parameter plugin_files.
+plugin_files_option = option("--plugin", "plugin_files", **_PLUGIN)
+# Plugin files that are loaded before the command runs; PluginError then if one does not exist or does not import.
+plugin_option = option("--plugin", expose_value=False, callback=_load_plugins, **_PLUGIN)
+# The choice of one dataset, and of one scene of it, in a results folder.
+dataset_option = option("--dataset", default="", metavar="LABEL", help="Needed if the results have several datasets.")
+scene_option = option("--scene", default="", metavar="NAME", help="Needed if the dataset has several scenes.")
 
 
 def refuse_options(words: Sequence[str]) -> None:

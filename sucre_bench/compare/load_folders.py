@@ -108,8 +108,8 @@ def refusals(rows: DataFrame, metrics: Sequence[str] = (), common: bool = False)
     for dataset, of_dataset in rows[fresh].groupby("dataset", sort=False):
         scored = of_dataset[asked[of_dataset.index] & ~of_dataset["metric"].isin(COSTS)]
         ok = scored[scored["status"] == "ok"]
-        sets = sorted({results.unreplicated(scene)[0] for scene in of_dataset["scene"].unique()} & set(named_sets()))
-        if len(sets) > 1:
+        scenes = {results.unreplicated(scene)[0] for scene in of_dataset["scene"].unique()}
+        if len(scenes) > 1 and len(sets := sorted(scenes & set(named_sets()))) > 1:
             remedy = "run each again with a dataset.label of its own, or compare folders of one set"
             yield str(dataset), f"rows are of the test sets {names_of(sets)}; {remedy}"
         reasons = (*_images(of_dataset, common), *_variants(scored), *_versions(ok), *_normalisations(of_dataset))

@@ -47,7 +47,7 @@ class JobAtWork(Work):
 
     `keep` and the other functions run in the process of the command and write the score table.
 
-    after_view: called when a view is done, computed or not.
+    after_view: called when a view is done.
     """
 
     def __init__(self, planned: Planned, after_view: Callable[[], None] = lambda: None) -> None:
@@ -64,8 +64,6 @@ class JobAtWork(Work):
         if self._planned.tasks and base_row(job).code != self._planned.tasks[0].base.code:
             self._planned = plan(job)  # an earlier job has made files that this one reads
         n_todo = len(self._planned.todo)
-        for _ in range(len(self._planned.tasks) - n_todo):
-            self._after_view()
         if n_todo:
             line = progress.line(f"{job.method.label} on {job.dataset.label}", n_todo)
             self._advance = self._shown.enter_context(line)

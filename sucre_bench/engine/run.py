@@ -179,7 +179,7 @@ def _run_jobs(command: Command, planned: Sequence[Planned]) -> bool:
         if len(planned) == 1:
             run_works([JobAtWork(planned[0])], n_workers)
             return True
-        with progress.line(f"{len(planned)} jobs", sum(len(plan.tasks) for plan in planned)) as after_view:
+        with progress.line(f"{len(planned)} jobs", sum(len(plan.todo) for plan in planned)) as after_view:
             run_works([JobAtWork(plan, after_view) for plan in planned], n_workers)
         return True
     from sucre_bench.engine.slurm import launch

@@ -142,7 +142,7 @@ def variant_rows(metric: Metric, scored: Scored, base: Row, log: Path | None, li
     """
     at = f"metric '{base.metric}:{base.variant}' on view '{base.view}' by method '{base.method}'"
     try:
-        variant, form = split_variant(base.variant)
+        variant, form = split_variant(base.variant) if "@" in base.variant else (base.variant, None)
         of = scored.at(form) if form else scored
         share = scored.share if form else 1.0  # in another form holes are black pixels
         with step(at, limit_s):

@@ -170,10 +170,12 @@ def chosen_metrics(values: Mapping[str, Any]) -> tuple[Choice, ...]:
         choice = plugin_choice("metric", {k: v for k, v in given.items() if k != "variants"})
         plugin, variants = choice.plugin, []
         for text in [given["variants"]] if isinstance(given["variants"], str) else given["variants"]:
-            name, resizing = split_variant(text)
+            name, form, _ = text.partition("@")
+            if form:
+                split_variant(text)  # raises for a form that there is not
             if name != "all" and name not in plugin.variants:
                 raise unknown_name(plugin.name, name, ("all", *plugin.variants), "variant")
-            if resizing and not plugin.needs <= {"reference"}:
+            if form and not plugin.needs <= {"reference"}:
                 fault = f"has no score at another size, it needs {' and '.join(sorted(plugin.needs))}"
                 raise InputError(fault, f"{plugin.name}:{text}", "leave @ and size out")
             variants += [variant + text[len(name) :] for variant in (plugin.variants if name == "all" else [name])]

@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
@@ -87,43 +86,10 @@ def track(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T
 
 # -- display ---------------------------------------------------------------------------------------------
 
-# A step that is done sooner was stored before: it says nothing of those to come.
-_WORK_S = 1e-3
 _PLAIN_S = 10.0  # between the lines of one work in a log
 _WORTH_A_LINE_S = 1.0
 _DRAWN_S = 0.1
-
-
-@dataclass
-class Pace:
-    """Steps that are done of a total, and the time left.
-
-    started: when the work began, in seconds of the clock that `advance` gets. The first step takes imports and
-    compilers besides, so the second is the first to count.
-    """
-
-    total: int | None
-    started: float
-    done: int = 0
-    _counted: int = -1
-    _first: float = 0.0
-    _last: float | None = None
-
-    def advance(self, now: float) -> None:
-        """Count a step that is done."""
-        self.done += 1
-        took = now - (self.started if self._last is None else self._last)
-        self._last = now
-        if took >= _WORK_S:
-            self._counted += 1
-            self._first = self._first if self._counted else now
-
-    @property
-    def left_s(self) -> float | None:
-        """Seconds that the remaining steps will take at the pace so far; None while it is unknown."""
-        if not self.total or self._counted < 1 or self._last is None:
-            return None
-        return (self._last - self._first) / self._counted * (self.total - self.done)
+_PACE_S = 3600.0  # whose steps tell the time left; rich does not count the first, with its imports
 
 
 def duration(seconds: float) -> str:
@@ -138,20 +104,12 @@ def duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
 
 
-@dataclass
-class _Line:
-    what: str
-    task: Any
-    pace: Pace
-    told: float  # when it was last printed as a plain line
-
-
 class _Display:
     """A watcher that draws rich's bars, those of inner work below those of outer work. Disabled bars become lines."""
 
     def __init__(self, bars: Any) -> None:
         self._bars, self._drawn = bars, 0.0
-        self._lines: dict[str, _Line] = {}
+        self._tasks: dict[str, Any] = {}
 
     def __call__(self, event: str, *values: Any) -> None:
         now, is_plain = time.monotonic(), self._bars.disable
@@ -159,21 +117,21 @@ class _Display:
             terminal.say(values[0], "red" if values[1] else "")
         elif event == "started":
             number, what, total = values
-            task = self._bars.add_task("  " * len(self._lines) + what, total=total, left="")
-            self._lines[number] = _Line(what, task, Pace(total, now), now)
+            added = self._bars.add_task("  " * len(self._tasks) + what, total=total, left="", what=what, told=now)
+            self._tasks[number] = next(task for task in self._bars.tasks if task.id == added)
         elif event == "advanced":
-            line = self._lines[values[0]]
-            line.pace.advance(now)
-            left = "" if line.pace.left_s is None else f"about {duration(line.pace.left_s)} left"
-            self._bars.update(line.task, advance=1, left=left)
-            if is_plain and line.pace.total and now - line.told > _PLAIN_S:
-                line.told = now
-                terminal.err.print(f"{line.what}: {line.pace.done}/{line.pace.total}{left and f', {left}'}")
+            task = self._tasks[values[0]]
+            self._bars.advance(task.id)
+            left = "" if task.time_remaining is None else f"about {duration(task.time_remaining)} left"
+            self._bars.update(task.id, left=left)
+            if is_plain and task.total and now - task.fields["told"] > _PLAIN_S:
+                self._bars.update(task.id, told=now)
+                terminal.err.print(f"{task.fields['what']}: {task.completed:g}/{task.total:g}{left and f', {left}'}")
         elif event == "finished":
-            line = self._lines.pop(values[0])
-            self._bars.remove_task(line.task)
-            if is_plain and not self._lines and (took := now - line.pace.started) > _WORTH_A_LINE_S:
-                terminal.err.print(f"{line.what}: {line.pace.done} done in {took:.1f} s")
+            task = self._tasks.pop(values[0])
+            self._bars.remove_task(task.id)
+            if is_plain and not self._tasks and (took := task.elapsed or 0.0) > _WORTH_A_LINE_S:
+                terminal.err.print(f"{task.fields['what']}: {task.completed:g} done in {took:.1f} s")
         if now - self._drawn >= _DRAWN_S:  # no thread draws: this process forks others
             self._bars.refresh()
             self._drawn = now
@@ -193,6 +151,6 @@ def live(plain: bool = False) -> Iterator[None]:
         TextColumn("{task.fields[left]}"),
     )
     is_plain = plain or not sys.stderr.isatty() or terminal.err.is_dumb_terminal
-    bars = Progress(*columns, console=terminal.err, auto_refresh=False, disable=is_plain)
+    bars = Progress(*columns, console=terminal.err, auto_refresh=False, disable=is_plain, speed_estimate_period=_PACE_S)
     with bars, watched_by(_Display(bars)):
         yield

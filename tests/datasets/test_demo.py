@@ -1,15 +1,16 @@
 """The made scene is what it says: its files, its geometry, its water and its charts, each recomputed from outside."""
 
+import itertools
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import pixel_rays
-from sucre_bench.datasets.demo import WATERS, Demo, Preset, made_scene
+from sucre_bench.datasets.demo import Demo, Preset, made_scene, water_of
 from sucre_bench.datasets.demo.made_scene import MadeScene, make, make_once
 from sucre_bench.datasets.demo.render import LAMP, RayCaster, apply, build, lamp_light, make_camera, render, underwater
 from sucre_bench.datasets.demo.seabed import (
@@ -88,7 +89,8 @@ def test_equal_seeds_give_equal_bytes_and_another_seed_gives_other_ones(tmp_path
 
 
 def test_options_have_folders_of_their_own(tmp_path: Path) -> None:
-    names = {Demo(water=water, noise=noise, root=tmp_path).data_id for water in WATERS for noise in (0.0, 0.004)}
+    options = itertools.product(get_args(Preset), (0.0, 0.004))
+    names = {Demo(water=water, noise=noise, root=tmp_path).data_id for water, noise in options}
     assert len(names) == 8
 
 
@@ -268,9 +270,9 @@ def test_red_is_lost_with_distance(survey: Scene) -> None:
     assert kept(far, 2) > 3 * kept(far, 0)
 
 
-@pytest.mark.parametrize("preset", list(WATERS))
+@pytest.mark.parametrize("preset", get_args(Preset))
 def test_no_water_shows_the_scene_and_endless_water_only_its_veil(preset: Preset) -> None:
-    J, water = np.array([0.9, 0.5, 0.1]), WATERS[preset]
+    J, water = np.array([0.9, 0.5, 0.1]), water_of(preset)
     np.testing.assert_allclose(apply(J, np.array(0.0), water), J)
     np.testing.assert_allclose(apply(J, np.array(1e4), water), water.veiling_light)
     assert water.attenuation[0] > water.attenuation[2]  # red first
@@ -286,7 +288,7 @@ def test_open_water_has_no_depth_and_shows_the_veil() -> None:
     assert not depth.any()
     assert not J.any()
     shown = underwater(J, pixel_rays(camera), depth, "coastal")
-    np.testing.assert_allclose(shown, np.broadcast_to(WATERS["coastal"].veiling_light, shown.shape))
+    np.testing.assert_allclose(shown, np.broadcast_to(water_of("coastal").veiling_light, shown.shape))
 
 
 def test_the_deep_sea_is_lit_by_a_lamp_whose_light_falls_and_crosses_the_water_too(deep: MadeScene) -> None:
