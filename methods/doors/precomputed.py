@@ -21,8 +21,8 @@ from sucre_bench.imaging import image_files
 from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.image_files import decode, read_array, read_tiff, same_shape
 from sucre_bench.imaging.references import psnr_of
+from sucre_bench.machine.cache import record_of
 from sucre_bench.machine.files import check_folder, regular
-from sucre_bench.machine.records import record_of
 from sucre_bench.results.water_file import read_water
 from sucre_bench.scene import Encoding
 

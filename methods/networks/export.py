@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench.errors import InputError, SucreBenchError, one_line
 from sucre_bench.machine.files import regular, write_atomically
-from sucre_bench.machine.packages import require
+from sucre_bench.machine.provenance import require
 from sucre_bench.methods.networks.run_torch import UNSAFE, bare, foreign
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from sucre_bench.camera import Camera
 from sucre_bench.imaging.encoding import srgb_encode
 from sucre_bench.imaging.fill import FillOption
 from sucre_bench.machine.compute import Device
-from sucre_bench.machine.packages import require
+from sucre_bench.machine.provenance import require
 from sucre_bench.methods.sucre.known_water import check_source
 from sucre_bench.methods.sucre.light import Parts, parts_of
 from sucre_bench.methods.sucre.model import WaterParameters

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
@@ -90,7 +91,7 @@ def compare(
     All methods are compared on the same images. The command refuses runs that are not comparable, and says why.
     """
     from sucre_bench import compare, plugins
-    from sucre_bench.compare.about_methods import seen_in_training
+    from sucre_bench.compare.notes import seen_in_training
     from sucre_bench.compare.words import left_out
 
     for file in plugin_files:
@@ -98,11 +99,11 @@ def compare(
     gates = [compare.Gate.read(text) for text in limits]
     if gates and not baseline:
         raise click.UsageError("--fail-below: needs --baseline METHOD, which the others are compared with")
-    with progress.live():
+    with progress.live() if len(folders) > 1 else contextlib.nullcontext():
         rows = compare.load(folders)
-    compare.refuse(rows, metrics, common)
-    if pixels == "common":
-        rows = compare.on_pixels(rows, lambda: _common(folders, rows))
+        compare.refuse(rows, metrics, common)
+        if pixels == "common":
+            rows = compare.on_pixels(rows, lambda: _common(folders, rows))
     compared = compare.compare(rows, metrics, by, baseline=baseline)
     if not any(table.columns for table in compared):
         notes = "; ".join(f"{t.title}: {note}" for t in compared for note in left_out(t))
@@ -132,8 +133,7 @@ def _common(folders: Sequence[Path], rows: pd.DataFrame) -> pd.DataFrame:
     for folder in folders:
         if files := unloaded_plugin_files(folder):
             say(f"note: {folder}: its plugin files are not loaded; {load_them(files)}", "yellow")
-    with progress.live():
-        made = score_folders(folders, rows)
+    made = score_folders(folders, rows)
     tables = [table for table in (known, made) if len(table)]
     return pd.concat(tables, ignore_index=True) if tables else known
 
@@ -148,8 +148,8 @@ def _print(compared: Sequence[Comparison], folders: Sequence[Path], how: Any, wa
             compared = [without_costs(table) for table in compared]
         click.echo(as_text(compared, how, spread), nl=False)
         return
-    from sucre_bench.compare.answer import deciding
     from sucre_bench.compare.terminal_table import as_blocks, as_table
+    from sucre_bench.compare.words import deciding
 
     width = terminal.out.width
     if not (intervals or all_metrics or spread):

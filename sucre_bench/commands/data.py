@@ -13,8 +13,7 @@ from rich.text import Text
 from sucre_bench.commands import completion, shared
 from sucre_bench.errors import InputError
 from sucre_bench.machine import progress, terminal
-from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.outputs import check_output
+from sucre_bench.machine.files import check_output, write_atomically
 from sucre_bench.machine.text_formats import counted
 
 if TYPE_CHECKING:
@@ -67,7 +66,7 @@ def describe(
 
     Exit codes: 0, at least one view was read; 2, no view could be read, or the command has a mistake.
     """
-    from sucre_bench.engine.select_views import select
+    from sucre_bench.engine.preflight import select
     from sucre_bench.loading.view_files import source_files
     from sucre_bench.programs.describe import description
     from sucre_bench.results.layout import file_name

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from sucre_bench.commands import shared
-from sucre_bench.machine.outputs import check_results_folder
+from sucre_bench.machine.files import check_results_folder
 from sucre_bench.machine.terminal import say
 
 

@@ -14,8 +14,7 @@ from rich.text import Text
 from sucre_bench.commands import shared
 from sucre_bench.errors import InputError
 from sucre_bench.machine import progress, terminal
-from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.outputs import check_links, check_output, is_ours
+from sucre_bench.machine.files import check_links, check_output, is_ours, write_atomically
 from sucre_bench.machine.text_formats import counted, json_text
 
 
@@ -81,7 +80,7 @@ def texture(
     """
     from sucre_bench.engine.reopen_results import INPUT, revisit
     from sucre_bench.loading.view_files import source_files
-    from sucre_bench.machine.packages import load
+    from sucre_bench.machine.provenance import load
     from sucre_bench.programs.texture import choose_cells, fuse, mean_up, write_model, write_picture
 
     load("texture", "open3d")
@@ -186,7 +185,7 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
     The command logs only rows that mlflow does not have yet.
     """
     from sucre_bench import compare, results
-    from sucre_bench.machine.packages import require
+    from sucre_bench.machine.provenance import require
     from sucre_bench.machine.text_formats import masked
     from sucre_bench.reports import mlflow
     from sucre_bench.results.common_scores import read_common

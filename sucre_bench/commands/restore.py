@@ -11,7 +11,7 @@ import click
 from sucre_bench.commands import shared
 from sucre_bench.errors import InputError
 from sucre_bench.machine import progress
-from sucre_bench.machine.outputs import check_working_folder
+from sucre_bench.machine.files import check_working_folder
 from sucre_bench.machine.text_formats import counted
 
 if TYPE_CHECKING:

@@ -13,8 +13,7 @@ from pathlib import Path
 import click
 
 from sucre_bench.commands import completion, shared
-from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.outputs import check_output
+from sucre_bench.machine.files import check_output, write_atomically
 from sucre_bench.machine.terminal import say
 
 
@@ -69,7 +68,7 @@ def run(
     or scored; 2, the command has a mistake; 130, stopped by Ctrl-C.
     """
     from sucre_bench.jobs.words import value_of
-    from sucre_bench.machine.packages import absent
+    from sucre_bench.machine.provenance import absent
 
     shared.refuse_options(overrides)
     if plugin_files:

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sucre_bench import compare, results
-from sucre_bench.compare.about_methods import seen_in_training
+from sucre_bench.compare.notes import seen_in_training
 from sucre_bench.compare.terminal_table import as_blocks
 from sucre_bench.engine.run import Outcome
 from sucre_bench.errors import SucreBenchError, escaped_breaks
 from sucre_bench.machine import progress, terminal
-from sucre_bench.machine.packages import absent
+from sucre_bench.machine.provenance import absent
 from sucre_bench.machine.text_formats import counted, masked
 from sucre_bench.results import with_remedy
 from sucre_bench.results.layout import log_path

@@ -14,8 +14,7 @@ from rich.table import Table
 
 from sucre_bench.commands import completion, shared
 from sucre_bench.machine import progress, terminal
-from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.outputs import check_output
+from sucre_bench.machine.files import check_output, write_atomically
 from sucre_bench.machine.terminal import say
 
 if TYPE_CHECKING:

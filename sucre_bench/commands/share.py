@@ -16,8 +16,7 @@ import click
 from sucre_bench.commands import shared
 from sucre_bench.errors import InputError, SucreBenchError, unknown_name
 from sucre_bench.machine import progress
-from sucre_bench.machine.files import check_folder, open_atomically, regular
-from sucre_bench.machine.outputs import check_links, check_output
+from sucre_bench.machine.files import check_folder, check_links, check_output, open_atomically, regular
 from sucre_bench.machine.terminal import say
 from sucre_bench.machine.text_formats import counted
 from sucre_bench.programs.verify import TOLERANCE

@@ -12,7 +12,7 @@ import click
 
 from sucre_bench.commands import shared
 from sucre_bench.machine import progress, terminal
-from sucre_bench.machine.outputs import check_links, check_output
+from sucre_bench.machine.files import check_links, check_output
 from sucre_bench.machine.terminal import say
 from sucre_bench.machine.text_formats import counted
 

@@ -6,12 +6,11 @@ charts and its replicates. Intervals are 95 %, by a bootstrap over scenes (or vi
 tie if the interval of their paired difference includes 0. At most 5 % of columns have any false lead of the best.
 """
 
-from sucre_bench.compare.answer import verdicts
-from sucre_bench.compare.choose_pixels import Pixels, leaves_holes, on_pixels
+from sucre_bench.compare.choose_rows import Pixels, leaves_holes, load, on_pixels, refusals, refuse
 from sucre_bench.compare.compare_rows import against, compare, only
 from sucre_bench.compare.gate import Gate, Gated, gated
-from sucre_bench.compare.load_folders import load, refusals, refuse
 from sucre_bench.compare.model import Cell, Column, Comparison, Note
+from sucre_bench.compare.words import verdicts
 from sucre_bench.results.rows import COSTS, By
 
 __all__ = [

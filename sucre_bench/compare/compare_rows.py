@@ -9,16 +9,16 @@ from dataclasses import replace
 import numpy as np
 
 from sucre_bench import plugins, results
-from sucre_bench.arrays import DataFrame, Series
+from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import statistics
-from sucre_bench.compare.about_methods import About, about
-from sucre_bench.compare.choose_pixels import leaves_holes, on_own_pixels
+from sucre_bench.compare.choose_rows import asked_for, leaves_holes, metrics_of_faults, on_own_pixels
 from sucre_bench.compare.model import FILLED, Cell, Column, Comparison, Note, says_filled
 from sucre_bench.compare.notes import (
     REPETITION,
+    About,
+    about,
     fault_notes,
     filled_rows,
-    metrics_of_faults,
     notes,
     pixel_notes,
 )
@@ -112,22 +112,6 @@ def only(comparison: Comparison, metrics: Sequence[str]) -> Comparison:
         measured={column: measured for column, measured in comparison.measured.items() if column in places},
         notes=tuple(replace(note, columns=columns) for note, columns in left if columns or not note.columns),
     )
-
-
-def asked_for(rows: DataFrame, metrics: Sequence[str]) -> Series:
-    """Return which rows are of these metrics, "name" or "name:variant"; without metrics, all but those of faults."""
-    if not metrics:
-        return ~rows["metric"].isin(metrics_of_faults(rows))
-    full = rows["metric"] + ":" + rows["variant"]
-    known = set(rows["metric"].unique())
-    for text in metrics:
-        name, _, variant = text.partition(":")
-        if name not in known:
-            raise InputError(f"no scores of '{name}'; {did_you_mean(name, known)}")
-        variants = set(rows.loc[rows["metric"] == name, "variant"].unique())
-        if variant and variant not in variants:
-            raise InputError(f"no scores of {name} in variant '{variant}'; {did_you_mean(variant, variants)}")
-    return rows["metric"].isin(metrics) | full.isin(metrics)
 
 
 def without_replicates(rows: DataFrame) -> DataFrame:

@@ -9,10 +9,9 @@ from dataclasses import replace
 from typing import Any, Literal
 
 from sucre_bench.compare import COSTS, Comparison
-from sucre_bench.compare.answer import answer, deciding
 from sucre_bench.compare.model import says_filled
 from sucre_bench.compare.terminal_table import blocks
-from sucre_bench.compare.words import faults, left_out, legend, shown, title
+from sucre_bench.compare.words import answer, deciding, faults, left_out, legend, shown, title
 from sucre_bench.machine.text_formats import json_text
 from sucre_bench.results.rows import csv_text
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from sucre_bench.arrays import DataFrame
-from sucre_bench.compare.compare_rows import asked_for, compare
+from sucre_bench.compare.choose_rows import asked_for
+from sucre_bench.compare.compare_rows import compare
 from sucre_bench.compare.model import NO_DIFFERENCE, Column, Comparison, Difference
 from sucre_bench.errors import InputError, did_you_mean
 

@@ -12,8 +12,8 @@ from statistics import fmean
 from typing import TYPE_CHECKING
 
 from sucre_bench.compare import words
-from sucre_bench.compare.answer import Deciding, answer, best_first, deciding, verdicts
 from sucre_bench.compare.model import FEWEST_VIEWS, Column, Comparison
+from sucre_bench.compare.words import Deciding, answer, best_first, deciding, verdicts
 
 if TYPE_CHECKING:
     from rich.text import Text

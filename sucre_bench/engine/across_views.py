@@ -22,9 +22,8 @@ from cachetools import LRUCache, cached
 from sucre_bench import plugins, results
 from sucre_bench.arrays import Array, DataFrame, Mask
 from sucre_bench.engine.common_pixels import Source
-from sucre_bench.engine.preflight import Planned
+from sucre_bench.engine.preflight import Planned, Task, open_scenes, tasks
 from sucre_bench.engine.score import Scorer, kept_reason, row_without_value, score_code, scorers
-from sucre_bench.engine.select_views import Task, open_scenes, tasks
 from sucre_bench.errors import MissingFileError, NotApplicableError, one_line
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress

@@ -1,4 +1,4 @@
-"""Scores on common pixels: the pixels of a view that all methods fill. `compare/choose_pixels.py` uses them.
+"""Scores on common pixels: the pixels of a view that all methods fill. `compare/choose_rows.py` uses them.
 
 `CommonView.rows` scores one view from the pictures and masks of its restorations. A run calls it for the views of its
 results folder, `compare` for those of several folders, and Python for restorations in memory. No method runs again.
@@ -19,16 +19,14 @@ import numpy as np
 
 from sucre_bench import results
 from sucre_bench.arrays import Array, DataFrame, Mask, Picture, locked
-from sucre_bench.engine.preflight import Planned
+from sucre_bench.engine.preflight import Planned, Task, open_scenes, opening_once, tasks
 from sucre_bench.engine.score import Scored, Scorer, scorers, variant_rows
-from sucre_bench.engine.select_views import Task, open_scenes, opening_once, tasks
 from sucre_bench.errors import DamagedFileError, InputError, SucreBenchError, one_line, raise_if_stop
 from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.jobs.job import Job, config_path, read_config
 from sucre_bench.machine import progress
 from sucre_bench.machine.text_formats import keep_traceback, now
 from sucre_bench.plugins.options import Choice
-from sucre_bench.results.bundle_format import is_bundle
 from sucre_bench.results.common_scores import (
     COMMON_PIXELS,
     COMMON_TABLE,
@@ -47,7 +45,7 @@ from sucre_bench.results.layout import Place, log_path
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.restorations import PictureOnly, masked, stored_mask, stored_picture, stored_restoration
 from sucre_bench.results.rows import KEYS, RESTORATION, Row, restorations, row_objects, values_of
-from sucre_bench.results.table import is_fresh
+from sucre_bench.results.table import is_bundle, is_fresh
 from sucre_bench.results.table import locked as locked_table
 from sucre_bench.scene import Restoration, View
 

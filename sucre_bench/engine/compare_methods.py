@@ -14,10 +14,9 @@ from sucre_bench import compare, plugins, results
 from sucre_bench.arguments import checked
 from sucre_bench.arrays import DataFrame, Picture
 from sucre_bench.compare import Comparison
-from sucre_bench.compare.answer import deciding
 from sucre_bench.compare.documents import as_text, without_costs
 from sucre_bench.compare.terminal_table import as_table
-from sucre_bench.compare.words import number
+from sucre_bench.compare.words import deciding, number
 from sucre_bench.engine.common_pixels import Source, score_in_memory
 from sucre_bench.engine.python_api import restore, score
 from sucre_bench.engine.score import row_without_value

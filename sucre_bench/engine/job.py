@@ -16,20 +16,18 @@ import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured
-from sucre_bench.engine.preflight import Planned, names_hash, plan
+from sucre_bench.engine.preflight import Planned, Task, base_row, names_hash, plan
 from sucre_bench.engine.score import Scorer, row_of_fault, score_rows, scorers
-from sucre_bench.engine.select_views import Task, base_row
 from sucre_bench.engine.workers import Emit, Work
 from sucre_bench.errors import InputError, NotApplicableError, OutputError, PluginError, raise_if_stop
 from sucre_bench.imaging.display import displayed
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
-from sucre_bench.machine.cache import ArrayStore, storing
+from sucre_bench.machine.cache import ArrayStore, shorten_records, storing
 from sucre_bench.machine.compute import PeakMemory
 from sucre_bench.machine.files import remove
-from sucre_bench.machine.packages import load
 from sucre_bench.machine.processes import step
-from sucre_bench.machine.records import shorten_records
+from sucre_bench.machine.provenance import load
 from sucre_bench.machine.text_formats import now
 from sucre_bench.plugins.call_method import restored, shown_with, with_truth
 from sucre_bench.results.layout import decoded_path, file_name, log_path, pairs_path, restored_path

@@ -20,8 +20,7 @@ from sucre_bench.imaging.image_files import SUFFIXES, write_image
 from sucre_bench.jobs import catalogue
 from sucre_bench.jobs.catalogue import method_choice, metric_choices
 from sucre_bench.plugins.call_method import shown_with
-from sucre_bench.plugins.code_hash import source_hash
-from sucre_bench.plugins.options import Choice, create
+from sucre_bench.plugins.options import Choice, create, source_hash
 from sucre_bench.results.restorations import write_arrays
 from sucre_bench.results.rows import COSTS
 from sucre_bench.scene import Encoding, Restoration, Scene, View

@@ -73,7 +73,7 @@ def revisit(out: Path, methods: Sequence[str], dataset: str = "", scene: str = "
     if the data are no longer those that were restored.
     """
     from sucre_bench import results
-    from sucre_bench.engine.select_views import open_scenes, tasks
+    from sucre_bench.engine.preflight import open_scenes, tasks
     from sucre_bench.results.rows import restorations
 
     rows = restorations(results.read(out))

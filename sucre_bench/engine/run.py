@@ -16,8 +16,7 @@ from sucre_bench.arrays import DataFrame, evenly
 from sucre_bench.engine.across_views import score_across_views
 from sucre_bench.engine.common_pixels import score_on_common_pixels
 from sucre_bench.engine.job import JobAtWork
-from sucre_bench.engine.preflight import Planned, check, is_for_cluster, workers_at_once
-from sucre_bench.engine.select_views import opening_once
+from sucre_bench.engine.preflight import Planned, check, is_for_cluster, opening_once, workers_at_once
 from sucre_bench.engine.workers import Work, run_works
 from sucre_bench.errors import DiskFullError, InputError, SucreBenchError, one_line
 from sucre_bench.jobs import compose_jobs
@@ -25,8 +24,7 @@ from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job, config_path, config_text
 from sucre_bench.jobs.lineup import record_line_up
 from sucre_bench.machine import progress, provenance
-from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.outputs import check_results_folder
+from sucre_bench.machine.files import check_results_folder, write_atomically
 from sucre_bench.machine.processes import terminated_as_interrupt
 from sucre_bench.machine.text_formats import keep_traceback, masked
 from sucre_bench.results.common_scores import read_common

@@ -22,8 +22,7 @@ from sucre_bench.imaging.resizing import Form, changed_picture, changed_restorat
 from sucre_bench.machine import progress
 from sucre_bench.machine.processes import step
 from sucre_bench.machine.text_formats import keep_traceback
-from sucre_bench.plugins.code_hash import source_hash
-from sucre_bench.plugins.options import Choice
+from sucre_bench.plugins.options import Choice, source_hash
 from sucre_bench.plugins.plugin import Metric, Plugin
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.restorations import PictureOnly

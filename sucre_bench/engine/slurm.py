@@ -27,9 +27,8 @@ from typing import Any
 
 from sucre_bench import results
 from sucre_bench.engine.job import JobAtWork
-from sucre_bench.engine.preflight import plan
+from sucre_bench.engine.preflight import base_row, plan
 from sucre_bench.engine.score import row_without_value
-from sucre_bench.engine.select_views import base_row
 from sucre_bench.engine.workers import run_works
 from sucre_bench.errors import DiskFullError, InputError, PluginError, StopRequest, one_line
 from sucre_bench.jobs.job import Job

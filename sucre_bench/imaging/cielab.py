@@ -15,7 +15,7 @@ import numpy.typing as npt
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
-from sucre_bench.machine.packages import load
+from sucre_bench.machine.provenance import load
 
 _XYZ_OF_RGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
 _RGB_OF_XYZ = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])

@@ -17,7 +17,7 @@ from sucre_bench.jobs.run_options import CONF_FOLDER
 from sucre_bench.jobs.words import quoted
 from sucre_bench.loading.image_folder import no_image
 from sucre_bench.machine import progress
-from sucre_bench.machine.packages import absent
+from sucre_bench.machine.provenance import absent
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import Choice, Option, options_of, plain_value, plugin_choice
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin

@@ -1,4 +1,7 @@
-"""The options of a plugin, its dataclass's fields: types, help texts, checks; a choice of them, and the plugin made."""
+"""The options of a plugin, its dataclass's fields: types, help texts, checks; a choice of them, and the plugin made.
+
+`source_hash` is one short hash of all that a result depends on: source code, and the files that options name.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ import math
 import os
 import textwrap
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
@@ -19,9 +22,9 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 from sucre_bench.arguments import check_argument
 from sucre_bench.errors import InputError, did_you_mean, is_number_in, shown_value, unknown_name
 from sucre_bench.imaging.display import normalisation
+from sucre_bench.machine.cache import records_above, stored_record
 from sucre_bench.machine.files import expanded, fault_of
-from sucre_bench.machine.packages import require
-from sucre_bench.machine.records import records_above, stored_record
+from sucre_bench.machine.provenance import hash_of, require
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin, fits
 from sucre_bench.plugins.registry import find, get
 
@@ -307,3 +310,48 @@ def read_by_options(plugin: Plugin, values: Mapping[str, Any]) -> Iterator[tuple
             method = get("method", value) if isinstance(value, str) else None
             if not isinstance(method, Broken):
                 yield option, method or expanded(value)
+
+
+def source_hash(*used: Plugin, files: Iterable[Path] = ()) -> str:
+    """Return a hash of what makes a result: the code of the plugins and of the engine's numerics, and further files.
+
+    Code counts as syntax: comments, docstrings, the module a definition stands in, and which module it is imported
+    from change nothing. The versions of the engine and of the libraries it computes with count.
+
+    Of `files`, which may be large, name, size and time of change count. Of a folder, those of all files in it, except
+    hidden files and `__pycache__`.
+    """
+    sources = [(plugin, _source_of(plugin)) for plugin in used]
+    typed_in = []  # what there is of a plugin without a file: the compiled code of what its class defines
+    for plugin in (plugin for plugin, source in sources if source is None):
+        codes = ((name, getattr(value, "__code__", None)) for name, value in sorted(vars(plugin.cls).items()))
+        typed_in.append([(name, (code.co_code, repr(code.co_consts), code.co_names)) for name, code in codes if code])
+    places = tuple(source for _, source in sources if source)
+    stamps = [stamp for place in files for stamp in _stamps(place)]
+    packages = {name for plugin in used for name in (*plugin.requires, *plugin.may_use)}
+    return hash_of(places, packages, (typed_in, stamps))
+
+
+def _stamps(place: Path) -> Iterator[tuple[str, int, int]]:
+    for path in sorted(place.rglob("*")) if place.is_dir() else [place]:
+        within = path.relative_to(place)
+        if path.is_file() and not any(part.startswith(".") or part == "__pycache__" for part in within.parts):
+            state = path.stat()
+            yield str(within), state.st_size, state.st_mtime_ns
+
+
+def _source_of(plugin: Plugin) -> Path | None:
+    """A plugin's file, or its folder where it has one of its own; None for one that was typed into a session."""
+    try:
+        source = inspect.getsourcefile(plugin.cls)
+    except (OSError, TypeError):
+        source = None
+    return None if source is None else _file_or_folder(source, plugin.kind)
+
+
+@functools.cache
+def _file_or_folder(source: str, kind: str) -> Path:
+    file = Path(source)
+    shared = (Path(__file__).parent.parent / f"{kind}s").resolve()
+    has_folder = file.parent.resolve() != shared and (file.parent / "__init__.py").exists()
+    return file.parent if has_folder else file

@@ -20,8 +20,8 @@ from typing import Literal
 from sucre_bench import plugins
 from sucre_bench.machine import progress, provenance
 from sucre_bench.machine.compute import usable_cores
-from sucre_bench.machine.packages import absent, distribution_of, version_of
 from sucre_bench.machine.processes import python
+from sucre_bench.machine.provenance import absent, distribution_of, version_of
 from sucre_bench.plugins.plugin import Broken
 
 # Shared libraries that open3d's wheel expects of the system, and the Debian/Ubuntu packages that bring them.

@@ -175,11 +175,6 @@ def _id(manifest: bytes) -> str:
 # -- opening -----------------------------------------------------------------------------------------------
 
 
-def is_bundle(path: Path) -> bool:
-    """Whether a path is to be read as a bundle, not as a results folder."""
-    return path.suffix.lower() == ".zip" and not path.is_dir()
-
-
 @contextlib.contextmanager
 def open_bundle(path: Path, limits: Limits = LIMITS) -> Iterator[Bundle]:
     """Open a bundle for this block: check its entries, and read what it says of itself.

@@ -20,9 +20,10 @@ import numpy as np
 from sucre_bench.arrays import DataFrame, Mask
 from sucre_bench.errors import InputError
 from sucre_bench.machine.files import reading, regular, write_atomically
-from sucre_bench.results.bundle_format import is_bundle, open_bundle
+from sucre_bench.results.bundle_format import open_bundle
 from sucre_bench.results.restorations import mask_id
 from sucre_bench.results.rows import COLUMNS, Row, restorations, values_of
+from sucre_bench.results.table import is_bundle
 
 COMMON_TABLE = "common.parquet"
 

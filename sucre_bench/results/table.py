@@ -63,6 +63,11 @@ def read(out: str | Path, **labels: str) -> DataFrame:
     return rows
 
 
+def is_bundle(path: Path) -> bool:
+    """Whether a path is to be read as a bundle (`results.bundle_format`), not as a results folder."""
+    return path.suffix.lower() == ".zip" and not path.is_dir()
+
+
 def _files(out: Path, labels: Mapping[str, str]) -> tuple[list[Path], DataFrame]:
     """The files of rows, parts first, and their rows as `read` returns them."""
     import pyarrow

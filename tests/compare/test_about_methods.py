@@ -38,7 +38,7 @@ def test_compare_warns_of_test_pictures_that_were_in_the_training_set(
     sets = {"own": named("own", "c"), "other": named("other", "a", "b"), "more": named("more", "c")}
     sets["names"] = NamedSet("names", "", "Names", "", "", "", (Member("a.png", (), None, None, None),))
     monkeypatch.setattr(named_sets, "named_sets", lambda: sets)
-    monkeypatch.setattr("sucre_bench.compare.about_methods.named_sets", lambda: sets)
+    monkeypatch.setattr("sucre_bench.compare.notes.named_sets", lambda: sets)
     words = ("dataset=./photographs", "method=precomputed", "method.folder=restored", "metrics=[uciqe]", "out=out")
     done = bench("run", *words, f"method.trained_on='{said}'", "workers=0", "tracking.uri=off", "report=false")
     assert done.returncode == 0, done.stderr

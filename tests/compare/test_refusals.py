@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from sucre_bench import compare
 from sucre_bench.cli import cli
-from sucre_bench.compare.load_folders import NotComparableError
+from sucre_bench.compare.choose_rows import NotComparableError
 from sucre_bench.results.rows import Row, frame, replicated
 
 ROW = Row(dataset="sea", scene="reef", metric="psnr", variant="masked", value=1.0, better="higher", data_id="d")

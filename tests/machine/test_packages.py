@@ -11,7 +11,7 @@ from support.hidden_packages import hide
 
 import sucre_bench as sb
 from sucre_bench.errors import InputError
-from sucre_bench.machine import packages
+from sucre_bench.machine import provenance
 
 
 @pytest.mark.parametrize(
@@ -70,19 +70,19 @@ def test_an_experiment_goes_on_without_a_method_that_lacks_an_extra(bench, monke
 
 
 def test_a_package_that_is_too_old_or_does_not_import_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    version_of = packages.version_of
-    monkeypatch.setattr(packages, "version_of", lambda name: "3.9" if name == "pycolmap" else version_of(name))
+    version_of = provenance.version_of
+    monkeypatch.setattr(provenance, "version_of", lambda name: "3.9" if name == "pycolmap" else version_of(name))
     with pytest.raises(InputError, match=r"prepare: pycolmap is 3\.9, not >=4\.0; pip install .*prepare"):
-        packages.require("prepare", "pycolmap")
+        provenance.require("prepare", "pycolmap")
     (tmp_path / "broken_library_xyz.py").write_text("raise OSError('libGL.so.1: cannot open')\n")
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(InputError, match=r"texture: broken_library_xyz does not import, .*libGL\.so\.1.*doctor"):
-        packages.load("texture", "broken_library_xyz")
+        provenance.load("texture", "broken_library_xyz")
 
 
 def test_a_run_says_that_a_package_of_the_core_is_too_old(bench, monkeypatch: pytest.MonkeyPatch, small_demo):
-    version_of = packages.version_of
-    monkeypatch.setattr(packages, "version_of", lambda name: "1.0" if name == "numpy" else version_of(name))
+    version_of = provenance.version_of
+    monkeypatch.setattr(provenance, "version_of", lambda name: "1.0" if name == "numpy" else version_of(name))
     done = bench("run", *small_demo, "method=underwater", "--dry-run")
     assert done.returncode == 0, done.stderr
     assert re.search(r"packages: numpy is 1\.0, not >=.*; pip install 'numpy>=", done.stderr)
@@ -107,6 +107,6 @@ def test_a_library_of_the_core_that_is_there_but_broken_is_named(
 
 
 def test_every_package_of_an_extra_stands_in_one_so_that_messages_can_name_it():
-    extras = {name: extra for name, (_, extra) in packages.requirements().items() if extra}
+    extras = {name: extra for name, (_, extra) in provenance.requirements().items() if extra}
     assert extras.items() >= {"torch": "torch", "open3d": "surfaces", "pycolmap": "prepare", "mlflow": "mlflow"}.items()
     assert not {"torch", "jax", "open3d", "mlflow", "pycolmap", "onnxruntime"} - extras.keys()

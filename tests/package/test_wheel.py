@@ -12,7 +12,7 @@ import pytest
 from support.places import ROOT
 
 from sucre_bench.datasets.demo import Demo
-from sucre_bench.machine.packages import requirements
+from sucre_bench.machine.provenance import requirements
 
 
 @pytest.fixture(scope="module")

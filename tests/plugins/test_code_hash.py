@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from sucre_bench.machine import provenance
-from sucre_bench.plugins.code_hash import source_hash
+from sucre_bench.plugins.options import source_hash
 from sucre_bench.plugins.registry import find, load_file
 
 METHOD = '''
@@ -86,7 +86,7 @@ def test_a_class_typed_into_a_session_has_a_hash_of_its_own():
 
 ASK = """
 from sucre_bench.plugins import find
-from sucre_bench.plugins.code_hash import source_hash
+from sucre_bench.plugins.options import source_hash
 print(source_hash(find("method", "sucre")))
 """
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from support.hidden_packages import hide
 
-from sucre_bench.machine import packages, provenance
+from sucre_bench.machine import provenance
 from sucre_bench.programs import doctor
 
 
@@ -66,11 +66,11 @@ def test_doctor_goes_on_after_an_import_that_does_not_end(monkeypatch: pytest.Mo
 
 
 def test_doctor_sees_a_torch_that_cannot_use_the_gpu(monkeypatch: pytest.MonkeyPatch):
-    version_of = packages.version_of
+    version_of = provenance.version_of
     monkeypatch.setattr(provenance, "gpu", lambda: "NVIDIA H100")
     other_pythons_end(monkeypatch, 1, "Traceback\nRuntimeError: driver too old")
     for torch, said in (("2.6.0+cpu", "CPUs"), ("2.6.0+cu124", "NVIDIA H100: RuntimeError")):
-        for module in (doctor, packages):
+        for module in (doctor, provenance):
             monkeypatch.setattr(module, "version_of", lambda n, t=torch: t if n == "torch" else version_of(n))
         feature = states(doctor.examine())["SUCRe on the GPU"]
         assert feature.state == "broken"

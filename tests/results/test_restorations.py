@@ -10,7 +10,7 @@ import pytest
 from support.command_line import calls, run
 
 from sucre_bench.errors import DamagedFileError
-from sucre_bench.machine import records
+from sucre_bench.machine import cache
 from sucre_bench.plugins.registry import find
 from sucre_bench.results.restorations import (
     Measured,
@@ -100,15 +100,15 @@ def test_the_records_of_each_of_many_methods_are_read_once(tmp_path: Path, monke
     for folder in folders:
         folder.mkdir(parents=True)
         for view in ("a", "b"):
-            records.add_record(folder, folder / f"{view}.png", {"steps": 1})
+            cache.add_record(folder, folder / f"{view}.png", {"steps": 1})
     reads: list[Path] = []
-    regular = records.regular
-    monkeypatch.setattr(records, "regular", lambda path: reads.append(path) or regular(path))
+    regular = cache.regular
+    monkeypatch.setattr(cache, "regular", lambda path: reads.append(path) or regular(path))
     for view in ("a", "b"):
-        assert all(records.record_of(folder / f"{view}.png") == {"steps": 1} for folder in folders)
+        assert all(cache.record_of(folder / f"{view}.png") == {"steps": 1} for folder in folders)
     assert len(reads) == 12
-    records.add_record(folders[0], folders[0] / "a.png", {"steps": 2})
-    assert records.record_of(folders[0] / "a.png") == {"steps": 2}
+    cache.add_record(folders[0], folders[0] / "a.png", {"steps": 2})
+    assert cache.record_of(folders[0] / "a.png") == {"steps": 2}
 
 
 # -- in a run ----------------------------------------------------------------------------------------------

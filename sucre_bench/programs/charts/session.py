@@ -12,7 +12,7 @@ import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.arrays import Array
-from sucre_bench.engine.select_views import select
+from sucre_bench.engine.preflight import select
 from sucre_bench.errors import InputError, MissingFileError, did_you_mean, one_line
 from sucre_bench.imaging.chart_kinds import KINDS, chart_kind
 from sucre_bench.imaging.chart_patches import image_from_chart, measure, reading_order

@@ -21,7 +21,7 @@ from typing import Any, Literal, NamedTuple
 from sucre_bench import plugins
 from sucre_bench.arguments import checked
 from sucre_bench.errors import ANY_FAULT, InputError, NotApplicableError, SucreBenchError, one_line
-from sucre_bench.machine.packages import absent
+from sucre_bench.machine.provenance import absent
 from sucre_bench.plugins.options import create, options_of
 from sucre_bench.plugins.plugin import KINDS, Kind, Plugin, fits
 

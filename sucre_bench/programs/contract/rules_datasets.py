@@ -11,7 +11,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array, evenly
 from sucre_bench.camera import Camera
-from sucre_bench.engine.select_views import open_scenes
+from sucre_bench.engine.preflight import open_scenes
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.imaging.chart_kinds import chart_kind
 from sucre_bench.imaging.chart_patches import check_corners

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import Array, evenly
-from sucre_bench.engine.select_views import Selection
+from sucre_bench.engine.preflight import Selection
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.drawing import contact_sheet, depth_colours, save_marked
 from sucre_bench.loading.named_sets import Found, Member, Picture, recognised_sets, set_table

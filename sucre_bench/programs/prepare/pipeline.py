@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 from sucre_bench.errors import InputError, MissingFileError, PluginError, SucreBenchError
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.lens import Lens
-from sucre_bench.machine.files import is_want_of_room, not_writable, read_json, write_atomically
-from sucre_bench.machine.outputs import check_working_folder
+from sucre_bench.machine.files import check_working_folder, is_want_of_room, not_writable, read_json, write_atomically
 from sucre_bench.machine.progress import say
 from sucre_bench.programs.prepare import Options
 from sucre_bench.programs.prepare.depth_maps import INTERPOLATED, DepthMap, DepthMaps, masked, of_surface, relief, swept

@@ -23,8 +23,8 @@ from sucre_bench.loading.colmap_model import Posed, read_model
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.files import not_writable
-from sucre_bench.machine.packages import load, require
 from sucre_bench.machine.progress import track
+from sucre_bench.machine.provenance import load, require
 from sucre_bench.programs.prepare.photos import Photo, read_mask, read_photo
 
 

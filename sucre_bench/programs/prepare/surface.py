@@ -19,7 +19,7 @@ from sucre_bench.camera import moved, pixel_rays, unproject
 from sucre_bench.errors import InputError
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.files import regular
-from sucre_bench.machine.packages import load
+from sucre_bench.machine.provenance import load
 from sucre_bench.programs.prepare.shots import Shot
 
 _VOXEL_PX = 4.0  # side of a voxel, in pixels of a photo at the median depth; a voxel has one point

@@ -13,9 +13,8 @@ import numpy as np
 from sucre_bench import plugins
 from sucre_bench.arrays import evenly
 from sucre_bench.camera import Camera
-from sucre_bench.engine.preflight import MOST_SHOWN_OVER, Planned
+from sucre_bench.engine.preflight import MOST_SHOWN_OVER, Planned, opening_once, select
 from sucre_bench.engine.run import run
-from sucre_bench.engine.select_views import opening_once, select
 from sucre_bench.errors import DamagedFileError, InputError
 from sucre_bench.imaging.display import is_of_scene
 from sucre_bench.jobs.catalogue import method_choice, option_names, recognised

@@ -16,8 +16,7 @@ from typing import Any
 from sucre_bench import compare, plugins
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import Column, Comparison
-from sucre_bench.compare.answer import deciding
-from sucre_bench.compare.words import left_out, legend, shown, title
+from sucre_bench.compare.words import deciding, left_out, legend, shown, title
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.text_formats import filled_in
 from sucre_bench.results.common_scores import common_frame

@@ -16,8 +16,8 @@ import numpy as np
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.degrade import Degradation, degraded_whole
+from sucre_bench.engine.preflight import open_scenes
 from sucre_bench.engine.score import Scorer, metric_code, score_rows, scorers
-from sucre_bench.engine.select_views import open_scenes
 from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError, one_line
 from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.jobs.catalogue import metric_choices

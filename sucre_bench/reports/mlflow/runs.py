@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import Column, Comparison
-from sucre_bench.compare.answer import deciding
 from sucre_bench.compare.documents import as_text
+from sucre_bench.compare.words import deciding
 from sucre_bench.errors import InputError
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import regular

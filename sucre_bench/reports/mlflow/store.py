@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING
 from sucre_bench.errors import InputError, OutputError, SucreBenchError, in_words
 from sucre_bench.machine.cache import get_or_make, waited_lock
 from sucre_bench.machine.files import regular, temporary_folder, user_cache, write_atomically
-from sucre_bench.machine.packages import version_of
 from sucre_bench.machine.processes import terminated_as_interrupt
+from sucre_bench.machine.provenance import version_of
 from sucre_bench.machine.text_formats import masked
 from sucre_bench.results import TABLE
 from sucre_bench.results.rows import fingerprint

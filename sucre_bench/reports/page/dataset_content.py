@@ -11,9 +11,20 @@ from typing import Any
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import COSTS, Column, Comparison, verdicts
-from sucre_bench.compare.answer import Deciding, answer, best_first, deciding
 from sucre_bench.compare.model import FILLED
-from sucre_bench.compare.words import ARROW, left_out, legend, number, shown, title, verdict_text
+from sucre_bench.compare.words import (
+    ARROW,
+    Deciding,
+    answer,
+    best_first,
+    deciding,
+    left_out,
+    legend,
+    number,
+    shown,
+    title,
+    verdict_text,
+)
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.words import Rerun, metric_words, shell, value_of
 from sucre_bench.reports.metric_roles import metrics_of

@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import By, Cell, Column, Comparison, Note, against, compare, only
-from sucre_bench.compare.compare_rows import asked_for, without_replicates
+from sucre_bench.compare.choose_rows import asked_for
+from sucre_bench.compare.compare_rows import without_replicates
 from sucre_bench.degrade.options import VIEWS, Degradation, read_water
 from sucre_bench.errors import InputError, NotApplicableError, did_you_mean
 from sucre_bench.jobs.run_options import Study

@@ -14,7 +14,7 @@ from sucre_bench import Arrays, InputError, Restoration, Scene, View, restore, s
 from sucre_bench.errors import MissingFileError
 from sucre_bench.methods.networks.onnx import opened
 from sucre_bench.methods.networks.sizes import resized
-from sucre_bench.plugins.code_hash import source_hash
+from sucre_bench.plugins.options import source_hash
 
 RNG = np.random.default_rng(0)
 NOISE = RNG.random((20, 24, 3), dtype=np.float32)

@@ -313,7 +313,7 @@ def composed(words: list[str]) -> Any:
     ],
 )
 def test_a_rows_command_composes_to_the_job_that_made_it(toys: str, overrides: list[str]):
-    from sucre_bench.engine.select_views import base_row
+    from sucre_bench.engine.preflight import base_row
 
     job = compose_jobs.jobs(overrides, False).jobs[0]
     row = base_row(job)

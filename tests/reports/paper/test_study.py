@@ -11,7 +11,7 @@ from support.messages import refused
 from support.places import ROOT
 
 from sucre_bench.compare import COSTS
-from sucre_bench.engine.select_views import base_row
+from sucre_bench.engine.preflight import base_row
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.reports.paper import Study
 from sucre_bench.results.rows import frame

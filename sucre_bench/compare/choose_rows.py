@@ -1,22 +1,33 @@
-"""Reads the score tables of several folders, and refuses those that are not comparable."""
+"""Chooses the rows of a comparison: reads folders, refuses what is not comparable, and chooses the pixels of scores.
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+Where methods fill different pixels of a view, their own scores are of different pictures. A run therefore scores such
+views on their common pixels too (`engine.common_pixels`), and `on_pixels` puts these scores in the place of the own
+ones.
+"""
+
+import json
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from itertools import combinations
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, Literal, TypeVar
 
-from sucre_bench import results
-from sucre_bench.arrays import DataFrame
-from sucre_bench.compare.about_methods import options_of
-from sucre_bench.compare.compare_rows import asked_for
-from sucre_bench.errors import InputError, LinesError
+import numpy as np
+
+from sucre_bench import plugins, results
+from sucre_bench.arrays import DataFrame, Series
+from sucre_bench.errors import InputError, LinesError, did_you_mean
 from sucre_bench.loading.named_sets import named_sets
 from sucre_bench.machine import progress
-from sucre_bench.results.bundle_format import is_bundle, open_bundle
-from sucre_bench.results.rows import COSTS, values_of
-from sucre_bench.results.table import is_fresh
+from sucre_bench.plugins.plugin import Fault
+from sucre_bench.results.bundle_format import open_bundle
+from sucre_bench.results.common_scores import COMMON_PIXELS, LEAST_DIFFERENCE, LEAST_FILLED
+from sucre_bench.results.reasons import Reason
+from sucre_bench.results.rows import COSTS, KEYS, restorations, values_of
+from sucre_bench.results.table import is_bundle, is_fresh
 
-_SCORE = ["dataset", "method", "metric", "variant", "scene", "view", "region"]  # what names a score
+_NAMED = ["dataset", "method", "metric", "variant", "scene", "view", "region"]  # what names a score
 _SAME = 1e-6  # relative difference of one score on two machines
 
 
@@ -29,9 +40,13 @@ def load(folders: Iterable[str | Path]) -> DataFrame:
     """
     import pandas as pd
 
-    folders = [Path(f) for f in folders]
-    rows = pd.concat([_rows(Path(f)).assign(_folder=str(f)) for f in folders], ignore_index=True)
-    if len(folders) > 1:
+    tables = []
+    for folder in map(Path, folders):
+        with open_bundle(folder) if is_bundle(folder) else nullcontext() as bundle:  # `verify` checks what it says
+            rows = results.read(folder) if bundle is None else bundle.rows
+            tables.append(rows.assign(_folder=str(folder)))
+    rows = pd.concat(tables, ignore_index=True)
+    if len(tables) > 1:
         coded = rows.assign(_code=rows["code"].str.split(".").str[0])
         of_method, of_scene = ["dataset", "method"], ["dataset", "scene"]
         for group, column, fault in (
@@ -45,20 +60,20 @@ def load(folders: Iterable[str | Path]) -> DataFrame:
                 raise InputError(f"{names}: {fault}; run it again, or give it another label")
         _say_differing(rows)
     rows = rows.assign(_ok=rows["status"] == "ok").sort_values(["_ok", "time"], kind="stable")
-    return rows.drop_duplicates(_SCORE, keep="last").drop(columns=["_ok", "_folder"]).sort_index(ignore_index=True)
+    return rows.drop_duplicates(_NAMED, keep="last").drop(columns=["_ok", "_folder"]).sort_index(ignore_index=True)
 
 
 def _say_differing(rows: DataFrame) -> None:
     """Say that folders have other values of the same scores, of which the newest are taken."""
     scores = rows[(rows["status"] == "ok") & ~rows["metric"].isin(COSTS)]
-    twice = scores[scores.duplicated(_SCORE, keep=False)]
-    of_score = twice.groupby(_SCORE)["value"]
+    twice = scores[scores.duplicated(_NAMED, keep=False)]
+    of_score = twice.groupby(_NAMED)["value"]
     low, high = of_score.min(), of_score.max()
     differing = low.index[high - low > _SAME * high.abs().combine(low.abs(), max)]
     if not len(differing):
         return
-    disagreeing = twice[twice.set_index(_SCORE).index.isin(differing)]
-    shown = disagreeing.sort_values("time", kind="stable").drop_duplicates(_SCORE, keep="last")["_folder"]
+    disagreeing = twice[twice.set_index(_NAMED).index.isin(differing)]
+    shown = disagreeing.sort_values("time", kind="stable").drop_duplicates(_NAMED, keep="last")["_folder"]
     methods = [
         " / ".join(pair) for pair in dict.fromkeys(zip(disagreeing["dataset"], disagreeing["method"], strict=True))
     ]
@@ -69,14 +84,6 @@ def _say_differing(rows: DataFrame) -> None:
         f"the table shows the newest, from {names_of(list(dict.fromkeys(shown)))}. "
         "Run one with another label to see both"
     )
-
-
-def _rows(place: Path) -> DataFrame:
-    """The score table of an output folder, or of a bundle; `verify` checks what a bundle says."""
-    if not is_bundle(place):
-        return results.read(place)
-    with open_bundle(place) as bundle:
-        return bundle.rows
 
 
 def names_of(names: Sequence[str]) -> str:
@@ -198,9 +205,133 @@ def _normalisations(rows: DataFrame) -> Iterator[str]:
             )
 
 
+def options_of(rows: DataFrame) -> dict[str, dict[str, Any]]:
+    """Return the options of each method of the rows, by its label: those of its last row."""
+    last = rows[["method", "options"]].drop_duplicates("method", keep="last")
+    return {name: json.loads(text or "{}") for name, text in values_of(last, "method", "options")}
+
+
 def _alike(values: Mapping[str, T]) -> dict[T, list[str]]:
     """Return the methods with equal values, by value."""
     alike: dict[T, list[str]] = {}
     for name, value in values.items():
         alike.setdefault(value, []).append(name)
     return alike
+
+
+def asked_for(rows: DataFrame, metrics: Sequence[str]) -> Series:
+    """Return which rows are of these metrics, "name" or "name:variant"; without metrics, all but those of faults."""
+    if not metrics:
+        return ~rows["metric"].isin(metrics_of_faults(rows))
+    full = rows["metric"] + ":" + rows["variant"]
+    known = set(rows["metric"].unique())
+    for text in metrics:
+        name, _, variant = text.partition(":")
+        if name not in known:
+            raise InputError(f"no scores of '{name}'; {did_you_mean(name, known)}")
+        variants = set(rows.loc[rows["metric"] == name, "variant"].unique())
+        if variant and variant not in variants:
+            raise InputError(f"no scores of {name} in variant '{variant}'; {did_you_mean(variant, variants)}")
+    return rows["metric"].isin(metrics) | full.isin(metrics)
+
+
+def metrics_of_faults(rows: DataFrame) -> dict[str, Mapping[str, Fault]]:
+    """Return the faults that the metrics of rows declare, by metric: tables say them in words, and have no column."""
+    known = {str(name): plugins.installed("metric", str(name)) for name in rows["metric"].unique()}
+    return {name: plugin.faults for name, plugin in known.items() if plugin and plugin.faults}
+
+
+# -- pixels ------------------------------------------------------------------------------------------------
+
+Pixels = Literal["own", "common"]
+
+NOT_SCORED = "not scored on common pixels; run all methods into one folder"
+
+_VIEW = ["dataset", "scene", "view"]
+_SCORE = [*_VIEW, "metric", "variant"]
+_KEY = [*_SCORE, "method", "code", "_mask"]
+_RESULT = ["value", "n_pixels", "coverage", "status", "reason"]
+
+
+def leaves_holes(rows: DataFrame) -> bool:
+    """Whether a method leaves a hole in a view, in data old or new: else all fill the same pixels."""
+    return bool((restorations(rows)["coverage"] < 1).any())
+
+
+def on_own_pixels(rows: DataFrame) -> DataFrame:
+    """Return rows with the columns of `on_pixels`, every score as it is."""
+    return rows.assign(pixels="own", pixels_share=math.nan, pixels_reason="")
+
+
+def on_pixels(rows: DataFrame, read: Callable[[], DataFrame]) -> DataFrame:
+    """Return rows with scores on common pixels in the place of own ones, where methods fill a view differently.
+
+    rows: of the score table; read: returns the scores on common pixels, see `results.read_common`; it is called only
+    where a method `leaves_holes`.
+    Three columns are added. `pixels`: "own" or "common"; `pixels_share`: the share of the image that the common pixels
+    have, else NaN; `pixels_reason`: why a score is on own pixels although methods fill the view differently.
+    """
+    rows = on_own_pixels(rows)
+    if not leaves_holes(rows):
+        return rows
+    common = read()
+    whole = restorations(rows[is_fresh(rows)])
+    enough = whole[whole["coverage"] >= LEAST_FILLED]
+    scored = rows[scores_of_pixels(rows) & (rows["status"] == "ok")]
+    # A method that fills next to nothing of a view has no score of it, if another one fills more.
+    some = {*values_of(enough, *_VIEW)}
+    little = {which for which in values_of(whole.drop(enough.index), *KEYS) if which[:3] in some}
+    is_lost = np.array([which in little for which in values_of(scored, *KEYS)], dtype=bool)
+    rows.loc[scored.index[is_lost], _RESULT] = [math.nan, 0, 0.0, "skipped", Reason.FILLS_LITTLE.value]
+    scored = scored[~is_lost].join(_views(enough, common), on=_VIEW, how="inner")
+    if scored.empty:
+        return rows
+    found = common[common["metric"] != COMMON_PIXELS].rename(columns={"pixels": "_mask"})
+    found = found[[*_KEY, *_RESULT]].drop_duplicates(_KEY, keep="last")
+    new = scored[_KEY].merge(found, on=_KEY, how="left").set_axis(scored.index)
+    # No score is on common pixels that are not known, whatever a bundle says: `verify` does not compute it again.
+    new.loc[~scored["_kind"].isin(["common", "none"]), ["status", "reason"]] = None
+    new.loc[scored["_kind"] == "none", _RESULT] = [math.nan, 0, 0.0, "skipped", Reason.NO_SHARED_PIXELS.value]
+    # Of one score of a view, either all methods are on common pixels or none.
+    lacks = new["status"].isna() | new["reason"].isin([Reason.NOT_STORED.value, Reason.NOT_HELD.value])
+    why = new["reason"].fillna(scored["_why"].where(scored["_why"] != "", NOT_SCORED)).where(lacks)
+    score = [scored[name] for name in _SCORE]
+    lacks, why = lacks.groupby(score).transform("any"), why.groupby(score).transform("first")
+    placed = scored.index[~lacks]
+    for name in _RESULT:
+        rows.loc[placed, name] = new.loc[placed, name].astype(rows[name].dtype)
+    rows.loc[placed, "pixels"] = "common"
+    rows.loc[scored.index, "pixels_share"] = scored["_share"].astype(float)
+    rows.loc[scored.index[lacks], "pixels_reason"] = why[lacks]
+    return rows
+
+
+def _views(whole: DataFrame, common: DataFrame) -> DataFrame:
+    """What is known of each view that methods fill differently, by `_VIEW`. whole: the views' restorations.
+
+    `_kind`: "common", "none" or "unknown" of `sucre_bench.results.common_scores.Kind`; `_mask`: hash of the common
+    mask; `_share`: of the image that it has; `_why`: why it is not known. A view in the table of common scores counts
+    only if it covers all methods and their newest results.
+    """
+    said = common[common["metric"] == COMMON_PIXELS].drop_duplicates(_VIEW, keep="last").set_index(_VIEW)
+    said = said[["variant", "pixels", "value", "reason", "methods", "time"]]
+    said.columns = [*(state := ["_kind", "_mask", "_share", "_why"]), "_methods", "_time"]
+    coverage = ("coverage", "min"), ("coverage", "max")
+    views = whole.groupby(_VIEW).agg(low=coverage[0], high=coverage[1], by=("method", set), last=("time", "max"))
+    views = views[(views["low"] < 1) & (views["by"].map(len) > 1)].join(said)
+    names = views["_methods"].fillna("[]").map(json.loads).map(set)
+    is_known = np.array([by <= of for by, of in zip(views["by"], names, strict=True)], dtype=bool)
+    is_known &= (views["last"] <= views["_time"].fillna("")).to_numpy()
+    views.loc[~is_known, state] = ["unknown", "", math.nan, NOT_SCORED]
+    differs = np.where(is_known, views["_kind"] != "equal", views["high"] - views["low"] > LEAST_DIFFERENCE)
+    return views.loc[differs, state]
+
+
+def scores_of_pixels(rows: DataFrame) -> Series:
+    """Return which rows are scores of whole images by metrics that rank pictures by their pixels.
+
+    A metric that is not installed does not.
+    """
+    metrics = {str(name): plugins.installed("metric", str(name)) for name in rows["metric"].unique()}
+    of_pixels = [name for name, plugin in metrics.items() if plugin and plugin.is_of_pixels]
+    return rows["metric"].isin(of_pixels) & (rows["region"] == "image")
