@@ -11,8 +11,7 @@ import numpy as np
 from sucre_bench.arrays import CHANNELS, Array
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.plugins.plugin import metric
-from sucre_bench.scene import Restoration, Score, View
-from sucre_bench.scene import Water as TrueWater
+from sucre_bench.scene import Restoration, Score, View, Water as TrueWater
 
 _MEANINGS = {
     "veiling_light": "B, in the intensities that the method explains",

@@ -44,40 +44,42 @@ __all__ = [*_MODULE, "__version__"]
 
 if TYPE_CHECKING:
     from sucre_bench.camera import Camera as Camera
-    from sucre_bench.degrade import Degradation as Degradation
-    from sucre_bench.degrade import degraded as degraded
-    from sucre_bench.engine.compare_methods import Compared as Compared
-    from sucre_bench.engine.compare_methods import compare_methods as compare_methods
-    from sucre_bench.engine.python_api import Restored as Restored
-    from sucre_bench.engine.python_api import list_datasets as list_datasets
-    from sucre_bench.engine.python_api import list_experiments as list_experiments
-    from sucre_bench.engine.python_api import list_methods as list_methods
-    from sucre_bench.engine.python_api import list_metrics as list_metrics
-    from sucre_bench.engine.python_api import load_scene as load_scene
-    from sucre_bench.engine.python_api import load_scenes as load_scenes
-    from sucre_bench.engine.python_api import restore as restore
-    from sucre_bench.engine.python_api import score as score
-    from sucre_bench.errors import InputError as InputError
-    from sucre_bench.errors import NotApplicableError as NotApplicableError
-    from sucre_bench.errors import PluginError as PluginError
-    from sucre_bench.errors import SolveError as SolveError
-    from sucre_bench.errors import SucreBenchError as SucreBenchError
+    from sucre_bench.degrade import Degradation as Degradation, degraded as degraded
+    from sucre_bench.engine.compare_methods import Compared as Compared, compare_methods as compare_methods
+    from sucre_bench.engine.python_api import (
+        Restored as Restored,
+        list_datasets as list_datasets,
+        list_experiments as list_experiments,
+        list_methods as list_methods,
+        list_metrics as list_metrics,
+        load_scene as load_scene,
+        load_scenes as load_scenes,
+        restore as restore,
+        score as score,
+    )
+    from sucre_bench.errors import (
+        InputError as InputError,
+        NotApplicableError as NotApplicableError,
+        PluginError as PluginError,
+        SolveError as SolveError,
+        SucreBenchError as SucreBenchError,
+    )
     from sucre_bench.machine.progress import track as track
-    from sucre_bench.plugins.plugin import dataset as dataset
-    from sucre_bench.plugins.plugin import method as method
-    from sucre_bench.plugins.plugin import metric as metric
+    from sucre_bench.plugins.plugin import dataset as dataset, method as method, metric as metric
     from sucre_bench.plugins.registry import load_file as load_file
     from sucre_bench.programs.contract import breaches as breaches
     from sucre_bench.restored_pair import RestoredPair as RestoredPair
     from sucre_bench.results.rows import wide as wide
-    from sucre_bench.scene import Arrays as Arrays
-    from sucre_bench.scene import Chart as Chart
-    from sucre_bench.scene import Pixels as Pixels
-    from sucre_bench.scene import Restoration as Restoration
-    from sucre_bench.scene import Scene as Scene
-    from sucre_bench.scene import Score as Score
-    from sucre_bench.scene import View as View
-    from sucre_bench.scene import Water as Water
+    from sucre_bench.scene import (
+        Arrays as Arrays,
+        Chart as Chart,
+        Pixels as Pixels,
+        Restoration as Restoration,
+        Scene as Scene,
+        Score as Score,
+        View as View,
+        Water as Water,
+    )
 
 
 def __dir__() -> list[str]:

@@ -20,8 +20,7 @@ CHANNELS = ("red", "green", "blue")  # of the last axis of images
 
 # pandas takes half a second to import. Functions that need it import it; annotations name its types from here.
 if TYPE_CHECKING:
-    from pandas import DataFrame as DataFrame
-    from pandas import Series as Series
+    from pandas import DataFrame as DataFrame, Series as Series
 else:
     DataFrame = Series = Any
 

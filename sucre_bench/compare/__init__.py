@@ -6,31 +6,34 @@ charts and its replicates. Intervals are 95 %, by a bootstrap over scenes (or vi
 tie if the interval of their paired difference includes 0. At most 5 % of columns have any false lead of the best.
 """
 
-from sucre_bench.compare.choose_rows import Pixels, leaves_holes, load, on_pixels, refusals, refuse
-from sucre_bench.compare.compare_rows import against, compare, only
-from sucre_bench.compare.gate import Gate, Gated, gated
-from sucre_bench.compare.model import Cell, Column, Comparison, Note
-from sucre_bench.compare.words import verdicts
-from sucre_bench.results.rows import COSTS, By
-
-__all__ = [
-    "COSTS",
-    "By",
-    "Cell",
-    "Column",
-    "Comparison",
-    "Gate",
-    "Gated",
-    "Note",
-    "Pixels",
-    "against",
-    "compare",
-    "gated",
-    "leaves_holes",
-    "load",
-    "on_pixels",
-    "only",
-    "refusals",
-    "refuse",
-    "verdicts",
-]
+from sucre_bench.compare.choose_rows import (
+    Pixels as Pixels,
+    leaves_holes as leaves_holes,
+    load as load,
+    on_pixels as on_pixels,
+    refusals as refusals,
+    refuse as refuse,
+)
+from sucre_bench.compare.compare_rows import (
+    against as against,
+    compare as compare,
+    only as only,
+)
+from sucre_bench.compare.gate import (
+    Gate as Gate,
+    Gated as Gated,
+    gated as gated,
+)
+from sucre_bench.compare.model import (
+    Cell as Cell,
+    Column as Column,
+    Comparison as Comparison,
+    Note as Note,
+)
+from sucre_bench.compare.words import (
+    verdicts as verdicts,
+)
+from sucre_bench.results.rows import (
+    COSTS as COSTS,
+    By as By,
+)

@@ -195,31 +195,12 @@ def pair_rows(
     ]
 
 
-@dataclass(slots=True)
-class _Mean:
-    """A mean over pairs, in the making."""
-
-    total: float = 0.0
-    weight: float = 0.0
-    n_pixels: int = 0
-    coverage: float = 0.0
-    pairs: int = 0
-
-    def add(self, score: Score) -> None:
-        self.pairs += 1
-        self.coverage += score.coverage
-        if score.weight > 0 and not math.isnan(score.value):
-            self.total += score.weight * score.value
-            self.weight += score.weight
-            self.n_pixels += int(score.n_pixels)
-
-
 @dataclass(eq=False)
 class _Tally:
     """The scores of one method by one variant of a metric, in the making.
 
-    absent: what the scene lacks for it; fault: why it failed; means: by view, then by region; reasons: of views that
-    could not be scored; met: the views that share points with another.
+    absent: what the scene lacks for it; fault: why it failed; scores: of pairs, by view, then by region; reasons: of
+    views that could not be scored; met: the views that share points with another.
     """
 
     entrant: Entrant
@@ -229,7 +210,7 @@ class _Tally:
     log: Path | None
     limit_s: float | None
     fault: str = ""
-    means: dict[str, dict[str, _Mean]] = field(default_factory=dict)
+    scores: dict[str, dict[str, list[Score]]] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
     met: set[str] = field(default_factory=set)
 
@@ -253,28 +234,30 @@ class _Tally:
             self.fault = kept_reason(fault, self.log, where)
             return
         for name in names:
-            means = self.means.setdefault(name, {})
             for score in scores:
-                means.setdefault(score.region, _Mean()).add(score)
+                self.scores.setdefault(name, {}).setdefault(score.region, []).append(score)
 
     def rows(self, name: str) -> Iterator[Row]:
         """Yield the rows of a view: its scores, or the reason why there is none."""
         plugin, base = self.scorer.plugin, self.entrant.bases[name]
         row = replace(base, code=self.entrant.code(base, self.scorer), metric=plugin.name, unit=plugin.unit)
         row = replace(row, variant=self.variant, better=plugin.better_of(self.variant))
-        means = self.means.get(name, {})
+        by_region = self.scores.get(name, {})
         if self.absent:
             yield row_without_value(row, "skipped", self.absent)
         elif self.fault:
             yield row_without_value(row, "failed", self.fault)
-        elif not means:
+        elif not by_region:
             why = self.reasons.get(name, Reason.NOTHING_TO_SCORE.value)
             why = why if name in self.met else Reason.NO_OVERLAP.value
             yield row_without_value(row, "skipped", why if len(self.entrant.bases) > 1 else Reason.ONE_VIEW.value)
         else:
-            for region, mean in means.items():
-                if mean.weight > 0:
-                    value, coverage = mean.total / mean.weight, mean.coverage / mean.pairs
-                    yield replace(row, region=region, value=value, n_pixels=mean.n_pixels, coverage=coverage)
+            for region, of_pairs in by_region.items():
+                known = [score for score in of_pairs if score.weight > 0 and not math.isnan(score.value)]
+                if known:
+                    value = sum(score.weight * score.value for score in known) / sum(score.weight for score in known)
+                    n_pixels = sum(int(score.n_pixels) for score in known)
+                    coverage = sum(score.coverage for score in of_pairs) / len(of_pairs)
+                    yield replace(row, region=region, value=value, n_pixels=n_pixels, coverage=coverage)
                 elif region == "image":
                     yield row_without_value(row, "skipped", Reason.NO_VALUE.value)

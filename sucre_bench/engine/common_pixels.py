@@ -45,8 +45,7 @@ from sucre_bench.results.layout import Place, log_path
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.restorations import PictureOnly, masked, stored_mask, stored_picture, stored_restoration
 from sucre_bench.results.rows import KEYS, RESTORATION, Row, restorations, row_objects, values_of
-from sucre_bench.results.table import is_bundle, is_fresh
-from sucre_bench.results.table import locked as locked_table
+from sucre_bench.results.table import is_bundle, is_fresh, locked as locked_table
 from sucre_bench.scene import Restoration, View
 
 _FLUSH_S = 30.0

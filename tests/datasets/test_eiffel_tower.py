@@ -4,8 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from support.miniatures import YEAR as NAMES
-from support.miniatures import write_year
+from support.miniatures import YEAR as NAMES, write_year
 from support.spots import check_dive, cut, one_line, write_photographs
 
 from sucre_bench.datasets.eiffel_tower import EiffelTower

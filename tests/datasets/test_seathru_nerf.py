@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.colmap_folder import picture, write_image, write_model
-from support.miniatures import REEF as NAMES
-from support.miniatures import write_reef
+from support.miniatures import REEF as NAMES, write_reef
 from support.spots import CAMERA, HEIGHT, WIDTH, check_dive, model_pose, one_line
 
 from sucre_bench.datasets.seathru_nerf import SeathruNerf

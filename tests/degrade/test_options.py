@@ -12,8 +12,7 @@ from support.messages import refused
 from sucre_bench import InputError, plugins
 from sucre_bench.degrade import Degradation, degraded
 from sucre_bench.engine import preflight
-from sucre_bench.engine.run import Outcome
-from sucre_bench.engine.run import run as run_jobs
+from sucre_bench.engine.run import Outcome, run as run_jobs
 from sucre_bench.jobs import compose_jobs
 
 

@@ -18,8 +18,7 @@ import cv2
 import numpy as np
 import pandas as pd
 import tifffile
-from hypothesis import HealthCheck, example, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, example, given, settings, strategies as st
 from support.colmap_folder import to_binary, write_dive
 
 from sucre_bench import results

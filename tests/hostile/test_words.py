@@ -2,8 +2,7 @@
 
 import os
 
-from hypothesis import HealthCheck, example, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, example, given, settings, strategies as st
 
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.jobs import compose_jobs

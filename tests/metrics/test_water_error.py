@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from sucre_bench.metrics.water import Water
-from sucre_bench.scene import Arrays, Restoration, Score, View
-from sucre_bench.scene import Water as SceneWater
+from sucre_bench.scene import Arrays, Restoration, Score, View, Water as SceneWater
 
 IMAGE = np.zeros((2, 2, 3), np.float32)
 TRUTH = SceneWater(np.array([0.1, 0.2, 0.4]), np.array([0.4, 0.2, 0.1]), np.array([0.3, 0.0, 0.2]))

@@ -10,8 +10,7 @@ import pytest
 from support.made_scene import make_scene
 
 from sucre_bench import Arrays, Scene, SolveError, View
-from sucre_bench.multiview import observations as mapped
-from sucre_bench.multiview import stored_pairs as store
+from sucre_bench.multiview import observations as mapped, stored_pairs as store
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
 from sucre_bench.multiview.stored_pairs import paired, sharing

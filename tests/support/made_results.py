@@ -15,8 +15,7 @@ import pandas as pd
 
 from sucre_bench import Arrays, Camera, View, results
 from sucre_bench.engine.reopen_results import Frame
-from sucre_bench.reports.paper import Study, style, write_study
-from sucre_bench.reports.paper import study_results as along
+from sucre_bench.reports.paper import Study, study_results as along, style, write_study
 from sucre_bench.results import layout
 from sucre_bench.results.layout import Place
 from sucre_bench.results.rows import Row, frame
