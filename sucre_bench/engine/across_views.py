@@ -110,7 +110,7 @@ def _entrant(job: Job, every: Sequence[Task], rows: DataFrame) -> Entrant | None
             kept = source.restoration(mask())
             return None if isinstance(kept, PictureOnly) else kept.image
 
-        return RestoredView(task.view, lambda: source.shown(mask(), paths[name]), computed)
+        return RestoredView(task.view, lambda: source.shown(mask()), computed)
 
     # A hash of which views are restored, and of which J is stored.
     content = [(name, paths[name].with_suffix(".npz").is_file()) for name in there]

@@ -58,13 +58,13 @@ _Score = tuple[str, str, str, str]  # method, metric, variant, code
 class Source:
     """What reads a restoration. Each function raises InputError if it cannot.
 
-    mask: returns which pixels (H, W) have a colour, None if all have; picture: the restored image (H, W, 3), uint8 RGB,
-    holes black; restoration: the restoration with holes outside a mask (H, W), without a computed image if none is
-    there.
+    mask: returns which pixels (H, W) have a colour, None if all have; picture: the restored image (H, W, 3) of a size
+    (H, W), uint8 RGB, holes black; restoration: the restoration with holes outside a mask (H, W), without a computed
+    image if none is there.
     """
 
     mask: Callable[[], Mask | None]
-    picture: Callable[[], Picture]
+    picture: Callable[[tuple[int, ...]], Picture]
     restoration: Callable[[Mask], Restoration]
 
     @classmethod
@@ -77,16 +77,12 @@ class Source:
     @classmethod
     def held(cls, picture: Picture, mask: Mask) -> Source:
         """A restoration in memory, without its computed image."""
-        return cls(lambda: None if mask.all() else mask, lambda: picture, partial(PictureOnly, reason=Reason.NOT_HELD))
+        holed = None if mask.all() else mask
+        return cls(lambda: holed, lambda _: picture, partial(PictureOnly, reason=Reason.NOT_HELD))
 
-    def shown(self, mask: Mask, place: str | Path) -> Array:
-        """Return the restored image (H, W, 3) in [0, 1], NaN outside a mask (H, W). place: what a fault names."""
-        picture = self.picture()
-        if picture.shape[:2] != mask.shape:
-            sizes = [f"{w}x{h}" for h, w in (picture.shape[:2], mask.shape)]
-            remedy = "run that method again with overwrite=always"
-            raise InputError(f"is {sizes[0]}, its view or others are {sizes[1]}", place, remedy)
-        return masked(picture / np.float32(255), mask)
+    def shown(self, mask: Mask) -> Array:
+        """Return the restored image (H, W, 3) in [0, 1], NaN outside a mask (H, W)."""
+        return masked(self.picture(mask.shape) / np.float32(255), mask)
 
 
 @dataclass(frozen=True)
@@ -170,7 +166,7 @@ class CommonView:
             rows += [row for key, row in known.items() if key[0] == method]  # also by metrics not asked for now
             todo = [row for row in self.own_rows if row.method == method and _score(row) not in known]
             if todo:
-                shown = locked(source.shown(common.mask, f"the restored image of {method}"))
+                shown = locked(source.shown(common.mask))
                 scored, started = Scored(source.restoration(common.mask), shown, self.view), now()
                 limits = self.metrics.log, self.metrics.limit_s
                 for own, scorer in ((own, self.metrics.scorer(own)) for own in todo):

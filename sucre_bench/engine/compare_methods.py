@@ -188,7 +188,7 @@ def compare_methods(
                     held[view.name, label] = restored
         rows = pd.concat(tables[1:] or tables, ignore_index=True)
         common = score_in_memory(chosen, rows, held, metrics) if pixels == "common" else None
-    return Compared(scene, tuple(made), rows, {of: restored.picture() for of, restored in held.items()}, common)
+    return Compared(scene, tuple(made), rows, {of: restored.picture(()) for of, restored in held.items()}, common)
 
 
 def _made(methods: Methods) -> dict[str, Any]:

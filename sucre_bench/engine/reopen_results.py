@@ -44,12 +44,7 @@ class Frame:
         rgb = self.view.rgb
         if method == INPUT:
             return to_8bit(display(rgb, "none", self.view.encoding))
-        restored = stored_picture(self.out, self.place, method)
-        if restored.shape != rgb.shape:
-            sizes = f"{restored.shape[1]}x{restored.shape[0]}, its view {rgb.shape[1]}x{rgb.shape[0]}"
-            path = self.place.restored(self.out, method)
-            raise InputError(f"is {sizes}", path, "repeat the run's command with overwrite=always")
-        return restored
+        return stored_picture(self.out, self.place, method, rgb.shape[:2])
 
 
 @dataclass(frozen=True, eq=False)

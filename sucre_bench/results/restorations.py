@@ -272,14 +272,22 @@ class PictureOnly(Restoration):
         return mask
 
 
-def stored_picture(out: Path, place: Place, method: str) -> Picture:
-    """Return a restored image (H, W, 3), uint8 RGB, holes black. Raises MissingFileError or DamagedFileError."""
+def stored_picture(out: Path, place: Place, method: str, size: tuple[int, ...] = ()) -> Picture:
+    """Return a restored image (H, W, 3), uint8 RGB, holes black.
+
+    size: (H, W) of its view, if known. Raises MissingFileError, DamagedFileError, or InputError for another size.
+    """
     import cv2
 
     path = place.restored(out, method)
     if not path.is_file():
         raise MissingFileError("is gone", path, "repeat its run's command")
-    return np.ascontiguousarray(decode(path, cv2.IMREAD_COLOR)[..., ::-1])
+    picture = np.ascontiguousarray(decode(path, cv2.IMREAD_COLOR)[..., ::-1])
+    if size and picture.shape[:2] != size:
+        height, width = picture.shape[:2]
+        fault = f"is {width}x{height}, its view {size[1]}x{size[0]}"
+        raise InputError(fault, path, f"run {method} again with overwrite=always")
+    return picture
 
 
 def stored_mask(out: Path, place: Place, base: Row) -> Mask:
