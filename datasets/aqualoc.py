@@ -23,12 +23,12 @@ import numpy as np
 from sucre_bench import InputError, dataset
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.image_files import image_size
-from sucre_bench.loading.find_folders import existing, folders_below, walk
+from sucre_bench.loading.find_folders import existing, folders_below, only, walk
 from sucre_bench.loading.image_folder import image_names
 from sucre_bench.loading.lens import read_kalibr
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of
 from sucre_bench.machine.files import reading, regular
-from sucre_bench.scene import Plane, Scene
+from sucre_bench.scene import Scene
 
 _SEQUENCE = re.compile(r"(harbor_|archaeo_)?images_sequence_0*(\d+)")
 _SIZES = {"harbor": (640, 512), "archaeo": (968, 608)}
@@ -72,30 +72,28 @@ class Aqualoc(ImageScaleOption):
             yield self._scene(name, site, number, folder, texts)
 
     def _scene(self, name: str, site: str, number: int, folder: Path, texts: dict[str, Path]) -> Scene:
-        frames: dict[int, list[str]] = defaultdict(list)
+        frames: dict[int, list[Path]] = defaultdict(list)
         for file in image_names(folder):
             if digits := re.findall(r"\d+", file):
-                frames[int(digits[-1])].append(file)
+                frames[int(digits[-1])].append(folder / file)
         if not frames:
             raise InputError(f"{folder}: holds no image named like frame000001.png; unpack the sequence there")
         calibration = texts.get(f"{site}_camera_calib.yaml")
         if calibration is None:
             expected = f"{site}_calibration_files/{site}_camera_calib.yaml"
             raise InputError(f"{folder}: no {site}_camera_calib.yaml is below dataset.root; copy {expected} there")
-        lens = read_kalibr(calibration, image_size(folder / frames[min(frames)][0]) or _SIZES[site])
+        lens = read_kalibr(calibration, image_size(frames[min(frames)][0]) or _SIZES[site])
         endings = [f"{site}_colmap_traj_sequence_{digits}.txt" for digits in (f"{number:02d}", str(number))]
         trajectory = next((texts[x + end] for x in ("new_", "") for end in endings if x + end in texts), None)
         poses = _poses(trajectory) if trajectory else {}
 
-        photographs = []
-        for frame in sorted(frames):
-            (file, *others), faults = frames[frame], dict[Plane, str]()
-            if others:
-                faults["rgb"] = f"{folder / file}: frame {frame} is also {others[0]}; keep one of them"
-            photographs.append(Photograph(file, folder / file, lens, poses.get(frame), faults=faults))
         if poses and not set(poses) & set(frames):
             fault = f"its frames, {min(poses)} to {max(poses)}, are none of {folder}, {min(frames)} to {max(frames)}"
             raise InputError(f"{trajectory}: {fault}; use the sequence's own file")
+        photographs = [
+            Photograph(files[0].name, files[0], lens, poses.get(frame), fault=str(only(files)) if files[1:] else "")
+            for frame, files in sorted(frames.items())
+        ]
         return scene_of(name, photographs, self.image_scale)
 
 

@@ -71,7 +71,7 @@ class Colmap(ImageScaleOption):
         yield registered_scene(
             root.resolve().name,
             posed,
-            lambda name: images / name,
+            {name: images / name for name in names},
             depths,
             self.image_scale,
             self.encoding,

@@ -10,7 +10,6 @@ A name in the global model starts with its visit's year; its image is looked for
 Source: Boittiaux et al., Eiffel Tower: a deep-sea underwater dataset for long-term visual localization, IJRR 2023.
 """
 
-import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -62,14 +61,11 @@ class EiffelTower(ImageScaleOption):
         for place in places:
             depths = chosen(self, place, "depths", "folder")
             model = read_model(place / "sfm", place / "images", distorted=True)
-            yield registered_scene(place.name, model, functools.partial(_image, place), depths, self.image_scale)
-
-
-def _image(place: Path, name: str) -> Path:
-    """Return where the image of a name in a model lies; where it is expected when it is nowhere."""
-    usual, year = place / "images" / name, name[:4]
-    if usual.is_file() or year not in _YEARS:
-        return usual
-    images = place.parent / year / "images"
-    others = (images / name, place.parent / name)  # a name may be a path: 2015/a.png, 2015/images/a.png
-    return next((path for path in others if path.is_file()), images / PurePosixPath(name).name)
+            paths = {posed.name: place / "images" / posed.name for posed in model}
+            for name, usual in paths.items():
+                if not usual.is_file() and name[:4] in _YEARS:
+                    images = place.parent / name[:4] / "images"
+                    others = (images / name, place.parent / name)  # a name may be a path: 2015/a.png, 2015/images/a.png
+                    there = (path for path in others if path.is_file())
+                    paths[name] = next(there, images / PurePosixPath(name).name)
+            yield registered_scene(place.name, model, paths, depths, self.image_scale)

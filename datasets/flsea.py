@@ -20,13 +20,13 @@ from typing import Literal
 
 from sucre_bench import InputError, dataset
 from sucre_bench.imaging.image_files import image_size
-from sucre_bench.loading.find_folders import existing, folders_below, scene_name
+from sucre_bench.loading.find_folders import existing, folders_below, only, scene_name
 from sucre_bench.loading.image_folder import image_names
 from sucre_bench.loading.lens import Lens, read_kalibr
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.progress import say
-from sucre_bench.scene import Plane, Scene
+from sucre_bench.scene import Scene
 
 _SIZE = (968, 608)
 _CALIBRATIONS = ("*camchain*.yaml", "*results-imucam*.txt")
@@ -62,31 +62,24 @@ class Flsea(ImageScaleOption):
         """
         root = existing(self.root)
         lack = f"holds no folder {self.images} of images; give the folder of canyons or red_sea"
-        for folder in folders_below(root, lambda _, below: self.images in below, lack):
-            yield self._scene(folder, root)
-
-    def _scene(self, dive: Path, root: Path) -> Scene:
-        folder = dive / self.images
-        names = image_names(folder)
-        if not names:
-            raise InputError(f"{folder}: holds no image; copy the dive's .tiff files there")
-        depths: dict[str, list[str]] = defaultdict(list)
-        for name in image_names(dive / "depth"):
-            if name.lower().endswith((".tif", ".tiff")):
-                depths[_frame(name)].append(name)
-        if depths and not any(_frame(name) in depths for name in names):
-            expected = f"{_frame(names[0])}_SeaErra_abs_depth.tif"
-            raise InputError(f"{dive / 'depth'}: no depth map is named after an image; expected names like {expected}")
-        lens = self._lens(dive, root, image_size(folder / names[0]) or _SIZE) if self.undistort else None
-
-        photographs = []
-        for name in names:
-            maps, faults = [dive / "depth" / depth for depth in depths.get(_frame(name), ())], dict[Plane, str]()
-            if len(maps) > 1:
-                faults["depth"] = f"{maps[0]}: {maps[1].name} is there as well; keep one of them"
-            depth = maps[0] if maps else None
-            photographs.append(Photograph(name, folder / name, lens, None, depth, depth_lens=lens, faults=faults))
-        return scene_of(scene_name(dive, root), photographs, self.image_scale)
+        for dive in folders_below(root, lambda _, below: self.images in below, lack):
+            folder = dive / self.images
+            names = image_names(folder)
+            if not names:
+                raise InputError(f"{folder}: holds no image; copy the dive's .tiff files there")
+            depths: dict[str, list[Path]] = defaultdict(list)
+            for name in image_names(dive / "depth"):
+                if name.lower().endswith((".tif", ".tiff")):
+                    depths[_frame(name)].append(dive / "depth" / name)
+            if depths and not any(_frame(name) in depths for name in names):
+                expected = f"expected names like {_frame(names[0])}_SeaErra_abs_depth.tif"
+                raise InputError(f"{dive / 'depth'}: no depth map is named after an image; {expected}")
+            lens = self._lens(dive, root, image_size(folder / names[0]) or _SIZE) if self.undistort else None
+            photographs = [
+                Photograph(name, folder / name, lens, None, only(depths.get(_frame(name), ())), depth_lens=lens)
+                for name in names
+            ]
+            yield scene_of(scene_name(dive, root), photographs, self.image_scale)
 
     def _lens(self, dive: Path, root: Path, size: tuple[int, int]) -> Lens | None:
         if self.calibration is not None:

@@ -17,9 +17,8 @@ its sensor's <rotation> and <location>, which is in units of the chunk.
 """
 
 import zipfile
-from collections import defaultdict
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Literal
 from xml.etree import ElementTree
@@ -31,12 +30,12 @@ from sucre_bench import Camera, dataset
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.loading.depth_maps import find_depths, read_depth
-from sucre_bench.loading.find_folders import ImageFolder, chosen, existing, inner_path, inside, without_suffix
+from sucre_bench.loading.find_folders import Found, ImageFolder, check_images, chosen, existing, inside, without_suffix
 from sucre_bench.loading.lens import Lens, lens_of
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, is_rigid, scaled_pose, scene_of
 from sucre_bench.machine.files import check_folder, reading, regular
 from sucre_bench.machine.progress import say
-from sucre_bench.scene import Encoding, Plane, Scene
+from sucre_bench.scene import Encoding, Scene
 
 # Finds the chunk in Metashape's export or project.
 #
@@ -322,57 +321,35 @@ class Metashape(ImageScaleOption):
         chunk = read_chunk(document, self.chunk)
         with reading(document, _EXPORT):
             components = read_components(chunk, document)
+        check_folder(images, "put the images there or name their folder with dataset.images=DIR")
+        files, remedy = ImageFolder(images), "keep one, or use the project (.psx), which knows their folders"
         cameras = [camera for component in components for camera in component.cameras]
-        photographs = dict(zip(cameras, _photographs(images, document, cameras, self.undistorted), strict=True))
+        named = {camera: files.find_one(camera.named, document.name, remedy) for camera in cameras}
+        check_images((f"{document}: camera '{camera.named}'", *of) for camera, of in named.items())
         # A depth map is named after the camera's label, in the folder of its image.
-        folders = {camera: PurePosixPath(photograph.name).parent for camera, photograph in photographs.items()}
+        folders = {camera: PurePosixPath(name).parent for camera, (name, _) in named.items()}
         maps = {camera: (folder / f"{camera.label}.png").as_posix() for camera, folder in folders.items()}
-        depths, ambiguous = find_depths(maps_folder, list(maps.values()))
-        for camera, name in maps.items():
-            faults: dict[Plane, str] = {"depth": ambiguous[name]} if name in ambiguous else {}
-            faults |= photographs[camera].faults
-            photographs[camera] = replace(photographs[camera], depth=depths.get(name), faults=faults)
+        depths = find_depths(maps_folder, list(maps.values()))
         for component in components:
-            yield self._scene(root, document, component, [photographs[camera] for camera in component.cameras])
+            if component.scale is None:
+                lack = f"{component.label} has no scale, lengths are in units of its own"
+                say(f"{document}: {lack}; set a scale bar there")
+            photographs = [
+                self._photograph(images, camera, *named[camera], depths.get(maps[camera]), component.scale or 1.0)
+                for camera in sorted(component.cameras, key=lambda camera: named[camera][0])
+            ]
+            with_depth = any(photograph.depth for photograph in photographs)
+            how = (self.depth_units, component.scale or 1.0, self.depth_camera) if with_depth else ()
+            name = root.resolve().name + (f"/{component.label}" if component.is_one_of_several else "")
+            yield scene_of(name, photographs, self.image_scale, self.encoding, *how)
 
-    def _scene(self, root: Path, document: Path, component: Component, photographs: Sequence[Photograph]) -> Scene:
-        if component.scale is None:
-            say(f"{document}: {component.label} has no scale, lengths are in units of its own; set a scale bar there")
-        scale = component.scale or 1.0
-        read = (lambda path: read_depth(path) * scale) if self.depth_units == "chunk" else read_depth
-        with_maps = []
-        for camera, photograph in zip(component.cameras, photographs, strict=True):
-            of = photograph.lens if self.depth_camera == "image" else Lens(camera.lens.camera)
-            with_maps.append(replace(photograph, read_depth=read, depth_lens=of))
-        with_maps.sort(key=lambda photograph: photograph.name)
-        with_depth = any(photograph.depth or "depth" in photograph.faults for photograph in photographs)
-        how = (self.depth_units, scale, self.depth_camera) if with_depth else ()
-        name = root.resolve().name + (f"/{component.label}" if component.is_one_of_several else "")
-        return scene_of(name, with_maps, self.image_scale, self.encoding, *how)
-
-
-def _photographs(folder: Path, document: Path, cameras: Sequence[Aligned], undistorted: bool) -> list[Photograph]:
-    """Return the photograph of each camera; InputError when none of their files is there, or one is two cameras'."""
-    check_folder(folder, "put the images there or name their folder with dataset.images=DIR")
-    files, found, owners = ImageFolder(folder), [], defaultdict(list)
-    for camera in cameras:
-        fits = files.find(camera.named)
-        faults: dict[Plane, str] = {}
-        if not fits:
-            faults["rgb"] = f"{folder}: no image is named like camera '{camera.named}' of {document.name}; put it there"
-        elif len(fits) > 1:
-            fault = f"{fits[0]} and {fits[1]} are named like camera '{camera.named}'"
-            faults["rgb"] = f"{folder}: {fault}; keep one, or use the project (.psx), which knows their folders"
-        name = fits[0] if len(fits) == 1 else inner_path(camera.named) or f"camera {camera.label}"
-        owners[name].append(camera)
+    def _photograph(
+        self, folder: Path, camera: Aligned, name: str, fault: str, depth: Found, scale: float
+    ) -> Photograph:
         lens = camera.lens
-        if undistorted:  # Undistort Photos makes one focal length, and the principal point the middle
+        if self.undistorted:  # Undistort Photos makes one focal length, and the principal point the middle
             (width, height), f = (lens.camera.width, lens.camera.height), lens.camera.K[1, 1]
             lens = Lens(Camera(np.array([[f, 0, width / 2], [0, f, height / 2], [0, 0, 1]]), width, height))
-        found.append(Photograph(name, folder / name, lens, camera.cam_from_world, faults=faults))
-    if all(photograph.faults for photograph in found):
-        raise InputError(found[0].faults["rgb"])
-    shared = next((name for name, several in owners.items() if len(several) > 1), None)
-    if shared is not None:
-        raise InputError(f"{document}: two cameras have the image {shared}; give cameras labels of their own")
-    return found
+        read = (lambda path: read_depth(path) * scale) if self.depth_units == "chunk" else read_depth
+        of_depth = lens if self.depth_camera == "image" else Lens(camera.lens.camera)
+        return Photograph(name, folder / name, lens, camera.cam_from_world, depth, read, of_depth, fault=fault)

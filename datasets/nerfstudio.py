@@ -22,11 +22,11 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.image_files import SUFFIXES, decode, image_size
 from sucre_bench.loading.depth_maps import read_depth
-from sucre_bench.loading.find_folders import existing, inside
+from sucre_bench.loading.find_folders import Found, check_images, existing, inside
 from sucre_bench.loading.lens import Lens, lens_of
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, fingerprint, is_rigid, scene_of
 from sucre_bench.machine.files import read_json, regular
-from sucre_bench.scene import Encoding, Plane, Scene
+from sucre_bench.scene import Encoding, Scene
 
 _USUAL = ("transforms.json",), ("transforms_train.json", "transforms_val.json", "transforms_test.json")
 _PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
@@ -65,25 +65,24 @@ class Nerfstudio(ImageScaleOption):
         loaded.
         """
         root = existing(self.root, "transforms.json")
-        photographs: dict[str, Photograph] = {}
+        found: list[tuple[str, Photograph]] = []  # with the place of its frame
         units, masks = set(), []
         for path in self._files(root):
-            content = _read(path)
+            content = read_json(path, "copy or export it again", of_data=True)
+            frames = content.get("frames") if isinstance(content, dict) else None
+            if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
+                raise InputError(f"{path}: has no frames; export it again with ns-process-data or the like")
             unit = self.depth_scale or _factor(content, "depth_unit_scale_factor", path, _MILLIMETRE)
             units.add(unit)
-            for frame in track(content["frames"], "image sizes"):
+            for n, frame in enumerate(track(frames, "image sizes")):
                 photograph, mask = _photograph(root, path, content, frame, unit)
-                if photograph.name in photographs:
-                    raise InputError(f"{path}: {photograph.name} is there twice; every frame needs an image of its own")
-                photographs[photograph.name] = photograph
+                found.append((f"{path}: frame {n}", photograph))
                 masks += [] if mask is None else [mask]
-        if all("rgb" in photograph.faults for photograph in photographs.values()):
-            first = next(iter(photographs.values()))
-            raise InputError(f"{root}: none of the images is there, not even {first.name}; put them there")
-        in_order = [photographs[name] for name in sorted(photographs)]
-        with_depth = any(photograph.depth is not None for photograph in in_order)
+        check_images((place, one.name, one.fault) for place, one in found)
+        photographs = sorted((one for _, one in found), key=lambda one: one.name)
+        with_depth = any(photograph.depth is not None for photograph in photographs)
         more = (sorted(units), [fingerprint(mask) for mask in masks]) if with_depth else ()
-        yield scene_of(root.resolve().name, in_order, self.image_scale, self.encoding, *more)
+        yield scene_of(root.resolve().name, photographs, self.image_scale, self.encoding, *more)
 
     def _files(self, root: Path) -> list[Path]:
         if self.transforms:
@@ -95,30 +94,20 @@ class Nerfstudio(ImageScaleOption):
         raise MissingFileError("no such file", root / "transforms.json", "put it there or set dataset.transforms=FILE")
 
 
-def _read(path: Path) -> dict[str, Any]:
-    content = read_json(path, "copy or export it again", of_data=True)
-    frames = content.get("frames") if isinstance(content, dict) else None
-    if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
-        raise InputError(f"{path}: has no frames; export it again with ns-process-data or the like")
-    return dict(content)
-
-
 def _photograph(root: Path, path: Path, common: _Frame, frame: _Frame, unit: float) -> tuple[Photograph, Path | None]:
     """Return what a frame describes, and the file of its mask."""
     name = _inside(root, path, frame.get("file_path"), "file_path")
     name = next((name + suffix for suffix in ("", *SUFFIXES) if (root / (name + suffix)).is_file()), name)
     place = f"{path}: {name}"
-    faults: dict[Plane, str] = {}
-    if not (root / name).is_file():
-        faults["rgb"] = f"{root / name}: no such file, {path.name} names it; put it there"
     lens = _lens({**common, **frame}, root / name, path, place)
-    depth = mask = None
+    lack = f"no such file, {path.name} names it; put it there"
+    depth: Found = None
+    mask = None
     if frame.get("depth_file_path"):
-        depth = root / _inside(root, path, frame["depth_file_path"], "depth_file_path")
-        if not depth.is_file():
-            faults["depth"] = f"{depth}: no such file, {path.name} names it; put it there"
-        elif depth.suffix.lower() not in (".png", ".npy", ".tif", ".tiff", ".exr"):
-            faults["depth"] = f"{depth}: is no depth map of a known kind; write 16-bit .png, .npy or .tif"
+        file = root / _inside(root, path, frame["depth_file_path"], "depth_file_path")
+        depth = file if file.is_file() else f"{file}: {lack}"
+        if file.suffix.lower() not in (".png", ".npy", ".tif", ".tiff", ".exr"):
+            depth = f"{file}: is no depth map of a known kind; write 16-bit .png, .npy or .tif"
         if frame.get("mask_path"):
             mask = root / _inside(root, path, frame["mask_path"], "mask_path")
     return Photograph(
@@ -129,7 +118,7 @@ def _photograph(root: Path, path: Path, common: _Frame, frame: _Frame, unit: flo
         depth,
         _reader(unit, mask),
         lens if lens.coefficients or lens.model == "fisheye" else None,
-        faults=faults,
+        fault="" if (root / name).is_file() else f"{root / name}: {lack}",
     ), mask
 
 

@@ -16,18 +16,18 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from sucre_bench import Camera, dataset, track
 from sucre_bench.arrays import Array
 from sucre_bench.errors import DamagedFileError, InputError
-from sucre_bench.loading.find_folders import ImageFolder, existing, inner_path
+from sucre_bench.loading.find_folders import ImageFolder, check_images, existing
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, is_rigid, scaled_pose, scene_of
 from sucre_bench.machine.files import reading, regular
-from sucre_bench.scene import Encoding, Plane, Scene
+from sucre_bench.scene import Encoding, Scene
 
 
 @dataset(
@@ -68,31 +68,17 @@ class Openmvs(ImageScaleOption):
         paths = sorted(path for path in root.glob(self.dmaps) if path.is_file())
         if not paths:
             raise InputError(f"{root / self.dmaps}: no depth map; run DensifyPointCloud there or set dataset.dmaps=...")
-        images = ImageFolder(root)
-        photographs: dict[str, Photograph] = {}
+        images, photographs = ImageFolder(root), []
         for path in track(paths, "depth maps"):
-            photograph = self._photograph(root, path, read_header(path), images)
-            if photograph.name in photographs:
-                other = photographs[photograph.name].depth
-                raise InputError(f"{path}: is of {photograph.name}, as {other} is; choose with dataset.dmaps='*.dmap'")
-            photographs[photograph.name] = photograph
-        if all(photograph.faults for photograph in photographs.values()):
-            first = next(iter(photographs))
-            raise InputError(f"{root}: none of the images is there, not even {first}; put them below")
-        in_order = [photographs[name] for name in sorted(photographs)]
-        yield scene_of(root.resolve().name, in_order, self.image_scale, self.encoding, self.metres_per_unit)
-
-    def _photograph(self, root: Path, path: Path, header: "Header", images: ImageFolder) -> Photograph:
-        fits = images.find(header.image)
-        faults: dict[Plane, str] = {}
-        if not fits:
-            faults["rgb"] = f"{root}: holds no image {header.image}, which {path.name} is of; put it below"
-        elif len(fits) > 1:
-            fault = f"{fits[0]} and {fits[1]} may both be the image {header.image} of {path.name}"
-            faults["rgb"] = f"{root}: {fault}; keep one of them"
-        name = fits[0] if len(fits) == 1 else inner_path(header.image) or path.stem
-        pose = scaled_pose(header.cam_from_world, self.metres_per_unit)
-        return Photograph(name, root / name, Lens(header.camera), pose, path, self._metres, faults=faults)
+            header = read_header(path)
+            name, fault = images.find_one(header.image, path.name)
+            pose = scaled_pose(header.cam_from_world, self.metres_per_unit)
+            photographs.append(
+                Photograph(name, root / name, Lens(header.camera), pose, path, self._metres, fault=fault)
+            )
+        check_images((str(one.depth), one.name, one.fault) for one in photographs)
+        photographs.sort(key=lambda photograph: photograph.name)
+        yield scene_of(root.resolve().name, photographs, self.image_scale, self.encoding, self.metres_per_unit)
 
     def _metres(self, path: Path) -> Array:
         return read_dmap_depth(path) * np.float32(self.metres_per_unit)
@@ -123,7 +109,36 @@ class Header:
 def read_header(path: Path) -> Header:
     """Return the header of a depth map. Raises InputError if the file is no depth map, truncated, or has no camera."""
     with reading(path, _REMEDY), regular(path).open("rb") as file:
-        return _header(file)
+
+        def take(layout: str) -> tuple[Any, ...]:
+            return struct.unpack("<" + layout, file.read(struct.calcsize("<" + layout)))
+
+        magic = file.read(2)
+        if magic not in (b"DR", b"D2"):
+            raise ValueError("it starts with another mark")
+        halves = magic == b"D2"
+        flags, exponent = take("Bb")
+        width, height, depth_width, depth_height = take("4I")
+        take("3f" if halves else "2f")
+        if not flags & 1 or not 0 < depth_width <= width <= 1 << 20 or not 0 < depth_height <= height <= 1 << 20:
+            raise ValueError(f"flags {flags}, image {width}x{height}, depths {depth_width}x{depth_height}")
+        name = take(f"{take('H')[0]}s")[0].decode()
+        views = take("I")[0]
+        if views > _MOST_VIEWS:
+            raise ValueError(f"{views} views")
+        take(f"{views}I")
+        numbers = np.array(take("21d"))
+        K, R, C = numbers[:9].reshape(3, 3).copy(), numbers[9:18].reshape(3, 3), numbers[18:]
+        cam_from_world = np.eye(4)
+        cam_from_world[:3, :3], cam_from_world[:3, 3] = R, -R @ C
+        if not (np.isfinite(K).all() and min(K[0, 0], K[1, 1]) > 0 and np.allclose(K[2], (0, 0, 1))):
+            raise ValueError("its K is no camera's")
+        if not is_rigid(cam_from_world):
+            raise ValueError("its R and C are no pose")
+        K[:2, 2] += 0.5
+        camera, dtype = Camera(K, width, height), np.dtype("<f2" if halves else "<f4")
+        factor = 2.0**exponent if halves else 1.0
+        return Header(name, camera, cam_from_world, (depth_height, depth_width), file.tell(), dtype, factor)
 
 
 def read_dmap_depth(path: Path) -> Array:
@@ -137,37 +152,3 @@ def read_dmap_depth(path: Path) -> Array:
         file.seek(header.offset)
         stored = np.fromfile(file, header.dtype, count).reshape(header.shape)
     return np.asarray(stored.astype(np.float32) * np.float32(header.factor))
-
-
-def _header(file: BinaryIO) -> Header:
-    def take(layout: str) -> tuple[Any, ...]:
-        return struct.unpack("<" + layout, file.read(struct.calcsize("<" + layout)))
-
-    magic = file.read(2)
-    if magic not in (b"DR", b"D2"):
-        raise ValueError("it starts with another mark")
-    halves = magic == b"D2"
-    flags, exponent = take("Bb")
-    width, height, depth_width, depth_height = take("4I")
-    take("3f" if halves else "2f")
-    if not flags & 1 or not 0 < depth_width <= width <= 1 << 20 or not 0 < depth_height <= height <= 1 << 20:
-        raise ValueError(f"flags {flags}, image {width}x{height}, depths {depth_width}x{depth_height}")
-    name = take(f"{take('H')[0]}s")[0].decode()
-    views = take("I")[0]
-    if views > _MOST_VIEWS:
-        raise ValueError(f"{views} views")
-    take(f"{views}I")
-    numbers = np.array(take("21d"))
-    K, R, C = numbers[:9].reshape(3, 3), numbers[9:18].reshape(3, 3), numbers[18:]
-    cam_from_world = np.eye(4)
-    cam_from_world[:3, :3], cam_from_world[:3, 3] = R, -R @ C
-    if not (np.isfinite(K).all() and min(K[0, 0], K[1, 1]) > 0 and np.allclose(K[2], (0, 0, 1))):
-        raise ValueError("its K is no camera's")
-    if not is_rigid(cam_from_world):
-        raise ValueError("its R and C are no pose")
-    K = K.copy()
-    K[:2, 2] += 0.5
-    camera = Camera(K, width, height)
-    dtype = np.dtype("<f2" if halves else "<f4")
-    factor = 2.0**exponent if halves else 1.0
-    return Header(name, camera, cam_from_world, (depth_height, depth_width), file.tell(), dtype, factor)

@@ -32,7 +32,7 @@ from sucre_bench.loading.find_folders import check_chosen, chosen, existing, fol
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scaled_pose, scene_of
 from sucre_bench.machine.files import expanded, reading
-from sucre_bench.scene import Chart, Encoding, Plane, Scene
+from sucre_bench.scene import Chart, Encoding, Scene
 
 # Reads camera raw files as linear images: the sensor's values, demosaiced and otherwise unchanged.
 #
@@ -145,7 +145,7 @@ class Seathru(ImageScaleOption):
         if not paths:
             raise InputError(f"{folder}: holds no image; copy the set's images there")
         sizes = _sizes(paths)
-        depths, ambiguous = _depths(place, [path.name for path in paths])
+        depths = _depths(place, [path.name for path in paths])
         sparse = chosen(self, place, "sparse", "folder")
         model = _model(sparse, folder, paths)
         charts = self._charts(place, sizes)
@@ -155,14 +155,11 @@ class Seathru(ImageScaleOption):
             size, posed, f = sizes[path.name], model.get(path.name, ()), self.focal_px
             # Of a known focal length: the axis meets the middle of the image.
             camera = Camera(np.array([[f, 0, size[0] / 2], [0, f, size[1] / 2], [0, 0, 1]]), *size) if f else None
-            pose, faults = None, dict[Plane, str]()
+            pose, fault = None, ""
             if len(posed) == 1:
                 camera, pose = posed[0].camera, scaled_pose(posed[0].cam_from_world, self.metres_per_unit)
             elif posed:
-                fault = f"may be {posed[0].name} or {posed[1].name} of the model in {sparse}"
-                faults["rgb"] = f"{path}: {fault}; keep one of them there"
-            if path.name in ambiguous:
-                faults["depth"] = ambiguous[path.name]
+                fault = f"{path}: may be {posed[0].name} or {posed[1].name} of the model in {sparse}; keep one there"
             photograph = Photograph(
                 path.name,
                 path,
@@ -172,7 +169,7 @@ class Seathru(ImageScaleOption):
                 charts=[scaled_chart(chart, at, size) for chart, at in charts.get(path.name, ())],
                 size=size,
                 read_image=read_raw if path.suffix.lower() in RAW_SUFFIXES else read_rgb,
-                faults=faults,
+                fault=fault,
             )
             photographs.append(photograph)
         return scene_of(name, photographs, self.image_scale, self.encoding)
@@ -217,20 +214,18 @@ def _sizes(paths: list[Path]) -> dict[str, tuple[int, int]]:
     return {name: size or usual for name, size in read.items()}
 
 
-def _depths(place: Path, names: Sequence[str]) -> tuple[dict[str, Path], dict[str, str]]:
-    """Return each image's depth map of the first folder that has one, and what is wrong with ambiguous ones."""
+def _depths(place: Path, names: Sequence[str]) -> dict[str, Path | str]:
+    """Return each image's depth map of the first folder that has one, or what is wrong if it is ambiguous."""
     there = {folder.name.lower(): folder for folder in sorted(place.iterdir()) if folder.is_dir()}
-    found, faults, refused = dict[str, Path](), dict[str, str](), list[InputError]()
+    found, refused = dict[str, Path | str](), list[InputError]()
     for folder in (there[name] for name in _DEPTH_FOLDERS if name in there):
-        without = [name for name in names if name not in found and name not in faults]
+        without = [name for name in names if name not in found]
         if not without:
             break
         try:
-            of_folder, ambiguous = find_depths(folder, without)
+            found |= find_depths(folder, without)
         except InputError as fault:  # none of its maps is named after an image: those of another folder may be
             refused.append(fault)
-        else:
-            found, faults = found | of_folder, faults | ambiguous
-    if refused and not found and not faults:
+    if refused and not found:
         raise refused[0]
-    return found, faults
+    return found

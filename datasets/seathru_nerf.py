@@ -61,18 +61,13 @@ class SeathruNerf(ImageScaleOption):
         lack = f"holds no folder {' or '.join(self.images)}; give the folder of the four scenes"
         for place in folders_below(root, lambda _, below: bool({name.lower() for name in below} & set(names)), lack):
             there = {path.name.lower(): path for path in sorted(place.iterdir()) if path.is_dir()}
-            yield self._scene(place, next(there[name] for name in names if name in there), scene_name(place, root))
-
-    def _scene(self, place: Path, images: Path, name: str) -> Scene:
-        depths = chosen(self, place, "depths", "folder")
-        sparse = next((path for path in (place / "sparse", place / "colmap" / "sparse") if path.is_dir()), None)
-        model = read_model(sparse or place / "sparse", images, distorted=True)
-        if self.split != "all":
-            model = [posed for i, posed in enumerate(model) if (i % _HELD_OUT == 0) == (self.split == "test")]
-        files = ImageFolder(images)
-
-        def image_of(name: str) -> Path:
-            same = files.find(name)  # models are often made of copies of another suffix
-            return images / (same[0] if len(same) == 1 else name)
-
-        return registered_scene(name, model, image_of, depths, self.image_scale, self.encoding, self.metres_per_unit)
+            images = next(there[name] for name in names if name in there)
+            depths = chosen(self, place, "depths", "folder")
+            sparse = next((path for path in (place / "sparse", place / "colmap" / "sparse") if path.is_dir()), None)
+            model = read_model(sparse or place / "sparse", images, distorted=True)
+            if self.split != "all":
+                model = [posed for i, posed in enumerate(model) if (i % _HELD_OUT == 0) == (self.split == "test")]
+            files, scale, unit = ImageFolder(images), self.image_scale, self.metres_per_unit
+            fits = {posed.name: files.find(posed.name) for posed in model}  # models are often made of other copies
+            paths = {name: images / (same[0] if len(same) == 1 else name) for name, same in fits.items()}
+            yield registered_scene(scene_name(place, root), model, paths, depths, scale, self.encoding, unit)

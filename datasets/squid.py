@@ -34,7 +34,7 @@ from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of
 from sucre_bench.machine.files import expanded, reading, regular
 from sucre_bench.plugins.plugin import dataset
-from sucre_bench.scene import Encoding, Plane, Scene
+from sucre_bench.scene import Encoding, Scene
 
 _SIZE = (2737, 1827)  # of the images and maps, which the calibration was made at
 _METRES = {"m": 1.0, "meters": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001, "millimeters": 0.001}
@@ -86,12 +86,8 @@ class Squid(ImageScaleOption):
         }
         charts = read_charts(folder / expanded(self.charts), sizes)
         maps = folder / "distanceFromCamera.mat"
-        photographs = []
-        for path, camera, side, pose in zip(paths, cameras, "lr", (np.eye(4), right_from_left), strict=True):
-            faults = dict[Plane, str]()
-            if not path.is_file():
-                faults["rgb"] = f"{path}: no such file; copy it there, the raw files of a set are not used"
-            photograph = Photograph(
+        photographs = [
+            Photograph(
                 path.name,
                 path,
                 Lens(camera),
@@ -100,9 +96,10 @@ class Squid(ImageScaleOption):
                 functools.partial(_read_distance, key=f"dist_map_{side}", camera=camera, farthest_m=self.farthest_m),
                 charts=charts.get(path.name, ()),
                 size=sizes[path.name],
-                faults=faults,
+                fault="" if path.is_file() else f"{path}: no such file; copy it there, a set's raw files are not used",
             )
-            photographs.append(photograph)
+            for path, camera, side, pose in zip(paths, cameras, "lr", (np.eye(4), right_from_left), strict=True)
+        ]
         return scene_of(name, photographs, self.image_scale, self.encoding, self.farthest_m)
 
 

@@ -32,7 +32,7 @@ from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of
 from sucre_bench.machine.files import reading, regular
 from sucre_bench.machine.text_formats import read_yaml
-from sucre_bench.scene import Plane, Scene
+from sucre_bench.scene import Scene
 
 _FAR_M = 25.0
 _FAR_VALUE = 65535
@@ -68,35 +68,31 @@ class Varos(ImageScaleOption):
         root = existing(self.root)
         lack = "holds no folder A of views in water; give the folder that holds vehicle0/cam0/A"
         for folder in folders_below(root, lambda _, below: "A" in below, lack):
-            yield self._scene(folder, root)
-
-    def _scene(self, folder: Path, root: Path) -> Scene:
-        images = _frames(folder / "A")
-        if not images:
-            raise InputError(f"{folder / 'A'}: holds no image that ends on a frame number; copy the PNG files there")
-        references, depths = _frames(folder / "B"), _frames(folder / "D")
-        lens = Lens(_camera(_beside(folder, root, _CAMERA)))
-        times = _times(_beside(folder, root, _TIMES), sorted(images))
-        poses = _poses(_beside(folder, root, _POSES))
-
-        photographs = []
-        for frame, path in sorted(images.items()):
-            lack = f"no file of frame {frame}; copy it there"
-            faults: dict[Plane, str] = {"depth": f"{folder / 'D'}: {lack}"} if depths and frame not in depths else {}
-            if references and frame not in references:
-                faults["reference"] = f"{folder / 'B'}: {lack}"
-            photograph = Photograph(
-                path.relative_to(folder / "A").as_posix(),
-                path,
-                lens,
-                _at(times.get(frame), *poses),
-                depths.get(frame),
-                _read_depth,
-                reference=references.get(frame),
-                faults=faults,
-            )
-            photographs.append(photograph)
-        return scene_of(scene_name(folder, root), photographs, self.image_scale)
+            images = _frames(folder / "A")
+            if not images:
+                raise InputError(
+                    f"{folder / 'A'}: holds no image that ends on a frame number; copy the PNG files there"
+                )
+            beside: dict[str, dict[int, Path | str]] = {plane: {**_frames(folder / plane)} for plane in "BD"}
+            for plane, files in beside.items():
+                for frame in images if files else ():
+                    files.setdefault(frame, f"{folder / plane}: no file of frame {frame}; copy it there")
+            lens = Lens(_camera(_beside(folder, root, _CAMERA)))
+            times = _times(_beside(folder, root, _TIMES), sorted(images))
+            poses = _poses(_beside(folder, root, _POSES))
+            photographs = [
+                Photograph(
+                    path.relative_to(folder / "A").as_posix(),
+                    path,
+                    lens,
+                    _at(times.get(frame), *poses),
+                    beside["D"].get(frame),
+                    _read_depth,
+                    reference=beside["B"].get(frame),
+                )
+                for frame, path in sorted(images.items())
+            ]
+            yield scene_of(scene_name(folder, root), photographs, self.image_scale)
 
 
 def _frames(folder: Path) -> dict[int, Path]:

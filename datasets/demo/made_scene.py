@@ -96,13 +96,25 @@ def _terrain(seed: int) -> seabed.Terrain:
 
 def write_made_scene(made: MadeScene, folder: Path) -> None:
     """Write a made scene into a new folder."""
+    from scipy.spatial.transform import Rotation
+
     for kind in ("images", "reference", "depths", "sparse"):
         (folder / kind).mkdir(parents=True)
     for i, name in enumerate(track(made.names, "writing the demo scene")):
         write_png(folder / "images" / name, made.rgb[i][..., ::-1])
         write_png(folder / "reference" / name, to_8bit(made.reference[i])[..., ::-1])
         write_png(folder / "depths" / f"depth_{name}", (made.depth[i] * 1000 + 0.5).astype(np.uint16))
-    _write_model(made, folder / "sparse")
+    # COLMAP's text model: its pixel and axis conventions are those of `sucre_bench.scene`.
+    K, size = made.camera.K, f"{made.camera.width} {made.camera.height}"
+    camera = f"1 PINHOLE {size} {K[0, 0]} {K[1, 1]} {K[0, 2]} {K[1, 2]}\n"
+    lines = ["# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of 2D points (none)\n"]
+    for i, (name, pose) in enumerate(zip(made.names, made.cam_from_world, strict=True)):
+        quaternion = np.roll(Rotation.from_matrix(pose[:3, :3]).as_quat(), 1)  # w first
+        numbers = " ".join(repr(float(x)) for x in (*quaternion, *pose[:3, 3]))
+        lines.append(f"{i + 1} {numbers} 1 {name}\n\n")
+    texts = {"sparse/cameras.txt": "# CAMERA_ID MODEL WIDTH HEIGHT FX FY CX CY\n" + camera}
+    texts |= {"sparse/images.txt": "".join(lines)}
+    texts |= {"sparse/points3D.txt": "# POINT3D_ID X Y Z R G B ERROR TRACK[]: none\n"}
     charts = {
         name: {chart.name: {"kind": chart.kind, "corners": chart.corners.round(3).tolist()} for chart in of_view}
         for name, of_view in zip(made.names, made.charts, strict=True)
@@ -112,24 +124,12 @@ def write_made_scene(made: MadeScene, folder: Path) -> None:
     if made.preset == "deep_sea":
         lamp = render.LAMP
         water |= {"lamp_from_cam": lamp.lamp_from_cam.tolist(), "lamp_covariance": lamp.covariance.tolist()}
-    for name, content in (("charts.json", {"images": charts}), (LAST, water)):
-        (folder / name).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-
-
-def _write_model(made: MadeScene, folder: Path) -> None:
-    """Write COLMAP's text model: its pixel and axis conventions are those of `sucre_bench.scene`."""
-    from scipy.spatial.transform import Rotation
-
-    K, size = made.camera.K, f"{made.camera.width} {made.camera.height}"
-    line = f"1 PINHOLE {size} {K[0, 0]} {K[1, 1]} {K[0, 2]} {K[1, 2]}\n"
-    (folder / "cameras.txt").write_text("# CAMERA_ID MODEL WIDTH HEIGHT FX FY CX CY\n" + line, encoding="utf-8")
-    lines = ["# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of 2D points (none)\n"]
-    for i, (name, pose) in enumerate(zip(made.names, made.cam_from_world, strict=True)):
-        quaternion = np.roll(Rotation.from_matrix(pose[:3, :3]).as_quat(), 1)  # w first
-        numbers = " ".join(repr(float(x)) for x in (*quaternion, *pose[:3, 3]))
-        lines.append(f"{i + 1} {numbers} 1 {name}\n\n")
-    (folder / "images.txt").write_text("".join(lines), encoding="utf-8")
-    (folder / "points3D.txt").write_text("# POINT3D_ID X Y Z R G B ERROR TRACK[]: none\n", encoding="utf-8")
+    texts |= {
+        name: json.dumps(content, indent=1) + "\n"
+        for name, content in (("charts.json", {"images": charts}), (LAST, water))
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
 
 
 # Where the made scene is stored, and when it is made again: once for each combination of options.

@@ -30,7 +30,7 @@ from sucre_bench.loading.view_files import Photograph, scaled_pose, scene_of
 from sucre_bench.machine.files import NO_FILE, fault_of, regular
 from sucre_bench.machine.progress import track
 from sucre_bench.machine.text_formats import first_few
-from sucre_bench.scene import Encoding, Plane, Scene
+from sucre_bench.scene import Encoding, Scene
 
 # By their number in cameras.bin.
 _CAMERA_MODELS = (
@@ -242,7 +242,7 @@ def _text_images(path: Path) -> Iterator[_ImageRow]:
 def registered_scene(
     name: str,
     model: Sequence[Posed],
-    image_of: Callable[[str], Path],
+    paths: Mapping[str, Path],
     depths: Path,
     image_scale: float = 1.0,
     encoding: Encoding = "gamma",
@@ -252,13 +252,12 @@ def registered_scene(
 ) -> Scene:
     """Return the scene of a model's registered images, undistorted when they are decoded. Reads headers only.
 
-    image_of: the file of each image name of the model; depths: folder of depth maps in metres, of the undistorted
+    paths: the file of each image of the model, by name; depths: folder of depth maps in metres, of the undistorted
     images (may be missing); metres_per_unit: factor for the model's lengths; references: the image without water of
     each image that has one, distorted like it; charts: see `charts_file` (may be missing).
     Raises MissingFileError if no image exists. A fault in the files of one view becomes a fault of that view. If more
     than 100 images are missing, only the first of them is a view, whose fault says how many are.
     """
-    paths = {posed.name: image_of(posed.name) for posed in model}
     wrong = {name: fault for name, path in paths.items() if (fault := fault_of(path))}
     of = f"of the model's {len(paths)} images"
     if len(wrong) == len(paths):
@@ -276,10 +275,8 @@ def registered_scene(
         or (posed.camera.width, posed.camera.height)
         for posed in track(model, "image sizes")
     }
-    found, ambiguous = find_depths(depths, list(paths))
+    found = find_depths(depths, list(paths))
     seen = {} if charts is None else read_charts(charts, sizes)
-    faults: dict[Plane, Mapping[str, str]] = {"rgb": unusable, "depth": ambiguous}
-
     photographs = [
         Photograph(
             image := posed.name,
@@ -291,7 +288,7 @@ def registered_scene(
             charts=seen.get(image, ()),
             charts_file=charts,
             size=sizes[image],
-            faults={plane: of_plane[image] for plane, of_plane in faults.items() if image in of_plane},
+            fault=unusable.get(image, ""),
         )
         for posed in model
         if posed.name not in no_views

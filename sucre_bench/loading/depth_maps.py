@@ -16,15 +16,15 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import check_pixels, decode, read_array, read_tiff, same_shape, size_of_only_page
-from sucre_bench.loading.find_folders import walk
+from sucre_bench.loading.find_folders import only, walk
 from sucre_bench.machine.files import reading, regular
 
 _SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr")
 _FARTHEST_M = 1000.0
 
 
-def find_depths(folder: Path, names: Sequence[str]) -> tuple[dict[str, Path], dict[str, str]]:
-    """Return the depth map of each image that has one, and the fault of each image whose map is ambiguous.
+def find_depths(folder: Path, names: Sequence[str]) -> dict[str, Path | str]:
+    """Return the depth map of each image that has one, or what is wrong where it is ambiguous.
 
     names: of the images, relative to the image folder. The folder may be missing. Raises InputError if it holds maps,
     but none of these images.
@@ -49,21 +49,19 @@ def find_depths(folder: Path, names: Sequence[str]) -> tuple[dict[str, Path], di
         example = f"depth_{PurePosixPath(names[0]).stem}.png"
         raise InputError("no depth map is named after an image", folder, f"name them like {example}")
 
-    found, faults = {}, {}
+    found: dict[str, Path | str] = {}
     for name, stem in nearest.items():
         closest = min(claims[stem])[0]
         owners = sorted(owner for rank, owner in claims[stem] if rank == closest)
-        files = sorted(there[stem])
+        maps = [folder / file for file in sorted(there[stem])]
         if name not in owners:
             continue  # it is the map of another image
         if len(owners) > 1:
             fault = f"may belong to {owners[0]} or {owners[1]}"
-            faults[name] = f"{folder / files[0]}: {fault}; put depth maps into sub-folders as the images are"
-        elif len(files) > 1:
-            faults[name] = f"{folder / files[0]}: {Path(files[1]).name} is there as well; keep one of them"
-        else:
-            found[name] = folder / files[0]
-    return found, faults
+            found[name] = f"{maps[0]}: {fault}; put depth maps into sub-folders as the images are"
+        elif one := only(maps):
+            found[name] = one
+    return found
 
 
 def read_depth(path: Path) -> Array:

@@ -11,7 +11,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import takewhile
 from pathlib import Path, PurePosixPath
-from typing import Literal
+from typing import Literal, TypeAlias
 
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.image_files import SUFFIXES
@@ -111,11 +111,21 @@ def scene_name(folder: Path, root: Path) -> str:
     return "_".join(part for part, before in zip(parts, ("", *parts), strict=False) if part != before)
 
 
+Found: TypeAlias = Path | str | None  # a file, why it cannot be used, or none
+
+
+def only(paths: Sequence[Path]) -> Found:
+    """Return the one path, None if there is none, or what is wrong if there are several."""
+    if len(paths) > 1:
+        return f"{paths[0]}: {paths[1].name} is there as well; keep one of them"
+    return paths[0] if paths else None
+
+
 class ImageFolder:
     """The images in a folder and its sub-folders."""
 
     def __init__(self, folder: Path) -> None:
-        self._by_stem: dict[str, list[str]] = defaultdict(list)
+        self._folder, self._by_stem = folder, defaultdict[str, list[str]](list)
         for place, _, names in walk(folder):
             for name in names:
                 if name.lower().endswith(SUFFIXES):
@@ -128,6 +138,35 @@ class ImageFolder:
         files = self._by_stem.get(without_suffix(wanted[-1]), []) if wanted else []
         exact = [file for file in files if _parts(file.lower())[-1] == wanted[-1]]
         return _best(wanted, exact or files)
+
+    def find_one(self, name: str, of: str, remedy: str = "keep one of them") -> tuple[str, str]:
+        """Return the file (relative, posix) that a name means, and "", or where it would be, and what is wrong.
+
+        of: whose image it is; remedy: if several files fit.
+        """
+        fits = self.find(name)
+        if len(fits) == 1:
+            return fits[0], ""
+        fault = f"no image is named like '{name}' of {of}; put it there"
+        if fits:
+            fault = f"{fits[0]} and {fits[1]} are named like '{name}' of {of}; {remedy}"
+        return inner_path(name) or f"image of {of}", f"{self._folder}: {fault}"
+
+
+def check_images(named: Iterable[tuple[str, str, str]]) -> None:
+    """Raise InputError if two cameras have one image, or no image is there.
+
+    named: of each camera its place, for messages, the name of its image, and why that is not there, or "".
+    """
+    owners: dict[str, str] = {}
+    faults = []
+    for place, name, fault in named:
+        if name in owners:
+            raise InputError(f"has the image {name}, as {owners[name]} has", place, "give it an image of its own")
+        owners[name] = place
+        faults.append(fault)
+    if all(faults):
+        raise InputError(faults[0])
 
 
 def without_suffix(name: str) -> str:

@@ -9,11 +9,11 @@ from pathlib import Path, PurePosixPath
 from sucre_bench.errors import InputError, is_utf8
 from sucre_bench.imaging.image_files import SUFFIXES, image_size
 from sucre_bench.loading.charts_file import read_charts
-from sucre_bench.loading.find_folders import folders_below, walk
+from sucre_bench.loading.find_folders import folders_below, only, walk
 from sucre_bench.loading.named_sets import members_in
 from sucre_bench.loading.view_files import Photograph, scene_of
 from sucre_bench.machine.progress import track
-from sucre_bench.scene import Encoding, Plane, Scene
+from sucre_bench.scene import Encoding, Scene
 
 # Photographs that need the programs of cameras and telephones.
 _OTHER_FORMATS = (".arw", ".avif", ".cr2", ".cr3", ".dng", ".heic", ".heif", ".nef", ".orf", ".raf", ".rw2")
@@ -73,20 +73,18 @@ def image_folder_scene(
     sizes = {image: image_size(folder / image) for image in track(names, "image sizes")}
     # An image that cannot be read has no size to check corners against; decoding it will say what is wrong.
     known = {image: size or (sys.maxsize, sys.maxsize) for image, size in sizes.items()}
-    seen, photographs = read_charts(charts, known) if charts else {}, []
-    for image in names:
-        reference = found.get(image)
-        faults: dict[Plane, str] = {"reference": reference} if isinstance(reference, str) else {}
-        photograph = Photograph(
+    seen = read_charts(charts, known) if charts else {}
+    photographs = [
+        Photograph(
             image,
             folder / image,
-            reference=reference if isinstance(reference, Path) else None,
+            reference=found.get(image),
             charts=seen.get(image, ()),
             charts_file=charts,
             size=sizes[image],
-            faults=faults,
         )
-        photographs.append(photograph)
+        for image in names
+    ]
     return scene_of(name, photographs, image_scale, encoding)
 
 
@@ -98,12 +96,8 @@ def _references(images: Iterable[str], folder: Path, subfolders: bool) -> dict[s
     found: dict[str, Path | str] = {}
     for image in images:
         same = by_stem.get(_stem(image), [])
-        if image in same or len(same) == 1:
-            found[image] = folder / (image if image in same else same[0])
-        elif same:
-            found[image] = f"{folder / same[0]}: {same[1]} is there as well; keep one of them"
-        else:
-            found[image] = f"{folder / image}: no such file; copy it there"
+        files = [folder / name for name in ([image] if image in same else same)]
+        found[image] = only(files) or f"{folder / image}: no such file; copy it there"
     if not any(_stem(image) in by_stem for image in found):
         raise InputError("no file is named like an image", folder, f"name them like {next(iter(found))}")
     return found

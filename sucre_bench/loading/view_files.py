@@ -5,7 +5,7 @@ A run decodes a file once: its processes, methods and targets map the pixels fro
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
@@ -20,6 +20,7 @@ from sucre_bench.imaging.chart_kinds import kind_id
 from sucre_bench.imaging.chart_patches import scaled_chart
 from sucre_bench.imaging.image_files import check_pixels, image_size, is_jpeg, read_rgb, same_shape
 from sucre_bench.loading.depth_maps import check_header, fitted, read_depth
+from sucre_bench.loading.find_folders import Found
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine import cache
 from sucre_bench.machine.compute import compiled
@@ -36,18 +37,19 @@ class Files:
     size: (width, height) in pixels of every plane; read_depth: returns planar metres (H, W), 0 = unknown, at any scale
     of the image's size; lens: of the stored image and reference, which are then undistorted; depth maps are of the
     undistorted image; depth_lens: the lens of the depth map, if it is not the view's camera; read_image: reads the
-    image, like `read_rgb`; faults: known faults of planes, raised when the plane is used, so that other views continue.
+    image, like `read_rgb`; fault: of the image. A known fault, also one in place of a file, is raised when the plane is
+    used, so that other views continue.
     """
 
     image: Path
     size: tuple[int, int]
-    depth: Path | None = None
-    reference: Path | None = None
+    depth: Found = None
+    reference: Found = None
     read_depth: Callable[[Path], Array] = read_depth
     lens: Lens | None = None
     depth_lens: Lens | None = None
     read_image: Callable[[Path, tuple[int, int] | None], Array] = read_rgb
-    faults: Mapping[Plane, str] = field(default_factory=dict)
+    fault: str = ""
 
     @property
     def is_jpeg(self) -> bool:
@@ -56,17 +58,15 @@ class Files:
 
     def load(self, plane: Plane) -> Array | None:
         """Decode a plane. Raises InputError for an unreadable file or a known fault."""
-        if plane in self.faults:
-            raise InputError(self.faults[plane])
-        if plane == "depth":
-            if self.depth is None:
-                return None
-            if self.depth_lens is None:
-                check_header(self.depth, self.size)
-            return fitted(self.read_depth(self.depth), self.size, self.depth)
-        path = self.image if plane == "rgb" else self.reference
+        path = (self.fault or self.image) if plane == "rgb" else getattr(self, plane)
+        if isinstance(path, str):
+            raise InputError(path)
         if path is None:
             return None
+        if plane == "depth":
+            if self.depth_lens is None:
+                check_header(path, self.size)
+            return fitted(self.read_depth(path), self.size, path)
         read = self.read_image if plane == "rgb" else read_rgb
         return read(path, self.size) if self.lens is None else self.lens.undistorted(read(path, None), self.size)
 
@@ -77,7 +77,7 @@ def source_files(view: View) -> Iterator[Path]:
     while not isinstance(pixels, Files):
         if (pixels := getattr(pixels, "files", None) or getattr(pixels, "source", None)) is None:
             return
-    yield from (path for path in (pixels.image, pixels.depth, pixels.reference) if path is not None)
+    yield from (path for path in (pixels.image, pixels.depth, pixels.reference) if isinstance(path, Path))
 
 
 def scaled_pose(cam_from_world: Array, metres_per_unit: float) -> Array:
@@ -95,22 +95,23 @@ class Photograph:
     depth: its depth map, which read_depth turns into planar metres; depth_lens: the camera of the depth map, with the
     same optical axis, None if that is the undistorted camera; reference: the image without water, and charts, with
     corners in pixels: both of the stored image; charts_file: for messages; size: (width, height) of the stored image,
-    None if its header is not read yet; read_image: see `Files`; faults: known faults, by plane.
+    None if its header is not read yet; read_image: see `Files`; fault: of the image. A str in place of a file says why
+    it cannot be used.
     """
 
     name: str
     image: Path
     lens: Lens | None = None
     cam_from_world: Array | None = None
-    depth: Path | None = None
+    depth: Found = None
     read_depth: Callable[[Path], Array] = read_depth
     depth_lens: Lens | None = None
-    reference: Path | None = None
+    reference: Found = None
     charts: Sequence[Chart] = ()
     charts_file: Path | None = None
     size: tuple[int, int] | None = None
     read_image: Callable[[Path, tuple[int, int] | None], Array] = read_rgb
-    faults: Mapping[Plane, str] = field(default_factory=dict)
+    fault: str = ""
 
 
 def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding = "gamma") -> View:
@@ -119,7 +120,7 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
     A wrong image size becomes a fault of the view. Raises InputError if no pinhole image can be made with the lens, or
     if a chart lies where its distortion cannot be undone.
     """
-    lens, image, faults = photograph.lens, photograph.image, dict(photograph.faults)
+    lens, image, fault = photograph.lens, photograph.image, photograph.fault
     distorts = lens is not None and (bool(lens.coefficients) or lens.model == "fisheye")
     if lens is not None and distorts and lens.fault:
         raise InputError(f"{lens.fault} (coefficients {lens.coefficients})", image, "undistort the images before")
@@ -129,11 +130,11 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
     size = photograph.size or image_size(image) or undistorted or (1, 1)
     try:
         if undistorted is not None and not same_shape(size, undistorted):
-            fault = f"is {size[0]}x{size[1]}, its camera {undistorted[0]}x{undistorted[1]}"
-            raise InputError(fault, image, "use the images that its camera was found for, uncropped")
+            sizes = f"is {size[0]}x{size[1]}, its camera {undistorted[0]}x{undistorted[1]}"
+            raise InputError(sizes, image, "use the images that its camera was found for, uncropped")
         check_pixels(image, size)
     except InputError as wrong_size:
-        faults.setdefault("rgb", str(wrong_size))
+        fault = fault or str(wrong_size)
         size = undistorted or (1, 1)  # what else is read of the view must not take on a forged size
     width, height = (max(1, round(side * image_scale)) for side in size)
     camera = None if straight is None else scaled_camera(straight, size, image_scale)
@@ -142,7 +143,7 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
     if depth_lens is not None and camera is not None:
         read = partial(_resampled, read, depth_lens, camera)
     planes = (image, (width, height), photograph.depth, photograph.reference)
-    files = Files(*planes, read, bent, depth_lens, photograph.read_image, faults)
+    files = Files(*planes, read, bent, depth_lens, photograph.read_image, fault)
     place = f"{photograph.charts_file or image}: {photograph.name}"
     charts = tuple(_seen(chart, place, size, bent, (width, height)) for chart in photograph.charts)
     return View(photograph.name, files, camera, photograph.cam_from_world, charts, encoding)
@@ -162,8 +163,8 @@ def scene_of(
     views = [view_of(photograph, image_scale, encoding) for photograph in track(photographs, "image sizes")]
     has = {
         "poses": any(photograph.cam_from_world is not None for photograph in photographs),
-        "depth": any(photograph.depth or "depth" in photograph.faults for photograph in photographs),
-        "reference": any(photograph.reference or "reference" in photograph.faults for photograph in photographs),
+        "depth": any(photograph.depth for photograph in photographs),
+        "reference": any(photograph.reference for photograph in photographs),
         "charts": any(photograph.charts for photograph in photographs),
     }
     return Scene(name, views, frozenset(what for what, there in has.items() if there), data_id=data_id_of(views, *more))
@@ -221,7 +222,7 @@ def data_id_of(views: Sequence[View], *more: object) -> str:
         lenses += [] if view.pixels.depth_lens is None else [("depth", view.pixels.depth_lens.identity)]
         digest.update(repr((view.name, view.encoding, (K, view.pixels.size, pose, *lenses), charts)).encode())
         for path in (view.pixels.image, view.pixels.depth, view.pixels.reference):
-            digest.update(b"none" if path is None else fingerprint(path))
+            digest.update(fingerprint(path) if isinstance(path, Path) else b"none")
     return digest.hexdigest()
 
 

@@ -97,7 +97,7 @@ def test_two_files_of_a_frame_are_a_fault_of_that_view(tmp_path: Path) -> None:
     write_spot(frames / "frame5.jpg", np.ones(2))
     scene = load(tmp_path)
     assert [view.name for view in scene] == ["frame000005.png", "frame000012.png", "frame000020.png"]
-    with pytest.raises(InputError, match=r"frame000005\.png: .* 5 .* frame5\.jpg;"):
+    with pytest.raises(InputError, match=r"frame000005\.png: .*frame5\.jpg "):
         _ = scene.views[0].rgb
     assert scene.views[1].rgb.max() > 0.5
 

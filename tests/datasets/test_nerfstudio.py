@@ -186,7 +186,7 @@ SCENE: dict[str, tuple[Change, list[str]]] = {
     "another drive": (frame(depth_file_path="C:\\depth.png"), ["depth_file_path C:\\depth.png", "outside"]),
     "a mask above": (frame(mask_path="a/../../m.png"), ["mask_path a/../../m.png", "outside"]),
     "no path": (frame(file_path=None), ["no usable file_path"]),
-    "an image twice": (frame(file_path="images/1.png"), ["images/1.png", "twice"]),
+    "an image twice": (frame(file_path="images/1.png"), ["images/1.png", "frame 0", "frame 1"]),
     "a mirrored pose": (frame(transform_matrix=FLIPPED), ["images/0.png", "transform_matrix"]),
     "a scaled pose": (frame(transform_matrix=(2 * np.eye(4)).tolist()), ["transform_matrix"]),
     "nothing applied": (edit(lambda c: c.update(applied_scale=0)), ["transforms.json: applied_scale is 0"]),
@@ -196,7 +196,10 @@ SCENE: dict[str, tuple[Change, list[str]]] = {
     "no focal length": (edit(lambda content: [content.pop(key) for key in ("fl_x", "fl_y")]), ["camera_angle_x"]),
     "an unknown lens": (edit(lambda content: content.update(camera_model="EQUIRECTANGULAR")), ["EQUIRECTANGULAR"]),
     "a name that is no UTF-8": (frame(file_path="caf\udce9.png"), ["transforms.json: ", "udce9"]),
-    "no images": (lambda root: [path.unlink() for path in root.glob("images/*")], ["not even images/0.png"]),
+    "no images": (
+        lambda root: [path.unlink() for path in root.glob("images/*")],
+        ["images/0.png: no such file", "transforms.json"],
+    ),
 }
 
 

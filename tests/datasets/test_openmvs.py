@@ -118,9 +118,9 @@ SCENE: dict[str, tuple[Change, list[str]]] = {
     "a NaN": (other_bytes(58, "d", float("nan")), ["depth0000.dmap", "K is no"]),
     "two of one image": (
         lambda root: (root / "x.dmap").write_bytes((root / "depth0000.dmap").read_bytes()),
-        ["x.dmap: is of images/0.png", "depth0000.dmap"],
+        ["x.dmap: ", "images/0.png", "depth0000.dmap"],
     ),
-    "no images": (lambda root: [path.unlink() for path in root.glob("images/*")], ["not even images/0.jpg"]),
+    "no images": (lambda root: [path.unlink() for path in root.glob("images/*")], ["0.jpg", "depth0000.dmap"]),
 }
 
 

@@ -46,7 +46,7 @@ def test_links_in_a_circle_end_and_each_folder_is_there_once(tmp_path: Path) -> 
     ]
     assert image_names(tmp_path, subfolders=True) == ["a/linearPNG/a.png", "a/to_b/linearPNG/b.png"]
     assert ImageFolder(tmp_path).find("a") == ["a/linearPNG/a.png"]
-    assert find_depths(tmp_path, ["a/linearPNG/a.jpg"])[0] == {"a/linearPNG/a.jpg": tmp_path / "a/linearPNG/a.png"}
+    assert find_depths(tmp_path, ["a/linearPNG/a.jpg"]) == {"a/linearPNG/a.jpg": tmp_path / "a/linearPNG/a.png"}
     assert len(list(Seathru(tmp_path).scenes())) == 2
     (scene,) = Photos(tmp_path, subfolders=True).scenes()
     assert len(scene) == 2

@@ -119,8 +119,11 @@ def network_maps(
     photo_of: the name of each shot's photo, after which its map is named; lens_of: by shot, the lens of that photo.
     Raises InputError if no map can be used.
     """
-    found, faults = find_depths(folder, [photo_of[shot.name] for shot in shots])
-    faults |= {name: f"{folder} has no map of it" for name in photo_of.values() if name not in found | faults}
+    maps = find_depths(folder, [photo_of[shot.name] for shot in shots])
+    found = {name: file for name, file in maps.items() if isinstance(file, Path)}
+    faults = {
+        name: str(maps.get(name, f"{folder} has no map of it")) for name in photo_of.values() if name not in found
+    }
     seen: dict[str, tuple[Callable[[], Array], Array, Array]] = {}  # reader, values at sparse points, their depths
     for shot in track([shot for shot in shots if photo_of[shot.name] in found], "reading depth maps"):
         name = photo_of[shot.name]
