@@ -69,32 +69,31 @@ class Aqualoc(ImageScaleOption):
             if name in found:
                 raise InputError(f"{folder}: sequence {name} is also {found[name]}; keep one of them")
             found[name] = folder
-            yield self._scene(name, site, number, folder, texts)
+            frames: dict[int, list[Path]] = defaultdict(list)
+            for file in image_names(folder):
+                if digits := re.findall(r"\d+", file):
+                    frames[int(digits[-1])].append(folder / file)
+            if not frames:
+                raise InputError(f"{folder}: holds no image named like frame000001.png; unpack the sequence there")
+            calibration = texts.get(f"{site}_camera_calib.yaml")
+            if calibration is None:
+                expected = f"{site}_calibration_files/{site}_camera_calib.yaml"
+                raise InputError(f"{folder}: no {site}_camera_calib.yaml is below dataset.root; copy {expected} there")
+            lens = read_kalibr(calibration, image_size(frames[min(frames)][0]) or _SIZES[site])
+            endings = [f"{site}_colmap_traj_sequence_{digits}.txt" for digits in (f"{number:02d}", str(number))]
+            trajectory = next((texts[x + end] for x in ("new_", "") for end in endings if x + end in texts), None)
+            poses = _poses(trajectory) if trajectory else {}
 
-    def _scene(self, name: str, site: str, number: int, folder: Path, texts: dict[str, Path]) -> Scene:
-        frames: dict[int, list[Path]] = defaultdict(list)
-        for file in image_names(folder):
-            if digits := re.findall(r"\d+", file):
-                frames[int(digits[-1])].append(folder / file)
-        if not frames:
-            raise InputError(f"{folder}: holds no image named like frame000001.png; unpack the sequence there")
-        calibration = texts.get(f"{site}_camera_calib.yaml")
-        if calibration is None:
-            expected = f"{site}_calibration_files/{site}_camera_calib.yaml"
-            raise InputError(f"{folder}: no {site}_camera_calib.yaml is below dataset.root; copy {expected} there")
-        lens = read_kalibr(calibration, image_size(frames[min(frames)][0]) or _SIZES[site])
-        endings = [f"{site}_colmap_traj_sequence_{digits}.txt" for digits in (f"{number:02d}", str(number))]
-        trajectory = next((texts[x + end] for x in ("new_", "") for end in endings if x + end in texts), None)
-        poses = _poses(trajectory) if trajectory else {}
-
-        if poses and not set(poses) & set(frames):
-            fault = f"its frames, {min(poses)} to {max(poses)}, are none of {folder}, {min(frames)} to {max(frames)}"
-            raise InputError(f"{trajectory}: {fault}; use the sequence's own file")
-        photographs = [
-            Photograph(files[0].name, files[0], lens, poses.get(frame), fault=str(only(files)) if files[1:] else "")
-            for frame, files in sorted(frames.items())
-        ]
-        return scene_of(name, photographs, self.image_scale)
+            if poses and not set(poses) & set(frames):
+                fault = (
+                    f"its frames, {min(poses)} to {max(poses)}, are none of {folder}, {min(frames)} to {max(frames)}"
+                )
+                raise InputError(f"{trajectory}: {fault}; use the sequence's own file")
+            photographs = [
+                Photograph(files[0].name, files[0], lens, poses.get(frame), fault=str(only(files)) if files[1:] else "")
+                for frame, files in sorted(frames.items())
+            ]
+            yield scene_of(name, photographs, self.image_scale)
 
 
 def _poses(path: Path) -> dict[int, Array]:

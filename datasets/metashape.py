@@ -73,11 +73,11 @@ def find_document(root: Path, name: str) -> Path:
 
 def read_chunk(document: Path, label: str) -> Chunk:
     """Return the chunk of that label, or the active or only one. InputError when it is not there or damaged."""
-    top = _archived(document) if document.suffix.lower() == ".psz" else _unpacked(document)
+    top = _parsed(document)
     project = document
     if top.get("path") and top.find("chunk") is None:
         project = _part(document, document, str(top.get("path")).replace("{projectname}", document.stem))
-        top = _archived(project)
+        top = _parsed(project)
     entries = top.findall("chunk") + top.findall("chunks/chunk")
     if not entries:
         raise InputError(f"{document}: holds no chunk with cameras; {_EXPORT}")
@@ -107,11 +107,11 @@ def _chunk(document: Path, project: Path, entry: Element) -> Chunk:
     place = project
     if entry.get("path"):
         place = _part(document, project, str(entry.get("path")))
-        entry = _archived(place)
+        entry = _parsed(place)
     paths = {}
     frame = entry.find("frames/frame")
     if frame is not None and frame.get("path"):
-        frame = _archived(_part(document, place, str(frame.get("path"))))
+        frame = _parsed(_part(document, place, str(frame.get("path"))))
     for camera in frame.iterfind("cameras/camera") if frame is not None else ():
         photo = camera.find("photo")
         if photo is not None and photo.get("path"):
@@ -119,21 +119,18 @@ def _chunk(document: Path, project: Path, entry: Element) -> Chunk:
     return Chunk(entry, paths)
 
 
-def _archived(path: Path) -> Element:
-    """Parse the doc.xml of an archive."""
-    remedy = f"copy the project with its .files folder, or {_EXPORT}"
-    with reading(path, remedy), zipfile.ZipFile(regular(path)) as archive:
-        if archive.getinfo("doc.xml").file_size > _LARGEST:
-            raise InputError(f"{path}: its doc.xml is larger than {_LARGEST >> 20} MiB; {_EXPORT}")
-        return ElementTree.fromstring(archive.read("doc.xml"))
-
-
-def _unpacked(path: Path) -> Element:
-    """Parse a file that is XML itself."""
-    with reading(path, _EXPORT):
-        if regular(path).stat().st_size > _LARGEST:
-            raise InputError(f"{path}: is larger than {_LARGEST >> 20} MiB; {_EXPORT}")
-        return ElementTree.fromstring(path.read_bytes())
+def _parsed(path: Path) -> Element:
+    """Parse a file that is XML itself, or the doc.xml of an archive."""
+    is_xml, large = path.suffix.lower() in (".xml", ".psx"), f"is larger than {_LARGEST >> 20} MiB; {_EXPORT}"
+    with reading(path, _EXPORT if is_xml else f"copy the project with its .files folder, or {_EXPORT}"):
+        if is_xml:
+            if regular(path).stat().st_size > _LARGEST:
+                raise InputError(f"{path}: {large}")
+            return ElementTree.fromstring(path.read_bytes())
+        with zipfile.ZipFile(regular(path)) as archive:
+            if archive.getinfo("doc.xml").file_size > _LARGEST:
+                raise InputError(f"{path}: its doc.xml {large}")
+            return ElementTree.fromstring(archive.read("doc.xml"))
 
 
 _UNDISTORT = "use File > Export > Undistort Photos and dataset.undistorted=true"

@@ -110,11 +110,18 @@ def _photograph(root: Path, path: Path, common: _Frame, frame: _Frame, unit: flo
             depth = f"{file}: is no depth map of a known kind; write 16-bit .png, .npy or .tif"
         if frame.get("mask_path"):
             mask = root / _inside(root, path, frame["mask_path"], "mask_path")
+    try:
+        pose = np.vstack([np.array(frame.get("transform_matrix"), dtype=np.float64)[:3], [0, 0, 0, 1]])
+    except (TypeError, ValueError, IndexError):
+        pose = np.zeros((4, 4))
+    if pose.shape != (4, 4) or not is_rigid(pose):
+        raise InputError(f"{place}: its transform_matrix is no camera's pose (4x4, rigid); export it again")
+    pose[:3, 3] /= _factor(common, "applied_scale", path, 1.0)
     return Photograph(
         name,
         root / name,
         lens,
-        _cam_from_world(frame, place, _factor(common, "applied_scale", path, 1.0)),
+        np.linalg.inv(pose @ np.diag([1.0, -1.0, -1.0, 1.0])),
         depth,
         _reader(unit, mask),
         lens if lens.coefficients or lens.model == "fisheye" else None,
@@ -178,18 +185,6 @@ def _focal(frame: _Frame, key: str, side: float, place: str) -> float | None:
     """The focal length, in pixels, of a field of view in radians."""
     angle = _number(frame, key, place)
     return side / 2 / math.tan(angle / 2) if angle is not None and 0 < angle < math.pi else None
-
-
-def _cam_from_world(frame: _Frame, place: str, applied_scale: float) -> Array:
-    """(4, 4) float64, of a pose with 3 or 4 rows."""
-    try:
-        pose = np.vstack([np.array(frame.get("transform_matrix"), dtype=np.float64)[:3], [0, 0, 0, 1]])
-    except (TypeError, ValueError, IndexError):
-        pose = np.zeros((4, 4))
-    if pose.shape != (4, 4) or not is_rigid(pose):
-        raise InputError(f"{place}: its transform_matrix is no camera's pose (4x4, rigid); export it again")
-    pose[:3, 3] /= applied_scale
-    return np.linalg.inv(pose @ np.diag([1.0, -1.0, -1.0, 1.0]))
 
 
 def _reader(unit: float, mask: Path | None) -> Callable[[Path], Array]:

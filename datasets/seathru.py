@@ -144,7 +144,13 @@ class Seathru(ImageScaleOption):
         paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in _SUFFIXES and not p.name.startswith("."))
         if not paths:
             raise InputError(f"{folder}: holds no image; copy the set's images there")
-        sizes = _sizes(paths)
+        read = {
+            p.name: (raw_size if p.suffix.lower() in RAW_SUFFIXES else image_size)(p) for p in track(paths, "sizes")
+        }
+        usual = next(
+            (size for size in read.values() if size), FULL_SIZE
+        )  # if a header is damaged, only this view fails
+        sizes = {name: size or usual for name, size in read.items()}
         depths = _depths(place, [path.name for path in paths])
         sparse = chosen(self, place, "sparse", "folder")
         model = _model(sparse, folder, paths)
@@ -205,13 +211,6 @@ def _model(sparse: Path, folder: Path, images: Sequence[Path]) -> dict[str, list
         raise InputError(f"{sparse}: none of its images, {example} or so, is in {folder}; give the model of these")
     exact = {name: [posed for posed in several if posed.name == name] for name, several in found.items()}
     return {name: exact[name] or several for name, several in found.items()}
-
-
-def _sizes(paths: list[Path]) -> dict[str, tuple[int, int]]:
-    """Return the size of each image; where its header is damaged, of another, so that only this view fails."""
-    read = {p.name: (raw_size if p.suffix.lower() in RAW_SUFFIXES else image_size)(p) for p in track(paths, "sizes")}
-    usual = next((size for size in read.values() if size), FULL_SIZE)
-    return {name: size or usual for name, size in read.items()}
 
 
 def _depths(place: Path, names: Sequence[str]) -> dict[str, Path | str]:

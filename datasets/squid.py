@@ -76,31 +76,33 @@ class Squid(ImageScaleOption):
         folders = list(folders_below(root, lambda place, _: place.name.lower().startswith("image_set"), lack))
         check_chosen(self, folders, "charts", "file")
         for folder in folders:
-            yield self._scene(folder, scene_name(folder, root), *calibration(_beside(folder)))
-
-    def _scene(self, folder: Path, name: str, cameras: tuple[Camera, Camera], right_from_left: Array) -> Scene:
-        paths = [_image(folder, "LFT"), _image(folder, "RGT")]
-        sizes = {
-            path.name: image_size(path) or (camera.width, camera.height)
-            for path, camera in zip(paths, cameras, strict=True)
-        }
-        charts = read_charts(folder / expanded(self.charts), sizes)
-        maps = folder / "distanceFromCamera.mat"
-        photographs = [
-            Photograph(
-                path.name,
-                path,
-                Lens(camera),
-                pose,
-                maps if maps.is_file() else None,
-                functools.partial(_read_distance, key=f"dist_map_{side}", camera=camera, farthest_m=self.farthest_m),
-                charts=charts.get(path.name, ()),
-                size=sizes[path.name],
-                fault="" if path.is_file() else f"{path}: no such file; copy it there, a set's raw files are not used",
-            )
-            for path, camera, side, pose in zip(paths, cameras, "lr", (np.eye(4), right_from_left), strict=True)
-        ]
-        return scene_of(name, photographs, self.image_scale, self.encoding, self.farthest_m)
+            cameras, right_from_left = calibration(_beside(folder))
+            paths = [_image(folder, "LFT"), _image(folder, "RGT")]
+            sizes = {
+                path.name: image_size(path) or (camera.width, camera.height)
+                for path, camera in zip(paths, cameras, strict=True)
+            }
+            charts = read_charts(folder / expanded(self.charts), sizes)
+            maps = folder / "distanceFromCamera.mat"
+            photographs = [
+                Photograph(
+                    path.name,
+                    path,
+                    Lens(camera),
+                    pose,
+                    maps if maps.is_file() else None,
+                    functools.partial(
+                        _read_distance, key=f"dist_map_{side}", camera=camera, farthest_m=self.farthest_m
+                    ),
+                    charts=charts.get(path.name, ()),
+                    size=sizes[path.name],
+                    fault=""
+                    if path.is_file()
+                    else f"{path}: no such file; copy it there, a set's raw files are not used",
+                )
+                for path, camera, side, pose in zip(paths, cameras, "lr", (np.eye(4), right_from_left), strict=True)
+            ]
+            yield scene_of(scene_name(folder, root), photographs, self.image_scale, self.encoding, self.farthest_m)
 
 
 def _image(folder: Path, side: str) -> Path:

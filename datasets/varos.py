@@ -79,13 +79,15 @@ class Varos(ImageScaleOption):
                     files.setdefault(frame, f"{folder / plane}: no file of frame {frame}; copy it there")
             lens = Lens(_camera(_beside(folder, root, _CAMERA)))
             times = _times(_beside(folder, root, _TIMES), sorted(images))
-            poses = _poses(_beside(folder, root, _POSES))
+            stamps, matrices = _poses(_beside(folder, root, _POSES))
+            nearest = {frame: int(np.argmin(np.abs(stamps - time))) for frame, time in times.items()}
+            poses = {n: matrices[k] for n, k in nearest.items() if abs(stamps[k] - times[n]) <= _SAME_TIME_NS}
             photographs = [
                 Photograph(
                     path.relative_to(folder / "A").as_posix(),
                     path,
                     lens,
-                    _at(times.get(frame), *poses),
+                    poses.get(frame),
                     beside["D"].get(frame),
                     _read_depth,
                     reference=beside["B"].get(frame),
@@ -187,11 +189,6 @@ def _poses(path: Path) -> tuple[Array, Array]:
         raise InputError(f"{path}: row {int(np.argmin(proper)) + 2} holds no rotation; copy the file again")
     order = np.argsort(values[:, 0], kind="stable")
     return values[order, 0], np.linalg.inv(world_from_cam[order])
-
-
-def _at(time: int | None, times: Array, poses: Array) -> Array | None:
-    nearest = 0 if time is None else int(np.argmin(np.abs(times - time)))
-    return None if time is None or abs(times[nearest] - time) > _SAME_TIME_NS else poses[nearest]
 
 
 def _rows(path: Path) -> list[list[Any]]:

@@ -20,7 +20,7 @@ import numpy as np
 from sucre_bench import InputError, Restoration, Scene, SolveError, View, method
 from sucre_bench.arrays import Array, evenly
 from sucre_bench.imaging.encoding import converted, srgb_decode
-from sucre_bench.imaging.fill import FillOption, with_filled
+from sucre_bench.imaging.fill import FillOption
 from sucre_bench.imaging.image_formation import distances
 from sucre_bench.machine.progress import say, track
 from sucre_bench.plugins.options import check_ranges
@@ -131,7 +131,7 @@ class DiveGrayWorld(FillOption):
             "farthest_m": float(statistics.range_m[-1]),
         }
         restoration = Restoration(at(z), info=info)
-        return with_filled(restoration, view, at) if self.fill else restoration
+        return self.filled(restoration, view, at)
 
 
 @functools.lru_cache(maxsize=4)  # every view of the scene asks for it

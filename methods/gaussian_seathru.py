@@ -12,8 +12,16 @@ import numpy as np
 
 from sucre_bench import Restoration, Scene, View, Water, method
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.fill import FillOption, with_filled
-from sucre_bench.imaging.image_formation import TwoTerm, channels, distances, is_flat, trusted, without_water
+from sucre_bench.imaging.fill import FillOption
+from sucre_bench.imaging.image_formation import (
+    ChannelWater,
+    TwoTerm,
+    channels,
+    distances,
+    is_flat,
+    trusted,
+    without_water,
+)
 from sucre_bench.plugins.options import check_ranges
 
 Kind = Literal["constant", "two_term"]
@@ -24,20 +32,7 @@ _STARTS = ((0.25, 0.1, 0.1), (0.25, 0.5, 0.5), (0.1, 0.2, 0.3))
 _LEAST, _GREATEST_LIGHT, _GREATEST_RATE = 1e-6, 1.0, 5.0
 
 
-@dataclass(frozen=True, slots=True)
-class Parameters:
-    """One channel's water: light B; gamma, 1/m; beta(z), 1/m."""
-
-    B: float
-    gamma: float
-    beta: TwoTerm
-
-    def veil(self, z: Array) -> Array:
-        """Return B (1 - exp(-gamma z)) at distances z (P,) in metres."""
-        return np.asarray(self.B * -np.expm1(-self.gamma * z))
-
-
-def negative_log_likelihood(water: Parameters, intensity: Array, z: Array) -> float:
+def negative_log_likelihood(water: ChannelWater, intensity: Array, z: Array) -> float:
     """Return mean ln(s sqrt(2 pi)) + mean(((I - m) / s)^2) / 2 for I (P,) and z (P,), with mu and sigma those of J.
 
     Since (I - m) / s = (J - mu) / sigma, the second term is 1/2. The first is ln(sigma sqrt(2 pi)) - mean(beta(z) z).
@@ -96,21 +91,11 @@ class GaussianSeathru(FillOption):
             seen = seen[np.random.default_rng(self.seed).integers(seen.size, size=self.sample)]
         intensity, far = view.rgb.reshape(-1, 3)[seen].astype(np.float64), z.ravel()[seen].astype(np.float64)
         fits = [_fitted(intensity[:, c], far, self.attenuation, self.most_evaluations) for c in range(3)]
-        water = [fit.water for fit in fits]
-
-        def veil(through: Array, c: int) -> Array:
-            return water[c].veil(through)
-
-        def optical_depth(through: Array, c: int) -> Array:
-            return water[c].beta.optical_depth(through)
-
-        def at(z: Array) -> Array:
-            return without_water(view.rgb, z, veil, optical_depth)
-
-        drawn = without_water(intensity[None], far[None], veil, optical_depth)[0]
+        water = [of for of, _, _ in fits]
+        drawn = without_water(intensity[None], far[None], water)[0]
         info: dict[str, Any] = {
             "along": along,
-            "cost": [fit.cost for fit in fits],
+            "cost": [cost for _, cost, _ in fits],
             "mu": drawn.mean(axis=0, dtype=np.float64).tolist(),
             "sigma": drawn.std(axis=0, dtype=np.float64).tolist(),
             "beta_terms": [[w.beta.a, w.beta.b, w.beta.c, w.beta.d] for w in water],
@@ -119,29 +104,27 @@ class GaussianSeathru(FillOption):
         }
         constant = [float(far @ w.beta.optical_depth(far) / (far @ far)) for w in water]
         B, gamma = np.array([w.B for w in water]), np.array([w.gamma for w in water])
-        restoration = Restoration(at(z), Water(B, np.array(constant), gamma, encoding=view.encoding), info=info)
-        return with_filled(restoration, view, at) if self.fill else restoration
+        restored = without_water(view.rgb, z, water)
+        restoration = Restoration(restored, Water(B, np.array(constant), gamma, encoding=view.encoding), info=info)
+        return self.filled(restoration, view, lambda z: without_water(view.rgb, z, water))
 
 
-@dataclass(frozen=True, slots=True)
-class _Fit:
-    """A channel's water, its negative log-likelihood, and whether the simplex converged."""
-
-    water: Parameters
-    cost: float
-    converged: bool
+_Fit = tuple[ChannelWater, float, bool]
 
 
 def _fitted(intensity: Array, z: Array, kind: Kind, most_evaluations: int) -> _Fit:
-    """Return the likeliest water of a channel: the best result of Nelder and Mead's simplex over all starts."""
+    """Return the likeliest water of a channel, its negative log-likelihood, and whether the simplex converged.
+
+    It is the best result of Nelder and Mead's simplex over all starts.
+    """
     from scipy.optimize import minimize
 
     if np.ptp(intensity) == 0:  # a channel without spread stays as it is
-        return _Fit(Parameters(_LEAST, _LEAST, TwoTerm(_LEAST)), np.inf, True)
+        return ChannelWater(_LEAST, _LEAST, TwoTerm(_LEAST)), np.inf, True
 
-    def water(x: Array) -> Parameters:
+    def water(x: Array) -> ChannelWater:
         B, gamma, *beta = (float(value) for value in x)
-        return Parameters(B, gamma, TwoTerm(*beta))
+        return ChannelWater(B, gamma, TwoTerm(*beta))
 
     found = []
     for B, gamma, beta in _STARTS:
@@ -153,14 +136,14 @@ def _fitted(intensity: Array, z: Array, kind: Kind, most_evaluations: int) -> _F
             bounds=[(_LEAST, _GREATEST_LIGHT), *[(_LEAST, _GREATEST_RATE)] * (len(start) - 1)],
             options={"maxfev": most_evaluations, "xatol": 1e-4, "fatol": 1e-7},
         )
-        found.append(_Fit(water(fit.x), float(fit.fun), bool(fit.success)))
-    return min(found, key=lambda fit: fit.cost)
+        found.append((water(fit.x), float(fit.fun), bool(fit.success)))
+    return min(found, key=lambda fit: fit[1])
 
 
 def _undetermined(z: Array, fits: list[_Fit]) -> str:
     """Return what the view does not determine, as text; "" where it determines everything."""
     if is_flat(z):
         return "all pixels are about equally far: no water is likelier than another"
-    within = [0.01 < fit.water.B < 0.99 and 0.01 < fit.water.gamma < 0.99 * _GREATEST_RATE for fit in fits]
-    doubts = (("veil", ~np.array(within)), ("simplex, unfinished,", np.array([not fit.converged for fit in fits])))
+    within = [0.01 < water.B < 0.99 and 0.01 < water.gamma < 0.99 * _GREATEST_RATE for water, _, _ in fits]
+    doubts = (("veil", ~np.array(within)), ("simplex, unfinished,", np.array([not done for _, _, done in fits])))
     return "; ".join(f"{what} of {channels(where)}" for what, where in doubts if where.any())

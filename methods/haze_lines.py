@@ -14,10 +14,11 @@ import numpy as np
 from sucre_bench import Restoration, Scene, View, Water, method, track
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.imaging.display import gray_world_gain
-from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.filters import guided_filter, window_max
 from sucre_bench.imaging.image_formation import recovered, reduced, transmissions
 from sucre_bench.plugins.options import check_ranges
+from sucre_bench.scene import Encoding
 
 # Jerlov's optical water types, as ratios of the attenuation of blue, green and red.
 #
@@ -233,18 +234,19 @@ class HazeLines:
         """Return the whole image; values may leave [0, 1]."""
         small = reduced(view.rgb, self.work_px)
         area = textureless_area(small, self.textureless)
-        small = self._decoded(small)
+        light: Encoding = "linear" if self.linear else "gamma"
+        small = converted(small, "gamma", light).astype(np.float32)
         open_water = OpenWater.of(small[area])
         water_type = self._type_of(small, open_water)
-        image = self._decoded(view.rgb)
+        image = converted(view.rgb, "gamma", light).astype(np.float32, copy=False)
         J, t, _ = self._restored(image, open_water, water_type)
         mean = _mean(J, 1 - open_water.likeness(image))
         J *= gray_world_gain(mean[None]).astype(np.float32)
         A = open_water.veiling_light.astype(np.float64)
         unknown = np.full(3, np.nan)
         return Restoration(
-            self._encoded(J),
-            Water(self._encoded(A), unknown, unknown),
+            converted(J, light, "gamma"),
+            Water(converted(A, light, "gamma"), unknown, unknown),
             info={**transmissions(t), "water_type": water_type.name},
         )
 
@@ -267,12 +269,6 @@ class HazeLines:
         )
         t_c = channel_transmission(t, water_type, self.least)
         return recovered(image, A, t_c), t_c, t
-
-    def _decoded(self, image: Array) -> Array:
-        return srgb_decode(image).astype(np.float32) if self.linear else image
-
-    def _encoded(self, image: Array) -> Array:
-        return srgb_encode(image) if self.linear else image
 
 
 def _mean(values: Array, weight: Array) -> Array:

@@ -19,8 +19,16 @@ from sucre_bench import Restoration, Scene, View, Water, method
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.imaging.display import gray_world_gain
 from sucre_bench.imaging.encoding import converted
-from sucre_bench.imaging.fill import FillOption, with_filled
-from sucre_bench.imaging.image_formation import TwoTerm, channels, distances, is_flat, trusted, without_water
+from sucre_bench.imaging.fill import FillOption
+from sucre_bench.imaging.image_formation import (
+    ChannelWater,
+    TwoTerm,
+    channels,
+    distances,
+    is_flat,
+    trusted,
+    without_water,
+)
 from sucre_bench.plugins.options import check_ranges
 from sucre_bench.scene import Encoding
 
@@ -307,28 +315,44 @@ class Seathru(FillOption):
         taken = taken if (z[taken] > 0).any() else (slice(None), slice(None))
         level = float(converted(np.array(_GREY_LEVEL), "gamma", light))
         few, few_z = converted(view.rgb[taken], view.encoding, light), z[taken]
-        found = self._fitted(few, few_z, level)
-        J = found.removed_from(few, few_z)[few_z > 0]
-        gain = self._gain(J, level)
+        n_dark, backscatter, beta, constant = self._fitted(few, few_z, level)
+        of_channels = list(map(ChannelWater, backscatter.veiling_light, backscatter.rate, beta))
+
+        def without(image: Array, z: Array) -> Array:
+            """Remove the water from an image (H, W, 3) at distances z (H, W)."""
+            return without_water(image, z, of_channels, lambda of, z: amplified(of, z, self.amplification))
+
+        # The white balance is of J as it would be shown, so that amplified noise beyond does not count. A channel below
+        # `level` is noise: it is neither lifted to the others, nor are they lowered to it.
+        J = without(few, few_z)[few_z > 0]
+        gain, shown = np.ones(3, dtype=np.float32), J.clip(0, 1)
+        lit = shown.mean(axis=0, dtype=np.float64) > level
+        if self.white_balance == "gray-world" and lit.any():
+            gain[lit] = gray_world_gain(shown[:, lit])
 
         def at(z: Array) -> Array:
-            image = found.removed_from(converted(view.rgb, view.encoding, light), z) * gain
+            image = without(converted(view.rgb, view.encoding, light), z) * gain
             return converted(image, light, view.encoding).astype(np.float32, copy=False)
 
-        water = found.water(light)
+        water = Water(backscatter.veiling_light, np.array(constant), backscatter.rate, encoding=light)
+        most, far = np.log(self.amplification), few_z[few_z > 0]
         info: dict[str, Any] = {
             "along": along,
-            **found.about(few_z[few_z > 0]),
+            "dark_pixels": n_dark,
+            "residual": backscatter.residual.tolist(),
+            "residual_rate": backscatter.residual_rate.tolist(),
+            "beta_terms": [[b.a, b.b, b.c, b.d] for b in beta],
+            "limited_share": [float((amplified(b, far, np.inf) > most).mean()) for b in beta],  # of pixels
             "gain": gain.tolist(),
             "negative_share": (J < 0).mean(axis=0).tolist(),
-            "undetermined": _undetermined(few_z[trusted(few_z)], water, found.beta),
+            "undetermined": _undetermined(few_z[trusted(few_z)], water, beta),
         }
-        restoration = Restoration(at(z), water, info=info)
-        return with_filled(restoration, view, at) if self.fill else restoration
+        return self.filled(Restoration(at(z), water, info=info), view, at)
 
-    def _fitted(self, image: Array, z: Array, level: float) -> _Fit:
-        """Return what is removed from an image (H, W, 3) at distances (H, W).
+    def _fitted(self, image: Array, z: Array, level: float) -> tuple[int, Backscatter, list[TwoTerm], list[float]]:
+        """Fit an image (H, W, 3) at distances (H, W).
 
+        Return the number of dark pixels, the backscatter, beta(z) of each channel, and the constant nearest to it.
         level: of intensity, below which the average of a step is black to 8 bits, and has no logarithm.
         """
         fitted = trusted(z)
@@ -343,52 +367,7 @@ class Seathru(FillOption):
         lit = level * self.f < E
         seen = [(at[lit[:, c]], E[lit[:, c], c]) for c in range(3)]
         beta = [fit_attenuation(*of, self.attenuation) for of in seen]
-        return _Fit(backscatter, len(dark), beta, [constant_attenuation(*of) for of in seen], self.amplification)
-
-    def _gain(self, J: Array, level: float) -> Array:
-        """The (3,) white balance; of J (P, 3) as it would be shown, so that amplified noise beyond does not count.
-
-        A channel below `level` is noise: it is neither lifted to the others, nor are they lowered to it.
-        """
-        gain, shown = np.ones(3, dtype=np.float32), J.clip(0, 1)
-        lit = shown.mean(axis=0, dtype=np.float64) > level
-        if self.white_balance == "gray-world" and lit.any():
-            gain[lit] = gray_world_gain(shown[:, lit])
-        return gain
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Fit:
-    """The water of an image: backscatter, from so many dark pixels; beta(z) of each channel, and the constant nearest
-    to it; amplification: the largest that is undone."""
-
-    backscatter: Backscatter
-    n_dark: int
-    beta: list[TwoTerm]
-    constant: list[float]
-    amplification: float
-
-    def removed_from(self, image: Array, z: Array) -> Array:
-        """Return an image (H, W, 3) at distances z (H, W) without the water."""
-
-        def optical_depth(through: Array, c: int) -> Array:
-            return amplified(self.beta[c], through, self.amplification)
-
-        return without_water(image, z, self.backscatter.veil, optical_depth)
-
-    def water(self, encoding: Encoding) -> Water:
-        return Water(self.backscatter.veiling_light, np.array(self.constant), self.backscatter.rate, encoding=encoding)
-
-    def about(self, z: Array) -> dict[str, Any]:
-        """Return the record of the fit; limited_share: of pixels (P,) at z that beta would multiply by more."""
-        most = np.log(self.amplification)
-        return {
-            "dark_pixels": self.n_dark,
-            "residual": self.backscatter.residual.tolist(),
-            "residual_rate": self.backscatter.residual_rate.tolist(),
-            "beta_terms": [[b.a, b.b, b.c, b.d] for b in self.beta],
-            "limited_share": [float((amplified(b, z, np.inf) > most).mean()) for b in self.beta],
-        }
+        return len(dark), backscatter, beta, [constant_attenuation(*of) for of in seen]
 
 
 def _undetermined(z: Array, water: Water, beta: list[TwoTerm]) -> str:

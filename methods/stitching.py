@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
-from sucre_bench.imaging.fill import FillOption, with_filled
+from sucre_bench.imaging.fill import FillOption
 
 
 @method(needs={"depth", "poses"}, cites="Boittiaux et al. 2024, SUCRe, supplementary material")
@@ -39,6 +39,4 @@ class Stitching(FillOption):
             "unreadable": observations.unreadable,
         }
         stitched = Restoration(observations.image(colours), info=info)
-        if not self.fill:
-            return stitched
-        return with_filled(stitched, view, lambda z: np.where(z[..., None] > 0, view.rgb, np.float32(np.nan)))
+        return self.filled(stitched, view, lambda z: np.where(z[..., None] > 0, view.rgb, np.float32(np.nan)))

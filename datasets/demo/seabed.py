@@ -408,7 +408,9 @@ def _paint(terrain: Terrain, shade: Array, noise: Noise, band: Grid) -> Array:
     _blend(albedo, _RED_SPONGE, rocky * smoothstep(spots + 0.5 * broad, 1.7, 1.9))
     _blend(albedo, _YELLOW_SPONGE, rocky * smoothstep(0.5 * broad - spots, 1.8, 2.0))
     _blend(albedo, _SOFT_CORAL, rocky * smoothstep(spots - broad, 2.2, 2.4))
-    shade *= 1 + 0.06 * fine + _relief(fine * (0.5 + 0.5 * rocky), grid.cell)
+    # Light from one side brings out bumps of some millimetres.
+    dy, dx = np.gradient(fine * (0.5 + 0.5 * rocky), grid.cell)
+    shade *= 1 + 0.06 * fine + (0.0022 * (dx + 0.6 * dy)).clip(-0.35, 0.35)
     albedo *= shade[..., None]
     return albedo[1:-1, 1:-1].clip(0.02, 0.97)
 
@@ -437,9 +439,3 @@ def _shade(terrain: Terrain) -> Array:
     facing = (1 - 0.15 * dx + 0.1 * dy) / np.sqrt(1 + dx * dx + dy * dy)
     hollow = sum(((height - cv2.GaussianBlur(height, (0, 0), s / cell)) / s).clip(-0.6, 0.6) for s in (0.05, 0.15, 0.5))
     return np.asarray((0.45 + 0.52 * facing.clip(0.1, 1.2) + 0.45 * hollow).clip(0.3, 1.15), dtype=np.float32)
-
-
-def _relief(bumps: Array, cell: float) -> Array:
-    """Return how light from one side brings out bumps (deviations, of some millimetres each), about zero mean."""
-    dy, dx = np.gradient(bumps, cell)
-    return np.asarray((0.0022 * (dx + 0.6 * dy)).clip(-0.35, 0.35))

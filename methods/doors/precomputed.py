@@ -6,7 +6,7 @@ import json
 import os
 import re
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import nan
 from pathlib import Path, PurePosixPath
@@ -64,17 +64,15 @@ def inside(name: str) -> PurePosixPath:
     return path
 
 
-_Index = tuple[dict[PurePosixPath, list[T]], dict[str, list[T]]]
+_Index = Mapping[str, Sequence[tuple[PurePosixPath, T]]]
 
 
 def _index(things: Iterable[tuple[PurePosixPath, T]]) -> _Index[T]:
-    """Things by their place in a folder, and by the name that their place ends in."""
-    at: dict[PurePosixPath, list[T]] = defaultdict(list)
-    called: dict[str, list[T]] = defaultdict(list)
+    """Things with their places in a folder, by the name that a place ends in."""
+    called: dict[str, list[tuple[PurePosixPath, T]]] = defaultdict(list)
     for place, thing in things:
-        at[place].append(thing)
-        called[place.name].append(thing)
-    return at, called
+        called[place.name].append((place, thing))
+    return called
 
 
 def _place(name: str, pattern: str) -> PurePosixPath:
@@ -109,19 +107,21 @@ class ImageFolder:
         NotApplicableError, saying what was looked for, where there is none.
         """
         wanted = inside(str(_place(str(inside(name)), self.pattern)))
-        (files_at, files_called), (views_at, views_called) = self._files, _views(tuple(names), self.pattern)
-        files, owners, tried = files_at.get(wanted, []), views_at.get(wanted, []), [str(wanted)]
+        files_called, views_called = (
+            index.get(wanted.name, ()) for index in (self._files, _views(tuple(names), self.pattern))
+        )
+        files = [file for place, file in files_called if place == wanted]
+        owners, tried = [view for place, view in views_called if place == wanted], [str(wanted)]
         if not files and "/" not in self.pattern:
-            # A file in another view's place is not this one's.
-            files = [file for file in files_called.get(wanted.name, []) if file.with_name(wanted.name) not in views_at]
-            owners, tried = views_called.get(wanted.name, []), sorted({str(wanted), wanted.name}, key=len)[::-1]
+            taken = {place for place, _ in views_called}  # a file in another view's place is not this one's
+            files = [file for place, file in files_called if place not in taken]
+            owners, tried = [view for _, view in views_called], sorted({str(wanted), wanted.name}, key=len)[::-1]
         if not files:
             kinds = "" if self._is_whole else f" (any of {', '.join(SUFFIXES)})"
             fault = f"no image in {self.folder} is named {' or '.join(tried)}{kinds}"
-            near = difflib.get_close_matches(tried[0], map(str, files_at), n=1, cutoff=0)
-            nearest = (
-                f"the nearest of {sum(map(len, files_at.values()))} is {near[0]}" if near else "there are no images"
-            )
+            places = [str(place) for called in self._files.values() for place, _ in called]
+            near = difflib.get_close_matches(tried[0], places, n=1, cutoff=0)
+            nearest = f"the nearest of {len(places)} is {near[0]}" if near else "there are no images"
             raise NotApplicableError(f"{name}: {fault}; {nearest}")
         path = self.folder / files[0]
         if len(files) > 1:
@@ -219,7 +219,21 @@ class RestoredElsewhere:
 
 def _colours(path: Path) -> Array:
     """An image file as (H, W, 3 or 4) float32: RGB, and alpha if it has one."""
-    stored = _stored(path)
+    import cv2
+
+    stored, suffix = None, path.suffix.lower()
+    if suffix in (".npy", ".npz"):
+        stored = read_array(path, lambda names: "image" if "image" in names or len(names) != 1 else names[0])
+    elif suffix in (".tif", ".tiff"):  # OpenCV multiplies 8-bit colours by alpha, and splits float images into pages
+        try:
+            stored = read_tiff(path)
+        except InputError:
+            raise
+        except Exception:  # each of its decoders has its own; OpenCV reads it, or says what is wrong
+            pass
+    if stored is None:
+        stored = decode(path, cv2.IMREAD_UNCHANGED)
+        stored = stored if stored.ndim == 2 else stored[..., [2, 1, 0, 3][: stored.shape[2]]]
     if stored.ndim == 2 or stored.shape[2:] == (1,):
         stored = np.broadcast_to(stored.reshape(*stored.shape[:2], 1), (*stored.shape[:2], 3))
     if stored.ndim != 3 or stored.shape[2] not in (3, 4) or not stored.size:
@@ -235,24 +249,6 @@ def _colours(path: Path) -> Array:
     if (some > _MOST_MEDIAN).mean() > 0.5:
         raise InputError(f"{path}: half of its values exceed {_MOST_MEDIAN:g}; divide them so that white is 1")
     return values
-
-
-def _stored(path: Path) -> np.ndarray:
-    """What a file holds, channels in RGB order."""
-    import cv2
-
-    suffix = path.suffix.lower()
-    if suffix in (".npy", ".npz"):
-        return read_array(path, lambda names: "image" if "image" in names or len(names) != 1 else names[0])
-    if suffix in (".tif", ".tiff"):  # OpenCV multiplies 8-bit colours by alpha, and splits float images into pages
-        try:
-            return read_tiff(path)
-        except InputError:
-            raise
-        except Exception:  # each of its decoders has its own; OpenCV reads it, or says what is wrong
-            pass
-    values = decode(path, cv2.IMREAD_UNCHANGED)
-    return values if values.ndim == 2 else values[..., [2, 1, 0, 3][: values.shape[2]]]
 
 
 # New views of a scene that a rendering method learned: its pictures with water, of views that it did not learn from.

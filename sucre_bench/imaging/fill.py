@@ -17,7 +17,7 @@ import numpy as np
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.filters import guided_filter
-from sucre_bench.imaging.image_formation import distances, without_water
+from sucre_bench.imaging.image_formation import ChannelWater, TwoTerm, distances, without_water
 from sucre_bench.scene import Restoration, View, Water
 
 # The longest side of the grid in cells, the contrast that counts as an edge, and the least link across one.
@@ -37,6 +37,15 @@ class FillOption:
     fill: bool = False
     """Also colour pixels without depth, with distances from their surroundings. Pictures show them; metrics do not
     score them."""
+
+    def filled(self, restoration: Restoration, view: View, colours: Callable[[Array], Array]) -> Restoration:
+        """Return a restoration with colours for the pixels without depth; unchanged without `fill`, or where none is.
+
+        colours: returns the method's image (H, W, 3), in the view's encoding, at distances (H, W), 0 = not wanted.
+        """
+        if not self.fill or not (z := fill_distances(view)).any():
+            return restoration
+        return replace(restoration, filled=colours(z))
 
 
 def completed_distance(z: Array, guide: Array) -> Array:
@@ -107,15 +116,9 @@ def fill_distances(view: View) -> Array:
 
 def filled_by_water(view: View, water: Water, z: Array) -> Array:
     """Return J (H, W, 3) of the view's intensities in a water, in its encoding; NaN where z (H, W) is 0."""
-    light = water.encoding or view.encoding
-
-    def veil(through: Array, c: int) -> Array:
-        return np.asarray(water.veiling_light[c] * -np.expm1(-water.backscatter[c] * through))
-
-    def optical_depth(through: Array, c: int) -> Array:
-        return np.asarray(water.attenuation[c] * through)
-
-    return without_water(converted(view.rgb, view.encoding, light), z, veil, optical_depth)
+    parameters = zip(water.veiling_light, water.backscatter, water.attenuation, strict=True)
+    of_channels = [ChannelWater(B, gamma, TwoTerm(beta)) for B, gamma, beta in parameters]
+    return without_water(converted(view.rgb, view.encoding, water.encoding or view.encoding), z, of_channels)
 
 
 def deviation_of_guess(J: Array, water: Water, z: Array) -> Array:
@@ -123,12 +126,3 @@ def deviation_of_guess(J: Array, water: Water, z: Array) -> Array:
     B, beta, gamma = (np.asarray(p)[:, None] for p in (water.veiling_light, water.attenuation, water.backscatter))
     slope = beta * J - B * gamma * np.exp((beta - gamma) * z)  # dJ/dz
     return np.asarray(np.abs(slope) * GUESS * z)
-
-
-def with_filled(restoration: Restoration, view: View, colours: Callable[[Array], Array]) -> Restoration:
-    """Return a restoration with colours for the pixels without depth; unchanged where there is none.
-
-    colours: returns the method's image (H, W, 3), in the view's encoding, at distances (H, W), 0 = not wanted.
-    """
-    z = fill_distances(view)
-    return replace(restoration, filled=colours(z)) if (z > 0).any() else restoration

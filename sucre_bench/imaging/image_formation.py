@@ -9,7 +9,7 @@ By distance: J = (I - veil(z)) exp(beta(z) z) (SUCRe, eq. 3). Like `View.distanc
 metres, 0 = unknown. Channels are red, green, blue.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -122,6 +122,19 @@ class TwoTerm:
         return np.asarray(self(z) * z if self.b or self.c else self.a * z)
 
 
+@dataclass(frozen=True, slots=True)
+class ChannelWater:
+    """One channel's water: light B; gamma, 1/m; beta(z), 1/m."""
+
+    B: float
+    gamma: float
+    beta: TwoTerm
+
+    def veil(self, z: Array) -> Array:
+        """Return B (1 - exp(-gamma z)) at distances z (P,) in metres."""
+        return np.asarray(self.B * -np.expm1(-self.gamma * z))
+
+
 def distances(view: View) -> tuple[Array, Literal["distance", "depth"]]:
     """Return how far every pixel is seen, (H, W) float32 metres, 0 = unknown, and what it is measured along.
 
@@ -154,16 +167,20 @@ def channels(where: Mask) -> str:
 
 
 def without_water(
-    image: Array, z: Array, veil: Callable[[Array, int], Array], optical_depth: Callable[[Array, int], Array]
+    image: Array,
+    z: Array,
+    water: Sequence[ChannelWater],
+    optical_depth: Callable[[TwoTerm, Array], Array] = TwoTerm.optical_depth,
 ) -> Array:
-    """Return J = (I - veil(z)) exp(optical_depth(z)), (H, W, 3) float32, NaN where z is 0 (SUCRe, eq. 3).
+    """Return J = (I - veil(z)) exp(optical depth), (H, W, 3) float32, NaN where z is 0 (SUCRe, eq. 3).
 
-    image: (H, W, 3); z: (H, W) metres, 0 = unknown; veil, optical_depth: functions of distances (P,) and of a channel;
-    beyond an optical depth of 20 no more is undone.
+    image: (H, W, 3); z: (H, W) metres, 0 = unknown; water: of each channel; optical_depth: what is undone of a
+    channel's beta at distances (P,); beyond 20 no more is undone.
     """
     seen = z > 0
     through = z[seen]
     J = np.full(image.shape, np.nan, dtype=np.float32)
-    for c in range(3):  # a channel at a time: the planes of 24 megapixels add up
-        J[seen, c] = (image[..., c][seen] - veil(through, c)) * np.exp(np.minimum(optical_depth(through, c), _DEEPEST))
+    for c, of in enumerate(water):  # a channel at a time: the planes of 24 megapixels add up
+        undone = np.exp(np.minimum(optical_depth(of.beta, through), _DEEPEST))
+        J[seen, c] = (image[..., c][seen] - of.veil(through)) * undone
     return J

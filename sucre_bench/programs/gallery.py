@@ -67,7 +67,7 @@ class Exhibit:
     licence: str = "none given"
     reference: Files = field(default_factory=dict)
     outputs: Mapping[str, Files] = field(default_factory=dict)
-    alike: tuple[str, str] | None = None
+    alike: Sequence[str] = ()
     methods: tuple[Mapping[str, Any], ...] = ()
     dataset: Mapping[str, Any] = field(default_factory=dict)
     size: int = 0
@@ -94,23 +94,21 @@ def exhibits(names: Sequence[str] = ()) -> list[Exhibit]:
     """Return the exhibits, or those of these names. Raises InputError for an unknown name."""
     known = read_yaml(_FILE.read_text(encoding="utf-8"))
     common = known.pop("all")
-    for name in names:
-        if name not in known:
-            raise unknown_name(name, name, known, "exhibit")
-    return [_exhibit(name, {**common, **known[name]}) for name in names or known]
 
-
-def _exhibit(name: str, content: dict[str, Any]) -> Exhibit:
     def files(one: Any) -> Files:
         return {"{stem}": one} if isinstance(one, str) else dict(one)
 
-    content["numbers"] = tuple(Number(**number) for number in content["numbers"])
-    content["photographs"], content["reference"] = files(content["photographs"]), files(content.get("reference", {}))
-    content["outputs"] = {row: files(one) for row, one in content.get("outputs", {}).items()}
-    content["methods"] = tuple({"name": m} if isinstance(m, str) else m for m in content.get("methods", ()))
-    if "alike" in content:
-        content["alike"] = tuple(content["alike"])
-    return Exhibit(name, **content)
+    found = []
+    for name in names or known:
+        if name not in known:
+            raise unknown_name(name, name, known, "exhibit")
+        content = {"reference": {}, "outputs": {}, "methods": (), **common, **known[name]}
+        content |= {plane: files(content[plane]) for plane in ("photographs", "reference")}
+        content["numbers"] = tuple(Number(**number) for number in content["numbers"])
+        content["outputs"] = {row: files(one) for row, one in content["outputs"].items()}
+        content["methods"] = tuple({"name": m} if isinstance(m, str) else m for m in content["methods"])
+        found.append(Exhibit(name, **content))
+    return found
 
 
 # -- the files of an exhibit ---------------------------------------------------------------------------------------
@@ -125,12 +123,20 @@ def lay_out(exhibit: Exhibit, repositories: Path, out: Path) -> Path:
     source, place = exhibit.folder(repositories), out / PICTURES / exhibit.name
     photographs, reference = _found(source, exhibit.photographs), _found(source, exhibit.reference)
     outputs = {row: _found(source, files) for row, files in exhibit.outputs.items()}
-    if exhibit.alike:
-        names = _alike(*(_found(source, {"{stem}": pattern}) for pattern in exhibit.alike))
-        outputs = {row: {names[k]: path for k, path in of.items() if k in names} for row, of in outputs.items()}
+    if exhibit.alike:  # theirs have other names: of each, the name of our picture with the same pixels
+        ours, theirs = (_found(source, {"{stem}": pattern}) for pattern in exhibit.alike)
+        known = {read_rgb(path).tobytes(): name for name, path in theirs.items()}
+        names = {name: known.get(read_rgb(path).tobytes(), "") for name, path in ours.items()}
+        outputs = {row: {names[k]: path for k, path in of.items() if names.get(k)} for row, of in outputs.items()}
     shown = set(photographs) & (set(reference) if reference else set(photographs))
     shown &= set().union(*outputs.values()) if outputs else shown
-    methods = [dict(method) for method in exhibit.methods if _is_there(exhibit, method, repositories)]
+    methods = []
+    for method in map(dict, exhibit.methods):
+        if "model" in method and not (file := repositories / method["model"]).exists():
+            made = "docs/doors.md, Networks of others, has the command that makes it"
+            progress.say(f"{exhibit.name}: {method.get('label')} is left out, no file {file}; {made}")
+        else:
+            methods.append(method | ({"model": str(file.resolve())} if "model" in method else {}))
     if not shown or not (outputs or methods):
         raise InputError(f"has nothing of {exhibit.name}", source, f"fetch all of it: {exhibit.remedy}")
     folders = {"photographs": photographs, "photographs/reference": reference, **outputs}
@@ -139,10 +145,14 @@ def lay_out(exhibit: Exhibit, repositories: Path, out: Path) -> Path:
         for stem in sorted(shown & set(files)):
             _put(files[stem], place / folder, stem, is_resized)
     if exhibit.charts:
-        write_atomically(place / "photographs" / "charts.json", _charts(shown, place / "photographs"))
-    for method in methods:
-        if "model" in method:
-            method["model"] = str((repositories / method["model"]).resolve())
+        known_charts = published_charts()
+        images = {
+            path.name: {chart.name: np.asarray(chart.corners).tolist() for chart in known_charts[path.stem]}
+            for path in sorted((place / "photographs").iterdir())
+            if path.stem in shown & set(known_charts)
+        }
+        content = json.dumps({"kind": "dgk", "images": images})
+        write_atomically(place / "photographs" / "charts.json", content.encode())
     rows = [{**exhibit.output, "label": row, "folder": row} for row in outputs]
     entries: list[dict[str, Any]] = [{"name": exhibit.photograph}, *rows, *methods]
     forms = list(dict.fromkeys(number.score for number in exhibit.numbers if number.score))
@@ -169,21 +179,6 @@ def _found(folder: Path, files: Files) -> dict[str, Path]:
     return found
 
 
-def _alike(ours: Mapping[str, Path], theirs: Mapping[str, Path]) -> dict[str, str]:
-    """For each of our names, the name of the picture with the same pixels."""
-    known = {read_rgb(path).tobytes(): name for name, path in theirs.items()}
-    named = ((name, known.get(read_rgb(path).tobytes())) for name, path in ours.items())
-    return {name: other for name, other in named if other}
-
-
-def _is_there(exhibit: Exhibit, method: Mapping[str, Any], repositories: Path) -> bool:
-    file = repositories / str(method.get("model", ""))
-    if not file.exists():
-        made = "docs/doors.md, Networks of others, has the command that makes it"
-        progress.say(f"{exhibit.name}: {method.get('label')} is left out, no file {file}; {made}")
-    return file.exists()
-
-
 def _put(source: Path, folder: Path, stem: str, size: int) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     target = folder / f"{stem}{'.png' if size else source.suffix}"
@@ -204,16 +199,6 @@ def _put(source: Path, folder: Path, stem: str, size: int) -> None:
     except OSError:  # of another file system, or an older one is there
         write_atomically(target, source.read_bytes())
         os.utime(target, ns=(read.st_atime_ns, read.st_mtime_ns))
-
-
-def _charts(names: set[str], folder: Path) -> bytes:
-    known = published_charts()
-    images = {
-        path.name: {chart.name: np.asarray(chart.corners).tolist() for chart in known[path.stem]}
-        for path in sorted(folder.iterdir())
-        if path.stem in names & set(known)
-    }
-    return json.dumps({"kind": "dgk", "images": images}).encode()
 
 
 # -- published against measured ------------------------------------------------------------------------------------

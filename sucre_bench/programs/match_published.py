@@ -124,7 +124,8 @@ def read_table(table: str, root: Path, images: Mapping[str, Path], has_reference
     columns = []
     for header, metric in metrics.items():
         numbers = [(label, found, _number(row[header])) for label, found, row in of if found]
-        if _is_percent(metric, [number[0] for *_, number in numbers if number]):
+        top, values = plugins.usable("metric")[metric].range[1], [number[0] for *_, number in numbers if number]
+        if values and math.isfinite(top) and top < min(values) and max(values) <= 100 * top:
             warnings.append(f"{table}: column '{header}' is read as percent; divide it by 100 if you copy it")
             numbers = [(label, found, n and (n[0] / 100, n[1] / 100)) for label, found, n in numbers]
         if blank := [label for label, _, number in numbers if number is None]:
@@ -136,12 +137,6 @@ def read_table(table: str, root: Path, images: Mapping[str, Path], has_reference
     if not columns:
         raise InputError(f"{table}: holds no number for the images in {root}; give the scores as plain numbers")
     return PublishedTable(tuple(columns), tuple(warnings))
-
-
-def _is_percent(metric: str, numbers: Sequence[float]) -> bool:
-    """Whether all numbers are above the metric's range, and 100 is that of percent."""
-    top = plugins.usable("metric")[metric].range[1]
-    return bool(numbers) and math.isfinite(top) and top < min(numbers) and max(numbers) <= 100 * top
 
 
 def _rows(table: str) -> list[dict[str, str]]:
@@ -225,19 +220,16 @@ class _Naming:
 
     def images(self, row: Mapping[str, str]) -> tuple[str, ...]:
         """Return the image a row is of, or all of the folder that it names; none if it names none, or several."""
-        cells = [self._called(row[header]) for header in self._headers]
-        if not cells:
+        if not self._headers:
             return self._order
+        cells = []  # of each the images, and the images of the folders, by its whole text, else by its last part
+        for header in self._headers:
+            known = (key for key in _keys(row[header]) if key in self._files or key in self._folders)
+            key = next(known, "")
+            cells.append((self._files.get(key, set[str]()), self._folders.get(key, set[str]())))
         fitting = set.intersection(*(files | folders for files, folders in cells))
         of_one = any(fitting & files for files, _ in cells)
         return tuple(name for name in self._order if name in fitting) if len(fitting) == 1 or not of_one else ()
-
-    def _called(self, cell: str) -> tuple[set[str], set[str]]:
-        """The images, and the images of the folders, that a cell names: by its whole text, else by its last part."""
-        for key in _keys(cell):
-            if key in self._files or key in self._folders:
-                return self._files.get(key, set()), self._folders.get(key, set())
-        return set(), set()
 
 
 def _key(name: str) -> str:
@@ -253,14 +245,6 @@ def _keys(cell: str) -> tuple[str, str, str]:
 # -- the comparison ----------------------------------------------------------------------------------------------
 
 
-def _names(metric: str) -> list[str]:
-    """The variants that differ on pictures without holes: not "masked" where there is "unmasked"."""
-    names = list(plugins.usable("metric")[metric].variants)
-    whole = {name for name in names if name.endswith("unmasked")}
-    twins = {name.removesuffix("-unmasked") for name in whole} | ({"masked", "raw"} if whole else set())
-    return [name for name in names if name in whole or name not in twins]
-
-
 def search(
     table: PublishedTable, sizes: set[tuple[int, int] | None], score: Callable[[Sequence[str]], DataFrame]
 ) -> DataFrame:
@@ -273,7 +257,12 @@ def search(
     import pandas as pd
 
     metrics = dict.fromkeys(column.metric for column in table.columns)
-    every = [f"{metric}:{name}" for metric in metrics for name in _names(metric)]
+    every = list[str]()
+    for metric in metrics:  # the variants that differ on pictures without holes: of "masked" and "unmasked" the second
+        variants = plugins.usable("metric")[metric].variants
+        whole = {name for name in variants if name.endswith("unmasked")}
+        twins = {name.removesuffix("-unmasked") for name in whole} | ({"masked", "raw"} if whole else set())
+        every += [f"{metric}:{name}" for name in variants if name in whole or name not in twins]
     names = [f"{name}{size}" for size in _at(sizes) for name in every]
     scores = score([name for name in names if name.startswith("psnr:")] or names)
     for stage in ("of the fitting sizes", "all", "unusual"):
@@ -287,9 +276,9 @@ def search(
                 continue
             of_metric = [name for name in names if name.partition(":")[0] == metric]
             if stage == "unusual":  # forms of the two nearest variants, of those of every pixel
-                whole = [name for name in plugin.variants if name.endswith("unmasked")]
+                bases = [name for name in plugin.variants if name.endswith("unmasked")]
                 near = {one.variant.partition("@")[0].removesuffix("-unmasked") for one in several[:2]}
-                bases = [name for name in whole if name.removesuffix("-unmasked") in near] or whole
+                bases = [name for name in bases if name.removesuffix("-unmasked") in near] or bases
                 of_metric = [f"{metric}:{b}{size}{form}" for b in bases for size in _at(sizes) for form in _FURTHER]
             if stage == "of the fitting sizes":
                 of_metric = [name for name in of_metric if _size_of(name) in fitting]

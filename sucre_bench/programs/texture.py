@@ -253,20 +253,16 @@ def _glb(model: Model, up: Array) -> bytes:
 
 
 def write_picture(path: Path, models: Mapping[str, Model], frames: Sequence[Frame]) -> None:
-    """Write surfaces next to each other as a PNG, see `side_by_side`."""
-    from PIL import Image
-
-    with open_atomically(path) as file:
-        save_marked(file, Image.fromarray(side_by_side(models, frames)), ".png")
-
-
-def side_by_side(models: Mapping[str, Model], frames: Sequence[Frame]) -> Picture:
-    """Return the surfaces next to each other with their names, (720, n * 960, 3) uint8 RGB, on white.
+    """Write the surfaces next to each other with their names as a PNG, 720 x (n * 960) pixels, on white.
 
     Raises InputError if no view has depth.
     """
+    from PIL import Image
+
     camera, pose = vantage(frames)
-    return np.hstack([captioned(rendered(model, camera, pose), name) for name, model in models.items()])
+    pictures = np.hstack([captioned(rendered(model, camera, pose), name) for name, model in models.items()])
+    with open_atomically(path) as file:
+        save_marked(file, Image.fromarray(pictures), ".png")
 
 
 def vantage(frames: Sequence[Frame]) -> tuple[Camera, Array]:

@@ -11,8 +11,8 @@ from support.made_scene import WATER
 
 import sucre_bench as sb
 from sucre_bench import Arrays, InputError, View
-from sucre_bench.imaging.image_formation import TwoTerm, trusted
-from sucre_bench.methods.gaussian_seathru import GaussianSeathru, Parameters, negative_log_likelihood
+from sucre_bench.imaging.image_formation import ChannelWater, TwoTerm, trusted
+from sucre_bench.methods.gaussian_seathru import GaussianSeathru, negative_log_likelihood
 
 
 def drawn_view(seed: int = 0, height: int = 160, width: int = 120, rounded: bool = True) -> View:
@@ -36,7 +36,7 @@ def test_the_likelihood_is_that_of_a_normal_distribution(B: float, gamma: float,
     veil = B * (1 - np.exp(-gamma * z))
     J = (intensity - veil) / fading
     expected = -norm.logpdf(intensity, J.mean() * fading + veil, J.std() * fading).mean()
-    assert negative_log_likelihood(Parameters(B, gamma, beta), intensity, z) == pytest.approx(expected, rel=1e-10)
+    assert negative_log_likelihood(ChannelWater(B, gamma, beta), intensity, z) == pytest.approx(expected, rel=1e-10)
 
 
 def test_the_likelihood_has_a_value_where_exponentials_have_none():
@@ -46,11 +46,11 @@ def test_the_likelihood_has_a_value_where_exponentials_have_none():
     # What is multiplied by exp(1500) outweighs the others: sigma^2 = x^2 (1 / n - 1 / n^2), x = (0.9 - B) exp(1500).
     log_sigma = np.log(0.9 - 0.25) + 1500 + 0.5 * np.log(1 / 4 - 1 / 16)
     expected = log_sigma + 0.5 * np.log(2 * np.pi) - 5 * z.mean() + 0.5
-    assert negative_log_likelihood(Parameters(0.25, 5.0, TwoTerm(5.0)), intensity, z) == pytest.approx(expected)
+    assert negative_log_likelihood(ChannelWater(0.25, 5.0, TwoTerm(5.0)), intensity, z) == pytest.approx(expected)
 
 
 def test_colours_without_any_spread_are_not_the_likeliest():
-    assert negative_log_likelihood(Parameters(0.0, 1.0, TwoTerm(0.0)), np.full(9, 0.3), np.arange(9.0)) == np.inf
+    assert negative_log_likelihood(ChannelWater(0.0, 1.0, TwoTerm(0.0)), np.full(9, 0.3), np.arange(9.0)) == np.inf
 
 
 def test_a_simplex_that_does_not_come_to_rest_is_named():
@@ -65,8 +65,8 @@ def test_the_likelihood_is_least_at_the_water_the_data_were_drawn_in():
     z, red = view.depth.ravel().astype(np.float64), view.rgb[..., 0].ravel().astype(np.float64)
     true = (WATER.veiling_light[0], WATER.backscatter[0], WATER.attenuation[0])
 
-    def in_order(B: float, gamma: float, beta: float) -> Parameters:
-        return Parameters(B, gamma, TwoTerm(beta))
+    def in_order(B: float, gamma: float, beta: float) -> ChannelWater:
+        return ChannelWater(B, gamma, TwoTerm(beta))
 
     least = negative_log_likelihood(in_order(*true), red, z)
     for i in range(3):
@@ -112,7 +112,7 @@ def test_the_best_of_all_starts_is_taken():
     result = sb.restore("gaussian_seathru", alone(view), view)
     for c in range(3):
         own = view.rgb[..., c][fitted].astype(np.float64)
-        true = Parameters(WATER.veiling_light[c], WATER.backscatter[c], TwoTerm(WATER.attenuation[c]))
+        true = ChannelWater(WATER.veiling_light[c], WATER.backscatter[c], TwoTerm(WATER.attenuation[c]))
         assert result.info["cost"][c] <= negative_log_likelihood(true, own, z) + 1e-6
 
 

@@ -55,29 +55,24 @@ class Session:
         if self.kind in DETECTABLE:
             known = self._marked()
             for view in progress.track(self.views, "looking for charts"):
-                if not self.file.confirmed(view.name) and not self.file.proposed(view.name):
-                    found = self._detected(view, known)
-                    self.file.propose(Proposal(view.name, chart, "detector") for chart in found)
-                    known += [(view, chart) for chart in found]
+                if self.file.confirmed(view.name) or self.file.proposed(view.name):
+                    continue
+                try:
+                    found = detect(_picture(view), self.kind)
+                except InputError as fault:
+                    progress.say(f"failed  {fault}", is_fault=True)
+                    continue
+                # A chart is named as in other views if the geometry identifies it.
+                expected, taken = list(propose(known, [view])), {chart.name for _, chart in known}
+                for chart in found:
+                    same = (p.chart.name for p in expected if overlap(chart.corners, p.chart.corners))
+                    free = (name for number in itertools.count(1) if (name := f"chart{number}") not in taken)
+                    named = replace(chart, name=next(same, None) or next(free))
+                    taken.add(named.name)
+                    known.append((view, named))
+                    self.file.propose([Proposal(view.name, named, "detector")])
         self._carry_over()
         self.file.save()
-
-    def _detected(self, view: View, known: Sequence[tuple[View, Chart]]) -> list[Chart]:
-        """The charts detected in a view, named as in other views if the geometry identifies them."""
-        try:
-            found = detect(_picture(view), self.kind)
-        except InputError as fault:
-            progress.say(f"failed  {fault}", is_fault=True)
-            return []
-        expected, taken = list(propose(known, [view])), {chart.name for _, chart in known}
-        named = []
-        for chart in found:
-            same = (p.chart.name for p in expected if overlap(chart.corners, p.chart.corners))
-            free = (name for number in itertools.count(1) if (name := f"chart{number}") not in taken)
-            name = next(same, None) or next(free)
-            taken.add(name)
-            named.append(replace(chart, name=name))
-        return named
 
     def accept(self) -> tuple[list[Proposal], list[tuple[Proposal, str]]]:
         """Confirm every proposal whose patches are in order; return these, and the others with their faults."""

@@ -158,19 +158,17 @@ def check(subject: Subject, lasting: bool = True) -> Iterator[Outcome]:
             if rule is rules_methods.leaves_the_process and outcome.status == "broken":
                 subject = rules_methods.with_scenes_large_enough(subject)
                 outcome = check_rule(subject, rule) if subject.factor > 1 else outcome
-            breaches = {_cause(text) for level, text in outcome.findings if level == "breach"}
-            if of_kind is rules_methods and breaches and breaches <= heard:  # one cause, which breaks every rule
+            breaches = set[str]()
+            for level, text in outcome.findings if of_kind is rules_methods else ():
+                if level == "breach":  # the exception that it names, whatever its numbers
+                    named = re.search(r"\w+(?:Error|Exception): .+?(?= at \S+:\d|;|$)", text)
+                    breaches.add(re.sub(r"\d+", "0", named[0]) if named else text)
+            if breaches and breaches <= heard:  # one cause, which breaks every rule
                 outcome = outcome._replace(findings=(), skipped="for the reason above")
             if outcome.skipped in heard:
                 outcome = outcome._replace(skipped="for the reason above")
             heard |= breaches | {outcome.skipped} - {""}
             yield outcome
-
-
-def _cause(breach: str) -> str:
-    """The exception that a breach names, whatever its numbers; the breach itself if it names none."""
-    found = re.search(r"\w+(?:Error|Exception): .+?(?= at \S+:\d|;|$)", breach)
-    return re.sub(r"\d+", "0", found[0]) if found else breach
 
 
 def check_rule(subject: Subject, rule: Rule, obstacle: str = "") -> Outcome:

@@ -6,7 +6,6 @@ And mlflow's own page, served on this machine and opened on a table of methods w
 from __future__ import annotations
 
 import hashlib
-import json
 import logging
 import os
 import socket
@@ -143,33 +142,24 @@ def _make_store(path: Path) -> bytes:
 def is_logged(out: Path, uri: str, experiment: str) -> bool:
     """Whether the score table of `out`, as it is now, was logged there. mlflow is not asked."""
     store = sqlite_path(uri)
-    if store is not None and not store.is_file():
-        return False
-    return _noted(out).get(_place(uri, experiment)) == _digest(out) != ""
+    with suppress(OSError, InputError, ValueError):
+        note, digest = _note(out, uri, experiment)
+        return (store is None or store.is_file()) and regular(note).read_text(encoding="ascii") == digest
+    return False
 
 
 def remember(out: Path, uri: str, experiment: str) -> None:
     """Note that the score table of `out` is logged there."""
-    noted = {**_noted(out), _place(uri, experiment): _digest(out)}
     with suppress(OSError, OutputError):  # else mlflow is asked again
-        write_atomically(out / "logs" / "mlflow.json", json.dumps(noted, indent=1).encode())
+        note, digest = _note(out, uri, experiment)
+        write_atomically(note, digest.encode())
 
 
-def _place(uri: str, experiment: str) -> str:
-    """A name for a store and an experiment that shows no password."""
-    return fingerprint({"uri": uri, "experiment": experiment})[1]
-
-
-def _noted(out: Path) -> dict[str, str]:
-    with suppress(OSError, InputError, ValueError, RecursionError):
-        return dict(json.loads(regular(out / "logs" / "mlflow.json").read_text(encoding="utf-8")))
-    return {}
-
-
-def _digest(out: Path) -> str:
-    with suppress(OSError), (out / TABLE).open("rb") as table:
-        return hashlib.file_digest(table, "blake2b").hexdigest()[:32]
-    return ""
+def _note(out: Path, uri: str, experiment: str) -> tuple[Path, str]:
+    """The file that notes what is logged in a store and an experiment, and the digest of the table as it is now."""
+    place = fingerprint({"uri": uri, "experiment": experiment})[1]  # shows no password
+    with (out / TABLE).open("rb") as table:
+        return out / "logs" / f"mlflow-{place}.txt", hashlib.file_digest(table, "blake2b").hexdigest()
 
 
 # -- mlflow's page ----------------------------------------------------------------------------------------------------
@@ -212,16 +202,12 @@ def open_ui(uri: str, port: int, ready: Callable[[], None]) -> int:
     ):
         try:
             with terminated_as_interrupt():
-                while server.poll() is None and not _answers(port):
+                while server.poll() is None:
+                    with suppress(OSError), socket.create_connection((_HOST, port), timeout=5):
+                        break
                     time.sleep(0.2)
                 if server.poll() is None:
                     ready()
                 return server.wait()
         finally:  # a kill of ours alone would leave it running
             server.terminate()
-
-
-def _answers(port: int) -> bool:
-    with suppress(OSError), socket.create_connection((_HOST, port), timeout=5):
-        return True
-    return False

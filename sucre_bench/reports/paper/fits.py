@@ -160,7 +160,16 @@ def scaling(results: StudyResults) -> Iterator[Drawn]:
     looks = style.looks(table["method"])
     for panel, (stage, title) in zip(axes[0], shown.items(), strict=True):
         for method, of_method in table[table[stage] > 0].groupby("method", sort=False):
-            _times(panel, str(method), of_method["n"].to_numpy(), of_method[stage].to_numpy(), looks[str(method)])
+            n, seconds, look = of_method["n"].to_numpy(), of_method[stage].to_numpy(), looks[str(method)]
+            label = str(method)
+            if len(n) >= _FEWEST and n.max() > _SPREAD * n.min():
+                a, b, error = line(n, seconds)
+                at = np.geomspace(n.min(), n.max(), 50)
+                if b > 0:  # falling times have other causes than observations
+                    panel.plot(at, a + b * at, color=look.colour, linewidth=0.9)
+                if b > 2 * error:
+                    label = f"{method}: {b * 1e6:.2g} ± {error * 1e6:.1g} s per million"
+            panel.plot(n, seconds, look.marker, color=look.colour, markersize=3, alpha=0.7, label=label)
         panel.set(title=title, xlabel="observations", xscale="log", yscale="log")
         panel.xaxis.set_major_formatter(EngFormatter(sep=""))
         panel.xaxis.set_minor_locator(LogLocator(subs=(2, 5)))
@@ -169,18 +178,6 @@ def scaling(results: StudyResults) -> Iterator[Drawn]:
         panel.legend(loc="upper left", bbox_to_anchor=(0, -0.22), borderaxespad=0)
     axes[0, 0].set_ylabel("seconds")
     yield (), figure
-
-
-def _times(panel: Axes, method: str, n: Array, seconds: Array, look: style.Look) -> None:
-    label = method
-    if len(n) >= _FEWEST and n.max() > _SPREAD * n.min():
-        a, b, error = line(n, seconds)
-        at = np.geomspace(n.min(), n.max(), 50)
-        if b > 0:  # falling times have other causes than observations
-            panel.plot(at, a + b * at, color=look.colour, linewidth=0.9)
-        if b > 2 * error:
-            label = f"{method}: {b * 1e6:.2g} ± {error * 1e6:.1g} s per million"
-    panel.plot(n, seconds, look.marker, color=look.colour, markersize=3, alpha=0.7, label=label)
 
 
 def line(n: Array, seconds: Array) -> tuple[float, float, float]:

@@ -39,7 +39,25 @@ def scores(results: StudyResults) -> Iterator[Drawn]:
     for comparison, columns in drawn:
         height = 0.55 + _LINE * len(comparison.methods)
         for page, shown in style.pages(columns, 2 * max(1, int(_PAGE / height))):
-            yield (comparison.title if len(drawn) > 1 else "", page), _scores(comparison, shown, height)
+            figure, panels = style.grid(len(shown), 2, 0.0, height)
+            looks = style.looks(comparison.methods)
+            for column, panel in zip(shown, panels, strict=True):
+                scored = [(name, cell) for name in comparison.methods if (cell := comparison.cells.get((name, column)))]
+                scored.sort(key=lambda each: each[1].place or math.inf)  # the photograph has no place
+                for y, (method, cell) in enumerate(scored):
+                    colour, marker = looks[method]
+                    if math.isfinite(cell.low):
+                        panel.plot([cell.low, cell.high], [y, y], color=colour, linewidth=1, solid_capstyle="butt")
+                    if math.isfinite(cell.mean):
+                        face = "white" if cell.tie else colour
+                        panel.plot(cell.mean, y, marker, color=colour, markerfacecolor=face, markeredgewidth=0.9)
+                panel.set_yticks(range(len(scored)), [method for method, _ in scored])
+                panel.set_ylim(len(scored) - 0.4, -0.6)
+                panel.tick_params(axis="y", length=0)
+                panel.grid(axis="x")
+                panel.set_xlabel(f"{title(column)} ({column.variant})")
+                panel.spines["left"].set_visible(False)
+            yield (comparison.title if len(drawn) > 1 else "", page), figure
 
 
 def _telling(comparison: Comparison, study: Study) -> list[Column]:
@@ -48,28 +66,6 @@ def _telling(comparison: Comparison, study: Study) -> list[Column]:
     columns = [c for c in comparison.columns if c.directed or (c.metric in COSTS and c.metric in named)]
     means = {c: [cell.mean for (_, scored), cell in comparison.cells.items() if scored == c] for c in columns}
     return [column for column in columns if len(means[column]) == 1 or len({*means[column]}) > 1]
-
-
-def _scores(comparison: Comparison, columns: Sequence[Column], height: float) -> Figure:
-    figure, panels = style.grid(len(columns), 2, 0.0, height)
-    looks = style.looks(comparison.methods)
-    for column, panel in zip(columns, panels, strict=True):
-        scored = [(name, cell) for name in comparison.methods if (cell := comparison.cells.get((name, column)))]
-        scored.sort(key=lambda each: each[1].place or math.inf)  # the photograph has no place
-        for y, (method, cell) in enumerate(scored):
-            colour, marker = looks[method]
-            if math.isfinite(cell.low):
-                panel.plot([cell.low, cell.high], [y, y], color=colour, linewidth=1, solid_capstyle="butt")
-            if math.isfinite(cell.mean):
-                face = "white" if cell.tie else colour
-                panel.plot(cell.mean, y, marker, color=colour, markerfacecolor=face, markeredgewidth=0.9)
-        panel.set_yticks(range(len(scored)), [method for method, _ in scored])
-        panel.set_ylim(len(scored) - 0.4, -0.6)
-        panel.tick_params(axis="y", length=0)
-        panel.grid(axis="x")
-        panel.set_xlabel(f"{title(column)} ({column.variant})")
-        panel.spines["left"].set_visible(False)
-    return figure
 
 
 def against(results: StudyResults) -> Iterator[Drawn]:
