@@ -76,7 +76,11 @@ class Squid(ImageScaleOption):
         folders = list(folders_below(root, lambda place, _: place.name.lower().startswith("image_set"), lack))
         check_chosen(self, folders, "charts", "file")
         for folder in folders:
-            cameras, right_from_left = calibration(_beside(folder))
+            files = [file for place in (folder.parent, folder) for file in sorted(place.glob("stereoParams*.mat"))]
+            if not files:
+                where = folder.parent / "stereoParams0.5.mat"
+                raise MissingFileError("no such file", where, "copy it from the site's download")
+            cameras, right_from_left = calibration(files[0])
             paths = [_image(folder, "LFT"), _image(folder, "RGT")]
             sizes = {
                 path.name: image_size(path) or (camera.width, camera.height)
@@ -126,13 +130,6 @@ def _read_distance(path: Path, key: str, camera: Camera, farthest_m: float) -> A
 
 
 # -- the calibration ---------------------------------------------------------------------------------------
-
-
-def _beside(folder: Path) -> Path:
-    for place in (folder.parent, folder):
-        if found := sorted(place.glob("stereoParams*.mat")):
-            return found[0]
-    raise MissingFileError("no such file", folder.parent / "stereoParams0.5.mat", "copy it from the site's download")
 
 
 def _calibration(path: Path) -> tuple[tuple[Camera, Camera], Array]:

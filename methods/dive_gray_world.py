@@ -144,8 +144,14 @@ def pooled(scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Alon
     sums = np.zeros((_MOST_BINS, 8))  # pixels, their distances, three channels, their squares
     counted = 0
     for rgb, z, step in _counted(scene, options, encoding, along):
-        for band in _bands(rgb, z, options.bin_m):
-            sums[: len(band)] += band * step**2
+        for rows in (slice(top, top + _ROWS) for top in range(0, len(z), _ROWS)):
+            if (seen := z[rows] > 0).any():
+                distance = z[rows][seen].astype(np.float64)
+                bins = np.minimum(distance / options.bin_m, _MOST_BINS - 1).astype(np.int64)
+                colours = rgb[rows][seen].T.astype(np.float64)  # (3, P)
+                weights = (None, distance, *colours, *colours**2)
+                band = np.stack([np.bincount(bins, weight) for weight in weights], axis=-1)
+                sums[: len(band)] += band * step**2
         counted += 1
     if not sums[:, 0].any():
         raise SolveError(f"{scene.name}: no view can be counted; give views with readable images and depth maps")
@@ -198,17 +204,3 @@ def _flat_field(scene: Scene, options: DiveGrayWorld, encoding: Encoding, along:
     deviation = np.sqrt(np.maximum(sums[..., 4:] / pixels - mean**2, _LEAST_SHARE**2))
     enough = sums[..., :1] >= options.fewest
     return np.stack([np.where(enough, mean, 0), np.where(enough, deviation, 1)])
-
-
-def _bands(rgb: Array, z: Array, bin_m: float) -> Iterator[Array]:
-    """Yield the sums (bins, 8) of some rows of an image after another."""
-    for top in range(0, len(z), _ROWS):
-        far = z[top : top + _ROWS]
-        seen = far > 0
-        if not seen.any():
-            continue
-        distance = far[seen].astype(np.float64)
-        bins = np.minimum(distance / bin_m, _MOST_BINS - 1).astype(np.int64)
-        colours = rgb[top : top + _ROWS][seen].T.astype(np.float64)  # (3, P)
-        weights = (None, distance, *colours, *colours**2)
-        yield np.stack([np.bincount(bins, weight) for weight in weights], axis=-1)

@@ -98,24 +98,6 @@ def opened(path: Path, device: Device, layout: Layout, output: str) -> OnnxNetwo
 def _opened(
     path: Path, stamps: tuple[tuple[str, int, int], ...], device: Device, layout: Layout, output: str
 ) -> OnnxNetwork:
-    session = _session(path, device)
-    given, *others = session.get_inputs()
-    if others:
-        names = ", ".join(f"'{i.name}'" for i in (given, *others))
-        raise InputError(f"{path}: takes {names}; a model of one input is needed, the picture")
-    if given.type not in _TYPES:
-        raise InputError(f"{path}: takes {given.type}, no picture; a model of float or uint8 input is needed")
-    outputs = [o.name for o in session.get_outputs()]
-    if output and output not in outputs:
-        raise InputError(f"{path}: has no output '{output}'; {did_you_mean(output, outputs)}")
-    if not output and len(outputs) > 1:
-        raise InputError(f"{path}: has outputs {', '.join(outputs)}; choose with onnx.output={outputs[0]}")
-    channels_first, fixed = _read_shape(path, given.shape, layout)
-    where = "cuda" if session.get_providers()[0] == _CUDA else "cpu"
-    return OnnxNetwork(session, path, output or outputs[0], _TYPES[given.type], channels_first, fixed, where)
-
-
-def _session(path: Path, device: Device) -> Any:
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
@@ -130,7 +112,20 @@ def _session(path: Path, device: Device) -> Any:
         raise InputError(f"{path}: onnxruntime does not open it, {_brief(fault)}; {remedy}") from fault
     if device == "cuda" and session.get_providers()[0] != _CUDA:  # not there, or it did not start
         raise InputError("onnx.device: onnxruntime has no GPU here; install onnxruntime-gpu, or give cpu or auto")
-    return session
+    given, *others = session.get_inputs()
+    if others:
+        names = ", ".join(f"'{i.name}'" for i in (given, *others))
+        raise InputError(f"{path}: takes {names}; a model of one input is needed, the picture")
+    if given.type not in _TYPES:
+        raise InputError(f"{path}: takes {given.type}, no picture; a model of float or uint8 input is needed")
+    outputs = [o.name for o in session.get_outputs()]
+    if output and output not in outputs:
+        raise InputError(f"{path}: has no output '{output}'; {did_you_mean(output, outputs)}")
+    if not output and len(outputs) > 1:
+        raise InputError(f"{path}: has outputs {', '.join(outputs)}; choose with onnx.output={outputs[0]}")
+    channels_first, fixed = _read_shape(path, given.shape, layout)
+    where = "cuda" if session.get_providers()[0] == _CUDA else "cpu"
+    return OnnxNetwork(session, path, output or outputs[0], _TYPES[given.type], channels_first, fixed, where)
 
 
 def _read_shape(path: Path, shape: list[Any], layout: Layout) -> tuple[bool, tuple[int, int] | None]:

@@ -117,7 +117,8 @@ Found: TypeAlias = Path | str | None  # a file, why it cannot be used, or none
 def only(paths: Sequence[Path]) -> Found:
     """Return the one path, None if there is none, or what is wrong if there are several."""
     if len(paths) > 1:
-        return f"{paths[0]}: {paths[1].name} is there as well; keep one of them"
+        other = paths[1].name if paths[1].parent == paths[0].parent else paths[1]
+        return f"{paths[0]}: {other} is there as well; keep one of them"
     return paths[0] if paths else None
 
 

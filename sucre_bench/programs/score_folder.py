@@ -14,7 +14,7 @@ from sucre_bench.engine.score import row_without_value
 from sucre_bench.errors import InputError, MissingFileError, PluginError
 from sucre_bench.imaging.image_files import image_size, is_jpeg, read_rgb
 from sucre_bench.jobs.catalogue import metric_choices
-from sucre_bench.loading.find_folders import ImageFolder, bare_stems
+from sucre_bench.loading.find_folders import ImageFolder, bare_stems, only
 from sucre_bench.loading.image_folder import image_names, no_image
 from sucre_bench.loading.named_sets import Found, Picture, picture_of, recognised_sets
 from sucre_bench.machine import processes, progress
@@ -61,11 +61,13 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str], i
     chosen = metric_choices(names)  # raises for a mistyped name, before any image is read
     is_foreign = any(choice.plugin.is_foreign for choice in chosen)
     files = images_in(images)
-    reference_of = _references(images, files, reference) if reference else dict[str, list[Path]]()
+    reference_of = _references(images, files, reference) if reference else dict[str, Path | str]()
     label, tables, lossy, pictures = images.resolve().name, [], list[Path](), dict[str, Picture]()
     for name, path in progress.track(files.items(), f"scoring {label}"):
         try:
-            compared_with = _only(name, reference, reference_of[name]) if reference else None
+            compared_with = reference_of.get(name)
+            if isinstance(compared_with, str):
+                raise InputError(compared_with)
             if compared_with and not is_known and is_jpeg(compared_with) and not is_jpeg(path):
                 lossy.append(compared_with)
             rgb, target = locked(read_rgb(path)), locked(read_rgb(compared_with)) if compared_with else None
@@ -105,8 +107,8 @@ def images_in(folder: Path) -> dict[str, Path]:
     return {name: folder / name for name in names}
 
 
-def _references(images: Path, names: Iterable[str], place: Path) -> dict[str, list[Path]]:
-    """Return the files that each image may be compared with: one for all, or those in a folder that fit.
+def _references(images: Path, names: Iterable[str], place: Path) -> dict[str, Path | str]:
+    """Return the file that each image is compared with, or why there is none: one for all, or that of a folder.
 
     A file fits that has the image's path, or else its stem. It lies in a folder of the same name as the image, or one
     of both lies in no folder. Raises InputError if there is no such image or folder, or no file fits any image.
@@ -117,7 +119,7 @@ def _references(images: Path, names: Iterable[str], place: Path) -> dict[str, li
             raise MissingFileError("no such folder", place, remedy)
         if (fault := fault_of(place)) or image_size(place) is None:
             raise InputError(fault or "is no image", place, remedy)
-        return {name: [place] for name in names}
+        return dict.fromkeys(names, place)
     folder, found = ImageFolder(place), dict[str, list[Path]]()
     for name in names:
         wanted, files = PurePosixPath(name).parent.parts, [name]
@@ -134,15 +136,8 @@ def _references(images: Path, names: Iterable[str], place: Path) -> dict[str, li
         example = PurePosixPath(next(iter(found))).stem
         fault_text = f"no image has the name of one in {images}, for example {example}"
         raise InputError(fault_text, place, "rename the references")
-    return found
-
-
-def _only(name: str, place: Path, fitting: Sequence[Path]) -> Path:
-    """Return the one reference of an image. Raises InputError if there are none or several."""
-    if not fitting:
-        stem = PurePosixPath(name).stem
-        raise MissingFileError("no such reference", place / name, f"give a folder with an image named {stem}")
-    if len(fitting) > 1:
-        either = " or ".join(str(file.relative_to(place)) for file in fitting[:2])
-        raise InputError(f"{name} may be {either}", place, "give the folder of one of them as --reference")
-    return fitting[0]
+    stems = {name: PurePosixPath(name).stem for name in found}
+    lack = {
+        name: f"{place / name}: no such reference; give a folder with an image named {stems[name]}" for name in found
+    }
+    return {name: only(files) or lack[name] for name, files in found.items()}
