@@ -19,6 +19,7 @@ from sucre_bench.camera import depth_at, moved, project, relative_pose, unprojec
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
+from sucre_bench.imaging.image_formation import reduced
 from sucre_bench.plugins.plugin import metric
 from sucre_bench.restored_pair import CommonPoints, RestoredPair
 from sucre_bench.scene import Encoding, Score, View
@@ -116,16 +117,13 @@ def _keypoints(shown: Array) -> _Keypoints:
         for values in (luma * usable, usable)
     )
     gray: npt.NDArray[Any] = np.where(usable, luma, sums / np.maximum(counts, 1e-6)).astype(np.uint8)
-    height, width = gray.shape
-    scale = min(1.0, _SIDE_PX / max(height, width))
-    size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    if size != (width, height):
-        gray = cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
-        usable = cv2.resize(usable, size, interpolation=cv2.INTER_NEAREST)
-    points, descriptors = cv2.SIFT.create(nfeatures=_MOST).detectAndCompute(gray, usable)
+    small = reduced(gray, _SIDE_PX)
+    size = small.shape[1::-1]
+    usable = cv2.resize(usable, size, interpolation=cv2.INTER_NEAREST)
+    points, descriptors = cv2.SIFT.create(nfeatures=_MOST).detectAndCompute(small, usable)
     if descriptors is None:
         return _Keypoints(np.empty((0, 2)), np.empty((0, 128), np.float32))
-    xy = (np.array([point.pt for point in points]) + 0.5) * (width / size[0], height / size[1])
+    xy = (np.array([point.pt for point in points]) + 0.5) * (gray.shape[1] / size[0], gray.shape[0] / size[1])
     return _Keypoints(xy, np.asarray(descriptors, dtype=np.float32))
 
 

@@ -3,8 +3,6 @@
 import dataclasses
 import functools
 import json
-import shutil
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +17,7 @@ from sucre_bench.datasets.demo import LAST, Preset, render, seabed, water_of
 from sucre_bench.errors import OutputError
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import write_png
+from sucre_bench.machine.cache import get_or_make
 
 # Texels are as large as a pixel at 2 m, where the cameras come near; elsewhere coarser, on the boards finer, so that
 # patches have straight edges.
@@ -136,29 +135,21 @@ def write_made_scene(made: MadeScene, folder: Path) -> None:
 
 
 def make_once(folder: Path, make: Callable[[], MadeScene]) -> Path:
-    """Return the folder of a made scene, making it where it is not there or not finished.
+    """Return the folder of a made scene, making it where it is not there or not finished; others who want it wait.
 
     The scene is written beside its place, and moved there when it is complete. So a killed process leaves no half
-    scene. If two processes write at once, the later one discards its own.
+    scene.
     """
-    if (folder / LAST).is_file():
-        return folder
-    made = make()
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent, ignore_cleanup_errors=True) as work:
+
+    def write(work: Path) -> Path:
         try:
-            write_made_scene(made, Path(work) / "scene")
+            write_made_scene(make(), work)
         except OutputError as fault:
-            scene = Path(work) / "scene"
-            if not Path(fault.place).is_relative_to(scene):
+            if not Path(fault.place).is_relative_to(work):
                 raise
-            there = folder / Path(fault.place).relative_to(scene)  # the folder of the work is gone when the user looks
+            there = folder / Path(fault.place).relative_to(work)  # the folder of the work is gone when the user looks
             raise type(fault)(fault.fault, there, fault.remedy) from fault
-        if folder.exists() and not (folder / LAST).is_file():
-            shutil.rmtree(folder)
-        try:
-            (Path(work) / "scene").replace(folder)
-        except OSError:  # a folder that is not empty is never replaced
-            if not (folder / LAST).is_file():
-                raise
-    return folder
+        return folder
+
+    lock = folder.with_name(f".{folder.name}.lock")
+    return get_or_make(folder, lambda place: place if (place / LAST).is_file() else None, write, lock)

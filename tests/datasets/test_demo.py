@@ -1,6 +1,8 @@
 """The made scene is what it says: its files, its geometry, its water and its charts, each recomputed from outside."""
 
 import itertools
+import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
@@ -103,20 +105,26 @@ def test_a_half_written_folder_is_made_anew(tmp_path: Path) -> None:
     scene = next(iter(demo.scenes()))
     assert len(scene) == 2
     assert scene["view_000.png"].rgb.shape == (120, 160, 3)
-    assert [p.name for p in tmp_path.iterdir()] == [whole.name]  # nothing is left beside it
+    assert shown_in(tmp_path) == [whole.name]  # nothing is left beside it
 
 
-def test_of_two_at_once_the_later_discards_its_own(tmp_path: Path, small: MadeScene) -> None:
-    folder = tmp_path / "scene"
+def shown_in(folder: Path) -> list[str]:
+    return [path.name for path in folder.iterdir() if not path.name.startswith(".")]
 
-    def overtaken() -> MadeScene:
-        make_once(folder, lambda: small)
-        (folder / "first").touch()
+
+def test_of_two_at_once_the_later_waits_for_the_first(tmp_path: Path, small: MadeScene) -> None:
+    made = []
+
+    def slow() -> MadeScene:
+        made.append(1)
+        time.sleep(0.1)
         return small
 
-    make_once(folder, overtaken)
-    assert (folder / "first").exists()
-    assert [p.name for p in tmp_path.iterdir()] == ["scene"]
+    with ThreadPoolExecutor(2) as pool:
+        folders = list(pool.map(lambda _: make_once(tmp_path / "scene", slow), range(2)))
+    assert folders == [tmp_path / "scene"] * 2
+    assert made == [1]
+    assert shown_in(tmp_path) == ["scene"]
 
 
 def test_a_failure_leaves_nothing_behind(tmp_path: Path, small: MadeScene) -> None:
@@ -125,7 +133,7 @@ def test_a_failure_leaves_nothing_behind(tmp_path: Path, small: MadeScene) -> No
 
     with pytest.raises(InputError):
         make_once(tmp_path / "scene", fails)
-    assert not any(tmp_path.iterdir())
+    assert not shown_in(tmp_path)
 
 
 @pytest.mark.parametrize("place", ["", "images/view_000.png", "/elsewhere/a.png"])
@@ -164,7 +172,7 @@ def test_an_option_out_of_range_is_named(options: dict[str, int], at_fault: str)
 def test_files_in_the_users_cache_hold_the_arrays(tmp_path: Path, small: MadeScene, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("platformdirs.user_cache_path", lambda name, appauthor: tmp_path / name)
     scene = next(iter(Demo(**SMALL).scenes()))
-    assert len(list((tmp_path / "sucre_bench" / "demo").iterdir())) == 1
+    assert len(shown_in(tmp_path / "sucre_bench" / "demo")) == 1
     for i, view in enumerate(scene):
         np.testing.assert_allclose(view.camera.K, small.camera.K, rtol=1e-12)
         np.testing.assert_allclose(view.cam_from_world, small.cam_from_world[i], atol=1e-12)
