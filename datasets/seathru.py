@@ -172,7 +172,7 @@ class Seathru(ImageScaleOption):
                 None if camera is None else Lens(camera),
                 pose,
                 depths.get(path.name),
-                charts=[scaled_chart(chart, at, size) for chart, at in charts.get(path.name, ())],
+                charts=charts.get(path.name, ()),
                 size=size,
                 read_image=read_raw if path.suffix.lower() in RAW_SUFFIXES else read_rgb,
                 fault=fault,
@@ -180,19 +180,18 @@ class Seathru(ImageScaleOption):
             photographs.append(photograph)
         return scene_of(name, photographs, self.image_scale, self.encoding)
 
-    def _charts(
-        self, place: Path, sizes: Mapping[str, tuple[int, int]]
-    ) -> dict[str, list[tuple[Chart, tuple[int, int]]]]:
-        """Return the charts of each image, each with the size (width, height) that its corners are pixels of."""
+    def _charts(self, place: Path, sizes: Mapping[str, tuple[int, int]]) -> Mapping[str, Sequence[Chart]]:
+        """Return the charts of each image, corners in its pixels."""
         file = place / expanded(self.charts)
         if file.is_file():
-            return {name: [(c, sizes[name]) for c in charts] for name, charts in read_charts(file, sizes).items()}
-        found = {}
-        for name, size in sizes.items():
-            charts = published_charts().get(PurePosixPath(name).stem, ())
-            if charts and same_shape(size, FULL_SIZE):  # cropped or undistorted copies are other pixels
-                found[name] = [(chart, FULL_SIZE) for chart in charts]
-        return found
+            return read_charts(file, sizes)
+        return {
+            name: [
+                scaled_chart(chart, FULL_SIZE, size) for chart in published_charts().get(PurePosixPath(name).stem, ())
+            ]
+            for name, size in sizes.items()
+            if same_shape(size, FULL_SIZE)  # cropped or undistorted copies are other pixels
+        }
 
 
 def _model(sparse: Path, folder: Path, images: Sequence[Path]) -> dict[str, list[Posed]]:
