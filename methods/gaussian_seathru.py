@@ -16,10 +16,9 @@ from sucre_bench.imaging.fill import FillOption
 from sucre_bench.imaging.image_formation import (
     ChannelWater,
     TwoTerm,
-    channels,
     distances,
-    is_flat,
     trusted,
+    undetermined,
     without_water,
 )
 from sucre_bench.plugins.options import check_ranges
@@ -93,6 +92,9 @@ class GaussianSeathru(FillOption):
         fits = [_fitted(intensity[:, c], far, self.attenuation, self.most_evaluations) for c in range(3)]
         water = [of for of, _, _ in fits]
         drawn = without_water(intensity[None], far[None], water)[0]
+        within = [0.01 < of.B < 0.99 and 0.01 < of.gamma < 0.99 * _GREATEST_RATE for of in water]
+        unfinished = np.array([not done for _, _, done in fits])
+        doubts = {"veil": ~np.array(within), "simplex, unfinished,": unfinished}
         info: dict[str, Any] = {
             "along": along,
             "cost": [cost for _, cost, _ in fits],
@@ -100,7 +102,7 @@ class GaussianSeathru(FillOption):
             "sigma": drawn.std(axis=0, dtype=np.float64).tolist(),
             "beta_terms": [[w.beta.a, w.beta.b, w.beta.c, w.beta.d] for w in water],
             "negative_share": (drawn < 0).mean(axis=0).tolist(),
-            "undetermined": _undetermined(far, fits),
+            "undetermined": undetermined(far, "no water is likelier than another", doubts),
         }
         constant = [float(far @ w.beta.optical_depth(far) / (far @ far)) for w in water]
         B, gamma = np.array([w.B for w in water]), np.array([w.gamma for w in water])
@@ -138,12 +140,3 @@ def _fitted(intensity: Array, z: Array, kind: Kind, most_evaluations: int) -> _F
         )
         found.append((water(fit.x), float(fit.fun), bool(fit.success)))
     return min(found, key=lambda fit: fit[1])
-
-
-def _undetermined(z: Array, fits: list[_Fit]) -> str:
-    """Return what the view does not determine, as text; "" where it determines everything."""
-    if is_flat(z):
-        return "all pixels are about equally far: no water is likelier than another"
-    within = [0.01 < water.B < 0.99 and 0.01 < water.gamma < 0.99 * _GREATEST_RATE for water, _, _ in fits]
-    doubts = (("veil", ~np.array(within)), ("simplex, unfinished,", np.array([not done for _, _, done in fits])))
-    return "; ".join(f"{what} of {channels(where)}" for what, where in doubts if where.any())

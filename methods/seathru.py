@@ -23,10 +23,9 @@ from sucre_bench.imaging.fill import FillOption
 from sucre_bench.imaging.image_formation import (
     ChannelWater,
     TwoTerm,
-    channels,
     distances,
-    is_flat,
     trusted,
+    undetermined,
     without_water,
 )
 from sucre_bench.plugins.options import check_ranges
@@ -335,6 +334,11 @@ class Seathru(FillOption):
             return converted(image, light, view.encoding).astype(np.float32, copy=False)
 
         water = Water(backscatter.veiling_light, np.array(constant), backscatter.rate, encoding=light)
+        doubts = {
+            "attenuation": water.attenuation <= 0,
+            "beta(z), at its bound,": np.array([at_bound(b) for b in beta]),
+            "veiling light": water.veiling_light >= 1 - _GREY_LEVEL,
+        }
         most, far = np.log(self.amplification), few_z[few_z > 0]
         info: dict[str, Any] = {
             "along": along,
@@ -345,7 +349,7 @@ class Seathru(FillOption):
             "limited_share": [float((amplified(b, far, np.inf) > most).mean()) for b in beta],  # of pixels
             "gain": gain.tolist(),
             "negative_share": (J < 0).mean(axis=0).tolist(),
-            "undetermined": _undetermined(few_z[trusted(few_z)], water, beta),
+            "undetermined": undetermined(few_z[trusted(few_z)], "veil and attenuation are one choice of many", doubts),
         }
         return self.filled(Restoration(at(z), water, info=info), view, at)
 
@@ -368,15 +372,3 @@ class Seathru(FillOption):
         seen = [(at[lit[:, c]], E[lit[:, c], c]) for c in range(3)]
         beta = [fit_attenuation(*of, self.attenuation) for of in seen]
         return len(dark), backscatter, beta, [constant_attenuation(*of) for of in seen]
-
-
-def _undetermined(z: Array, water: Water, beta: list[TwoTerm]) -> str:
-    """Say what the view cannot tell; "" where it can."""
-    if is_flat(z):
-        return "all pixels are about equally far: veil and attenuation are one choice of many"
-    doubts = (
-        ("attenuation", water.attenuation <= 0),
-        ("beta(z), at its bound,", np.array([at_bound(b) for b in beta])),
-        ("veiling light", water.veiling_light >= 1 - _GREY_LEVEL),
-    )
-    return "; ".join(f"{what} of {channels(where)}" for what, where in doubts if where.any())

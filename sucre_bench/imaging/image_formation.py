@@ -9,7 +9,7 @@ By distance: J = (I - veil(z)) exp(beta(z) z) (SUCRe, eq. 3). Like `View.distanc
 metres, 0 = unknown. Channels are red, green, blue.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -156,14 +156,18 @@ def trusted(z: Array) -> Mask:
     return known & (z <= np.percentile(z[known], _TRUSTED, method="higher")) if known.any() else known
 
 
-def is_flat(z: Array) -> bool:
-    """Return whether distances (P,) are about equal, so that they do not tell veil from attenuation."""
-    return bool(z.max() - z.min() < _FLAT * z.max())
+def undetermined(z: Array, if_flat: str, doubts: Mapping[str, Mask]) -> str:
+    """Return what a view cannot tell, in words; "" where it can.
 
-
-def channels(where: Mask) -> str:
-    """Return the names of the channels where (3,) is true: "red, blue"."""
-    return ", ".join(name for name, is_so in zip(CHANNELS, where, strict=True) if is_so)
+    z: (P,) distances; if they are about equal, they do not tell veil from attenuation, which leaves `if_flat`; doubts:
+    in which channels (3,) each thing is in doubt.
+    """
+    if z.max() - z.min() < _FLAT * z.max():
+        return f"all pixels are about equally far: {if_flat}"
+    named = {
+        what: [name for name, is_so in zip(CHANNELS, where, strict=True) if is_so] for what, where in doubts.items()
+    }
+    return "; ".join(f"{what} of {', '.join(names)}" for what, names in named.items() if names)
 
 
 def without_water(

@@ -15,14 +15,13 @@ from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.image_formation import (
     TwoTerm,
     brightest,
-    channels,
     highest,
-    is_flat,
     nearest_depth,
     recovered,
     reduced,
     restoration,
     trusted,
+    undetermined,
 )
 from sucre_bench.methods.gaussian_seathru import GaussianSeathru
 
@@ -128,13 +127,10 @@ def test_the_farthest_hundredth_is_not_trusted_nor_is_what_is_unknown():
     assert not trusted(np.zeros((3, 3))).any()
 
 
-def test_distances_are_flat_within_a_fiftieth():
-    assert is_flat(np.array([5.0, 5.09]))
-    assert not is_flat(np.array([5.0, 5.11]))
-
-
-def test_channels_are_named_in_order():
-    assert channels(np.array([True, False, True])) == "red, blue"
+def test_distances_are_flat_within_a_fiftieth_and_doubts_name_their_channels():
+    doubts = {"veil": np.array([True, False, True]), "light": np.zeros(3, dtype=bool)}
+    assert undetermined(np.array([5.0, 5.09]), "anything", doubts).endswith("equally far: anything")
+    assert undetermined(np.array([5.0, 5.11]), "anything", doubts) == "veil of red, blue"
 
 
 def test_two_terms_are_what_they_say():
