@@ -224,9 +224,9 @@ class _Naming:
             return self._order
         cells = []  # of each the images, and the images of the folders, by its whole text, else by its last part
         for header in self._headers:
-            known = (key for key in _keys(row[header]) if key in self._files or key in self._folders)
-            key = next(known, "")
-            cells.append((self._files.get(key, set[str]()), self._folders.get(key, set[str]())))
+            key = next((key for key in _keys(row[header]) if key in self._files or key in self._folders), None)
+            both = (self._files, self._folders)
+            cells.append([set[str]() if key is None else of.get(key, set[str]()) for of in both])
         fitting = set.intersection(*(files | folders for files, folders in cells))
         of_one = any(fitting & files for files, _ in cells)
         return tuple(name for name in self._order if name in fitting) if len(fitting) == 1 or not of_one else ()
