@@ -114,11 +114,11 @@ def scene_name(folder: Path, root: Path) -> str:
 Found: TypeAlias = Path | str | None  # a file, why it cannot be used, or none
 
 
-def only(paths: Sequence[Path]) -> Found:
-    """Return the one path, None if there is none, or what is wrong if there are several."""
+def only(paths: Sequence[Path], remedy: str = "keep one of them") -> Found:
+    """Return the one path, None if there is none, or what is wrong if there are several, with the remedy."""
     if len(paths) > 1:
         other = paths[1].name if paths[1].parent == paths[0].parent else paths[1]
-        return f"{paths[0]}: {other} is there as well; keep one of them"
+        return f"{paths[0]}: {other} is there as well; {remedy}"
     return paths[0] if paths else None
 
 

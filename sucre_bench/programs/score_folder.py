@@ -140,4 +140,5 @@ def _references(images: Path, names: Iterable[str], place: Path) -> dict[str, Pa
     lack = {
         name: f"{place / name}: no such reference; give a folder with an image named {stems[name]}" for name in found
     }
-    return {name: only(files) or lack[name] for name, files in found.items()}
+    remedy = "give the folder of one of them as --reference"
+    return {name: only(files, remedy) or lack[name] for name, files in found.items()}

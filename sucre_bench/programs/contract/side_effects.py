@@ -151,6 +151,8 @@ def in_fresh_process(subjects: tuple[Subject, ...], restore: bool = True) -> lis
 
     restore: False to import only. Raises PluginError if the process fails.
     """
+    import psutil
+
     tasks = []
     for subject in subjects:
         module, options = subject.plugin.cls.__module__, dict(subject.options)
@@ -160,9 +162,7 @@ def in_fresh_process(subjects: tuple[Subject, ...], restore: bool = True) -> lis
         does_restore = restore and subject.plugin.kind == "method" and not subject.obstacle
         tasks.append((place, is_file, subject.plugin.name if does_restore else "", options, subject.factor))
     # The environment that this process was started with: a loaded plugin may have altered it since.
-    entries = Path("/proc/self/environ").read_bytes().split(b"\0")
-    environment = {os.fsdecode(name): os.fsdecode(value) for name, _, value in (e.partition(b"=") for e in entries)}
-    environment.pop("", None)
+    environment = psutil.Process().environ()
     environment["PYTHONHASHSEED"] = "8" if environment.get("PYTHONHASHSEED") == "7" else "7"  # another order of sets
     with tempfile.TemporaryDirectory(prefix="sucre_bench_") as folder:
         file = Path(folder) / "task"
