@@ -143,16 +143,13 @@ def _calibration(path: Path) -> tuple[tuple[Camera, Camera], Array]:
             raise InputError(f"{path}: holds an object of a MATLAB class; {remedy}") from fault
         with reading(path, "in MATLAB save toStruct(stereoParams) to it"):
             stored = matio.load_from_mat(str(path))
-    try:
+    with reading(path, "copy the calibration of the two cameras again"):
         cameras = _camera(_field(stored, "CameraParameters1")), _camera(_field(stored, "CameraParameters2"))
         rotation, translation = (_numbers(_field(stored, f"{part}OfCamera2")) for part in ("Rotation", "Translation"))
         units = np.asarray(_plain(_field(stored, "WorldUnits"))).ravel()
         right_from_left = np.eye(4)
         right_from_left[:3, :3] = rotation.reshape(3, 3).T
         right_from_left[:3, 3] = translation.reshape(3) * _METRES[str(units[0]) if units.size else "mm"]
-    except (KeyError, TypeError, ValueError) as fault:  # a key error: of a unit of length
-        reason = " ".join(str(fault).split())
-        raise InputError(f"{path}: is no calibration of two cameras ({reason}); copy the file again") from fault
     return cameras, right_from_left
 
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from sucre_bench import Camera, dataset
 from sucre_bench.arrays import Array
-from sucre_bench.errors import InputError, MissingFileError, one_line
+from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.loading.depth_maps import read_16_bit
 from sucre_bench.loading.find_folders import existing, folders_below, scene_name
 from sucre_bench.loading.lens import Lens
@@ -129,9 +129,7 @@ def _read_depth(path: Path) -> Array:
 
 
 def _camera(path: Path) -> Camera:
-    import yaml
-
-    try:
+    with reading(path, "give one with focal_length, sensor_width and resolution: width, height"):
         text = regular(path).read_text(encoding="utf-8")
         stored = read_yaml(re.sub(r"^%YAML.*\n", "", text))  # as OpenCV heads its files, which YAML refuses
         resolution = stored.get("resolution", stored)
@@ -139,11 +137,8 @@ def _camera(path: Path) -> Camera:
         focal = float(stored["focal_length"]) / float(stored["sensor_width"]) * width
         if not (focal > 0 and width > 0 and height > 0):
             raise ValueError(f"focal length {focal:g} px for {width}x{height}")
-    except (OSError, yaml.YAMLError, KeyError, AttributeError, TypeError, ValueError, ZeroDivisionError) as fault:
-        expected = "focal_length, sensor_width and resolution: width, height"
-        raise InputError(f"{path}: is no camera ({one_line(fault)}); expected {expected}") from fault
-    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]], dtype=np.float64)
-    return Camera(K, int(width), int(height))
+        K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]], dtype=np.float64)
+        return Camera(K, int(width), int(height))
 
 
 def _times(path: Path, frames: list[int]) -> dict[int, int]:

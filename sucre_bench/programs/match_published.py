@@ -24,7 +24,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.resizing import Form, split_variant
 from sucre_bench.loading.find_folders import bare_stems, without_suffix
 from sucre_bench.loading.named_sets import Found
-from sucre_bench.machine.files import regular
+from sucre_bench.machine.files import reading, regular
 from sucre_bench.machine.text_formats import counted, first_few
 
 # Words that a column is headed by whose cells name images, or folders of them.
@@ -143,15 +143,11 @@ def _rows(table: str) -> list[dict[str, str]]:
     if "=" in table and not Path(table).exists():
         pairs = [word.partition("=") for word in re.split(r"[,;\s]\s*(?=[a-zA-Z])", table.strip())]
         return [{name.strip(): value.strip() for name, _, value in pairs}]
-    try:
+    with reading(Path(table), "give a CSV file of published numbers, in UTF-8"):
         lines = [line for line in regular(Path(table)).read_text(encoding="utf-8-sig").splitlines() if line.strip()]
         delimiter = max(",;\t", key=lines[0].count) if lines else ","
         reader = csv.DictReader(lines, delimiter=delimiter, restkey="", restval="")
         rows = [{key.strip(): row[key].strip() for key in row if key.strip()} for row in reader]
-    except OSError as fault:
-        raise InputError(f"{table}: cannot be read, {fault.strerror}; give a CSV file of published numbers") from fault
-    except (UnicodeDecodeError, csv.Error) as fault:
-        raise InputError(f"{table}: is no CSV file in UTF-8; save the table of published numbers as one") from fault
     if not rows:
         raise InputError(f"{table}: has no rows; give a line of headers, then a line an image")
     return rows
