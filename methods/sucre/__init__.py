@@ -9,13 +9,13 @@ one water and one colour a pixel.
 | `model.py` | the image formation model, its parameters, their least-squares problem, and Levenberg-Marquardt |
 | `passes.py`, `numba_loops.py` | the passes that sum it up, for array libraries and as compiled loops |
 | `exact.py` | the minimum: starts, choice between minima, weak priors |
-| `solution.py`, `known_water.py` | a view with its observations, its solution; water from elsewhere, or shared |
+| `solution.py` | a view with its observations, its solution, and how uncertain that is |
+| `known_water.py` | water from elsewhere, or shared by a scene |
 | `policy.py` | every decision, with a typed result |
 | `robust.py` | weights of observations that do not fit |
-| `light.py`, `strobe.py` | light that differs between observations, fitted with the water |
-| `choose.py` | which parts of light the observations pay for |
+| `light.py` | light that differs between observations, a strobe's too, fitted with the water |
 | `refine_noise.py`, `refine_views.py` | noise after the fit; gaps of views, edges, and pixels without depth |
-| `diagnostics.py`, `record.py` | uncertainty of the water; the restoration and its record |
+| `record.py` | the restoration and its record |
 """
 
 from sucre_bench.methods.sucre.paper import SucrePaper

@@ -42,11 +42,18 @@ import numpy as np
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import NotApplicableError, SolveError
 from sucre_bench.machine.compute import Device
-from sucre_bench.methods.sucre.diagnostics import CHANNELS, ROUNDING, WaterUncertainty, uncertainty_of
 from sucre_bench.methods.sucre.model import Bounds, Minimum, ReducedSystem, WaterParameters, minimise, veil
 from sucre_bench.methods.sucre.passes import Backend, opened
 from sucre_bench.methods.sucre.robust import LEAST_NOISE, robust_noise
-from sucre_bench.methods.sucre.solution import SAMPLE, first_slot, sampled
+from sucre_bench.methods.sucre.solution import (
+    CHANNELS,
+    ROUNDING,
+    SAMPLE,
+    WaterUncertainty,
+    first_slot,
+    sampled,
+    uncertainty_of,
+)
 from sucre_bench.multiview.observations import Observations
 
 _Evaluate = Callable[[Array], ReducedSystem]

@@ -201,8 +201,7 @@ def shared_water(scene: Scene, options: Sucre) -> WaterFit:
 def _shared_fit(scene: Scene, options: Sucre) -> WaterFit | SolveError:
     """Return the common water; or why there is none, which is kept too, since finding out takes as long."""
     from sucre_bench.methods.sucre import exact
-    from sucre_bench.methods.sucre.diagnostics import clustered
-    from sucre_bench.methods.sucre.solution import SAMPLE, Observed, sampled
+    from sucre_bench.methods.sucre.solution import SAMPLE, Observed, clustered, sampled
 
     sharp: list[Observations | None] = []
     to_fit: list[Observations] = []

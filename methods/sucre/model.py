@@ -38,6 +38,9 @@ from sucre_bench.arrays import Array, Mask
 # No water scatters this many times more than it attenuates (Jerlov's types: a factor of 2).
 _IMPLAUSIBLE = 5.0
 
+# The least sum of w a^2 that is divided by, of float32's normal numbers. A pixel without any weight has less: J = 0.
+LEAST = 2.0**-126
+
 # Slopes by B, and by one coefficient that is beta and gamma, from those by B, beta, gamma.
 TIED = np.array([[1, 0, 0], [0, 1, 1], [0, 0, 0]])
 
@@ -133,6 +136,18 @@ def derivatives(J: Any, z: Any, B: Any, beta: Any, gamma: Any) -> tuple[Any, Any
     a = transmission(z, beta)
     D_B = veil(z, 1, gamma)
     return a, D_B, -z * (J * a), B * z * (1 - D_B)
+
+
+def eliminated(x: Any, y: Any, axis: int, v: Any = None) -> tuple[Any, Any, Any]:
+    """Return A = sum v x^2, the colour J = sum v x y / A, and the residuals r = y - x J of each pixel.
+
+    x, y: root of the weight times a, and times I - b, over the observations of a pixel along an axis, which A and J
+    keep with size 1. v: (...) robust part of the weight, 1 by default.
+    """
+    vx = x if v is None else v * x
+    A = (vx * x).sum(axis, keepdims=True)
+    J = (vx * y).sum(axis, keepdims=True) / A.clip(min=LEAST)
+    return A, J, y - x * J
 
 
 def library_of(array: Any) -> Any:

@@ -22,7 +22,8 @@ import numba
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.methods.sucre.passes import DARKEST, LEAST, WALL, Block, colours
+from sucre_bench.methods.sucre.model import LEAST
+from sucre_bench.methods.sucre.passes import DARKEST, WALL, Block, colours
 from sucre_bench.multiview.observations import Observations
 
 # Sums may be reordered and products fused, else no sum becomes vector instructions; NaN and infinity keep their

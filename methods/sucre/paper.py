@@ -33,11 +33,10 @@ from sucre_bench.arrays import Array
 from sucre_bench.imaging.fill import FillOption
 from sucre_bench.machine.compute import Device
 from sucre_bench.machine.progress import track
-from sucre_bench.methods.sucre.diagnostics import uncertainty_of
 from sucre_bench.methods.sucre.known_water import START, check_source, water_of
 from sucre_bench.methods.sucre.model import WaterParameters, derivatives
 from sucre_bench.methods.sucre.passes import Backend, backend_for, one_torch_thread, opened
-from sucre_bench.methods.sucre.solution import Course, Solution
+from sucre_bench.methods.sucre.solution import Course, Solution, uncertainty_of
 from sucre_bench.multiview.observations import Observations
 
 if TYPE_CHECKING:

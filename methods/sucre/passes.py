@@ -28,7 +28,15 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
 from sucre_bench.machine.compute import Device, usable_cores
-from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters, library_of, transmission, veil
+from sucre_bench.methods.sucre.model import (
+    LEAST,
+    ReducedSystem,
+    WaterParameters,
+    eliminated,
+    library_of,
+    transmission,
+    veil,
+)
 from sucre_bench.multiview.observations import Observations
 
 Backend = Literal["auto", "numba", "torch", "jax"]
@@ -38,9 +46,6 @@ WALL = 10.0
 
 # Transmissions end at two to this power: less light is none, and its square is still a number in float32.
 DARKEST = -60.0
-
-# The least sum of w a^2 that is divided by, of float32's normal numbers. A pixel without any weight has less: J = 0.
-LEAST = 2.0**-126
 
 
 def opened(
@@ -168,9 +173,7 @@ class Eliminated:
         s = w**0.5
         x = s * transmission((beta * z).clip(max=-DARKEST * math.log(2)), 1.0)
         d = s * veil(z, 1, gamma)
-        y, A = s * I - B * d, (x * x).sum(1, keepdims=True)
-        J = (x * y).sum(1, keepdims=True) / A.clip(min=LEAST)
-        return Eliminated(z, s, x, d, B * z * (s - d), A, J, y - x * J)
+        return Eliminated(z, s, x, d, B * z * (s - d), *eliminated(x, s * I - B * d, 1))
 
     def mean(self, values: Any) -> Any:
         """Return sum x values / A."""

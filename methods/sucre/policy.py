@@ -5,7 +5,7 @@
 | stored intensities or linear light | `nearer_encoding` | `NearerEncoding` |
 | which observations count less | `weighted` | `Weighted`, None for none |
 | colours held above zero | `held_above_zero` | `WaterFit`, None if the free fit stays |
-| light that differs | `choose.choose` | `Chosen` |
+| light that differs | `choose` | `Chosen` |
 | the water, or the photograph without one | `is_guess` | bool |
 | blur that is not the footprint's | `blurred` | a sentence, None for none |
 | what becomes of a veil that is not determined | `veil_of` | `Veil` |
@@ -16,6 +16,18 @@ encoding=auto takes the encoding in which the model explains more. Water acts on
 of it, and the curve is often near sRGB. Where it is, the model explains linear light better; where the file holds
 something else, as the demo does, stored intensities. The water is fitted to equal footprints in both, and the residuals
 of linear light are divided by the slope of the curve. So both are in stored units, in which noise is alike.
+
+One rule decides which parts of light (light.py) the observations pay for: pixels that no fit has seen. The image is cut
+into tiles. Each model is fitted to every second tile and judged on the others, then the reverse. Its cost is the
+bounded misfit of robust.py, in units of the noise without the new part. Errors within a tile are alike, so tiles count
+as the independent ones: a model is taken if the mean gain over the tiles is more than three of its standard errors, and
+more than a small share of the cost. Even light is judged against gains of views and channels with a lens. How much of
+each there is, their spreads tell (light.py); a part without any is left out. Then a strobe is judged in place of the
+lens.
+
+Gains can stand for attenuation, where each view sees the ground from another distance. Then they explain a little, and
+beta is known worse with them. Where light does differ, residuals fall so much that beta is known better, though there
+are more unknowns. So gains are taken only if the errors of beta fall; else a lens is judged alone.
 """
 
 from __future__ import annotations
@@ -32,23 +44,25 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import NotApplicableError, SolveError
 from sucre_bench.imaging.display import normalisation
 from sucre_bench.machine.compute import Device
-from sucre_bench.methods.sucre.choose import Chosen, choose
-from sucre_bench.methods.sucre.diagnostics import (
-    FAR_COLOURS,
-    clustered,
-    far_colours,
-    is_determined,
-    rescaled_to_noise,
-    uncertainty_of,
-)
 from sucre_bench.methods.sucre.exact import WaterFit, fit
 from sucre_bench.methods.sucre.known_water import shared_water, water_of
-from sucre_bench.methods.sucre.light import Light, Parts, Sample, fit_light, parts_of
+from sucre_bench.methods.sucre.light import (
+    TILES,
+    Light,
+    LightFit,
+    Parts,
+    Problem,
+    Sample,
+    fit_light,
+    parts_of,
+    residuals_in,
+)
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.paper import start_of
 from sucre_bench.methods.sucre.passes import Backend, opened
-from sucre_bench.methods.sucre.refine_noise import decoding_slope, residuals_of
+from sucre_bench.methods.sucre.refine_noise import decoding_slope
 from sucre_bench.methods.sucre.robust import (
+    C2,
     WRONG,
     contradicted_views,
     fit_robustly,
@@ -59,13 +73,20 @@ from sucre_bench.methods.sucre.robust import (
     trusted,
 )
 from sucre_bench.methods.sucre.solution import (
+    FAR_COLOURS,
     SAMPLE,
     Course,
     LightRecord,
     Observed,
     Solution,
+    clustered,
     coloured,
+    far_colours,
+    is_determined,
+    rescaled_to_noise,
+    residuals_of,
     sampled,
+    uncertainty_of,
 )
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.plugins.call_method import display_of
@@ -383,26 +404,21 @@ class Veil(Enum):
 
 
 def veil_of(observations: Observations, solution: Solution, options: Any) -> Veil:
-    """Decide what becomes of the veil of most channels. Under water a strobe always makes one."""
+    """Decide what becomes of the veil of most channels. Under water a strobe always makes one.
+
+    In air, where no channel is attenuated, there is none. At least one channel must tell it, by the standard error of
+    its beta: distances that are all alike tell nothing. One whose beta is 0, the end of the range, has no such error.
+    """
     if is_determined(solution.uncertainty):
         return Veil.KNOWN
     if solution.is_under_strobe:
         return Veil.DARKEST if options.refine else Veil.UNSAID
-    if solution.is_photograph or _is_in_air(observations, solution):
-        return Veil.KNOWN
-    return Veil.UNSAID if normalisation(display_of(options)).removes_offsets else Veil.SAID
-
-
-def _is_in_air(observations: Observations, solution: Solution) -> bool:
-    """Return whether the observations show that no channel is attenuated, so that there is no veil either.
-
-    At least one channel must tell it, by the standard error of its beta: distances that are all alike tell nothing. One
-    whose beta is 0, the end of the range, has no standard error.
-    """
     far = float(np.quantile(observations.distance, 0.95))
     error = solution.uncertainty.standard_error.beta * far
-    known = np.isfinite(error)
-    return bool((solution.water.beta * far < _CLEAR).all() and known.any() and (error[known] < _CLEAR).all())
+    told = error[np.isfinite(error)] < _CLEAR
+    if solution.is_photograph or ((solution.water.beta * far < _CLEAR).all() and len(told) and told.all()):
+        return Veil.KNOWN
+    return Veil.UNSAID if normalisation(display_of(options)).removes_offsets else Veil.SAID
 
 
 # -- encoding -------------------------------------------------------------------------------------------------
@@ -456,3 +472,117 @@ def _residual(
     recorded = explained if sample.weight is None else explained * np.sqrt(sample.weight)
     r = r / slope(recorded.clip(0, 1))
     return float(np.median(np.abs(r / np.sqrt(1 - h.clip(0, _ALONE)))[h < _ALONE]))
+
+
+# -- which parts of light the observations pay for -------------------------------------------------------
+
+
+# Pixels that parts are chosen on, the fewest worth it, and pixels that the chosen light is fitted to.
+_TRIED_ON, _FEWEST, _FITTED = 1_500, 200, 4_000
+
+# Standard errors, and the share of the cost, that a part must gain.
+_SURE, _SHARE = 3.0, 0.1
+
+# With gains, the standard errors of beta must be below this share of those without, in the mean of the channels. They
+# are at .05 to .55 where light differs, at .9 to 2.6 on photographs of a camera with manual exposure.
+_SHARPER = 0.8
+
+# The share of the squared residuals that a rough descent must save before more is fitted, which saves time.
+_PROMISED = 0.1
+
+# All but a strobe. A strobe is tried where the lens leaves less light than this in the corners, which saves time.
+_ALL, _LENS, _DIM = Parts(gains=3, lens=True), Parts(lens=True), 0.8
+
+# From here on, a channel may have been cut off.
+_FULL = 0.99
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """A model that was judged: its gain as a share of the cost, and in standard errors."""
+
+    parts: Parts
+    gain: float
+    sigmas: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chosen:
+    """The light of the chosen parts, None for even light, and the models that were judged."""
+
+    fit: LightFit | None
+    tried: tuple[Tried, ...] = ()
+
+
+def choose(
+    matched: Observations, target: str, water: WaterParameters, parts: Parts | None, *, may_be_strobe: bool
+) -> Chosen:
+    """Return the light of observations with `view` and `ray`; target: a name; water: fitted in even light.
+
+    parts: None to choose them.
+    """
+    whole = uncut(matched)
+    if whole.n_repeated < _FEWEST or parts == Parts():
+        return Chosen(None)
+    tried: list[Tried] = []
+    if parts is None:
+        few = Sample.of(sampled(whole, _TRIED_ON, singles=False, seed=0), target)
+        parts, tried = _chosen(few, water, robust_noise(whole, water), may_be_strobe=may_be_strobe)
+        if parts == Parts():
+            return Chosen(None, tuple(tried))
+    sample = Sample.of(sampled(whole, _FITTED, singles=False, seed=0), target)
+    return Chosen(fit_light(sample, parts, Light.even(water, sample.views)), tuple(tried))
+
+
+def uncut(observations: Observations) -> Observations:
+    """Return the pixels that no view shows with a channel at the end of the scale, where light is cut off."""
+    kept = np.ones(len(observations.pixels), dtype=bool)
+    for n, part in observations.slots():
+        kept[:n] &= (observations.intensity(part) < _FULL).all(axis=0)
+    return observations if kept.all() else observations.take(np.flatnonzero(kept))
+
+
+def _chosen(sample: Sample, water: WaterParameters, noise: Array, *, may_be_strobe: bool) -> tuple[Parts, list[Tried]]:
+    """Return the parts of light that count, and every model that was judged."""
+    tile, fold = sample.tile[0] * TILES + sample.tile[1], sample.tile.sum(axis=0) % 2
+    halves = [(sample.take(fold == k), tile[fold == k]) for k in range(2)]
+    light, tried = Light.even(water, sample.views), list[Tried]()
+    if min(len(tile) for _, tile in halves) < _FEWEST // 2:  # what views share lies in few tiles
+        return light.parts, tried
+    problem = Problem(sample, _ALL)
+    start = problem.unknowns(light)
+    if not problem.descend(start, _PROMISED)[1].cost < (1 - _PROMISED) * problem.system(start).cost:
+        return light.parts, tried
+    parts, better, cost = light.parts, _ALL, _held_out(halves, light.parts, light, noise)
+    lens: LightFit | None = None
+    while True:
+        new = _held_out(halves, better, light, noise)
+        gain = (cost - new)[cost + new > 0]
+        if len(gain) < 2:  # noise-free: nothing is left to explain
+            return parts, tried
+        sigmas = float(gain.mean() / max(gain.std(ddof=1) / np.sqrt(len(gain)), 1e-12))
+        tried.append(Tried(better, float(gain.sum() / cost.sum()), sigmas))
+        if not (tried[-1].gain > _SHARE and sigmas > _SURE):
+            return parts, tried
+        found = lens if lens and better == _LENS else fit_light(sample, better, light)
+        if better == _ALL and found.needed.gains:
+            lens = fit_light(sample, _LENS, light)
+            old = lens.error[:, 1]
+            if np.divide(found.error[:, 1], old, out=np.ones(3), where=old > 0).mean() >= _SHARPER:
+                better = _LENS
+                continue
+        parts, light, cost = found.needed, found.light, new
+        if parts.strobe or not may_be_strobe or light.least > _DIM:
+            return parts, tried
+        better = replace(parts, lens=False, strobe=True)
+
+
+def _held_out(halves: list[tuple[Sample, Array]], parts: Parts, light: Light, noise: Array) -> Array:
+    """Return the bounded misfit of each tile, from the fit to the other half."""
+    cost = np.zeros(TILES**2)
+    for (fitted, _), (judged, tile) in (halves, halves[::-1]):
+        found = fit_light(fitted, parts, light).light
+        r, _, leverage = residuals_in(judged, replace(found, gains=np.nan_to_num(found.gains)))
+        squares = (r**2 / noise[:, None, None] ** 2 / np.maximum(1 - leverage, 1e-3)).sum(axis=0)
+        cost += np.bincount(tile, (squares / (1 + squares / C2)).sum(axis=1), TILES**2)
+    return cost

@@ -28,10 +28,8 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Indices, evenly
 from sucre_bench.errors import SolveError
-from sucre_bench.methods.sucre.diagnostics import CHANNELS, WaterUncertainty, is_determined
 from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.methods.sucre.refine_noise import residuals_of
-from sucre_bench.methods.sucre.solution import Solution
+from sucre_bench.methods.sucre.solution import CHANNELS, Solution, WaterUncertainty, is_determined, residuals_of
 from sucre_bench.methods.sucre.sucre import typed
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.plugins.call_method import is_stored_in_full, with_name

@@ -67,7 +67,8 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
-from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
+from sucre_bench.methods.sucre.model import transmission
+from sucre_bench.methods.sucre.solution import information_of, residuals_of
 from sucre_bench.multiview.observations import Observations
 
 if TYPE_CHECKING:
@@ -81,9 +82,6 @@ _LEAST_NOISE = 1e-3
 
 # Half the difference of intensities that the slope of the curve is taken over.
 _STEP = 0.5 / 255
-
-# The least transmission: less light says nothing about a colour, and its square would be no number in float32.
-_DARKEST = 1e-6
 
 # The least mean slope of the influence, as a share of the mean weight.
 _LEAST_SLOPE = 0.25
@@ -141,7 +139,7 @@ def calibrated(observations: Observations, solution: Solution, *, decoded: bool 
     trust = _trust(observations, solution)
     for n, part in observations.slots():
         a = transmission(observations.distance[part], solution.water.columns()[1].astype(np.float32))
-        information, v = _information(observations, a, part), trust[part]
+        information, v = information_of(observations, a, part), trust[part]
         A[:, :n] += v * information
         At2[:, :n] += v**2 * information * _slope(observations, part, decoded) ** 2
         A2[:, :n] += (v * information) ** 2
@@ -187,30 +185,6 @@ def noise_parts(observations: Observations, solution: Solution, *, decoded: bool
     return np.stack([np.maximum(sigma, _LEAST_NOISE), tau])
 
 
-def residuals_of(
-    observations: Observations, J: Array, water: WaterParameters, v: Array | float = 1.0
-) -> tuple[Array, Array, Array, Array]:
-    """Return of observations the residuals sqrt(w) (I - J a - b), leverages h, information w a^2, and J a + b.
-
-    All are (3, N), of the type of J (3, P). v: (3, N), robust parts of the weights. h = v w a^2 / sum v w a^2 over the
-    pixel, so that r has the variance of the noise times 1 - h.
-    """
-    place = np.concatenate([np.arange(n) for n, _ in observations.slots()])
-    z, everything = observations.distance.astype(J.dtype), slice(None)
-    B, beta, gamma = (column.astype(J.dtype) for column in water.columns())
-    a = transmission(z, beta)
-    information = _information(observations, a, everything)
-    I = observations.intensity(everything)  # noqa: E741
-    r = I - J[:, place] * a - veil(z, B, gamma)
-    known, total = v * information, np.zeros_like(J)
-    for n, part in observations.slots():
-        total[:, :n] += known[:, part]
-    total = total[:, place]
-    h = np.divide(known, total, out=np.zeros_like(known), where=total > 0)
-    root = 1.0 if observations.weight is None else np.sqrt(observations.weight)
-    return root * r, h, information, I - r
-
-
 def _trust(observations: Observations, solution: Solution) -> Array:
     return np.ones(len(observations), dtype=np.float32) if solution.trust is None else solution.trust
 
@@ -232,12 +206,6 @@ def decoding_slope(linear: Array) -> Array:
     """Return how much linear light changes with the stored intensity, for linear intensities, float32."""
     stored = srgb_encode(linear)
     return np.asarray((srgb_decode(stored + _STEP) - srgb_decode(stored - _STEP)) / (2 * _STEP), dtype=np.float32)
-
-
-def _information(observations: Observations, a: Array, part: slice) -> Array:
-    """Return w a^2 (3, n) of observations with transmission a."""
-    a = a.clip(min=_DARKEST)
-    return np.asarray(a * a if observations.weight is None else observations.weight[..., part] * a * a)
 
 
 # -- two channels follow the third ---------------------------------------------------------------------------

@@ -148,43 +148,32 @@ _AGREE = 1.5
 _CLASSES, _MEDIAN_OF_SQUARE, _LEAST_NOISE = 12, 0.455, 2e-3
 
 
-@dataclass(frozen=True, eq=False)
-class Target:
-    """What the target itself shows: intensity (H, W, 3) as fitted, distance (H, W) metres, 0 where unknown.
-
-    is_wrong: (H, W) pixels that the other views agree to contradict, where robust weights tell.
-    """
-
-    intensity: Array
-    distance: Array
-    is_wrong: Mask | None = None
-
-    @property
-    def half(self) -> int:
-        return max(_FEWEST, round(_HALF * self.distance.shape[1]))
-
-
-def corrected_edges(target: Target, J: Array, deviation: Array, water: WaterParameters) -> tuple[Array, Array]:
+def corrected_edges(
+    intensity: Array, z: Array, J: Array, deviation: Array, water: WaterParameters, is_wrong: Mask | None = None
+) -> tuple[Array, Array]:
     """Return colours and standard deviations (H, W, 3) float32 with those of contradicted pixels corrected.
 
-    J, deviation: NaN without depth. A corrected colour has the deviation of a single observation, as far as it is one.
+    intensity: (H, W, 3) of the target, as fitted; z: (H, W) metres, 0 where unknown; J, deviation: NaN without depth;
+    is_wrong: (H, W) pixels that the other views agree to contradict, where robust weights tell. A corrected colour has
+    the deviation of a single observation, as far as it is one.
     """
     import cv2
 
-    known = np.isfinite(J + target.intensity).all(axis=-1) & (target.distance > 0)
-    own, a = _alone(target.intensity, target.distance, water)
+    known, half = np.isfinite(J + intensity).all(axis=-1) & (z > 0), max(_FEWEST, round(_HALF * z.shape[1]))
+    parameters = (column.astype(np.float32)[:, 0] for column in water.columns())
+    own, a = inverted(intensity.astype(np.float32), z[..., None].astype(np.float32), parameters, _FAINTEST)
     difference = np.where(known[..., None], own - J, np.float32(0))
-    most = _CLIPPED * _deviation(difference, a, target.distance, known)
-    n = np.maximum(box_sum(known.astype(np.float32), target.half), 1)[..., None]
-    e = difference - box_sum(difference.clip(-most, most).astype(np.float32), target.half) / n
+    most = _CLIPPED * _deviation(difference, a, z, known)
+    n = np.maximum(box_sum(known.astype(np.float32), half), 1)[..., None]
+    e = difference - box_sum(difference.clip(-most, most).astype(np.float32), half) / n
     e[~known] = 0
-    noise = _deviation(e, a, target.distance, known)
+    noise = _deviation(e, a, z, known)
     chi = ((e / np.maximum(noise, _LEAST_NOISE / a)) ** 2).mean(axis=-1)
     share = np.where(known, np.clip((chi - _DOUBT) / (_SURE - _DOUBT), 0, 1), 0)[..., None]
-    if target.is_wrong is not None:
+    if is_wrong is not None:
         spots = share[..., 0] > 0
         _, spot, sizes, _ = cv2.connectedComponentsWithStats(spots.astype(np.uint8), connectivity=8)
-        share[spots & (sizes[spot, cv2.CC_STAT_AREA] <= target.half**2) & target.is_wrong] = 0
+        share[spots & (sizes[spot, cv2.CC_STAT_AREA] <= half**2) & is_wrong] = 0
     rest = np.multiply(1 - share, deviation, out=np.zeros_like(noise), where=share < 1)  # deviations may be infinite
     left = np.sqrt(rest**2 + (share * noise) ** 2)
     left = np.maximum(left, np.where(np.isfinite(deviation), deviation, 0))  # one tells no more than all of them
@@ -203,12 +192,6 @@ def wrong_in_target(observations: Observations, v: Array, target: str) -> Mask:
     wrong = np.zeros(observations.shape, dtype=bool)
     wrong.ravel()[observations.pixels[own[(v[is_own] < WRONG) & (others[own] > _AGREE)]]] = True
     return wrong
-
-
-def _alone(intensity: Array, distance: Array, water: WaterParameters) -> tuple[Array, Array]:
-    """Return the colours (..., 3) that intensities alone have at distances (...,), and the transmission."""
-    parameters = (column.astype(np.float32)[:, 0] for column in water.columns())
-    return inverted(intensity.astype(np.float32), distance[..., None].astype(np.float32), parameters, _FAINTEST)
 
 
 def _deviation(e: Array, a: Array, distance: Array, known: Mask) -> Array:
@@ -287,8 +270,8 @@ def _of_many_views(seen: Observed, solution: Solution) -> Solution:
 
     J, deviation = evened(observations, solution.J, solution.water, view.name), solution.deviation
     if seen.options.robust is not True:
-        target = Target(seen.intensities, view.distance, is_wrong)
-        images = corrected_edges(target, observations.image(J), observations.image(deviation), solution.water)
+        images = observations.image(J), observations.image(deviation)
+        images = corrected_edges(seen.intensities, view.distance, *images, solution.water, is_wrong)
         J, deviation = map(by_pixel, images)
     J, deviation = map(by_pixel, followed(observations.image(J), observations.image(deviation)))
     return replace(solution, J=J, deviation=deviation)

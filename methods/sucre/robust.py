@@ -30,7 +30,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.machine.compute import usable_cores
-from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
+from sucre_bench.methods.sucre.model import LEAST, WaterParameters, eliminated, transmission, veil
 from sucre_bench.methods.sucre.passes import Block, blocks, fill
 from sucre_bench.multiview.observations import Observations
 
@@ -206,11 +206,10 @@ def _weights(t: Array) -> Array:
 
 
 def _studentised(x: Array, y: Array, v: Array) -> Array:
-    vx = v * x
-    A = np.maximum((vx * x).sum(axis=1, keepdims=True), np.finfo(np.float32).tiny)
-    r = y - (vx * y).sum(axis=1, keepdims=True) / A * x
+    A, _, r = eliminated(x, y, 1, v)
+    alone = 1 - v * x * x / A.clip(min=LEAST)
     # An observation that is alone has no residual but rounding.
-    return np.where(1 - vx * x / A > 1e-4, r / np.sqrt(np.maximum(1 - vx * x / A, 1e-4)), 0)
+    return np.where(alone > 1e-4, r / np.sqrt(np.maximum(alone, 1e-4)), 0)
 
 
 def _l1_minimum(x: Array, y: Array) -> Array:

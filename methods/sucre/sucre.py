@@ -249,17 +249,15 @@ def check(options: Any, method: str) -> None:
     parts = parts_of(options.light, f"{method}.light")
     if options.one_coefficient and options.water not in ("own", "shared"):
         raise InputError(f"{water}: has both coefficients; give {method}.one_coefficient=false")
-    extras = {"robust": options.robust is True, "light": parts not in (None, Parts())}
-    if options.water != "own" and any(extras.values()):
-        name = next(name for name, is_set in extras.items() if is_set)
-        raise InputError(f"{method}.{name}: is found with the image's own water; leave out {water}")
-    if parts is not None and parts.strobe and options.one_coefficient:
+    found_with_own = "robust" if options.robust is True else "light" if parts not in (None, Parts()) else ""
+    if options.water != "own" and found_with_own:
+        raise InputError(f"{method}.{found_with_own}: is found with the image's own water; leave out {water}")
+    is_strobe = parts is not None and parts.strobe
+    if is_strobe and options.one_coefficient:
         raise InputError(f"{method}.light: the veil of a strobe is not eq. 1; give {method}.one_coefficient=false")
-    if parts is not None and parts.strobe and (options.fill or options.colours == "single_view"):
-        name = "fill" if options.fill else "colours"
-        raise InputError(
-            f"{method}.{name}: a strobe's light on pixels without depth is not known; use {method}.light=auto"
-        )
+    if is_strobe and (options.fill or options.colours == "single_view"):
+        fault = "a strobe's light on pixels without depth is not known"
+        raise InputError(f"{method}.{'fill' if options.fill else 'colours'}: {fault}; use {method}.light=auto")
     for name, value in (("backend", "torch"), ("backend", "jax"), ("device", "cuda")):
         if getattr(options, name) == value:
             library = "jax" if options.backend == "jax" else "torch"

@@ -15,13 +15,11 @@ from support.made_observations import parameters
 from sucre_bench import Arrays, InputError, Restoration, Scene, Water
 from sucre_bench.imaging.display import display
 from sucre_bench.methods.sucre import Sucre, SucrePlus
-from sucre_bench.methods.sucre.choose import choose
-from sucre_bench.methods.sucre.light import Light, Parts, Problem, Sample
+from sucre_bench.methods.sucre.light import Light, Lit, Parts, Problem, Sample, Strobe
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.passes import opened
-from sucre_bench.methods.sucre.policy import nearer_encoding
+from sucre_bench.methods.sucre.policy import choose, nearer_encoding
 from sucre_bench.methods.sucre.solution import Observed, sampled
-from sucre_bench.methods.sucre.strobe import Lit, Strobe
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
 from sucre_bench.plugins.registry import using
@@ -186,7 +184,7 @@ def test_a_strobes_veil_is_its_light_scattered_once() -> None:
     x, y = Y[:2] / d
     light = (2 / d) ** 2 * np.exp(0.1 * x - x * x - 1.2 * y * y) * np.exp(-beta * d - gamma * t)
     expected = B * gamma * light.mean() * z
-    assert Lit.of(strobe, ray, np.array([z])).veil((B, beta, gamma))[0] == pytest.approx(expected, rel=0.01)
+    assert Lit.of(strobe, ray, np.array([z])).eq_6((B, beta, gamma))[1][0] == pytest.approx(expected, rel=0.01)
 
 
 # -- the fit -------------------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ import numpy as np
 from support.made_ground import WATERS
 
 from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.methods.sucre.refine_views import Target, corrected_edges
+from sucre_bench.methods.sucre.refine_views import corrected_edges
 
 SHAPE = (80, 120)
 ROW, COLUMN = np.mgrid[: SHAPE[0], : SHAPE[1]]
@@ -31,8 +31,8 @@ def test_only_small_spots_that_are_wrong_in_the_image_itself_stay_as_other_views
     snow, fish = (ROW % 16 == 4) & (COLUMN % 16 == 4), (ROW >= 66) & (COLUMN >= 90)
     I[snow | fish] = 0.9
     deviation = np.full((*SHAPE, 3), 0.01, np.float32)
-    target = Target(I, np.where(BOARD, NEAR, FAR), is_wrong=snow | fish)
-    found, _ = corrected_edges(target, J.astype(np.float32), deviation, WATER)
+    distance = np.where(BOARD, NEAR, FAR)
+    found, _ = corrected_edges(I, distance, J.astype(np.float32), deviation, WATER, is_wrong=snow | fish)
     flake, fin = (np.abs(found - J)[where].min(axis=-1) for where in (snow & ~fish, fish))
     assert flake.max() < 0.02
     assert np.median(fin) > 0.5
@@ -48,7 +48,7 @@ def test_pixels_that_other_views_show_wrongly_get_what_the_image_shows_and_its_n
     deviation = np.full((*SHAPE, 3), 0.002, np.float32)
     untold = (ROW < 40) & (COLUMN < 60)  # a deviation may be infinite
     deviation[untold] = np.inf
-    found, left = corrected_edges(Target(I, distance), paired, deviation, WATER)
+    found, left = corrected_edges(I, distance, paired, deviation, WATER)
     assert np.abs(found - J)[wrong].mean() < 0.04
     assert (left[wrong & ~untold] > deviation[wrong & ~untold]).all()
     assert not np.isnan(left).any()
@@ -64,7 +64,7 @@ def test_a_pixel_that_shows_what_the_image_shows_is_not_known_better_than_from_a
     wrong = (ROW % 9 == 4) & (COLUMN % 9 == 4)
     paired = np.where(wrong[..., None], J + 0.3, J).astype(np.float32)
     deviation = np.full((*SHAPE, 3), 0.4, np.float32)  # the light of the views differs, so no colour is known well
-    found, left = corrected_edges(Target(I, distance), paired, deviation, WATER)
+    found, left = corrected_edges(I, distance, paired, deviation, WATER)
     assert np.abs(found - J)[wrong].mean() < 0.1
     assert (left[wrong] >= deviation[wrong]).all()
 
@@ -76,7 +76,7 @@ def test_where_views_agree_nothing_changes_and_holes_stay() -> None:
     colours = np.where(hole[..., None], np.nan, J).astype(np.float32)
     I[70, 100] = np.nan
     deviation = np.full((*SHAPE, 3), 0.01, np.float32)
-    found, left = corrected_edges(Target(I, np.where(hole, 0, distance)), colours, deviation, WATER)
+    found, left = corrected_edges(I, np.where(hole, 0, distance), colours, deviation, WATER)
     np.testing.assert_array_equal(np.isnan(found), np.isnan(colours))
     known = ~hole
     assert np.mean(found[known] == colours[known]) > 0.99
