@@ -110,7 +110,13 @@ def matched_footprints(
 
     with ThreadPoolExecutor(min(usable_cores(), len(chosen))) as pool:
         landings = [landing for landing in pool.map(land, chosen) if landing is not None]
-        common = _common_footprint(landings, len(surface.pixels))
+        smallest, coarsest = np.full(len(surface.pixels), np.inf), np.tile(np.eye(2), (len(surface.pixels), 1, 1))
+        for landing in landings:
+            area = np.abs(np.linalg.det(landing.to_view))
+            smaller = area < smallest[landing.places]
+            smallest[landing.places[smaller]] = area[smaller]
+            coarsest[landing.places[smaller]] = landing.to_view[smaller]
+        common = np.linalg.inv(coarsest)  # A_c^-1 (P, 2, 2); the identity for points that no view shows
         seen = list(pool.map(colours, landings))
     shape = surface.camera.height, surface.camera.width
     observations = arrange(shape, [one for one in seen if len(one.pixels)], with_view=with_view)
@@ -183,17 +189,6 @@ def _land(
     landing = _Landing(view, matches, places, at.T, points[2], A, np.zeros_like(at.T)).only(is_seen)
     slope = np.linalg.solve(landing.to_view.swapaxes(1, 2), steps[2][is_seen][..., None])[..., 0]
     return replace(landing, slope=slope)
-
-
-def _common_footprint(landings: Sequence[_Landing], n_points: int) -> Array:
-    """Return A_c^-1 (P, 2, 2) of each point's coarsest view; the identity for points that no view shows."""
-    smallest, coarsest = np.full(n_points, np.inf), np.tile(np.eye(2), (n_points, 1, 1))
-    for landing in landings:
-        area = np.abs(np.linalg.det(landing.to_view))
-        smaller = area < smallest[landing.places]
-        smallest[landing.places[smaller]] = area[smaller]
-        coarsest[landing.places[smaller]] = landing.to_view[smaller]
-    return np.linalg.inv(coarsest)
 
 
 def _seen(landing: _Landing, common: Array, k: float, encoding: Kept, with_ray: bool) -> Seen:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, MissingFileError
 
 Matching = Literal["auto", "exhaustive", "sequential"]
 CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"]
@@ -26,7 +26,8 @@ class Options:
     0: not at all; surface: plane sweep or relief of the sparse points, by number if "auto"; depth_size: longest side in
     pixels of swept images; model: of another program, whose poses are kept; mesh: in the frame of that model, for the
     depths; depth: folder of depth or disparity maps of the photos, in any unit.
-    Raises InputError for a focal length that no camera has.
+    Raises InputError for a focal length that no camera has, for options that exclude each other, and for a path that
+    does not exist.
     """
 
     masks: Path | None = None
@@ -45,3 +46,13 @@ class Options:
         if self.focal is not None and not 0.2 <= self.focal <= 10:  # fields of view of 136 and 6 degrees
             remedy = "divide pixels by the photo's longer side, or a 35 mm equivalent in millimetres by 36"
             raise InputError(f"{self.focal:g} is not from 0.2 to 10 widths", "--focal", remedy)
+        if self.focal and self.model:
+            raise InputError("is part of the model that --model gives", "--focal", "give one of them")
+        if self.mesh and self.depth:
+            raise InputError("gives depths, as --depth does", "--mesh", "give one of them")
+        if self.mesh and not self.model:
+            fault = "is in the frame of a model, and a new model of the photos has another one"
+            raise InputError(fault, "--mesh", "add --model with the model that it was made with")
+        for option, path in (("--model", self.model), ("--mesh", self.mesh), ("--depth", self.depth)):
+            if path is not None and not path.exists():
+                raise MissingFileError("no such file or folder", path, f"correct {option}")

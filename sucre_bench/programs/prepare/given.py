@@ -193,7 +193,6 @@ def _read_map(path: Path, shot: Shot, lens: Lens | None) -> Array:
 # -- models ------------------------------------------------------------------------------------------------
 
 _FEWEST_ON_AVERAGE = 20  # a photo, on average, of a COLMAP model whose points are kept
-_UNDISTORTED = "undistort the photos in that program, and give these with their model"
 
 
 def given_model(model: Path, photos: Sequence[Photo], folder: Path, work: Path, options: Options) -> Mapped:
@@ -226,7 +225,13 @@ def given_model(model: Path, photos: Sequence[Photo], folder: Path, work: Path, 
         kept := adopted(sparse, {name: photo for name, (_, photo) in found.items()}, work, _FEWEST_ON_AVERAGE)
     ):
         return replace(kept, damaged=faults)
-    given = {photo.key: _at_size(one, photo.size, model) for one, photo in found.values()}
+    given: dict[str, Posed] = {}
+    for one, photo in found.values():
+        lens = one.lens or Lens(one.camera)
+        if type(lens) is not Lens:
+            fault = f"the lens of {one.name} has terms that COLMAP's models lack (b2, k4, p3 or p4)"
+            raise InputError(fault, model, "undistort the photos in that program, and give these with their model")
+        given[photo.key] = replace(one, camera=scaled_camera(lens.camera, photo.size), lens=lens)
     options = replace(options, cameras="image")  # each photo has the camera of the model
     mapped = map_photos([photo for _, photo in found.values()], work, options, given)
     return replace(mapped, attempt="given", damaged=mapped.damaged | faults)
@@ -253,12 +258,3 @@ def _posed(model: Path, folder: Path) -> list[Posed]:
         for view in views
         if view.camera is not None and view.cam_from_world is not None
     ]
-
-
-def _at_size(one: Posed, size: tuple[int, int], model: Path) -> Posed:
-    """Return the image with its distorted camera at a size (width, height). Raises InputError for a lens of others."""
-    lens = one.lens or Lens(one.camera)
-    if type(lens) is not Lens:
-        fault = f"the lens of {one.name} has terms that COLMAP's models lack (b2, k4, p3 or p4)"
-        raise InputError(fault, model, _UNDISTORTED)
-    return replace(one, camera=scaled_camera(lens.camera, size), lens=lens)

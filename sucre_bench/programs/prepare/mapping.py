@@ -209,10 +209,12 @@ def _match(database: Path, names: Sequence[str], options: Options, attempt: _Att
     Return whether there is a logo.
     """
     pycolmap = load_pycolmap()
-    pairs = list(itertools.combinations(names, 2))
-    if options.matching == "sequential" or (options.matching == "auto" and len(names) > _MOST_EXHAUSTIVE):
+    is_long = options.matching == "auto" and len(names) > _MOST_EXHAUSTIVE
+    if options.matching == "sequential" or is_long:
         starts = enumerate(names)
         pairs = [(name, names[i + step]) for i, name in starts for step in _SEQUENTIAL if i + step < len(names)]
+    else:
+        pairs = list(itertools.combinations(names, 2))
     matching, verification = pycolmap.FeatureMatchingOptions(), pycolmap.TwoViewGeometryOptions()
     matching.use_gpu, matching.guided_matching = False, attempt.guided and len(pairs) <= _GUIDED_PAIRS
     matching.num_threads = 1  # with more, one run in a hundred found other matches

@@ -9,7 +9,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sucre_bench.errors import InputError, MissingFileError, PluginError, SucreBenchError
+from sucre_bench.errors import InputError, PluginError, SucreBenchError
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.files import check_working_folder, is_want_of_room, not_writable, read_json, write_atomically
@@ -70,7 +70,6 @@ def prepare(
 
 def _prepare(folder: Path, out: Path, options: Options, known: Known, again: bool) -> Prepared:
     work, images = out / ".prepare", out / "images"
-    _check_options(options)
     check_working_folder(out, ".prepare", [folder])
     photos, damaged = find_photos(folder, options.masks, options.max_size, out)
     before = read_record(out)
@@ -165,19 +164,6 @@ def _stamps(path: Path | None) -> list[object]:
     return [path.resolve(), *((file.name, file.stat().st_size, file.stat().st_mtime_ns) for file in files)]
 
 
-def _check_options(options: Options) -> None:
-    if options.focal and options.model:
-        raise InputError("is part of the model that --model gives", "--focal", "give one of them")
-    if options.mesh and options.depth:
-        raise InputError("gives depths, as --depth does", "--mesh", "give one of them")
-    if options.mesh and not options.model:
-        fault = "is in the frame of a model, and a new model of the photos has another one"
-        raise InputError(fault, "--mesh", "add --model with the model that it was made with")
-    for option, path in (("--model", options.model), ("--mesh", options.mesh), ("--depth", options.depth)):
-        if path is not None and not path.exists():
-            raise MissingFileError("no such file or folder", path, f"correct {option}")
-
-
 def _check_asked(file: Path, asked: Mapping[str, Any], again: bool) -> None:
     """Refuse to replace a result made with other options by accident; the scale may always change."""
     before = read_json(file, "name a new folder") if file.is_file() else asked
@@ -234,7 +220,8 @@ def _warnings(mapped: Mapped, unplaced: int, faults: Mapping[str, str]) -> tuple
     if unplaced > 1 and mapped.attempt != "given":
         sizes = f" (groups of {' and '.join(map(str, mapped.groups[1:]))} fit each other)" if mapped.groups[1:] else ""
         apart = f"{unplaced} photos fit nowhere among the {len(mapped.registered)} that are used{sizes}"
-        warnings.insert(0, f"{apart}; prepare another place from a folder of its own, or add photos between")
+        remedy = "prepare another place from a folder of its own, add photos between, or hold a known --focal"
+        warnings.insert(0, f"{apart}; {remedy}")
     if mapped.has_logo:
         wrong = "something stands at one place of all photos, as a logo does, and its depth is wrong"
         warnings.insert(0, f"{wrong}; mask it with `sucre-bench prepare --masks`")

@@ -157,10 +157,15 @@ def sweep(
     best = _Best._make([*scores, np.zeros(gray.shape, dtype=np.int16)])
     product, square = np.empty_like(gray), np.empty_like(gray)
     compare, decide = compiled(_compare), compiled(_decide)
+    half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])  # OpenCV has pixel centres at whole numbers
+    whole, K_inv, size = np.linalg.inv(half), np.linalg.inv(shot.camera.K), (shot.camera.width, shot.camera.height)
+    poses = [relative_pose(source.cam_from_world, shot.cam_from_world) for source in sources]
     for k, offset in enumerate(offsets):
         plane = slope + np.array([0, 0, offset])
-        for source, other in zip(sources, grays, strict=True):
-            warped = _warped(shot, source, other, plane)
+        for source, other, pose in zip(sources, grays, poses, strict=True):
+            # A point at pixel p of inverse depth w = plane . p is K_inv p / w: in the source K (R K_inv p + t w)
+            H = whole @ (source.camera.K @ (pose[:3, :3] @ K_inv + np.outer(pose[:3, 3], plane))) @ half
+            warped = np.asarray(cv2.warpPerspective(other, H, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP))
             cv2.multiply(gray, warped, product)
             cv2.multiply(warped, warped, square)
             means = tuple(np.asarray(cv2.blur(image, _WINDOW)) for image in (warped, square, product))
@@ -213,20 +218,6 @@ def _decide(k: int, two: bool, state: _Best) -> None:
                 after[y, x] = -1.0
             previous[y, x] = score
             first[y, x] = second[y, x] = -1.0
-
-
-def _warped(shot: Shot, source: Shot, gray: Array, plane: Array) -> Array:
-    """The source warped to the photo as if the scene were this plane; 0 outside the source."""
-    import cv2
-
-    pose = relative_pose(source.cam_from_world, shot.cam_from_world)
-    # A point at pixel p with inverse depth w = plane . p is K_inv p / w, so in the source K (R K_inv p + t plane . p).
-    H = source.camera.K @ (pose[:3, :3] @ np.linalg.inv(shot.camera.K) + np.outer(pose[:3, 3], plane))
-    half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])  # OpenCV has pixel centres at whole numbers
-    H = np.linalg.inv(half) @ H @ half
-    size = (shot.camera.width, shot.camera.height)
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return np.asarray(cv2.warpPerspective(gray, H, size, flags=flags))
 
 
 def _depth(camera: Camera, slope: Array, offsets: Array, state: _Best) -> Array:

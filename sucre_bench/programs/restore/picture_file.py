@@ -66,7 +66,11 @@ def encoded(picture: npt.NDArray[Any], photograph: bytes, quality: int) -> bytes
     photograph: content of its file; quality: of JPEG and WebP, 1 to 100. JPEG, WebP and BMP have 8 bits.
     """
     if photograph.startswith(_PNG):
-        return _png(bytes(encode_png(picture[..., ::-1])), photograph)
+        is_gray = photograph[25] in (0, 4)
+        left_out = _OF_PIXELS | ({b"iCCP"} if is_gray else set())
+        kept = [chunk for chunk in _chunks(photograph) if chunk[4:8] not in left_out]
+        head, *others = _chunks(bytes(encode_png(picture[..., ::-1])))
+        return _PNG + head + b"".join(kept) + b"".join(others)
     if photograph[:2] in (b"II", b"MM"):
         return _tiff(picture, photograph)
     return _by_pillow((picture >> 8).astype(np.uint8) if picture.dtype == np.uint16 else picture, photograph, quality)
@@ -128,15 +132,6 @@ def _without_preview(segment: bytes) -> bytes:
 
 
 # -- PNG and TIFF -----------------------------------------------------------------------------------------------
-
-
-def _png(made: bytes, photograph: bytes) -> bytes:
-    """A PNG with the chunks of a photograph that are about it, before its pixels."""
-    is_gray = photograph[25] in (0, 4)
-    left_out = _OF_PIXELS | ({b"iCCP"} if is_gray else set())
-    kept = [chunk for chunk in _chunks(photograph) if chunk[4:8] not in left_out]
-    head, *others = _chunks(made)
-    return _PNG + head + b"".join(kept) + b"".join(others)
 
 
 def _chunks(content: bytes) -> Iterator[bytes]:

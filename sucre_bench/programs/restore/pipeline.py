@@ -141,7 +141,14 @@ def restore(
         if source.is_dive:
             dataset = [word for word in options.words if word.startswith("dataset.")]
             source = replace(source, dataset=(*source.dataset, *dataset))
-            dive = _run(source, _words_of_dive(options), options.where, out, before)
+            display, known = method_choice(options.method, {}).display, option_names("method", options.method)
+            values = {name: value for name, value in _FOR_A_DIVE.items() if name in known}
+            if display != "none" and not is_of_scene(display):
+                values["display"] = f"{display}@scene"  # over all views
+            given = [word for word in options.words if word not in dataset]
+            named = {word.partition("=")[0].partition(".")[2] for word in given}
+            words = [f"method={options.method}", *(f"method.{k}={v}" for k, v in values.items() if k not in named)]
+            dive = _run(source, [*words, *given], options.where, out, before)
         done = {one.name for one in dive.restored}
         names = source.photographs or [*dive.faults, *done]
         if left := [name for name in names if name not in done]:
@@ -174,20 +181,6 @@ def _noted(source: Source, out: Path, options: Options) -> Path:
     if before != now:
         write_atomically(note, json.dumps(now, indent=1).encode())
     return note
-
-
-def _words_of_dive(options: Options) -> list[str]:
-    """The words for the dive's method: its own display over all views, and what `_FOR_A_DIVE` has."""
-    choice = method_choice(options.method, {})
-    known, given = option_names("method", options.method), {word.partition("=")[0] for word in options.words}
-    values = {name: value for name, value in _FOR_A_DIVE.items() if name in known}
-    if choice.display != "none" and not is_of_scene(choice.display):
-        values["display"] = f"{choice.display}@scene"
-    words = [
-        f"method.{k}={value}" for k, value in values.items() if not {f"method.{k}", f"{options.method}.{k}"} & given
-    ]
-    of_method = [word for word in options.words if not word.startswith("dataset.")]
-    return [f"method={options.method}", *words, *of_method]
 
 
 @dataclass(frozen=True, eq=False)
