@@ -1,16 +1,21 @@
-"""What the tests of the engine share: the toy plugins, and the command line as a user runs it."""
+"""What the tests share: the toy plugins, the command line as a user runs it, and that none leaves a process changed."""
 
 from __future__ import annotations
 
 import functools
 import gc
+import locale
+import logging
 import os
 import re
 import signal
+import socket
+import sys
 import tempfile
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -23,11 +28,11 @@ if not re.fullmatch(r"[\w./-]+", tempfile.gettempdir(), re.ASCII):  # tests writ
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", "/tmp")
 
 import numpy as np
-from support import process_state
 from support.command_line import Done, registry, run_here, run_program
 from support.places import TOYS
 
 from sucre_bench import plugins
+from sucre_bench.machine import terminal
 from sucre_bench.machine.compute import usable_cores
 
 gc.disable()  # until all tests are collected: what is imported stays
@@ -43,22 +48,22 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 SLOW = (
     "programs/contract/test_built_in.py",
     "engine/slurm/test_slurm.py",
-    "hostile/test_current_folder.py",
-    "reports/page/test_in_browser.py",
     "programs/prepare/test_prepare.py",
+    "reports/page/test_in_browser.py",
     "methods/sucre/test_light.py",
-    "engine/test_real_images.py",
     "methods/sucre/test_exact.py",
-    "hostile/test_plugins.py",
-    "engine/test_sweep.py",
     "methods/sucre/test_sucre.py",
     "programs/test_match_published.py",
+    "hostile/test_plugins.py",
     "engine/test_common_pixels.py",
-    "reports/test_mlflow.py",
-    "docs/test_tutorial.py",
-    "programs/verify/test_verify_bundle.py",
-    "programs/people/test_in_browser.py",
+    "engine/test_real_images.py",
     "programs/prepare/test_given.py",
+    "hostile/test_current_folder.py",
+    "reports/test_mlflow.py",
+    "programs/verify/test_verify_bundle.py",
+    "engine/test_sweep.py",
+    "docs/test_tutorial.py",
+    "programs/people/test_in_browser.py",
     "docs/test_site.py",
     "datasets/test_demo.py",
     "programs/contract/test_write_plugin.py",
@@ -96,6 +101,51 @@ def pytest_collection_finish() -> None:
     gc.set_threshold(10_000, 20, 20)
 
 
+# Variables of the environment that other packages set when they are imported or first used, and pytest's own.
+_THEIRS = ("PYTEST_", "TORCHINDUCTOR_", "TRITON_", "TF_CPP_", "TPU_", "TCM_", "KMP_", "LD_LIBRARY_PATH", "MLFLOW_")
+_THEIRS += ("QT_", "GRPC_")
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGALRM, signal.SIGCHLD, signal.SIGUSR1)
+
+# State of packages that some tests import.
+_OF: Mapping[str, Callable[[Any], object]] = {
+    "cv2": lambda cv2: cv2.getNumThreads(),
+    "jax": lambda jax: jax.config.jax_enable_x64,
+    # Past its own items(), which choose a backend.
+    "matplotlib": lambda mpl: {name: value for name, value in dict.items(mpl.rcParams) if name != "backend"},
+    "matplotlib.pyplot": lambda pyplot: pyplot.get_fignums(),
+    "pandas": lambda pandas: [pandas.get_option(f"display.{name}") for name in ("width", "max_rows", "precision")],
+    "torch": lambda torch: (torch.get_num_threads(), torch.get_default_dtype(), torch.is_grad_enabled()),
+}
+
+
+def snapshot() -> dict[str, object]:
+    """Return the state by name. Packages that are not imported have none."""
+    return {
+        "numpy's print options and error handling": (np.get_printoptions(), np.geterr()),
+        "the current folder": Path.cwd(),
+        "sys.path": list(sys.path),
+        "sys.argv": list(sys.argv),
+        "the hooks for exceptions": (sys.excepthook, threading.excepthook),
+        "the recursion limit": sys.getrecursionlimit(),
+        "the locale": locale.setlocale(locale.LC_ALL),
+        "logging's level": (logging.root.level, logging.root.manager.disable),
+        "the timeout of sockets": socket.getdefaulttimeout(),
+        "the terminal": (terminal.out.width, terminal.err.width, terminal.out.quiet, terminal.err.quiet),
+        "the registry": id(plugins.current()),
+        **{f"{kind} plugins": {*plugins.discover(kind)} for kind in plugins.KINDS},
+        **{f"the handler of {number.name}": signal.getsignal(number) for number in _SIGNALS},
+        **{f"os.environ[{name}]": value for name, value in os.environ.items() if not name.startswith(_THEIRS)},
+        **{f"the state of {name}": state(sys.modules[name]) for name, state in _OF.items() if name in sys.modules},
+    }
+
+
+def changed(before: Mapping[str, object], after: Mapping[str, object]) -> list[str]:
+    """Return what is other, gone or, of the environment, new: name, before and after."""
+    names = [name for name in before if name not in after or after[name] != before[name]]
+    names += [name for name in after if name.startswith("os.environ") and name not in before]
+    return [f"{name}: {before.get(name)} -> {after.get(name)}" for name in names]
+
+
 _before: dict[str, object] = {}
 
 
@@ -103,7 +153,7 @@ _before: dict[str, object] = {}
 def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
     """Note the state of the process before the test's fixtures, those of its module among them."""
     _before.clear()
-    _before.update(process_state.snapshot())
+    _before.update(snapshot())
     return (yield)
 
 
@@ -111,7 +161,7 @@ def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
 def pytest_runtest_teardown(item: pytest.Item) -> Iterator[None]:
     """Fail a test that leaves the process other than it was: the next test would depend on the order."""
     answer = yield
-    if left := process_state.changed(_before, process_state.snapshot()):
+    if left := changed(_before, snapshot()):
         pytest.fail("leaves the process changed\n" + "\n".join(left), pytrace=False)
     return answer
 

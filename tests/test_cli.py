@@ -114,12 +114,6 @@ def test_the_last_lines_say_what_came_out_and_where(bench, toys: str):
     assert "\x1b" not in done.stdout  # no colours where nobody sees them
 
 
-def test_no_page_is_written_where_none_is_wanted(bench, toys: str, tmp_path: Path):
-    bench("run", "--plugin", toys, "dataset=toy", "method=gain", "metrics=[psnr]", "tracking.uri=off", "report=False")
-    assert (tmp_path / "outputs" / "scores.parquet").exists()
-    assert not (tmp_path / "outputs" / "report").exists()
-
-
 def test_compare_reads_what_run_wrote(bench, toys: str):
     bench("run", "-m", "--plugin", toys, "dataset=toy", "method=gain", "method.gain=0.5,1", "metrics=[psnr,redness]",
           "tracking.uri=off", "out=results")  # fmt: skip

@@ -1,9 +1,9 @@
-"""Bad input, as the command line meets it: one line with the file and the remedy, and nothing finished is lost.
+"""Bad input, as the command line meets it: one line with the file and the remedy, and nothing finished is lost."""
 
-What each fault of a file says is tested with its reader; here a whole run must survive it.
-"""
+from __future__ import annotations
 
 import html
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.colmap_folder import CAMERA, FORWARD, picture, write_dive, write_image, write_model
+from support.command_line import Done, commands
 from support.messages import names
 
 from sucre_bench import results
@@ -171,3 +172,48 @@ def test_a_score_that_cannot_be_stored_fails_alone(bench, dive: Path, tmp_path: 
     rows = results.read(tmp_path / "results").set_index("metric")
     assert set(rows.loc["numbered", "status"]) == {"failed"}
     assert set(rows.loc["uciqe", "status"]) == {"ok"}
+
+
+GOLDEN = Path(__file__).with_name("golden_errors")
+MISTAKES = {
+    "run": ["method=grey_world"],
+    "lineup": ["nowhere"],
+    "compare": ["nowhere"],
+    "score": [".", "--metrics", "uicqe"],
+    "prepare": ["nowhere", "out"],
+    "restore": ["nowhere", "out"],
+    "describe": ["dataset=colmap", "dataset.root=nowhere"],
+    "charts": ["dataset=demo", "--kind", "dkg"],
+    "report": ["nowhere"],
+    "texture": ["nowhere", "out.ply", "--method", "sucre"],
+    "video": ["nowhere", "dive.avi", "--methods", "sucre"],
+    "track": ["nowhere"],
+    "bundle": ["nowhere", "paper.zip"],
+    "verify": ["nowhere.zip"],
+    "site": ["nowhere", "public"],
+    "study": ["nowhere", "--methods", "sucre,gray_world", "--out", "study.html"],
+    "list": ["plugins"],
+    "new": ["method", "my-method"],
+    "check": ["gray_wrld"],
+    "gallery": ["nowhere", "out"],
+    "doctor": ["--jsn"],
+    "completion": ["powershell"],
+}
+
+
+def test_every_command_has_a_mistake() -> None:
+    assert set(MISTAKES) == set(commands())
+
+
+@pytest.mark.parametrize("command", MISTAKES)
+def test_a_mistake_is_answered_in_one_line_on_stderr(command: str, bench: Callable[..., Done]) -> None:
+    done = bench(command, *MISTAKES[command])
+    file = GOLDEN / f"{command}.txt"
+    said = re.sub(
+        r"; known: .*|(did you mean '\w+')\? known: (?:\w+, ){9}.*", r"\1", done.stderr
+    )  # not of every plugin
+    if os.environ.get("GOLDEN") == "write":
+        file.write_text(said, encoding="utf-8")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert len(done.errors) == 1
+    assert said == file.read_text(encoding="utf-8")

@@ -1,11 +1,8 @@
 """What <TAB> offers: by the protocol between shell and program, and in the shells themselves."""
 
 import os
-import select
-import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -146,44 +143,3 @@ def test_bash_gets_what_stands_for_its_word():
     command = ["bash", "-c", code, "bash", *(text for words in replies for text in words)]
     done = subprocess.run(command, capture_output=True, text=True, env=env, check=True)
     assert (done.stdout.splitlines(), done.stderr) == ([*replies.values()], "")
-
-
-SHELLS = {
-    "bash": (["bash", "--norc", "--noprofile", "-i"], "source <(sucre-bench completion bash)"),
-    "zsh": (["zsh", "-f", "-i"], "autoload -U compinit; compinit -D; source <(sucre-bench completion zsh)"),
-    "fish": (["fish", "--no-config", "-i"], "sucre-bench completion fish | source"),
-}
-
-
-@pytest.mark.parametrize("shell", SHELLS)
-def test_tab_in_a_real_shell_writes_the_word_and_runs_it(shell: str, tmp_path: Path):
-    import pty
-
-    program, setup = SHELLS[shell]
-    if not shutil.which(program[0]):
-        pytest.skip(f"no {shell} here")
-    terminal, inside = pty.openpty()
-    env = {**os.environ, "TERM": "xterm", "PS1": "> ", "HOME": str(tmp_path), "PATH": f"{FOLDER}:{os.environ['PATH']}"}
-    running = subprocess.Popen(  # not pty.fork(), which what other tests have loaded does not stand
-        ["setsid", "--ctty", *program], stdin=inside, stdout=inside, stderr=inside, cwd=tmp_path, env=env
-    )
-    os.close(inside)
-
-    def until(wanted: str, seconds: float = 300) -> None:
-        said, deadline = "", time.monotonic() + seconds
-        while wanted not in said:
-            assert time.monotonic() < deadline, said
-            if select.select([terminal], [], [], 0.1)[0]:
-                said += os.read(terminal, 65536).decode(errors="replace")
-
-    try:
-        os.write(terminal, f"{setup}; echo rea''dy\n".encode())
-        until("ready")
-        os.write(terminal, b"echo sucre-bench; sucre-bench run --cfg method=gray_w\t")
-        until("orld")  # the rest of the name; what else is drawn again is up to the shell
-        os.write(terminal, b"2>&1 | grep name: | tr a-z A-Z\n")
-        until("NAME: GRAY_WORLD")
-    finally:
-        running.kill()
-        running.wait()
-        os.close(terminal)

@@ -269,13 +269,6 @@ def test_repetitions_of_a_view_are_one_view():
     assert cells(comparison)["m"].low == means.low
 
 
-def test_repetitions_that_failed_are_said():
-    whole = replace(ROW, metric="seconds", variant="wall", better="lower")
-    rows = [whole, replace(whole, scene="reef,replicate=1", status="failed", value=np.nan)]
-    (comparison,) = compare.compare(frame(rows))
-    assert comparison.notes == (Note("replicates lost", ("m",), n=1, total=2, lost=1),)
-
-
 def repeated(method: str, values: dict[int, float], views: str = "ab") -> list[Row]:
     """A method's restorations and scores in some replicates, by the replicate's number."""
     return [
@@ -323,20 +316,6 @@ def test_a_view_without_a_common_replicate_is_a_hole():
     (comparison,) = compare.compare(frame(rows), ["psnr"])
     assert (comparison.columns[0].n_views, comparison.columns[0].missing) == (2, 1)
     assert ("b", "psnr", 1, 3, 2) in images_lost(comparison)
-
-
-def test_a_score_that_one_replicate_lacks_is_said_for_its_metric():
-    rows = [*repeated("a", {0: 10, 1: 0}), *repeated("b", {0: 9, 1: 0})]
-    rows[-1] = replace(rows[-1], status="skipped", reason="no value (NaN)", value=np.nan)
-    (comparison,) = compare.compare(frame(rows), ["psnr"])
-    (note,) = comparison.notes
-    assert (note.kind, note.methods, [column.metric for column in note.columns]) == (
-        "replicates lost",
-        ("b",),
-        ["psnr"],
-    )
-    assert (note.n, note.lost, note.total) == (1, 1, 4)
-    assert {n: c.mean for n, c in cells(comparison).items()} == {"a": 7.5, "b": 6.75}
 
 
 def restored(method: str, view: str, reason: str = "", status: str = "ok", **more: str) -> list[Row]:

@@ -41,22 +41,16 @@ FAR = -4.0
 @pytest.mark.parametrize(
     ("means", "n", "tables"),
     [
-        ([0] * 2, 8, 300),
-        ([0] * 3, 8, 200),
         ([0] * 5, 8, 150),
         ([0] * 18, 8, 40),
-        ([0] * 5, 20, 100),
         ([0, 0, *[FAR] * 3], 8, 300),  # those far behind leave, and two are judged like a pair
-        ([0, 0, 0, *[FAR] * 15], 8, 50),
     ],
 )
 def test_nineteen_of_twenty_tables_have_no_false_lead(means: list[float], n: int, tables: int):
     assert false_leads(means, n, tables) < at_most(tables)
 
 
-@pytest.mark.parametrize(
-    ("others", "least"), [([], 0.9), ([FAR] * 16, 0.9), (np.linspace(-2, -9, 16).tolist(), 0.9), ([-EFFECT] * 3, 0.8)]
-)
+@pytest.mark.parametrize(("others", "least"), [(np.linspace(-2, -9, 16).tolist(), 0.9), ([-EFFECT] * 3, 0.8)])
 def test_a_lead_over_the_second_is_found_however_many_others_there_are(others: list[float], least: float):
     """Eight views. By intervals for all pairs of 18 methods it is found in 16 % of tables."""
     rng = np.random.default_rng(1)
@@ -80,7 +74,7 @@ def test_a_second_copy_of_the_best_is_equal_and_costs_nothing():
     assert beside[2:] == pytest.approx(alone[1:])
 
 
-@pytest.mark.parametrize("others", [[0.0] * 4, [-3.0] * 4, [-3.0, 3.0, 0.0, 0.0]])
+@pytest.mark.parametrize("others", [[0.0] * 4, [-3.0, 3.0, 0.0, 0.0]])
 def test_nineteen_of_twenty_tables_have_no_false_difference_from_a_baseline(others: list[float]):
     rng, truth = np.random.default_rng(4), np.array([0.0, *others])
     false = 0
@@ -114,9 +108,7 @@ def track(n: int, methods: int, alike: float, rng: np.random.Generator) -> np.nd
     return views
 
 
-@pytest.mark.parametrize(
-    ("n", "methods", "alike", "target"), [(8, 2, 0.5, 0.12), (8, 5, 0.5, 0.12), (8, 2, 0.8, 0.2), (20, 2, 0.8, 0.12)]
-)
+@pytest.mark.parametrize(("n", "methods", "alike", "target"), [(8, 5, 0.5, 0.12), (8, 2, 0.8, 0.2)])
 def test_neighbours_that_are_alike_seldom_make_a_false_lead(n: int, methods: int, alike: float, target: float):
     """Taken as independent, they make one in 25 to 80 % of tables."""
     tables, false = 200, np.zeros(2)
@@ -152,7 +144,7 @@ def test_views_that_are_not_alike_are_judged_as_without_an_order():
 
 
 @pytest.mark.parametrize("between", [0.0, 1.0])
-@pytest.mark.parametrize("sizes", [[2, 4, 6, 8], [3, 4, 5, 16], [2, 3, 12, 30]])
+@pytest.mark.parametrize("sizes", [[3, 4, 5, 16], [2, 3, 12, 30]])
 def test_few_scenes_of_different_size_seldom_make_a_false_lead(sizes: list[int], between: float):
     """With as many degrees of freedom as for equal scenes, in up to 18 % of tables."""
     rng, tables = np.random.default_rng(9), 500

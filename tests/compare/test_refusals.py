@@ -138,14 +138,3 @@ def test_the_command_refuses_and_compares_what_is_common(tmp_path):
     done = CliRunner().invoke(cli, ["compare", str(tmp_path), "--common", "--metric", "psnr", "--format", "md"])
     assert done.exit_code == 0
     assert re.search(r"\bb .* 2 of 4 images \(2 not run\)", done.output)
-
-
-def test_the_command_compares_with_a_baseline_in_every_format(tmp_path):
-    rows = [*run_of("a"), *[replace(row, value=row.value + 1) for row in run_of("b")]]
-    frame(rows).to_parquet(tmp_path / "scores.parquet")
-    arguments = ["compare", str(tmp_path), "--metric", "psnr", "--baseline", "a", "--spread"]
-    for how in ("terminal", "md", "latex", "html", "csv", "json"):
-        done = CliRunner().invoke(cli, [*arguments, "--format", how])
-        assert done.exit_code == 0, done.output
-        assert "1.00" in done.output or "1.0" in done.output
-    assert done.output.count('"baseline": "a"') == 2

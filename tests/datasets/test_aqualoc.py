@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from support.spots import (
+from support.miniatures import (
     BOTH,
     HEIGHT,
     POINT,

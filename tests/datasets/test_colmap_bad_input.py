@@ -22,7 +22,7 @@ from support.colmap_folder import (
     write_image,
     write_model,
 )
-from support.spots import Change, one_line
+from support.miniatures import Change, one_line
 
 from sucre_bench.datasets.colmap import Colmap
 from sucre_bench.scene import Scene
@@ -132,16 +132,6 @@ def test_a_binary_model_cut_anywhere_is_refused(tmp_path: Path, name: str) -> No
             load(tmp_path)
     path.write_bytes(whole)
     assert len(load(tmp_path)) == 3
-
-
-@pytest.mark.parametrize("name", ["cameras.bin", "images.bin"])
-def test_random_bytes_are_not_a_model(tmp_path: Path, name: str) -> None:
-    write_dive(tmp_path)
-    to_binary(tmp_path / "sparse")
-    for seed in range(20):
-        (tmp_path / "sparse" / name).write_bytes(np.random.default_rng(seed).bytes(3000))
-        with one_line(name, "model_converter"):
-            load(tmp_path)
 
 
 def test_a_distorted_camera_of_a_binary_model_is_named(tmp_path: Path) -> None:

@@ -267,17 +267,6 @@ def test_images_follow_the_model_within_noise_and_rounding(survey: Scene) -> Non
     assert np.abs(residuals).max() < 6
 
 
-def test_red_is_lost_with_distance(survey: Scene) -> None:
-    def kept(view: View, channel: int) -> float:
-        """The slope of the image against the scene: how much of its contrast comes through."""
-        return float(np.polyfit(view.reference[..., channel].ravel(), view.rgb[..., channel].ravel(), 1)[0])
-
-    far, near = survey.views[0], survey.views[-1]
-    assert kept(far, 0) < 0.1
-    assert kept(near, 0) > 0.3
-    assert kept(far, 2) > 3 * kept(far, 0)
-
-
 @pytest.mark.parametrize("preset", get_args(Preset))
 def test_no_water_shows_the_scene_and_endless_water_only_its_veil(preset: Preset) -> None:
     J, water = np.array([0.9, 0.5, 0.1]), water_of(preset)
@@ -321,13 +310,6 @@ def test_the_lamps_light_falls_with_the_square_of_its_way() -> None:
     light, way = lamp_light(LAMP, points)
     np.testing.assert_allclose(light, [4, 1])
     np.testing.assert_allclose(way, [1.5, 3])
-
-
-def test_the_deep_sea_is_dark_at_the_border(deep: MadeScene) -> None:
-    border = np.ones((120, 160), dtype=bool)
-    border[12:-12, 16:-16] = False
-    for image in deep.rgb:
-        assert np.median(image[border]) < 0.6 * np.median(image[40:80, 50:110])
 
 
 # -- charts --------------------------------------------------------------------------------------------------

@@ -4,8 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from support.miniatures import YEAR as NAMES, write_year
-from support.spots import check_dive, cut, one_line, write_photographs
+from support.miniatures import YEAR as NAMES, check_dive, one_line, write_photographs, write_year
 
 from sucre_bench.datasets.eiffel_tower import EiffelTower
 from sucre_bench.errors import InputError
@@ -51,18 +50,6 @@ def test_images_of_the_global_model_are_found_in_their_years(
     check_dive(lambda **options: load(tmp_path, year="global", **options), tmp_path / "global" / "depths")
     scene = load(tmp_path, year="global")
     assert (scene.name, tuple(view.name for view in scene)) == ("global", names)
-
-
-def test_a_missing_or_damaged_photograph_harms_its_view_only(tmp_path: Path) -> None:
-    images = write_year(tmp_path) / "2015" / "images"
-    cut(images / NAMES[0])
-    with pytest.raises(InputError, match="cut short"):
-        _ = load(tmp_path)[NAMES[0]].rgb
-    (images / NAMES[0]).unlink()
-    scene = load(tmp_path)
-    assert scene[NAMES[1]].rgb.max() > 0.5
-    with one_line(str(images / NAMES[0]), "1 of", "2 images"):
-        _ = scene[NAMES[0]].rgb
 
 
 def test_what_is_missing_is_named(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import tifffile
 from support.messages import Lines
-from support.spots import HEIGHT, WIDTH, centre, cut, disk_depth, one_line, write_spot
+from support.miniatures import HEIGHT, WIDTH, centre, cut, disk_depth, one_line, write_spot
 
 from sucre_bench.camera import unproject
 from sucre_bench.datasets.flsea import Flsea

@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from support.spots import (
+from support.miniatures import (
     BOTH,
     HEIGHT,
     WIDTH,
@@ -211,10 +211,7 @@ def test_a_fault_of_the_scene_is_one_line_about_the_file(tmp_path: Path, change:
 
 VIEW: dict[str, tuple[str, Change, list[str]]] = {
     "image missing": ("rgb", lambda root: (root / "images/0.png").unlink(), ["images/0.png: ", "transforms.json"]),
-    "image cut": ("rgb", lambda root: cut(root / "images/0.png"), ["images/0.png", "cut short"]),
-    "image of another shape": ("rgb", lambda root: write_spot(root / "images/0.png", np.ones(2), (60, 60)), ["60x60"]),
     "depth missing": ("depth", lambda root: (root / "depths/0.png").unlink(), ["depths/0.png: ", "transforms.json"]),
-    "depth cut": ("depth", lambda root: cut(root / "depths/0.png"), ["depths/0.png", "cut short"]),
     "depth of a kind": ("depth", lambda root: frame(depth_file_path="images/0.jpg")(root), ["images/0.jpg"]),
 }
 

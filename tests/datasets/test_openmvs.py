@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.spots import (
+from support.miniatures import (
     BOTH,
     HEIGHT,
     WIDTH,
@@ -133,7 +133,6 @@ def test_a_fault_of_the_scene_is_one_line_about_the_file(tmp_path: Path, change:
 VIEW: dict[str, tuple[str, Change, list[str]]] = {
     "depths cut": ("depth", lambda root: cut(root / "depth0000.dmap", 0.1), ["depth0000.dmap: cut short", "copy"]),
     "image missing": ("rgb", lambda root: (root / "images/0.png").unlink(), ["images/0.jpg", "depth0000.dmap"]),
-    "image of another shape": ("rgb", lambda root: write_spot(root / "images/0.png", np.ones(2), (60, 60)), ["60x60"]),
 }
 
 

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.colmap_folder import picture, write_image, write_model
-from support.miniatures import REEF as NAMES, write_reef
-from support.spots import CAMERA, HEIGHT, WIDTH, check_dive, model_pose, one_line
+from support.miniatures import CAMERA, HEIGHT, REEF as NAMES, WIDTH, check_dive, model_pose, one_line, write_reef
 
 from sucre_bench.datasets.seathru_nerf import SeathruNerf
 from sucre_bench.errors import InputError

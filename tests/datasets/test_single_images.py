@@ -3,16 +3,13 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 from support.colmap_folder import HEIGHT, WIDTH, picture, write_image
 from support.made_scene import TILTED, painted
 from support.messages import names, refused
-from support.miniatures import write_images
-from support.spots import check_message, cut, one_line
+from support.miniatures import check_message, one_line, write_images
 
 import sucre_bench as sb
 from sucre_bench.datasets.photos import U45, Lsui, Photos, Uieb
@@ -82,16 +79,6 @@ def test_photos_have_colour_charts_that_are_measured(tmp_path: Path) -> None:
     (tmp_path / "charts.json").rename(tmp_path / "marked.json")
     assert only(Photos(tmp_path, subfolders=True)).has == frozenset()
     assert only(Photos(tmp_path, subfolders=True, charts="marked.json")).has == {"charts"}
-
-
-def test_a_chart_study_runs_on_photos(bench: Callable[..., Any], tmp_path: Path) -> None:
-    write_chart(tmp_path / "dive", "a.png")
-    words = ["dataset=photos", f"dataset.root={tmp_path / 'dive'}", "method=gray_world", "metrics=[psi,de00]"]
-    done = bench("run", *words, f"out={tmp_path / 'out'}", "tracking.uri=off")
-    assert done.returncode == 0, done.stderr
-    rows = pd.read_parquet(tmp_path / "out" / "scores.parquet")
-    assert rows.loc[rows["metric"] == "psi", "status"].eq("ok").all()
-    assert np.isfinite(rows.loc[rows["metric"] == "psi", "value"]).all()
 
 
 def test_a_wrong_reference_harms_its_view_only(tmp_path: Path) -> None:
@@ -185,25 +172,3 @@ def test_what_is_missing_is_named(
     assert named <= names(fault.value)
     with pytest.raises(InputError, match=r"\.root=DIR"):
         only(make(tmp_path / "nowhere"))
-
-
-def test_wrong_charts_of_photos_are_named(tmp_path: Path) -> None:
-    write_images(tmp_path, "a.png")
-    for images, words in (
-        ({"b.png": {"c": [[1, 1], [9, 1], [9, 9], [1, 9]]}}, "'b.png'"),
-        ({"a.png": {"c": 1}}, "a.png, c"),
-    ):
-        (tmp_path / "charts.json").write_text(json.dumps({"images": images}))
-        with one_line(str(tmp_path / "charts.json"), words):
-            only(Photos(tmp_path))
-
-
-def test_a_damaged_image_harms_its_view_only(tmp_path: Path) -> None:
-    write_images(tmp_path, "a.png", "b.png", "c.jpg")
-    cut(tmp_path / "a.png")
-    (tmp_path / "c.jpg").write_bytes(b"")
-    scene = only(Photos(tmp_path))
-    same(scene["b.png"].rgb, 1)
-    for name in ("a.png", "c.jpg"):
-        with pytest.raises(InputError, match=f"{name}: "):
-            _ = scene[name].rgb

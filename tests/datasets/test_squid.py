@@ -186,11 +186,6 @@ def test_a_calibration_saved_as_an_object_is_read_with_mat_io(tmp_path: Path, mo
     check_pair(load(tmp_path))
 
 
-def test_mat_io_itself_reads_the_object(tmp_path: Path) -> None:
-    pytest.importorskip("matio", reason="mat-io is not installed")
-    check_pair(load(write_site(tmp_path, stereo=OBJECT)))
-
-
 def test_what_is_wrong_with_a_calibration_is_named(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     write_site(tmp_path, stereo={key: value for key, value in STEREO.items() if key != "TranslationOfCamera2"})

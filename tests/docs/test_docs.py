@@ -1,5 +1,8 @@
 """The documentation: its commands exist with their options, its links lead somewhere, what it names is there."""
 
+from __future__ import annotations
+
+import json
 import re
 import shlex
 import tomllib
@@ -9,7 +12,7 @@ from typing import Any
 
 import pytest
 from support.colmap_folder import write_dive
-from support.command_line import commands as commands_by_name
+from support.command_line import commands as commands_by_name, hide
 from support.places import ROOT, write_line_ups
 
 from sucre_bench import plugins
@@ -18,7 +21,6 @@ from sucre_bench.plugins.plugin import Plugin
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 PLUGINS_OF_EXAMPLES = ("halve_blue", "benchmarks/nature_dataset")  # of pages that make them, or of a benchmark
-
 ROOT_KEY = re.compile(r"^dataset\.root=.*")  # any path will do
 FREE = re.compile(r"^(out|every)=|^-m$")  # commands that differ in these alone are alike
 
@@ -214,3 +216,61 @@ def test_the_readmes_table_has_the_demos_methods_and_its_bold_means_are_the_best
         assert all(low <= mean <= high for mean, low, high in numbers.values())
         best = (max if "↑" in head else min)(numbers, key=lambda name, numbers=numbers: numbers[name][0])
         assert [row[0].split("`")[1] for row in competitors if "**" in row[column + 1]] == [best]
+
+
+BUNDLES = sorted((ROOT / "docs" / "board" / "bundles").glob("*.zip"))
+COLUMNS = [("colours", "raw"), ("colours_de00", "gain"), ("psnr", "masked"), ("psi", "colour")]  # of README's table
+
+
+@pytest.mark.parametrize("bundle", BUNDLES, ids=lambda path: path.stem)
+def test_a_bundle_is_whole_small_and_on_the_board(bench, bundle):
+    told = json.loads(bench("verify", str(bundle), "--json").stdout)
+    assert told["faults"] == []
+    assert told["differing"] == []
+    assert bundle.stat().st_size < 300_000
+    assert told["id"] in (ROOT / "docs" / "board" / "index.html").read_text(encoding="utf-8")
+
+
+def test_the_readmes_table_has_the_numbers_of_the_demos_bundle(bench):
+    records = json.loads(bench("compare", str(ROOT / "docs/board/bundles/demo.zip"), "--json").stdout)
+    public = {(r["method"], r["metric"], r["variant"]): (r["mean"], r["low"], r["high"]) for r in records}
+    text = (ROOT / "README.md").read_text(encoding="utf-8").split("| method | colours")[1]
+    rows = [line.split("|")[1:-1] for line in text.splitlines() if line.startswith("| `")][:7]
+    for name, *cells in rows:
+        for column, cell in zip(COLUMNS, cells, strict=True):
+            shown = [float(number) for number in re.findall(r"\d+(?:\.\d+)?", cell)]
+            assert shown == pytest.approx(public[name.split("`")[1], *column], rel=0.02, abs=0.3), (name, column)
+
+
+def documented_keys(command: str) -> set[str]:
+    """The keys in the first column of a command's table."""
+    text = (ROOT / "docs" / "json.md").read_text(encoding="utf-8")
+    section = text.split(f"### `{command} --json`\n")[1].split("\n### ")[0]
+    cells = [line.split("|")[1] for line in section.splitlines() if line.startswith("| `")]
+    return {key for cell in cells for key in re.findall(r"`(\w+)`", cell)}
+
+
+def test_every_key_is_documented(bench, monkeypatch: pytest.MonkeyPatch, small_demo: list[str]):
+    hide(monkeypatch)
+    words = [*small_demo, "method=gray_world", "tracking.uri=off"]
+    commands = {
+        "run": ["run", *words, "out=results"],
+        "run --dry-run": ["run", *words, "out=results", "--dry-run"],
+        "compare": ["compare", "results"],
+        "score": ["score", "results/restored/demo/gray_world", "--metrics", "uciqe"],
+        "list methods": ["list", "methods", "gray_world"],
+        "doctor": ["doctor"],
+        "describe": ["describe", *small_demo],
+    }
+    for name, arguments in commands.items():
+        printed = json.loads(bench(*arguments, "--json").stdout)
+        first = printed[0] if isinstance(printed, list) else printed
+        assert (name, set(first)) == (name, documented_keys(name))
+
+
+def test_the_short_map_names_commands_and_pages_that_exist(bench):
+    text = (ROOT / "docs" / "llms.txt").read_text(encoding="utf-8")
+    for page in re.findall(r"\]\(([\w.]+)\)", text):
+        assert (ROOT / "docs" / page).is_file() or page == "tutorial.md"
+    for command in sorted(set(re.findall(r"`sucre-bench (\w+)", text))):
+        assert bench(command, "--help").returncode == 0, command

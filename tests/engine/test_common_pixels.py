@@ -14,7 +14,6 @@ from support.toy_plugins import Toy
 
 from sucre_bench import compare, results
 from sucre_bench.engine.run import Outcome
-from sucre_bench.errors import DamagedFileError
 from sucre_bench.results.common_scores import COMMON_TABLE, read_common
 from sucre_bench.results.restorations import read_mask
 
@@ -168,18 +167,6 @@ def test_a_damaged_mask_or_picture_is_named_and_other_views_go_on(tmp_path: Path
     assert str(pictures / "v1.png") in said
 
 
-def test_a_picture_that_is_gone_is_named_and_other_views_go_on(tmp_path: Path, toys: str, bench):
-    run(tmp_path, "method=gain")
-    gone = tmp_path / "restored" / "toy" / "gain" / "v1.png"
-    gone.unlink()
-    run(tmp_path, "method=left_half")
-    own, common = scores(tmp_path, "own"), scores(tmp_path, "common")
-    assert (own["gain"] == common["gain"]).tolist() == [False, True, False]
-    assert str(gone) in bench("compare", str(tmp_path)).stdout
-    run(tmp_path, "method=gain")  # makes it again
-    assert not (scores(tmp_path, "own")["gain"] == scores(tmp_path, "common")["gain"]).any()
-
-
 def test_a_mask_that_is_gone_is_read_off_a_picture_without_black(tmp_path: Path, toys: str):
     run(tmp_path, "method=left_half")
     for picture in (tmp_path / "restored").rglob("*.png"):
@@ -198,16 +185,6 @@ def test_a_damaged_table_of_common_scores_is_made_again(both: Path, bench):
 
 
 # -- what cannot be scored again ---------------------------------------------------------------------------
-
-
-def test_bytes_of_a_table_of_common_scores_that_are_no_text_are_damage(tmp_path: Path):
-    names = read_common(tmp_path).columns
-    rows = pd.DataFrame({name: ["gain"] for name in names})
-    rows.to_parquet(tmp_path / COMMON_TABLE, index=False, compression=None)
-    path = tmp_path / COMMON_TABLE
-    path.write_bytes(path.read_bytes().replace(b"gain", b"\xff\xfe\xff\xfe"))
-    with pytest.raises(DamagedFileError, match=COMMON_TABLE):
-        read_common(tmp_path)
 
 
 def test_the_computed_image_is_scored_on_common_pixels_only_where_it_is_stored(tmp_path: Path, toys: str):

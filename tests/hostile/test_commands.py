@@ -79,8 +79,6 @@ CASES: dict[str, tuple[str, int, str]] = {
     "a link to itself": ("restore loop out", 2, r"/loop: links to itself; "),
     "a name of two lines": ("compare 'a\nb'", 2, r"^error: a\\nb: .*; "),
     "a name of six lines": ("compare 'a\r\v\f\x85\u2028b'", 2, r"^error: a\\r\\x0b\\x0c\\x85\\u2028b: .*; .*\n$"),
-    "a results folder in /proc": (f"{RUN} out=/proc/x", 2, r"/proc/x.*: .*; "),
-    "mlflow's store in /proc": (f"{RUN} tracking.uri=sqlite:////proc/x out=logged", 0, r"not logged \(.*/proc/x.*\); "),
     "a pipe as plugin": ("run --plugin pipe.py method=x", 2, r"pipe\.py: .*; "),
     "a deep line-up": ("run deep.yaml", 2, r"deep\.yaml: line 1: .*levels; "),
     "a long path to run": (f"run dataset=colmap dataset.root={LONG} method=gray_world", 2, LONG),

@@ -15,28 +15,18 @@ from support.places import ROOT
 
 from sucre_bench.machine.processes import environment_of_programs, isolated_children
 
-# Every command, one after the other in one process; the first three start processes of their own.
+# The commands that start other processes of Python, and some that do not, one after the other in one process.
 COMMANDS = (
     "run -m dataset=colmap dataset.root=dive method=gray_world,clahe metrics=[uciqe] report=false tracking.uri=off "
     "hydra/launcher=joblib hydra.launcher.n_jobs=2 first=1 out=results",
     "check gray_world",
     "doctor",
-    "run dataset=colmap dataset.root=dive method=gray_world first=1 out=alone",
-    "compare alone",
-    "report alone",
+    "report results",
     "score dive/images/a.png --metrics uciqe",
     "describe colmap dataset.root=dive --no-sheet",
-    "charts dive/images/a.png --accept",
-    "texture alone points.ply --method gray_world",
-    "video alone dive.mp4 --methods gray_world",
     "prepare dive/images prepared",
-    "lineup alone",
-    "study alone --methods gray_world,gray_world --out study.html",
-    "bundle alone bundles/alone.zip",
-    "verify bundles/alone.zip",
+    "bundle results bundles/results.zip",
     "site bundles public",
-    "list methods",
-    "new method mine",
     "completion bash",
 )
 # Python puts the folder of a program's file on the path, as it does for sucre-bench.
@@ -93,7 +83,7 @@ def done(trapped: Path, tmp_path_factory: pytest.TempPathFactory) -> subprocess.
 def test_no_command_imports_from_the_current_folder(trapped: Path, done: subprocess.CompletedProcess[str]):
     assert not (trapped / "sprung").exists(), (trapped / "sprung").read_text()
     assert "Traceback" not in done.stderr
-    made = ("results/scores.parquet", "alone/report/index.html", "bundles/alone.zip", "public/index.html")
+    made = ("results/report/index.html", "bundles/results.zip", "public/index.html")
     assert all((trapped / name).is_file() for name in made), done.stderr
 
 
@@ -103,7 +93,7 @@ def test_the_page_of_mlflow_imports_nothing_from_the_current_folder(trapped: Pat
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = str(free.getsockname()[1])
-    words = [PROGRAM, "track", "alone", "--ui", "--port", port]
+    words = [PROGRAM, "track", "results", "--ui", "--port", port]
     with subprocess.Popen(words, cwd=trapped, stdout=subprocess.PIPE, text=True) as serving:
         try:
             assert serving.stdout

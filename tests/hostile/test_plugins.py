@@ -13,7 +13,7 @@ from support.places import TOYS
 from sucre_bench import results
 from sucre_bench.errors import DiedError
 
-PLUGINS = str(TOYS.with_name("hostile_plugins.py"))
+PLUGINS = str(TOYS)
 
 
 def words(acts: str, *more: str) -> list[str]:

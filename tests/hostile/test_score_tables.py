@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 from support.command_line import run_here
 from support.places import TOYS
@@ -126,18 +125,3 @@ def test_bytes_that_change_anywhere_in_a_table_give_the_one_error_or_none(tmp_pa
     assert len(refused) > 10
     for fault in refused:
         assert re.search(r"scores\.parquet: .*(table|column)", fault)
-
-
-def test_tables_of_other_writers_with_the_same_values_are_read(tmp_path: Path):
-    """Text as a dictionary, as large strings or as numbers, numbers in fewer bits, other columns beside ours."""
-    out = tmp_path / "results"
-    out.mkdir()
-    other = ROWS.assign(
-        method=ROWS["method"].astype("category"),
-        n_pixels=ROWS["n_pixels"].astype("int32"),
-        value=ROWS["value"].astype("float32"),
-        view=ROWS["view"].str[1:2].astype(int),
-        note="mine",
-    )
-    other.to_parquet(out / "scores.parquet", index=False)
-    pd.testing.assert_frame_equal(results.read(out), ROWS.assign(view=ROWS["view"].str[1:2]), check_like=True)

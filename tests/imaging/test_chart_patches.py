@@ -50,19 +50,6 @@ def test_colorchecker_lab_agrees_with_the_spectral_measurement_published_for_the
     assert sum(p.colour for p in ours) == 18
 
 
-def test_colorchecker_srgb_is_its_lab_list_but_for_the_makers_rounding() -> None:
-    colour = colour_science()
-
-    d50 = colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]["D50"]
-    lab = np.array([p.lab for p in chart_kind("colorchecker24").patches])
-    srgb = colour.XYZ_to_sRGB(
-        colour.Lab_to_XYZ(lab, d50), illuminant=d50, chromatic_adaptation_transform="Bradford"
-    ).clip(0, 1)
-    ours = np.array([p.srgb for p in chart_kind("colorchecker24").patches])
-    np.testing.assert_allclose(ours * 255, srgb * 255, atol=22)  # moderate colours differ by 1 to 7, yellow by 11
-    assert np.median(np.abs(ours - srgb)) * 255 < 3
-
-
 @pytest.mark.parametrize("kind", [*map(chart_kind, KINDS)], ids=lambda kind: kind.name)
 @pytest.mark.parametrize("turn", range(4))
 def test_a_painted_chart_is_read_back_however_it_lies(kind: ChartKind, turn: int) -> None:

@@ -1,11 +1,15 @@
 """Display normalisations and the sRGB curve."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 
 from sucre_bench import InputError
+from sucre_bench.arrays import locked, once
 from sucre_bench.imaging.display import display, normalisation
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.imaging.percentiles import channel_percentiles
 from sucre_bench.scene import Water
 
 IMAGE = np.random.default_rng(0).uniform(-0.1, 1.3, (40, 50, 3))
@@ -100,3 +104,69 @@ def test_other_names_are_refused_with_those_there_are(how: str) -> None:
 )
 def test_only_a_stretch_of_each_channel_removes_offsets(how: str, removes: bool) -> None:
     assert normalisation(how).removes_offsets is removes
+
+
+Q = [0, 1, 37.5, 99, 100]
+
+
+def images() -> list[np.ndarray]:
+    rng = np.random.default_rng(0)
+    wide = rng.normal(0, 1, (31, 57, 3))
+    return [wide, wide.round(1), wide.clip(0, 0.5), 1e30 * wide, wide[:1, :1], np.zeros((4, 4, 3)), -np.abs(wide)]
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_they_are_numpys_of_every_channel(dtype: type) -> None:
+    for image in images():
+        image = image.astype(dtype)
+        valid = np.random.default_rng(1).random(image.shape[:2]) < 0.7
+        valid[0, 0] = True
+        expected = np.percentile(image.reshape(-1, 3).astype(np.float64), Q, axis=0)
+        np.testing.assert_allclose(channel_percentiles(image, Q), expected, rtol=1e-13, atol=1e-13)
+        expected = np.percentile(image[valid].astype(np.float64), Q, axis=0)
+        np.testing.assert_allclose(channel_percentiles(image, Q, valid), expected, rtol=1e-13, atol=1e-13)
+
+
+def test_pixels_that_do_not_count_may_hold_anything() -> None:
+    image = np.random.default_rng(2).random((20, 20, 3)).astype(np.float32)
+    valid = np.ones((20, 20), bool)
+    valid[3:9] = False
+    holed = image.copy()
+    holed[3:9] = np.nan
+    np.testing.assert_array_equal(channel_percentiles(holed, Q, valid), channel_percentiles(image[valid], Q))
+
+
+CALLS: list[float] = []
+
+
+@once
+def total(array: np.ndarray, factor: float = 1.0) -> float:
+    CALLS.append(factor)
+    return float(array.sum() * factor)
+
+
+def test_a_read_only_array_is_computed_once_for_each_argument() -> None:
+    CALLS.clear()
+    array = locked(np.ones(3))
+    assert [total(array), total(array), total(array, 2.0), total(array, 2.0)] == [3, 3, 6, 6]
+    assert CALLS == [1.0, 2.0]
+
+
+def test_a_writable_array_is_computed_anew_since_it_may_have_changed() -> None:
+    array = np.ones(3)
+    assert total(array) == 3
+    array[0] = 5
+    assert total(array) == 7
+
+
+def test_another_array_at_the_same_place_in_memory_gets_its_own_result() -> None:
+    for value in range(50):
+        assert total(locked(np.full(3, float(value)))) == 3 * value
+
+
+def test_locking_keeps_a_read_only_array_as_it_is_and_the_original_writable() -> None:
+    array = np.ones(3)
+    view = locked(array)
+    assert locked(view) is view
+    array[0] = 2
+    assert view[0] == 2

@@ -1,10 +1,17 @@
 """Filters that several methods use, and pyramids: against formulae, brute force and what they promise."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from scipy import ndimage
 
+import sucre_bench as sb
+from sucre_bench import Arrays, Camera, Scene, View, Water
+from sucre_bench.errors import InputError
 from sucre_bench.imaging.cielab import from_lab, luma, to_lab
+from sucre_bench.imaging.encoding import srgb_decode
+from sucre_bench.imaging.fill import completed_distance
 from sucre_bench.imaging.filters import (
     box_mean,
     denoised,
@@ -16,8 +23,10 @@ from sucre_bench.imaging.filters import (
     stretched_together,
     window_max,
 )
+from sucre_bench.imaging.resizing import Form, Resizing, resized, split_variant
 from sucre_bench.methods.fusion import blended, most_levels
 from sucre_bench.methods.udcp import dark_channel
+from sucre_bench.scene import Restoration
 
 RNG = np.random.default_rng(0)
 IMAGE = RNG.random((20, 23, 3)).astype(np.float32)
@@ -234,3 +243,174 @@ def test_fine_detail_follows_the_weights_where_it_is():
 )
 def test_an_image_has_room_for_as_many_levels_as_it_can_be_halved(shape: tuple[int, int], levels: int):
     assert most_levels(shape) == levels
+
+
+HEIGHT, WIDTH = 90, 120
+V, U = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+
+
+def test_a_hole_in_a_plane_gets_the_planes_distances() -> None:
+    plane = (6 / (1 + V / HEIGHT + 0.3 * U / WIDTH)).astype(np.float32)
+    z = plane.copy()
+    z[20:60, 30:80] = 0
+    found = completed_distance(z, np.full((HEIGHT, WIDTH, 3), 0.5, np.float32))
+    np.testing.assert_allclose(found, plane, rtol=0.02)
+    assert (found[z > 0] == z[z > 0]).all()
+
+
+def test_a_step_of_depth_lies_at_the_edge_of_the_image() -> None:
+    near = U < 60
+    guide = np.where(near[..., None], [0.7, 0.4, 0.3], [0.1, 0.4, 0.5]).astype(np.float32)
+    truth = np.where(near, 2.0, 8.0).astype(np.float32)
+    z = truth.copy()
+    z[10:80, 35:85] = 0  # the hole reaches over the edge
+    found = completed_distance(z, guide)
+    away = np.abs(U - 60) > 3
+    np.testing.assert_allclose(found[away], truth[away], rtol=0.1)
+
+
+def test_nothing_is_nearer_or_farther_than_what_is_known_around_a_hole() -> None:
+    rng = np.random.default_rng(0)
+    z = np.where(V > 45, 9 - V / 15, 0).astype(np.float32)  # above the horizon nothing is known
+    found = completed_distance(z, rng.random((HEIGHT, WIDTH, 3)).astype(np.float32))
+    assert found.min() >= z[z > 0].min() * (1 - 1e-6)
+    assert found.max() <= z.max() * (1 + 1e-6)
+    assert found[:40].min() > 5, "water above the ground is as far as the farthest ground below it"
+
+
+def scene() -> tuple[Scene, np.ndarray]:
+    """A textured plane at a slant in known water, with holes in its depth map; and its colours without water."""
+    rng = np.random.default_rng(3)
+    camera = Camera(np.array([[100.0, 0, WIDTH / 2], [0, 100, HEIGHT / 2], [0, 0, 1]]), WIDTH, HEIGHT)
+    depth = (8 / (1 + V / HEIGHT)).astype(np.float32)
+    J = rng.uniform(0.1, 0.9, (HEIGHT, WIDTH, 3))
+    water = Water(np.array([0.1, 0.3, 0.4]), np.array([0.4, 0.15, 0.1]), np.array([0.3, 0.2, 0.15]))
+    z = View("x", Arrays(J, depth), camera).distance[..., None]
+    seen = J * np.exp(-water.attenuation * z) + water.veiling_light * (1 - np.exp(-water.backscatter * z))
+    holed = depth.copy()
+    holed[30:50, 40:70] = 0
+    view = View("a.png", Arrays(seen, holed, J), camera, np.eye(4))
+    return Scene("slant", [view], frozenset({"depth", "poses", "reference", "truth"}), water), J
+
+
+@pytest.mark.parametrize(
+    "method", ["sucre", "sucre_plus", "sucre_paper", "seathru", "gaussian_seathru", "stitching", "dive_gray_world"]
+)
+def test_every_method_that_needs_depth_fills_and_leaves_the_rest_as_it_is(method: str) -> None:
+    made, _ = scene()
+    view = made[0]
+    options = {"sucre": {"water": "truth"}, "sucre_plus": {"water": "truth"}, "sucre_paper": {"steps": 3}}.get(
+        method, {}
+    )
+    plain, filled = (sb.restore(method, made, view, fill=fill, **options) for fill in (False, True))
+    holes = view.depth == 0
+    assert plain.filled is None
+    assert filled.filled is not None
+    np.testing.assert_array_equal(filled.image, plain.image)
+    np.testing.assert_array_equal(filled.valid, ~holes)
+    np.testing.assert_array_equal(np.isfinite(filled.filled).all(axis=-1), holes)
+    assert np.isfinite(filled.picture).all()
+    np.testing.assert_array_equal(filled.picture[~holes], plain.shown[~holes])
+    rows = [sb.score(one, view, metrics=["psnr", "coverage"]) for one in (plain, filled)]
+    a, b = (row.loc[row["metric"].isin(["psnr", "coverage"]), "value"].to_numpy() for row in rows)
+    np.testing.assert_array_equal(a, b)
+
+
+def test_filled_pixels_have_their_own_colour_in_the_same_water_and_less_confidence() -> None:
+    made, J = scene()
+    holes = made[0].depth == 0
+    result = sb.restore("sucre", made, 0, water="truth", fill=True)
+    np.testing.assert_allclose(result.filled[holes], J[holes], atol=0.06)
+    known = np.isfinite(result.confidence) & ~holes
+    assert np.isfinite(result.confidence[holes]).all()
+    assert not known.any() or np.median(result.confidence[holes]) > np.median(result.confidence[known])
+
+
+BYTES = np.random.default_rng(0).integers(0, 256, (96, 128, 3), np.uint8)
+PICTURE = BYTES.astype(np.float32) / 255
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "form"),
+    [
+        ("funie", "funie", None),
+        ("funie@256", "funie", Form(Resizing(256, "bicubic"))),
+        ("all@64-bilinear", "all", Form(Resizing(64, "bilinear"))),
+        ("gray-unmasked@100-nearest@crop4@y", "gray-unmasked", Form(Resizing(100, "nearest"), 4, "y")),
+    ],
+)
+def test_a_variant_says_its_form(text: str, name: str, form: Form | None) -> None:
+    assert split_variant(text) == (name, form)
+
+
+def psnr(form: str, image: np.ndarray = PICTURE, *, truth: np.ndarray) -> float:
+    rows = sb.score(Restoration(image), View("a.png", Arrays(image, None, truth)), [f"psnr:unmasked{form}"])
+    return float(rows[rows["metric"] == "psnr"]["value"].item())
+
+
+def test_forms_are_those_of_papers() -> None:
+    """Against the formulas themselves: of shaved edges, MATLAB's Y, a range of 2, torchvision's normalize."""
+    truth = np.roll(PICTURE, 1, axis=1)
+    assert psnr("@crop4", truth=truth) == pytest.approx(psnr("", PICTURE[4:-4, 4:-4], truth=truth[4:-4, 4:-4]))
+    y = [(16 + 65.481 * x[..., 0] + 128.553 * x[..., 1] + 24.966 * x[..., 2]) / 255 for x in (PICTURE, truth)]
+    assert psnr("@y", truth=truth) == pytest.approx(-10 * np.log10(np.mean((y[0] - y[1]) ** 2)), abs=1e-3)
+    assert psnr("@range2", truth=truth) == pytest.approx(psnr("", truth=truth) + 20 * np.log10(2))
+    dull = np.rint((0.2 + 0.5 * PICTURE) * 255).astype(np.float32) / 255
+    assert psnr("@minmax", dull, truth=PICTURE) > 45 > psnr("", dull, truth=PICTURE)
+
+
+@pytest.mark.parametrize(
+    "text", ["funie@", "funie@0", "funie@256x256", "funie@256-lanczos", "funie@-256", "funie@crop"]
+)
+def test_other_sizes_are_refused(text: str) -> None:
+    with pytest.raises(InputError, match=r"^variant '"):
+        split_variant(text)
+
+
+def test_the_filters_are_those_of_the_packages() -> None:
+    import cv2
+    from PIL import Image
+
+    bicubic = np.asarray(Image.fromarray(BYTES).resize((50, 50), Image.Resampling.BICUBIC))
+    np.testing.assert_array_equal(resized(BYTES, Resizing(50)), bicubic)
+    bilinear = cv2.resize(BYTES, (50, 50), interpolation=cv2.INTER_LINEAR)
+    np.testing.assert_array_equal(resized(BYTES, Resizing(50, "bilinear")), bilinear)
+    nearest = np.asarray(Image.fromarray(BYTES).resize((50, 50), Image.Resampling.NEAREST))
+    np.testing.assert_array_equal(resized(BYTES, Resizing(50, "nearest")), nearest)
+
+
+def test_a_score_at_256_is_that_of_the_pictures_resized_in_8_bits() -> None:
+    reference = np.roll(PICTURE, 1, axis=1)
+    small = (resized((x * 255 + 0.5).astype(np.uint8), Resizing(48)) / np.float32(255) for x in (PICTURE, reference))
+    image, truth = small
+    named = sb.score(Restoration(PICTURE), View("a.png", Arrays(PICTURE, None, reference)), ["psnr:masked@48"])
+    by_hand = sb.score(Restoration(image), View("a.png", Arrays(image, None, truth)), ["psnr:masked"])
+    (found,), (expected,) = (rows[rows["metric"] == "psnr"].to_dict("records") for rows in (named, by_hand))
+    assert found["variant"] == "masked@48"
+    assert found["value"] == pytest.approx(expected["value"])
+    assert found["n_pixels"] == 48 * 48
+
+
+def test_holes_are_black_at_another_size_and_coverage_is_the_share_that_has_a_colour() -> None:
+    holed = PICTURE.copy()
+    holed[:24] = np.nan
+    rows = sb.score(
+        Restoration(holed), View("a.png", Arrays(PICTURE, None, PICTURE)), ["ssim:uniform7@64", "uiqm:all@64"]
+    )
+    rows = rows[rows["variant"].str.contains("@")]
+    assert len(rows) > 10
+    ok = rows[rows["status"] == "ok"]
+    assert (ok["coverage"] <= 0.75).all()
+    assert ok[ok["variant"] == "funie@64"]["coverage"].item() == pytest.approx(0.75)
+
+
+def test_a_linear_restoration_is_compared_as_it_is_shown() -> None:
+    linear = srgb_decode(PICTURE).astype(np.float32)
+    view = View("a.exr", Arrays(linear, None, linear), encoding="linear")
+    rows = sb.score(Restoration(linear), view, ["psnr:raw@64", "psnr:masked@64"]).query("metric == 'psnr'")
+    assert (rows["value"] > 45).all()  # but for rounding to 8 bits
+
+
+def test_what_needs_more_than_pictures_is_refused() -> None:
+    with pytest.raises(InputError, match=r"^psi:colour@256: .*charts"):
+        sb.score(Restoration(PICTURE), View("a.png", Arrays(PICTURE)), ["psi:colour@256"])

@@ -164,12 +164,6 @@ def test_euclidean_distance_is_used_where_the_camera_is_known(method: str):
 
 
 @each
-def test_an_intrinsic_matrix_is_enough_for_distances(method: str):
-    view = make_view("a.png", make_camera(60, 44, 30), make_pose((0, 0, 0)), WATER)
-    assert restore(method, replace(view, cam_from_world=None)).info["along"] == "distance"
-
-
-@each
 def test_a_view_without_any_depth_is_not_applicable(method: str):
     view = View("empty.png", Arrays(np.full((8, 8, 3), 0.5), np.zeros((8, 8))))
     with pytest.raises(NotApplicableError, match=r"empty\.png"):

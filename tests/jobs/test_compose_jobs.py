@@ -1,12 +1,23 @@
+"""Jobs from words: what is composed, what is refused, how a value is quoted, and what a folder is recognised as."""
+
+from __future__ import annotations
+
+import itertools
+import shlex
 from pathlib import Path
 
 import pytest
 import yaml
-from support.messages import refused
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from omegaconf import OmegaConf
+from support.colmap_folder import picture, write_dive, write_image
+from support.messages import names, refused
 
-from sucre_bench import InputError
+from sucre_bench import InputError, plugins
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.job import Job
+from sucre_bench.jobs.words import quoted, shell, value_of
+from sucre_bench.plugins.plugin import Plugin
 
 pytestmark = pytest.mark.usefixtures("toys")
 
@@ -90,12 +101,6 @@ def test_the_label_is_the_methods_name_and_what_the_sweep_changed():
     assert [j.method.label for j in swept.jobs] == [
         "gain,gain=0.5,log=x", "gain,gain=0.5,log=y", "gain,gain=1.0,log=x", "gain,gain=1.0,log=y",
     ]  # fmt: skip
-
-
-def test_a_sweep_may_have_more_values_than_a_file_name_letters():
-    values = range(300)
-    made = jobs(f"method.gain={','.join(map(str, values))}", multirun=True).jobs
-    assert [job.method.options["gain"] for job in made] == list(values)
 
 
 def test_a_label_of_ones_own_says_which_swept_value_it_has():
@@ -198,3 +203,129 @@ def test_labels_of_a_folder_that_names_the_swept_keys_are_as_they_were():
     (one,) = jobs("method.gain=2").jobs
     written_before = {**yaml.safe_load(one.config), "every": 1}
     assert Job.of(written_before, ["method.gain"]).method.label == "gain,gain=2.0"
+
+
+LETTERS = "\\'$ {}a1."
+TEXTS = ["true", "Null", "nan", "inf", "5", ".5", ".5e-3", "1e-3", "C:\\dive\\", "${out}", "a,b", "~/dive", "ünï", ""]
+
+
+def test_any_text_is_read_back_as_the_same_text():
+    parser = OverridesParser.create()
+    short = ("".join(letters) for length in (1, 2, 3) for letters in itertools.product(LETTERS, repeat=length))
+    for text in [*TEXTS, *short]:
+        read = parser.parse_override(f"key={quoted(text)}").value()
+        assert isinstance(read, str), text
+        assert OmegaConf.create({"key": str(read), "out": "other"}).key == text
+
+
+@pytest.mark.parametrize("value", [None, True, 5, 0.25, "null", ["a", "true", 1], {"a_b": [1, None]}])
+def test_any_value_of_an_option_is_read_back(value: object):
+    read = OverridesParser.create().parse_override(f"key={value_of(value)}").value()
+    assert OmegaConf.to_container(OmegaConf.create({"key": read})) == {"key": value}
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run", "views=['34.png']"],
+        ["views=['a b.png']", "out=my results"],
+        ["views=['$HOME.png']", "views=['`ls`']", "views=['a\\b']", "views=['a\"b!']"],
+        ["", "'", '"', "method=sucre"],
+    ],
+)
+def test_a_shell_reads_the_words_back(words: list[str]):
+    assert shlex.split(shell(words)) == words
+
+
+def test_a_quoted_name_stays_readable():
+    assert shell(["views=['34.png']"]) == "\"views=['34.png']\""
+
+
+def dataset_of(*words: str) -> tuple[str, str]:
+    (job,) = compose_jobs.jobs([*words, "method=gray_world"], False).jobs
+    return job.dataset.plugin.name, str(job.dataset.options["root"])
+
+
+def test_a_folder_is_recognised_by_its_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    write_dive(tmp_path / "dive", ("a.png",))
+    write_image(tmp_path / "photos" / "a.JPG", picture(1))
+    for name, sign in {
+        "metashape": "reef.psx",
+        "nerfstudio": "transforms.json",
+        "openmvs": "depth0000.dmap",
+        "uieb": "raw-890/1_img_.png",
+        "squid": "Katzaa/image_set_01/LFT.tif",
+        "varos": "vehicle0/cam0/camM0.yaml",
+        "flsea": "canyons/flatiron/flatiron/seaErra/1.tiff",
+    }.items():
+        (tmp_path / name / sign).parent.mkdir(parents=True)
+        (tmp_path / name / sign).touch()
+        assert dataset_of(f"dataset=./{name}") == (name, name)
+    assert dataset_of("dataset=./dive") == ("colmap", "dive")
+    assert dataset_of("dataset=./photos") == ("photos", "photos")
+    assert dataset_of(f"dataset={tmp_path / 'dive'}", "colmap.image_scale=0.5") == ("colmap", str(tmp_path / "dive"))
+
+
+def test_a_scene_with_poses_is_preferred_to_the_photographs_in_its_folder(tmp_path: Path):
+    dive = write_dive(tmp_path / "dive", ("a.png",))
+    write_image(dive / "sheet.png", picture(1))
+    assert dataset_of(f"dataset={dive}")[0] == "colmap"
+
+
+def test_two_folders_of_one_dataset_are_told_apart(tmp_path: Path):
+    for name in ("a", "b"):
+        write_dive(tmp_path / name, ("a.png",))
+    sweep = compose_jobs.jobs([f"dataset={tmp_path}/a,{tmp_path}/b", "method=gray_world"], True)
+    assert [job.dataset.label for job in sweep.jobs] == ["colmap,root=a", "colmap,root=b"]
+
+
+def test_a_folder_that_fits_several_datasets_is_the_users_choice(tmp_path: Path):
+    dive = write_dive(tmp_path / "dive", ("a.png",))
+    (dive / "depth0000.dmap").touch()
+    with pytest.raises(InputError) as fault:
+        dataset_of(f"dataset={dive}")
+    assert "dataset=colmap" in str(fault.value)
+    assert "dataset=openmvs" in str(fault.value)
+
+
+@pytest.mark.parametrize(
+    ("word", "named"),
+    [
+        ("dataset=./empty", {"sparse/cameras.*", "colmap"}),
+        ("dataset=./above", {"dataset=above/photos"}),
+        ("dataset=./nowhere", {"folder", "path"}),
+        ("dataset=./file", {"file", "folder"}),
+        ("dataset=empty", {"dataset=./empty"}),
+    ],
+)
+def test_a_folder_that_fits_nothing_is_one_line(bench, tmp_path: Path, word: str, named: set[str]):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "file").touch()
+    write_image(tmp_path / "above" / "photos" / "a.png", picture(1))
+    for done in (bench("run", word, "method=gray_world"), bench("describe", word.partition("=")[2])):
+        assert (done.returncode, len(done.errors)) == (2, 1)
+        assert named <= names(done.stderr)
+
+
+def test_what_a_folder_is_is_said_in_a_line(bench, tmp_path: Path):
+    write_dive(tmp_path / "dive", ("a.png", "b.png"))
+    done = bench("describe", "./dive", "--no-sheet")
+    assert done.returncode == 0
+    assert "dataset=colmap dataset.root=dive" in done.stdout + done.stderr
+
+
+def test_a_folder_with_the_name_of_a_dataset_is_read(bench, tmp_path: Path):
+    """`photos` is both. Where nothing else names the data, the folder is meant."""
+    write_image(tmp_path / "photos" / "a.png", picture(1))
+    for words in (["describe", "photos", "--no-sheet"], ["run", "dataset=photos", "method=gray_world", "--cfg"]):
+        assert bench(*words).returncode == 0
+    refused = bench("run", "photos", "method=gray_world").stderr
+    assert "write sucre-bench run dataset=photos method=gray_world" in refused
+    assert "dataset.root=FOLDER" in bench("describe", "uieb").stderr
+
+
+def test_every_dataset_of_files_can_be_recognised():
+    known = [plugin for plugin in plugins.discover("dataset").values() if isinstance(plugin, Plugin)]
+    own = [plugin for plugin in known if plugin.cls.__module__.startswith("sucre_bench.")]
+    assert {plugin.name for plugin in own if not plugin.signs} == {"demo"}

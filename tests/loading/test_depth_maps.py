@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.spots import check_message
+from support.miniatures import check_message
 
 from sucre_bench.errors import DamagedFileError, InputError
 from sucre_bench.loading.depth_maps import read_depth

@@ -1,13 +1,21 @@
 """Arrays that the processes of a run share in files."""
 
+from __future__ import annotations
+
 import os
+import subprocess
+import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from sucre_bench.machine import provenance
 from sucre_bench.machine.cache import ArrayStore
+from sucre_bench.machine.compute import compiled
 
 pytestmark = pytest.mark.short
 N = 100_000  # float64: 800 kB
@@ -73,3 +81,100 @@ def test_without_a_place_to_write_to_arrays_are_made(tmp_path: Path):
     (tmp_path / "file").write_text("in the way")
     make = _Maker(4)
     assert (ArrayStore(tmp_path / "file", 1e9).get("a", make) == 4).all()
+
+
+_SCRIPT = """
+import sys
+from sucre_bench.machine.compute import compiled
+from loops import double
+assert compiled(double)(2) == 4
+assert "torch" not in sys.modules
+"""
+
+
+def test_compiling_is_announced_once_on_a_machine(tmp_path: Path):
+    (tmp_path / "loops.py").write_text("def double(x):\n    return 2 * x\n")
+
+    def told() -> str:
+        here = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+        ran = subprocess.run([sys.executable, "-c", _SCRIPT], env=here, capture_output=True, text=True, check=True)
+        return ran.stderr
+
+    assert "compiling" in told()
+    assert told() == ""
+
+
+def test_a_loop_is_compiled_where_no_place_can_keep_it():
+    """As for a user who can write neither the package's folder nor a home: numba refuses to cache such a function."""
+    names: dict[str, Any] = {}
+    exec("def double(x):\n    return 2 * x\n", names)  # has no file, so numba finds no place beside it
+    assert compiled(names["double"])(21) == 42
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(provenance, "user_cache", lambda: tmp_path / "cache")
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def code(tmp_path: Path) -> Path:
+    """A folder of two files that were written long ago."""
+    (tmp_path / "code").mkdir()
+    write(tmp_path / "code" / "a.py", "x = 1")
+    write(tmp_path / "code" / "b.py", "y = 1")
+    return tmp_path / "code"
+
+
+def write(file: Path, text: str, changed: float = 1000) -> None:
+    file.write_text(text)
+    os.utime(file, (changed, changed))
+
+
+def hash_in_new_process(place: Path) -> str:
+    provenance._statements.cache_clear()  # noqa: SLF001 - what another process does not have
+    return provenance.hash_of((place,))
+
+
+def unread(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise AssertionError("a file is parsed again")
+
+    monkeypatch.setattr(provenance.ast, "parse", refuse)
+
+
+def test_a_later_process_takes_what_an_earlier_one_found(cache: Path, code: Path, monkeypatch: pytest.MonkeyPatch):
+    first = hash_in_new_process(code)
+    unread(monkeypatch)
+    assert hash_in_new_process(code) == first
+
+
+@pytest.mark.parametrize(("text", "changed"), [("x = 2", 2000), ("x = 10", 1000)])
+def test_a_changed_file_is_read_again(cache: Path, code: Path, text: str, changed: float):
+    first = hash_in_new_process(code)
+    write(code / "a.py", text, changed)
+    assert hash_in_new_process(code) != first
+
+
+def test_a_file_that_may_still_change_is_not_stored(cache: Path, code: Path):
+    soon = time.time() + 3600  # as if it was written just now, however long this test takes
+    write(code / "a.py", "x = 2", soon)
+    first = hash_in_new_process(code)
+    write(code / "a.py", "x = 3", soon)
+    assert hash_in_new_process(code) != first
+
+
+@pytest.mark.parametrize("content", [b'{"of": 3}', b"\xff"])
+def test_a_damaged_cache_is_made_again(cache: Path, code: Path, monkeypatch: pytest.MonkeyPatch, content: bytes):
+    first = hash_in_new_process(code)
+    for file in (cache / "code").glob("*.json"):
+        file.write_bytes(content)
+    assert hash_in_new_process(code) == first
+    unread(monkeypatch)
+    assert hash_in_new_process(code) == first
+
+
+def test_without_a_place_to_write_to_code_is_read(cache: Path, code: Path, monkeypatch: pytest.MonkeyPatch):
+    first = hash_in_new_process(code)
+    monkeypatch.setattr(provenance, "user_cache", lambda: Path("/proc/none"))
+    assert hash_in_new_process(code) == first

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.colmap_folder import write_image
-from support.hidden_packages import hide
+from support.command_line import hide
 
 import sucre_bench as sb
 from sucre_bench.errors import InputError

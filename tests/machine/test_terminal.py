@@ -1,16 +1,26 @@
 """What a terminal and a pipe each get: escape codes or none, and no complaint when the reader has gone."""
 
+from __future__ import annotations
+
 import os
 import pty
 import re
+import signal
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
 from support.command_line import PROGRAM, Done
+
+from sucre_bench.machine import files
+from sucre_bench.machine.processes import interrupts_held_back
+from sucre_bench.machine.text_formats import masked
 
 ESCAPE, COLOUR = "\x1b[", re.compile(r"\x1b\[(?:\d+;)*3\d")
 RUN = ("dataset=toy", "method=faulty", "metrics=[redness]", "tracking.uri=off", "report=false")
+
+pytestmark = pytest.mark.short
 
 
 def in_terminal(*arguments: str, folder: Path, **environment: str) -> str:
@@ -61,3 +71,49 @@ def test_a_reader_that_has_enough_is_no_fault(tmp_path: Path):
     done = subprocess.run([PROGRAM, "run", "--help"], stdout=writing, stderr=subprocess.PIPE, cwd=tmp_path, env=env)
     os.close(writing)
     assert (done.stderr, done.returncode) == (b"", 141)
+
+
+def test_an_interrupt_that_is_held_back_takes_effect_at_the_end_of_the_block():
+    seen = list[int]()
+
+    def block() -> None:
+        with interrupts_held_back() as held:
+            signal.raise_signal(signal.SIGINT)
+            seen.extend(held)
+
+    with pytest.raises(KeyboardInterrupt):
+        block()
+    assert seen == [signal.SIGINT]
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)  # the handler is what it was
+
+
+def test_an_interrupted_file_is_the_old_one_and_nothing_is_left_beside_it(tmp_path: Path):
+    path = tmp_path / "a.txt"
+    files.write_atomically(path, b"old")
+
+    def write() -> None:
+        with files.open_atomically(path) as file:
+            file.write(b"ne")
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        write()
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("address", "shown"),
+    [
+        ("postgresql://me:pa:ss@host:5432/runs", "postgresql://me:***@host:5432/runs"),
+        ("http://:secret@host", "http://:***@host"),
+        ("https://host/x?token=abc&page=2", "https://host/x?token=***&page=2"),
+        ("sqlite:////home/me/mlflow.db", "sqlite:////home/me/mlflow.db"),
+        ("http://host:5000/#/experiments", "http://host:5000/#/experiments"),
+        ("me@host.org, see https://host:80/a@b", "me@host.org, see https://host:80/a@b"),
+    ],
+)
+def test_a_password_is_masked_and_nothing_else(address: str, shown: str):
+    assert masked(address) == shown
+    assert masked(f"uri: '{address}'\n") == f"uri: '{shown}'\n"

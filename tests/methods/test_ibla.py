@@ -53,13 +53,6 @@ def test_red_is_attenuated_by_a_seventh_a_metre_and_the_others_in_their_ratio() 
     np.testing.assert_allclose(result.info["attenuation"], ratio / 7)
 
 
-def test_what_is_farther_lets_less_through() -> None:
-    image, z = made()
-    t = np.nanmean(transmission_of(image, restored(Ibla(radius=10), image))[60:, :, 2], axis=1)
-    assert t[:30].mean() < t[30:60].mean() < t[60:].mean()
-    assert np.corrcoef(np.log(t), -z[60:, 0])[0, 1] > 0.8
-
-
 def test_the_veiling_light_of_a_far_end_is_found() -> None:
     water = restored(Ibla(), made()[0]).water
     np.testing.assert_allclose(water.veiling_light, WATER, atol=0.1)

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 from support.forward_model import restored
-from support.published import psnr_db, published, read
+from support.places import psnr_db, published, read
 
 from sucre_bench import Arrays, Restoration, View, score
 from sucre_bench.methods.fusion import Fusion2012

@@ -1,13 +1,26 @@
 """The simple restorers, against what their definitions say."""
 
+from __future__ import annotations
+
+import warnings
+
 import numpy as np
 import pytest
+import skimage.color
+from scipy.ndimage import gaussian_filter
+from skimage.color import lab2rgb, rgb2lab
+from support.forward_model import restored_image as restored
 from support.made_scene import make_scene
 
 from sucre_bench import Arrays, InputError, Scene, SolveError, View
+from sucre_bench.imaging.cielab import to_lab
 from sucre_bench.imaging.display import display
+from sucre_bench.methods.clahe import Clahe
 from sucre_bench.methods.gray_world import GrayWorld
 from sucre_bench.methods.histogram_stretch import HistogramStretch
+from sucre_bench.methods.mlle import Mlle, balanced_chroma, colour_transfer, corrected, enhanced_lightness
+from sucre_bench.methods.red_compensation import RedCompensation
+from sucre_bench.methods.rghs import Rghs
 from sucre_bench.methods.stitching import Stitching
 from sucre_bench.methods.underwater import Underwater
 from sucre_bench.multiview.pairing import lift, match
@@ -108,3 +121,176 @@ def test_stitching_a_view_without_any_depth_is_an_error_that_says_so() -> None:
     blind = View("blind.png", Arrays(TARGET.rgb, np.zeros(TARGET.depth.shape)), TARGET.camera, TARGET.cam_from_world)
     with pytest.raises(SolveError, match=r"^blind\.png: .*depth;"):
         Stitching().restore(SCENE, blind)
+
+
+RNG = np.random.default_rng(0)
+DULL = np.float32([0.2, 0.4, 0.45]) + np.float32(0.1) * RNG.random((64, 80, 1), dtype=np.float32)
+
+
+def test_contrast_rises_and_colour_is_kept():
+    """Taken for BGR, the lightness and the hue of a bluish image would be those of another."""
+    before, after = to_lab(DULL), to_lab(restored(Clahe(), DULL))
+    assert after[..., 0].std() > 1.5 * before[..., 0].std()
+    np.testing.assert_allclose(after[..., 1:], before[..., 1:], atol=0.6)
+
+
+def test_a_higher_clip_gives_more_contrast():
+    spread = [to_lab(restored(Clahe(clip=clip), DULL))[..., 0].std() for clip in (1, 2, 4)]
+    assert spread[0] < spread[1] < spread[2]
+
+
+def test_lightness_is_not_reduced_to_a_few_values():
+    ramp = np.tile(np.linspace(0.05, 0.95, 256, dtype=np.float32)[None, :, None], (64, 1, 3))
+    assert len(np.unique(restored(Clahe(tiles=1), ramp)[0, :, 1])) > 120
+
+
+def test_one_tile_treats_equal_pixels_equally_and_many_do_not():
+    halves = np.where(np.arange(128)[None, :, None] < 64, 0.2, 0.6) + 0.05 * RNG.random((128, 128, 1))
+    halves = np.repeat(halves, 3, axis=-1)
+    halves[5, 5] = halves[5, 120] = 0.4
+    one, many = (restored(Clahe(tiles=tiles), halves) for tiles in (1, 4))
+    assert one[5, 5, 0] == one[5, 120, 0]
+    assert abs(many[5, 5, 0] - many[5, 120, 0]) > 0.1
+
+
+WATER = np.float32([0.1, 0.4, 0.5]) * (0.7 + 0.6 * RNG.random((61, 47, 3), dtype=np.float32))
+
+
+@pytest.mark.parametrize("strength", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("percent", [0.05, 2.0])
+def test_it_is_red_from_green_then_gray_world_then_a_stretch(strength: float, percent: float):
+    image = WATER.astype(np.float64)
+    mean = image.mean(axis=(0, 1))
+    image[..., 0] += strength * (mean[1] - mean[0]) * (1 - image[..., 0]) * image[..., 1]
+    image = np.minimum(image * (image.mean() / image.mean(axis=(0, 1))), 1)
+    low, high = np.percentile(image, [percent, 100 - percent], axis=(0, 1))
+    expected = ((image - low) / (high - low)).clip(0, 1)
+    np.testing.assert_allclose(restored(RedCompensation(strength, percent), WATER), expected, atol=1e-5)
+
+
+def test_red_is_lifted_and_nothing_where_blue_is_lacking():
+    lifted, left = restored(RedCompensation(), WATER), restored(RedCompensation(strength=0), WATER)
+    assert np.abs(lifted - left)[..., 0].max() > 0.05
+    swapped = np.ascontiguousarray(WATER[..., ::-1])
+    np.testing.assert_array_equal(restored(RedCompensation(), swapped), restored(RedCompensation(strength=0), swapped))
+
+
+RED_LOST = np.float32([0.15, 0.4, 0.5]) * (0.6 + 0.8 * RNG.random((61, 47, 3), dtype=np.float32))
+SPREAD = 0.655136  # of a Rayleigh distribution of mode 1, sqrt((4 - pi) / 2)
+KEPT = np.array([1.1, 0.9, 0.9]), np.array([0.83, 0.95, 0.97])  # kappa, and what a metre of water leaves
+
+
+def by_hand(rgb: np.ndarray, distance_m: float, tail: float) -> np.ndarray:
+    """The publication's steps but for the noise filter, in float64, L*a*b* by scikit-image."""
+    rgb = rgb.astype(np.float64)
+    rgb[..., 1:] *= 0.5 / rgb[..., 1:].mean(axis=(0, 1))
+    for c in range(3):
+        plane = rgb[..., c]
+        values, counts = np.unique(np.rint(plane * 255), return_counts=True)
+        mode = values[counts.argmax()] / 255
+        left, right = (np.sort(plane[side]) for side in (plane < mode, plane >= mode))
+        low = np.interp(tail / 100 * (len(left) - 1), np.arange(len(left)), left)
+        high = np.interp((1 - tail / 100) * (len(right) - 1), np.arange(len(right)), right)
+        tops = (mode + np.arange(-200, 200) * SPREAD * mode) / (KEPT[0][c] * KEPT[1][c] ** distance_m)
+        fitting = tops[(tops >= high) & (tops <= 1)]
+        top, bottom = fitting.mean() if len(fitting) else 1, min((1 - SPREAD) * mode, low)
+        rgb[..., c] = ((plane - low) * (top - bottom) / (high - low) + bottom).clip(0, 1)
+    lab = skimage.color.rgb2lab(rgb)
+    low, high = np.percentile(lab[..., 0], [1, 99])
+    lab[..., 0] = ((lab[..., 0] - low) * 100 / (high - low)).clip(0, 100)
+    lab[..., 1:] *= 1.3 ** (1 - np.abs(lab[..., 1:]) / 128)
+    with warnings.catch_warnings(action="ignore"):  # of colours that no screen shows
+        return skimage.color.lab2rgb(lab).clip(0, 1)
+
+
+def image_of(mode: float, low: float, high: float) -> np.ndarray:
+    """Each channel spread over [low, high], and a third of it at the mode."""
+    planes = [np.r_[RNG.uniform(low, high, 1800), np.full(900, mode)] * factor for factor in (0.5, 0.8, 1)]
+    return np.stack([RNG.permutation(plane).reshape(54, 50) for plane in planes], axis=-1).astype(np.float32)
+
+
+@pytest.mark.parametrize(("distance_m", "tail"), [(3, 0.1), (0, 10), (8, 1)])
+@pytest.mark.parametrize(
+    "image",
+    [RED_LOST, image_of(0.22, 0.1, 0.5), image_of(0.5, 0.02, 0.9), image_of(0.05, 0.01, 0.3), image_of(0.7, 0.6, 0.8)],
+    ids=["water", "a range that grows", "a wide range", "dark", "bright"],
+)
+def test_an_image_is_stretched_as_published(image: np.ndarray, distance_m: float, tail: float):
+    found = restored(Rghs(distance_m=distance_m, tail=tail, noise=0), image)
+    difference = np.abs(found - by_hand(image, distance_m, tail))
+    assert difference.mean() < 0.003  # OpenCV's L*a*b* is approximate
+    assert np.percentile(difference, 99) < 0.03
+
+
+@pytest.mark.parametrize("dead", [0, 1, 2])
+def test_a_dead_channel_is_left_alone(dead: int):
+    image = RED_LOST.copy()
+    image[..., dead] = 0
+    result = restored(Rghs(), image)
+    assert np.isfinite(result).all()
+    assert 0 <= result.min() <= result.max() <= 1
+
+
+MURK = np.float32([0.1, 0.5, 0.4]) * (0.7 + 0.6 * RNG.random((41, 57, 3), dtype=np.float32))
+
+
+def transferred(rgb: np.ndarray) -> np.ndarray:
+    """The colour transfer image by the publication's iteration, in float64."""
+    even = rgb.astype(np.float64)
+    strongest = even.mean(axis=(0, 1)).argmax()
+    for _ in range(200):
+        lacking = even[..., strongest].mean() - even.mean(axis=(0, 1))
+        even = even + lacking * even[..., strongest, None]
+    low, high = even.min(axis=(0, 1)), even.max(axis=(0, 1))
+    return (even - low) / (high - low)
+
+
+def by_blocks(light: np.ndarray, side: int, contrast: float) -> np.ndarray:
+    """Each pixel's lightness moved from its block's mean, pixel by pixel."""
+    result = np.empty_like(light)
+    for y, x in np.ndindex(*light.shape):
+        block = light[max(0, y - side // 2) : y + side // 2 + 1, max(0, x - side // 2) : x + side // 2 + 1]
+        gain = min(light.var() / max(block.var(), 1e-8), contrast)
+        result[y, x] = block.mean() + gain * (light[y, x] - block.mean())
+    return result
+
+
+def test_the_colour_transfer_image_is_the_limit_of_the_published_iteration() -> None:
+    np.testing.assert_allclose(colour_transfer(MURK), transferred(MURK), atol=1e-5)
+
+
+def test_colours_are_replaced_most_where_a_channel_is_dark() -> None:
+    rgb = MURK.astype(np.float64)
+    share = 1 - rgb.min(axis=-1, keepdims=True) ** 1.2
+    detail = rgb - gaussian_filter(rgb, 1, mode="mirror", axes=(0, 1))
+    expected = detail + share * transferred(rgb) + (1 - share) * rgb
+    np.testing.assert_allclose(corrected(MURK, 1.2), expected, atol=5e-3)  # OpenCV cuts the Gaussian at 3 sigma
+
+
+@pytest.mark.parametrize("side", [3, 25])
+def test_lightness_moves_from_the_mean_of_its_block_by_no_more_than_the_greatest_gain(side: int) -> None:
+    light = RNG.random((30, 40)) * np.linspace(0.05, 1, 40)  # smooth blocks on the left, rough ones on the right
+    enhanced = enhanced_lightness(light.astype(np.float32), side, 2)
+    np.testing.assert_allclose(enhanced, by_blocks(light, side, 2), atol=1e-4)
+
+
+def test_the_lower_of_the_two_chroma_means_is_raised() -> None:
+    chroma = np.float32([-20, 10]) + RNG.normal(0, 3, (20, 30, 2)).astype(np.float32)
+    raised = balanced_chroma(chroma)
+    a, b = chroma.astype(np.float64).mean(axis=(0, 1)) + 128
+    np.testing.assert_allclose(raised[..., 0].mean() + 128, a * (1 + (b - a) / (a + b)), rtol=1e-4)
+    np.testing.assert_allclose(raised[..., 1], chroma[..., 1], atol=1e-4)
+    swapped = balanced_chroma(chroma[..., ::-1])
+    np.testing.assert_allclose(swapped[..., ::-1], raised, atol=1e-4)
+
+
+def test_the_whole_is_its_steps() -> None:
+    lab = rgb2lab(corrected(MURK, 1.2).clip(0, 1).astype(np.float64))
+    light = by_blocks(lab[..., 0] / 100, 25, 2)
+    low, high = np.percentile(light, [1, 99])
+    a, b = lab[..., 1:].mean(axis=(0, 1)) + 128
+    lab[..., 0] = 100 * ((light - low) / (high - low)).clip(0, 1)
+    lab[..., 1] = (lab[..., 1] + 128) * (1 + max(0, b - a) / (a + b)) - 128
+    lab[..., 2] = (lab[..., 2] + 128) * (1 + max(0, a - b) / (a + b)) - 128
+    result = restored(Mlle(), MURK)
+    assert np.abs(result - lab2rgb(lab).clip(0, 1)).mean() < 5e-3  # OpenCV's L*a*b* is approximate

@@ -1,10 +1,14 @@
-"""The underwater light attenuation prior, against its formulas computed by hand."""
+"""ULAP and UDCP, against their papers' formulas by hand and what they are for."""
+
+from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.forward_model import restored, transmission_of
+from support.forward_model import NOISE, hazy, restored, tiles, transmission_of
 
 from sucre_bench import InputError
+from sucre_bench.imaging.filters import guided_filter
+from sucre_bench.methods.udcp import Udcp
 from sucre_bench.methods.ulap import Ulap, depth_prior
 
 
@@ -22,13 +26,6 @@ from sucre_bench.methods.ulap import Ulap, depth_prior
 def test_depth_is_linear_in_red_and_in_the_stronger_of_green_and_blue(colour: tuple[float, ...], expected: float):
     image = np.tile(np.float32(colour), (2, 3, 1))
     np.testing.assert_allclose(depth_prior(image), expected, atol=2e-6)
-
-
-def test_a_colour_and_its_mirror_in_bgr_have_other_depths() -> None:
-    red = np.full((1, 1, 3), [0.8, 0.3, 0.1], np.float32)
-    assert depth_prior(red[..., ::-1])[0, 0] - depth_prior(red)[0, 0] == pytest.approx(
-        0.50516165 * 0.5 + 0.90511117 * 0.7, abs=1e-6
-    )
 
 
 def test_the_veiling_light_is_the_brightest_of_the_deepest_pixels() -> None:
@@ -53,16 +50,78 @@ def test_the_transmission_of_each_channel_is_what_remains_after_the_stretched_de
         np.testing.assert_allclose(t[:, columns].reshape(-1, 3), np.tile(expected, (800, 1)), atol=2e-3)
 
 
-def test_what_is_farther_lets_less_through() -> None:
-    depth = np.linspace(0, 8, 120)[:, None, None] * np.ones((1, 80, 1))
-    grain = np.random.default_rng(0).uniform(0.5, 0.6, (120, 80, 1))
-    through = np.exp(-depth * [0.3, 0.05, 0.04])
-    image = (grain * through + np.array([0.05, 0.5, 0.6]) * (1 - through)).astype(np.float32)
-    t = np.nanmean(transmission_of(image, restored(Ulap(radius=5), image))[:60, :, 0], axis=1)
-    assert t[:20].mean() > t[20:40].mean() > t[40:].mean()
-
-
 @pytest.mark.parametrize("remaining", [(), (0.8, 0.9), (0.8, 0.9, 0.9, 0.9)])
 def test_what_remains_of_other_than_three_channels_is_refused(remaining: tuple[float, ...]) -> None:
     with pytest.raises(InputError, match=r"^ulap\.remaining: \("):
         Ulap(remaining=remaining)
+
+
+A = np.array([0.1, 0.7, 0.8])
+
+
+def made() -> tuple[np.ndarray, np.ndarray]:
+    """Open water above (t = 0), below it a mosaic in which every window has a dark tile; (image, t)."""
+    J = tiles(96, 128, 3, np.array([[0.9, 0, 0], [0.1, 0.6, 0.2], [0.3, 0.1, 0.0], [0.2, 0.2, 0.7]]), seed=1)
+    t = np.zeros((96, 128))
+    t[24:] = np.linspace(0.25, 0.85, 72)[:, None]
+    return hazy(J, A, t).astype(np.float32), t
+
+
+WITH_OPEN_WATER = np.concatenate([np.tile(A, (12, 32, 1)), NOISE * 0.6]).astype(np.float32)
+
+
+def dark_by_hand(image: np.ndarray, side: int) -> np.ndarray:
+    """1 - the least of green and blue, relative to A's, in a window, (H, W)."""
+    t, half = np.empty(image.shape[:2]), side // 2
+    relative = image[..., 1:].astype(np.float64) / A[1:]
+    for y, x in np.ndindex(t.shape):
+        t[y, x] = 1 - relative[max(0, y - half) : y + half + 1, max(0, x - half) : x + half + 1].min()
+    return t
+
+
+def test_the_transmission_is_one_less_the_dark_channel_of_green_and_blue() -> None:
+    """Refined by the guided filter, which has tests of its own."""
+    result = restored(Udcp(window=5, radius=4, greatest=1), WITH_OPEN_WATER)
+    expected = guided_filter(WITH_OPEN_WATER, dark_by_hand(WITH_OPEN_WATER, 5).astype(np.float32), 4, 1e-3)
+    found = transmission_of(WITH_OPEN_WATER, result)
+    expected = np.where(np.isnan(found), np.nan, expected.clip(0.2, 1)[..., None])
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+
+
+def test_the_veiling_light_is_the_colour_where_green_and_blue_are_bright_all_around() -> None:
+    image = np.full((30, 40, 3), 0.2, np.float32)
+    image[3, 4] = 1  # bright, but alone
+    image[15:25, 20:30] = 0.1, 0.7, 0.8
+    water = restored(Udcp(), image).water
+    np.testing.assert_allclose(water.veiling_light, A, atol=1e-7)
+
+
+def test_made_haze_is_measured() -> None:
+    image, truth = made()
+    result = restored(Udcp(greatest=1, radius=8), image)
+    np.testing.assert_allclose(result.water.veiling_light, A, atol=1e-6)
+    t = np.nanmean(transmission_of(image, result)[30:], axis=(1, 2))
+    np.testing.assert_allclose(t, truth[30:, 0], atol=0.06)
+    assert np.corrcoef(t, truth[30:, 0])[0, 1] > 0.99
+
+
+def test_the_transmission_follows_the_edges_of_the_image() -> None:
+    """Taken window by window without refinement, the near side's transmission bleeds into the far side."""
+    t = np.where(np.arange(64) < 32, 0.3, 0.8) * np.ones((64, 1))
+    image = hazy(np.zeros((64, 64, 3)), A, t).astype(np.float32)
+    image[:4] = A  # the veiling light is seen somewhere
+    raw = dark_by_hand(image, 9)[20:, 28:32]
+    fine = transmission_of(image, restored(Udcp(radius=8), image))[20:, 28:32, 2]
+    assert np.abs(raw - 0.3).max() == pytest.approx(0.5, abs=1e-5)
+    assert np.abs(fine - 0.3).mean() < 0.5 * np.abs(raw - 0.3).mean()
+
+
+def test_the_transmission_keeps_within_its_bounds() -> None:
+    info = restored(Udcp(), made()[0]).info
+    assert info["transmission_min"] == [pytest.approx(0.2)]
+    assert restored(Udcp(greatest=0.5), made()[0]).info["transmission_max"] == [0.5]
+
+
+def test_a_window_without_a_middle_is_refused() -> None:
+    with pytest.raises(InputError, match=r"^udcp\.window: 4 .*odd"):
+        Udcp(window=4)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 import pytest
-from support.published import u45_rows
+from support.places import u45_rows
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import NotApplicableError
@@ -74,21 +74,6 @@ def test_the_tails_of_ten_and_of_fifteen_pixels() -> None:
     fifteen = [-18, -16, 2, 4, 6, 8, 10, 12, 14, 16, 18, 98, 96, 94, 92]  # 1.5 pixels: two low, one high are dropped
     # matlab: 2 low and 1 high (the nearest numbers of 1.5 and 13.5 pixels), over 12 pixels
     assert first_opponent(fifteen, "matlab-first-output") == pytest.approx(sum([*fifteen[2:11], 96, 94, 92]) / 12)
-
-
-def test_colourfulness_of_two_colours_by_hand() -> None:
-    image = np.array([[[200, 100, 50]] * 10 + [[100, 100, 100]] * 10], np.uint8)
-    # RG = 100 or 0, YB = 100 or 0: means 50, variances 2500
-    expected = -0.0268 * math.hypot(50, 50) + 0.1586 * math.sqrt(5000)
-    for variant in ("panetta2016", "matlab", "trimmed-variance"):
-        assert of(image, variant, Uicm()) == pytest.approx(expected)
-    assert of(image, "matlab-first-output", Uicm()) == pytest.approx(50)
-
-
-def test_red_below_green_wraps_around_in_that_variant_only() -> None:
-    image = np.array([[[100, 101, 100]] * 20], np.uint8)  # RG = -1 or 255; YB = .5, or 201 / 2 - 100 = .5
-    assert of(image, "panetta2016", Uicm()) == pytest.approx(-0.0268 * math.hypot(1, 0.5))
-    assert of(image, "wraparound", Uicm()) == pytest.approx(-0.0268 * math.hypot(255, 0.5))
 
 
 def test_sharpness_of_a_ramp_by_hand() -> None:
@@ -278,13 +263,6 @@ def test_each_variant_is_its_formula_written_out_block_by_block(variant: str) ->
             assert of(image, variant, metric) == pytest.approx(expected, rel=exact), metric
     weights = (0.0282, 0.2953, 0.6765 if variant == "uwcnn-plus" else 3.5753)
     assert of(image, variant) == pytest.approx(np.dot(weights, parts), rel=1e-3 if "chen" in variant else 1e-6)
-
-
-def test_variance_over_all_or_trimmed_pixels_of_a_public_picture() -> None:
-    from skimage import data
-
-    assert of(data.astronaut(), "panetta2016", Uicm()) == pytest.approx(8.43, abs=0.01)
-    assert of(data.astronaut(), "trimmed-variance", Uicm()) == pytest.approx(6.48, abs=0.01)
 
 
 # -- holes -------------------------------------------------------------------------------------------------------

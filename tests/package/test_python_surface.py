@@ -1,6 +1,10 @@
 """The bench from Python, beyond what the examples in docstrings show."""
 
+from __future__ import annotations
+
 import base64
+import doctest
+import inspect
 import re
 from pathlib import Path
 
@@ -186,3 +190,18 @@ def test_scenes_are_opened_when_they_are_asked_for(tmp_path: Path):
     assert sb.load_scene("demo", scene.name, views=2, width=96, height=72, root=tmp_path).data_id == scene.data_id
     with pytest.raises(sb.InputError, match=r"no scene 'costal'.*'coastal'"):
         sb.load_scene("demo", "costal", views=2, width=96, height=72, root=tmp_path)
+
+
+@pytest.mark.parametrize("name", sorted(set(sb.__all__) - {"__version__"}))
+def test_each_public_name_has_an_example_that_runs(name: str):
+    public = getattr(sb, name)
+    home = inspect.getmodule(public)
+    finder = doctest.DocTestFinder(recurse=False)
+    space = {**vars(home), "np": np}
+    (test,) = finder.find(public, name, module=home, globs=space)
+    assert test.examples, f"sucre_bench.{name} has no example in its docstring"
+    assert doctest.DocTestRunner(optionflags=doctest.IGNORE_EXCEPTION_DETAIL).run(test).failed == 0
+
+
+def test_the_public_names_are_what_completion_offers():
+    assert set(sb.__all__) == set(dir(sb))

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from support.hidden_packages import hide
+from support.command_line import hide
 
 from sucre_bench.machine import provenance
 from sucre_bench.programs import doctor

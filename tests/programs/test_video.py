@@ -55,11 +55,6 @@ def test_a_gain_of_one_channel_counts_a_third(tmp_path: Path):
     assert found.mean == pytest.approx(math.log(G) / 3, abs=2e-3)
 
 
-def test_a_constant_gain_does_not_flicker_whatever_the_views_show(tmp_path: Path):
-    found = flicker(sequence(tmp_path, [G] * 5), ["restored"])["restored"]["gain"]
-    assert found.mean < 1e-3
-
-
 def test_holes_say_nothing_of_a_methods_gain(tmp_path: Path):
     frames = []
     for k in range(3):

@@ -120,12 +120,6 @@ def test_a_hostile_bundle_is_refused_before_anything_is_read(tmp_path: Path, wha
     assert [p.name for p in tmp_path.iterdir()] == ["b.zip"]
 
 
-def test_an_ordinary_bundle_is_within_these_limits(tmp_path: Path):
-    written(tmp_path / "b.zip", one=b"picture")
-    with open_bundle(tmp_path / "b.zip", LIMITS) as bundle:
-        assert len(bundle.rows) == 3
-
-
 EMPTY = {"format": "sucre_bench bundle", "version": 1, "sucre_bench": "", "inside": {}, "outside": {}, "by": ""}
 
 

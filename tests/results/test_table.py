@@ -1,16 +1,25 @@
+"""The score table: its parts are joined while jobs write and others read; reasons; rows."""
+
+from __future__ import annotations
+
+import math
 import re
+import threading
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
 
-from sucre_bench import InputError, results
-from sucre_bench.errors import OutputError
+from sucre_bench import InputError, plugins, results
+from sucre_bench.errors import DiedError, OutputError, one_line
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.results import table
-from sucre_bench.results.rows import Row, frame
+from sucre_bench.results import Reason, brief, table, with_remedy
+from sucre_bench.results.reasons import without_view
+from sucre_bench.results.rows import COLUMNS, Row, frame, tuples
 from sucre_bench.results.table import Part, merge, read
 
 ROW = Row(
@@ -69,18 +78,10 @@ def test_rows_of_one_method_are_read_as_they_are_among_all(tmp_path: Path):
         pd.testing.assert_frame_equal(read(tmp_path, dataset=dataset, method=method), own)
 
 
-@pytest.mark.parametrize("as_dictionary", [False, True])
-def test_a_table_in_row_groups_with_texts_of_their_own_is_read_as_it_is(tmp_path: Path, as_dictionary: bool):
+def test_a_table_in_row_groups_with_texts_of_their_own_is_read_as_it_is(tmp_path: Path):
     rows = frame([replace(ROW, view=f"{n}.png", reason=f"because {n % 3}") for n in range(10)])
-    text = {name: "category" for name in rows if rows[name].dtype == "str"} if as_dictionary else {}
-    rows.astype(text).to_parquet(tmp_path / "scores.parquet", index=False, row_group_size=4)
+    rows.to_parquet(tmp_path / "scores.parquet", index=False, row_group_size=4)
     pd.testing.assert_frame_equal(read(tmp_path), rows)
-
-
-def test_another_metrics_code_does_not_matter(tmp_path: Path):
-    write(tmp_path, "one", replace(ROW, metric="ssim", code="c1.q"))
-    write(tmp_path, "two", replace(ROW, time=LATER))
-    assert sorted(read(tmp_path)["metric"]) == ["psnr", "ssim"]
 
 
 def test_a_folder_without_a_table_is_named(tmp_path: Path):
@@ -169,3 +170,157 @@ def test_a_clock_that_was_set_back_leaves_the_last_row_the_newest(tmp_path: Path
         part.flush()
         rows = results.merge(tmp_path)
     assert rows["status"].tolist() == ["ok"]
+
+
+def test_tuples_are_what_pandas_gives():
+    rows = frame([Row(view=f"{n}.png", value=n / 2, n_pixels=n, time="t") for n in range(3)] + [Row(time="t")])
+    ours, theirs = list(tuples(rows)), list(rows.itertuples(index=False, name=None))
+    assert [repr(tuple(row)) for row in ours] == [repr(row) for row in theirs]
+    assert ours[0]._fields == COLUMNS
+    assert [(row.view, row.value) for row in tuples(rows, "view", "value")][1] == ("1.png", 0.5)
+    assert math.isnan(ours[-1].value)
+    assert list(tuples(rows[:0], "view")) == []
+
+
+@pytest.mark.parametrize("has", [frozenset(), frozenset({"depth"}), frozenset({"charts", "poses"})])
+def test_a_lack_is_known_by_its_code_and_names_what_is_there(has: frozenset[str]):
+    text = plugins.missing_needs(plugins.find("method", "sucre"), has, "view")
+    assert Reason.of(text) is Reason.LACK
+    assert brief(text) == f"needs {' and '.join(sorted({'depth', 'poses'} - has))}"
+    assert text.endswith(f"the view has {', '.join(sorted(has)) or 'only images'}")
+
+
+def test_a_lack_in_a_table_of_an_earlier_version_is_known():
+    text = "needs charts, the scene has depth, poses"
+    assert Reason.of(text) is Reason.LACK
+    assert brief(text) == with_remedy(text).partition(", the ")[0] == "needs charts"
+
+
+def test_scenes_that_lack_the_same_have_one_brief_reason():
+    method = plugins.find("method", "sucre")
+    texts = {plugins.missing_needs(method, frozenset({"poses", *more})) for more in ((), ("charts",))}
+    assert len(texts) == 2
+    assert {brief(text) for text in texts} == {"needs depth"}
+
+
+def test_a_reason_of_a_methods_own_words_is_kept_whole():
+    text = "too dark, nothing to score in this view"
+    assert Reason.of(text) is Reason.OTHER
+    assert brief(text) == text
+
+
+@pytest.mark.parametrize("text", ["a.png has no depth map", "a.png: has no depth map", "has no depth map"])
+def test_views_with_one_reason_count_together(text: str):
+    assert without_view(text, "a.png") == "has no depth map"
+    assert without_view(text, "") == text
+
+
+def test_a_number_that_a_view_is_named_like_stays_in_its_reason():
+    near = "1.5 m is too near"
+    assert without_view(near, "1") == near
+
+
+def test_who_lacks_depth_or_poses_is_told_the_command_that_makes_them():
+    method = plugins.find("method", "sucre")
+    assert "sucre-bench prepare" in with_remedy(plugins.missing_needs(method, frozenset({"poses"})))
+    charts = plugins.missing_needs(plugins.find("metric", "psi"), frozenset())
+    assert with_remedy(charts) == charts
+
+
+def test_a_death_is_known_by_its_code():
+    assert Reason.of(one_line(DiedError("exit code 7", "method 'a' on view 'b (1).png'"))) is Reason.DIED
+
+
+TOUCHES = ("iterdir", "read_bytes", "replace", "rmdir", "stat", "unlink")  # how files are read and changed
+
+
+def write_views(out: Path, *views: str) -> None:
+    """Rows as a job leaves them, a part each."""
+    for view in views:
+        part = Part(out, "job")
+        part.add([Row(dataset="d", scene="s", view=view, method="m", value=1.0)])
+        part.flush()
+
+
+def views_in(rows: Any) -> list[str]:
+    return sorted(rows["view"])
+
+
+class Moments:
+    """Lets something happen when files are touched for the n-th time, in this thread, by what is within a `with`."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self._patching, self._left, self._happen = monkeypatch, 0, lambda: None
+        for name in TOUCHES:
+            monkeypatch.setattr(Path, name, self._touching(getattr(Path, name)))
+
+    def at(self, n: int, happen: Callable[[], None]) -> None:
+        self._left, self._happen = n, happen
+
+    @property
+    def came(self) -> bool:
+        return self._left <= 0
+
+    def _touching(self, touch: Callable[..., Any]) -> Callable[..., Any]:
+        def touched(*given: Any, **options: Any) -> Any:
+            if threading.current_thread() is threading.main_thread():
+                self._left -= 1
+                if self._left == 0:
+                    self._happen()
+            return touch(*given, **options)
+
+        return touched
+
+
+@pytest.fixture
+def moments(monkeypatch: pytest.MonkeyPatch) -> Moments:
+    return Moments(monkeypatch)
+
+
+def test_a_job_that_writes_while_parts_are_joined_loses_nothing_and_waits_for_nobody(tmp_path: Path, moments: Moments):
+    """Whatever moment it writes at. Hundreds of jobs that write each second would queue for one lock."""
+    for n in range(1, 100):
+        out = tmp_path / str(n)
+        write_views(out, "before 1", "before 2")
+        done = threading.Event()
+
+        def late(out: Path = out, done: threading.Event = done) -> None:
+            threading.Thread(target=lambda: (write_views(out, "late"), done.set()), daemon=True).start()
+            assert done.wait(300), "the job waits for the merge"
+
+        moments.at(n, late)
+        results.merge(out)
+        if not moments.came:
+            break
+        expected = ["before 1", "before 2", "late"]
+        assert views_in(results.read(out)) == views_in(results.merge(out)) == expected, f"at touch {n}"
+        assert not list((out / "parts").glob("*.parquet"))
+    assert n > 6, "a merge touches more files than that"
+
+
+def test_who_reads_while_parts_are_joined_sees_every_row(tmp_path: Path, moments: Moments):
+    for n in range(1, 50):
+        out = tmp_path / str(n)
+        write_views(out, "0.png", "1.png", "2.png")
+        moments.at(n, lambda out=out: views_in(results.merge(out)))
+        assert views_in(results.read(out)) == ["0.png", "1.png", "2.png"], f"at touch {n}"
+        if not moments.came:
+            break
+    assert n > 4
+
+
+def test_a_merge_that_was_killed_leaves_every_row_to_the_next(tmp_path: Path, moments: Moments):
+    def killed() -> None:
+        raise KeyboardInterrupt
+
+    for n in range(1, 100):
+        out = tmp_path / str(n)
+        write_views(out, "a.png", "b.png")
+        moments.at(n, killed)
+        try:
+            results.merge(out)
+            break
+        except KeyboardInterrupt:
+            moments.at(0, killed)
+        assert views_in(results.read(out)) == views_in(results.merge(out)) == ["a.png", "b.png"], f"at touch {n}"
+    assert n > 6

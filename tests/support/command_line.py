@@ -1,10 +1,11 @@
-"""The command line: run in this process, as a process of its own, or looked at; the plugins that it finds."""
+"""The command line: run in this process, as a process of its own, or looked at; the plugins and packages it finds."""
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
 import functools
+import importlib.util
 import io
 import mmap
 import multiprocessing
@@ -25,6 +26,7 @@ from typing import TYPE_CHECKING
 from unittest import mock
 
 import click
+import pytest
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 
@@ -255,3 +257,16 @@ def but_times(rows: pd.DataFrame) -> pd.DataFrame:
 def calls(log: Path) -> list[str]:
     """The views that the toy method `gain` has restored."""
     return log.read_text().split() if log.exists() else []
+
+
+EXTRAS = ("mlflow", "torch", "jax", "open3d", "pycolmap", "onnxruntime", "colour", "mkdocs")
+
+
+def hide(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+    """Let Python find none of these packages, by import name, for the time of a test.
+
+    names: by default those whose imports take seconds, for tests of `doctor`, which imports what there is.
+    """
+    names = names or EXTRAS
+    find_spec = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name in names else find_spec(name))

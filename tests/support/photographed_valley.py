@@ -1,5 +1,6 @@
 """Two slanted planes with a texture, photographed by a distorting camera: a world that COLMAP finds again."""
 
+import functools
 from pathlib import Path
 
 import cv2
@@ -35,6 +36,14 @@ def true_depth(pose: Array, rays: Array) -> Array:
     return depths.min(axis=-1)
 
 
+@functools.cache
+def texture() -> np.ndarray:
+    """What covers the planes, of three sizes of grain."""
+    random = np.random.default_rng(3)
+    grains = [random.normal(size=(side, side)) for side in (64, 128, 256)]
+    return np.sum([cv2.resize(one, (1024, 1024), interpolation=cv2.INTER_CUBIC) for one in grains], axis=0)
+
+
 def photograph(pose: Array) -> np.ndarray:
     """What the distorting camera sees (H, W, 3) uint8."""
     K = CAMERA.K.copy()
@@ -44,13 +53,8 @@ def photograph(pose: Array) -> np.ndarray:
     rays = np.concatenate([straight, np.ones((HEIGHT, WIDTH, 1))], axis=-1)
     world_from_cam = np.linalg.inv(pose)
     points = (rays * true_depth(pose, rays)[..., None]) @ world_from_cam[:3, :3].T + world_from_cam[:3, 3]
-    random = np.random.default_rng(3)
-    texture = sum(
-        cv2.resize(random.normal(size=(side, side)), (1024, 1024), interpolation=cv2.INTER_CUBIC)
-        for side in (64, 128, 256)
-    )
     at = ((points[..., :2] + 2.5) * 200).astype(np.float32)
-    seen = cv2.remap(np.asarray(texture), at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    seen = cv2.remap(texture(), at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
     gray = 110 + 35 * seen
     return np.clip(gray[..., None] + [30, 10, -40], 0, 255).astype(np.uint8)
 

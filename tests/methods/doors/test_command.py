@@ -100,13 +100,6 @@ def test_the_command_line_takes_a_command_in_two_kinds_of_quotes(bench, toys: st
     assert re.search("exit code 1, .*the net is torn", done.stderr)
 
 
-def test_a_mistyped_program_stops_a_run_before_it_starts(bench, toys: str):
-    done = bench("run", "--plugin", toys, "dataset=toy", "method=command", "method.run='no_such {input} {output}'")
-    assert done.returncode == 2
-    assert len(done.errors) == 1
-    assert "command.run: 'no_such' " in done.stderr
-
-
 # -- what the documentation shows ------------------------------------------------------------------------
 
 

@@ -82,10 +82,9 @@ def test_an_output_of_another_size_is_told_with_the_programs_name(tmp_path: Path
     assert restored(f"cp '{other}' {{output}}", output_suffix=".npy", resize=True).info["resized_from"] == [3, 2]
 
 
-@pytest.mark.parametrize("stubborn", ["", "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN)\n"])
-def test_a_program_that_hangs_is_stopped_with_all_its_children(tmp_path: Path, stubborn: str):
+def test_a_program_that_hangs_is_stopped_with_all_its_children(tmp_path: Path):
     source = (
-        f"{stubborn}import os, subprocess, sys, time\n"
+        "import os, signal, subprocess, sys, time; signal.signal(signal.SIGTERM, signal.SIG_IGN)\n"
         "child = subprocess.Popen([sys.executable, '-S', '-c', 'import time; time.sleep(3600)'])\n"
         f"open({str(tmp_path / 'new')!r}, 'w').write(f'{{child.pid}} {{os.getpid()}}')\n"
         f"os.rename({str(tmp_path / 'new')!r}, {str(tmp_path / 'pids')!r})\n"
@@ -98,24 +97,6 @@ def test_a_program_that_hangs_is_stopped_with_all_its_children(tmp_path: Path, s
             break
     for pid in (tmp_path / "pids").read_text().split():
         assert ends_soon(int(pid))
-
-
-def test_children_that_outlive_their_program_are_ended_and_do_not_keep_us(tmp_path: Path):
-    source = (
-        "import shutil, subprocess, sys\n"
-        "child = subprocess.Popen([sys.executable, '-S', '-c', 'import time; time.sleep(3600)'])\n"
-        "print(child.pid); shutil.copy(sys.argv[1], sys.argv[2])\n"
-    )
-
-    def took_s() -> float:
-        started = time.monotonic()
-        result = restored(f"{program(tmp_path, source)} {{input}} {{output}}")
-        took = time.monotonic() - started
-        assert ends_soon(int(result.info["said"]))
-        return took
-
-    # 3 s are given to those alone that do not end: one quick run shows it, however busy the machine is at others.
-    assert any(took_s() < 3 for _ in range(20))
 
 
 CLEANING_UP = """

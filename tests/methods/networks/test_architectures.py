@@ -22,27 +22,6 @@ def test_an_architecture_has_as_many_parameters_as_the_published_one(architectur
     assert sum(p.numel() for p in empty_network(architecture).parameters()) == parameters
 
 
-@pytest.mark.parametrize(
-    ("architecture", "key", "shape"),
-    [
-        ("WaterNet", "cmg.conv1.weight", (128, 12, 7, 7)),
-        ("WaterNet", "cmg.conv8.bias", (3,)),
-        ("WaterNet", "gc_refiner.conv3.weight", (3, 32, 3, 3)),
-        ("FunieGenerator", "down1.model.0.weight", (32, 3, 4, 4)),
-        ("FunieGenerator", "down2.model.1.running_mean", (128,)),
-        ("FunieGenerator", "up1.model.0.weight", (256, 256, 4, 4)),
-        ("FunieGenerator", "final.2.weight", (3, 64, 4, 4)),
-        ("TaclGenerator", "model.1.weight", (64, 3, 7, 7)),
-        ("TaclGenerator", "model.10.conv_block.1.weight", (256, 256, 3, 3)),
-        ("TaclGenerator", "model.18.conv_block.5.bias", (256,)),
-        ("TaclGenerator", "model.19.weight", (256, 128, 3, 3)),
-        ("TaclGenerator", "model.26.bias", (3,)),
-    ],
-)
-def test_keys_are_those_of_the_public_checkpoints(architecture: str, key: str, shape: tuple[int, ...]):
-    assert tuple(empty_network(architecture).state_dict()[key].shape) == shape
-
-
 def water_net_by_hand(w: dict[str, torch.Tensor], images: list[torch.Tensor]) -> torch.Tensor:
     functional = torch.nn.functional
 

@@ -315,9 +315,7 @@ def test_a_gpu_that_is_not_there_is_an_error(tmp_path: Path):
         restored(NOISE, model=onnx_file(tmp_path / "m.onnx", [SAME]), device="cuda")
 
 
-@pytest.mark.parametrize(
-    "options", [{"multiple": 0}, {"size": 0}, {"tile": 0}, {"overlap": 600}, {"overlap": -1}, {"tile": 100}]
-)
+@pytest.mark.parametrize("options", [{"size": 0}, {"overlap": 600}, {"tile": 100}])
 def test_options_out_of_range_are_refused_before_any_work(options: dict[str, Any], tmp_path: Path):
     with pytest.raises(InputError, match=r"onnx\.(multiple|size|tile|overlap)"):
         restored(NOISE, model=onnx_file(tmp_path / "m.onnx", [SAME]), **options)

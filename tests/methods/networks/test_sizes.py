@@ -1,14 +1,11 @@
 """The sizes that images are brought to for a network, and tiles."""
 
-import sys
-
 import numpy as np
 import pytest
 from support import lazy_torch as torch
 from support.made_networks import NOISE, empty_network, picture, planes, random_state
 
 from sucre_bench.methods.networks import published
-from sucre_bench.methods.networks.published import WaterNet
 from sucre_bench.methods.networks.sizes import resized, tiled
 
 RNG = np.random.default_rng(0)
@@ -19,12 +16,6 @@ def test_resizing_is_the_bicubic_that_does_not_alias(size: tuple[int, int]):
     how = {"mode": "bicubic", "antialias": True, "align_corners": False}
     expected = torch.nn.functional.interpolate(planes(NOISE), size=size, **how)
     np.testing.assert_allclose(resized(NOISE, *size), picture(expected), atol=2e-3)
-
-
-def test_an_image_of_the_right_size_needs_no_library_to_resize_it(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setitem(sys.modules, "PIL", None)
-    assert resized(NOISE, 20, 24) is NOISE
-    assert {"PIL", "torch"} <= set(WaterNet.__plugin__.requires)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (4, 6), (64, 64), (65, 200), (97, 131)])

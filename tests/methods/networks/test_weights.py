@@ -122,15 +122,7 @@ def test_weights_that_are_not_there_are_a_missing_file(method: str, tmp_path: Pa
 
 @pytest.mark.parametrize(
     ("method", "options"),
-    [
-        ("funie_gan", {"size": 100}),
-        ("funie_gan", {"size": 0}),
-        ("water_net", {"longest_side": 0}),
-        ("water_net", {"clahe_clip": 0.0}),
-        ("water_net", {"clahe_clip": float("nan")}),
-        ("water_net", {"clahe_clip": float("inf")}),
-        ("tacl", {"longest_side": -1}),
-    ],
+    [("funie_gan", {"size": 100}), ("water_net", {"clahe_clip": float("inf")}), ("tacl", {"longest_side": -1})],
 )
 def test_options_out_of_range_are_refused_before_any_work(method: str, options: dict[str, Any], files: dict[str, Path]):
     with pytest.raises(InputError, match=next(iter(options))):

@@ -34,8 +34,9 @@ NORMALISATIONS = {"display.py", "white_balance.py"}  # gray_world is one of them
 TABLES = {"given.py", "catalogue.py", "match_published.py"}
 QUICK: dict[str, dict[str, Any]] = {
     "sucre_paper": {"steps": 3},
-    "sucre": {"encoding": "view"},  # to choose it takes twice as long as all the rest, and has tests of its own
-    "sucre_plus": {"light": "even", "encoding": "view"},  # whose fits are those of sucre
+    # To choose them takes several times as long as all the rest, and has tests of its own.
+    "sucre": {"light": "even", "encoding": "view"},
+    "sucre_plus": {"light": "even", "encoding": "view"},
     "command": {"run": "cp {input} {output}"},
 }
 

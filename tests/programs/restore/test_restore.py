@@ -1,16 +1,28 @@
 """sucre-bench restore: whole pictures for use, of photographs and of a dive."""
 
+from __future__ import annotations
+
+import io
 import json
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from PIL import Image
+import tifffile
+from PIL import Image, ImageCms, PngImagePlugin
+from PIL.ExifTags import IFD
 from support.colmap_folder import picture, write_dive, write_image
 from support.command_line import Done
 from support.photographed_valley import NAMES, POSES, photograph
+
+from sucre_bench.camera import Camera
+from sucre_bench.imaging.image_files import read_rgb
+from sucre_bench.loading.lens import Lens
+from sucre_bench.programs.restore.picture_file import bits_of, encoded
+from sucre_bench.programs.restore.whole import as_photographed, whole, with_open_water
 
 Bench = Callable[..., Done]
 
@@ -158,3 +170,138 @@ def test_photographs_that_overlap_are_prepared_and_restored_together(tmp_path: P
     first = (tmp_path / "out/pictures" / NAMES[0]).stat().st_mtime_ns
     assert bench(*words).returncode == 0
     assert (tmp_path / "out/pictures" / NAMES[0]).stat().st_mtime_ns == first, "nothing is done twice"
+
+
+PICTURE = np.random.default_rng(1).integers(0, 65535, (24, 36, 3), dtype=np.uint16)
+PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+XMP = b'<x:xmpmeta xmlns:x="adobe:ns:meta/">reef</x:xmpmeta>'
+LATITUDE = (17.0, 30.0, 12.5)
+
+
+def exif() -> Image.Exif:
+    made = Image.Exif()
+    made[271], made[274] = "Nikon", 6
+    made[IFD.Exif], made[IFD.GPSInfo] = {37500: b"maker note"}, {1: "S", 2: LATITUDE}
+    return made
+
+
+def noted(kind: str) -> bytes:
+    file, image = io.BytesIO(), Image.fromarray(np.zeros((24, 36, 3), np.uint8))
+    text = PngImagePlugin.PngInfo()
+    text.add_itxt("XML:com.adobe.xmp", XMP.decode())
+    tags, more = Image.Exif(), {"pnginfo": text} if kind == "PNG" else {"xmp": XMP}
+    tags.load(exif().tobytes())
+    if kind == "TIFF":
+        tags[700], more = XMP, {}
+    image.save(file, kind, exif=tags if kind == "TIFF" else exif().tobytes(), icc_profile=PROFILE, **more)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG", "WEBP", "TIFF"])
+def test_exif_gps_xmp_and_profile_are_kept(kind: str) -> None:
+    made = encoded((PICTURE >> 8).astype(np.uint8), noted(kind), 95)
+    with Image.open(io.BytesIO(made)) as image:
+        tags = image.getexif()
+        assert (image.format, tags[271], tags[274]) == (kind, "Nikon", 6)
+        assert tuple(map(float, tags.get_ifd(0x8825)[2])) == LATITUDE
+        assert tags.get_ifd(0x8769)[37500] == b"maker note"
+        assert image.info["icc_profile"] == PROFILE
+        assert XMP in made
+        assert kind != "TIFF" or struct.pack("<HH", 37500, 7) in made, "bytes of no type, as the photograph's"
+
+
+@pytest.mark.parametrize("kind", ["PNG", "TIFF"])
+@pytest.mark.parametrize("bits", [8, 16])
+def test_png_and_tiff_lose_no_level(tmp_path: Path, kind: str, bits: int) -> None:
+    """Nor are they turned, though their orientation says so: viewers turn them, as they turn the photograph."""
+    picture, file = PICTURE if bits == 16 else (PICTURE >> 8).astype(np.uint8), tmp_path / f"a.{kind.lower()}"
+    file.write_bytes(encoded(picture, noted(kind), 95))
+    assert (np.rint(read_rgb(file) * (2**bits - 1)) == picture).all()
+
+
+def test_a_tiff_of_16_bits_stays_one(tmp_path: Path) -> None:
+    file = tmp_path / "a.tif"
+    iptc = b"\x1c\x02\x19\x00\x04reef\x00\x00\x00"
+    tags = [(700, 1, len(XMP), XMP, True), (33550, 12, 3, (0.5, 0.5, 0.0), True)]  # GeoTIFF's size of a pixel
+    tags.append((33723, 4, 3, struct.unpack("<3I", iptc), True))  # keywords, as exiftool writes them
+    tifffile.imwrite(file, PICTURE, photometric="rgb", compression="zlib", iccprofile=PROFILE, extratags=tags)
+    assert bits_of(file) == 16
+    content = encoded(PICTURE[::-1], file.read_bytes(), 95)
+    assert iptc in content
+    with tifffile.TiffFile(io.BytesIO(content)) as made:
+        page = made.pages.first
+        assert (page.asarray() == PICTURE[::-1]).all()
+        assert (page.iccprofile, page.tags[33550].value) == (PROFILE, (0.5, 0.5, 0.0))
+        assert page.tags[700].value == XMP
+
+
+def test_the_preview_of_the_photograph_goes() -> None:
+    """File managers would show the colours of before."""
+    small = io.BytesIO()
+    Image.fromarray(np.zeros((12, 18, 3), np.uint8)).save(small, "JPEG")
+    order, first, second = b"II*\x00\x08\x00\x00\x00", 1, 2
+    at = 8 + 2 + 12 * first + 4
+    directory = first.to_bytes(2, "little") + b"\x0f\x01\x02\x00\x04\x00\x00\x00GoP\x00" + at.to_bytes(4, "little")
+    place = at + 2 + 12 * second + 4
+    preview = second.to_bytes(2, "little")
+    for tag, value in ((513, place), (514, len(small.getvalue()))):
+        preview += tag.to_bytes(2, "little") + b"\x04\x00\x01\x00\x00\x00" + value.to_bytes(4, "little")
+    body = b"Exif\x00\x00" + order + directory + preview + bytes(4) + small.getvalue()
+    file = io.BytesIO()
+    Image.fromarray(np.zeros((24, 36, 3), np.uint8)).save(file, "JPEG", exif=body)
+    with Image.open(io.BytesIO(file.getvalue())) as image:
+        assert image.getexif().get_ifd(IFD.IFD1)  # the photograph has one
+    with Image.open(io.BytesIO(encoded((PICTURE >> 8).astype(np.uint8), file.getvalue(), 95))) as image:
+        assert image.getexif()[271] == "GoP"
+        assert not image.getexif().get_ifd(IFD.IFD1)
+
+
+def test_a_profile_of_gray_is_not_given_to_colours() -> None:
+    file, gray = io.BytesIO(), PROFILE[:16] + b"GRAY" + PROFILE[20:]
+    Image.fromarray(np.zeros((24, 36), np.uint8)).save(file, "JPEG", icc_profile=gray)
+    with Image.open(io.BytesIO(encoded((PICTURE >> 8).astype(np.uint8), file.getvalue(), 95))) as image:
+        assert image.mode == "RGB"
+        assert "icc_profile" not in image.info
+
+
+def test_holes_show_the_photograph_in_the_colours_at_the_rim() -> None:
+    y, x = np.mgrid[:90, :120] / 120
+    photograph = np.stack([0.2 + 0.1 * x, 0.4 + 0.1 * y, 0.5 + 0.1 * np.sin(9 * x)], axis=-1).astype(np.float32)
+    restored = photograph + np.array([0.2, -0.1, -0.2], np.float32)
+    known = np.ones((90, 120), bool)
+    known[30:60, 50:] = False
+    made = whole(np.where(known[..., None], restored, 0), known, photograph)
+    assert (made[known] == restored[known]).all()
+    np.testing.assert_allclose(made, restored, atol=0.002)  # no step at the rim, and the photograph's detail
+
+
+def test_without_any_colour_the_photograph_is_left() -> None:
+    photograph = np.full((8, 9, 3), 0.3, np.float32)
+    assert (whole(np.zeros_like(photograph), np.zeros((8, 9), bool), photograph) == photograph).all()
+
+
+def test_open_water_stays_as_photographed_and_holes_in_the_ground_do_not() -> None:
+    rng = np.random.default_rng(0)
+    y, x = np.mgrid[:300, :400]
+    ground = (y > 120)[..., None]
+    photograph = np.where(ground, [0.3, 0.4, 0.4] + 0.1 * rng.standard_normal((300, 400, 1)), [0.1, 0.5, 0.6])
+    photograph = cv2.GaussianBlur(photograph.astype(np.float32), (0, 0), 1.5).clip(0, 1)
+    measured = ground[..., 0] & ((x - 200) ** 2 + (y - 220) ** 2 > 30**2)
+    picture = photograph + np.array([0.3, -0.1, -0.2], np.float32)
+    false = (x - 200) ** 2 + (y - 40) ** 2 < 8**2  # 50 cells of depth that stands in the water
+    made = with_open_water(picture, measured | false, photograph)
+    assert (made[measured] == picture[measured]).mean() > 0.98  # a cell of the rim may be mostly water
+    np.testing.assert_allclose(made[:80], photograph[:80], atol=0.02)
+    np.testing.assert_allclose(made[140:], picture[140:], atol=0.02)
+
+
+def test_a_picture_comes_back_as_the_camera_saw_it() -> None:
+    lens = Lens(Camera(np.array([[200.0, 0, 118], [0, 205, 92], [0, 0, 1]]), 240, 180), "perspective", (-0.15,))
+    noise = np.random.default_rng(0).random((12, 16, 3)).astype(np.float32)
+    photograph = cv2.resize(noise, (240, 180), interpolation=cv2.INTER_CUBIC).clip(0, 1)
+    straight = lens.resampled(photograph, lens.pinhole)
+    assert np.abs(straight - photograph).mean() > 0.02  # the lens distorts
+    back, shown = as_photographed(lens, straight, np.ones((180, 240), bool))
+    assert 0.5 < shown.mean() < 1  # a pinhole image looks at less
+    assert np.abs(back - photograph)[shown].max() < 0.03
+    assert np.abs(back - photograph)[shown].mean() < 0.002

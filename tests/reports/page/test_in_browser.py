@@ -434,15 +434,6 @@ def test_every_control_has_a_name_and_can_be_reached_by_tab(page: Browser):
     assert {"theme", "filter", "view", "before", "after", "divider", "clever"} <= reached
 
 
-def test_names_of_many_methods_stand_below_the_plot_and_not_on_each_other(page: Browser, tmp_path: Path):
-    rows = made_results(tmp_path)
-    write_page(tmp_path, pd.concat([rows.assign(method=rows["method"] + str(n)) for n in range(3)], ignore_index=True))
-    opened(page, tmp_path)
-    cost = drawn(page, ".cost")
-    assert page.ask(f"{cost}.querySelectorAll('.legend .traces').length") == 9
-    assert page.ask(f"{cost}.querySelectorAll('.textpoint').length") == 0
-
-
 def test_hostile_names_run_nothing(page: Browser, tmp_path: Path):
     rows = made_results(tmp_path)
     rows["method"] = rows["method"] + HOSTILE

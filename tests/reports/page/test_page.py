@@ -4,7 +4,6 @@ import json
 import math
 import re
 import shlex
-import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -205,14 +204,6 @@ def test_damaged_files_cost_their_picture_and_nothing_else(tmp_path: Path):
     result = page.datasets[0]["views"][0]["results"][1]
     assert result["picture"]["id"] not in page.blocks("image/webp")
     assert result["water"] is None
-
-
-def test_restored_pictures_are_shown_where_the_views_themselves_are_lost(tmp_path: Path):
-    rows = made_results(tmp_path)
-    shutil.rmtree(tmp_path / "views")
-    view = Page(write_page(tmp_path, rows)).datasets[0]["views"][0]
-    assert view["original"] is None
-    assert all(result["picture"] for result in view["results"])
 
 
 def test_more_views_than_a_command_line_has_room_for_are_not_named(tmp_path: Path):

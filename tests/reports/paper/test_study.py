@@ -43,10 +43,6 @@ def test_a_study_takes_one_word_for_a_list_and_null_for_nothing():
     assert study == Study("s", metrics=("psnr",), figures=("scores",))
 
 
-def test_what_a_restoration_costs_may_be_asked_for():
-    assert Study.of({"name": "s", "metrics": list(COSTS)}).metrics == COSTS
-
-
 @pytest.mark.parametrize("path", sorted((ROOT / "conf" / "experiment").glob("*.yaml")), ids=str)
 def test_every_experiment_has_a_study_that_can_be_made(path: Path):
     experiment = yaml.safe_load(path.read_text())

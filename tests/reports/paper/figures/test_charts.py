@@ -237,11 +237,6 @@ def test_water_draws_the_truth_where_it_explains_the_same_intensities(tmp_path: 
     assert not any(axes.lines for axes in figure.axes)
 
 
-def test_more_than_four_methods_take_several_pages() -> None:
-    pages = drawn("water", results.frame(water_rows(("a", "b", "c", "d", "e"))))
-    assert [(name, len(figure.axes)) for name, figure in pages.items()] == [("1", 9), ("2", 6)]
-
-
 @pytest.mark.parametrize("name", ["charts", "swatches", "hue", "water"])
 def test_without_anything_to_draw_it_is_said_which_metrics_to_add(name: str) -> None:
     rows = results.frame([Row(dataset="d", scene="s", view="a.png", method="m", metric="psnr", value=20)])

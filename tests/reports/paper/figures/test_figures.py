@@ -1,5 +1,10 @@
+"""Figures of a paper: strips, panels, what their pictures and captions hold, and figures of the model's validity."""
+
+from __future__ import annotations
+
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +17,10 @@ from PIL import Image
 from support.made_results import drawn, row
 
 import sucre_bench
+from sucre_bench import compare
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.imaging.cielab import colour_science
 from sucre_bench.reports.paper import style
-from sucre_bench.reports.paper.scores import positions
+from sucre_bench.reports.paper.scores import agreements, positions
 from sucre_bench.reports.paper.study_results import Value
 from sucre_bench.results.rows import Row, frame
 
@@ -55,22 +60,6 @@ def test_methods_of_one_figure_have_colours_of_their_own_while_there_are_enough(
     assert len({own.colour for own in twenty.values()}) == 20
     sixty = style.looks(NAMES)
     assert len({(own.colour, own.marker) for own in sixty.values()}) == 60
-
-
-def test_colours_are_told_apart_by_colour_blind_people_too():
-    """CIEDE2000 under Machado's simulations: 2 is just visible side by side; Okabe & Ito alone reach 12."""
-    colour = colour_science()
-
-    hexes = np.array([[int(h[i : i + 2], 16) / 255 for i in (1, 3, 5)] for h in style.PALETTE])
-    linear = colour.models.eotf_sRGB(hexes)
-    for kind, everyone, first in ((None, 16, 20), ("Deuteranomaly", 9, 12), ("Protanomaly", 9, 12)):
-        matrix = np.eye(3) if kind is None else colour.blindness.matrix_cvd_Machado2009(kind, 1.0)
-        lab = colour.XYZ_to_Lab(colour.RGB_to_XYZ((linear @ matrix.T).clip(0, 1), "sRGB"), [0.3127, 0.329])
-        apart = colour.delta_E(lab[:, None], lab[None], method="CIE 2000")
-        np.fill_diagonal(apart, np.inf)
-        assert apart.min() > everyone, kind
-        assert apart[:7, :7].min() > first, kind
-        assert lab[:, 0].max() < 82  # seen on white paper
 
 
 def test_figures_have_the_width_of_a_paper_and_keep_their_text(tmp_path: Path):
@@ -139,21 +128,6 @@ def test_only_scores_that_tell_methods_apart_have_panels_and_costs_that_are_aske
 
     assert shown() == ["psnr"]
     assert shown(metrics=("seconds", "psnr")) == ["seconds", "psnr"]
-
-
-def test_panels_that_do_not_fit_go_on_another_page():
-    names = [f"m{n}" for n in range(30)]
-    values = {name: [n, n + 1] for n, name in enumerate(names)}
-    rows = frame([each for variant in "abcdef" for each in table(values, variant=variant)])
-    pages = drawn("scores", rows)
-    assert list(pages) == ["1", "2", "3"]
-    assert all(figure.get_figheight() <= 9.5 for figure in pages.values())
-
-
-def test_nothing_restored_is_nothing_to_draw():
-    rows = frame([row("a", "v", np.nan)])
-    with pytest.raises(NotApplicableError):
-        drawn("scores", rows)
 
 
 # -- against a value ---------------------------------------------------------------------------------------
@@ -297,3 +271,27 @@ def test_pictures_of_repetitions_and_runs_without_any_are_not_drawn(tmp_path: Pa
     assert len(grays(figure)) == 1
     with pytest.raises(NotApplicableError, match="no pictures"):
         drawn("pictures", rows, tmp_path / "elsewhere")
+
+
+# By metric: scores of the methods, and what Kendall's tau with the true order a < b < c < d is.
+SCORES = {
+    "colours": ([1.0, 2.0, 3.0, 4.0], None),
+    "ssim": ([5.0, 6.0, 7.0, 8.0], 1),
+    "psi": ([1.0, 2.0, 3.0, 4.0], -1),
+    "uiqm": ([2.0, 1.0, 3.0, 4.0], 2 / 3),
+}
+
+
+def test_the_agreement_is_kendalls_tau_over_scenes_whatever_is_better() -> None:
+    rows = [
+        Row(dataset="sea", scene=f"s{scene}", view="a", method=method, metric=metric, variant="x", value=value + scene)
+        for metric, (values, _) in SCORES.items()
+        for scene in range(3)
+        for method, value in zip("abcd", values, strict=True)
+    ]
+    rows = [replace(row, better="lower" if row.metric == "psi" else "higher", time="2026-01-01") for row in rows]
+    found = {each.name: each for each in agreements(compare.compare(frame(rows)), "colours")}
+    assert {name.partition(":")[0]: each.tau for name, each in found.items()} == pytest.approx(
+        {metric: tau for metric, (_, tau) in SCORES.items() if tau is not None}
+    )
+    assert {(each.n_scenes, each.low <= each.tau <= each.high) for each in found.values()} == {(3, True)}

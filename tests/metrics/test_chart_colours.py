@@ -1,20 +1,28 @@
-"""psi and de00: published colour differences, painted charts, and the real Sea-thru charts where they are at hand."""
+"""Scores of colour charts, psi, de00, hue and neutral: published colours, and charts painted in known ones."""
 
-import json
+from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 import pytest
 from support.made_scene import TILTED, painted
-from support.places import DATA
 
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.chart_kinds import KINDS, chart_kind
 from sucre_bench.imaging.cielab import ciede2000, lab_d50, srgb_of_lab_d50
-from sucre_bench.imaging.display import stretch
-from sucre_bench.metrics.chart_colours import De00, PatchColour, Psi, angle_deg
+from sucre_bench.metrics.chart_colours import (
+    De00,
+    Hue,
+    HueError,
+    Neutral,
+    PatchColour,
+    Psi,
+    angle_deg,
+    hue_deg,
+    turn_deg,
+)
 from sucre_bench.scene import Arrays, Chart, Restoration, Score, View
-
-D5 = DATA / "seathru_d5_charts"
 
 # Sharma, Wu & Dalal 2005, table 1: Lab, Lab, dE00 (pairs 1-4, 7, 9, 11, 13, 16, 17, 19, 20, 25, 33, 34).
 SHARMA = [
@@ -37,7 +45,7 @@ SHARMA = [
 
 
 def scores(
-    metric: Psi | De00 | PatchColour, shown: Array, variant: str, kind: str = "dgk", charts: list[Chart] | None = None
+    metric: Any, shown: Array, variant: str, kind: str = "dgk", charts: list[Chart] | None = None
 ) -> dict[str, Score]:
     view = View("a.png", Arrays(shown), charts=charts or [Chart("c", kind, TILTED)])
     return {s.region: s for s in metric.score(Restoration(shown), shown, view, variant)}
@@ -187,28 +195,89 @@ def test_patch_colour_gives_each_channel_as_shown_and_as_the_list_has_it() -> No
         np.testing.assert_allclose([s.value for s in measured.values()], listed * (0.5, 0.25, 1)[c], atol=1e-6)
 
 
-@pytest.mark.skipif(not D5.is_dir(), reason="the Sea-thru D5 charts are not at hand")
 @pytest.mark.parametrize(
-    ("stretched", "file", "measured"),
+    ("rgb", "hue"),
     [
-        (False, "D5_fig01_LFT_3374.png", [30.8, 33.8, 35.9, 36.8]),
-        (False, "LFT_3411.png", [23.2, 26.9, 29.6, 34.9]),
-        (True, "D5_fig01_LFT_3374.png", [25.7, 32.7, 37.2, 39.9]),
-        (True, "LFT_3411.png", [9.2, 17.1, 22.8, 33.9]),
+        ((1, 0, 0), 0),
+        ((1, 0.5, 0), 30),
+        ((1, 1, 0), 60),
+        ((0, 0.3, 0), 120),
+        ((0.2, 0.6, 0.6), 180),
+        ((0, 0, 1), 240),
+        ((1, 0.8, 1), 300),
     ],
 )
-def test_the_unrestored_sea_thru_charts_have_the_angles_measured_elsewhere(
-    stretched: bool, file: str, measured: list[float]
-) -> None:
-    import cv2
+def test_hsv_hue_is_the_angle_on_the_hexagon_whatever_saturation_and_value(rgb: Array, hue: float) -> None:
+    assert hue_deg(np.array(rgb, float), "hsv") == pytest.approx(hue, abs=1e-9)
 
-    shown = cv2.imread(str(D5 / "images" / file))[..., ::-1] / 255.0
-    if stretched:  # SUCRe's normalisation: percentiles 1 and 99 of the pixels with depth, here applied to all
-        seen = cv2.imread(str(D5 / "depths" / f"depth_{file}"), cv2.IMREAD_UNCHANGED) > 0
-        low, high = np.percentile(shown[seen], [1, 99], axis=0)
-        shown = ((shown - low) / (high - low)).clip(0, 1)
-        np.testing.assert_allclose(shown[seen], stretch(cv2.imread(str(D5 / "images" / file))[..., ::-1][seen] / 255.0))
-    corners = json.loads((D5 / "charts.json").read_text())["images"][file]
-    charts = [Chart(name, "dgk", np.array(c) + 0.5) for name, c in corners.items()]  # read at pixel indices
-    found = scores(Psi(), shown.astype(np.float32), "colour", charts=charts)
-    np.testing.assert_allclose([found[c.name].value for c in charts], measured, atol=0.4 if stretched else 0.2)
+
+@pytest.mark.parametrize(
+    ("rgb", "a", "b"),  # the sRGB primaries in Lab under D50, as in ICC profiles (Lindbloom)
+    [((1, 0, 0), 80.80, 69.89), ((0, 1, 0), -79.29, 80.99), ((0, 0, 1), 68.30, -112.03)],
+)
+def test_lab_hue_is_that_of_the_primaries_under_d50(rgb: Array, a: float, b: float) -> None:
+    assert hue_deg(np.array(rgb, float), "lab") == pytest.approx(np.degrees(np.arctan2(b, a)) % 360, abs=0.03)
+
+
+@pytest.mark.parametrize("form", ["hsv", "lab"])
+def test_grays_and_holes_have_no_hue(form: str) -> None:
+    assert np.isnan(hue_deg(np.array([[0.5, 0.5, 0.5], [0, 0, 0], [np.nan, np.nan, np.nan]]), form)).all()
+
+
+def test_a_turn_is_the_shorter_way_round() -> None:
+    np.testing.assert_allclose(
+        turn_deg(np.array([350.0, 10, 90, 359]), np.array([10.0, 350, 60, 1])), [-20, 20, 30, -2]
+    )
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_colour_patch_has_a_hue_and_the_chart_has_none(kind: str) -> None:
+    shown = painted(chart_kind(kind), TILTED)
+    measured, expected = (scores(Hue(), shown, variant, kind) for variant in ("hsv", "hsv-expected"))
+    assert list(measured) == list(expected) == [f"c/{p.number}-{p.name}" for p in chart_kind(kind).patches if p.colour]
+    np.testing.assert_allclose([s.value for s in measured.values()], [s.value for s in expected.values()], atol=1e-4)
+
+
+def test_expected_hues_are_those_of_the_published_lists() -> None:
+    shown = np.zeros((300, 420, 3), np.float32)
+    by_rgb, by_lab = (scores(Hue(), shown, f"{form}-expected") for form in ("hsv", "lab"))
+    red, green, blue = 0, 173, 239  # the sRGB list's light blue: blue is largest, red smallest
+    assert by_rgb["c/10-light-blue"].value == pytest.approx(60 * (4 + (red - green) / (blue - red)))
+    assert by_lab["c/10-light-blue"].value == pytest.approx(180 + np.degrees(np.arctan(42 / 41)))
+
+
+@pytest.mark.parametrize("order", [[2, 0, 1], [1, 2, 0]])
+def test_channels_turned_round_are_a_hue_error_of_120_degrees_in_every_patch(order: list[int]) -> None:
+    found = scores(HueError(), painted(chart_kind("dgk"), TILTED)[..., order], "hsv")
+    assert len(found) == 13
+    np.testing.assert_allclose([s.value for s in found.values()], 120, atol=1e-3)
+
+
+def test_a_patch_that_lost_its_hue_counts_90_degrees_and_one_that_was_not_restored_nothing() -> None:
+    shown = painted(chart_kind("dgk"), TILTED)[..., [2, 0, 1]].copy()
+    red = np.isclose(shown, np.array(chart_kind("dgk").patches[6].srgb)[[2, 0, 1]]).all(axis=-1)
+    shown[red] = 0.4
+    found = scores(HueError(), shown, "hsv")
+    assert found["c"].value == pytest.approx((11 * 120 + 90) / 12, abs=1e-3)
+    assert found["c"].coverage == pytest.approx(1)
+    assert found["c/7-red"].value == 90
+    shown[red] = np.nan
+    found = scores(HueError(), shown, "hsv")
+    assert found["c"].value == pytest.approx(120, abs=1e-3)
+    assert found["c"].coverage == pytest.approx(11 / 12)
+
+
+def test_a_picture_of_one_colour_has_that_colours_chroma_in_every_gray_patch() -> None:
+    shown = np.empty((300, 420, 3), np.float32)
+    shown[:] = (1, 0, 0)  # Lab under D50: 54.29, 80.80, 69.89 (Lindbloom)
+    found = scores(Neutral(), shown, "chroma")
+    assert list(found) == ["c", *(f"c/{p.number}-{p.name}" for p in chart_kind("dgk").patches if not p.colour)]
+    np.testing.assert_allclose([s.value for s in found.values()], np.hypot(80.80, 69.89), atol=0.06)
+
+
+def test_grays_of_any_brightness_have_no_chroma_and_colours_do_not_count() -> None:
+    shown = painted(chart_kind("dgk"), TILTED)
+    is_gray = np.ptp(shown, axis=-1) < 0.03
+    shown[is_gray] = shown[is_gray].mean(axis=-1, keepdims=True)
+    assert scores(Neutral(), shown, "chroma")["c"].value == pytest.approx(0, abs=0.05)
+    assert scores(Neutral(), shown[..., [2, 0, 1]], "chroma")["c"].value == pytest.approx(0, abs=0.05)

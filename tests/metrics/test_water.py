@@ -1,9 +1,13 @@
-"""water: relative errors by hand."""
+"""water and water_parameters: relative errors by hand, and what a method estimates as it is."""
+
+from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from sucre_bench.metrics.water import Water
+from sucre_bench import plugins
+from sucre_bench.arrays import Array
+from sucre_bench.metrics.water import Water, WaterParameters
 from sucre_bench.scene import Arrays, Restoration, Score, View, Water as SceneWater
 
 IMAGE = np.zeros((2, 2, 3), np.float32)
@@ -47,3 +51,41 @@ def test_a_parameter_that_is_not_estimated_has_no_score_and_the_others_have() ->
 
 def test_all_three_parameters_are_scored_by_default() -> None:
     assert Water.__plugin__.default == ("attenuation", "backscatter", "veiling_light")
+
+
+KNOWN = SceneWater(np.array([0.1, 0.2, 0.4]), np.array([0.5, 0.3, 0.2]), np.array([0.7, np.nan, 0.6]))
+
+
+def parameters(variant: str, water: SceneWater | None, image: Array = IMAGE) -> list[Score]:
+    return list(WaterParameters().score(Restoration(image, water), image, View("a.png", Arrays(IMAGE)), variant))
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [("veiling_light", [0.1, 0.2, 0.4]), ("attenuation", [0.5, 0.3, 0.2]), ("backscatter", [0.7, np.nan, 0.6])],
+)
+def test_every_channel_of_every_parameter_passes_through(name: str, values: list[float]) -> None:
+    found = [parameters(f"{name}-{channel}", KNOWN) for channel in ("red", "green", "blue")]
+    np.testing.assert_array_equal([score.value for (score,) in found], values)
+    assert all(score.region == "image" for (score,) in found)
+
+
+def test_all_nine_are_asked_for_by_default() -> None:
+    assert len(WaterParameters.__plugin__.default) == 9
+    assert set(WaterParameters.__plugin__.default) == set(WaterParameters.__plugin__.variants)
+
+
+def test_without_an_estimate_there_is_no_score() -> None:
+    assert not parameters("attenuation-red", None)
+
+
+def test_coverage_is_that_of_the_restoration() -> None:
+    holed = IMAGE.copy()
+    holed[0, 0] = np.nan
+    (score,) = parameters("attenuation-red", KNOWN, holed)
+    assert (score.n_pixels, score.coverage) == (3, 0.75)
+
+
+@pytest.mark.parametrize("name", ["water_parameters", "distance_variance", "chart_distance", "hue", "patch_colour"])
+def test_what_describes_is_no_contest(name: str) -> None:
+    assert plugins.find("metric", name).better == "none"

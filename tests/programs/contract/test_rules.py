@@ -1,0 +1,431 @@
+"""Each way a plugin breaks the contract is found, named, and told how to mend; the command that says it."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from support.colmap_folder import write_dive
+from support.forward_model import seen_through
+from support.messages import names
+from support.places import TOYS
+
+from sucre_bench import InputError, PluginError, plugins
+from sucre_bench.commands.extend import check as command
+from sucre_bench.plugins.registry import find, load_file
+from sucre_bench.programs.contract.contract import Subject, breaches, check, check_rule
+from sucre_bench.programs.contract.made_scenes import WATER, charted
+from sucre_bench.programs.contract.rules_methods import is_the_same_elsewhere
+
+
+@pytest.fixture
+def own_environment() -> Iterator[None]:
+    """Variables that a plugin sets are gone after the test."""
+    with mock.patch.dict(os.environ):
+        yield
+
+
+HEAD = """
+import os, random, warnings
+from dataclasses import dataclass
+from pathlib import Path
+import numpy as np
+from sucre_bench import (Arrays, Camera, InputError, NotApplicableError, Restoration, Scene, Score, SolveError, View,
+                         Water, dataset, method, metric)
+"""
+METHOD = """
+@method(needs={needs}, cites="Nobody 2026")
+@dataclass(frozen=True)
+class Tried:
+    '''A method that is tried.'''
+
+    gain: float = 1.0
+    '''A factor.'''
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        {body}
+"""
+DATASET = """
+@dataset(has={has}, source="nowhere")
+@dataclass(frozen=True)
+class Tried:
+    '''A dataset that is tried.'''
+
+    root: Path
+    '''A folder.'''
+
+    def scenes(self):
+        if not (self.root / "sparse").is_dir():
+            raise InputError(f"{{self.root}}: holds no scene; give another")
+        rng = np.random.default_rng(0)
+        rgb, depth = rng.random((6, 8, 3), dtype=np.float32), np.full((6, 8), 2, np.float32)
+        K, pose, name, data_id = np.array([[8, 0, 4], [0, 8, 3], [0, 0, 1.0]]), np.eye(4), "a.png", "1"
+        {body}
+        views = [View(name, Arrays(rgb, depth), Camera(K, 8, 6), pose)]
+        yield Scene("one", views, frozenset({{"depth", "poses"}}), data_id=data_id)
+"""
+METRIC = """
+@metric(needs={needs}, variants={{"all": "of everything"}}, unit="", better="{better}", range=(0, 1))
+@dataclass(frozen=True)
+class Tried:
+    '''A metric that is tried.'''
+
+    def score(self, restored: Restoration, shown: np.ndarray, view: View, variant: str):
+        seen = np.isfinite(shown).all(axis=-1)
+        value = float(np.abs(shown - view.reference)[seen].mean()) if seen.any() else np.nan
+        n, coverage = int(seen.sum()), float(seen.mean())
+        {body}
+        yield Score(value, n_pixels=n, coverage=coverage)
+"""
+
+
+def indented(body: str) -> str:
+    return "\n        ".join(body.splitlines())
+
+
+def write(folder: Path, template: str, body: str, **filled: Any) -> Path:
+    path = folder / "tried.py"
+    path.write_text(HEAD + template.format(body=indented(body), **filled))
+    return path
+
+
+def broken(folder: Path, kind: plugins.Kind, template: str, body: str, **filled: Any) -> dict[str, str]:
+    """The breaches by the name of their rule, a line each; why a rule could not be checked."""
+    load_file(write(folder, template, body, **filled))
+    subject = Subject(plugins.find(kind, "tried"), {"root": write_dive(folder)} if kind == "dataset" else {})
+    said: dict[str, str] = {}
+    for one in check(subject, lasting=False):
+        lines = [text for level, text in one.findings if level == "breach"] + [one.skipped] * bool(one.skipped)
+        said |= {one.name: "\n".join(lines)} if lines else {}
+    return said
+
+
+GOOD = "image = view.rgb * np.float32(self.gain)\n"
+FADED = "if not view.valid.any():\n    raise NotApplicableError(f'{view.name}: no pixel has depth')\n"
+HOLES = "image = np.where(view.valid[..., None], view.rgb * np.exp(0.5 * view.depth)[..., None], np.nan)\n"
+JUDGED = "{'reference'}"
+
+pytestmark = pytest.mark.usefixtures("own_environment")
+DECLARED = "{'depth', 'poses'}"
+
+
+def test_a_dataset_that_keeps_the_contract_is_found_to_keep_it(tmp_path: Path) -> None:
+    assert broken(tmp_path, "dataset", DATASET, "", has=DECLARED) == {}
+
+
+@pytest.mark.parametrize(
+    ("has", "body", "rule", "named"),
+    [
+        (DECLARED, "rgb = rgb * 255", "planes_are_sound", {"Arrays.rgb", "255"}),
+        (DECLARED, "rgb = rgb * 2", "planes_are_sound", {"rgb", "[0, 1]"}),
+        (DECLARED, "rgb[0] = np.nan", "planes_are_sound", {"rgb", "finite"}),
+        (DECLARED, "depth[0] = -1", "planes_are_sound", {"depth", "negative"}),
+        (DECLARED, "depth[0] = np.nan", "planes_are_sound", {"depth", "NaN"}),
+        (DECLARED, "depth = depth[1:]", "planes_are_sound", {"Arrays.depth", "(5, 8)", "(6, 8)"}),
+        (DECLARED, "pose[0, 0] = 2", "geometry_is_sound", {"cam_from_world", "rigid"}),
+        (DECLARED, "pose = pose[:3]", "geometry_is_sound", {"View.cam_from_world", "(4, 4)"}),
+        (DECLARED, "K[0, 0] = -8", "geometry_is_sound", {"focal", "-8", "8", "pixels"}),
+        (DECLARED, "K[0, 2] = .5 - 4", "geometry_is_sound", {"principal", "(-3.5, 3)", "8x6"}),
+        (DECLARED, "K = K.T", "geometry_is_sound", {"K", "fx", "cx"}),
+        (DECLARED, "name = '/a.png'", "names_once", {"'/a.png'", "dive/a.png"}),
+        (DECLARED, "data_id = ''", "is_repeatable", {"one", "data_id"}),
+        (DECLARED, "data_id = str(id(rgb)) + str(os.urandom(3))", "is_repeatable", {"one", "data_id", "another"}),
+        (DECLARED, "rgb = np.random.rand(6, 8, 3).astype('f4')", "is_repeatable", {"a.png", "seed"}),
+        (DECLARED, "depth = None", "has_what_it_says", {"depth", "has"}),
+        ("{'poses'}", "", "has_what_it_says", {"depth", "has=", "@dataset"}),
+        (
+            DECLARED,
+            "os.chdir('.') or os.environ.update(TRIED_OPENED=os.urandom(3).hex())",
+            "is_repeatable",
+            {"os.environ[TRIED_OPENED]"},
+        ),
+    ],
+)
+def test_each_way_a_dataset_breaks_the_contract_is_named(
+    tmp_path: Path, has: str, body: str, rule: str, named: set[str]
+) -> None:
+    assert named <= names(broken(tmp_path, "dataset", DATASET, body, has=has)[rule])
+
+
+def test_a_dataset_must_name_the_folder_that_is_missing(tmp_path: Path) -> None:
+    rough = DATASET.replace(
+        'raise InputError(f"{{self.root}}: holds no scene; give another")', "raise OSError('no data')"
+    )
+    found = broken(tmp_path, "dataset", rough, "", has=DECLARED)
+    assert list(found) == ["names_what_is_missing"]
+    for line in found["names_what_is_missing"].splitlines():  # of a folder that is not there, of an empty one
+        assert {"root", "'tried'", "OSError", "InputError"} <= names(line)
+
+
+@pytest.mark.parametrize(
+    ("needs", "body"),
+    [
+        ("()", GOOD + "return Restoration(image)"),
+        ("()", "return Restoration(view.rgb)"),  # locked: nobody can write into it
+        ("{'depth'}", FADED + HOLES + "return Restoration(image)"),
+        ("()", GOOD + "return Restoration(image, Water(np.full(3, .1), np.full(3, np.nan), np.full(3, .1)))"),
+        ("()", GOOD + "rng = np.random.default_rng(1)\nreturn Restoration(image + .1 * rng.random(image.shape))"),
+        ("{'reference'}", "return Restoration(view.reference * 1)"),
+    ],
+)
+def test_what_keeps_the_contract_is_found_to_keep_it(tmp_path: Path, needs: str, body: str) -> None:
+    assert broken(tmp_path, "method", METHOD, body, needs=needs) == {}
+
+
+SMALL_IMAGES_FAIL = """
+import numpy as np
+from dataclasses import dataclass
+from sucre_bench import Restoration, method
+
+@method()
+@dataclass(frozen=True)
+class Deep:
+    '''Needs 100 pixels, as networks with many strides do.'''
+    def restore(self, scene, view):
+        if min(view.rgb.shape[:2]) < LEAST:
+            raise ValueError("Kernel size can't be greater than actual input size")
+        return Restoration(view.rgb * 0.9)
+"""
+
+
+def test_a_network_that_fails_on_small_images_is_checked_on_larger_ones(tmp_path: Path) -> None:
+    """The made scenes are 64 x 48 pixels; twice that is too small, four times is not."""
+    (tmp_path / "deep.py").write_text(SMALL_IMAGES_FAIL.replace("LEAST", "100"))
+    load_file(tmp_path / "deep.py")
+    outcomes = {one.name: one for one in check(Subject(find("method", "deep")))}
+    assert [one.name for one in outcomes.values() if one.status == "broken"] == []
+    assert [text for _, text in outcomes["leaves_the_process"].findings] == [
+        "fails on images of 128 x 96 pixels; checked on 256 x 192"
+    ]
+    assert not outcomes["is_the_same_elsewhere"].skipped
+
+
+def test_one_cause_is_said_once(tmp_path: Path) -> None:
+    (tmp_path / "deep.py").write_text(SMALL_IMAGES_FAIL.replace("LEAST", "10_000"))
+    load_file(tmp_path / "deep.py")
+    outcomes = list(check(Subject(find("method", "deep")), lasting=False))
+    said = [text for one in outcomes for _, text in one.findings if text.startswith("raises ValueError")]
+    assert len(said) == 1
+    assert sum(one.skipped == "for the reason above" for one in outcomes) >= 3
+
+
+# By rule: what a method's restore() does between GOOD and the return of `image`, and the words of the breach.
+BREACHES: list[tuple[str, str, set[str]]] = [
+    ("colours_what_is_valid", "image = image / view.rgb.max(axis=2, keepdims=True)", {"black", "colour"}),
+    ("colours_what_is_valid", "image = image / view.rgb.max()", {"RuntimeWarning", "SolveError"}),
+    ("colours_what_is_valid", "image[0, 0, 0] = np.nan", {"NaN", "channels"}),
+    ("colours_what_is_valid", "image = image[::2]", {"(24, 64, 3)", "(48, 64, 3)"}),
+    ("colours_what_is_valid", "view.rgb[:] = 0", {"input", "tried.py", "copy"}),
+    ("leaves_the_process", "raise KeyError('x')", {"KeyError", "'x'", "SolveError"}),
+    ("leaves_no_holes", "image[~view.valid] = np.nan", {"960", "depth"}),
+    ("leaves_its_input", "view.rgb.setflags(write=True)\nview.rgb[0] = 0", {"rgb", "far.png", "view.rgb.copy"}),
+    ("is_deterministic", "image *= np.random.rand(*image.shape[:2], 1)", {"np.random.default_rng(self.seed"}),
+    ("leaves_the_process", "np.random.seed(3)", {"numpy's", "random", "numpy.random.default_rng(self.seed"}),
+    ("leaves_the_process", "random.seed(3)", {"random's", "state"}),
+    ("leaves_the_process", "np.seterr(all='ignore')", {"numpy's", "error"}),
+    ("leaves_the_process", "import cv2; cv2.setNumThreads(cv2.getNumThreads() + 1)", {"OpenCV's", "threads"}),
+    ("leaves_the_process", "os.environ['TRIED_HERE'] = 'x'", {"os.environ[TRIED_HERE]", "requires="}),
+    ("leaves_the_process", "open('junk.txt', 'w').close()", {"junk.txt", "tempfile's"}),
+    ("runs_with_least", "image *= view.depth.mean()", {"far.png", "depth", "needs="}),
+    ("keeps_its_eyes_off", "image = image if view.reference is None else view.reference * 1", {"reference", "needs="}),
+    ("keeps_its_eyes_off", "image *= scene.water.attenuation[0] if scene.water else 1", {"truth", "needs="}),
+    ("leaves_the_process", "return Restoration(image, confidence=np.ones(5))", {"Restoration.confidence", "(5,)"}),
+    (
+        "leaves_the_process",
+        "return Restoration(image, Water(np.ones(2), np.ones(3), np.ones(3)))",
+        {"Water.veiling_light", "(3,)"},
+    ),
+]
+WITH_DEPTH: list[tuple[str, str, set[str]]] = [
+    ("leaves_holes", "image = image * (1 + view.depth[..., None])", {"960", "depth", "image[~view.valid]"}),
+    (
+        "skips_what_has_no_depth",
+        f"if not view.valid.any():\n    raise SolveError('none')\n{HOLES}",
+        {"none", "NotApplicableError"},
+    ),
+    ("skips_what_has_no_depth", HOLES, {"far.png", "NotApplicableError"}),
+]
+
+
+@pytest.mark.parametrize(
+    ("needs", "rule", "body", "named"),
+    [*(("()", *case) for case in BREACHES), *(("{'depth'}", *case) for case in WITH_DEPTH)],
+)
+def test_each_way_a_method_breaks_the_contract_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, needs: str, rule: str, body: str, named: set[str]
+) -> None:
+    import cv2
+
+    monkeypatch.chdir(tmp_path)
+    kept, threads = np.geterr(), cv2.getNumThreads()
+    try:
+        found = broken(tmp_path, "method", METHOD, f"{GOOD}{body}\nreturn Restoration(image)", needs=needs)
+    finally:
+        cv2.setNumThreads(threads)
+        np.seterr(**kept)
+    assert any(named <= names(line) for line in found[rule].splitlines()), found
+
+
+def test_what_is_no_fault_for_sure_is_a_doubt(tmp_path: Path) -> None:
+    body = FADED + "image = view.rgb * 1\nimage[~view.valid] = np.nan\n"
+    body += "if view.rgb.std() < .1:\n    raise SolveError('too flat; move nearer')\nreturn Restoration(image)"
+    load_file(write(tmp_path, METHOD, body, needs="{'depth', 'poses'}"))
+    plugin = find("method", "tried")
+    outcomes = check(Subject(plugin), lasting=False)
+    said = {one.rule: [f.text for f in one.findings] for one in outcomes if one.status == "doubtful"}
+    colours, needs = said.values()
+    assert re.match("black: .*too flat; move nearer; ", colours[0])
+    assert [text.partition(";")[0].split()[-1] for text in needs] == ["depth", "poses"]
+
+
+def test_what_a_plugin_prints_is_a_doubt(tmp_path: Path) -> None:
+    load_file(write(tmp_path, METHOD, "print('fading', 1)\n" + GOOD + "return Restoration(image)", needs="()"))
+    plugin = find("method", "tried")
+    said = [f.text for one in check(Subject(plugin), lasting=False) for f in one.findings]
+    assert [text.partition(";")[0] for text in said] == ["prints 'fading 1'"]
+
+
+def test_what_is_not_explained_or_cannot_be_set_is_named(tmp_path: Path) -> None:
+    bare = (
+        METHOD.replace("'''A method that is tried.'''", "").replace("'''A factor.'''", "").replace("= 1.0", "= 'much'")
+    )
+    found = broken(tmp_path, "method", bare, "return Restoration(view.rgb)", needs="()")
+    assert {"Tried", "docstring", "'gain'"} <= names(found["is_described"])
+    assert {"default", "type"} <= names(found["is_configurable"])
+
+
+def test_an_option_that_must_be_given_leaves_rules_unlooked_at_and_says_so(tmp_path: Path) -> None:
+    asking = METHOD.replace("= 1.0", "")
+    found = broken(tmp_path, "method", asking, GOOD + "return Restoration(image)", needs="()")
+    assert [text for text in found.values() if "method.gain=..." in text] == [found["leaves_the_process"]]  # once
+    assert found["is_deterministic"] == "for the reason above"
+    assert breaches("method", "tried", gain=1.0) == []
+
+
+# -- the command -----------------------------------------------------------------------------------------
+
+
+def test_what_is_random_is_accused_of_nothing_else(tmp_path: Path) -> None:
+    found = broken(
+        tmp_path, "method", METHOD, "return Restoration(view.rgb * np.random.rand(*view.rgb.shape[:2], 1))", needs="()"
+    )
+    assert set(found) == {"is_deterministic", "leaves_the_process"}
+
+
+def test_a_metric_that_keeps_the_contract_is_found_to_keep_it(tmp_path: Path) -> None:
+    assert broken(tmp_path, "metric", METRIC, "", needs=JUDGED, better="lower") == {}
+
+
+@pytest.mark.parametrize(
+    ("needs", "better", "body", "rule", "named"),
+    [
+        (JUDGED, "lower", "value = 2 * value + 1", "runs_with_least", {"reference", "all", "image", "range="}),
+        (JUDGED, "lower", "coverage = 100 * coverage", "stays_in_range", {"coverage", "image"}),
+        (JUDGED, "higher", "", "prefers_the_truth", {"all", "image", "0", "better="}),
+        ("()", "lower", "", "runs_with_least", {"image", "TypeError"}),
+        (JUDGED, "lower", "value = 0.5 if np.isnan(value) else value", "scores_no_holes", {"0.5", "NaN"}),
+        (JUDGED, "lower", "shown[:] = 0", "leaves_all_as_it_was", {"input", "copy"}),
+        (JUDGED, "lower", "value = value * np.random.rand()", "leaves_all_as_it_was", {"all", "seed"}),
+        (JUDGED, "lower", "np.random.seed(1)", "leaves_all_as_it_was", {"numpy's", "random"}),
+        (JUDGED, "lower", "if not seen.any(): raise ValueError('empty')", "scores_no_holes", {"ValueError", "empty"}),
+    ],
+)
+def test_each_way_a_metric_breaks_the_contract_is_named(
+    tmp_path: Path, needs: str, better: str, body: str, rule: str, named: set[str]
+) -> None:
+    assert named <= names(broken(tmp_path, "metric", METRIC, body, needs=needs, better=better)[rule])
+
+
+def test_what_a_metric_raises_of_every_image_is_said_once(tmp_path: Path) -> None:
+    found = broken(tmp_path, "metric", METRIC, "raise KeyError('k')", needs=JUDGED, better="lower")
+    (said,) = found["stays_in_range"].splitlines()
+    assert {"KeyError", "'k'"} <= names(said)
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(command, arguments)
+
+
+def test_the_command_says_a_line_a_rule_and_what_to_do(tmp_path: Path) -> None:
+    path = write(tmp_path, METHOD, "return Restoration(view.rgb / view.rgb.max())", needs="()")
+    done = run(str(path), "--quick")
+    assert done.exit_code == 1
+    assert re.search("✗ .*finite colour", done.stdout)
+    assert "guard" in done.stdout
+    assert re.search(r"\d+ kept, [1-9]\d* .* [\d.]+ s", done.stdout)
+    assert "\x1b" not in done.stdout
+
+
+def test_the_command_takes_options_and_gives_json(tmp_path: Path) -> None:
+    body = "assert self.gain == 0.5\nreturn Restoration(view.rgb * np.float32(self.gain))"
+    path = write(tmp_path, METHOD, body, needs="()")
+    done = run(str(path), "method.gain=0.5", "--quick", "--json")
+    (told,) = json.loads(done.stdout)
+    assert (told["kind"], told["name"], told["ok"], done.exit_code) == ("method", "tried", True, 0)
+    assert {rule["status"] for rule in told["rules"]} == {"kept"}
+    assert run(str(path), "--quick").exit_code == 1
+
+
+def test_the_command_imports_in_another_process_and_tries_a_dataset(tmp_path: Path) -> None:
+    path = write(tmp_path, METHOD, "return Restoration(view.rgb)", needs="()")
+    path.write_text(f"import scipy.linalg, os\nos.environ['HEAVY_HERE'] = '1'\n{path.read_text()}")
+    load_file(TOYS)
+    done = run(str(path), "--on", "toy")
+    assert "imports scipy " in done.stdout
+    assert "os.environ[HEAVY_HERE]" in done.stdout
+    assert re.search("✓ .*another process", done.stdout)
+    assert re.search(r"✓ .*whole scene  .* s, .* 0\.0 megapixels .*toy", done.stdout)
+
+
+def test_another_process_that_restores_otherwise_is_noticed(tmp_path: Path) -> None:
+    # A bit of a hash for each column: that all are the same in two processes never happens by chance.
+    body = "bits = np.float32([hash(str(column)) % 2 for column in range(view.rgb.shape[1])])\n"
+    body += "return Restoration(view.rgb * bits[:, None])"
+    load_file(write(tmp_path, METHOD, body, needs="()"))
+    outcome = check_rule(Subject(find("method", "tried")), is_the_same_elsewhere)
+    assert outcome.status == "broken"
+    assert "another process " in outcome.findings[0].text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("gray_wrld",), {"plugin", "'gray_wrld'", "'gray_world'"}),
+        (("gray_world", "--kind", "metric"), {"metric", "'gray_world'"}),
+        (("gray_world", "--on", "dmo"), {"dataset", "'dmo'", "'demo'"}),
+        (("gray_world", "method.gain=2"), {"option", "'gain'"}),
+        (("nowhere.py",), {"nowhere.py", "file"}),
+    ],
+)
+def test_the_command_refuses_what_is_not_there(arguments: tuple[str, ...], named: set[str]) -> None:
+    fault = run(*arguments).exception
+    assert isinstance(fault, PluginError if "nowhere.py" in named else InputError)
+    assert named <= names(fault)
+
+
+def test_a_name_that_two_kinds_have_is_asked_about(tmp_path: Path) -> None:
+    path = write(tmp_path, METHOD, "return Restoration(view.rgb)", needs="()")
+    metric = METRIC.format(needs=JUDGED, better="lower", body="").replace("Tried", "Tried2 ")
+    path.write_text(path.read_text() + metric.replace("@metric(", '@metric(name="tried", '))
+    load_file(path)
+    assert re.search("method.*metric; .*--kind method", str(run("tried").exception))
+    done = run(str(path), "--quick")
+    assert done.stdout.index("method tried") < done.stdout.index("metric tried")
+
+
+def test_the_water_of_the_contract_is_that_of_the_model() -> None:
+    """Methods are checked on these scenes: a wrong sign here would let the same wrong sign there pass."""
+    view = charted()["far.png"]
+    B, beta, gamma = (WATER.veiling_light, WATER.attenuation, WATER.backscatter)
+    for y, x, c in itertools.product((0, 20, 60, 95), (0, 30, 70, 127), range(3)):
+        expected = seen_through(float(view.reference[y, x, c]), 3.0, B[c], beta[c], gamma[c])
+        assert view.rgb[y, x, c] == pytest.approx(expected, abs=1e-6)
