@@ -183,21 +183,23 @@ def read_config(path: Path) -> Iterator[Job]:
         try:
             job = Job.of({**content, **one}, swept)  # labels of older folders follow from `swept`
         except SucreBenchError as fault:
-            if files := _unloaded(content):
+            if files := [file for file in _plugin_files(content) if not plugins.is_loaded(file)]:
                 raise InputError(fault.without_remedy, path, load_them(files)) from fault
             raise
         yield job
 
 
-def unloaded_plugin_files(out: Path) -> tuple[str, ...]:
-    """Return the plugin files that the configuration of a results folder names, and that are not loaded.
-
-    Empty if it cannot be read.
-    """
+def plugin_files(out: Path) -> tuple[str, ...]:
+    """Return the plugin files that the configuration of a results folder names; none if it cannot be read."""
     try:
-        return _unloaded(_content(config_path(out)))
+        return _plugin_files(_content(config_path(out)))
     except FileError:
         return ()
+
+
+def unloaded_plugin_files(out: Path) -> tuple[str, ...]:
+    """Return those that are not loaded."""
+    return tuple(file for file in plugin_files(out) if not plugins.is_loaded(file))
 
 
 def load_them(files: Sequence[str]) -> str:
@@ -205,9 +207,9 @@ def load_them(files: Sequence[str]) -> str:
     return f"add {shlex.join(word for file in files for word in ('--plugin', file))} if you trust that code"
 
 
-def _unloaded(content: dict[str, Any]) -> tuple[str, ...]:
+def _plugin_files(content: dict[str, Any]) -> tuple[str, ...]:
     files = content.get("plugins")
-    return tuple(str(file) for file in files if not plugins.is_loaded(str(file))) if isinstance(files, list) else ()
+    return tuple(map(str, files)) if isinstance(files, list) else ()
 
 
 def _content(path: Path) -> dict[str, Any]:

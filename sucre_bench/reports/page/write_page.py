@@ -19,10 +19,11 @@ from markupsafe import Markup
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import Column, Comparison
 from sucre_bench.compare.words import NUMBERS, number, title
+from sucre_bench.jobs.job import plugin_files
 from sucre_bench.jobs.words import shell
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.text_formats import filled_in, masked, policy_hash, read_yaml, source
+from sucre_bench.machine.text_formats import filled_in, masked, policy_hash, source
 from sucre_bench.reports.page import plots
 from sucre_bench.reports.page.dataset_content import Section, cells
 from sucre_bench.reports.page.gallery import WIDTHS, Gallery, Widths
@@ -50,9 +51,9 @@ def write(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], widths:
     path = out / "config.yaml"
     config = masked(path.read_text(encoding="utf-8", errors="replace")) if path.is_file() else ""
     places = {name: n for n, name in enumerate(dict.fromkeys(m for table in comparisons for m in table.methods))}
-    plugins = _plugins(config)
+    files = plugin_files(out)
     datasets = [
-        Section(out, rows[rows["dataset"] == t.title], t, gallery, plugins, places).content() for t in comparisons
+        Section(out, rows[rows["dataset"] == t.title], t, gallery, files, places).content() for t in comparisons
     ]
     styles = "\n".join([*(source(__package__, name) for name in _STYLES), _method_colours(places)])
     body = "\n".join(source(__package__, name) for name in _SCRIPTS)
@@ -146,17 +147,6 @@ def _reasons(rows: DataFrame, status: str) -> list[dict[str, Any]]:
             {"dataset": dataset, "method": method, "score": score, "reason": with_remedy(reason), "views": views}
         )
     return faults
-
-
-def _plugins(config: str) -> tuple[str, ...]:
-    """The files that a run took plugins from."""
-    import yaml
-
-    try:
-        found = (read_yaml(config) or {}).get("plugins")
-    except (yaml.YAMLError, AttributeError):
-        return ()
-    return tuple(map(str, found or ()))
 
 
 def _json(value: Any) -> Markup:
