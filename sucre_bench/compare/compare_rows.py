@@ -213,11 +213,20 @@ def _by_table(rows: DataFrame, groups: list[str]) -> dict[tuple[Hashable, ...], 
 
 
 def _column(found: _Measured) -> tuple[Column, DataFrame, DataFrame]:
-    """Return a column, with its values before and after repetitions are averaged."""
+    """Return a column, with its values before and after repetitions are averaged.
+
+    Values are units x methods, both sorted, NaN = a hole. Of a unit without any repetition that all methods have,
+    methods that lack one have a hole.
+    """
     metric, variant, unit, better, is_common, repeated = found
     if (lacking := repeated.isna().to_numpy()).any():
         repeated = repeated.loc[:, ~lacking.all(axis=0)]
-    values = _averaged(repeated)
+    values = repeated.droplevel("_replicate")
+    if not values.index.is_unique:  # means over the repetitions that all methods have
+        holes = repeated.isna()
+        shared = repeated[~holes.any(axis=1)].groupby(level=_UNIT).mean()
+        means = repeated.groupby(level=_UNIT).mean().mask(holes.groupby(level=_UNIT).any())
+        values = shared.reindex(means.index).fillna(means)
     units, is_whole = values.index.tolist(), ~np.isnan(values.to_numpy()).any(axis=1)
     left, plugin = list(itertools.compress(units, is_whole)), plugins.installed("metric", metric)
     of_unknown = (0 if metric in (*COSTS, FILLED) else -math.inf, 1 if metric == FILLED else math.inf)
@@ -236,20 +245,6 @@ def _column(found: _Measured) -> tuple[Column, DataFrame, DataFrame]:
         knows=plugin.knows(variant) if plugin else "truth" if metric in (*COSTS, FILLED, PREFERENCE) else "taste",
     )
     return column, repeated, values
-
-
-def _averaged(repetitions: DataFrame) -> DataFrame:
-    """Means over the repetitions that all methods have: units x methods, both sorted, NaN = a hole.
-
-    Of a unit without any such repetition, methods that lack one have a hole.
-    """
-    units = repetitions.droplevel("_replicate")
-    if units.index.is_unique:
-        return units
-    lacking = repetitions.isna()
-    shared = repetitions[~lacking.any(axis=1)].groupby(level=_UNIT).mean()
-    means = repetitions.groupby(level=_UNIT).mean().mask(lacking.groupby(level=_UNIT).any())
-    return shared.reindex(means.index).fillna(means)
 
 
 def _place(column: Column) -> tuple[bool, bool, bool, bool]:

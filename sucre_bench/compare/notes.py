@@ -83,7 +83,11 @@ def seen_in_training(out: Path, rows: DataFrame) -> Iterator[str]:
         trained = {method: (text, *_sets_in(text)) for method, text in said.items() if text}
         if not any(sets for _, sets, _ in trained.values()):
             continue
-        pictures = _pictures(out, str(dataset), of_dataset)
+        pictures = dict[str, Picture]()  # the views by scene and name, without those that have no stored picture
+        for scene, view in sorted(set(values_of(of_dataset[of_dataset["view"] != ""], "scene", "view"))):
+            with suppress(SucreBenchError):
+                if place := layout.find(str(dataset), scene, view, out):
+                    pictures[f"{scene}/{view}"] = picture_of(read_rgb(place.original(out)))
         for method, (text, sets, but) in trained.items():
             found = [found_of(one, pictures, "image") for one in sets]  # by content, and not changed
             seen = {name for one in found for name in {*one.members} - {*one.by_name, *one.changed}}
@@ -103,17 +107,6 @@ def _sets_in(text: str) -> tuple[list[NamedSet], NamedSet | None]:
     if less and but not in known:
         return [], None
     return [one for name, one in known.items() if whole in (one.of.casefold(), name)], known.get(but)
-
-
-def _pictures(out: Path, dataset: str, rows: DataFrame) -> dict[str, Picture]:
-    """The views of a dataset by scene and name; those without a stored picture are left out."""
-    found = {}
-    for scene, view in sorted(set(values_of(rows[rows["view"] != ""], "scene", "view"))):
-        place = layout.find(dataset, scene, view, out)
-        with suppress(SucreBenchError):
-            if place:
-                found[f"{scene}/{view}"] = picture_of(read_rgb(place.original(out)))
-    return found
 
 
 REPETITION = ["scene", "view", "region", "_replicate"]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from sucre_bench.compare.compare_rows import against
-from sucre_bench.compare.model import EQUAL, Column, Comparison, Note, Verdict, may_be_chance, says_filled
+from sucre_bench.compare.model import EQUAL, Column, Comparison, Verdict, may_be_chance, says_filled
 from sucre_bench.compare.statistics import undone_by
 from sucre_bench.machine.text_formats import counted
 from sucre_bench.plugins.plugin import Role
@@ -112,19 +112,14 @@ def over_views(columns: Sequence[Column]) -> list[str]:
     for column in sorted(scores or measured, key=lambda column: -column.n_views):
         scenes = f" of {column.n_scenes} scenes" if column.n_scenes > 1 else ""
         charts = f" ({counted(column.n_units, 'chart')})" if column.n_units > column.n_views else ""
-        alike.setdefault(f"over {counted(column.n_views, 'view')}{scenes}{charts}{roughness(column)}", []).append(
-            column.metric
-        )
+        rough = ""
+        if column.has_few_views:  # they do not show the distribution
+            rough = ", no intervals" if column.n_views < 2 else ", intervals are rough"
+        elif column.ranked and column.worth <= _ALIKE * column.n_views:
+            rough = f" (neighbours are alike: worth about {column.worth:.0f} independent; every=4 gives more)"
+        over = f"over {counted(column.n_views, 'view')}{scenes}{charts}{rough}"
+        alike.setdefault(over, []).append(column.metric)
     return [f"{listed(dict.fromkeys(names))}: {over}" if n else over for n, (over, names) in enumerate(alike.items())]
-
-
-def roughness(column: Column) -> str:
-    """Return what to say of the intervals of a score: that there are few views, or that neighbours are alike."""
-    if column.has_few_views:  # they do not show the distribution
-        return ", no intervals" if column.n_views < 2 else ", intervals are rough"
-    if column.worth > _ALIKE * column.n_views or not column.ranked:
-        return ""
-    return f" (neighbours are alike: worth about {column.worth:.0f} independent; every=4 gives more)"
 
 
 def signs(comparison: Comparison, cells: Sequence[Shown], colours: bool) -> list[str]:
@@ -154,19 +149,14 @@ def legend(comparison: Comparison, spread: bool = False, colours: bool = False, 
     parts = [of, *over_views(comparison.columns), *signs(comparison, cells, colours)]
     if has_interval:
         units = "scenes" if any(column.n_scenes > 1 for column in comparison.columns) else "views"
-        parts += [f"intervals: bootstrap over {units}", *_of_differences(comparison)]
+        parts.append(f"intervals: bootstrap over {units}")
+        scored = {name for name, column in comparison.cells if column.ranked}
+        n = len(scored.intersection(comparison.methods if comparison.baseline else comparison.restorers))
+        of = f"differences from {comparison.baseline}" if comparison.baseline else "leads of the best"
+        how = f"step-down max-t over {n} methods: about 5 % of tables have a false one, if no method fails rarely"
+        if n > 1:
+            parts.append(f"of {of}: {how}" if n > 2 else "of the difference: Student's")
     return "; ".join(parts)
-
-
-def _of_differences(comparison: Comparison) -> list[str]:
-    """Which intervals differences have: those of the methods with scores, from the best or the baseline."""
-    scored = {name for name, column in comparison.cells if column.ranked}
-    n = len(scored.intersection(comparison.methods if comparison.baseline else comparison.restorers))
-    if n < 3:
-        return ["of the difference: Student's"] if n == 2 else []
-    of = f"differences from {comparison.baseline}" if comparison.baseline else "leads of the best"
-    condition = "if no method fails rarely"
-    return [f"of {of}: step-down max-t over {n} methods: about 5 % of tables have a false one, {condition}"]
 
 
 # What the kinds of notes say.
@@ -191,30 +181,30 @@ NOTES = {
 
 def left_out(comparison: Comparison) -> list[str]:
     """Return a sentence for everything that the comparison does not count, with the reason."""
-    return [_note_text(note) for note in comparison.notes if note.kind != "faults"]
+    said = []
+    for note in (note for note in comparison.notes if note.kind != "faults"):
+        metrics = listed(dict.fromkeys(column.metric for column in note.columns))
+        rest = f"the other {note.left}" if note.n + note.left == note.total else f"the {note.left} that all have"
+        text = NOTES[note.kind].format(
+            note=note,
+            names=listed(note.methods),
+            metrics=metrics,
+            what=metrics or "result",
+            images=counted(note.n, "image"),
+            of_metrics=f", of {metrics}" if metrics else "",
+            left=f"all are compared on {rest}" if note.left else "nothing is left to compare",
+            why=f" ({note.reasons})" if note.reasons else "",
+            in_some=f" in {note.n} of {note.total} images" if note.n < note.total else "",
+            share=number(100 * note.share),
+        )
+        said.append(text)
+    return said
 
 
 def faults(comparison: Comparison) -> list[str]:
     """Return a sentence that says what is wrong with the pictures of each method; none where nothing is."""
     said = "; ".join(f"{note.methods[0]}: {note.reasons}" for note in comparison.notes if note.kind == "faults")
     return [f"What is wrong with the pictures: {said}"] if said else []
-
-
-def _note_text(note: Note) -> str:
-    metrics = listed(dict.fromkeys(column.metric for column in note.columns))
-    rest = f"the other {note.left}" if note.n + note.left == note.total else f"the {note.left} that all have"
-    return NOTES[note.kind].format(
-        note=note,
-        names=listed(note.methods),
-        metrics=metrics,
-        what=metrics or "result",
-        images=counted(note.n, "image"),
-        of_metrics=f", of {metrics}" if metrics else "",
-        left=f"all are compared on {rest}" if note.left else "nothing is left to compare",
-        why=f" ({note.reasons})" if note.reasons else "",
-        in_some=f" in {note.n} of {note.total} images" if note.n < note.total else "",
-        share=number(100 * note.share),
-    )
 
 
 # -- verdicts ----------------------------------------------------------------------------------------------

@@ -122,16 +122,16 @@ class _Display:
         elif event == "advanced":
             task = self._tasks[values[0]]
             self._bars.advance(task.id)
-            left = "" if task.time_remaining is None else f"about {duration(task.time_remaining)} left"
+            left = f"about {duration(task.time_remaining)} left" if task.time_remaining else ""
             self._bars.update(task.id, left=left)
             if is_plain and task.total and now - task.fields["told"] > _PLAIN_S:
                 self._bars.update(task.id, told=now)
-                terminal.err.print(f"{task.fields['what']}: {task.completed:g}/{task.total:g}{left and f', {left}'}")
+                terminal.err.print(f"{task.fields['what']}: {task.completed:.0f}/{task.total}{left and f', {left}'}")
         elif event == "finished":
             task = self._tasks.pop(values[0])
             self._bars.remove_task(task.id)
             if is_plain and not self._tasks and (took := task.elapsed or 0.0) > _WORTH_A_LINE_S:
-                terminal.err.print(f"{task.fields['what']}: {task.completed:g} done in {took:.1f} s")
+                terminal.err.print(f"{task.fields['what']}: {task.completed:.0f} done in {took:.1f} s")
         if now - self._drawn >= _DRAWN_S:  # no thread draws: this process forks others
             self._bars.refresh()
             self._drawn = now
