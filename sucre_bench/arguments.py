@@ -104,7 +104,7 @@ def _fits(value: object, hint: Any) -> bool:
         is_number = isinstance(value, Integral if hint is int else Real) and not isinstance(value, bool)
         return is_number and (not isinstance(value, Integral) or -(2**63) <= int(value) < 2**63)  # as in tables
     if hint is str:
-        return isinstance(value, str) and is_utf8(value)
+        return isinstance(value, str) and (value.isascii() or is_utf8(value))
     is_class = isinstance(hint, type) and origin is None and not getattr(hint, "_is_protocol", False)
     return hint is Any or not is_class or isinstance(value, hint)
 
