@@ -157,10 +157,9 @@ def _in_own_water(seen: Observed) -> tuple[Observed, Solution]:
     solution = solve_exact(seen.observations, matched=seen.matched if options.footprint else None, **options.fitting)
     parts = parts_of(options.light, "method.light")
     chosen = Chosen(None)
-    if (matched := seen.matched) is not None and parts != Parts() and not (parts is None and not options.footprint):
-        few = matched
+    if parts != Parts() and (parts is not None or options.footprint) and (few := seen.matched) is not None:
         if solution.trust is not None:  # animals tell nothing of the light
-            few = reweighted(matched, solution.water, robust_noise(matched, solution.water))
+            few = reweighted(few, solution.water, robust_noise(few, solution.water))
         may_be_strobe = not (options.fill or options.one_coefficient) and options.colours == "multi_view"
         chosen = choose(few, seen.view.name, solution.water, parts, may_be_strobe=may_be_strobe)
     even, said = seen, list[str]()
@@ -368,7 +367,7 @@ def blurred(seen: Observed, solution: Solution) -> list[str]:
     A wide footprint holds marine snow and animals too, and JPEG files have wide ones anyway: nothing tells there.
     """
     unknown = solution.is_under_strobe or solution.is_photograph or solution.trust is not None or seen.view.is_jpeg
-    if seen.matched is None or not seen.options.footprint or unknown:
+    if unknown or not seen.options.footprint or seen.matched is None:
         return []
     few = sampled(seen.matched, _JUDGED, singles=False, seed=0)
     wide = seen.matched_at(few.pixels, _WIDER)
