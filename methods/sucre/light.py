@@ -464,8 +464,9 @@ class Problem:
             a, b, of_a, of_b = _eq_6(sample.z, water) if lit is None else lit.derivatives(water)
             sl = s * l[c]
             x = sl * a
-            A, J, r = eliminated(x, s * sample.I[c] - sl * b, 1)
-            A, seen = A.clip(min=LEAST), s * sample.I[c] - r
+            A, J, _ = eliminated(x, s * sample.I[c] - sl * b, 1)
+            A, seen = A.clip(min=LEAST), x * J + sl * b
+            r = s * sample.I[c] - seen
             D = sl * (J * of_a + of_b)
             D = np.concatenate([D, self.terms * seen]) if parts.lens else D
             M, flat = np.einsum("kpv,pv->kp", D, x), D.reshape(len(D), -1)
