@@ -52,6 +52,15 @@ def test_a_view_without_a_whole_record_is_written_again_and_others_keep_theirs(
     assert [one["picture"] for one in readable] == ["v0.png", "v2.png", "v1.png"]
 
 
+def test_a_picture_that_was_cut_short_is_written_again(whole: Path, tmp_path: Path):
+    shutil.copytree(whole / "results", tmp_path / "results", copy_function=shutil.copyfile)
+    picture = tmp_path / "results" / STORED.with_suffix(".png")
+    before = picture.read_bytes()
+    picture.write_bytes(before[:-20])
+    restored_views(tmp_path)
+    assert picture.read_bytes() == before
+
+
 def test_records_that_no_longer_count_are_removed(tmp_path: Path):
     path = tmp_path / "results" / STORED.with_name("records.jsonl")
     for _ in range(4):
