@@ -174,8 +174,9 @@ _SCREEN, _STROBE, _ROUGHLY, _TOLERANCE, _STEPS = 300, 500, 1e-4, 1e-6, 40
 # Largest logarithm of a coefficient, metres of a position, and optical depth over the median distance.
 _MOST, _FARTHEST, _DEEPEST = 3.0, 1.5, 30.0
 
-# Terms x^2 and y^2 of the lobe that a strobe starts from: a Gaussian of 40 degrees.
-_LOBE = -1.0
+# A strobe starts so far beside and above the camera, over the median distance, or on the other side. From a start in
+# the camera it does not leave: there all sides are alike, and the veil is endless.
+_BESIDE = 0.07
 
 _PART = 1 << 16  # observations at a time
 
@@ -464,9 +465,8 @@ class Problem:
             a, b, of_a, of_b = _eq_6(sample.z, water) if lit is None else lit.derivatives(water)
             sl = s * l[c]
             x = sl * a
-            A, J, _ = eliminated(x, s * sample.I[c] - sl * b, 1)
-            A, seen = A.clip(min=LEAST), x * J + sl * b
-            r = s * sample.I[c] - seen
+            A, J, r = eliminated(x, s * sample.I[c] - sl * b, 1)
+            A, seen = A.clip(min=LEAST), s * sample.I[c] - r
             D = sl * (J * of_a + of_b)
             D = np.concatenate([D, self.terms * seen]) if parts.lens else D
             M, flat = np.einsum("kpv,pv->kp", D, x), D.reshape(len(D), -1)
@@ -507,14 +507,15 @@ def fit_light(sample: Sample, parts: Parts, light: Light) -> LightFit:
     """Fit water and light to a sample; light: fitted with fewer parts."""
     if parts.strobe:
         sample = sample.take(slice(None, None, max(1, len(sample.z) // _STROBE)))
-    problem = Problem(sample.take(slice(None, None, max(1, len(sample.z) // _SCREEN))), parts)
+    screen = _SCREEN // (3 if parts.strobe else 1)
+    problem = Problem(sample.take(slice(None, None, max(1, len(sample.z) // screen))), parts)
     start, far = light.water.by_channel(), problem.distance
     rows = [start, *(np.c_[start[:, 0], np.full(3, beta / far), np.full(3, gamma / far)] for beta, gamma in _STARTS)]
     if parts.strobe:  # its light crosses the water twice, and the water is not that of a fit without
         rows = [row * (0.1, 0.5, 1) for row in rows]
     others = [problem.unknowns(light)[9:] for _ in range(1 + parts.strobe)]
-    if parts.strobe:
-        others[1][[5, 7]] = _LOBE
+    for other, side in zip(others, (_BESIDE, -_BESIDE), strict=False) if parts.strobe else ():
+        other[:2] = side * far, -side * far
     ends = [problem.descend(np.r_[row.ravel(), other], _ROUGHLY) for other in others for row in rows]
     problem = Problem(sample, parts)
     at, system = problem.descend(min(ends, key=lambda end: float(end[1].cost[0]))[0], _TOLERANCE)
