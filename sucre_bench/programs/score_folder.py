@@ -25,13 +25,15 @@ from sucre_bench.scene import Plane, Restoration, View
 
 @dataclass(frozen=True, eq=False)
 class _Pictures:
-    """An image, and the reference that it is compared with, which may have another size. Each file is read once."""
+    """An image, and the file of its reference, which may have another size. A large one is read when it is needed."""
 
     rgb: Array
-    reference: Array | None
+    reference: Path | None
 
     def load(self, plane: Plane) -> Array | None:
-        return getattr(self, plane, None)
+        if plane == "reference" and self.reference:
+            return read_rgb(self.reference)
+        return self.rgb if plane == "rgb" else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,16 +72,17 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str], i
                 raise InputError(compared_with)
             if compared_with and not is_known and is_jpeg(compared_with) and not is_jpeg(path):
                 lossy.append(compared_with)
-            rgb, target = locked(read_rgb(path)), locked(read_rgb(compared_with)) if compared_with else None
-            view = View(name, _Pictures(rgb, target))
+            rgb = locked(read_rgb(path))
+            view = View(name, _Pictures(rgb, compared_with))
+            target = view.reference if compared_with else rgb
             if not is_known:
-                pictures[str(compared_with or name)] = picture_of(rgb if target is None else target)
-            if target is not None and target.shape != rgb.shape:
+                pictures[str(compared_with or name)] = picture_of(target)
+            if not (is_alike := target.shape == rgb.shape):
                 at_a_size = [name for name in names if re.search(r"@\d", name)]
                 if rgb.shape[0] != rgb.shape[1] or not at_a_size:
                     sizes = [f"{w}x{h}" for h, w, _ in (rgb.shape, target.shape)]
                     raise InputError(f"{path}: {sizes[0]}, but its reference is {sizes[1]}; give one of the same size")
-            is_alike = target is None or target.shape == rgb.shape
+            del target  # it may have 1 GB
             picture = Restoration(rgb, info={"method": label})
             work = functools.partial(score, picture, view, names if is_alike else at_a_size)
             tables.append(processes.call(work, "mend the metric, or leave it out") if is_foreign else work())
