@@ -58,6 +58,7 @@ CASES: dict[str, tuple[str, int, str]] = {
     "a pipe as list of views": (f"{RUN} views=views.txt", 2, r"views\.txt: .*pipe; "),
     "a pipe as reference": ("score dive/images --reference pipe.py", 2, r"pipe\.py: .*pipe; "),
     "a text as reference": ("score dive/images --reference empty.json", 2, r"empty\.json: .*image; "),
+    "a folder of the system": ("score /proc/self", 2, r"/proc/self: .*image.*; "),
     "a pipe as score table": (f"{RUN} out=piped", 2, r"piped/scores\.parquet: .*pipe; "),
     "a device as line-up": ("run /dev/zero", 2, r"/dev/zero"),
     "a device as bundle": ("verify /dev/zero", 2, r"/dev/zero: .*; "),
