@@ -28,11 +28,12 @@ import numpy as np
 
 from sucre_bench import Camera, dataset
 from sucre_bench.arrays import Array
+from sucre_bench.camera import is_rigid
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.loading.depth_maps import find_depths, read_depth
 from sucre_bench.loading.find_folders import Found, ImageFolder, check_images, chosen, existing, inside, without_suffix
 from sucre_bench.loading.lens import Lens, lens_of
-from sucre_bench.loading.view_files import ImageScaleOption, Photograph, is_rigid, scaled_pose, scene_of
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scaled_pose, scene_of
 from sucre_bench.machine.files import check_folder, reading, regular
 from sucre_bench.machine.progress import say
 from sucre_bench.scene import Encoding, Scene

@@ -19,12 +19,13 @@ import numpy as np
 
 from sucre_bench import Camera, dataset, track
 from sucre_bench.arrays import Array
+from sucre_bench.camera import is_rigid
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.image_files import SUFFIXES, decode, image_size
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.find_folders import Found, check_images, existing, inside
 from sucre_bench.loading.lens import Lens, lens_of
-from sucre_bench.loading.view_files import ImageScaleOption, Photograph, fingerprint, is_rigid, scene_of
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, fingerprint, scene_of
 from sucre_bench.machine.files import read_json, regular
 from sucre_bench.scene import Encoding, Scene
 

@@ -22,10 +22,11 @@ import numpy as np
 
 from sucre_bench import Camera, dataset, track
 from sucre_bench.arrays import Array
+from sucre_bench.camera import is_rigid
 from sucre_bench.errors import DamagedFileError, InputError
 from sucre_bench.loading.find_folders import ImageFolder, check_images, existing
 from sucre_bench.loading.lens import Lens
-from sucre_bench.loading.view_files import ImageScaleOption, Photograph, is_rigid, scaled_pose, scene_of
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scaled_pose, scene_of
 from sucre_bench.machine.files import reading, regular
 from sucre_bench.scene import Encoding, Scene
 

@@ -111,6 +111,14 @@ class Camera:
         check_number("Camera.height", self.height, "[1, 1e6]")
 
 
+def is_rigid(transform: Array) -> bool:
+    """Whether (4, 4) is a rotation and a translation, within the few digits that some programs write."""
+    R = transform[:3, :3]
+    with np.errstate(over="ignore", invalid="ignore"):
+        is_near = np.abs(transform[3] - (0, 0, 0, 1)).max() <= 1e-6 and np.abs(R @ R.T - np.eye(3)).max() <= 1e-3
+    return bool(is_near and np.linalg.det(R) > 0)  # False with NaN
+
+
 def scaled_camera(camera: Camera, size: tuple[int, int], image_scale: float = 1.0) -> Camera:
     """Return the camera for images of `size` (width, height) times `image_scale` instead of its own size."""
     width, height = (max(1, round(side * image_scale)) for side in size)

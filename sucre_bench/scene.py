@@ -19,7 +19,7 @@ from cachetools import LRUCache, cached
 
 from sucre_bench.arguments import array_of, checked
 from sucre_bench.arrays import Array, Mask, coloured, evenly
-from sucre_bench.camera import Camera
+from sucre_bench.camera import Camera, distance_map, is_rigid
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.machine.text_formats import counted
 from sucre_bench.thumbnails import as_html
@@ -212,6 +212,8 @@ class View:
             raise InputError(f"is {type(self.pixels).__name__}", "View.pixels", "pass Arrays(rgb), floats 0 to 1")
         if self.cam_from_world is not None:
             pose = array_of("View.cam_from_world", self.cam_from_world, (4, 4), finite=True, kinds="fiu")
+            if not is_rigid(pose):
+                raise InputError("is no rotation with a shift", "View.cam_from_world", "pass [R t; 0 0 0 1], metres")
             object.__setattr__(self, "cam_from_world", pose)
 
     def __repr__(self) -> str:  # of what is known without decoding a file
@@ -264,8 +266,6 @@ class View:
 
         Raises InputError if the view has no camera or no depth map.
         """
-        from sucre_bench.camera import distance_map
-
         if self.camera is None:
             raise InputError(f"{self.name}: the view has no camera; distance needs one")
         return distance_map(self.camera, self.depth)

@@ -193,14 +193,6 @@ def _resampled(read: Callable[[Path], Array], lens: Lens, camera: Camera, path: 
     return lens.resampled(metres, camera, nearest=True)
 
 
-def is_rigid(transform: Array) -> bool:
-    """Whether (4, 4) is a rotation and a translation, within the few digits that some programs write."""
-    R = transform[:3, :3]
-    if not np.isfinite(transform).all() or not np.allclose(transform[3], (0, 0, 0, 1), atol=1e-6):
-        return False
-    return bool(np.allclose(R @ R.T, np.eye(3), atol=1e-3) and np.linalg.det(R) > 0)
-
-
 _WHOLE = 1 << 20  # bytes; larger files are hashed in blocks
 
 
@@ -289,7 +281,7 @@ class SharedPixels:
         """Return a plane; of depth maps, the file's mapped values. Raises InputError for a file that is unreadable."""
         if (values := self._stored(plane)) is None:
             return self.files.load(plane)
-        return values.astype(np.float32) / np.iinfo(np.uint8).max if values.dtype == np.uint8 else values
+        return np.divide(values, np.float32(255)) if values.dtype == np.uint8 else values
 
     def levels(self) -> Picture | None:
         """Return the image (H, W, 3) as mapped 8-bit levels; None without a store, or if it has other values."""

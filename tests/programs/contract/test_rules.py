@@ -131,7 +131,7 @@ def test_a_dataset_that_keeps_the_contract_is_found_to_keep_it(tmp_path: Path) -
         (DECLARED, "depth[0] = -1", "planes_are_sound", {"depth", "negative"}),
         (DECLARED, "depth[0] = np.nan", "planes_are_sound", {"depth", "NaN"}),
         (DECLARED, "depth = depth[1:]", "planes_are_sound", {"Arrays.depth", "(5, 8)", "(6, 8)"}),
-        (DECLARED, "pose[0, 0] = 2", "geometry_is_sound", {"cam_from_world", "rigid"}),
+        (DECLARED, "pose[0, 0] = 2", "geometry_is_sound", {"View.cam_from_world", "rotation"}),
         (DECLARED, "pose = pose[:3]", "geometry_is_sound", {"View.cam_from_world", "(4, 4)"}),
         (DECLARED, "K[0, 0] = -8", "geometry_is_sound", {"focal", "-8", "8", "pixels"}),
         (DECLARED, "K[0, 2] = .5 - 4", "geometry_is_sound", {"principal", "(-3.5, 3)", "8x6"}),
