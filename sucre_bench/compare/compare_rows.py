@@ -70,7 +70,10 @@ def compare(
         if of_table["_asked"].any():
             methods = sorted(of_table["method"].unique(), key=order.index)
             title = " · ".join(map(str, key))
-            tables.append(_table(title, of_table, methods, baseline, known[key[0]], measured.get(key, [])))
+            table = _table(title, of_table, methods, baseline, known[key[0]], measured.get(key, []))
+            there = {name for one in table.columns for name in (one.metric, f"{one.metric}:{one.variant}")}
+            lost = (Note("no score", (name,)) for name in metrics if there and name not in there)
+            tables.append(replace(table, notes=(*table.notes, *lost)))
     scored = [table for table in tables if table.columns]
     return scored if by != "method" and scored else tables  # of a region that some views lack
 
