@@ -6,6 +6,7 @@ import functools
 import math
 import os
 import sys
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
@@ -29,8 +30,10 @@ def compiled(loop: Callable[..., Any]) -> Callable[..., Any]:
     The first compilation of a process is announced in one line. Code that is read from the disk is not compiled.
     The function uses no threads: its callers are threads, and numba's default threading layer allows one caller only.
     """
-    import numba
-
+    with warnings.catch_warnings(record=True) as faults:
+        import numba
+    for fault in faults:  # an environment variable that is no number, with a traceback
+        progress.say(f"{str(fault.message).splitlines()[0].rstrip('.')}; correct it, or unset it")
     _announce_compiling()
     made: Callable[..., Any]
     try:
