@@ -13,7 +13,7 @@ from sucre_bench.errors import InputError, is_utf8, one_line, shown_value
 P = ParamSpec("P")
 T = TypeVar("T")
 
-_WORDS = {str: "text", int: "a whole number below 2^63", float: "a number", bool: "True or False", type(None): "None"}
+_WORDS = {str: "text", int: "a whole number", float: "a number", bool: "True or False", type(None): "None"}
 _WORDS |= {Mapping: "a dict", Path: "a path"}
 
 
@@ -75,7 +75,9 @@ def check_argument(place: str, value: Any, hint: Any) -> Any:
     except Exception as fault:  # of a collection of the user's
         raise InputError(f"raises {one_line(fault)}", place, f"pass {_wording(hint)}") from fault
     if not is_taken:
-        raise InputError(f"is {shown_value(value)}", place, f"pass {_wording(hint)}")
+        is_whole = isinstance(value, Integral) and not isinstance(value, bool)
+        below = " below 2^63" * (is_whole and hint is int)
+        raise InputError(f"is {shown_value(value)}", place, f"pass {_wording(hint)}{below}")
     return value
 
 

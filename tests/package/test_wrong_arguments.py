@@ -136,6 +136,12 @@ def test_a_dataclass_made_from_a_public_one_checks_its_fields():
         Dive("a.png", sb.Arrays(RGB), charts=3)
 
 
+@pytest.mark.parametrize("sides", [(2, 2, 2, 1), (1, 1, -1, 1), (1, 1, 1, 2)], ids=["scaled", "mirrored", "projective"])
+def test_a_pose_turns_and_shifts_and_does_nothing_else(sides: tuple[int, ...]):
+    with pytest.raises(sb.InputError, match=r"^View\.cam_from_world: .*rotation.*; pass "):
+        sb.View("a.png", sb.Arrays(RGB), cam_from_world=np.diag(sides))
+
+
 @pytest.mark.parametrize(
     ("info", "remedy"),
     [
