@@ -104,14 +104,15 @@ def palette(shown: npt.NDArray[Any]) -> Palette:
     codes: npt.NDArray[Any]
     counts: npt.NDArray[Any]
     if picture.n_valid < _FEW_PIXELS:
-        red, green, blue = picture.planes[:, picture.valid].astype(np.uint32)
+        flat = picture.planes.reshape(3, -1)
+        red, green, blue = (flat if picture.is_whole else flat[:, picture.valid.ravel()]).astype(np.uint32)
         codes, counts = np.unique(red << 16 | green << 8 | blue, return_counts=True)
     else:
         table = np.zeros(1 << 24, np.uint32)
         compiled(_count_colours)(picture.planes, picture.valid, table)
         codes = np.flatnonzero(table)
         counts = table[codes]
-    rgb = np.stack([codes >> 16, codes >> 8, codes], axis=-1).astype(np.uint8)
+    rgb = np.ascontiguousarray(codes.astype("<u4").view(np.uint8).reshape(-1, 4)[:, 2::-1])
     return Palette(locked(rgb), locked(counts.astype(np.int64)))
 
 

@@ -162,10 +162,10 @@ def _picture(bundle: Bundle, name: str) -> Array:
         fault = f"{name}: would decode to {3 * width * height / 1e6:.0f} MB, far more than its size"
         raise InputError(fault, bundle.path, "ask who made the bundle for another")
     try:
-        stored = decode_bytes(content, cv2.IMREAD_COLOR, name)[..., ::-1]
+        stored = decode_bytes(content, cv2.IMREAD_COLOR, name)
     except InputError as fault:
         raise fault.within(bundle.path) from fault
-    return locked(np.asarray(stored, dtype=np.float32) / 255)
+    return locked(np.divide(stored[..., ::-1], np.float32(255), order="C"))
 
 
 class _Opened(NamedTuple):
@@ -196,7 +196,7 @@ def _opened(bundle: Bundle, picture_of: Callable[[str], Array], row: Any) -> _Op
     with reading(bundle.path / name, f"{remedy} for another"):
         mask = mask_in(io.BytesIO(bundle.read(name)), bundle.path / name)
     # Pictures of earlier versions have no mask: their holes are among the black pixels.
-    is_hole = (picture == 0).all(axis=-1) if mask is None else ~mask
+    is_hole = picture[..., 0] + picture[..., 1] + picture[..., 2] == 0 if mask is None else ~mask
     n_most, n_holes = int(is_hole.sum()), is_hole.size - int(row.n_pixels)
     if not (0 if mask is None else n_most) <= n_holes <= n_most:
         fault = f"{is_hole.size - n_most} pixels have a colour, the score table says {int(row.n_pixels)}"
