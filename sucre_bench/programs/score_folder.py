@@ -74,7 +74,8 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str], i
                 lossy.append(compared_with)
             rgb = locked(read_rgb(path))
             view = View(name, _Pictures(rgb, compared_with))
-            target = view.reference if compared_with else rgb
+            target = view.reference
+            target = rgb if target is None else target
             if not is_known:
                 pictures[str(compared_with or name)] = picture_of(target)
             if not (is_alike := target.shape == rgb.shape):
