@@ -25,7 +25,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.camera import Camera, pixel_rays, scaled_camera
+from sucre_bench.camera import Camera, is_rigid, pixel_rays, scaled_camera
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.image_files import SUFFIXES, image_size, same_shape
 from sucre_bench.loading.charts_file import read_charts
@@ -150,6 +150,8 @@ def _calibration(path: Path) -> tuple[tuple[Camera, Camera], Array]:
         right_from_left = np.eye(4)
         right_from_left[:3, :3] = rotation.reshape(3, 3).T
         right_from_left[:3, 3] = translation.reshape(3) * _METRES[str(units[0]) if units.size else "mm"]
+        if not is_rigid(right_from_left):
+            raise ValueError("RotationOfCamera2 is no rotation")
     return cameras, right_from_left
 
 

@@ -111,11 +111,14 @@ class Camera:
         check_number("Camera.height", self.height, "[1, 1e6]")
 
 
-def is_rigid(transform: Array) -> bool:
-    """Whether (4, 4) is a rotation and a translation, within the few digits that some programs write."""
+def is_rigid(transform: Array, tolerance: float = 1e-3) -> bool:
+    """Whether (4, 4) is a rotation and a translation, within the few digits that some programs write.
+
+    Of products and inverses of such transforms, the tolerance must be some times larger.
+    """
     R = transform[:3, :3]
     with np.errstate(over="ignore", invalid="ignore"):
-        is_near = np.abs(transform[3] - (0, 0, 0, 1)).max() <= 1e-6 and np.abs(R @ R.T - np.eye(3)).max() <= 1e-3
+        is_near = np.abs(transform[3] - (0, 0, 0, 1)).max() <= 1e-6 and np.abs(R @ R.T - np.eye(3)).max() <= tolerance
     return bool(is_near and np.linalg.det(R) > 0)  # False with NaN
 
 

@@ -212,7 +212,7 @@ class View:
             raise InputError(f"is {type(self.pixels).__name__}", "View.pixels", "pass Arrays(rgb), floats 0 to 1")
         if self.cam_from_world is not None:
             pose = array_of("View.cam_from_world", self.cam_from_world, (4, 4), finite=True, kinds="fiu")
-            if not is_rigid(pose):
+            if not is_rigid(pose, 1e-2):
                 raise InputError("is no rotation with a shift", "View.cam_from_world", "pass [R t; 0 0 0 1], metres")
             object.__setattr__(self, "cam_from_world", pose)
 

@@ -33,7 +33,7 @@ def compiled(loop: Callable[..., Any]) -> Callable[..., Any]:
     with warnings.catch_warnings(record=True) as faults:
         import numba
     for fault in faults:  # an environment variable that is no number, with a traceback
-        progress.say(f"{str(fault.message).splitlines()[0].rstrip('.')}; correct it, or unset it")
+        _tell(f"{str(fault.message).splitlines()[0].rstrip('.')}; correct it, or unset it")
     _announce_compiling()
     made: Callable[..., Any]
     try:
@@ -52,6 +52,13 @@ def _nothing() -> None:
     pass
 
 
+def _tell(text: str) -> None:
+    if progress.is_watched():
+        progress.say(text)
+    else:  # a script, a notebook, or a thread
+        print(text, file=sys.stderr)
+
+
 @functools.cache
 def _announce_compiling() -> None:
     """Let numba report when it compiles for the first time."""
@@ -64,11 +71,7 @@ def _announce_compiling() -> None:
             if self.is_said:
                 return
             self.is_said = True
-            text = "compiling loops for this processor, once after each installation or update; up to a minute"
-            if progress.is_watched():
-                progress.say(text)
-            else:  # a script, a notebook, or a thread
-                print(text, file=sys.stderr)
+            _tell("compiling loops for this processor, once after each installation or update; up to a minute")
 
         def on_end(self, event: object) -> None:
             pass

@@ -91,6 +91,12 @@ def edit(change: Any, name: str = "transforms.json") -> Change:
     return apply
 
 
+def test_a_pose_that_was_written_with_three_digits_is_one(tmp_path: Path) -> None:
+    pose = [[-0.589, -0.075, 0.805, 0], [0.762, -0.385, 0.521, 0], [0.271, 0.92, 0.283, 2], [0, 0, 0, 1]]
+    edit(lambda content: content["frames"][0].update(transform_matrix=pose))(write_scene(tmp_path))
+    assert load(tmp_path)["images/0.png"].cam_from_world @ [0, 0, 2, 1] == pytest.approx([0, 0, 0, 1])
+
+
 @pytest.mark.parametrize("lens", LENSES)
 def test_a_known_point_is_seen_where_it_is_in_both_views(tmp_path: Path, lens: str) -> None:
     scene = load(write_scene(tmp_path, lens))

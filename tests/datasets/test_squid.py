@@ -192,6 +192,9 @@ def test_what_is_wrong_with_a_calibration_is_named(tmp_path: Path) -> None:
     path = tmp_path / "stereoParams0.5.mat"
     with pytest.raises(InputError, match=r"stereoParams0\.5\.mat: .*cameras"):
         load(tmp_path)
+    scipy.io.savemat(path, {"stereoParams": STEREO | {"RotationOfCamera2": 2 * np.eye(3)}})
+    with pytest.raises(InputError, match=r"stereoParams0\.5\.mat: .*rotation"):
+        load(tmp_path)
     path.write_bytes(OBJECT[:200])
     with pytest.raises(InputError, match=r"stereoParams0\.5\.mat: .*MATLAB"):
         load(tmp_path)
