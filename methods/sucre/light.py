@@ -290,6 +290,11 @@ class Light:
         return self.parts.lens or self.parts.strobe
 
     @property
+    def is_far_off(self) -> bool:
+        """Whether a strobe's fit ended at the farthest place that one may have: nothing holds it there."""
+        return self.strobe is not None and bool((np.abs(self.strobe.position) >= _FARTHEST - 1e-3).any())
+
+    @property
     def least(self) -> float:
         """The least light of the lens at the middle and the corners of a square of the sample, over the largest."""
         light = np.exp(self.lens @ terms(np.array([[0, 1, 1, -1, -1], [0, 1, -1, 1, -1]]) * 0.7))

@@ -187,7 +187,8 @@ def _in_even_light(seen: Observed, even: Observed, chosen: Chosen) -> tuple[Solu
     else:
         solution = even.coloured(replace(NONE, beta=light.water.beta))
     near, median, far = np.quantile(seen.matched.distance, (0.05, 0.5, 0.95))
-    is_mixed = (light.parts.strobe and far <= _ALIKE * near) or bool((of_light[:, 1] * median >= _LOOSE).any())
+    is_mixed = (light.parts.strobe and far <= _ALIKE * near) or light.is_far_off
+    is_mixed |= bool((of_light[:, 1] * median >= _LOOSE).any())
     before = solution.uncertainty.standard_error.by_channel()
     error, growth = np.fmax(before, of_light), solution.growth
     if growth is not None:  # errors of beta are most of what places and views share

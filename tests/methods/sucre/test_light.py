@@ -169,6 +169,12 @@ def test_the_place_of_a_strobe_is_found_and_over_flat_ground_its_water_is_doubte
     assert not under_a_strobe.info["veil_known"]
 
 
+def test_the_strobe_of_a_scene_that_has_none_is_doubted(plain: Scene) -> None:
+    result = sucre_plus(light="strobe").restore(plain, plain["4.png"])
+    assert any("do not separate" in limit for limit in result.info["limits"])
+    assert not result.info["veil_known"]
+
+
 def test_a_strobes_veil_is_its_light_scattered_once() -> None:
     """Against a fine sum along one ray, written out again."""
     strobe, z, (B, beta, gamma) = (
