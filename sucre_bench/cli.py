@@ -1,6 +1,7 @@
 """The command line: sections of commands, each imported when it is called; exit codes; one-line errors."""
 
 import errno
+import io
 import os
 import re
 import sys
@@ -24,6 +25,9 @@ def main() -> None:
     # pyarrow's own allocator keeps much of what it has freed: 50 MB more for a table of 90,000 rows.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # else a damaged image costs ten lines more
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a letter that the locale lacks is a question mark
+            stream.reconfigure(errors="replace")
     if os.environ.get("_SUCRE_BENCH_COMPLETE"):  # a shell asks
         import_module("sucre_bench.commands.completion").install()
     try:
