@@ -167,9 +167,11 @@ TILES = 6
 # Starts of beta and gamma, as optical depths over the median distance, besides the water fitted without light.
 _STARTS = ((0.1, 0.3), (0.7, 0.7))
 
-# Pixels that the starts are tried on, and that a strobe is fitted to; tolerance there and of the last descent; most
-# steps.
-_SCREEN, _STROBE, _ROUGHLY, _TOLERANCE, _STEPS = 300, 500, 1e-4, 1e-6, 40
+# Pixels that the starts are tried on, those of a strobe and of other light, and pixels that a strobe is fitted to.
+_SCREEN_STROBE, _SCREEN, _STROBE = 100, 300, 500
+
+# Tolerance of the starts and of the last descent; most steps.
+_ROUGHLY, _TOLERANCE, _STEPS = 1e-4, 1e-6, 40
 
 # Largest logarithm of a coefficient, metres of a position, and optical depth over the median distance.
 _MOST, _FARTHEST, _DEEPEST = 3.0, 1.5, 30.0
@@ -512,15 +514,16 @@ def fit_light(sample: Sample, parts: Parts, light: Light) -> LightFit:
     """Fit water and light to a sample; light: fitted with fewer parts."""
     if parts.strobe:
         sample = sample.take(slice(None, None, max(1, len(sample.z) // _STROBE)))
-    screen = _SCREEN // (3 if parts.strobe else 1)
+    screen = _SCREEN_STROBE if parts.strobe else _SCREEN
     problem = Problem(sample.take(slice(None, None, max(1, len(sample.z) // screen))), parts)
     start, far = light.water.by_channel(), problem.distance
     rows = [start, *(np.c_[start[:, 0], np.full(3, beta / far), np.full(3, gamma / far)] for beta, gamma in _STARTS)]
+    others = [problem.unknowns(light)[9:]]
     if parts.strobe:  # its light crosses the water twice, and the water is not that of a fit without
         rows = [row * (0.1, 0.5, 1) for row in rows]
-    others = [problem.unknowns(light)[9:] for _ in range(1 + parts.strobe)]
-    for other, side in zip(others, (_BESIDE, -_BESIDE), strict=False) if parts.strobe else ():
-        other[:2] = side * far, -side * far
+        beside = np.zeros_like(others[0])
+        beside[:2] = _BESIDE * far, -_BESIDE * far
+        others = [others[0] + beside, others[0] - beside]
     ends = [problem.descend(np.r_[row.ravel(), other], _ROUGHLY) for other in others for row in rows]
     problem = Problem(sample, parts)
     at, system = problem.descend(min(ends, key=lambda end: float(end[1].cost[0]))[0], _TOLERANCE)
