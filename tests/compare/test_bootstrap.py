@@ -4,7 +4,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from sucre_bench.compare.statistics import Units, differences, mean_intervals, pseudo_values
 
@@ -73,7 +73,7 @@ def test_one_pair_is_judged_as_students_paired_test_judges_it():
     rng = np.random.default_rng(7)
     gains = rng.normal(1.5, 1, size=(8, 300))
     found = [told_apart(np.stack([np.zeros(8), own], axis=1), [8]) for own in gains.T]
-    assert found == (stats.ttest_1samp(gains, 0).pvalue < 0.05).tolist()
+    assert found == (scipy.stats.ttest_1samp(gains, 0).pvalue < 0.05).tolist()
     assert np.mean(found) > 0.9
 
 
@@ -82,7 +82,7 @@ def test_the_error_of_a_difference_is_that_of_the_theory_of_clusters():
     values = np.random.default_rng(3).normal(size=(6, 5, 2)) + np.random.default_rng(4).normal(size=(6, 1, 2))
     (half,) = differences(Units.of(values.reshape(30, 2), [5] * 6), [(0, 1)])
     of_scenes = (values[..., 0] - values[..., 1]).mean(axis=1)
-    assert half == pytest.approx(stats.t.ppf(0.975, 5) * of_scenes.std(ddof=1) / np.sqrt(6))
+    assert half == pytest.approx(scipy.stats.t.ppf(0.975, 5) * of_scenes.std(ddof=1) / np.sqrt(6))
 
 
 def test_methods_that_are_nearly_the_same_cost_the_others_little():
@@ -93,14 +93,14 @@ def test_methods_that_are_nearly_the_same_cost_the_others_little():
     half = differences(Units.of(groups, [60]), pairs)[pairs.index((0, 17))]
     gain = groups[:, 0] - groups[:, 17]
     error = gain.std(ddof=1) / np.sqrt(60)
-    independent = stats.t.ppf((1 + 0.95 ** (1 / len(pairs))) / 2, 59)
-    assert stats.t.ppf(0.975, 59) < half / error < 0.95 * independent
+    independent = scipy.stats.t.ppf((1 + 0.95 ** (1 / len(pairs))) / 2, 59)
+    assert scipy.stats.t.ppf(0.975, 59) < half / error < 0.95 * independent
 
 
 def test_views_count_alike_whichever_scene_they_are_of():
     """One scene of one view, one of three: the mean moves by what the scene's views are of all that are drawn."""
     low, high = mean_intervals(Units.of(np.array([[1.0], [0.0], [0.0], [0.0]]), [1, 3]))
-    widening = stats.t.ppf(0.975, 1) / stats.norm.ppf(0.975) * np.sqrt(2)
+    widening = scipy.stats.t.ppf(0.975, 1) / scipy.stats.norm.ppf(0.975) * np.sqrt(2)
     assert (low[0], high[0]) == pytest.approx((0.25 - widening * 0.25, 0.25 + widening * 0.75))
 
 

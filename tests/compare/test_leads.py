@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from sucre_bench.compare.statistics import Units, changes, differences, leads, undone_by
 
@@ -61,7 +61,7 @@ def test_a_lead_over_the_second_is_found_however_many_others_there_are(others: l
 def test_of_two_methods_the_interval_is_students():
     gains = np.random.default_rng(2).normal(EFFECT, 1, size=8)
     half = leads(Units.of(np.stack([gains, np.zeros(8)], axis=1), [8]), 0)
-    assert half[1] == pytest.approx(stats.t.ppf(0.975, 7) * gains.std(ddof=1) / np.sqrt(8))
+    assert half[1] == pytest.approx(scipy.stats.t.ppf(0.975, 7) * gains.std(ddof=1) / np.sqrt(8))
     assert np.isnan(half[0])
 
 
@@ -132,7 +132,7 @@ def test_the_error_of_neighbours_is_that_of_a_series_with_their_correlation():
     variance = gain.var(ddof=0) / (1 - correlations.mean())  # what a sample variance is of, on average
     error = np.sqrt(variance * correlations.mean())
     freedom = max(3, 11 / (12 * correlations.mean()))
-    assert differences(units, [(0, 1)])[0] == pytest.approx(stats.t.ppf(0.975, freedom) * error)
+    assert differences(units, [(0, 1)])[0] == pytest.approx(scipy.stats.t.ppf(0.975, freedom) * error)
     assert units.worth == pytest.approx(1 / correlations.mean())
 
 
@@ -160,7 +160,7 @@ def test_few_scenes_of_different_size_seldom_make_a_false_lead(sizes: list[int],
 def test_the_view_that_decides_is_found():
     gains = np.array([0.4, 1.9, 0.4, 1.8, 0.3, 1.7])
     pair = np.stack([gains, np.zeros(6)], axis=1)
-    assert stats.ttest_1samp(gains, 0).pvalue < 0.05
-    rest = [stats.ttest_1samp(np.delete(gains, v), 0).pvalue < 0.05 for v in range(6)]
+    assert scipy.stats.ttest_1samp(gains, 0).pvalue < 0.05
+    rest = [scipy.stats.ttest_1samp(np.delete(gains, v), 0).pvalue < 0.05 for v in range(6)]
     assert undone_by(Units.of(pair, [6]), 0, 1) == rest.index(False)
     assert undone_by(Units.of(pair + np.array([5.0, 0]), [6]), 0, 1) is None

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+import scipy
 from support.forward_model import alone
 from support.made_scene import WATER
 
@@ -35,7 +35,7 @@ def test_the_likelihood_is_that_of_a_normal_distribution(B: float, gamma: float,
     fading = np.exp(-(beta.a * np.exp(-beta.b * z) + beta.c * np.exp(-beta.d * z)) * z)
     veil = B * (1 - np.exp(-gamma * z))
     J = (intensity - veil) / fading
-    expected = -norm.logpdf(intensity, J.mean() * fading + veil, J.std() * fading).mean()
+    expected = -scipy.stats.norm.logpdf(intensity, J.mean() * fading + veil, J.std() * fading).mean()
     assert negative_log_likelihood(ChannelWater(B, gamma, beta), intensity, z) == pytest.approx(expected, rel=1e-10)
 
 

@@ -11,8 +11,8 @@ from sucre_bench.camera import Camera
 from sucre_bench.programs.prepare.shots import Shot
 from support.made_scene import make_pose
 
-WIDTH, HEIGHT = 320, 240
-CAMERA = Camera(np.array([[290.0, 0, WIDTH / 2], [0, 290, HEIGHT / 2], [0, 0, 1]]), WIDTH, HEIGHT)
+WIDTH, HEIGHT, FOCAL = 240, 180, 217.5
+CAMERA = Camera(np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]), WIDTH, HEIGHT)
 DISTORTION = np.array([-0.08, 0, 0, 0])
 PLANES = np.array([[0.11, 0.03, 0.4], [-0.14, 0.02, 0.41]])  # n . X = 1: they meet in a valley some 2.5 m away
 PLACES = [(0, 0, 0), (0.18, 0.05, 0.05), (0.38, -0.04, 0.1), (0.55, 0.1, 0), (0.2, 0.3, 0.2), (0.45, 0.35, -0.1)]

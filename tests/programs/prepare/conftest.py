@@ -16,7 +16,7 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write(root / "photos" / "else.png", np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3), dtype=np.uint8))
     (root / "photos" / "cut.png").write_bytes((root / "photos" / NAMES[0]).read_bytes()[:9000])
     mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
-    mask[:60, :80] = 0
+    mask[:45, :60] = 0
     for name in (*NAMES, "else.png", "cut.png"):
         write(root / "masks" / f"{name}.png", mask)
     return root

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.photographed_valley import CAMERA, HEIGHT, POSES, WIDTH, make_shots, photograph, true_depth, write
+from support.photographed_valley import CAMERA, FOCAL, HEIGHT, POSES, WIDTH, make_shots, photograph, true_depth, write
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import depth_at, moved, pixel_rays
@@ -77,7 +77,7 @@ def test_a_mask_that_is_missing_or_of_another_shape_is_named(photos: Path, tmp_p
     with pytest.raises(InputError, match=r"cut\.png\.png: "):
         prepare(photos / "photos", tmp_path / "out", Options(masks=tmp_path / "masks"))
     write(tmp_path / "masks" / "cut.png", np.zeros((HEIGHT, HEIGHT), np.uint8))
-    with pytest.raises(InputError, match=r"cut\.png: .*240x240, .*320x240; "):
+    with pytest.raises(InputError, match=r"cut\.png: .*180x180, .*240x180; "):
         prepare(photos / "photos", tmp_path / "out", Options(masks=tmp_path / "masks"))
 
 
@@ -119,7 +119,7 @@ def no_depth(shot: Shot) -> Array:
 def test_a_length_that_is_seen_gives_the_scale():
     shots = make_shots(np.zeros((1, 3)))
     # Half a unit of tangent, at a depth of 2 units: 1 unit long.
-    known = known_scale(lengths=[("0.png", 100.0, 100.0, 100.0 + 145.0, 100.0, 0.25)])
+    known = known_scale(lengths=[("0.png", 100.0, 100.0, 100.0 + FOCAL / 2, 100.0, 0.25)])
     found = find_scale(known, shots, same_names(1), lambda _: np.full((HEIGHT, WIDTH), 2.0, np.float32))
     assert found.metres_per_unit == pytest.approx(0.25)
     assert found.is_metric

@@ -15,7 +15,18 @@ from click.testing import CliRunner
 from PIL import Image
 from PIL.ExifTags import IFD, Base
 from support.messages import Lines
-from support.photographed_valley import DISTORTION, HEIGHT, NAMES, PLACES, POSES, WIDTH, photograph, true_depth, write
+from support.photographed_valley import (
+    DISTORTION,
+    FOCAL,
+    HEIGHT,
+    NAMES,
+    PLACES,
+    POSES,
+    WIDTH,
+    photograph,
+    true_depth,
+    write,
+)
 
 import sucre_bench as sb
 from sucre_bench.arrays import Array
@@ -57,7 +68,7 @@ def test_depth_of_a_known_scene_is_metric_and_right(prepared: Prepared):
 def test_a_logo_neither_holds_the_cameras_nor_bends_the_lens(prepared: Prepared, tmp_path: Path):
     assert not any("logo" in warning for warning in prepared.warnings)
     for name, pose in zip(NAMES[:4], POSES[:4], strict=True):
-        marked = cv2.putText(photograph(pose), "DIVE 7 CAM 2", (8, 230), 0, 1.1, (255, 255, 255), 2)
+        marked = cv2.putText(photograph(pose), "DIVE 7 CAM 2", (6, 172), 0, 0.8, (255, 255, 255), 2)
         write(tmp_path / "photos" / name, marked)
     (tmp_path / "work").mkdir()
     found = mapping.map_photos(find_photos(tmp_path / "photos", None, 0, tmp_path)[0], tmp_path / "work", RULES)
@@ -65,7 +76,7 @@ def test_a_logo_neither_holds_the_cameras_nor_bends_the_lens(prepared: Prepared,
     assert len(found.registered) == 4
     lens = read_model(found.model, tmp_path, distorted=True)[0].lens
     assert lens is not None
-    assert lens.camera.K[0, 0] == pytest.approx(290, rel=0.02)
+    assert lens.camera.K[0, 0] == pytest.approx(FOCAL, rel=0.02)
 
 
 def test_points_seen_in_one_view_land_on_the_same_texture_in_another(prepared: Prepared):
@@ -83,7 +94,7 @@ def test_points_seen_in_one_view_land_on_the_same_texture_in_another(prepared: P
 
 def test_masked_pixels_have_no_depth_and_photos_without_a_place_are_named(prepared: Prepared):
     scene = next(iter(sb.load_scenes("colmap", root=prepared.out)))
-    assert not any(view.valid[:50, :70].any() for view in scene)
+    assert not any(view.valid[:38, :52].any() for view in scene)
     assert (list(prepared.damaged), list(prepared.unplaced)) == (["cut.png"], ["else.png"])
     record = json.loads((prepared.out / "prepare.json").read_text())
     assert (list(record["damaged"]), list(record["unplaced"])) == (["cut.png"], ["else.png"])
@@ -169,7 +180,7 @@ def words_of_scale(how: str, tmp_path: Path, prepared: Prepared) -> list[str]:
     """What a user who knows the true scene, FAR times as large, would give."""
     if how == "length":
         view = next(iter(sb.load_scenes("colmap", root=prepared.out)))[NAMES[1]]
-        at = [(180, 120), (230, 150)]
+        at = [(135, 90), (172, 112)]
         rays = pixel_rays(view.camera)
         ends = [rays[v, u] * true_depth(POSES[1], rays)[v, u] for u, v in at]
         pixels = [str(p + 0.5) for point in at for p in point]
@@ -189,7 +200,7 @@ def test_every_way_to_give_the_scale_makes_metres(how: str, prepared: Prepared, 
     factor = scale["metres_per_unit"]
     assert factor == pytest.approx(FAR * prepared.scale.metres_per_unit, rel=0.02)
     assert f"{factor:.3g}"[:4] in said.partition("scale    ")[2].partition("\n")[0]
-    assert float(said.partition("focal length ")[2].split()[0]) == pytest.approx(290 / WIDTH, rel=0.03)
+    assert float(said.partition("focal length ")[2].split()[0]) == pytest.approx(FOCAL / WIDTH, rel=0.03)
     left_out = [line.split(":")[0].split()[-1] for line in said.splitlines() if line.startswith("left out")]
     assert left_out == ["cut.png", "else.png"]
 
@@ -231,7 +242,7 @@ def test_the_record_holds_values_as_they_are(prepared: Prepared):
     assert record["options"]["masks"].endswith("masks")
     (camera,) = record["cameras"].values()
     assert (camera["model"], camera["width"], camera["order"]) == ("SIMPLE_RADIAL", WIDTH, ["f", "cx", "cy", "k"])
-    assert camera["params"][0] == pytest.approx(290, rel=0.03)
+    assert camera["params"][0] == pytest.approx(FOCAL, rel=0.03)
     assert camera["params"][3] == pytest.approx(DISTORTION[0], abs=0.03)
     assert read_record(prepared.out) is not None
     with pytest.raises(InputError, match=r"--length: -1"):
@@ -298,7 +309,7 @@ def test_mapping_starts_from_the_focal_length_in_exif_and_finds_the_true_one(tmp
     assert camera.mean_focal_length() / WIDTH == pytest.approx(24 / 36, rel=0.05)
     lens = read_model(mapped.model, tmp_path, distorted=True)[0].lens
     assert lens is not None
-    assert lens.camera.K[0, 0] == pytest.approx(290, rel=0.03)
+    assert lens.camera.K[0, 0] == pytest.approx(FOCAL, rel=0.03)
 
 
 @pytest.mark.parametrize(
@@ -422,7 +433,7 @@ def test_what_no_pinhole_sees_leaves_the_model_and_its_figures_are_numbers(
     rays = Lens.rays
 
     def folded(lens: Lens, pixels: Array) -> Array:  # as of a lens that images nothing further out
-        return np.where(np.hypot(*(pixels - (WIDTH / 2, HEIGHT / 2)).T)[:, None] < 90, rays(lens, pixels), np.nan)
+        return np.where(np.hypot(*(pixels - (WIDTH / 2, HEIGHT / 2)).T)[:, None] < 68, rays(lens, pixels), np.nan)
 
     for lens in {id(p.lens): p.lens for p in posed.values()}.values():
         assert lens.pinhole.width == WIDTH  # found before

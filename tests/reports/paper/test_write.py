@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from support.made_results import csv, noisy, row
 
 from sucre_bench import InputError
@@ -111,6 +110,8 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def test_a_figure_that_breaks_costs_no_other(tmp_path: Path, drawn: Any):
+    from matplotlib.figure import Figure
+
     def breaks(results: object) -> Iterator[Any]:
         raise ZeroDivisionError("by nought")
         yield
@@ -140,6 +141,8 @@ def test_a_figure_that_breaks_costs_no_other(tmp_path: Path, drawn: Any):
 
 
 def test_a_study_of_scores_that_nothing_has_writes_no_tables_and_leaves_no_old_ones(tmp_path: Path, drawn: Any):
+    from matplotlib.figure import Figure
+
     def draws(results: object) -> Iterator[Any]:
         yield (), Figure()  # of what methods told, say
 

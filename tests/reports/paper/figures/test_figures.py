@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pytest
@@ -20,7 +19,6 @@ import sucre_bench
 from sucre_bench import compare
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper import style
-from sucre_bench.reports.paper.scores import agreements, positions
 from sucre_bench.reports.paper.study_results import Value
 from sucre_bench.results.rows import Row, frame
 
@@ -85,14 +83,6 @@ def test_equal_figures_are_equal_files(tmp_path: Path):
         assert (tmp_path / f"a.{suffix}").read_bytes() == (tmp_path / f"b.{suffix}").read_bytes()
 
 
-def test_the_look_leaves_no_trace():
-    before = dict(mpl.rcParams)
-    with style.look():
-        assert mpl.rcParams["font.size"] == 7
-        style.figure()
-    assert dict(mpl.rcParams) == before
-
-
 # -- scores ------------------------------------------------------------------------------------------------
 
 
@@ -138,12 +128,11 @@ def values(*numbers: float | None) -> list[Value]:
 
 
 def test_values_lie_where_their_numbers_are_and_the_unlimited_one_step_beyond():
+    from sucre_bench.reports.paper.scores import positions
+
     assert positions(values(1, 2, 4, None)) == ([1, 2, 4, 6], False)
     assert positions(values(50, 500, 3000, None)) == ([50, 500, 3000, 18000], True)
     assert positions(values(0, 0.01, 0.1)) == ([0, 0.01, 0.1], False)  # nought is on no logarithmic axis
-
-
-def test_words_stand_side_by_side():
     words = [Value("clear", None), Value("turbid", None), Value("none", None, False)]
     assert positions(words) == ([0, 1, 2], False)
 
@@ -283,6 +272,8 @@ SCORES = {
 
 
 def test_the_agreement_is_kendalls_tau_over_scenes_whatever_is_better() -> None:
+    from sucre_bench.reports.paper.scores import agreements
+
     rows = [
         Row(dataset="sea", scene=f"s{scene}", view="a", method=method, metric=metric, variant="x", value=value + scene)
         for metric, (values, _) in SCORES.items()

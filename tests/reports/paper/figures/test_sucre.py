@@ -15,7 +15,6 @@ from support.made_scene import WATER
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.methods.sucre.record import residuals
 from sucre_bench.methods.sucre.solution import colours_for_water
-from sucre_bench.reports.paper import fits
 from sucre_bench.results.layout import Place
 from sucre_bench.results.rows import Row, frame
 
@@ -120,14 +119,13 @@ def timed(out: Path, n: float, seconds: float, **about: Any) -> list[Row]:
     return [row(view=own.view, **{**about, "value": seconds}), counted]
 
 
-def test_a_line_of_seconds_over_observations_is_found() -> None:
+def test_a_line_of_seconds_over_observations_is_found_and_never_starts_below_zero() -> None:
+    from sucre_bench.reports.paper import fits
+
     n = np.geomspace(1e4, 1e7, 12)
     a, b, error = fits.line(n, (0.5 + 3e-6 * n) * np.tile([1.02, 0.98], 6))
     assert (a, b) == pytest.approx((0.5, 3e-6), rel=0.05)
     assert 0 < error < 0.05 * b
-
-
-def test_a_line_never_starts_below_zero() -> None:
     n = np.geomspace(1e4, 1e6, 8)
     a, b, _ = fits.line(n, 1e-6 * n * (n / 1e6) ** 0.2)
     assert a == 0
