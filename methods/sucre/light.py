@@ -548,7 +548,7 @@ def _with_spreads(problem: Problem, at: Array, noise: float) -> tuple[Array, Arr
     squares = (np.einsum("i,fij,j->f", at, forms, at) / ranks).clip(_LEAST**2, _WEAK**2)
     for _ in range(_ROUNDS):
         before, problem = squares, replace(problem, precision=np.tensordot(noise / squares, forms, 1) + weak)
-        at, system = problem.descend(at, _TOLERANCE)
+        at, system = problem.descend(at, _ROUGHLY)
         H, covariance = system.H[0], np.zeros_like(weak)
         free = np.flatnonzero(np.diag(H) > 0)
         scale = 1 / np.sqrt(np.diag(H)[free])

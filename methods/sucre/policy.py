@@ -4,6 +4,7 @@
 |---|---|---|
 | stored intensities or linear light | `nearer_encoding` | `NearerEncoding` |
 | which observations count less | `weighted` | `Weighted`, None for none |
+| noise that grows with light | `evenly_noisy` | observations and `WaterFit`, None for even weights |
 | colours held above zero | `held_above_zero` | `WaterFit`, None if the free fit stays |
 | light that differs | `choose` | `Chosen` |
 | the water, or the photograph without one | `is_guess` | bool |
@@ -27,7 +28,8 @@ lens.
 
 Gains can stand for attenuation, where each view sees the ground from another distance. Then they explain a little, and
 beta is known worse with them. Where light does differ, residuals fall so much that beta is known better, though there
-are more unknowns. So gains are taken only if the errors of beta fall; else a lens is judged alone.
+are more unknowns. So gains are taken only if the errors of beta fall; else a lens is judged alone. Weights for noise
+that grows with light count by the same rule.
 """
 
 from __future__ import annotations
@@ -60,7 +62,7 @@ from sucre_bench.methods.sucre.light import (
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.paper import start_of
 from sucre_bench.methods.sucre.passes import Backend, opened
-from sucre_bench.methods.sucre.refine_noise import decoding_slope
+from sucre_bench.methods.sucre.refine_noise import balanced, decoding_slope
 from sucre_bench.methods.sucre.robust import (
     C2,
     WRONG,
@@ -81,6 +83,7 @@ from sucre_bench.methods.sucre.solution import (
     Solution,
     clustered,
     coloured,
+    colours_for_water,
     far_colours,
     is_determined,
     rescaled_to_noise,
@@ -118,6 +121,12 @@ _ALIKE, _LOOSE = 1.5, 0.1
 # It is .13 and more under forward scatter, .08 at most over ripples of the ground. The least share of beta that is
 # worth a word; the fewest pixels.
 _WIDER, _BLURRED, _LITTLE, _ENOUGH = 3.0, 0.1, 0.02, 1_000
+
+# With gains, or with weights for noise that grows with light, the standard errors of beta must be below this share of
+# those without, in the mean of the channels. With gains they are at .05 to .55 where light differs, at .9 to 2.6 on
+# photographs of a camera with manual exposure. With weights they are at .3 to .75 under caustics, at .95 to 1.5 on
+# photographs.
+_SHARPER = 0.8
 
 # A gain of this much is worth a word.
 _DIFFERENT = 0.05
@@ -263,6 +272,8 @@ def solve_exact(
         weights, said = weighted(observations, sharp, matched, found, how, is_forced=robust is True)
     if weights is not None:
         observations, to_fit, found = weights.observations, weights.to_fit, weights.found
+    if matched is not None and (sharper := evenly_noisy(to_fit, found, how, backend, device)) is not None:
+        to_fit, found = sharper
     above = held_above_zero(to_fit, None if matched is None else sharp, found, how) if physical else None
     found = above or found
     with opened(observations, backend, device) as kernel:
@@ -331,6 +342,25 @@ def weighted(
     if matched is None:
         to_fit, found = observations, how(observations)
     return Weighted(observations, of_all, to_fit, found, float((v < WRONG).mean())), said
+
+
+def evenly_noisy(
+    to_fit: Observations, plain: WaterFit, how: Callable[[Observations], WaterFit], backend: Backend, device: Device
+) -> tuple[Observations, WaterFit] | None:
+    """Return the fit with weights for noise that grows with light; None if it does not know beta better."""
+    even = balanced(to_fit, colours_for_water(to_fit, plain.water, None, backend, device))
+    found = how(even)
+    old, new = (
+        clustered(one.uncertainty, [seen], one.water).standard_error.beta
+        for one, seen in ((plain, to_fit), (found, even))
+    )
+    return (even, found) if is_sharper(old, new) else None
+
+
+def is_sharper(old: Array, new: Array) -> bool:
+    """Return whether standard errors of beta (3,) fall enough for a model with more in it, see _SHARPER."""
+    known = np.isfinite(old) & (old > 0)
+    return bool(known.any() and (new[known] / old[known]).mean() < _SHARPER)
 
 
 def held_above_zero(
@@ -483,10 +513,6 @@ _TRIED_ON, _FEWEST, _FITTED = 1_500, 200, 4_000
 # Standard errors, and the share of the cost, that a part must gain.
 _SURE, _SHARE = 3.0, 0.1
 
-# With gains, the standard errors of beta must be below this share of those without, in the mean of the channels. They
-# are at .05 to .55 where light differs, at .9 to 2.6 on photographs of a camera with manual exposure.
-_SHARPER = 0.8
-
 # The share of the squared residuals that a rough descent must save before more is fitted, which saves time.
 _PROMISED = 0.1
 
@@ -567,8 +593,7 @@ def _chosen(sample: Sample, water: WaterParameters, noise: Array, *, may_be_stro
         found = lens if lens and better == _LENS else fit_light(sample, better, light)
         if better == _ALL and found.needed.gains:
             lens = fit_light(sample, _LENS, light)
-            old = lens.error[:, 1]
-            if np.divide(found.error[:, 1], old, out=np.ones(3), where=old > 0).mean() >= _SHARPER:
+            if not is_sharper(lens.error[:, 1], found.error[:, 1]):
                 better = _LENS
                 continue
         parts, light, cost = found.needed, found.light, new

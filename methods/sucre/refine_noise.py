@@ -155,19 +155,38 @@ def calibrated(observations: Observations, solution: Solution, *, decoded: bool 
     return replace(solution, deviation=deviation.astype(np.float32))
 
 
-def noise_parts(observations: Observations, solution: Solution, *, decoded: bool = False) -> Array:
+def balanced(observations: Observations, solution: Solution) -> Observations:
+    """Return the observations weighted for noise that grows with the light of the ground, as under caustics.
+
+    An observation has the variance sigma^2 + (tau J a)^2. Without such weights least squares finds too much
+    attenuation: colours then follow near observations, and hide their noise. solution: their colours and water.
+    """
+    a = transmission(observations.distance, solution.water.columns()[1])
+    strength = information_of(observations, a, slice(None)) * solution.J[:, observations.place] ** 2
+    sigma, tau = noise_parts(observations, solution, of_light=True)[:, :, None]
+    weight = 1 / (sigma**2 + tau**2 * strength)
+    weight /= weight.mean(axis=1, keepdims=True)
+    before = 1 if observations.weight is None else observations.weight
+    return replace(observations, weight=(weight * before).astype(np.float32))
+
+
+def noise_parts(
+    observations: Observations, solution: Solution, *, decoded: bool = False, of_light: bool = False
+) -> Array:
     """Return sigma and tau of each channel, (2, 3), from a sample of the pixels seen more than once.
 
     They explain the mean squares of the studentised residuals in classes of transmission, by least squares without
-    negative parts. In a channel with too few residuals, sigma is the common standard deviation.
+    negative parts. In a channel with too few residuals, sigma is the common standard deviation. of_light: tau belongs
+    to J a in place of a.
     """
     from scipy.optimize import nnls
 
     places = np.arange(0, observations.n_repeated, -(-observations.n_repeated // _SAMPLE))
     few = observations.take(places)
     trusted = replace(observations, weight=_trust(observations, solution)).take(places).weight
-    counted = np.broadcast_to(np.asarray(trusted), few.colour.shape)
-    r, h, strength, _ = residuals_of(few, solution.J[:, places], solution.water, counted)
+    counted, J = np.broadcast_to(np.asarray(trusted), few.colour.shape), solution.J[:, places]
+    r, h, strength, _ = residuals_of(few, J, solution.water, counted)
+    strength = strength * J[:, few.place] ** 2 if of_light else strength
     slopes = np.broadcast_to(_slope(few, slice(None), decoded) ** 2, few.colour.shape)
     parts = np.zeros((3, 2))
     for c in range(3):

@@ -78,7 +78,7 @@ def evened(observations: Observations, J: Array, water: WaterParameters, target:
     if target not in observations.views:
         return J
     shape, pixels = observations.shape, observations.pixels
-    place = np.concatenate([np.arange(n, dtype=np.int32) for n, _ in observations.slots()])
+    place = observations.place
     order = np.argsort(observations.view, kind="stable")
     ends = np.cumsum(np.bincount(observations.view, minlength=len(observations.views)))
     parameters = [column.astype(np.float32) for column in water.columns()]
@@ -186,7 +186,7 @@ def wrong_in_target(observations: Observations, v: Array, target: str) -> Mask:
     observations: with `view`; v: (N,), the trust in them; target: name of the view.
     """
     assert observations.view is not None, "observe with views"
-    place = np.concatenate([np.arange(n) for n, _ in observations.slots()])
+    place = observations.place
     is_own = observations.view == observations.views.index(target)
     others, own = np.bincount(place[~is_own], v[~is_own], len(observations.pixels)), place[is_own]
     wrong = np.zeros(observations.shape, dtype=bool)

@@ -112,8 +112,7 @@ def _share_in_patches(observations: Observations, wrong: Mask) -> float:
     """Return the share of the wrong observations (N,) that lie in spoilt patches of views; 0 without `view`."""
     if observations.view is None:
         return 0.0
-    place = np.concatenate([np.arange(n) for n, _ in observations.slots()])
-    y, x = np.divmod(observations.pixels[place], observations.shape[1])
+    y, x = np.divmod(observations.pixels[observations.place], observations.shape[1])
     (rows, columns), (height, width) = _PATCHES, observations.shape
     patch = (observations.view * rows + y * rows // height) * columns + x * columns // width
     n, spoilt = np.bincount(patch), np.bincount(patch, wrong)

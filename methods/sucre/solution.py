@@ -446,7 +446,7 @@ def residuals_of(
     All are (3, N), of the type of J (3, P). v: (3, N), robust parts of the weights. h = v w a^2 / sum v w a^2 over the
     pixel, so that r has the variance of the noise times 1 - h.
     """
-    place = np.concatenate([np.arange(n) for n, _ in observations.slots()])
+    place = observations.place
     z, everything = observations.distance.astype(J.dtype), slice(None)
     B, beta, gamma = (column.astype(J.dtype) for column in water.columns())
     a = transmission(z, beta)

@@ -70,6 +70,11 @@ class Observations:
         n = len(self) if self.weight is None else int(np.count_nonzero(self.weight, axis=-1).min())
         return n - len(self.pixels)
 
+    @property
+    def place(self) -> Indices:
+        """The index into `pixels` of each observation, (N,)."""
+        return np.concatenate([np.arange(n) for n, _ in self.slots()])
+
     def slots(self, start: int = 0, stop: int | None = None) -> Iterator[tuple[int, slice]]:
         """Yield (n, part) a slot: the first n of pixels[start:stop] have their observations at [part], in order."""
         stop = len(self.pixels) if stop is None else stop

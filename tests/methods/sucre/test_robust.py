@@ -81,6 +81,21 @@ def test_a_view_of_another_place_is_named_and_one_with_an_animal_is_not() -> Non
         assert (f"{observations.views[2]} shows other things" in limits) == is_named
 
 
+@pytest.mark.parametrize("flicker", [0.0, 0.2])
+def test_flickering_light_is_not_taken_for_attenuation(flicker: float) -> None:
+    """Light that differs by 20 % between observations is noise in proportion to what the ground sends."""
+    even, _ = made(6000, distances_m=(2, 8), noise=NOISE, shape=(75, 80))
+    b = TRUE.B[:, None] * -np.expm1(-TRUE.gamma[:, None] * even.distance)
+    light = 1 + flicker * np.random.default_rng(8).standard_normal(len(even))
+    observations = replace(even, colour=(b + (even.colour - b) * light).astype(np.float32))
+    plain, found = fit(observations).water, solve_exact(observations, matched=observations).water
+    assert np.abs(found.beta / TRUE.beta - 1).max() < 0.03
+    if flicker:
+        assert np.abs(plain.beta / TRUE.beta - 1).max() > 0.05
+    else:
+        np.testing.assert_array_equal(found.beta, plain.beta)
+
+
 def test_clean_observations_lose_next_to_nothing() -> None:
     observations, J = made(4000, distances_m=(1, 6), noise=NOISE, eight_bit=True)
     robust, weighted = fit_robustly(observations, plain_fit)
