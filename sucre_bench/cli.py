@@ -28,8 +28,6 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a letter that the locale lacks is a question mark
             stream.reconfigure(errors="replace")
-    if os.environ.get("_SUCRE_BENCH_COMPLETE"):  # a shell asks
-        import_module("sucre_bench.commands.completion").install()
     try:
         status = _status()
         sys.stdout.flush()

@@ -170,7 +170,7 @@ def _facts(one: Described) -> dict[str, str]:
 
 
 @click.command(context_settings=shared.OF_WORDS)
-@shared.words_argument("words", "VIEW... [KEY=VALUE]...", completion.complete_views)
+@shared.words_argument("words", "VIEW... [KEY=VALUE]...", completion.complete_words)
 @shared.option("--kind", default="dgk", metavar="NAME|FILE.csv", help="Kind of the charts to mark.")
 @shared.flag("--accept", help="Open no page; accept all proposals whose patches are in order.")
 @shared.flag("--no-browser", help="Print the address of the page; do not open a browser.")

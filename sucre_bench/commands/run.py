@@ -18,7 +18,7 @@ from sucre_bench.machine.terminal import say
 
 
 @click.command(context_settings=shared.OF_WORDS)
-@shared.words_argument("overrides", "[LINE-UP.yaml] [KEY=VALUE]...", completion.complete_run)
+@shared.words_argument("overrides", "[LINE-UP.yaml] [KEY=VALUE]...", completion.complete_words)
 @shared.flag("-m", "--multirun", help="Run every combination of comma-separated values.")
 @shared.plugin_files_option
 @shared.flag("--cfg", help="Print the configuration of all jobs and stop.")
