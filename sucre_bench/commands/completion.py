@@ -1,7 +1,6 @@
 """`sucre-bench completion`: prints click's script for a shell, and completes the words of `sucre-bench run`.
 
-The words (key=value) come from the options of plugins. Bash parts words at "=" and ":", and completes the last part; zsh
-and fish complete the whole word.
+The words (key=value) come from the options of plugins. Bash parts words at "=" and ":", and completes the last part.
 """
 
 from __future__ import annotations
@@ -9,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import MISSING, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 

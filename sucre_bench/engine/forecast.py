@@ -7,9 +7,10 @@ from typing import Any
 
 from sucre_bench import results
 from sucre_bench.arrays import DataFrame
-from sucre_bench.engine.preflight import Planned, check, is_for_cluster, workers_at_once
+from sucre_bench.engine.preflight import Planned, check, workers_at_once
 from sucre_bench.errors import MissingFileError
 from sucre_bench.jobs import compose_jobs
+from sucre_bench.jobs.launchers import Slurm
 from sucre_bench.machine import progress
 from sucre_bench.results.rows import restorations
 
@@ -60,9 +61,9 @@ def forecast(overrides: Sequence[str], multirun: bool) -> Forecast:
         rows = results.frame([])
     done = dict(iter(rows.groupby(["dataset", "method", "options_id"])))
     jobs = tuple(_expected(plan, done) for plan in planned)
-    if is_for_cluster(command):
-        options = command.launcher
-        return Forecast(jobs, "slurm", int(options["array_parallelism"]), options["timeout_min"], options["mem_gb"])
+    launcher = command.launcher
+    if command.is_sweep and isinstance(launcher, Slurm):
+        return Forecast(jobs, "slurm", launcher.array_parallelism, launcher.timeout_min, launcher.mem_gb)
     at_once = workers_at_once(command)
     return Forecast(jobs, "workers" if at_once > 1 else "", max(1, at_once))
 

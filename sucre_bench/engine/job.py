@@ -201,7 +201,7 @@ def _measured(job: Job, method: Any, task: Task, afresh: bool, is_stored: bool) 
     at = f"method '{job.method.label}' on view '{name}'"
     try:
         with step(at, job.view_timeout_s), shown_with(job.method.display, in_full=is_stored):
-            measured = measured_restore(method, scene, view, job.method_word)
+            measured = measured_restore(method, scene, view, job.method.word)
     except OutputError as fault:  # of its own files, in a full TMPDIR for example: results can still be written
         raise InputError(fault.fault, fault.place, fault.remedy) from fault
     if is_stored:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import os
-import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -31,11 +30,13 @@ from sucre_bench.errors import (
 from sucre_bench.imaging.display import is_of_scene
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job
+from sucre_bench.jobs.launchers import Joblib
 from sucre_bench.jobs.run_options import Shard
 from sucre_bench.loading.view_files import with_shared_pixels
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.files import is_want_of_room, not_writable
 from sucre_bench.machine.provenance import require
+from sucre_bench.plugins.call_method import with_name
 from sucre_bench.plugins.options import Choice, source_hash
 from sucre_bench.results.layout import Place, file_name, places
 from sucre_bench.results.reasons import Reason
@@ -229,7 +230,6 @@ def check(command: Command) -> list[Planned]:
             problems.append(f"{key}: no method is called '{label}'; {did_you_mean(label, known)}")
     rows = results.frame([])
     try:
-        workers_at_once(command)
         rows = _stored(jobs[0])
     except SucreBenchError as fault:
         problems.append(str(fault))
@@ -238,7 +238,7 @@ def check(command: Command) -> list[Planned]:
     for job in jobs:
         try:
             for choice in (job.method, *job.metrics):
-                _try_to_make(choice, command)
+                _try_to_make(choice, job.out)
             planned.append(_planned(job, of_job.get((job.dataset.label, job.method.label), rows[:0]), shared))
         except SucreBenchError as fault:
             problems.append(str(fault))
@@ -323,25 +323,16 @@ def _without_results(
     return tuple(task for task in every if not is_done(task))
 
 
-def _try_to_make(choice: Choice, command: Command) -> None:
-    """Raise InputError if a plugin refuses its options, with their names as the user typed them."""
-    kind, name = choice.plugin.kind, choice.plugin.name
+def _try_to_make(choice: Choice, out: Path) -> None:
+    """Raise InputError if a plugin refuses its options, named as the command takes them."""
     try:
-        choice.make(command.jobs[0].out)
+        choice.make(out)
     except SucreBenchError as fault:
-        typed = {word.partition("=")[0] for word in command.words}
-        is_one_of_several = kind == "method" and len({job.method.label for job in command.jobs}) > 1
-
-        def key(found: re.Match[str]) -> str:  # "method.model" is "onnx.model" beside other methods
-            keys = [f"{owner}.{found[1]}" for owner in (choice.label, name, kind)]
-            default = keys[0] if is_one_of_several and choice.label.isidentifier() else keys[-1]
-            return next((one for one in keys if one in typed), default)
-
-        options = "|".join(map(re.escape, choice.options)) or "(?!)"
-        raise InputError(re.sub(rf"(?<![\w/.]){kind}\.({options})\b", key, str(fault))) from fault
+        fault.reword(lambda text: with_name(text, choice.word))
+        raise
     except BaseException as fault:
         raise_if_stop(fault)
-        raise InputError(one_line(fault), name, "mend its options") from fault
+        raise InputError(one_line(fault), choice.plugin.name, "mend its options") from fault
 
 
 def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
@@ -391,20 +382,9 @@ def _label_option(chosen: Collection[Choice], one: Choice) -> str:
     return f"{one.label}.label=..." if len(called) == 1 and one.label.isidentifier() else "out=..."
 
 
-def is_for_cluster(command: Command) -> bool:
-    """Whether the jobs are for SLURM, and not for this machine."""
-    return command.is_sweep and "engine.slurm" in command.launcher.get("_target_", "")
-
-
 def workers_at_once(command: Command) -> int:
-    """Return how many jobs run at once on this machine; 0: in this process.
-
-    Raises InputError for a launcher that is neither joblib's nor this program's.
-    """
-    target, workers = command.launcher.get("_target_", ""), command.jobs[0].workers
-    if not (command.is_sweep and target and workers) or is_for_cluster(command):
+    """Return how many jobs run at once on this machine; 0: in this process."""
+    workers, launcher = command.jobs[0].workers, command.launcher
+    if not (command.is_sweep and workers and isinstance(launcher, Joblib)):
         return workers
-    if "joblib" not in target:
-        raise InputError("not known here", f"hydra/launcher ({target})", "give joblib or slurm, or workers=4")
-    n_jobs = int(command.launcher.get("n_jobs") or 1)
-    return n_jobs if n_jobs > 0 else max(1, usable_cores() + 1 + n_jobs)
+    return launcher.n_jobs if launcher.n_jobs > 0 else max(1, usable_cores() + 1 + launcher.n_jobs)

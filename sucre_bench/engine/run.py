@@ -16,12 +16,13 @@ from sucre_bench.arrays import DataFrame, evenly
 from sucre_bench.engine.across_views import score_across_views
 from sucre_bench.engine.common_pixels import score_on_common_pixels
 from sucre_bench.engine.job import JobAtWork
-from sucre_bench.engine.preflight import Planned, check, is_for_cluster, opening_once, workers_at_once
+from sucre_bench.engine.preflight import Planned, check, opening_once, workers_at_once
 from sucre_bench.engine.workers import Work, run_works
 from sucre_bench.errors import DiskFullError, InputError, SucreBenchError, one_line
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job, config_path, config_text
+from sucre_bench.jobs.launchers import Slurm
 from sucre_bench.jobs.lineup import record_line_up
 from sucre_bench.machine import progress, provenance
 from sucre_bench.machine.files import check_results_folder, write_atomically
@@ -172,7 +173,8 @@ def _run_jobs(command: Command, planned: Sequence[Planned]) -> bool:
 
     Raises DiskFullError, without the jobs that are left: none could write.
     """
-    if not is_for_cluster(command):
+    launcher = command.launcher
+    if not (command.is_sweep and isinstance(launcher, Slurm)):
         n_workers = workers_at_once(command)
         if len(planned) == 1:
             run_works([JobAtWork(planned[0])], n_workers)
@@ -182,9 +184,8 @@ def _run_jobs(command: Command, planned: Sequence[Planned]) -> bool:
         return True
     from sucre_bench.engine.slurm import launch
 
-    options = {name: value for name, value in command.launcher.items() if name != "_target_"}
     try:
-        launch([plan.job for plan in planned if plan.todo], **options)
+        launch([plan.job for plan in planned if plan.todo], launcher)
     except DiskFullError:
         raise
     except Exception as fault:
@@ -265,8 +266,8 @@ def _outcome(rows: DataFrame, planned: Sequence[Planned], interrupted: bool, cra
 def _hints(planned: Sequence[Planned], restored: DataFrame, out: Path) -> Iterator[Hint]:
     """Yield the most frequent of the "hints" in the records of each method's restorations, if they have any.
 
-    restored: the rows of restored views. Hints that differ by numbers alone are one. "method.fill=true" becomes the
-    word for this method in the command, "sucre.fill=true" or that of its label.
+    restored: the rows of restored views. Hints that differ by numbers alone are one. Options are named as the command
+    takes them.
     """
     for name, plan in {plan.name: plan for plan in planned}.items():
         job = plan.job
@@ -284,4 +285,4 @@ def _hints(planned: Sequence[Planned], restored: DataFrame, out: Path) -> Iterat
         if kinds:
             kind, n_views = kinds.most_common(1)[0]
             option = re.compile(rf"\b(method|{re.escape(job.method.plugin.name)})\.(?=\w+=)")
-            yield Hint(name, n_views, len(rows), option.sub(f"{job.method_word}.", first[kind]))
+            yield Hint(name, n_views, len(rows), option.sub(f"{job.method.word}.", first[kind]))

@@ -23,7 +23,6 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from sucre_bench import results
 from sucre_bench.engine.job import JobAtWork
@@ -32,11 +31,13 @@ from sucre_bench.engine.score import row_without_value
 from sucre_bench.engine.workers import run_works
 from sucre_bench.errors import DiskFullError, InputError, PluginError, StopRequest, one_line
 from sucre_bench.jobs.job import Job
+from sucre_bench.jobs.launchers import Slurm
 from sucre_bench.machine import progress
 from sucre_bench.results.layout import file_name
 
 # Named alike by submitit for every kind of queue; what else there is of sbatch's gets a prefix.
 _COMMON = {"timeout_min", "cpus_per_task", "mem_gb", "gpus_per_node", "name"}
+_OURS = {"latency_s", "submitit_folder"}
 # What starts threads, and reads how many when it is loaded.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 _USUAL_MAX_ARRAY = 1001  # slurm.conf(5)
@@ -75,17 +76,17 @@ class Submitted:
         return self.id.partition("_")[0]
 
 
-def launch(jobs: Sequence[Job], submitit_folder: str, latency_s: float, **options: Any) -> None:
+def launch(jobs: Sequence[Job], options: Slurm) -> None:
     """Submit jobs, wait for all of them, and report those that were lost; their rows say how each ended.
 
-    Options: see `jobs.launchers`. Raises InputError before it submits any, PluginError if the queue refuses them.
+    Raises InputError before it submits any, PluginError if the queue refuses them.
     """
     place = "hydra/launcher=slurm"
     if not all(shutil.which(name) for name in ("sbatch", "squeue", "scancel", "srun")):
         raise InputError("no sbatch here", place, "give the command on a login node of the cluster")
     if job_states() is None:
         raise InputError("squeue gets no answer from the controller", place, "try again when it runs")
-    folder = Path(submitit_folder).absolute()
+    folder = Path(options.submitit_folder.replace("${out}", str(jobs[0].out))).absolute()
     folder.mkdir(parents=True, exist_ok=True)
     earlier = {path.name.partition("_")[0] for path in folder.glob("*_submission.sh")}
     if both := " ".join(sorted(_at_work(earlier, _SETTLE_S))):  # they would do the same work
@@ -94,7 +95,7 @@ def launch(jobs: Sequence[Job], submitit_folder: str, latency_s: float, **option
     submitted: list[Submitted] = []
     try:
         _submit(jobs, folder, options, submitted)
-        _wait(jobs, folder, submitted, latency_s)
+        _wait(jobs, folder, submitted, options.latency_s)
     except BaseException:
         if arrays := sorted({job.array for job in submitted}):
             progress.say(f"cancelling SLURM job {', '.join(arrays)}; finished results stay")
@@ -103,17 +104,16 @@ def launch(jobs: Sequence[Job], submitit_folder: str, latency_s: float, **option
         raise
 
 
-def _submit(jobs: Sequence[Job], folder: Path, options: dict[str, Any], submitted: list[Submitted]) -> None:
+def _submit(jobs: Sequence[Job], folder: Path, options: Slurm, submitted: list[Submitted]) -> None:
     """Submit jobs in arrays as large as SLURM takes, noting each in `submitted` at once."""
     from submitit import AutoExecutor
 
-    cpus = options["cpus_per_task"]
-    options["signal_delay_s"] = min(options["signal_delay_s"], 15 * options["timeout_min"])
-    options["setup"] = [*(f"export {name}={cpus}" for name in _THREADS), *options["setup"]]
-    options["srun_args"] = [f"--cpus-per-task={cpus}"]  # srun does not take over sbatch's, since SLURM 22.05
-    named = {
-        name if name in _COMMON else f"slurm_{name}": value for name, value in options.items() if value is not None
-    }
+    cpus, given = options.cpus_per_task, dict(vars(options))
+    given["signal_delay_s"] = min(options.signal_delay_s, 15 * options.timeout_min)
+    given["setup"] = [*(f"export {name}={cpus}" for name in _THREADS), *options.setup]
+    given["srun_args"] = [f"--cpus-per-task={cpus}"]  # srun does not take over sbatch's, since SLURM 22.05
+    of_executor = {name: value for name, value in given.items() if value is not None and name not in _OURS}
+    named = {name if name in _COMMON else f"slurm_{name}": value for name, value in of_executor.items()}
     executor = AutoExecutor(folder, cluster="slurm", slurm_max_num_timeout=0)
     executor.update_parameters(**named, slurm_wckey=None)  # submitit's default is not known to every cluster
     most = largest_array()

@@ -34,9 +34,10 @@ from sucre_bench.jobs.catalogue import (
     recognised,
 )
 from sucre_bench.jobs.job import Job
+from sucre_bench.jobs.launchers import Launcher, launcher_of
 from sucre_bench.jobs.lineup import KINDS, Entry, Kind, LineUp, read_experiment, read_line_up
 from sucre_bench.jobs.run_options import RunConfig
-from sucre_bench.jobs.words import Word, parse, quoted, resolving
+from sucre_bench.jobs.words import Word, first_line, parse, quoted
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.progress import say
 from sucre_bench.machine.provenance import absent
@@ -49,15 +50,14 @@ from sucre_bench.results.rows import fingerprint
 class Command:
     """What the words of a command ask for.
 
-    words: the overrides, with ~ expanded; is_sweep: whether it may have several jobs: by -m, a line-up, or a word for
-    Hydra; launcher: its options, its class as `_target_`, empty for this machine; shared_pairs: the folder where its
-    jobs share pairs, the same for the same words, empty if they share none.
+    words: the overrides, with ~ expanded; is_sweep: whether it may have several jobs: by -m, or a line-up;
+    shared_pairs: the folder where its jobs share pairs, the same for the same words, empty if they share none.
     """
 
     jobs: tuple[Job, ...]
     words: tuple[str, ...]
     is_sweep: bool
-    launcher: Mapping[str, Any]
+    launcher: Launcher
     shared_pairs: str
 
 
@@ -78,21 +78,15 @@ def jobs(words: Sequence[str], multirun: bool) -> Command:
     line_up, typed = _with_line_up(expanded(files[0]) if files else None, parse(overrides))
     refuse_option_of_no_dataset(typed, line_up)
     of_hydra = [word for word in typed if "/" in word.key or "@" in word.key or word.head == "hydra"]
-    hydra = None
-    if of_hydra:
-        from sucre_bench.jobs.launchers import hydra_words
-
-        hydra = hydra_words(of_hydra)
-    is_sweep = multirun or bool(line_up.place) or (hydra is not None and hydra.is_sweep)
+    launcher, is_sweep = launcher_of(of_hydra), multirun or bool(line_up.place)
     refuse_values(typed, is_sweep)
-    made = _jobs([*(parse(hydra.params) if hydra else ()), *(word for word in typed if word not in of_hydra)], line_up)
+    made = _jobs([word for word in typed if word not in of_hydra], line_up)
     _refuse_same_place(made)
     pairing = [job for job in made if "poses" in job.method.plugin.needs and job.pairs_gb > 0]
     views = {(job.dataset.label, job.replicate, job.shard.index, job.shard.count) for job in pairing}
     # Jobs with methods of several views share pairs where they work on the same views.
     shared_pairs = f"x{fingerprint({'command': words})[1]}" if len(views) < len(pairing) else ""
     made = [replace(job, shared_pairs=shared_pairs) for job in made] if shared_pairs else made
-    launcher = hydra.launcher(str(made[0].out)) if hydra else {}
     return Command(tuple(made), tuple(words), is_sweep, launcher, shared_pairs)
 
 
@@ -175,7 +169,7 @@ def _jobs(typed: Sequence[Word], line_up: LineUp) -> list[Job]:
 def _of_pair(
     pair: Mapping[Kind, Entry],
     words: Sequence[tuple[Word, _Option | None]],
-    unlabelled: Mapping[Kind, Mapping[str, int]],
+    unlabelled: Mapping[Kind, Counter[str]],
     keys: dict[str, str],
 ) -> Iterator[Job]:
     """The jobs of one dataset and one method: of every combination of the words' values.
@@ -206,6 +200,8 @@ def _of_pair(
     start |= {str(kind): configuration(kind, entry.name) for kind, entry in pair.items()}
     method = pair["method"]
     own_word = method.label if method.label.replace("-", "_").isidentifier() else method.name
+    if not method.label and unlabelled["method"].total() == 1:
+        own_word = "method"
     for given in itertools.product(*(word.values for word in chosen.values())):
         values = {key: dict(value) if isinstance(value, dict) else value for key, value in start.items()}
         settings = dict(zip(chosen, given, strict=True))
@@ -213,7 +209,8 @@ def _of_pair(
         values["metrics"] = metrics_of(map(str, metrics if isinstance(metrics, list) else [metrics]))
         for key, value in settings.items():
             _put(values, key, value)
-        yield replace(Job.of(_filled(values, has_references), swept), method_word=own_word)
+        job = Job.of(_filled(values, has_references), swept)
+        yield replace(job, method=replace(job.method, word=own_word))
 
 
 def _put(values: dict[str, Any], key: str, value: Any) -> None:
@@ -243,9 +240,12 @@ def _filled(values: dict[str, Any], has_references: bool) -> dict[str, Any]:
     if not has_references:
         return values
     from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
 
-    with resolving("mend the ${...} in it"):
+    try:
         resolved = OmegaConf.to_container(OmegaConf.create(values), resolve=True)
+    except OmegaConfBaseException as fault:
+        raise InputError(first_line(fault), fault.full_key or "", "mend the ${...} in it") from fault
     assert isinstance(resolved, dict)
     return {str(key): value for key, value in resolved.items()}
 

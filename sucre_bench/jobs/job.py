@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,48 +20,26 @@ from sucre_bench.errors import (
     unknown_name,
 )
 from sucre_bench.jobs.catalogue import chosen_metrics
-from sucre_bench.jobs.run_options import Overwrite, RunConfig, Save, Shard, Study, Tracking
+from sucre_bench.jobs.run_options import RunConfig, Shard
 from sucre_bench.machine.files import expanded, reading, regular
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import Choice, plain_value, plugin_choice, seed_of
 
 
-@dataclass(frozen=True)
-class Job:
-    """One dataset, one method, some metrics: what one job does.
+@dataclass(frozen=True, kw_only=True)
+class Job(RunConfig):
+    """The keys of a run for one dataset, one method and some metrics: what one job does.
 
-    degrade: what is done to the dataset first; shard: which part of the views it does; values: all of this as plain
-    data; shared_pairs: the folder where the jobs of its command share pairs, empty if they share none; method_word:
-    what stands before an option of this method alone in the command, "sucre" say.
+    values: all of this as plain data; shared_pairs: the folder where the jobs of its command share pairs, empty if they
+    share none.
     """
 
     dataset: Choice
-    degrade: Degradation
-    replicate: int
-    shard: Shard
     method: Choice
     metrics: tuple[Choice, ...]
-    out: Path
     views: tuple[str, ...] | None
-    every: int
-    first: int | None
-    overwrite: Overwrite
-    view_timeout_s: float | None
-    workers: int
-    save: Save
-    bits: int
-    seed: int
-    report: bool
-    study: Study | None
-    baseline: str
-    plugin_files: tuple[str, ...]
-    pairs_gb: float
-    cache_gb: float
-    cache_keep: bool
-    tracking: Tracking
     values: Mapping[str, Any]
     shared_pairs: str = ""
-    method_word: str = "method"
 
     @property
     def config(self) -> str:
@@ -101,16 +79,11 @@ class Job:
             # A label that says no more than the name stays open: `read` knows no sweep.
             label = None if choice.label == choice.plugin.name else choice.label
             plain[kind] = {**values[kind], "label": label, **choice.record}
-        settings = {f.name: getattr(run, f.name) for f in fields(run) if f.name not in ("plugins", "metrics")}
-        settings |= {
-            "dataset": replace(dataset, label=run.degrade.labelled(dataset.label), replicate=run.replicate),
-            "method": replace(method, replicate=run.replicate),
-            "out": expanded(run.out),
-            "views": _view_names(run.views),
-            "study": run.study and replace(run.study, baseline=run.study.baseline or run.baseline),
-        }
-        files = tuple(map(str, run.plugins))
-        return cls(**settings, metrics=chosen_metrics(run.metrics), plugin_files=files, values=_plain(plain))
+        dataset = replace(dataset, label=run.degrade.labelled(dataset.label), replicate=run.replicate)
+        made: dict[str, Any] = {"dataset": dataset, "method": replace(method, replicate=run.replicate)}
+        made |= {"metrics": chosen_metrics(run.metrics), "views": _view_names(run.views), "values": _plain(plain)}
+        made["study"] = run.study and replace(run.study, baseline=run.study.baseline or run.baseline)
+        return cls(**{**vars(run), **made})
 
 
 def _labelled(choice: Choice, swept: Sequence[str]) -> Choice:

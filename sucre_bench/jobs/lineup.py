@@ -297,7 +297,7 @@ def record_line_up(jobs: Sequence[Job]) -> None:
     replicates |= set(older.sweep.get("replicate", [0] if older.methods else []))
     settings = {name: getattr(first, name) for name, default in _RECORDED.items() if getattr(first, name) != default}
     settings |= {"views": list(first.views)} if first.views is not None else {}
-    settings |= {"plugins": [_relative(file, out) for file in first.plugin_files]} if first.plugin_files else {}
+    settings |= {"plugins": [_relative(file, out) for file in first.plugins]} if first.plugins else {}
     if first.study:
         values = {name: list(v) if isinstance(v, tuple) else v for name, v in vars(first.study).items()}
         settings["study"] = {name: value for name, value in values.items() if value != Study.defaults()[name]}

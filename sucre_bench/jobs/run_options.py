@@ -135,13 +135,13 @@ Save = Literal["display", "full"]
 class RunConfig:
     """The keys of `sucre-bench run`."""
 
-    dataset: Mapping[str, Any] = field(default_factory=dict)
+    dataset: Any = field(default_factory=dict)
     """The dataset's name, label and options."""
-    method: Mapping[str, Any] = field(default_factory=dict)
+    method: Any = field(default_factory=dict)
     """The method's name, label, display and options."""
-    metrics: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    metrics: Any = field(default_factory=dict)
     """Each metric's name, variants and options."""
-    out: str = "outputs"
+    out: Path = Path("outputs")
     """The results folder. A second run with the same folder adds to it."""
     views: str | Sequence[str] | None = None
     """Only these views, by name, or a .txt file with one name a line; null: all views."""
@@ -190,8 +190,6 @@ class RunConfig:
         check_ranges(self, "", workers="[0, inf)", cache_gb="[0, inf)", view_timeout_s="(0, inf)")
         if self.bits not in (8, 16):
             raise InputError(f"{self.bits}", "bits", "give bits=8 or bits=16")
-        if not self.out.strip():
-            raise InputError("is empty", "out", "name a folder, for example out=results")
 
     @classmethod
     def defaults(cls) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 import shlex
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -107,17 +107,6 @@ def first_line(fault: BaseException) -> str:
     """Return what Hydra or OmegaConf says in its first line with content."""
     lines = str(fault).strip().splitlines() or [type(fault).__name__]
     return lines[0].rstrip(".:") if not lines[0].endswith(":") or len(lines) == 1 else lines[1].strip().rstrip(".")
-
-
-@contextlib.contextmanager
-def resolving(remedy: str) -> Iterator[None]:
-    """Make an InputError of what OmegaConf says in this block of a value, for example of ${...} that nothing has."""
-    from omegaconf.errors import OmegaConfBaseException
-
-    try:
-        yield
-    except OmegaConfBaseException as fault:
-        raise InputError(first_line(fault), fault.full_key or "", remedy) from fault
 
 
 def quoted(text: str) -> str:

@@ -15,7 +15,7 @@ import os
 import textwrap
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, replace
+from dataclasses import MISSING, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -108,7 +108,7 @@ def checked_options(cls: Any, given: Mapping[str, Any], place: str = "") -> dict
             raise unknown_name(where, name, known)
         kind = known[name].type
         paths = value if isinstance(value, (list, tuple)) else [value]
-        if Path in (kind, *get_args(kind)) and any(isinstance(path, str) and not path for path in paths):
+        if Path in (kind, *get_args(kind)) and any(isinstance(path, str) and not path.strip() for path in paths):
             raise InputError("is empty", where, "give a path")  # else it would be the current folder
         value = typed(kind, value)
         if not fits(kind, value):
@@ -206,7 +206,7 @@ class Choice:
     """A plugin with the options it is to be made with.
 
     display: a method's normalisation, else empty; variants: of a metric; replicate: which draws it makes, see
-    `seed_of`.
+    `seed_of`; word: what stands before an option of a method in the command, "sucre" say.
     """
 
     plugin: Plugin
@@ -215,6 +215,7 @@ class Choice:
     display: str = ""
     replicate: int = 0
     variants: tuple[str, ...] = ()
+    word: str = field(default="method", compare=False)
 
     def make(self, out: Path | None = None) -> Any:
         """Create the plugin. InputError when an option is not acceptable. out: see `create`."""

@@ -56,7 +56,7 @@ def jobs(*overrides: str, multirun: bool = False) -> compose_jobs.Command:
         ("hydra.launcher.n_jbs=2", {"hydra.launcher.n_jbs", "none"}),
         ("hydra/launcher=jobli", {"hydra/launcher", "jobli", "'joblib'"}),
         ("dataset.label=ünï", {"dataset.label=ünï", "'ünï'"}),
-        ("hydra.job.chdir=true", {"hydra.job.chdir=true", "false"}),
+        ("hydra.job.chdir=true", {"hydra.job.chdir=true", "hydra/launcher=NAME"}),
         ("dataset=colmap", {"colmap.root", "dataset.root=FOLDER"}),
         ("method.gain", {"method.gain", "key=value"}),
         ("shard=3", {"shard", "index", "count"}),

@@ -351,9 +351,9 @@ def test_other_options_for_a_label_of_a_line_up_are_answered_with_a_word_that_wo
 
 
 @pytest.mark.parametrize("key", ["onnx.model", "method.model"])
-def test_a_method_that_lacks_a_file_names_the_option_as_it_was_typed(bench, key: str):
+def test_a_method_that_lacks_a_file_names_the_option_as_the_command_takes_it(bench, key: str):
     done = bench("run", "-m", "dataset=demo", "method=underwater,onnx", f"{key}=none.onnx")
-    assert (done.returncode, f"file in {key}" in done.stderr) == (2, True)
+    assert (done.returncode, "file in onnx.model" in done.stderr) == (2, True)
 
 
 def test_the_command_writes_a_file_that_runs(bench, tmp_path: Path):
