@@ -74,12 +74,15 @@ def jobs(words: Sequence[str], multirun: bool) -> Command:
     if len(files) > 1:
         raise InputError("a second line-up", files[1], "run one at a time")
     overrides = [word for word in words if word not in files]
-    refuse_words(overrides)
+    for word in overrides:
+        if word.splitlines() not in ([], [word]):
+            raise InputError(f"{in_one_line(word)!r}: holds a line break; give each word in one line")
+        if is_bare(word):
+            raise bare_word(word, overrides)
     line_up, typed = _with_line_up(expanded(files[0]) if files else None, parse(overrides))
-    refuse_option_of_no_dataset(typed, line_up)
     of_hydra = [word for word in typed if "/" in word.key or "@" in word.key or word.head == "hydra"]
     launcher, is_sweep = launcher_of(of_hydra), multirun or bool(line_up.place)
-    refuse_values(typed, is_sweep)
+    _refuse(typed, line_up, is_sweep)
     made = _jobs([word for word in typed if word not in of_hydra], line_up)
     _refuse_same_place(made)
     pairing = [job for job in made if "poses" in job.method.plugin.needs and job.pairs_gb > 0]
@@ -284,8 +287,8 @@ def _option(word: Word, entries: Mapping[Kind, Sequence[Entry]], line_up: LineUp
     for option in meant:
         owners = (entry for entry in entries[option.kind] if option.owner in ("", entry.name, entry.label))
         raise unknown_name(word.key, option.name, {name for e in owners for name in option_names(option.kind, e.name)})
-    if fault := unknown_word(word, entries, line_up):
-        raise fault
+    if word.head not in _OF_RUN:
+        raise unknown_word(word, entries, line_up)
     return None
 
 
@@ -328,48 +331,45 @@ def is_bare(word: str) -> bool:
     return "=" not in word and not word.startswith("~")
 
 
-def refuse_words(words: Sequence[str]) -> None:
-    """Raise InputError for words that are no key=value, with the command that was probably meant."""
-    for word in words:
-        if word.splitlines() not in ([], [word]):
-            raise InputError(f"{in_one_line(word)!r}: holds a line break; give each word in one line")
-    bare = [word for word in words if is_bare(word)]
-    if not bare:
-        return
-    if bare[0].partition(".")[0] in ("method", "dataset", "metrics", "degrade", "study") and "." in bare[0]:
-        raise InputError("has no value", bare[0], f"an override reads key=value, write {bare[0]}=VALUE")
-    keyed: dict[str, list[str]] = {}
-    for word in bare:
-        key, name = next(_meanings(word, "dataset" in keyed), ("", ""))
-        keyed.setdefault(key, []).append(name)
-    remedy = "`sucre-bench list methods` and `list datasets` show the names"
-    if "" not in keyed:
-        several = "-m " if any(len(names) > 1 for key, names in keyed.items() if key != "metrics") else ""
-        meant = [f"{key}=[{','.join(n)}]" if key == "metrics" else f"{key}={','.join(n)}" for key, n in keyed.items()]
-        remedy = f"write sucre-bench run {several}{shlex.join([*meant, *(w for w in words if not is_bare(w))])}"
-    raise InputError("an override reads key=value", bare[0], remedy)
-
-
-def _meanings(word: str, has_dataset: bool) -> Iterator[tuple[str, str]]:
-    """What a bare word may mean, likeliest first: the key that goes before it, and the name."""
+def bare_word(word: str, words: Sequence[str]) -> InputError:
+    """Return the fault of a word that has no key, with the command that was probably meant. words: of the command."""
+    if "." in word and word.partition(".")[0] in (*KINDS, "metrics", "degrade", "study"):
+        return InputError("has no value", word, f"an override reads key=value, write {word}=VALUE")
     names = {
         "dataset": [*plugins.discover("dataset")],
         "method": [*plugins.discover("method"), *(preset.name for preset in presets("method"))],
         "metrics": [*plugins.discover("metric")],
         "experiment": [preset.name for preset in presets("experiment")],
     }
-    yield from ((key, word) for key, known in names.items() if word in known and not (key == "dataset" and has_dataset))
-    if expanded(word).is_dir():
-        yield "dataset", quoted(word if "/" in word else f"./{word}")
-    near = {name: key for key, known in names.items() for name in known}
-    yield from ((near[name], name) for name in difflib.get_close_matches(word, near, n=1, cutoff=0.7))
+    keyed: dict[str, list[str]] = {}
+    for name in filter(is_bare, words):
+        (near, *_) = difflib.get_close_matches(name, itertools.chain(*names.values()), n=1, cutoff=0.7) or [""]
+        key = next((key for key, known in names.items() if near in known), "")
+        if near != name and expanded(name).is_dir():
+            key, near = "dataset", quoted(name if "/" in name else f"./{name}")
+        keyed.setdefault(key, []).append(near)
+    remedy = "`sucre-bench list methods` and `list datasets` show the names"
+    if "" not in keyed:
+        several = "-m " if any(len(names) > 1 for key, names in keyed.items() if key != "metrics") else ""
+        meant = [f"{key}=[{','.join(n)}]" if key == "metrics" else f"{key}={','.join(n)}" for key, n in keyed.items()]
+        remedy = f"write sucre-bench run {several}{shlex.join([*meant, *(w for w in words if not is_bare(w))])}"
+    return InputError("an override reads key=value", word, remedy)
 
 
-def refuse_values(typed: Sequence[Word], is_sweep: bool) -> None:
-    """Raise InputError for several values where no sweep was asked for, and for a path that has a comma."""
+def _refuse(typed: Sequence[Word], line_up: LineUp, is_sweep: bool) -> None:
+    """Raise InputError for several values where no sweep was asked for, for a path with a comma, and for a dataset's
+    option where no dataset is named: the built-in one would take it.
+
+    A line-up may leave the dataset open or name several; where the data are needs a dataset in the words.
+    """
+    plugin, has_dataset = plugin_of("dataset", default_choice("dataset")), any(word.key == "dataset" for word in typed)
+    paths = {o.name for o in options_of(plugin.cls) if Path in (o.type, *get_args(o.type))} if plugin else set()
     for word in typed:
         key, value = word.key, word.text.partition("=")[2]
         quotes = f'"{key}={quoted(value)}"'
+        if word.head == "dataset" and not has_dataset and (key.partition(".")[2] in paths or not line_up.place):
+            remedy = f"add dataset=NAME, for example dataset=colmap {word.text}"
+            raise InputError("no dataset is named", word.text, remedy)
         if word.is_swept and os.path.exists(value):  # noqa: PTH110 - pathlib's raises OSError for a long list of values
             raise InputError("is one path with a comma", word.text, f"write {quotes} with both kinds of quotes")
         if word.is_swept and key in ("metrics", "views") and not value.startswith("["):
@@ -380,28 +380,15 @@ def refuse_values(typed: Sequence[Word], is_sweep: bool) -> None:
             raise InputError("hands out the jobs of a sweep", word.text, "add -m")
 
 
-def refuse_option_of_no_dataset(typed: Sequence[Word], line_up: LineUp) -> None:
-    """Raise InputError for a dataset's option where no dataset is named: the built-in one would take it.
-
-    A line-up may leave the dataset open or name several; where the data are needs a dataset in the words.
-    """
-    plugin = plugin_of("dataset", default_choice("dataset"))
-    paths = {o.name for o in options_of(plugin.cls) if Path in (o.type, *get_args(o.type))} if plugin else set()
-    for word in () if any(word.key == "dataset" for word in typed) else typed:
-        if word.head == "dataset" and (word.key.partition(".")[2] in paths or not line_up.place):
-            remedy = f"add dataset=NAME, for example dataset=colmap {word.text}"
-            raise InputError("no dataset is named", word.text, remedy)
+_OF_RUN = frozenset(option.name for option in options_of(RunConfig))
 
 
-def unknown_word(word: Word, chosen: Mapping[Kind, Sequence[Entry]], line_up: LineUp) -> InputError | None:
-    """Return the fault of a word that is no option of a chosen dataset or method; None for a key of the run.
+def unknown_word(word: Word, chosen: Mapping[Kind, Sequence[Entry]], line_up: LineUp) -> InputError:
+    """Return the fault of a word that is no option of the run, or of a chosen dataset or method.
 
     line_up: words may have replaced its datasets or methods.
     """
     text, key, head, dot = word.text, word.key, word.head, "." in word.key
-    known = [option.name for option in options_of(RunConfig)]
-    if head in known:
-        return None
     for kind, entries in chosen.items():
         names = ",".join(dict.fromkeys(entry.name for entry in entries))
         owners = dict.fromkeys(entry.name for entry in entries if key in option_names(kind, entry.name))
@@ -416,4 +403,4 @@ def unknown_word(word: Word, chosen: Mapping[Kind, Sequence[Entry]], line_up: Li
     if dot and plugin_of("metric", head):
         return InputError("is an option of a metric", text, f"write metrics.{text}")
     owned = {name for entries in chosen.values() for entry in entries for name in (entry.name, entry.label) if name}
-    return unknown_name(key, head, {*known, *owned})
+    return unknown_name(key, head, {*_OF_RUN, *owned})

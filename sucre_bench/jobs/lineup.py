@@ -15,6 +15,8 @@ to the folder where the command runs. Its values are taken as they are: nothing 
 file, the key, and what to write instead.
 """
 
+from __future__ import annotations
+
 import itertools
 import os
 import re
@@ -101,6 +103,27 @@ class LineUp:
         for key, values in self.sweep.items():
             yield Word.written(key, *values)
 
+    def moved(self, seen: Callable[[str], str]) -> LineUp:
+        """Return the line-up with each path in it as another folder sees it."""
+
+        def watered(degrade: Any) -> Any:
+            is_path = isinstance(degrade, dict) and isinstance(degrade.get("add_water"), str)
+            return {**degrade, "add_water": seen(degrade["add_water"])} if is_path else degrade
+
+        def entries(kind: Kind) -> tuple[Entry, ...]:
+            made = []
+            for entry in self.entries(kind):
+                options = {**entry.options, **moved_paths(kind, entry.name, entry.options, seen)}
+                options |= {"degrade": watered(options["degrade"])} if "degrade" in options else {}
+                made.append(replace(entry, options=options))
+            return tuple(made)
+
+        settings = {key: watered(value) if key == "degrade" else value for key, value in self.settings.items()}
+        settings |= {"plugins": [seen(file) for file in settings["plugins"]]} if "plugins" in settings else {}
+        if str(settings.get("views", "")).endswith(".txt"):
+            settings["views"] = seen(settings["views"])
+        return replace(self, datasets=entries("dataset"), methods=entries("method"), settings=settings)
+
     def as_yaml(self, comment: str = "") -> str:
         """Return the text of its file: an entry a line. comment: its first lines."""
         lines = [f"# {line}" for line in comment.splitlines()]
@@ -140,22 +163,28 @@ def read_experiment(name: str) -> LineUp:
 
 def read_line_up(path: Path) -> LineUp:
     """Return a line-up, with the plugin files it names loaded. Raises InputError for what is wrong with it."""
-    line_up, folder = line_up_in(path), path.parent
+    line_up = line_up_in(path)
+
+    def seen(place: str) -> str:
+        return os.path.normpath(path.parent / expanded(place)) if place else place
+
     try:
         files = line_up.settings.get("plugins", [])
         files = [files] if isinstance(files, str) else files
         if not fits(list[str], files):
             raise InputError(f"{files!r} is no list of files", "plugins", "write plugins: [FILE, ...]")
-        files = [str(Path(_moved(file, folder)).resolve()) for file in files]
+        files = [str(Path(seen(file)).resolve()) for file in files]
         for file in files:
             plugins.load_file(file)
-        settings = {key: _settled(key, v, folder) for key, v in line_up.settings.items() if key != "plugins"}
-        return replace(
-            line_up,
-            datasets=tuple(_checked("dataset", entry, folder) for entry in line_up.datasets),
-            methods=tuple(_checked("method", entry, folder) for entry in line_up.methods),
-            settings=settings | ({"plugins": files} if files else {}),
-        )
+        for key, value in line_up.settings.items():
+            if key != "plugins":
+                _check_setting(key, value)
+        datasets = tuple(_recognised(entry, seen) for entry in line_up.datasets)
+        for kind, entries in (("dataset", datasets), ("method", line_up.methods)):
+            for entry in entries:
+                _check_entry("dataset" if kind == "dataset" else "method", entry)
+        settings = {**line_up.settings, **({"plugins": files} if files else {})}
+        return replace(line_up, datasets=datasets, settings=settings).moved(seen)
     except SucreBenchError as fault:
         raise fault.within(path) from fault
 
@@ -215,21 +244,22 @@ def _entries(key: str, content: Mapping[str, Any]) -> Iterator[Entry]:
             raise InputError(f"{times} have the label '{label}'", key, "give each a label of its own")
 
 
-def _checked(kind: Kind, entry: Entry, folder: Path) -> Entry:
-    """The entry with its paths as seen from here. Raises InputError for an unknown name or option."""
-    root: Mapping[str, Any] = {}
-    if kind == "dataset" and is_path(entry.name):
-        place = Path(_moved(entry.name, folder))
-        entry, root = replace(entry, name=recognised(place)), {"root": str(place)}
-    named(kind, entry.name)  # raises for a name that is unknown
+def _recognised(entry: Entry, seen: Callable[[str], str]) -> Entry:
+    """A dataset's entry; one that is named by a folder has the name of the dataset that the folder is."""
+    if not is_path(entry.name):
+        return entry
+    return Entry(recognised(Path(seen(entry.name))), {"root": entry.name, **entry.options})
+
+
+def _check_entry(kind: Kind, entry: Entry) -> None:
+    """Raise InputError for an unknown name or option."""
+    named(kind, entry.name)
     names = [*option_names(kind, entry.name), *(["degrade"] if kind == "dataset" else [])]
-    for option in entry.options:
+    for option, value in entry.options.items():
         if option not in names:
             raise unknown_name(f"{entry.name}.{option}", option, names)
-    moved: dict[str, Any] = {**moved_paths(kind, entry.name, entry.options, lambda path: str(_moved(path, folder)))}
-    if "degrade" in entry.options:
-        moved["degrade"] = _settled("degrade", entry.options["degrade"], folder)
-    return replace(entry, options={**root, **entry.options, **moved})
+        if option == "degrade":
+            _check_setting(option, value)
 
 
 def _sweep(given: Any) -> dict[str, list[Any]]:
@@ -245,22 +275,14 @@ def _sweep(given: Any) -> dict[str, list[Any]]:
     return {str(key): values for key, values in given.items()}
 
 
-def _settled(key: str, value: Any, folder: Path) -> Any:
-    """A setting with its paths as seen from here."""
+def _check_setting(key: str, value: Any) -> None:
+    """Raise InputError for several values where there is one, and for one where there are options."""
     is_nested = key in ("degrade", "study", "shard")
     if is_nested != isinstance(value, dict):
         expected = f"{{OPTION: VALUE}} below {key}:" if is_nested else "one value"
         raise InputError(f"{value!r} does not fit", key, f"write {expected}")
     if isinstance(value, list) and key != "views":
         raise InputError(f"{value} are several values", key, f"write one, or sweep: {{{key}: {value}}}")
-    if key == "degrade" and isinstance(value.get("add_water"), str):
-        return {**value, "add_water": _moved(value["add_water"], folder)}
-    return _moved(value, folder) if key == "views" and str(value).endswith(".txt") else value
-
-
-def _moved(value: Any, folder: Path) -> Any:
-    """A path as seen from where the command runs; what is no text as it is."""
-    return os.path.normpath(folder / expanded(value)) if isinstance(value, str) and value else value
 
 
 # -- `lineup.yaml` of a results folder: each run adds its datasets, configurations and metrics to it -------------
@@ -281,7 +303,7 @@ def record_line_up(jobs: Sequence[Job]) -> None:
     """
     first, out = jobs[0], jobs[0].out
     try:
-        older = line_up_in(line_up_path(out))
+        older = _stored(out)
     except InputError:
         older = LineUp()
     datasets = {_full_label(entry): entry for entry in older.datasets}
@@ -289,15 +311,17 @@ def record_line_up(jobs: Sequence[Job]) -> None:
     metrics: dict[str, list[Entry]] = {}
     for job in jobs:
         label = undegraded_label(job.dataset.label, job.degrade.record, job.dataset.plugin.name)
-        degrade = {"degrade": job.degrade.record} if job.degrade.record else {}
-        datasets[job.dataset.label] = _recorded("dataset", job.dataset, label, job, degrade)
-        methods[job.method.label] = _recorded("method", job.method, job.method.label, job)
+        options = {"label": label, **given("dataset", job.dataset.record, job.seed)}
+        options |= {"degrade": job.degrade.record} if job.degrade.record else {}
+        datasets[job.dataset.label] = Entry(job.dataset.plugin.name, options)
+        options = {"label": job.method.label, **given("method", job.method.record, job.seed)}
+        methods[job.method.label] = Entry(job.method.plugin.name, options)
         metrics |= {metric.plugin.name: list(_metric(metric)) for metric in job.metrics}
     replicates = {job.replicate for job in jobs}
     replicates |= set(older.sweep.get("replicate", [0] if older.methods else []))
     settings = {name: getattr(first, name) for name, default in _RECORDED.items() if getattr(first, name) != default}
     settings |= {"views": list(first.views)} if first.views is not None else {}
-    settings |= {"plugins": [_relative(file, out) for file in first.plugins]} if first.plugins else {}
+    settings |= {"plugins": list(first.plugins)} if first.plugins else {}
     if first.study:
         values = {name: list(v) if isinstance(v, tuple) else v for name, v in vars(first.study).items()}
         settings["study"] = {name: value for name, value in values.items() if value != Study.defaults()[name]}
@@ -308,15 +332,9 @@ def record_line_up(jobs: Sequence[Job]) -> None:
         {"replicate": sorted(replicates)} if replicates != {0} else {},
         settings,
     )
+    line_up = line_up.moved(lambda path: _relative(path, out))
     text = line_up.as_yaml(f"The line-up that made {out}. To run it: sucre-bench run {line_up_path(out).name}")
     write_atomically(line_up_path(out), text.encode())
-
-
-def _recorded(kind: Kind, choice: Choice, label: str, job: Job, more: Mapping[str, Any] | None = None) -> Entry:
-    """A dataset or configuration with its label and what is not as by default, its paths as seen from the folder."""
-    options = {"label": label, **given(kind, choice.record, job.seed), **(more or {})}
-    entry = Entry(choice.plugin.name, options)
-    return _with_paths(kind, entry, lambda path: _relative(path, job.out))
 
 
 def _full_label(entry: Entry) -> str:
@@ -347,19 +365,15 @@ def _metric(choice: Choice) -> Iterator[Entry]:
         yield from (Entry(f"{name}:{variant}") for variant in variants)
 
 
-def _with_paths(kind: Kind, entry: Entry, seen: Callable[[str], str]) -> Entry:
-    """The entry with each path as it is seen from another folder."""
-    options = {**entry.options}
-    options |= moved_paths(kind, entry.name, options, seen)
-    if isinstance(options.get("degrade", {}).get("add_water"), str):
-        options["degrade"] = {**options["degrade"], "add_water": seen(options["degrade"]["add_water"])}
-    return replace(entry, options=options)
-
-
 def _relative(path: str, folder: Path) -> str:
     """A path as seen from a folder; absolute where it is absolute and leads out of the folder where we are."""
     is_here = Path(path).is_relative_to(Path.cwd())
     return os.path.relpath(path, folder) if is_here or not Path(path).is_absolute() else path
+
+
+def _stored(out: Path) -> LineUp:
+    """The line-up of a results folder, with paths as seen from here."""
+    return line_up_in(line_up_path(out)).moved(lambda path: os.path.normpath(out / path))
 
 
 def line_up_of(out: Path, folder: Path) -> tuple[LineUp, list[str]]:
@@ -371,19 +385,7 @@ def line_up_of(out: Path, folder: Path) -> tuple[LineUp, list[str]]:
     rows = results.restoration_rows(results.read(out))
     if not line_up_path(out).is_file():
         raise InputError("records no line-up", out, "repeat the run's command, which computes nothing again")
-    line_up = line_up_in(line_up_path(out))
-
-    def seen(path: str) -> str:
-        return _relative(os.path.normpath(out / path), folder)
-
-    files = [seen(file) for file in line_up.settings.get("plugins", [])]
-    moved = replace(
-        line_up,
-        datasets=tuple(_with_paths("dataset", entry, seen) for entry in line_up.datasets),
-        methods=tuple(_with_paths("method", entry, seen) for entry in line_up.methods),
-        settings={**line_up.settings, **({"plugins": files} if files else {})},
-    )
-    notes = list[str]()
+    line_up, notes = _stored(out), list[str]()
     there = set(rows[["dataset", "method"]].itertuples(index=False, name=None))
     labels = [entry.label or entry.name for entry in line_up.methods]
     for dataset, method in itertools.product(map(_full_label, line_up.datasets), labels):
@@ -394,4 +396,4 @@ def line_up_of(out: Path, folder: Path) -> tuple[LineUp, list[str]]:
         if by_method.nunique() > 1:
             text = "the line-up takes those of the last command"
             notes.append(f"not every method has the same views of {dataset}; {text}")
-    return moved, notes
+    return line_up.moved(lambda path: _relative(path, folder)), notes
