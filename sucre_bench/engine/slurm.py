@@ -4,9 +4,9 @@ Hydra's own launcher for SLURM asks ``sacct``, without which a killed job hangs 
 fails. This one waits for the result file of every job. It asks ``squeue``, which the controller itself answers, for
 jobs that end without one.
 
-A job receives its configuration as text; it only needs the same Python environment, data and plugin files. It writes
-its rows to a part of its own under the output folder. A killed job loses the view it was at, and at most the rows of
-its last .3 s. The same command does what is left.
+A job receives its configuration as plain data. It only needs the same Python environment, data and plugin files, and
+writes its rows to a part of its own under the output folder. A killed job loses the view it was at, and at most the
+rows of its last .3 s. The same command does what is left.
 """
 
 from __future__ import annotations
@@ -19,12 +19,13 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from sucre_bench import results
+from sucre_bench import plugins, results
 from sucre_bench.engine.job import JobAtWork
 from sucre_bench.engine.preflight import base_row, plan
 from sucre_bench.engine.score import row_without_value
@@ -121,7 +122,7 @@ def _submit(jobs: Sequence[Job], folder: Path, options: Slurm, submitted: list[S
         array = jobs[start : start + most]
         try:
             with _in_no_job():
-                queued = executor.map_array(work, [job.config for job in array], [job.shared_pairs for job in array])
+                queued = executor.map_array(work, [job.values for job in array], [job.shared_pairs for job in array])
         except Exception as fault:  # sbatch's refusal, in its words
             lines = [line.strip() for line in str(fault).splitlines() if "error" in line] or [one_line(fault)]
             raise PluginError(f"SLURM took {len(submitted)} of {len(jobs)} jobs; {lines[0]}") from fault
@@ -286,10 +287,10 @@ class _TimeIsUp(StopRequest):
     """The queue's warning before it ends a job; no fault of a method, so nothing may take it for one."""
 
 
-def work(config: str, shared_pairs: str) -> str:
+def work(values: Mapping[str, Any], shared_pairs: str) -> str:
     """Run one job of a sweep in a job of the queue; return why it stopped early, if it did.
 
-    config, shared_pairs: of a `Job`.
+    values, shared_pairs: of a `Job`. Its plugin files are loaded.
 
     Both of SLURM's signals end the work as Ctrl-C would, with every row written. The warning before the time limit
     gives a result that says so. SIGTERM gives none, since it may also mean that the job will start again.
@@ -304,7 +305,9 @@ def work(config: str, shared_pairs: str) -> str:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with progress.live(plain=True):
-            job = replace(Job.read(config), shared_pairs=shared_pairs)
+            for file in values["plugins"]:
+                plugins.load_file(file)
+            job = replace(Job.of(values), shared_pairs=shared_pairs)
             run_works([JobAtWork(plan(job))], job.workers)
     except _TimeIsUp:
         return _ENDED["TIMEOUT"]

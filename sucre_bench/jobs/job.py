@@ -42,13 +42,6 @@ class Job(RunConfig):
     shared_pairs: str = ""
 
     @property
-    def config(self) -> str:
-        """The job as YAML, see `read`."""
-        import yaml
-
-        return str(yaml.safe_dump(self.values, sort_keys=False, allow_unicode=True))
-
-    @property
     def drawn(self) -> Degradation:
         """The degradation with the draws of this replicate."""
         return replace(self.degrade, seed=seed_of(self.degrade.seed, "degrade", self.replicate))
@@ -56,14 +49,6 @@ class Job(RunConfig):
     def of_all_views(self) -> Job:
         """Return the job with all views of its dataset instead of those that the command chose."""
         return replace(self, views=None, every=1, first=None, shard=Shard())
-
-    @classmethod
-    def read(cls, config: str) -> Job:
-        """Read `config` of a job again, in another process say; its plugin files are loaded first."""
-        values: dict[str, Any] = read_yaml(config)
-        for file in values["plugins"]:
-            plugins.load_file(file)
-        return cls.of(values)
 
     @classmethod
     def of(cls, values: Mapping[str, Any], swept: Sequence[str] = ()) -> Job:
@@ -138,7 +123,7 @@ def config_text(jobs: Sequence[Job], words: Sequence[str], is_sweep: bool) -> st
     import yaml
 
     if not is_sweep:
-        return jobs[0].config
+        return str(yaml.safe_dump(jobs[0].values, sort_keys=False, allow_unicode=True))
     each = [dict(job.values) for job in jobs]
     shared = {key: value for key, value in each[0].items() if all(one[key] == value for one in each)}
     differing = [{key: value for key, value in one.items() if key not in shared} for one in each]

@@ -15,7 +15,7 @@ from support.messages import names, refused
 
 from sucre_bench import InputError, plugins
 from sucre_bench.jobs import compose_jobs
-from sucre_bench.jobs.job import Job
+from sucre_bench.jobs.job import Job, config_text
 from sucre_bench.jobs.words import quoted, shell, value_of
 from sucre_bench.plugins.plugin import Plugin
 
@@ -180,7 +180,7 @@ def test_the_seed_reaches_whatever_has_one_and_swept_seeds_have_labels_of_their_
 
 def test_the_configuration_is_plain_yaml_that_gives_the_same_job_again(tmp_path: Path):
     (job,) = jobs(f"method.log={tmp_path / 'log'}", "method.gain=2").jobs
-    read = yaml.safe_load(job.config)
+    read = yaml.safe_load(config_text([job], [], is_sweep=False))
     assert read["method"] == {"name": "gain", "label": None, "display": "none", "gain": 2.0, "mode": "plain",
                               "log": str(tmp_path / "log"), "pause": 0.0, "stays_at": ""}  # fmt: skip
     assert read["dataset"]["name"] == "toy"
@@ -191,17 +191,17 @@ def test_a_datasets_option_without_a_dataset_is_refused():
         compose_jobs.jobs(["dataset.root=pool", "method=gain"], multirun=False)
 
 
-def test_a_jobs_text_gives_the_same_job_in_another_process():
+def test_a_jobs_values_give_the_same_job_in_another_process():
     words = ["method.gain=1,2", "dataset.views=2,3", "degrade.noise=0.1", "views=[v0.png]", "save=full"]
     for one in jobs(*words, multirun=True).jobs:
-        again = Job.read(one.config)
+        again = Job.of(one.values)
         assert (again.method, again.dataset, again.degrade) == (one.method, one.dataset, one.degrade)
         assert (again.views, again.save, again.out) == (one.views, one.save, one.out)
 
 
 def test_labels_of_a_folder_that_names_the_swept_keys_are_as_they_were():
     (one,) = jobs("method.gain=2").jobs
-    written_before = {**yaml.safe_load(one.config), "every": 1}
+    written_before = {**one.values, "every": 1}
     assert Job.of(written_before, ["method.gain"]).method.label == "gain,gain=2.0"
 
 
