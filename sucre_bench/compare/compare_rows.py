@@ -52,7 +52,10 @@ def compare(
     order = list(dict.fromkeys([*order, *rows["method"].unique()]))
     if baseline and baseline not in order:
         raise InputError(f"no scores of '{baseline}' to compare with; {did_you_mean(baseline, order)}")
-    rows = without_replicates(rows.assign(_fresh=is_fresh(rows), _asked=asked)).drop(columns=["data_id", "time"])
+    fresh = is_fresh(rows)
+    there = set(values_of(rows[fresh], "dataset", "method"))
+    older = [key for key in dict.fromkeys(values_of(rows, "dataset", "method")) if key not in there]
+    rows = without_replicates(rows.assign(_asked=asked)[fresh]).drop(columns=["data_id", "time"])
     if "pixels" not in rows:
         rows = on_own_pixels(rows)
     is_part = rows["region"].str.contains("/", regex=False) & ~rows["metric"].isin(metrics_of_faults(rows))
@@ -71,11 +74,13 @@ def compare(
             methods = sorted(of_table["method"].unique(), key=order.index)
             title = " · ".join(map(str, key))
             table = _table(title, of_table, methods, baseline, known[key[0]], measured.get(key, []))
-            there = {name for one in table.columns for name in (one.metric, f"{one.metric}:{one.variant}")}
-            lost = (Note("no score", (name,)) for name in metrics if there and name not in there)
-            tables.append(replace(table, notes=(*table.notes, *lost)))
-    scored = [table for table in tables if table.columns]
-    return scored if by != "method" and scored else tables  # of a region that some views lack
+            stale = tuple(method for dataset, method in older if dataset == key[0])
+            noted = [Note("older data", stale)] if stale else []
+            scored = {name for one in table.columns for name in (one.metric, f"{one.metric}:{one.variant}")}
+            noted += (Note("no score", (name,)) for name in metrics if scored and name not in scored)
+            tables.append(replace(table, notes=(*table.notes, *noted)))
+    filled = [table for table in tables if table.columns]
+    return filled if by != "method" and filled else tables  # of a region that some views lack
 
 
 def against(comparison: Comparison, baseline: str, methods: Collection[str] = ()) -> Comparison:
@@ -139,15 +144,11 @@ def _table(
 ) -> Comparison:
     faults = [*fault_notes(rows)]
     rows = rows[~rows["region"].str.contains("/", regex=False)]  # names of faults
-    fresh = rows[rows["_fresh"]]
-    with_fresh = set(fresh["method"].unique())
-    stale = tuple(name for name in methods if name not in with_fresh)
-    methods = [name for name in methods if name in with_fresh]
     metrics = {str(name): plugins.installed("metric", str(name)) for name in rows["metric"].unique()}
     of_colours = {name: p.needs for name, p in metrics.items() if p and p.needs & {"reference", "charts"}}
     is_lack = (rows["status"] == "skipped") & rows["reason"].str.startswith(Reason.LACK.value)
     lacks = frozenset[str]().union(*(of_colours.get(name, ()) for name in rows.loc[is_lack, "metric"].unique()))
-    has_holes = leaves_holes(fresh)  # else all methods fill the same pixels
+    has_holes = leaves_holes(rows)  # else all methods fill the same pixels
     if has_holes and len(filled := filled_rows(rows)):
         found = [*_by_table(filled.assign(_one=0, _asked=True), ["_one"]).get((0,), ()), *found]
     made, repetitions, measured = dict[Column, DataFrame](), dict[Column, DataFrame](), dict[Column, ColumnScores]()
@@ -160,9 +161,7 @@ def _table(
         made[column], repetitions[column] = values, repeated
     columns = sorted(made, key=_place)
     noted = [*faults, *(pixel_notes(rows, columns) if has_holes else ())]
-    noted += notes(rows[rows["method"].isin(methods)], made, repetitions, methods)
-    if stale:
-        noted.append(Note("older data", stale))
+    noted += notes(rows, made, repetitions, methods)
     if baseline and baseline not in methods:
         noted.append(Note("no baseline", (baseline,)))
         baseline = ""
@@ -179,7 +178,6 @@ def _table(
         tuple(methods),
         tuple(columns),
         cells,
-        stale,
         notes=(*noted, *known.notes),
         measured=measured,
         photographs=photographs,
@@ -194,7 +192,7 @@ def _by_table(rows: DataFrame, groups: list[str]) -> dict[tuple[Hashable, ...], 
     groups: columns that tell tables apart. The scores are units x methods, sorted, with `REPETITION` in the index and
     NaN for a hole.
     """
-    ok = rows[rows["_fresh"] & rows["_asked"] & (rows["status"] == "ok") & rows["value"].notna()]
+    ok = rows[rows["_asked"] & (rows["status"] == "ok") & rows["value"].notna()]
     if ok.empty:
         return {}
     of_column = [*groups, *_COLUMN]

@@ -172,18 +172,17 @@ class Verdict:
 class Comparison:
     """One table: methods x columns; no cell where a method has nothing.
 
-    title: the dataset, and the view or region if the table is for one; stale: methods that are left out, because their
-    rows come from older data; baseline: the method that others are compared with, or ""; notes: the rows that are left
-    out, and why; measured: the numbers behind the cells, from which `against` makes differences to a baseline;
-    photographs: methods that return the photograph itself, which take no part in places, ranks and ties unless there
-    are no others; lacks_truth: whether metrics found neither a reference nor a chart in the data.
+    title: the dataset, and the view or region if the table is for one; baseline: the method that others are compared
+    with, or ""; notes: the rows that are left out, and why; measured: the numbers behind the cells, from which
+    `against` makes differences to a baseline; photographs: methods that return the photograph itself, which take no
+    part in places, ranks and ties unless there are no others; lacks_truth: whether metrics found neither a reference
+    nor a chart in the data.
     """
 
     title: str
     methods: tuple[str, ...]
     columns: tuple[Column, ...]
     cells: dict[tuple[str, Column], Cell]
-    stale: tuple[str, ...] = ()
     baseline: str = ""
     notes: tuple[Note, ...] = ()
     measured: Mapping[Column, ColumnScores] = field(default_factory=dict, repr=False, compare=False)

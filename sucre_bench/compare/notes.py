@@ -118,12 +118,12 @@ _Tables = Mapping[Column, DataFrame]
 def notes(rows: DataFrame, scores: _Tables, repetitions: _Tables, methods: Sequence[str]) -> Iterator[Note]:
     """Yield what each method lacks that others have.
 
-    rows: of the table, whatever became of them, with `_fresh` saying which are of the data compared, and `_replicate`;
+    rows: of the table, whatever became of them, with `_replicate`;
     scores: the values of each column, units (scene, view, region) x methods, NaN = a hole; repetitions: the same before
     repetitions were averaged, with a level more, `_replicate`.
     """
     why = _Why(rows)
-    ok = restoration_rows(rows[(rows["status"] == "ok") & rows["_fresh"]])
+    ok = restoration_rows(rows[rows["status"] == "ok"])
     restored: dict[str, set[_View]] = {}
     for name, *view in values_of(ok, "method", "scene", "view"):
         restored.setdefault(name, set()).add((view[0], view[1]))
@@ -142,7 +142,7 @@ def notes(rows: DataFrame, scores: _Tables, repetitions: _Tables, methods: Seque
         if column.n_units == 0:
             yield Note("nothing shared", tuple(map(str, values.columns)), (column,), unit=column.of)
     if not scores:  # why none of the requested metrics scored a method that did restore
-        unscored = rows[rows["_asked"] & rows["_fresh"] & (rows["status"] != "ok")]
+        unscored = rows[rows["_asked"] & (rows["status"] != "ok")]
         for name in some:
             pairs = values_of(unscored[unscored["method"] == name], "status", "reason")
             yield Note("no score", (name,), reasons=_counted(map(": ".join, pairs)))
@@ -160,16 +160,16 @@ class _Why:
     def _known(self) -> dict[tuple[str, str, str, _View], str]:
         """By method, metric, variant and view; made when something is missing that others have."""
         known: dict[tuple[str, str, str, _View], str] = {}
-        lost = self._rows[(self._rows["status"] != "ok") | ~self._rows["_fresh"]]
+        lost = self._rows[self._rows["status"] != "ok"]
         for r in tuples(lost, "status", "reason", "scene", "view", "method", "metric", "variant"):
             text = f"{r.status}: {without_view(str(r.reason), r.view)}".rstrip(": ")
-            known[r.method, r.metric, r.variant, (r.scene, r.view)] = text if r.status != "ok" else "of other data"
+            known[r.method, r.metric, r.variant, (r.scene, r.view)] = text
         return known
 
     @cached_property
     def tried(self) -> set[tuple[str, _View]]:
         """The methods that tried a view, whatever became of it."""
-        restored = restoration_rows(self._rows[self._rows["_fresh"]])
+        restored = restoration_rows(self._rows)
         return {(method, (scene, view)) for method, scene, view in values_of(restored, "method", "scene", "view")}
 
     def __call__(self, method: str, view: _View, column: Column | None = None) -> str:
@@ -223,7 +223,7 @@ def _repeats_lost(rows: DataFrame, repetitions: _Tables) -> Iterator[Note]:
 
     First those without a restoration, then those that only lack scores of some metrics.
     """
-    whole = restoration_rows(rows[rows["_fresh"] & (rows["view"] != "")])
+    whole = restoration_rows(rows[rows["view"] != ""])
     ok = (whole["status"] == "ok").groupby([whole[name] for name in (*REPETITION, "method")]).any()
     has: dict[Column | None, DataFrame] = {None: ok.unstack("method", fill_value=False)}
     has |= {column: values.notna() for column, values in repetitions.items() if column.metric not in COSTS}
@@ -249,10 +249,9 @@ def _repeats_lost(rows: DataFrame, repetitions: _Tables) -> Iterator[Note]:
 def filled_rows(rows: DataFrame) -> DataFrame:
     """Return rows of the share of the image that methods fill, if pictures are ranked and one has holes.
 
-    rows: of one table, with `_fresh` and `_asked`. No rows if the metric of coverage is among them.
+    rows: of one table, with `_asked`. No rows if the metric of coverage is among them.
     """
-    asked = rows[rows["_fresh"] & rows["_asked"]]
-    whole = restorations(rows[rows["_fresh"]])
+    asked, whole = rows[rows["_asked"]], restorations(rows)
     if not (whole["coverage"] < 1 - LEAST_DIFFERENCE).any() or not scores_of_pixels(asked).any():
         return whole.iloc[:0]
     if any(says_filled(*pair) for pair in set(values_of(asked, "metric", "variant"))):
@@ -264,11 +263,9 @@ def filled_rows(rows: DataFrame) -> DataFrame:
 def pixel_notes(rows: DataFrame, columns: Iterable[Column]) -> Iterator[Note]:
     """Yield on which pixels scores are that methods would have of different ones.
 
-    rows: of one table, with `_fresh`, `_asked` and the columns of `on_pixels`; columns: of the table.
+    rows: of one table, with `_asked` and the columns of `on_pixels`; columns: of the table.
     """
-    fresh = rows[rows["_fresh"]]
-    whole = restorations(fresh)
-    scores = fresh[fresh["_asked"] & scores_of_pixels(fresh)]
+    whole, scores = restorations(rows), rows[rows["_asked"] & scores_of_pixels(rows)]
 
     def note(kind: str, concerned: DataFrame, **more: Any) -> Note:
         pairs = set(values_of(concerned, "metric", "variant"))
@@ -301,9 +298,9 @@ _FEW = 0.2
 
 
 def fault_notes(rows: DataFrame) -> Iterator[Note]:
-    """Yield a note for each method whose pictures have faults. rows: of one table, with `_fresh`."""
+    """Yield a note for each method whose pictures have faults. rows: of one table."""
     metrics = metrics_of_faults(rows)
-    scored = rows[rows["_fresh"] & (rows["status"] == "ok") & rows["metric"].isin(metrics)]
+    scored = rows[(rows["status"] == "ok") & rows["metric"].isin(metrics)]
     for method, of_method in scored.groupby("method", sort=False):
         said = []
         for (metric, variant), values in of_method.groupby(["metric", "variant"], sort=False):
