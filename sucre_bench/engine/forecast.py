@@ -10,7 +10,7 @@ from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.preflight import Planned, check, workers_at_once
 from sucre_bench.errors import MissingFileError
 from sucre_bench.jobs import compose_jobs
-from sucre_bench.jobs.launchers import Slurm
+from sucre_bench.jobs.run_options import Slurm
 from sucre_bench.machine import progress
 from sucre_bench.results.rows import restorations
 

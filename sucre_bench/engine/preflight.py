@@ -30,8 +30,7 @@ from sucre_bench.errors import (
 from sucre_bench.imaging.display import is_of_scene
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.launchers import Joblib
-from sucre_bench.jobs.run_options import Shard
+from sucre_bench.jobs.run_options import Joblib, Shard
 from sucre_bench.loading.view_files import with_shared_pixels
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.files import is_want_of_room, not_writable

@@ -22,8 +22,8 @@ from sucre_bench.errors import DiskFullError, InputError, SucreBenchError, one_l
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job, config_path, config_text
-from sucre_bench.jobs.launchers import Slurm
 from sucre_bench.jobs.lineup import record_line_up
+from sucre_bench.jobs.run_options import Slurm
 from sucre_bench.machine import progress, provenance
 from sucre_bench.machine.files import check_results_folder, write_atomically
 from sucre_bench.machine.processes import terminated_as_interrupt

@@ -32,7 +32,7 @@ from sucre_bench.engine.score import row_without_value
 from sucre_bench.engine.workers import run_works
 from sucre_bench.errors import DiskFullError, InputError, PluginError, StopRequest, one_line
 from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.launchers import Slurm
+from sucre_bench.jobs.run_options import Slurm
 from sucre_bench.machine import progress
 from sucre_bench.results.layout import file_name
 

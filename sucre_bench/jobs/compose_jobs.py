@@ -34,9 +34,8 @@ from sucre_bench.jobs.catalogue import (
     recognised,
 )
 from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.launchers import Launcher, launcher_of
 from sucre_bench.jobs.lineup import KINDS, Entry, Kind, LineUp, read_experiment, read_line_up
-from sucre_bench.jobs.run_options import RunConfig
+from sucre_bench.jobs.run_options import Launcher, RunConfig, launcher_of
 from sucre_bench.jobs.words import Word, first_line, parse, quoted
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.progress import say
