@@ -269,11 +269,12 @@ def launcher_of(words: Sequence[Word]) -> Launcher:
     """Return the launcher that words choose, with its options. Raises InputError for words that are not of these."""
     name, options = "basic", dict[str, Any]()
     for word in words:
-        head, _, option = word.key.rpartition(".")
+        value, (option, _, inner) = word.values[0], word.key.removeprefix("hydra.launcher.").partition(".")
         if word.key == "hydra/launcher":
-            name = str(word.values[0])
-        elif head == "hydra.launcher":
-            options[option] = word.values[0]
+            name = str(value)
+        elif word.key.startswith("hydra.launcher."):
+            before = options.get(option)
+            options[option] = {**(before if isinstance(before, dict) else {}), inner: value} if inner else value
         else:
             remedy = "leave it out: of Hydra's own, hydra/launcher=NAME and hydra.launcher.OPTION=VALUE are followed"
             raise InputError("is not followed here", word.text, remedy)
