@@ -58,6 +58,10 @@ def _status() -> int:
         return ended.exit_code
     except click.ClickException as fault:
         text = " ".join(fault.format_message().split())
+        if isinstance(fault, click.NoSuchOption):
+            key = fault.option_name.lstrip("-")
+            if key.partition(".")[0] in _keys_of_run(fault.ctx):
+                text = f"no option {fault.option_name}; write {key}=VALUE"
         if isinstance(fault, click.UsageError) and not re.search(r"; |\?$", text):
             command = fault.ctx.command_path if fault.ctx else "sucre-bench COMMAND"
             text = f"{text.rstrip('.')}; see `{command} --help`"
@@ -92,6 +96,15 @@ def _status() -> int:
         reason = fault.strerror or type(fault).__name__  # of a path that no file system has, say
         return _fault(f"{escaped_breaks(path)}: {reason}; give another path, or make this one usable", 2)
     return 0
+
+
+def _keys_of_run(context: click.Context | None) -> set[str]:
+    """The keys of `sucre-bench run`, if a command takes them as words."""
+    if context is None or not any(parameter.type is click.UNPROCESSED for parameter in context.command.params):
+        return set()
+    from sucre_bench.jobs.run_options import RunConfig
+
+    return {"experiment", *RunConfig.defaults()}
 
 
 def _fault(text: str, status: int) -> int:

@@ -93,7 +93,9 @@ def test_the_bare_command_shows_its_help(bench):
 def test_an_unknown_flag_is_not_taken_for_an_override(bench):
     done = bench("run", "--mutlirun", "method=gray_world")
     assert done.returncode == 2
-    assert "no option --mutlirun" in done.stderr
+    assert "did you mean '--multirun'" in done.stderr.lower()
+    done = bench("run", "--method.fill=true", "method=sucre")
+    assert (done.returncode, "write method.fill=VALUE" in done.stderr) == (2, True)
 
 
 def test_the_last_lines_say_what_came_out_and_where(bench, toys: str):

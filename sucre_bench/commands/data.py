@@ -24,7 +24,7 @@ _WIDEST = 10_000  # characters
 _HEADS = ("depth", "{unit} (1, 50, 99 %)", "overlap", "views", "disagrees", "mean R G B", "charts")
 
 
-@click.command(context_settings=shared.OF_WORDS)
+@click.command()
 @shared.words_argument("words", "[DATASET|FOLDER] [KEY=VALUE]...", completion.complete_datasets)
 @shared.json_option
 @shared.option(
@@ -75,7 +75,6 @@ def describe(
         check_output(sheet, "contact sheet", force=force)
     if write_set is not None:
         check_output(write_set, "table", force=force)
-    shared.refuse_options(words)
     overrides = [word if "=" in word else f"dataset={word}" for word in words]
     with progress.live():
         selections = select(overrides)
@@ -169,7 +168,7 @@ def _facts(one: Described) -> dict[str, str]:
     return facts
 
 
-@click.command(context_settings=shared.OF_WORDS)
+@click.command()
 @shared.words_argument("words", "VIEW... [KEY=VALUE]...", completion.complete_words)
 @shared.option("--kind", default="dgk", metavar="NAME|FILE.csv", help="Kind of the charts to mark.")
 @shared.flag("--accept", help="Open no page; accept all proposals whose patches are in order.")

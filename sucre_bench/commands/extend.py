@@ -162,7 +162,7 @@ def new(kind: Any, name: str, package: Path | None, depth: bool) -> None:
         click.echo(f"{what:8} {command}")
 
 
-@click.command(context_settings=shared.OF_WORDS)
+@click.command()
 @shared.argument("plugin", of=None)
 @shared.words_argument("overrides", None, complete_words)
 @shared.option("--kind", of=shared.KINDS, help="Needed if plugins of two kinds have this name.")
@@ -187,7 +187,6 @@ def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bo
     from sucre_bench.programs.contract import contract
     from sucre_bench.programs.contract.write_plugin import shown_path
 
-    shared.refuse_options(overrides)
     checked: list[dict[str, Any]] = []
     show: Callable[..., None] = (lambda *_: None) if as_json else terminal.show
     for subject in contract.subjects(plugin, overrides, kind, on):

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _MOST_NAMED = 5
 
 
-@click.command(context_settings=shared.OF_WORDS)
+@click.command()
 @shared.argument("source", metavar="PHOTOS|DIVE")
 @shared.argument("out", metavar="OUT")
 @shared.words_argument("words", "[KEY=VALUE]...")
@@ -75,7 +75,6 @@ def restore(
     """
     from sucre_bench.programs.restore import pipeline
 
-    shared.refuse_options(words)
     inputs = [source, *([photos] if photos else [])]
     check_working_folder(out, "work/restore.json", inputs, begun="work/dive")
     if any(folder.resolve() in out.resolve().parents for folder in inputs):

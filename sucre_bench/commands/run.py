@@ -17,7 +17,7 @@ from sucre_bench.machine.files import check_output, write_atomically
 from sucre_bench.machine.terminal import say
 
 
-@click.command(context_settings=shared.OF_WORDS)
+@click.command()
 @shared.words_argument("overrides", "[LINE-UP.yaml] [KEY=VALUE]...", completion.complete_words)
 @shared.flag("-m", "--multirun", help="Run every combination of comma-separated values.")
 @shared.plugin_files_option
@@ -70,7 +70,6 @@ def run(
     from sucre_bench.jobs.words import value_of
     from sucre_bench.machine.provenance import absent
 
-    shared.refuse_options(overrides)
     if plugin_files:
         overrides = (*overrides, f"plugins={value_of([str(Path(file).resolve()) for file in plugin_files])}")
     if cfg:

@@ -32,8 +32,6 @@ class _Path(click.Path):
 PATH: Any = _Path(path_type=Path)
 # As `plugins.KINDS`, which would import numpy for every --help.
 KINDS = click.Choice(["method", "dataset", "metric"])
-# Of a command whose words belong to `sucre-bench run`: click passes them on, and `refuse_options` reads them.
-OF_WORDS: dict[str, Any] = {"ignore_unknown_options": True}
 
 
 def argument(*names: str, of: Any = PATH, **settings: Any) -> Callable[[_F], _F]:
@@ -86,25 +84,6 @@ plugin_option = option("--plugin", expose_value=False, callback=_load_plugins, *
 # The choice of one dataset, and of one scene of it, in a results folder.
 dataset_option = option("--dataset", default="", metavar="LABEL", help="Needed if the results have several datasets.")
 scene_option = option("--scene", default="", metavar="NAME", help="Needed if the dataset has several scenes.")
-
-
-def refuse_options(words: Sequence[str]) -> None:
-    """Raise click.UsageError if one of a command's words looks like an option, which click would pass on as a word.
-
-    What is a key of `sucre-bench run` is answered with the word to write.
-    """
-    from sucre_bench.jobs.run_options import RunConfig
-    from sucre_bench.plugins.options import options_of
-
-    for place, word in enumerate(words):
-        if word.startswith("-"):
-            name, equals, value = word.lstrip("-").partition("=")
-            following = words[place + 1 : place + 2]
-            if not equals and following and not following[0].startswith("-") and "=" not in following[0]:
-                word, value = f"{word} {following[0]}", following[0]
-            known = {"experiment", *(option.name for option in options_of(RunConfig))}
-            remedy = f"; write {name}={value or 'VALUE'}" if name.partition(".")[0] in known else ""
-            raise click.UsageError(f"no option {word}{remedy}", click.get_current_context())
 
 
 def labels_of(text: str) -> list[str]:
