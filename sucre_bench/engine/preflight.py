@@ -174,13 +174,14 @@ def base_row(job: Job) -> Row:
         **({"degrade": given} if (given := job.degrade.record) else {}),
         **({"replicate": job.replicate} if job.replicate else {}),
     }
+    methods, files = job.method.rests_on
     return Row(
         dataset=job.dataset.label,
         method=job.method.label,
         options=results.fingerprint({**job.method.record, **about})[0],
         options_id=results.fingerprint(job.method.record)[1],
         seed=job.seed if job.method.seed is None else job.method.seed,
-        code=source_hash(job.dataset.plugin, job.method.plugin, *job.method.methods, files=job.method.files),
+        code=source_hash(job.dataset.plugin, job.method.plugin, *methods, files=files),
     )
 
 

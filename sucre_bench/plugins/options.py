@@ -15,7 +15,7 @@ import os
 import textwrap
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -229,26 +229,12 @@ class Choice:
         return seed_of(self.options["seed"], axis, self.replicate) if "seed" in self.options else None
 
     @property
-    def files(self) -> tuple[Path, ...]:
-        """The files and folders that options name and results rest on, with the records that tell of them.
-
-        One that is not there is left out.
-        """
-        read = [read for _, read in read_by_options(self.plugin, self.options) if isinstance(read, Path)]
-        records = filter(None, map(records_above, read))
-        return tuple(path for path in (*read, *records) if path.exists())
-
-    @property
-    def methods(self) -> tuple[Plugin, ...]:
-        """The other methods that options name, and results rest on."""
-        read = (read for _, read in read_by_options(self.plugin, self.options))
-        return tuple(method for method in read if isinstance(method, Plugin))
-
-    @property
-    def pinned(self) -> Choice:
-        """The choice with the options as rows are to record them, where the plugin has a function `pinned` for it."""
-        pin = getattr(self.plugin.cls, "pinned", None)
-        return replace(self, options=pin(self.options)) if pin else self
+    def rests_on(self) -> tuple[list[Plugin], list[Path]]:
+        """The other methods that options name, and the files and folders, with records that tell of them."""
+        read = [read for _, read in read_by_options(self.plugin, self.options)]
+        paths = [one for one in read if isinstance(one, Path)]
+        files = [path for path in (*paths, *filter(None, map(records_above, paths))) if path.exists()]
+        return [one for one in read if isinstance(one, Plugin)], files
 
     @property
     def record(self) -> dict[str, Any]:
