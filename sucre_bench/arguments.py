@@ -42,9 +42,24 @@ def checked(call: Callable[P, T]) -> Callable[P, T]:
         return function(*bound.args, **bound.kwargs)
 
     if isinstance(call, type):
+        _check_in_subclasses(call, checking, lambda: {one: hints()[one] for one in [*signature.parameters][1:]})
         call.__init__ = checking  # type: ignore[misc]
         return call
     return checking
+
+
+def _check_in_subclasses(cls: Any, checking: object, hints: Callable[[], dict[str, Any]]) -> None:
+    """Check these fields also in dataclasses made from this one, which have an `__init__` of their own."""
+    inherited = getattr(cls, "__post_init__", None)
+
+    def check_fields(made: Any, *unstored: Any) -> None:
+        if type(made).__init__ is not checking:
+            for field, hint in hints().items():
+                check_argument(f"{type(made).__qualname__}({field})", getattr(made, field), hint)
+        if inherited:
+            inherited(made, *unstored)
+
+    cls.__post_init__ = check_fields
 
 
 def check_argument(place: str, value: Any, hint: Any) -> Any:
