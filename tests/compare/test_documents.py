@@ -7,7 +7,6 @@ import shutil
 import subprocess
 from dataclasses import replace
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
@@ -17,7 +16,7 @@ from rich.console import Console
 from sucre_bench import compare
 from sucre_bench.compare.documents import as_text
 from sucre_bench.compare.terminal_table import as_table
-from sucre_bench.compare.words import legend, number, signed, title, verdict_text
+from sucre_bench.compare.words import legend, number, title, verdict_text
 from sucre_bench.results.rows import Row, frame
 
 ROW = Row(dataset="sea", scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", data_id="d")
@@ -106,12 +105,6 @@ def test_a_label_is_text_in_each_format(how: str, kept: str, not_kept: str):
     text = as_text([comparison], how)
     assert kept in text
     assert not_kept not in text
-
-
-def test_html_is_well_formed():
-    text = as_text([table({"a<b": [1, 5, 9], "c": [2, None, 8], "d&": [1, 2, 3]})], "html")
-    root = ElementTree.fromstring(f"<div>{text}</div>")
-    assert [row[0].text for row in root.findall(".//tbody/tr")] == ["a<b", "c", "d&"]
 
 
 @pytest.mark.parametrize("baseline", ["", "a"])
@@ -258,7 +251,3 @@ def test_a_number_that_only_describes_has_no_arrow():
 )  # fmt: skip
 def test_numbers_keep_the_figures_that_matter(value: float, text: str):
     assert number(value) == text
-
-
-def test_differences_carry_their_sign():
-    assert [signed(x) for x in (0.312, -0.312, 0.0)] == ["+0.312", "-0.312", "0"]

@@ -365,18 +365,6 @@ def test_data_id_changes_with_the_data(tmp_path: Path, change: object) -> None:
     assert load(tmp_path).data_id != before
 
 
-def test_data_id_sees_one_pixel_in_the_middle_of_a_large_image(tmp_path: Path) -> None:
-    write_dive(tmp_path)
-    write_model(tmp_path / "sparse", [("a.png", FORWARD, 1)], ["1 PINHOLE 400 300 500 500 200 150"])
-    ids = set()
-    for value in (10, 11):
-        values = np.full((300, 400, 3), 10, np.uint8)
-        values[150, 200] = value
-        cv2.imwrite(str(tmp_path / "images" / "a.png"), values, [cv2.IMWRITE_PNG_COMPRESSION, 0])  # of one size
-        ids.add(load(tmp_path).data_id)
-    assert len(ids) == 2
-
-
 def test_data_id_changes_with_options_that_change_the_pixels(tmp_path: Path) -> None:
     write_dive(tmp_path)
     ids = {load(tmp_path).data_id, load(tmp_path, image_scale=0.5).data_id, load(tmp_path, encoding="linear").data_id}

@@ -18,7 +18,7 @@ def test_it_runs_without_a_screen_and_its_own_method_is_in_the_table(tmp_path: P
     size = "width=240, height=180, views=4"
     assert size in notebook.cells[2].source
     for cell in notebook.cells:  # for the time: small pictures, and a fit that takes a tenth of it
-        cell.source = cell.source.replace(size, "width=200, height=150, views=4").replace('"sucre"', '"sucre_exact"')
+        cell.source = cell.source.replace(size, "width=160, height=120, views=4").replace('"sucre"', '"sucre_exact"')
     NotebookClient(
         notebook, timeout=1200, startup_timeout=600, resources={"metadata": {"path": str(tmp_path)}}
     ).execute()

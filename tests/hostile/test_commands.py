@@ -35,13 +35,7 @@ CASES: dict[str, tuple[str, int, str]] = {
     "no time for a view": (f"{RUN} view_timeout_s=0", 2, r"view_timeout_s"),
     "a word for overwrite that is none": (f"{RUN} overwrite=perhaps", 2, r"overwrite.*(missing|always)"),
     "a file as results folder": (f"{RUN} out=dive/images/a.png", 2, r"a\.png: .*file; "),
-    "a results folder below a file": (f"{RUN} out=dive/images/a.png/x", 2, r"a\.png: .*file; "),
     "a water that is not there": (f"{RUN_SUCRE} method.water=none.json", 2, r"none\.json: .*; .*method\.water"),
-    "a water of one method that is not there": (
-        f"{RUN.replace('=gray_world', '=sucre,gray_world')} -m sucre.water=none.json",
-        2,
-        r"none\.json: .*; .*sucre\.water",
-    ),
     "a pipe as water": (f"{RUN_SUCRE} method.water=pipe.yaml", 2, r"pipe\.yaml: .*pipe; "),
     "no water in a file": (f"{RUN_SUCRE} method.water=empty.json", 2, r"empty\.json: .*\bB\b.*; "),
     "no water in a folder": (f"{RUN_SUCRE} method.water=dive/images", 2, r"dive/images: holds no \.json.*; "),
@@ -57,18 +51,12 @@ CASES: dict[str, tuple[str, int, str]] = {
     ),
     "a pipe as list of views": (f"{RUN} views=views.txt", 2, r"views\.txt: .*pipe; "),
     "a pipe as reference": ("score dive/images --reference pipe.py", 2, r"pipe\.py: .*pipe; "),
-    "a text as reference": ("score dive/images --reference empty.json", 2, r"empty\.json: .*image; "),
-    "a folder of the system": ("score /proc/self", 2, r"/proc/self: .*image.*; "),
     "a pipe as score table": (f"{RUN} out=piped", 2, r"piped/scores\.parquet: .*pipe; "),
-    "a device as line-up": ("run /dev/zero", 2, r"/dev/zero"),
     "a device as bundle": ("verify /dev/zero", 2, r"/dev/zero: .*; "),
     "a device as results": ("compare /dev/zero", 2, r"/dev/zero: .*; "),
     "a variable that is not set": ("prepare '' out", 2, r"PHOTOS.*: is empty; "),
     "an empty root to run": (f"{RUN} dataset.root=", 2, r"^error: dataset\.root: is empty; "),
-    "an empty root to describe": ("describe colmap dataset.root=", 2, r"dataset\.root: is empty; "),
-    "an empty name to describe": ("describe ''", 2, r"^error: dataset: is empty; "),
     "an empty plugin to run": (f"{RUN} --plugin ''", 2, r"--plugin.*: is empty; "),
-    "an empty plugin to list": ("list methods --plugin ''", 2, r"--plugin.*: is empty; "),
     "a seed of 77 bits": (f"{RUN} seed=99999999999999999999999", 2, r"seed: 9+ .*; "),
     "a list as label": (f"{RUN} method.label=[1]", 2, r"method\.label: .*\[1\]; .*text"),
     "a number as group of options": (f"{RUN} hydra.launcher=1e999", 2, r"hydra\.launcher=1e999: .*; "),
@@ -78,17 +66,12 @@ CASES: dict[str, tuple[str, int, str]] = {
     "a method twice in a line-up": ("run twice.yaml", 2, r"twice\.yaml: methods: 2 .*'clahe'; "),
     "a pixel at infinity": ("prepare dive/images out --length a.png inf 1 2 2 1", 2, r"--length: inf; "),
     "a link to itself": ("restore loop out", 2, r"/loop: links to itself; "),
-    "a name of two lines": ("compare 'a\nb'", 2, r"^error: a\\nb: .*; "),
     "a name of six lines": ("compare 'a\r\v\f\x85\u2028b'", 2, r"^error: a\\r\\x0b\\x0c\\x85\\u2028b: .*; .*\n$"),
     "a pipe as plugin": ("run --plugin pipe.py method=x", 2, r"pipe\.py: .*; "),
     "a deep line-up": ("run deep.yaml", 2, r"deep\.yaml: line 1: .*levels; "),
     "a long path to run": (f"run dataset=colmap dataset.root={LONG} method=gray_world", 2, LONG),
     "a long results folder": (f"{RUN} out={LONG}", 2, rf"{LONG}.*; "),
-    "a long plugin": (f"run --plugin {LONG}.py method=gray_world", 2, rf"{LONG}.*; "),
-    "a long path to compare": (f"compare {LONG}", 2, rf"{LONG}.*; "),
     "a long path to score": (f"score {LONG}", 2, rf"{LONG}.*; "),
-    "a long path to describe": (f"describe colmap dataset.root={LONG}", 2, LONG),
-    "a long path to prepare": (f"prepare {LONG} out", 2, rf"{LONG}.*; "),
     "a long name of a new plugin": (f"new method {LONG}", 2, LONG),
 }
 
@@ -111,7 +94,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize(("command", "status", "said"), CASES.values(), ids=CASES)
 def test_a_fault_is_one_line_that_names_place_and_remedy(place: Path, command: str, status: int, said: str):
-    done = run_bounded(place, *shlex.split(command))
+    runs = run_bounded if re.search(r"pipe|/dev/|deep|views\.txt", command) else run_here
+    done = runs(place, *shlex.split(command))
     assert done.returncode == status
     assert re.search(said, done.stderr), done.stderr
     assert "Traceback" not in done.stdout + done.stderr
@@ -197,7 +181,6 @@ REQUESTS = {
     "a negative length": b"POST /%b/save HTTP/1.1\r\nHost: %h\r\nContent-Length: -1\r\n\r\n",
     "a length of 5,000 digits": b"POST /%b/save HTTP/1.1\r\nHost: %h\r\nContent-Length: " + b"9" * 5000 + b"\r\n\r\n",
     "a length in other digits": "POST /%b/save HTTP/1.1\r\nHost: %h\r\nContent-Length: ²\r\n\r\n".encode("latin-1"),
-    "a host of another": b"GET /%b/state HTTP/1.1\r\nHost: example.org\r\n\r\n",
 }
 
 

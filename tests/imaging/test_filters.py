@@ -69,11 +69,6 @@ def test_the_guided_filter_is_a_plain_mean_where_the_guide_is_flat(guide: np.nda
     np.testing.assert_allclose(guided_filter(guide, plane, 2, 1e-3), expected, atol=1e-6)
 
 
-def test_an_image_of_many_rows_is_filtered_as_one():
-    in_bands = guided_filter(IMAGE, PLANE, 2, 1e-2, rows=6)
-    np.testing.assert_allclose(in_bands, guided_by_hand(IMAGE, PLANE, 2, 1e-2), atol=2e-5)
-
-
 def test_the_dark_channel_is_the_least_value_around():
     found = dark_channel(IMAGE[..., 1:], 5)
     for y, x in np.ndindex(PLANE.shape):

@@ -102,11 +102,6 @@ def test_columns_and_types_are_the_same_for_no_rows_and_many():
     assert frame([]).dtypes.to_dict() == frame([ROW, ROW]).dtypes.to_dict()
 
 
-def test_equal_options_have_equal_ids_whatever_their_order():
-    assert results.fingerprint({"a": 1, "b": 2}) == results.fingerprint({"b": 2, "a": 1})
-    assert results.fingerprint({"a": 1})[1] != results.fingerprint({"a": 2})[1]
-
-
 WHOLE = replace(ROW, metric="seconds", variant="wall")
 
 
@@ -188,12 +183,6 @@ def test_a_lack_is_known_by_its_code_and_names_what_is_there(has: frozenset[str]
     assert Reason.of(text) is Reason.LACK
     assert brief(text) == f"needs {' and '.join(sorted({'depth', 'poses'} - has))}"
     assert text.endswith(f"the view has {', '.join(sorted(has)) or 'only images'}")
-
-
-def test_a_lack_in_a_table_of_an_earlier_version_is_known():
-    text = "needs charts, the scene has depth, poses"
-    assert Reason.of(text) is Reason.LACK
-    assert brief(text) == with_remedy(text).partition(", the ")[0] == "needs charts"
 
 
 def test_scenes_that_lack_the_same_have_one_brief_reason():

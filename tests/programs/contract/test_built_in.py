@@ -36,7 +36,7 @@ QUICK: dict[str, dict[str, Any]] = {
     "sucre_paper": {"steps": 3},
     # To choose them takes several times as long as all the rest, and has tests of its own.
     "sucre": {"light": "even", "encoding": "view"},
-    "sucre_plus": {"light": "even", "encoding": "view"},
+    "sucre_plus": {"light": "even", "encoding": "view", "physical": False},
     "command": {"run": "cp {input} {output}"},
 }
 

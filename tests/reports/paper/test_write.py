@@ -89,12 +89,6 @@ def test_metrics_and_baselines_that_are_not_there_are_notes(tmp_path: Path):
     assert any("baseline c " in note for note in written.notes)
 
 
-def test_where_everything_failed_there_are_no_tables_but_a_note(tmp_path: Path):
-    written = write(Study("s", figures=("scores",)), frame([row("a", "v0", np.nan)]), tmp_path)
-    assert written.paths == ()
-    assert len(written.notes) == 1
-
-
 # -- files -----------------------------------------------------------------------------------------------
 
 

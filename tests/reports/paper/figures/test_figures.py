@@ -74,15 +74,6 @@ def test_figures_have_the_width_of_a_paper_and_keep_their_text(tmp_path: Path):
     assert b">a b<" in written[2].read_bytes()
 
 
-def test_equal_figures_are_equal_files(tmp_path: Path):
-    for name in "ab":
-        figure, axes = style.figure()
-        axes[0, 0].plot([1, 2], [3, 4])
-        style.save(figure, tmp_path / name, svg=True)
-    for suffix in ("png", "pdf", "svg"):
-        assert (tmp_path / f"a.{suffix}").read_bytes() == (tmp_path / f"b.{suffix}").read_bytes()
-
-
 # -- scores ------------------------------------------------------------------------------------------------
 
 
@@ -230,12 +221,6 @@ def test_many_methods_go_on_in_further_figures(tmp_path: Path):
         "1": [[10, 100, 110, 120, 130, 200]],
         "2": [[10, 140, 150, 160, 170, 200]],
     }
-
-
-def test_pages_are_as_few_and_as_equal_as_can_be():
-    assert [len(page) for _, page in style.pages(range(18), 7)] == [6, 6, 6]
-    assert dict(style.pages("abcdefgh", 7)) == {"1": list("abcd"), "2": list("efgh")}
-    assert dict(style.pages(["a"], 7)) == {"": ["a"]}
 
 
 def test_pictures_of_another_shape_are_cropped_about_their_middle(tmp_path: Path):
