@@ -74,7 +74,7 @@ class Demo:
             raise InputError(fault, "demo", f"give {_MOST_PIXELS / 1e9:g} or fewer: smaller or fewer views")
 
     def scenes(self) -> Iterator[Scene]:
-        """Yield the one scene, named after its water. InputError where it must be made and Open3D does not load."""
+        """Yield the one scene, named after its water."""
         from sucre_bench.datasets.colmap import Colmap
 
         for scene in Colmap(root=self.folder()).scenes():

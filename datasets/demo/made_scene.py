@@ -50,10 +50,7 @@ class MadeScene:
 def make(
     views: int = 16, width: int = 640, height: int = 480, seed: int = 0, water: Preset = "coastal", noise: float = 0.004
 ) -> MadeScene:
-    """Make a scene; equal arguments give equal scenes. noise: standard deviation of the sensor's, of full scale.
-
-    InputError where Open3D, which casts the rays, does not load.
-    """
+    """Make a scene; equal arguments give equal scenes. noise: standard deviation of the sensor's, of full scale."""
     camera, poses = render.make_camera(width, height), render.make_path(views, seed)
     texel = float(_NEAR_M / camera.K[0, 0])
     noise_field, terrain = seabed.Noise(seed), _terrain(seed)

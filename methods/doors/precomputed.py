@@ -22,7 +22,7 @@ from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.image_files import decode, read_array, read_tiff, same_shape
 from sucre_bench.imaging.references import psnr_of
 from sucre_bench.machine.cache import record_of
-from sucre_bench.machine.files import check_folder, regular
+from sucre_bench.machine.files import check_folder, reading, regular
 from sucre_bench.results.water_file import read_water
 from sucre_bench.scene import Encoding
 
@@ -271,13 +271,9 @@ def read_rendering(folder: Path) -> tuple[Path, list[str] | int, Encoding]:
     Raises InputError where there is no such file, it says too little, or the white balance is another.
     """
     path = next((place / _NAME for place in (folder, folder.parent) if (place / _NAME).is_file()), folder / _NAME)
-    try:
+    with reading(path, f"write there how the pictures were rendered, such as {_EXAMPLE}"):
         told: dict[str, Any] = json.loads(regular(path).read_text(encoding="utf-8"))
         held_out, encoding, balance = told["held_out"], told["encoding"], told["white_balance"]
-    except (OSError, ValueError, TypeError, KeyError, RecursionError) as fault:
-        lack = f"does not say {fault}" if isinstance(fault, KeyError) else "is no file that can be read"
-        remedy = f"write there how the pictures were rendered, such as {_EXAMPLE}"
-        raise InputError(f"{lack}, so new views cannot be scored", path, remedy) from fault
     is_list = isinstance(held_out, list) and held_out and all(isinstance(name, str) for name in held_out)
     if not is_list and not (type(held_out) is int and held_out > 1):
         raise InputError(f"held_out is {held_out!r}", path, "give names of views, or N above 1 for every Nth view")

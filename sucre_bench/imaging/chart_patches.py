@@ -12,17 +12,14 @@ published Lab D50 and sRGB values. The corners are the outer corners of the four
 this chart shows. "colorchecker_sg" and charts described by a CSV file: see `sucre_bench.imaging.chart_kinds`.
 """
 
-import functools
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Mask, locked, once
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_kinds import ChartKind, Patch, chart_kind
-from sucre_bench.machine.compute import compiled
 from sucre_bench.scene import Chart
 
 
@@ -98,71 +95,26 @@ def are_corners(corners: Array) -> bool:
 
 @once
 def _readings(shown: Array, kind: ChartKind, corners: bytes) -> tuple[PatchReading, ...]:
-    """corners: (4, 2) float64."""
+    """corners: (4, 2) float64. Corners may be off by a tenth of a patch, so its inner half is read."""
     homography = image_from_chart(np.frombuffer(corners).reshape(4, 2))
-    n = len(kind.patches)
-    rgb, n_pixels, n_inside = np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64)
-    inner = _inner_halves(kind)
-    compiled(_read_patches)(locked(shown), homography, np.linalg.inv(homography), inner, rgb, n_pixels, n_inside)
-    read = zip(kind.patches, locked(rgb), n_pixels.tolist(), (n_pixels / n_inside).tolist(), strict=True)
-    return tuple(PatchReading(*reading) for reading in read)
-
-
-@functools.lru_cache(maxsize=32)
-def _inner_halves(kind: ChartKind) -> Array:
-    """The box (x0, y0, x1, y1) of each patch's inner half (N, 4): corners may be off by a tenth of a patch."""
-    boxes = np.array([patch.box for patch in kind.patches])
-    near, far = boxes[:, :2], boxes[:, 2:]
-    return np.concatenate([0.75 * near + 0.25 * far, 0.25 * near + 0.75 * far], axis=1)
-
-
-def _read_patches(
-    shown: Array,
-    homography: Array,
-    inverse: Array,
-    inner: Array,
-    rgb: Array,
-    n_pixels: npt.NDArray[np.int64],
-    n_inside: npt.NDArray[np.int64],
-) -> None:
-    """Write each patch's median (N, 3), the pixels with a colour it is made of, and all pixels that lie in it."""
-    height, width, _ = shown.shape
-    for patch in range(len(inner)):
-        x0, y0, x1, y1 = inner[patch]
-        left, top, right, bottom = np.inf, np.inf, -np.inf, -np.inf
-        for x in (x0, x1):
-            for y in (y0, y1):
-                u, v, w = homography[:, 0] * x + homography[:, 1] * y + homography[:, 2]
-                left, right = min(left, u / w), max(right, u / w)
-                top, bottom = min(top, v / w), max(bottom, v / w)
-        columns = max(min(int(np.ceil(right)), width) - max(int(np.floor(left)), 0), 1)
-        rows = max(min(int(np.ceil(bottom)), height) - max(int(np.floor(top)), 0), 1)
-        found = np.empty((3, rows * columns))
-        n, inside = 0, 0
-        for v in range(int(np.floor(top)), int(np.ceil(bottom))):
-            for u in range(int(np.floor(left)), int(np.ceil(right))):
-                a = inverse[0, 0] * (u + 0.5) + inverse[0, 1] * (v + 0.5) + inverse[0, 2]
-                b = inverse[1, 0] * (u + 0.5) + inverse[1, 1] * (v + 0.5) + inverse[1, 2]
-                c = inverse[2, 0] * (u + 0.5) + inverse[2, 1] * (v + 0.5) + inverse[2, 2]
-                if not (x0 <= a / c <= x1 and y0 <= b / c <= y1):
-                    continue
-                inside += 1
-                if 0 <= u < width and 0 <= v < height:
-                    for channel in range(3):
-                        found[channel, n] = shown[v, u, channel]
-                    n += int(np.isfinite(found[0, n] + found[1, n] + found[2, n]))
-        if inside == 0:  # smaller than a pixel: the one at its centre
-            inside = 1
-            x, y = (x0 + x1) / 2, (y0 + y1) / 2
-            a, b, c = homography[:, 0] * x + homography[:, 1] * y + homography[:, 2]
-            u, v = int(np.floor(a / c)), int(np.floor(b / c))
-            if 0 <= u < width and 0 <= v < height:
-                for channel in range(3):
-                    found[channel, 0] = shown[v, u, channel]
-                n += int(np.isfinite(found[0, 0] + found[1, 0] + found[2, 0]))
-        n_pixels[patch], n_inside[patch] = n, inside
-        for channel in range(3):
-            rgb[patch, channel] = np.median(found[channel, :n]) if n else np.nan
+    inverse, (height, width), readings = np.linalg.inv(homography), shown.shape[:2], []
+    for patch in kind.patches:
+        near, far = np.array(patch.box).reshape(2, 2)
+        (x0, y0), (x1, y1) = 0.75 * near + 0.25 * far, 0.25 * near + 0.75 * far
+        x, y, w = homography @ [(x0, x0, x1, x1, (x0 + x1) / 2), (y0, y1, y0, y1, (y0 + y1) / 2), (1, 1, 1, 1, 1)]
+        ends = np.stack([x, y]) / w  # (2, 5) pixels: the corners, and the centre
+        (left, top), (right, bottom) = np.floor(ends.min(axis=1)).astype(int), np.ceil(ends.max(axis=1)).astype(int)
+        v, u = np.mgrid[top:bottom, left:right].reshape(2, -1)
+        a, b, c = inverse @ np.stack([u + 0.5, v + 0.5, np.ones(len(u))])
+        inside = (x0 <= a / c) & (a / c <= x1) & (y0 <= b / c) & (b / c <= y1)
+        # Of a patch that is smaller than a pixel, the one at its centre.
+        u, v = (u[inside], v[inside]) if inside.any() else np.floor(ends[:, 4:]).astype(int)
+        seen = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+        colours = shown[v[seen], u[seen]].astype(np.float64)
+        colours = colours[np.isfinite(colours).all(axis=1)]
+        rgb = np.median(colours, axis=0) if len(colours) else np.full(3, np.nan)
+        readings.append(PatchReading(patch, locked(rgb), len(colours), len(colours) / len(u)))
+    return tuple(readings)
 
 
 def scaled_chart(chart: Chart, size: tuple[int, int], target: tuple[int, int]) -> Chart:

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import InputError, did_you_mean, in_words
+from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.imaging.cielab import colour_science, lab_d50_of_xyz, srgb_of_lab_d50
 from sucre_bench.imaging.encoding import srgb_encode
-from sucre_bench.machine.files import fault_of, regular
+from sucre_bench.machine.files import reading, regular
 
 _NM = np.arange(400.0, 701.0)
 
@@ -60,13 +60,9 @@ def _illuminant(name: str, folder: Path) -> Array:
 
 def _table(path: Path, columns: int) -> Array:
     """Read spectra (columns, 301) from a CSV file: a line of names, then wavelength and values."""
-    if missing := fault_of(path):
-        raise InputError(f"{path}: {missing}; give the path of a CSV file of spectra")
-    try:
+    with reading(path, "correct the path or the file of spectra"):
         rows = list(csv.reader(regular(path).read_text(encoding="utf-8-sig").splitlines()))[1:]
         table = np.array([row for row in rows if row], dtype=np.float64)
-    except (OSError, ValueError, csv.Error) as fault:
-        raise InputError(f"{path}: no table of spectra, {in_words(fault)}; correct the path or the file") from fault
     if table.ndim != 2 or table.shape[1] != 1 + columns or not np.isfinite(table).all() or (table[:, 1:] < 0).any():
         wanted = "wavelength,power" if columns == 1 else "wavelength,R,G,B"
         raise InputError(f"{path}: not the columns {wanted} of finite values from 0; write the file so")

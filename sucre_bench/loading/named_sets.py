@@ -25,7 +25,7 @@ import numpy.typing as npt
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.image_files import read_rgb
-from sucre_bench.machine.files import regular
+from sucre_bench.machine.files import reading, regular
 from sucre_bench.machine.progress import say, track
 from sucre_bench.machine.text_formats import first_few
 
@@ -126,11 +126,8 @@ def named_set(name: str) -> NamedSet:
         if name not in named_sets():
             raise unknown_name("split", name, named_sets(), "test set")
         return named_sets()[name]
-    try:
+    with reading(Path(name), "give the table that `sucre-bench describe --write-set` wrote"):
         text = regular(Path(name)).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as fault:
-        remedy = "give the table that `sucre-bench describe --write-set` wrote"
-        raise InputError(f"cannot be read: {getattr(fault, 'strerror', 'no UTF-8')}", name, remedy) from fault
     return _parsed(Path(name).stem, name, text)
 
 

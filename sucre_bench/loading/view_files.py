@@ -23,7 +23,6 @@ from sucre_bench.loading.depth_maps import check_header, fitted, read_depth
 from sucre_bench.loading.find_folders import Found
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine import cache
-from sucre_bench.machine.compute import compiled
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
 from sucre_bench.machine.provenance import engine_hash
@@ -260,6 +259,8 @@ class ImageScaleOption:
 
 # -- pixels that the processes of a run share ---------------------------------------------------------------
 
+_ROWS = 128  # of an image, compared at once
+
 
 @dataclass(frozen=True, eq=False)
 class SharedPixels:
@@ -294,11 +295,15 @@ class SharedPixels:
             return None
 
         def decoded() -> npt.NDArray[Any]:
+            import cv2
+
             values = self.files.load(plane)
             assert values is not None
-            levels = np.empty(values.shape if plane != "depth" else 0, dtype=np.uint8)
-            flat = np.ascontiguousarray(values).reshape(-1)
-            is_exact = plane != "depth" and compiled(_to_levels)(flat, levels.reshape(-1), np.float32(255))
+            if plane == "depth":
+                return values
+            levels = cv2.convertScaleAbs(values, alpha=255)
+            bands = (slice(top, top + _ROWS) for top in range(0, len(values), _ROWS))
+            is_exact = all(np.array_equal(levels[band] / np.float32(255), values[band]) for band in bands)
             return levels if is_exact else values
 
         return store.get(f"{self.key} {plane}", decoded)
@@ -313,13 +318,3 @@ def with_shared_pixels(scene: Scene) -> Scene:
         if isinstance(view.pixels, Files):
             views[i] = replace(view, pixels=SharedPixels(view.pixels, f"{key} {view.name}"))
     return replace(scene, views=views)
-
-
-def _to_levels(values: Array, levels: npt.NDArray[np.uint8], full: np.float32) -> bool:
-    half, exact = np.float32(0.5), True
-    for i in range(len(values)):
-        value = values[i]
-        level = np.uint8(value * full + half) if value >= 0 and value <= 1 else np.uint8(0)
-        levels[i] = level
-        exact &= np.float32(level) / full == value
-    return exact

@@ -171,9 +171,15 @@ def arrange(
     counts = np.zeros(n_pixels, dtype=np.int32)
     for one in seen:
         compiled(_count)(locked(one.pixels), counts)
-    pixels = np.empty(int(np.count_nonzero(counts)), dtype=np.int64)
+    most = counts.max(initial=0)
+    # By falling count, equal counts by rising index; numbers of 8 or 16 bits are sorted by counting.
+    order = np.argsort((most - counts).astype(np.min_scalar_type(most)), kind="stable")
+    pixels = order[: np.count_nonzero(counts)].copy()
+    del order
     place = np.empty(n_pixels, dtype=np.int32)  # of each pixel in that order
-    starts = np.concatenate([[0], np.cumsum(compiled(_order)(counts, pixels, place))]).astype(np.int64)
+    place[pixels] = np.arange(len(pixels), dtype=np.int32)
+    n_more = n_pixels - np.cumsum(np.bincount(counts))[:-1]  # pixels with more than k observations, (S,)
+    starts = np.concatenate([[0], np.cumsum(n_more)]).astype(np.int64)
     filled, n = np.zeros(n_pixels, dtype=np.int32), int(starts[-1])  # the next slot of each pixel
     finest = np.result_type(np.uint8, *(one.colour.dtype if one.colour.dtype.kind == "u" else "f4" for one in seen))
     distance, colour = empty("distance", (n,), np.float32), empty("colour", (3, n), finest)
@@ -216,24 +222,6 @@ def _fill_in_threads(pixels: Indices, *arrays: npt.NDArray[Any]) -> None:
 def _count(pixels: Indices, counts: Indices) -> None:
     for i in range(len(pixels)):
         counts[pixels[i]] += 1
-
-
-def _order(counts: Indices, pixels: Indices, place: Indices) -> Indices:
-    """Sort pixels by falling count, equal counts by rising index; return how many have more than k, (S,)."""
-    n_with = np.zeros(counts.max() + 1 if len(counts) else 1, np.int64)
-    for pixel in range(len(counts)):
-        n_with[counts[pixel]] += 1
-    n_more = np.zeros(len(n_with), np.int64)
-    for count in range(len(n_with) - 2, -1, -1):
-        n_more[count] = n_more[count + 1] + n_with[count + 1]
-    at = n_more.copy()
-    for pixel in range(len(counts)):
-        count = counts[pixel]
-        if count:
-            pixels[at[count]] = pixel
-            place[pixel] = at[count]
-            at[count] += 1
-    return n_more[: len(n_more) - 1]
 
 
 def _fill(

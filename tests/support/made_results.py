@@ -18,6 +18,7 @@ from sucre_bench.engine.reopen_results import Frame
 from sucre_bench.reports.paper import Study, study_results as along, style, write_study
 from sucre_bench.results import layout
 from sucre_bench.results.layout import Place
+from sucre_bench.results.restorations import write_masked_png
 from sucre_bench.results.rows import Row, frame
 
 # psnr by method and view.
@@ -83,7 +84,7 @@ def _write(out: Path, row: Row, size: tuple[int, int], rng: np.random.Generator,
     told: dict[str, Any] = {**ESTIMATE, "encoding": "gamma", "true_water": TRUTH, "steps": 7, "write_seconds": 0.1}
     for path in (place.original(out), place.reference(out), place.restored(out, row.method)):
         path.parent.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(path), image)
+        write_masked_png(path, image, image.any(axis=-1))
     if holes:
         place.restored(out, row.method).with_suffix(".json").write_text(json.dumps(told))
 

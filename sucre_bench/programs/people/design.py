@@ -24,7 +24,7 @@ from sucre_bench.arrays import Mask, evenly
 from sucre_bench.errors import InputError, MissingFileError, did_you_mean
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.machine import progress
-from sucre_bench.machine.files import read_json, write_atomically
+from sucre_bench.machine.files import read_json, reading, write_atomically
 from sucre_bench.machine.text_formats import filled_in
 from sucre_bench.results import layout
 from sucre_bench.results.common_scores import common_pixels, filled_restorations
@@ -245,7 +245,7 @@ def keys(folder: Path) -> dict[str, Key]:
     """Return the keys of all studies of a results folder, by study. Raises InputError for a damaged one."""
     found = {}
     for path in sorted((folder / "people").glob("*.json")):
-        try:
+        with reading(path, "restore a copy of it"):
             told = read_json(path, "restore a copy of it", of_data=True)
             study = told["study"]
             if (told["format"], told["version"]) != (_FORMAT, _VERSION) or not re.fullmatch(r"[0-9a-f]{8}", study):
@@ -255,6 +255,4 @@ def keys(folder: Path) -> dict[str, Key]:
                 for name, one in told["pictures"].items()
             }
             found[study] = Key(study, str(told["dataset"]), tuple(map(str, told["methods"])), pictures)
-        except (ValueError, KeyError, TypeError, AttributeError) as fault:
-            raise InputError("is no key of a study", path, "restore a copy of it") from fault
     return found

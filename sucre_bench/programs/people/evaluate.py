@@ -12,7 +12,7 @@ import pandas as pd
 
 from sucre_bench import results
 from sucre_bench.errors import InputError, LinesError
-from sucre_bench.machine.files import read_json, regular
+from sucre_bench.machine.files import read_json, reading, regular
 from sucre_bench.machine.text_formats import now
 from sucre_bench.programs.people import design, statistics
 from sucre_bench.programs.people.design import Key, Shown
@@ -68,16 +68,13 @@ def read_votes(
 def _votes(path: Path, keys: Mapping[str, Key], reasons: Counter[str]) -> Iterator[tuple[int, Vote]]:
     """Yield the votes of a file with their numbers; reasons: counts those that are none."""
     remedy = "give a file that the study's page saved"
-    try:
+    with reading(path, remedy):
         if regular(path).stat().st_size > _MOST_BYTES:
             raise ValueError("larger than 16 MB")
         told = read_json(path, remedy, of_data=True)
         study, observer, given = told["study"], told["observer"], list(told["votes"])
         if (told["format"], told["version"]) != _FORMAT or not (isinstance(observer, str) and 1 <= len(observer) <= 64):
             raise ValueError("another format")
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as fault:
-        reason = fault.strerror if isinstance(fault, OSError) else "no votes in it"
-        raise InputError(f"cannot be read, {reason}", path, remedy) from fault
     if not isinstance(study, str) or study not in keys:
         raise InputError(f"is of another study, '{str(study)[:20]}'", path, "give it with the results it is of")
     key = keys[study]

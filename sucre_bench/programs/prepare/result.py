@@ -13,10 +13,9 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import depth_at
-from sucre_bench.errors import InputError
 from sucre_bench.imaging.drawing import depth_colours
 from sucre_bench.imaging.image_files import decode, write_png
-from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.files import reading, write_atomically
 from sucre_bench.machine.progress import track
 from sucre_bench.machine.text_formats import filled_in
 from sucre_bench.programs.prepare.depth_maps import INTERPOLATED, MEASURED, DepthMap, DepthMaps, nearest, write_depth
@@ -103,7 +102,7 @@ def read_record(out: Path) -> Prepared | None:
     file = out / _FILE
     if not file.is_file():
         return None
-    try:
+    with reading(file, "remove it, and give the scale again if one was given"):
         record = json.loads(file.read_bytes())
         scale = dict(record["scale"])
         known = scale.pop("known")
@@ -113,9 +112,6 @@ def read_record(out: Path) -> Prepared | None:
         damaged, unplaced, warnings = dict(record["damaged"]), dict(record["unplaced"]), tuple(record["warnings"])
         focal = _focal(record["cameras"], record["options"])
         return Prepared(out, qualities, damaged, unplaced, Scale(**scale), dict(known), warnings, keys, focal=focal)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as fault:
-        remedy = "remove it, and give the scale again if one was given"
-        raise InputError("is not what prepare wrote", file, remedy) from fault
 
 
 def write_result(

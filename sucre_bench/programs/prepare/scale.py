@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import DamagedFileError, InputError, check_number, file_error
-from sucre_bench.machine.files import regular
+from sucre_bench.errors import InputError, check_number
+from sucre_bench.machine.files import reading, regular
 from sucre_bench.programs.prepare.shots import Shot
 
 _USUAL_DEPTH = 3.0  # the median depth if no scale is known
@@ -143,14 +143,9 @@ def _from_track(path: Path, placed: Mapping[str, Shot]) -> Scale:
 
     The track must not lie in a plane: else a part of v, and so its length, is unknown.
     """
-    try:
-        with regular(path).open(newline="", encoding="utf-8-sig") as file:
-            track = {row["image"].strip(): float(row["depth"]) for row in csv.DictReader(file)}
-    except OSError as fault:
-        raise file_error(path, fault, "give a CSV file of image,depth") from fault
-    except (KeyError, ValueError, TypeError, AttributeError) as fault:
-        what = f"is not a table of image,depth in metres ({fault})"
-        raise DamagedFileError(what, path, "write that header") from fault
+    with reading(path, "give a CSV file with the header image,depth, in metres"):
+        rows = csv.DictReader(regular(path).read_text(encoding="utf-8-sig").splitlines())
+        track = {row["image"].strip(): float(row["depth"]) for row in rows}
     shots = {photo: shot for photo, shot in placed.items() if photo in track}
     if len(shots) < 6:
         raise InputError(f"names {len(shots)} of the placed photos", path, "give depths of six or more")

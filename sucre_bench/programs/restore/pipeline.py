@@ -15,7 +15,7 @@ from sucre_bench.arrays import evenly
 from sucre_bench.camera import Camera
 from sucre_bench.engine.preflight import MOST_SHOWN_OVER, Planned, opening_once, select
 from sucre_bench.engine.run import run
-from sucre_bench.errors import DamagedFileError, InputError
+from sucre_bench.errors import InputError
 from sucre_bench.imaging.display import is_of_scene
 from sucre_bench.jobs.catalogue import method_choice, option_names, recognised
 from sucre_bench.jobs.words import quoted, value_of
@@ -24,7 +24,7 @@ from sucre_bench.loading.image_folder import image_names
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import source_files
 from sucre_bench.machine import progress
-from sucre_bench.machine.files import check_folder, read_json, regular, write_atomically
+from sucre_bench.machine.files import check_folder, read_json, reading, write_atomically
 from sucre_bench.programs.restore.picture_file import bits_of
 from sucre_bench.programs.restore.write import Restored, write_pictures
 from sucre_bench.results import layout, restoration_rows, with_remedy
@@ -261,18 +261,15 @@ class PreparedDive:
 
 def read_prepared(dive: Path) -> PreparedDive | None:
     """Return what a dive's prepare.json says; None without one. DamagedFileError if it cannot be read."""
-    file = dive / "prepare.json"
-    try:
-        record = json.loads(regular(file).read_bytes())
+    file, remedy = dive / "prepare.json", "prepare the dive again"
+    if (record := read_json(file, remedy)) is None:
+        return None
+    with reading(file, remedy):
         cameras = record["cameras"].values()
         lenses = (lens_of_model(c["model"], c["width"], c["height"], [float(p) for p in c["params"]]) for c in cameras)
         return PreparedDive(
             dive / "depth_origin", Path(record["photos"]), tuple(lens for lens in lenses if not lens.fault)
         )
-    except FileNotFoundError:
-        return None
-    except (OSError, InputError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as fault:
-        raise DamagedFileError("is not what prepare wrote", file, "prepare the dive again") from fault
 
 
 def photographs_in(folder: Path) -> dict[str, Path]:

@@ -35,7 +35,6 @@ from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Arrays, Restoration, View
 
 _NO_PICTURES = "the bundle has no pictures; ask for one of `bundle --pictures restored`"
-_LOOK_ALIKE = "black pixels and holes look alike"
 _VIEW = ["dataset", "scene", "view"]
 _PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 
@@ -169,12 +168,11 @@ def _picture(bundle: Bundle, name: str) -> Array:
 
 
 class _Opened(NamedTuple):
-    """A restoration of a bundle. restoration: its image is the restored image, NaN = a hole; is_sure: whether it is
-    known which black pixels are holes; image, view, reference: names of the pictures, "" for what is not there.
+    """A restoration of a bundle. restoration: its image is the restored image, NaN = a hole; image, view, reference:
+    names of the pictures, "" for what is not there.
     """
 
     restoration: Restoration
-    is_sure: bool
     image: str
     view: str
     reference: str
@@ -195,20 +193,17 @@ def _opened(bundle: Bundle, picture_of: Callable[[str], Array], row: Any) -> _Op
     picture, remedy = picture_of(name), "ask who made the bundle"
     with reading(bundle.path / name, f"{remedy} for another"):
         mask = mask_in(io.BytesIO(bundle.read(name)), bundle.path / name)
-    # Pictures of earlier versions have no mask: their holes are among the black pixels.
-    is_hole = picture[..., 0] + picture[..., 1] + picture[..., 2] == 0 if mask is None else ~mask
-    n_most, n_holes = int(is_hole.sum()), is_hole.size - int(row.n_pixels)
-    if not (0 if mask is None else n_most) <= n_holes <= n_most:
-        fault = f"{is_hole.size - n_most} pixels have a colour, the score table says {int(row.n_pixels)}"
+    n_coloured = picture[..., 0].size if mask is None else int(mask.sum())
+    if n_coloured != int(row.n_pixels):
+        fault = f"{n_coloured} pixels have a colour, the score table says {int(row.n_pixels)}"
         raise InputError(f"{name}: {fault}", bundle.path, remedy)
-    if n_holes:
-        picture = np.where(is_hole[..., None], np.float32(np.nan), picture)
+    picture = picture if mask is None else masked(picture, mask)
     with reading(bundle.path / record_name, f"{remedy} for another"):
         record = json.loads(bundle.read(record_name)) if record_name else {}
     record = record if isinstance(record, dict) else {}
     water = water_of(record, bundle.path / record_name)
     record.pop("true_water", None)  # metrics get that of the data
-    return _Opened(Restoration(picture, water, info=record), n_holes in (0, n_most), name, view, reference)
+    return _Opened(Restoration(picture, water, info=record), name, view, reference)
 
 
 class _Check:
@@ -258,10 +253,10 @@ class _Check:
             if found.keys() != whole.keys():
                 self._outcome.unchecked[_NO_PICTURES] += len(scores)
                 return
-            common, is_sure = self._common_pixels(said, found)
+            common = self._common_pixels(said, found)
             for method, opened in found.items():
                 restoration = replace(opened.restoration, image=masked(opened.restoration.image, common))
-                on_common = opened._replace(restoration=restoration, is_sure=is_sure)
+                on_common = opened._replace(restoration=restoration)
                 self._score(whole[method], on_common, [score for score in scores if score.method == method])
 
     @contextlib.contextmanager
@@ -274,23 +269,17 @@ class _Check:
             self._outcome.faults.append(f"{where}: {text}")
             self._outcome.unchecked[reason] += len(scores)
 
-    def _common_pixels(self, said: Any, found: Mapping[str, _Opened]) -> tuple[Mask, bool]:
-        """Return the pixels (H, W) that all methods fill, and whether they are known for sure.
-
-        They are not for sure if a restored image has black pixels besides its holes. Raises InputError if the bundle
-        says other pixels than the pictures have.
-        """
+    def _common_pixels(self, said: Any, found: Mapping[str, _Opened]) -> Mask:
+        """Return the pixels (H, W) that all methods fill. Raises InputError if the bundle says others."""
         common = common_pixels({method: opened.restoration.valid for method, opened in found.items()})
-        is_sure = all(opened.is_sure for opened in found.values())
-        is_as_said = (common.kind, common.id) == (said.variant, said.pixels)
         is_of_share = math.isclose(common.share, said.value, abs_tol=1e-6)  # it is written as text
-        if is_sure and not (is_as_said and is_of_share):
+        if (common.kind, common.id) != (said.variant, said.pixels) or not is_of_share:
             there, here = (
                 "methods fill the same pixels" if kind == "equal" else f"methods have {100 * of:.6g} % in common"
                 for kind, of in ((said.variant, said.value), (common.kind, common.share))
             )
             raise InputError(f"{there}, in the pictures {here}")
-        return common.mask, is_sure or is_as_said
+        return common.mask
 
     def _score(self, row: Any, opened: _Opened, scores: Sequence[Any]) -> None:
         """Compute scores of a restoration again, and judge each. row: of the restoration."""
@@ -310,13 +299,11 @@ class _Check:
             if isinstance(scorer, str):
                 self._outcome.unchecked[scorer] += 1
                 continue
-            doubt = "" if opened.is_sure else _LOOK_ALIKE
-            if scene is None and "reference" in scorer.plugin.needs:  # the bundle has it as a JPEG
-                doubt = f"{score.metric} needs the exact reference of the data"
-            self._judge(score, scorer, pictured, doubt)
+            is_inexact = scene is None and "reference" in scorer.plugin.needs  # the bundle has it as a JPEG
+            self._judge(score, scorer, pictured, is_inexact)
 
-    def _judge(self, score: Any, scorer: Scorer, pictured: Pictured, doubt: str) -> None:
-        """Count a score as agreeing, differing or not checked. doubt: why a difference would prove nothing."""
+    def _judge(self, score: Any, scorer: Scorer, pictured: Pictured, is_inexact: bool) -> None:
+        """Count a score as agreeing, differing or not checked. is_inexact: a difference may be that of a JPEG."""
         outcome, key = self._outcome, (score.metric, score.variant, score.region)
         again, size = pictured.rows.get(key), self._sizes.get(key[:2], 0.0)
         is_equal = again is not None and pictured.agrees(scorer, key, score.value, size, self._tolerance)
@@ -333,9 +320,9 @@ class _Check:
             if self._unrounded[metric]:
                 outcome.unchecked[f"{score.metric} needs the restoration before it was rounded"] += 1
                 return
-            if doubt and not is_equal:
-                outcome.unchecked[doubt] += 1
-                outcome.needs_data |= doubt != _LOOK_ALIKE
+            if is_inexact and not is_equal:
+                outcome.unchecked[f"{score.metric} needs the exact reference of the data"] += 1
+                outcome.needs_data = True
                 return
             if score.code.partition(".")[2] != scorer.code and score.metric not in outcome.other_versions:
                 outcome.other_versions.append(score.metric)

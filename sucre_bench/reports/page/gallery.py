@@ -18,7 +18,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from sucre_bench.arrays import Picture, coloured
+from sucre_bench.arrays import Mask, Picture
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import decode, encode_png
 from sucre_bench.machine.compute import usable_cores
@@ -89,8 +89,9 @@ def _blocks(name: str, path: Path, width: int, has_holes: bool) -> list[Block]:
     except InputError:  # the page says that there is no picture
         return []
     blocks = [Block(name, "image/webp", _webp(_narrowed(image, width)))]
-    if has_holes:
-        blocks.append(_holes(name, path, image))
+    with suppress(InputError):  # a damaged mask
+        mask = read_mask(path) if has_holes else None
+        blocks += [] if mask is None or mask.shape != image.shape[:2] else [_holes(name, mask, image)]
     arrays = read_full_arrays(path.with_suffix(".npz"), "confidence") if path.suffix == ".png" else {}
     if (confidence := arrays.get("confidence")) is not None and np.isfinite(confidence).any():
         # From dark (small) to bright, between the percentiles 2 and 98.
@@ -105,25 +106,17 @@ def _blocks(name: str, path: Path, width: int, has_holes: bool) -> list[Block]:
     return blocks
 
 
-def _holes(name: str, path: Path, image: Picture) -> Block:
+def _holes(name: str, filled: Mask, image: Picture) -> Block:
     """Holes as stripes over the picture, which the style sheet lets shine through.
 
-    A hole is what the mask says, else what has no colour in the stored array, else what is black. If holes are not
-    black, `fill=true` guessed their colours.
+    filled: (H, W), the picture's mask. If holes are not black, `fill=true` guessed their colours.
     """
-    filled = None
-    with suppress(InputError):  # a damaged mask
-        filled = read_mask(path)
-    if filled is None:
-        kept = read_full_arrays(path.with_suffix(".npz"), "image").get("image")
-        filled = np.asarray(image.any(axis=-1)) if kept is None else coloured(kept)
     share = _narrowed((~filled).astype(np.uint8) * 255, _MAP_WIDTH)
     v, u = np.indices(share.shape)
     mark = np.zeros((*share.shape, 4), dtype=np.uint8)
     mark[share > 127] = (90, 0, 150, 255)
     mark[(share > 127) & ((u + v) // 5 % 2 == 0)] = (220, 80, 255, 255)
-    fits = filled.shape == image.shape[:2]  # something else may have changed the stored picture
-    about = {"guesses": f"{1 - filled.mean():.6f}"} if fits and image[~filled].any() else {}
+    about = {"guesses": f"{1 - filled.mean():.6f}"} if image[~filled].any() else {}
     return Block(f"{name}-holes", "image/png", base64.b64encode(encode_png(mark)).decode(), about)
 
 

@@ -9,7 +9,6 @@ import base64
 import functools
 import gzip
 import json
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -35,7 +34,7 @@ from sucre_bench.results.rows import RESTORATION, restorations
 
 _STYLES = ("page.css", "parts.css")
 _SCRIPTS = ("page.js", "tables.js", "zoom.js", "pictures.js", "detail.js", "plots.js", "start.js")  # in one scope
-_HUGE = 1e308  # what JSON has for infinity
+_CONSTANTS = {"Infinity": 1e308, "-Infinity": -1e308}  # which JSON does not know; NaN is null
 _DARK = 0.3  # brightness of the colours that are lifted on a dark page
 
 
@@ -150,18 +149,11 @@ def _reasons(rows: DataFrame, status: str) -> list[dict[str, Any]]:
 
 
 def _json(value: Any) -> Markup:
-    """Return JSON for a script element: `<` is escaped, so that no value can end the script, and NaN is null."""
-    text = json.dumps(_finite(value), ensure_ascii=False, separators=(",", ":"), default=str)
+    """Return JSON for a script element: `<` is escaped, so that no value can end the script, and NaN is null.
+
+    Numbers have six digits.
+    """
+    text = json.dumps(value, default=lambda other: list(other) if isinstance(other, Iterable) else str(other))
+    short = json.loads(text, parse_float=lambda digits: float(f"{float(digits):.6g}"), parse_constant=_CONSTANTS.get)
+    text = json.dumps(short, ensure_ascii=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029"))
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _finite(inner) for key, inner in value.items()}
-    if isinstance(value, Iterable) and not isinstance(value, str):
-        return [_finite(inner) for inner in value]
-    if isinstance(value, float):
-        if math.isnan(value):
-            return None
-        return float(f"{value:.6g}") if math.isfinite(value) else math.copysign(_HUGE, value)
-    return value

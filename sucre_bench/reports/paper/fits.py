@@ -183,26 +183,19 @@ def scaling(results: StudyResults) -> Iterator[Drawn]:
 def line(n: Array, seconds: Array) -> tuple[float, float, float]:
     """Return a and b of t = a + b n, in seconds and seconds an observation, and the standard error of b.
 
-    Least squares, each error relative to the line's own time, in a few rounds; a is not below 0.
+    Least squares, each error relative to the line's own time, in a few rounds; a and b are not below 0.
     """
+    from scipy.optimize import nnls
 
-    def fitted(columns: Array) -> tuple[Array, Array, Array]:
-        """Coefficients, what is left relative to the fit, and the inverse of the normal equations."""
-        expected = seconds
-        for _ in range(_ROUNDS):
-            scaled = columns / expected[:, None]
-            inverse = np.linalg.inv(scaled.T @ scaled)
-            coefficients = inverse @ scaled.T @ (seconds / expected)
-            left = seconds / expected - scaled @ coefficients
-            expected = np.maximum(columns @ coefficients, _LEAST_S)
-        return coefficients, left, inverse
-
-    coefficients, left, inverse = fitted(np.stack([np.ones(len(n)), n], axis=1))
-    if coefficients[0] < 0:
-        coefficients, left, inverse = fitted(n[:, None])
-    variance = float(left @ left) / max(len(n) - len(inverse), 1)
-    a = float(coefficients[0]) if len(coefficients) > 1 else 0.0
-    return a, float(coefficients[-1]), float(np.sqrt(variance * inverse[-1, -1]))
+    design, expected = np.stack([np.ones(len(n)), n], axis=1), seconds
+    for _ in range(_ROUNDS):
+        scaled = design / expected[:, None]
+        fitted, misfit = nnls(scaled, seconds / expected)
+        expected = np.maximum(design @ fitted, _LEAST_S)
+    known = scaled[:, fitted > 0]
+    variance = misfit**2 / max(len(n) - known.shape[1], 1)
+    a, b = fitted.tolist()
+    return a, b, float(np.sqrt(variance * np.linalg.inv(known.T @ known)[-1, -1]))
 
 
 def water(results: StudyResults) -> Iterator[Drawn]:

@@ -33,11 +33,7 @@ WIDTH, HEIGHT = 1200, 800  # of the pictures: larger than their thumbnails
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("page")
     rows = made_results(folder, datasets=("reef", "reef,noise=0.1", "reef,noise=0.2"), size=(WIDTH, HEIGHT))
-    np.savez(
-        folder / "restored/reef/clever/v0.npz",
-        image=np.zeros((HEIGHT, WIDTH, 3)),
-        confidence=np.ones((HEIGHT, WIDTH)) * 0.1,
-    )
+    np.savez(folder / "restored/reef/clever/v0.npz", confidence=np.ones((HEIGHT, WIDTH)) * 0.1)
     mask = np.ones((HEIGHT, WIDTH), np.bool_)
     mask[:, WIDTH // 2 : WIDTH * 3 // 4] = False  # where the picture has colours, as if by fill=true
     path = folder / "restored/reef/clever/v1.png"
