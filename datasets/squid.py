@@ -27,7 +27,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, is_rigid, pixel_rays, scaled_camera
 from sucre_bench.errors import InputError, MissingFileError
-from sucre_bench.imaging.image_files import SUFFIXES, image_size, same_shape
+from sucre_bench.imaging.image_files import SUFFIXES, image_size
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.find_folders import check_chosen, existing, folders_below, scene_name
 from sucre_bench.loading.lens import Lens
@@ -100,9 +100,6 @@ class Squid(ImageScaleOption):
                     ),
                     charts=charts.get(path.name, ()),
                     size=sizes[path.name],
-                    fault=""
-                    if path.is_file()
-                    else f"{path}: no such file; copy it there, a set's raw files are not used",
                 )
                 for path, camera, side, pose in zip(paths, cameras, "lr", (np.eye(4), right_from_left), strict=True)
             ]
@@ -121,11 +118,7 @@ def _read_distance(path: Path, key: str, camera: Camera, farthest_m: float) -> A
     distance = _load(path, key).get(key)
     if not isinstance(distance, np.ndarray) or distance.ndim != 2 or distance.dtype.kind != "f":
         raise InputError(f"{path}: holds no map {key} of distances; copy the file again")
-    height, width = distance.shape
-    if not same_shape((width, height), (camera.width, camera.height)):
-        size = f"{width}x{height}, its camera {camera.width}x{camera.height}"
-        raise InputError(f"{path}: {key} is {size}; copy the file again")
-    rays = pixel_rays(scaled_camera(camera, (width, height)))
+    rays = pixel_rays(scaled_camera(camera, distance.shape[::-1]))
     return np.where(distance <= farthest_m, distance / np.linalg.norm(rays, axis=-1), np.nan)
 
 

@@ -41,14 +41,12 @@ _FEW_BITS = 12
 
 def image_size(file: Path | bytes) -> tuple[int, int] | None:
     """Return (width, height) from the header of a file or its content; None where decoding will say what is wrong."""
-    header = _header(io.BytesIO(file)) if isinstance(file, bytes) else _header_of(file)
+    try:
+        with io.BytesIO(file) if isinstance(file, bytes) else regular(file).open("rb") as opened:
+            header = _header(opened)
+    except (OSError, InputError):
+        return None
     return header.size if header else None
-
-
-def size_of_only_page(path: Path) -> tuple[int, int] | None:
-    """Return what `image_size` does; None for a TIFF of several pages, which may be layers of one array."""
-    header = _header_of(path)
-    return header.size if header and header.n_pages == 1 else None
 
 
 def is_jpeg(path: Path) -> bool:
@@ -104,8 +102,6 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
     """
     import cv2
 
-    if size is not None and (found := image_size(path)) is not None:
-        _check_shrinks(path, found, size)
     stored = decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
     if stored.dtype not in (np.uint8, np.uint16):
         raise InputError(f"is {stored.dtype}", path, "save it with 8 or 16 bits a channel")
@@ -118,14 +114,9 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
     height, width = image.shape[:2]
     if size is None or (width, height) == size:
         return image
-    _check_shrinks(path, (width, height), size)
+    if width < size[0] or height < size[1] or not same_shape((width, height), size):
+        raise InputError(f"is {width}x{height}, expected {size[0]}x{size[1]}", path, "resize it or the others")
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
-
-
-def _check_shrinks(path: Path, found: tuple[int, int], size: tuple[int, int]) -> None:
-    """Raise InputError unless an image of its own size (width, height) shrinks to another."""
-    if found[0] < size[0] or found[1] < size[1] or not same_shape(found, size):
-        raise InputError(f"is {found[0]}x{found[1]}, expected {size[0]}x{size[1]}", path, "resize it or the others")
 
 
 def decode(path: Path, flags: int) -> np.ndarray:
@@ -230,23 +221,14 @@ def _say_once_a_folder(path: Path, about: str, text: str) -> None:
 class _Header:
     """What the header of an image file says.
 
-    size: (width, height) of the first picture; n_pages: of a TIFF; has_more: whether there are others, besides
-    thumbnails and masks; is_changed: whether OpenCV would change its colours, which have alpha or separate planes.
+    size: (width, height) of the first picture; has_more: whether there are others, besides thumbnails and masks;
+    is_changed: whether OpenCV would change its colours, which have alpha or separate planes.
     """
 
     size: tuple[int, int]
-    n_pages: int
     has_more: bool
     is_tiff: bool
     is_changed: bool
-
-
-def _header_of(path: Path) -> _Header | None:
-    try:
-        with regular(path).open("rb") as file:
-            return _header(file)
-    except (OSError, InputError):
-        return None
 
 
 def _header(file: IO[bytes]) -> _Header | None:
@@ -258,7 +240,7 @@ def _header(file: IO[bytes]) -> _Header | None:
             with _pillow().open(file) as image:
                 has_more = image.format in _ANIMATED and getattr(image, "n_frames", 1) > 1
                 has_alpha = "A" in image.mode or "transparency" in image.info
-                return _Header(image.size, 1, has_more, False, has_alpha)
+                return _Header(image.size, has_more, False, has_alpha)
         with _tiff_file(file) as tiff:  # not by Pillow, which does not know 16-bit colour there
             first, *others = itertools.islice(tiff.pages, 100)
             width, height = first.imagewidth, first.imagelength
@@ -268,7 +250,7 @@ def _header(file: IO[bytes]) -> _Header | None:
             )
             is_changed = any(kind in _ALPHA for kind in first.extrasamples)
             is_changed |= first.samplesperpixel > 1 and first.planarconfig == _PLANES
-            return _Header((width, height), 1 + len(others), has_more, True, is_changed)
+            return _Header((width, height), has_more, True, is_changed)
     except Exception:  # of any kind: each format has its own
         return None
 
@@ -307,7 +289,7 @@ def read_array(path: Path, choose: Callable[[list[str]], str] | None = None) -> 
     """
     with reading(path, "write it again with numpy.save"):
         if not zipfile.is_zipfile(regular(path)):
-            mapped = np.load(path, mmap_mode="r", allow_pickle=False)  # a false size allocates no memory
+            mapped = np.lib.format.open_memmap(path, mode="r")  # a false size allocates no memory
             check_pixels(path, mapped.shape, channels=4)
             return np.array(mapped)
         if choose is None:

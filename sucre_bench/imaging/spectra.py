@@ -60,7 +60,7 @@ def _illuminant(name: str, folder: Path) -> Array:
 
 def _table(path: Path, columns: int) -> Array:
     """Read spectra (columns, 301) from a CSV file: a line of names, then wavelength and values."""
-    with reading(path, "correct the path or the file of spectra"):
+    with reading(path, "correct the path or the table of spectra"):
         rows = list(csv.reader(regular(path).read_text(encoding="utf-8-sig").splitlines()))[1:]
         table = np.array([row for row in rows if row], dtype=np.float64)
     if table.ndim != 2 or table.shape[1] != 1 + columns or not np.isfinite(table).all() or (table[:, 1:] < 0).any():

@@ -10,6 +10,7 @@ to charts.json, of a CSV file that describes the chart (see `imaging.chart_kinds
 
 import difflib
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import numpy as np
 
 from sucre_bench.errors import InputError, in_one_line
 from sucre_bench.imaging.chart_kinds import chart_kind
-from sucre_bench.imaging.chart_patches import check_corners
+from sucre_bench.imaging.chart_patches import are_corners
 from sucre_bench.machine.files import read_json
 from sucre_bench.scene import Chart
 
@@ -60,17 +61,12 @@ def chart_of(path: Path, image: str, name: str, entry: Any, kind: Any, size: tup
         chart_kind(kind)
     except InputError as fault:
         raise fault.within(place) from fault
-    try:
+    corners = np.empty(0)
+    with suppress(TypeError, ValueError, OverflowError):
         corners = np.array(entry, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        corners = np.empty(0)
-    if corners.shape != (4, 2) or not np.isfinite(corners).all():
-        raise InputError("not four corners", place, "give [x, y] of top left, top right, bottom right, bottom left")
+    if not are_corners(corners):
+        remedy = "give [x, y] of top left, top right, bottom right, bottom left"
+        raise InputError("not four corners in this order", place, remedy)
     if (corners < 0).any() or (corners > size).any():
         raise InputError(f"a corner is outside of the image of {size[0]}x{size[1]}", place, "give pixels of that image")
-    try:
-        check_corners(name, corners)
-    except InputError as fault:
-        remedy = "give top left, top right, bottom right, bottom left"
-        raise InputError("corners are out of order", place, remedy) from fault
     return Chart(name, kind, corners)

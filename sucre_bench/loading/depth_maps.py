@@ -15,7 +15,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.image_files import check_pixels, decode, read_array, read_tiff, same_shape, size_of_only_page
+from sucre_bench.imaging.image_files import check_pixels, decode, read_array, read_tiff, same_shape
 from sucre_bench.loading.find_folders import only, walk
 from sucre_bench.machine.files import reading, regular
 
@@ -108,20 +108,10 @@ def fitted(metres: Array, size: tuple[int, int], path: Path) -> Array:
     height, width = depth.shape
     if (width, height) == size:
         return depth
-    _check_shape(path, (width, height), size)
-    return np.asarray(cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT))
-
-
-def check_header(path: Path, size: tuple[int, int]) -> None:
-    """Raise InputError if a depth map's header says a shape that is not that of an image of `size` (width, height)."""
-    if path.suffix.lower() in (".png", ".tif", ".tiff") and (found := size_of_only_page(path)) is not None:
-        _check_shape(path, found, size)
-
-
-def _check_shape(path: Path, found: tuple[int, int], size: tuple[int, int]) -> None:
-    if not same_shape(found, size):
-        fault = f"is {found[0]}x{found[1]}, a size that cannot match its image's {size[0]}x{size[1]}"
+    if not same_shape((width, height), size):
+        fault = f"is {width}x{height}, a size that cannot match its image's {size[0]}x{size[1]}"
         raise InputError(fault, path, "make it from the undistorted image")
+    return np.asarray(cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT))
 
 
 def read_16_bit(path: Path, of: str = "values") -> np.ndarray:

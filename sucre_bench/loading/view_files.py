@@ -19,7 +19,7 @@ from sucre_bench.errors import InputError, check_number
 from sucre_bench.imaging.chart_kinds import kind_id
 from sucre_bench.imaging.chart_patches import scaled_chart
 from sucre_bench.imaging.image_files import check_pixels, image_size, is_jpeg, read_rgb, same_shape
-from sucre_bench.loading.depth_maps import check_header, fitted, read_depth
+from sucre_bench.loading.depth_maps import fitted, read_depth
 from sucre_bench.loading.find_folders import Found
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine import cache
@@ -63,8 +63,6 @@ class Files:
         if path is None:
             return None
         if plane == "depth":
-            if self.depth_lens is None:
-                check_header(path, self.size)
             return fitted(self.read_depth(path), self.size, path)
         read = self.read_image if plane == "rgb" else read_rgb
         return read(path, self.size) if self.lens is None else self.lens.undistorted(read(path, None), self.size)

@@ -5,7 +5,6 @@ import time
 from collections.abc import Iterator
 from dataclasses import MISSING
 from pathlib import Path, PurePosixPath
-from typing import get_args
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from sucre_bench.plugins.options import Choice, options_of
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.programs.contract.contract import Doubt, Note, Rule, Subject
 from sucre_bench.programs.contract.side_effects import watched
-from sucre_bench.scene import Arrays, Encoding, Scene, View
+from sucre_bench.scene import Arrays, Scene, View
 
 
 def rules(_: Plugin) -> list[Rule]:
@@ -91,8 +90,6 @@ def _plane_faults(view: View) -> Iterator[str]:
         yield f"depth is {depth.shape} {depth.dtype}; give {rgb.shape[:2]} float32 metres"
     elif depth is not None and not depth.min() >= 0:
         yield "depth is NaN or negative; what is unknown is 0"
-    if view.encoding not in get_args(Encoding):
-        yield f"encoding is {view.encoding!r}; it is 'gamma' or 'linear'"
 
 
 def geometry_is_sound(subject: Subject) -> Iterator[str]:
