@@ -94,6 +94,16 @@ def _most_pixels() -> int:
     return int(min(limit, 1e9) * 1e6)
 
 
+def read_bgr(path: Path) -> npt.NDArray[Any]:
+    """Return an image (H, W, 3) uint8 or uint16, BGR. Raises InputError if it cannot be read, or has other bits."""
+    import cv2
+
+    stored = decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+    if stored.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"is {stored.dtype}", path, "save it with 8 or 16 bits a channel")
+    return stored
+
+
 def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
     """Return an image (H, W, 3) float32 RGB in [0, 1], shrunk to `size` (width, height) by area if one is given.
 
@@ -102,9 +112,7 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
     """
     import cv2
 
-    stored = decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
-    if stored.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"is {stored.dtype}", path, "save it with 8 or 16 bits a channel")
+    stored = read_bgr(path)
     if stored.dtype == np.uint16 and 0 < (largest := int(stored.max(initial=0))) < 2**_FEW_BITS:
         fault = f"no value of {path.name} is above {largest}, of 65535, so it is read as dark"
         remedy = f"if the camera has {_FEW_BITS} bits or fewer, scale its values to 16 bits"

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.errors import InputError, MissingFileError
-from sucre_bench.imaging.image_files import decode, image_size, same_shape, write_png
+from sucre_bench.imaging.image_files import decode, image_size, read_bgr, same_shape, write_png
 from sucre_bench.loading.image_folder import image_names, no_image
 from sucre_bench.machine.files import check_folder
 from sucre_bench.machine.progress import track
@@ -91,23 +91,14 @@ def read_photo(photo: Photo) -> npt.NDArray[Any]:
     """Return a photo (H, W, 3) BGR uint8 or uint16 at its size of use. Raises InputError if unreadable."""
     import cv2
 
-    stored = _stored(photo.path)
+    stored = read_bgr(photo.path)
     return stored if stored.shape[1::-1] == photo.size else cv2.resize(stored, photo.size, interpolation=cv2.INTER_AREA)
-
-
-def _stored(path: Path) -> npt.NDArray[Any]:
-    import cv2
-
-    stored = decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
-    if stored.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"is {stored.dtype}", path, "save it with 8 or 16 bits a channel")
-    return stored
 
 
 def _damage(path: Path) -> str:
     """Why a photo cannot be read, and the remedy; empty if it can."""
     try:
-        _stored(path)
+        read_bgr(path)
     except InputError as fault:
         return fault.beside(path)
     return ""
