@@ -329,7 +329,9 @@ class _Check:
         if is_equal:
             outcome.n_agree += 1
             return
-        if scorer.plugin.faults:  # shares of pixels beyond limits, over which rounding moves some
+        plugin = scorer.plugin
+        if plugin.faults or (plugin.unit == "share" and plugin.role != "coverage"):
+            # Of pixels beyond limits, over which rounding moves some.
             outcome.unchecked[f"{score.metric} needs the restoration before it was rounded"] += 1
             return
         names = (score.dataset, score.method, score.scene, score.view, *key)

@@ -107,7 +107,7 @@ def test_scores_come_out_again_from_the_pictures_and_the_data(bench, bundles: Pa
 
 
 def test_pixels_that_rounding_moves_over_a_limit_of_faults_do_not_make_a_bundle_differ(tmp_path: Path):
-    words = (*MADE, "method=gray_world", "metrics=[faults]", *QUIET)
+    words = (*MADE, "method=gray_world", "metrics=[faults,saturated_red,seams]", *QUIET)
     assert run_here(tmp_path, "run", *words, "out=results", "dataset.root=dive").returncode == 0
     assert run_here(tmp_path, "bundle", "results", "b.zip", "--pictures", "restored").returncode == 0
     done = run_here(tmp_path, "verify", "b.zip", "--data", "dive", "--json")
