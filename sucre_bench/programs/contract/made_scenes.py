@@ -8,11 +8,13 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.camera import Camera, scaled_camera
+from sucre_bench.degrade import Degradation, degraded_whole
 from sucre_bench.imaging.chart_kinds import chart_kind
 from sucre_bench.scene import HAS, Arrays, Chart, Scene, View, Water
 
 TARGET = "far.png"  # the view to restore; the other view is nearer to the wall
 WATER = Water(np.array([0.1, 0.3, 0.4]), np.array([0.4, 0.15, 0.1]), np.array([0.3, 0.17, 0.13]))
+_IN_WATER = Degradation(add_water=WATER)
 
 NOISE = np.random.default_rng(0).random((48, 64, 3), dtype=np.float32)
 NOISE.setflags(write=False)
@@ -75,15 +77,7 @@ def enlarged(scene: Scene, factor: int) -> Scene:
 
 def submerged() -> Scene:
     """The wall of noise through WATER at each view's distance: a fit of the water has a solution."""
-    scene = wall()
-    seen = {view.name: _in_water(view.rgb, view.distance[..., None]) for view in scene}
-    return replace(scene, views=[replace(v, pixels=Arrays(seen[v.name], v.depth, v.rgb)) for v in scene])
-
-
-def _in_water(rgb: Array, z: Array | float) -> Array:
-    """Colours rgb (H, W, 3) through z metres of WATER, one number or (H, W, 1)."""
-    seen = rgb * np.exp(-WATER.attenuation * z) + WATER.veiling_light * (1 - np.exp(-WATER.backscatter * z))
-    return np.asarray(seen, dtype=np.float32)
+    return degraded_whole(wall(), _IN_WATER)
 
 
 def charted() -> Scene:
@@ -98,7 +92,7 @@ def charted() -> Scene:
         for patch in chart_kind(chart.kind).patches:
             (x0, y0), (x1, y1) = (np.round(corner + size * at).astype(int) for at in (patch.box[:2], patch.box[2:]))
             image[y0:y1, x0:x1] = patch.srgb
-    return wall(_in_water(image, 3.0), reference=image, charts=charts)
+    return degraded_whole(wall(image, charts=charts), _IN_WATER)
 
 
 def least(scene: Scene, needs: frozenset[str], cameras: bool = False) -> Scene:

@@ -427,5 +427,5 @@ def test_the_water_of_the_contract_is_that_of_the_model() -> None:
     view = charted()["far.png"]
     B, beta, gamma = (WATER.veiling_light, WATER.attenuation, WATER.backscatter)
     for y, x, c in itertools.product((0, 20, 60, 95), (0, 30, 70, 127), range(3)):
-        expected = seen_through(float(view.reference[y, x, c]), 3.0, B[c], beta[c], gamma[c])
+        expected = seen_through(float(view.reference[y, x, c]), view.distance[y, x], B[c], beta[c], gamma[c])
         assert view.rgb[y, x, c] == pytest.approx(expected, abs=1e-6)
