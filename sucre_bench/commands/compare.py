@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ from sucre_bench.machine.terminal import say
 if TYPE_CHECKING:
     import pandas as pd
 
-    from sucre_bench.compare import Comparison, Gated
+    from sucre_bench.compare import Gated
 
 
 @click.command()
@@ -91,8 +91,10 @@ def compare(
     All methods are compared on the same images. The command refuses runs that are not comparable, and says why.
     """
     from sucre_bench import compare, plugins
+    from sucre_bench.compare.documents import as_text, without_costs
     from sucre_bench.compare.notes import seen_in_training
-    from sucre_bench.compare.words import left_out
+    from sucre_bench.compare.terminal_table import as_blocks, as_table
+    from sucre_bench.compare.words import deciding, left_out
 
     for file in plugin_files:
         plugins.load_file(file)
@@ -110,7 +112,20 @@ def compare(
         remedy = "mend that, and run again" if notes else "run methods into it first"
         raise InputError(notes or "no score there", ", ".join(map(str, folders)), remedy)
     verdicts = compare.gated(rows, gates, baseline) if gates else []
-    _print(compared, folders, "json" if as_json else how, (spread, intervals, all_metrics, bool(metrics)))
+    how, width = "json" if as_json else how, terminal.out.width
+    if how != "terminal":
+        if how not in ("csv", "json") and not (metrics or all_metrics):
+            compared = [without_costs(table) for table in compared]
+        click.echo(as_text(compared, how, spread), nl=False)
+    elif intervals or all_metrics or spread:
+        for table in compared:
+            columns = table.columns if all_metrics or metrics else deciding(table).columns
+            terminal.out.print(as_table(replace(table, columns=columns), width, spread, intervals))
+    else:
+        for block in as_blocks(compared, width, bool(metrics)):
+            terminal.out.print(block)
+            click.echo()
+        click.echo(f"more: {shlex.join(['sucre-bench', *sys.argv[1:], '--intervals', '--all-metrics'])}")
     for line in dict.fromkeys(line for folder in folders for line in seen_in_training(folder, rows)):
         say(line, "yellow")
     for verdict in verdicts:
@@ -138,32 +153,6 @@ def _common(folders: Sequence[Path], rows: pd.DataFrame) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True) if tables else known
 
 
-def _print(compared: Sequence[Comparison], folders: Sequence[Path], how: Any, wanted: tuple[bool, ...]) -> None:
-    """Print the tables. wanted: standard deviations, intervals, all metrics, chosen metrics."""
-    spread, intervals, all_metrics, metrics = wanted
-    if how != "terminal":
-        from sucre_bench.compare.documents import as_text, without_costs
-
-        if how not in ("csv", "json") and not (metrics or all_metrics):
-            compared = [without_costs(table) for table in compared]
-        click.echo(as_text(compared, how, spread), nl=False)
-        return
-    from sucre_bench.compare.terminal_table import as_blocks, as_table
-    from sucre_bench.compare.words import deciding
-
-    width = terminal.out.width
-    if not (intervals or all_metrics or spread):
-        for block in as_blocks(compared, width, metrics):
-            terminal.out.print(block)
-            click.echo()
-        given = [*map(str, folders), *_given(click.get_current_context())]
-        click.echo(f"more: {shlex.join(['sucre-bench', 'compare', *given, '--intervals', '--all-metrics'])}")
-        return
-    for table in compared:
-        columns = table.columns if all_metrics or metrics else deciding(table).columns
-        terminal.out.print(as_table(replace(table, columns=columns), width, spread, intervals))
-
-
 def _say_gated(verdict: Gated, baseline: str) -> None:
     """Print what a gate says, on stderr: stdout has the tables."""
     from sucre_bench.compare.words import number, signed
@@ -185,14 +174,3 @@ def _say_gated(verdict: Gated, baseline: str) -> None:
     else:
         chance = ", which may be chance" if gain < verdict.gate.limit else ""
         say(f"passed   {what} {by}, {limit}{chance}", "green")
-
-
-def _given(context: click.Context) -> Iterator[str]:
-    """The options of a command that were given, as words; none of these is an argument."""
-    for parameter in context.command.params:
-        source = context.get_parameter_source(parameter.name or "")
-        if not isinstance(parameter, click.Option) or source != click.core.ParameterSource.COMMANDLINE:
-            continue
-        value = context.params[parameter.name or ""]
-        for one in value if parameter.multiple else [value]:
-            yield from [parameter.opts[0]] if parameter.is_flag else [parameter.opts[0], str(one)]

@@ -239,13 +239,9 @@ def _joined(head: str, tables: Sequence[Text], dim: Sequence[str], said: Sequenc
     from rich.text import Text
 
     width = max(width, 20)  # a serial console says that it has no columns
-
-    def wrapped(line: str, style: str) -> Text:
-        text = textwrap.fill(line, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
-        return Text(text, style=style)
-
-    below = [wrapped(line, style) for lines, style in ((dim, "dim"), (said, "")) for line in lines if line]
-    return Text("\n").join([wrapped(head, "bold"), *tables, *below])
+    wrapper = textwrap.TextWrapper(width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+    below = [Text(wrapper.fill(line), style) for lines, style in ((dim, "dim"), (said, "")) for line in lines if line]
+    return Text("\n").join([Text(wrapper.fill(head), "bold"), *tables, *below])
 
 
 def _percent(comparison: Comparison, name: str, column: Column) -> str:
