@@ -19,11 +19,11 @@ import numpy as np
 
 from sucre_bench.arrays import DataFrame, Mask
 from sucre_bench.errors import InputError
-from sucre_bench.machine.files import reading, regular, write_atomically
+from sucre_bench.machine.files import write_atomically
 from sucre_bench.results.bundle_format import open_bundle
 from sucre_bench.results.restorations import mask_id
 from sucre_bench.results.rows import COLUMNS, Row, restorations, values_of
-from sucre_bench.results.table import is_bundle
+from sucre_bench.results.table import is_bundle, read_file
 
 COMMON_TABLE = "common.parquet"
 
@@ -129,21 +129,10 @@ def read_common(*folders: Path) -> DataFrame:
         if is_bundle(folder):
             with open_bundle(folder) as bundle:
                 tables.append(bundle.common)
-        elif (folder / COMMON_TABLE).is_file():
-            tables.append(_read(folder / COMMON_TABLE))
+        elif (rows := read_file(folder / COMMON_TABLE, columns=_COLUMNS)) is not None:
+            tables.append(rows.to_pandas(use_threads=False))
     some = [table for table in tables if table is not None and len(table)]
     return pd.concat(some or [common_frame([])], ignore_index=True)
-
-
-def _read(path: Path) -> DataFrame:
-    import pandas as pd
-    from pyarrow.parquet import read_table
-
-    with reading(path, "delete it and run again"):
-        content = regular(path).read_bytes()
-        read_table(io.BytesIO(content), use_threads=False).validate(full=True)  # pandas reads texts only when asked
-        rows = pd.read_parquet(io.BytesIO(content), use_threads=False)
-        return rows[list(_COLUMNS)]
 
 
 def write_common(out: Path, rows: DataFrame) -> None:

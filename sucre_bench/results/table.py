@@ -83,7 +83,7 @@ def _files(out: Path, labels: Mapping[str, str]) -> tuple[list[Path], DataFrame]
         except OSError as fault:  # rows must not be left out without a word
             raise file_error(out / PARTS, fault, "let this user read it") from fault
         paths.append(out / TABLE)  # last: a merge writes the table before it removes the parts
-        found = {path: rows for path in paths if (rows := _file(path, labels)) is not None}
+        found = {path: rows for path in paths if (rows := read_file(path, labels)) is not None}
         if all(path in found for path in paths[:-1]):  # else a merge or a job has joined a part just now
             break
     if not found:
@@ -95,8 +95,10 @@ def _files(out: Path, labels: Mapping[str, str]) -> tuple[list[Path], DataFrame]
     return [*found], _newest(rows)
 
 
-def _file(path: Path, labels: Mapping[str, str]) -> pyarrow.Table | None:
-    """The rows of a file, checked; None if it is not there. Other columns than those of a `Row` are ignored."""
+def read_file(
+    path: Path, labels: Mapping[str, str] | None = None, columns: Sequence[str] = COLUMNS
+) -> pyarrow.Table | None:
+    """Return the rows of a file, checked; None if it is not there. Other columns are ignored. labels: as for `read`."""
     import pyarrow
     from pyarrow import compute
     from pyarrow.parquet import ParquetFile
@@ -106,12 +108,12 @@ def _file(path: Path, labels: Mapping[str, str]) -> pyarrow.Table | None:
         content = regular(path).read_bytes()  # whole: the file may be replaced while it is read
         held = ParquetFile(io.BytesIO(content)).read(use_threads=False)
         held.validate(full=True)  # text that is no text, and numbers that point to none
-        columns = {}
-        for name in COLUMNS:
+        read = {}
+        for name in columns:
             column = f"column '{name}'"
             if name not in held.column_names:
                 raise ValueError("is missing")
-            columns[name] = held[name].cast(NUMBERS.get(name, "large_string"))
+            read[name] = held[name].cast(NUMBERS.get(name, "large_string"))
     except FileNotFoundError:
         return None
     except PermissionError as fault:
@@ -120,9 +122,9 @@ def _file(path: Path, labels: Mapping[str, str]) -> pyarrow.Table | None:
         raise
     except ANY_FAULT as fault:  # unpacking damaged bytes raises errors of many kinds, pyarrow's OSError among them
         raise _damaged(path, f"{column}: {in_words(fault)}") from fault
-    rows = pyarrow.table(columns)
+    rows = pyarrow.table(read)
     check_values(path, rows)
-    for name, label in labels.items():
+    for name, label in (labels or {}).items():
         rows = rows.filter(compute.equal(rows[name], label))
     return rows
 
