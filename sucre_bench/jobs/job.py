@@ -12,11 +12,9 @@ from typing import Any
 from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import (
-    DamagedFileError,
     FileError,
     InputError,
     SucreBenchError,
-    file_error,
     unknown_name,
 )
 from sucre_bench.jobs.catalogue import chosen_metrics
@@ -173,16 +171,8 @@ def _plugin_files(content: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _content(path: Path) -> dict[str, Any]:
-    import yaml
-
-    try:
+    with reading(path, "repeat the run's command"):
         content = read_yaml(regular(path).read_text(encoding="utf-8"))
         if not all(isinstance(one, dict) for one in (content, *content.get("jobs", ()))):
-            raise ValueError("a job is no mapping")
+            raise ValueError("it is no run's configuration")
         return {name: value for name, value in content.items() if name not in ("sweep", "sharing")}
-    except FileError:
-        raise
-    except OSError as fault:
-        raise file_error(path, fault, "repeat the run's command") from fault
-    except (ValueError, AttributeError, TypeError, yaml.YAMLError) as fault:
-        raise DamagedFileError("is no run's configuration", path, "repeat the run's command") from fault

@@ -21,12 +21,12 @@ from typing import IO, Any
 import numpy as np
 
 from sucre_bench.arrays import Array, Mask, Picture
-from sucre_bench.errors import ANY_FAULT, DamagedFileError, InputError, MissingFileError, NotApplicableError
+from sucre_bench.errors import ANY_FAULT, DamagedFileError, InputError, NotApplicableError
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit, to_levels
 from sucre_bench.imaging.image_files import check_pixels, decode, encode_png, write_image
 from sucre_bench.machine.cache import add_record, record_of
-from sucre_bench.machine.files import open_atomically, regular, write_atomically
+from sucre_bench.machine.files import open_atomically, reading, regular, write_atomically
 from sucre_bench.results import layout
 from sucre_bench.results.layout import Place
 from sucre_bench.results.reasons import Reason
@@ -215,14 +215,9 @@ def read_mask(path: Path) -> Mask | None:
 
     Raises MissingFileError or DamagedFileError.
     """
-    try:
-        with regular(path).open("rb") as file:
-            return mask_in(file, path)
-    except FileNotFoundError as fault:
-        raise MissingFileError("is gone", path, "repeat its run's command") from fault
-    except (OSError, ValueError, struct.error, zlib.error) as fault:
-        remedy = "run its method again with overwrite=always"
-        raise DamagedFileError(f"its mask cannot be read ({fault})", path, remedy) from fault
+    again = "run its method again with overwrite=always"
+    with reading(path, again), regular(path, "repeat its run's command").open("rb") as file:
+        return mask_in(file, path)
 
 
 def mask_in(png: IO[bytes], place: Path) -> Mask | None:
@@ -279,9 +274,7 @@ def stored_picture(out: Path, place: Place, method: str, size: tuple[int, ...] =
     """
     import cv2
 
-    path = place.restored(out, method)
-    if not path.is_file():
-        raise MissingFileError("is gone", path, "repeat its run's command")
+    path = regular(place.restored(out, method), "repeat its run's command")
     picture = np.ascontiguousarray(decode(path, cv2.IMREAD_COLOR)[..., ::-1])
     if size and picture.shape[:2] != size:
         height, width = picture.shape[:2]

@@ -138,7 +138,7 @@ def test_yaml_that_stands_for_more_than_it_is_long_is_refused_by_each_reader(pla
     (place / "mine/config.yaml").write_text(BOMB)
     done = run_here(place, "video", "mine", "out.mp4", "--methods", "gray_world")
     assert done.returncode == 2
-    assert "config.yaml: is no run's configuration" in done.stderr
+    assert "config.yaml: cannot be read, *a is an alias" in done.stderr
     (place / "mine/lineup.yaml").write_text(BOMB)
     done = run_here(place, "lineup", "mine", "--out", "-")
     assert done.returncode == 2
