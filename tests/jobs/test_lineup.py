@@ -356,6 +356,19 @@ def test_a_method_that_lacks_a_file_names_the_option_as_the_command_takes_it(ben
     assert (done.returncode, "file in onnx.model" in done.stderr) == (2, True)
 
 
+def test_a_water_that_a_folder_names_is_found_by_the_next_run_and_from_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    Path("waters").mkdir()
+    Path("waters/sea.json").write_text('{"B": [0.1, 0.2, 0.3], "beta": [0.3, 0.2, 0.1], "gamma": [0.3, 0.2, 0.1]}')
+    for method in ("gain", "halved"):
+        run(Path("results"), f"method={method}", "first=1", "degrade.add_water=waters/sea.json")
+    line_up, _ = line_up_of(Path("results"), Path("waters"))
+    assert [entry.options["degrade"]["add_water"] for entry in line_up.datasets] == ["sea.json"]
+    assert [entry.name for entry in line_up.methods] == ["gain", "halved"]
+
+
 def test_the_command_writes_a_file_that_runs(bench, tmp_path: Path):
     run(tmp_path / "results", "method=gain,halved", multirun=True)
     done = bench("lineup", "results", "--plugin", str(TOYS))
