@@ -143,11 +143,11 @@ def _common(folders: Sequence[Path], rows: pd.DataFrame) -> pd.DataFrame:
     import pandas as pd
 
     from sucre_bench.engine.common_pixels import score_folders
-    from sucre_bench.jobs.job import load_them, unloaded_plugin_files
+    from sucre_bench.jobs.job import load_them, plugin_files
 
     for folder in folders:
-        if files := unloaded_plugin_files(folder):
-            say(f"note: {folder}: its plugin files are not loaded; {load_them(files)}", "yellow")
+        if remedy := load_them(plugin_files(folder)):
+            say(f"note: {folder}: its plugin files are not loaded; {remedy}", "yellow")
     made = score_folders(folders, rows)
     tables = [table for table in (known, made) if len(table)]
     return pd.concat(tables, ignore_index=True) if tables else known

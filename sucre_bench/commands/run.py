@@ -132,7 +132,6 @@ def lineup(folder: Path, out: Path | None, force: bool) -> None:
     The file has every configuration of the score table, with its label and options. Other settings, for example views
     and study, are those of the last command. Paths in the file are relative to its folder.
     """
-    from sucre_bench import plugins
     from sucre_bench.jobs.job import load_them
     from sucre_bench.jobs.lineup import line_up_of
     from sucre_bench.jobs.words import shell
@@ -144,9 +143,8 @@ def lineup(folder: Path, out: Path | None, force: bool) -> None:
     line_up, notes = line_up_of(folder, Path() if is_printed else file.parent)
     for note in notes:
         say(f"note: {note}", "yellow")
-    paths = [file.parent / path for path in line_up.settings.get("plugins", [])]
-    if unloaded := [str(path) for path in paths if not plugins.is_loaded(path)]:
-        say(f"note: plugin files that the folder names are not loaded; {load_them(unloaded)}", "yellow")
+    if remedy := load_them(str(file.parent / path) for path in line_up.settings.get("plugins", [])):
+        say(f"note: plugin files that the folder names are not loaded; {remedy}", "yellow")
     text = line_up.as_yaml(
         f"The line-up that made {folder}. To run it: sucre-bench run {'FILE' if is_printed else file.name}"
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -141,8 +141,8 @@ def read_config(path: Path) -> Iterator[Job]:
         try:
             job = Job.of({**content, **one}, swept)  # labels of older folders follow from `swept`
         except SucreBenchError as fault:
-            if files := [file for file in _plugin_files(content) if not plugins.is_loaded(file)]:
-                raise InputError(fault.without_remedy, path, load_them(files)) from fault
+            if remedy := load_them(_plugin_files(content)):
+                raise InputError(fault.without_remedy, path, remedy) from fault
             raise
         yield job
 
@@ -155,14 +155,10 @@ def plugin_files(out: Path) -> tuple[str, ...]:
         return ()
 
 
-def unloaded_plugin_files(out: Path) -> tuple[str, ...]:
-    """Return those that are not loaded."""
-    return tuple(file for file in plugin_files(out) if not plugins.is_loaded(file))
-
-
-def load_them(files: Sequence[str]) -> str:
-    """Return the remedy where plugin files of a results folder are not loaded."""
-    return f"add {shlex.join(word for file in files for word in ('--plugin', file))} if you trust that code"
+def load_them(files: Iterable[str]) -> str:
+    """Return the remedy for those plugin files of a results folder that are not loaded; empty if all are."""
+    words = [word for file in files if not plugins.is_loaded(file) for word in ("--plugin", file)]
+    return f"add {shlex.join(words)} if you trust that code" if words else ""
 
 
 def _plugin_files(content: dict[str, Any]) -> tuple[str, ...]:

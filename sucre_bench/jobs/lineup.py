@@ -28,12 +28,12 @@ from typing import Any, Literal
 
 from sucre_bench import plugins, results
 from sucre_bench.degrade import Degradation
-from sucre_bench.errors import InputError, SucreBenchError, did_you_mean, in_words, unknown_name
+from sucre_bench.errors import InputError, SucreBenchError, did_you_mean, unknown_name
 from sucre_bench.jobs.catalogue import is_path, moved_paths, named, option_names, presets, recognised
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.run_options import CONF_FOLDER, RunConfig, Study
 from sucre_bench.jobs.words import Word, given, undegraded_label
-from sucre_bench.machine.files import expanded, fault_of, write_atomically
+from sucre_bench.machine.files import expanded, fault_of, reading, write_atomically
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import Choice, options_of
 from sucre_bench.plugins.plugin import fits
@@ -207,13 +207,12 @@ def read_content(path: Path) -> dict[str, Any]:
 
     if fault := fault_of(path):
         raise InputError(fault, path, "give a line-up, `sucre-bench lineup RESULTS` writes one")
-    try:
-        content = read_yaml(path.read_text(encoding="utf-8-sig"))
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else 1
-        raise InputError(f"line {line}: is no plain YAML, {error.problem}", path, "mend the line") from error
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(f"cannot be read, {in_words(error)}", path, "save it as YAML in UTF-8") from error
+    with reading(path, "save it as YAML in UTF-8"):
+        try:
+            content = read_yaml(path.read_text(encoding="utf-8-sig"))
+        except yaml.MarkedYAMLError as error:
+            line = error.problem_mark.line + 1 if error.problem_mark else 1
+            raise InputError(f"line {line}: is no plain YAML, {error.problem}", path, "mend the line") from error
     if content is None:
         raise InputError("is empty", path, "list methods: [NAME, ...]")
     if not isinstance(content, dict):
