@@ -14,8 +14,8 @@ from sucre_bench.errors import PluginError, SucreBenchError, is_utf8
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.scene import Encoding, Pixels, Plane, Restoration, Scene, View, Water
 
-_CHOSEN_DISPLAY: ContextVar[str] = ContextVar("chosen display", default="")
-_STORED_IN_FULL: ContextVar[bool] = ContextVar("stored in full", default=True)
+# The chosen display, and whether all of a result is wanted.
+_WANTED: ContextVar[tuple[str, bool]] = ContextVar("wanted", default=("", True))
 
 
 @contextmanager
@@ -24,17 +24,16 @@ def shown_with(display: str, *, in_full: bool = True) -> Iterator[None]:
 
     in_full: what `is_stored_in_full` returns.
     """
-    tokens = _CHOSEN_DISPLAY.set(display), _STORED_IN_FULL.set(in_full)
+    token = _WANTED.set((display, in_full))
     try:
         yield
     finally:
-        _CHOSEN_DISPLAY.reset(tokens[0])
-        _STORED_IN_FULL.reset(tokens[1])
+        _WANTED.reset(token)
 
 
 def is_stored_in_full() -> bool:
     """Return whether all of a result is wanted, as with save=full and from Python; else `info` may be shorter."""
-    return _STORED_IN_FULL.get()
+    return _WANTED.get()[1]
 
 
 def display_of(method: Any) -> str:
@@ -42,7 +41,7 @@ def display_of(method: Any) -> str:
 
     A method may ask for it to word its hints. Its result must not depend on it, because it is stored without.
     """
-    return _CHOSEN_DISPLAY.get() or str(method.__plugin__.display)
+    return _WANTED.get()[0] or str(method.__plugin__.display)
 
 
 def with_name(text: str, name: str) -> str:
