@@ -27,7 +27,7 @@ from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results import layout
 from sucre_bench.results.common_scores import LEAST_DIFFERENCE, LEAST_FILLED
 from sucre_bench.results.reasons import Reason, without_view
-from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, restorations, tuples, values_of
+from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, restorations, values_of
 
 
 @dataclass(frozen=True)
@@ -161,9 +161,10 @@ class _Why:
         """By method, metric, variant and view; made when something is missing that others have."""
         known: dict[tuple[str, str, str, _View], str] = {}
         lost = self._rows[self._rows["status"] != "ok"]
-        for r in tuples(lost, "status", "reason", "scene", "view", "method", "metric", "variant"):
-            text = f"{r.status}: {without_view(str(r.reason), r.view)}".rstrip(": ")
-            known[r.method, r.metric, r.variant, (r.scene, r.view)] = text
+        columns = ("status", "reason", "scene", "view", "method", "metric", "variant")
+        for status, reason, scene, view, *score in values_of(lost, *columns):
+            text = f"{status}: {without_view(str(reason), view)}".rstrip(": ")
+            known[*score, (scene, view)] = text
         return known
 
     @cached_property

@@ -40,7 +40,7 @@ from sucre_bench.plugins.options import Choice, source_hash
 from sucre_bench.results.layout import Place, file_name, places
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.restorations import are_stored
-from sucre_bench.results.rows import Row, restoration_rows, tuples
+from sucre_bench.results.rows import Row, restoration_rows, values_of
 from sucre_bench.scene import Scene, View
 
 
@@ -271,7 +271,7 @@ def _planned(job: Job, rows: DataFrame, shared: Callable[[Scene], Scene]) -> Pla
     if rows.empty:
         return Planned(job, every, every, frozenset(), over)
     todo = every if job.overwrite == "always" else _without_results(job, every, rows, over)
-    return Planned(job, every, todo, frozenset(tuples(restoration_rows(rows), "scene", "view", "time")), over)
+    return Planned(job, every, todo, frozenset(values_of(restoration_rows(rows), "scene", "view", "time")), over)
 
 
 def names_hash(views: Iterable[str]) -> str:
@@ -291,7 +291,7 @@ def _without_results(
         is_kept |= rows["reason"].isin([text for text in rows["reason"].unique() if Reason.of(text) is Reason.DIED])
     kept: dict[tuple[str, str], dict[tuple[str, ...], str]] = {}  # of each view, the status of its scores
     columns = ("options_id", "data_id", "metric", "variant", "code")
-    for scene, view, status, *score in tuples(rows[is_kept], "scene", "view", "status", *columns):
+    for scene, view, status, *score in values_of(rows[is_kept], "scene", "view", "status", *columns):
         kept.setdefault((scene, view), {})[tuple(score)] = status
     codes = [(metric, metric_code(metric)) for metric in job.metrics if not metric.plugin.is_of_pairs]
     suffixes = [".png", *([".npz"] if job.save == "full" else [])]

@@ -31,7 +31,7 @@ from sucre_bench.machine.text_formats import keep_traceback, masked
 from sucre_bench.results.common_scores import read_common
 from sucre_bench.results.layout import decoded_path, log_path, pairs_path
 from sucre_bench.results.restorations import read_record
-from sucre_bench.results.rows import restoration_rows, tuples, values_of
+from sucre_bench.results.rows import restoration_rows, row_objects, values_of
 
 _MOST_VIEWS = 50  # whose records are read, evenly chosen
 _NUMBER = re.compile(r"\d+(\.\d+)?")
@@ -274,7 +274,7 @@ def _hints(planned: Sequence[Planned], restored: DataFrame, out: Path) -> Iterat
         rows = restored[(restored["dataset"] == job.dataset.label) & (restored["method"] == job.method.label)]
         rows = rows.iloc[evenly(len(rows), _MOST_VIEWS)]
         kinds, first = Counter[str](), dict[str, str]()
-        for row in tuples(rows):
+        for row in row_objects(rows):
             try:
                 found = read_record(row, out).get("hints", ())
             except InputError:  # damaged; the picture may be whole
