@@ -12,13 +12,14 @@ from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypedDict, TypeVar, get_args
 
 import numpy as np
 import numpy.typing as npt
+import psutil
 
 from sucre_bench.arrays import Array, Indices, Mask, locked
 from sucre_bench.camera import Camera
@@ -40,6 +41,9 @@ MIN_SHARE = 1e-6
 
 # A thread holds an image, its depth and arrays made of them: about 60 MB at 1920x1080.
 _MOST_THREADS = 16
+
+# Extrapolate the memory needed once the views done so far cover this share of the pixels that may be visible.
+_TELLING_SHARE = 1 / 8
 
 
 class Options(TypedDict, total=False):
@@ -72,8 +76,8 @@ def observe(
     Interpolated colours of 8-bit images are rounded to 8 bits again: .0011 rms, less than their noise. Colours that are
     not finite give no observation. Left out are views without a pose or depth, views that show 1e-6 of the target's
     pixels or less, and views with an unreadable file.
-    Raises NotApplicableError if no pixel of the target has depth, SolveError if none has a colour. InputError if the
-    target has no depth map or pose, or an option is wrong.
+    Raises NotApplicableError if no pixel of the target has depth, SolveError if too little memory is free. InputError
+    if the target has no depth map or pose, or an option is wrong.
     """
     began = time.perf_counter()
     for option, value, known in (("rule", rule, get_args(Rule)), ("encoding", encoding, get_args(Kept))):
@@ -88,7 +92,8 @@ def observe(
     if all(view.name != target.name for view in views):
         views = [target, *views]
     visible = visible_pixels(surface, views)
-    tried = [view for view, n in zip(views, visible, strict=True) if n > 0 or view.name == target.name]
+    chosen = [k for k, view in enumerate(views) if visible[k] > 0 or view.name == target.name]
+    tried, most = [views[k] for k in chosen], np.cumsum(visible[chosen])  # observations of the first k + 1, at most
     shape = (surface.camera.height, surface.camera.width)
     how = (rule, tolerance, encoding, with_ray)
     see = partial(_see, surface, target.name, MIN_SHARE * shape[0] * shape[1], how)
@@ -97,7 +102,8 @@ def observe(
     with ExitStack() as stack:
         spool = stack.enter_context(closing(Spool(folder))) if folder is not None else None
         outcomes = stack.enter_context(closing(_in_order(see, tried)))
-        for view in track(tried, "pairing"):
+        held = _Held(target.name, with_view, int(most[-1]))
+        for k, view in enumerate(track(tried, "pairing")):
             try:
                 one, seconds = next(outcomes).result()
             except InputError as fault:
@@ -111,6 +117,7 @@ def observe(
                 spool.append(one)
             elif one is not None:
                 seen.append(one)
+                held.add(one, int(most[k]))
         if spool is not None:
             seen = spool.parts()
     if not seen:
@@ -165,6 +172,30 @@ def _see(
         return None, read_s
     ray = rays_at(matches, view.camera) if with_ray else None
     return Seen(view.name, matches.pixels, matches.distance, colour, ray), read_s
+
+
+@dataclass(slots=True)
+class _Held:
+    """Watches the memory that observations take; see `_TELLING_SHARE`."""
+
+    target: str
+    with_view: bool
+    n_visible: int  # of all views' pixels
+    parts: int = 0  # bytes
+    result: int = 0
+
+    def add(self, one: Seen, n_tried: int) -> None:
+        """Count a view's observations. Raises SolveError as soon as the memory is bound to run out."""
+        arrays = [one.distance, one.colour, *([] if one.ray is None else [one.ray])]
+        self.result += sum(array.nbytes for array in arrays) + (2 * len(one.pixels) if self.with_view else 0)
+        self.parts += sum(array.nbytes for array in arrays) + one.pixels.nbytes
+        share = n_tried / self.n_visible if n_tried > _TELLING_SHARE * self.n_visible else 1.0
+        needed = (self.parts + self.result) / share
+        free = psutil.virtual_memory().available + self.parts
+        if needed > free:
+            sizes = f"its observations take some {needed / 1e9:.1f} GB of memory, {free / 1e9:.1f} GB are free"
+            cure = "use fewer views or smaller images"
+            raise SolveError(f"{self.target}: {sizes}; {cure}")
 
 
 def colours_at(matches: Matches, rgb: npt.NDArray[Any], decode: bool) -> tuple[Matches, npt.NDArray[Any]]:

@@ -6,6 +6,8 @@ import time
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -318,6 +320,26 @@ def test_work_runs_only_a_little_ahead_of_what_is_taken(monkeypatch: pytest.Monk
         observe(views[0], views)
     assert len(begun) == 50
     assert all(n <= taken + 3 for taken, n in enumerate(begun, 1))
+
+
+def test_too_little_memory_is_told_early_and_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    views = [replace(TARGET, name=f"{k}.png", pixels=Watched(TARGET.pixels)) for k in range(60)]
+    free = SimpleNamespace(available=18 * 30 * 2400)  # bytes an observation x views x pixels: for half of them
+    monkeypatch.setattr(module.psutil, "virtual_memory", lambda: free)
+    monkeypatch.setattr(module, "usable_cores", lambda: 2)
+    with pytest.raises(SolveError, match=r"^0\.png: .* 0\.0 GB .* smaller images") as told:
+        observe(views[0], views)
+    assert "\n" not in str(told.value)
+    assert sum("rgb" in view.pixels.loaded for view in views) < 40
+    assert len(observe(views[0], views[:8])) == 8 * (TARGET.depth > 0).sum()
+    assert len(observe(views[0], views, folder=tmp_path)) == 60 * (TARGET.depth > 0).sum()
+
+    monkeypatch.setattr(module, "usable_cores", lambda: 1)
+    free.available = 1000  # not even for one view: no need to foretell anything
+    views = [replace(TARGET, name=f"{k}.png", pixels=Watched(TARGET.pixels)) for k in range(60)]
+    with pytest.raises(SolveError, match=r"^0\.png: its observations"):
+        observe(views[0], views)
+    assert sum("rgb" in view.pixels.loaded for view in views) < 5
 
 
 def test_wrong_options_are_told_with_what_there_is() -> None:
