@@ -99,7 +99,7 @@ def _scored(
     coloured: whether chromatic patches or grays are scored; None for all. error: of measured colours (P, 3) of the
     patches (P,) of all charts at once, (P,).
     """
-    readings = [[r for r in measure(shown, chart) if coloured in (None, r.patch.colour)] for chart in view.charts]
+    readings = [[r for r in measure(shown, chart) if coloured in (None, r.patch.is_chromatic)] for chart in view.charts]
     every = [reading for of_chart in readings for reading in of_chart]
     if not every:
         return
@@ -121,7 +121,7 @@ def _patches(
     """Yield a value for each patch of each chart; charts have no score of their own."""
     for chart in view.charts:
         for reading in measure(shown, chart):
-            if reading.patch.colour or not only_coloured:
+            if reading.patch.is_chromatic or not only_coloured:
                 region = f"{chart.name}/{reading.patch.label}"
                 yield Score(value(reading), region, reading.n_pixels, reading.coverage)
 

@@ -14,7 +14,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.cielab import ciede2000, lab_d50
 from sucre_bench.imaging.encoding import srgb_encode
-from sucre_bench.imaging.references import known_in_both, psnr_of, reference_of
+from sucre_bench.imaging.reference_images import known_in_both, psnr_of, reference_of
 from sucre_bench.plugins.plugin import metric
 from sucre_bench.scene import Restoration, Score, View
 

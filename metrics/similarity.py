@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Mask, coloured_pixels, locked
 from sucre_bench.imaging.encoding import srgb_encode, to_8bit
-from sucre_bench.imaging.references import known_in_both, psnr_of, reference_of
+from sucre_bench.imaging.reference_images import known_in_both, psnr_of, reference_of
 from sucre_bench.imaging.resizing import Resizing, resized
 from sucre_bench.machine.compute import compiled, usable_cores
 from sucre_bench.plugins.plugin import metric

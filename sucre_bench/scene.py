@@ -304,7 +304,8 @@ def _pictures(views: Sequence[View]) -> dict[str, Array]:
 )
 def _plane(pixels: Pixels, plane: Plane) -> Array | None:
     values = pixels.load(plane)
-    if values is not None and plane == "depth" and not hasattr(pixels, "levels"):  # no distance: unknown
+    # What is no distance is unknown. Shared pixels are so already, and a copy of them would not be shared.
+    if values is not None and plane == "depth" and not hasattr(pixels, "levels"):
         values = np.where(np.isfinite(values) & (values > 0), values, 0).astype(np.float32)
     if values is not None:
         values.setflags(write=False)  # so that no method changes the input of the next

@@ -20,7 +20,7 @@ from sucre_bench.errors import did_you_mean
 from sucre_bench.imaging import image_files
 from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.image_files import decode, read_array, read_tiff, same_shape
-from sucre_bench.imaging.references import psnr_of
+from sucre_bench.imaging.reference_images import psnr_of
 from sucre_bench.machine.cache import record_of
 from sucre_bench.machine.files import check_folder, reading, regular
 from sucre_bench.results.water_file import read_water

@@ -107,7 +107,7 @@ class SucrePaper(FillOption):
         from sucre_bench.methods.sucre.refine_views import fill_pixels_without_depth
         from sucre_bench.multiview.stored_pairs import paired
 
-        observations = paired(scene, view)
+        observations = paired(scene, view)  # by eqs. 4 and 5, the rule "mutual"
         started = time.perf_counter()
         start, water = start_of(observations, view.rgb.reshape(-1, 3)), _INITIAL_WATER
         if self.start != "paper":

@@ -151,7 +151,7 @@ class Patch:
 
     name, number: as printed on the chart or in its data sheet, numbered from 1 row by row;
     box: (x0, y0, x1, y1) in the chart's unit square; srgb: expected colour, [0, 1], gamma-encoded;
-    lab: expected colour, CIE Lab under D50; colour: whether it is chromatic, not one of the grays;
+    lab: expected colour, CIE Lab under D50; is_chromatic: false for grays;
     measured: the colour of its measured reflectance, as srgb is given; None where nobody has measured it.
     """
 
@@ -160,7 +160,7 @@ class Patch:
     box: Box
     srgb: Triple
     lab: Triple
-    colour: bool
+    is_chromatic: bool
     measured: Triple | None = None
 
     @property

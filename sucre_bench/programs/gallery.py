@@ -22,7 +22,7 @@ from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import InputError, SucreBenchError, unknown_name
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import read_rgb, write_png
-from sucre_bench.imaging.references import psnr_of
+from sucre_bench.imaging.reference_images import psnr_of
 from sucre_bench.imaging.resizing import Resizing, resized
 from sucre_bench.jobs.lineup import Entry, LineUp
 from sucre_bench.jobs.run_options import CONF_FOLDER

@@ -32,8 +32,8 @@ def test_patches_are_numbered_named_once_inside_the_frame_and_apart(kind: ChartK
 
 
 def test_dgk_has_the_six_grays_and_twelve_colours_that_psi_is_averaged_over() -> None:
-    assert [p.number for p in chart_kind("dgk").patches if p.colour] == list(range(7, 19))
-    grays = np.array([p.srgb for p in chart_kind("dgk").patches if not p.colour])
+    assert [p.number for p in chart_kind("dgk").patches if p.is_chromatic] == list(range(7, 19))
+    grays = np.array([p.srgb for p in chart_kind("dgk").patches if not p.is_chromatic])
     assert (np.ptp(grays, axis=1) < 0.03).all()
     assert (np.diff(grays.mean(axis=1)) < 0).all(), "white to black"
 
@@ -47,7 +47,7 @@ def test_colorchecker_lab_agrees_with_the_spectral_measurement_published_for_the
     ours = chart_kind("colorchecker24").patches
     np.testing.assert_allclose(np.array([p.lab for p in ours]), lab, atol=0.06)
     assert [p.name.split("-")[0] for p in ours] == [name.split()[0] for name in published.data]
-    assert sum(p.colour for p in ours) == 18
+    assert sum(p.is_chromatic for p in ours) == 18
 
 
 @pytest.mark.parametrize("kind", [*map(chart_kind, KINDS)], ids=lambda kind: kind.name)
@@ -143,7 +143,7 @@ def test_colorchecker_sg_has_the_colorcheckers_24_colours_inside_a_rim_of_gray()
     lab = {patch.name: np.array(patch.lab) for patch in sg.patches}
     rim = [p for p in sg.patches if p.name[0] in "AN" or p.name[1:] in ("1", "10")]
     assert len(rim) == 44
-    assert not any(p.colour for p in rim)
+    assert not any(p.is_chromatic for p in rim)
     classic = [np.array(patch.lab) for patch in chart_kind("colorchecker24").patches]
     for k in range(18):  # E2 to J4 are the Classic's three rows of colours, in other dyes
         row, column = divmod(k, 6)
@@ -168,7 +168,7 @@ def test_a_chart_of_ones_own_is_read_under_its_illuminant(tmp_path: Path) -> Non
     path.write_text(OWN.format(illuminant="D65"))  # sRGB's primaries under its own white (Lindbloom)
     kind = chart_kind(str(path))
     assert (kind.width, kind.height, [p.name for p in kind.patches]) == (120, 80, ["white", "red", "blue", "gray"])
-    assert [p.colour for p in kind.patches] == [False, True, True, False]
+    assert [p.is_chromatic for p in kind.patches] == [False, True, True, False]
     assert kind.patches[1].box == (0.5, 0, 1, 0.5)
     expected = [(1, 1, 1), (1, 0, 0), (0, 0, 1), (0.5, 0.5, 0.5)]
     np.testing.assert_allclose([p.srgb for p in kind.patches], expected, atol=5e-3)

@@ -234,7 +234,8 @@ def test_a_turn_is_the_shorter_way_round() -> None:
 def test_each_colour_patch_has_a_hue_and_the_chart_has_none(kind: str) -> None:
     shown = painted(chart_kind(kind), TILTED)
     measured, expected = (scores(Hue(), shown, variant, kind) for variant in ("hsv", "hsv-expected"))
-    assert list(measured) == list(expected) == [f"c/{p.number}-{p.name}" for p in chart_kind(kind).patches if p.colour]
+    chromatic = [f"c/{p.number}-{p.name}" for p in chart_kind(kind).patches if p.is_chromatic]
+    assert list(measured) == list(expected) == chromatic
     np.testing.assert_allclose([s.value for s in measured.values()], [s.value for s in expected.values()], atol=1e-4)
 
 
@@ -271,7 +272,7 @@ def test_a_picture_of_one_colour_has_that_colours_chroma_in_every_gray_patch() -
     shown = np.empty((300, 420, 3), np.float32)
     shown[:] = (1, 0, 0)  # Lab under D50: 54.29, 80.80, 69.89 (Lindbloom)
     found = scores(Neutral(), shown, "chroma")
-    assert list(found) == ["c", *(f"c/{p.number}-{p.name}" for p in chart_kind("dgk").patches if not p.colour)]
+    assert list(found) == ["c", *(f"c/{p.number}-{p.name}" for p in chart_kind("dgk").patches if not p.is_chromatic)]
     np.testing.assert_allclose([s.value for s in found.values()], np.hypot(80.80, 69.89), atol=0.06)
 
 
