@@ -91,7 +91,6 @@ def compare(
     All methods are compared on the same images. The command refuses runs that are not comparable, and says why.
     """
     from sucre_bench import compare, plugins
-    from sucre_bench.compare.documents import as_text, without_costs
     from sucre_bench.compare.notes import seen_in_training
     from sucre_bench.compare.terminal_table import as_blocks, as_table
     from sucre_bench.compare.words import deciding, left_out
@@ -114,6 +113,8 @@ def compare(
     verdicts = compare.gated(rows, gates, baseline) if gates else []
     how, width = "json" if as_json else how, terminal.out.width
     if how != "terminal":
+        from sucre_bench.compare.documents import as_text, without_costs
+
         if how not in ("csv", "json") and not (metrics or all_metrics):
             compared = [without_costs(table) for table in compared]
         click.echo(as_text(compared, how, spread), nl=False)
