@@ -23,7 +23,7 @@ from sucre_bench.engine.preflight import Planned, Task, open_scenes, opening_onc
 from sucre_bench.engine.score import Scored, Scorer, scorers, variant_rows
 from sucre_bench.errors import DamagedFileError, InputError, SucreBenchError, one_line, raise_if_stop
 from sucre_bench.jobs.catalogue import metric_choices
-from sucre_bench.jobs.job import Job, config_path, read_config
+from sucre_bench.jobs.job import CONFIG, Job, read_config
 from sucre_bench.machine import progress
 from sucre_bench.machine.text_formats import keep_traceback, now
 from sucre_bench.plugins.options import Choice
@@ -302,7 +302,7 @@ def score_folders(folders: Sequence[Path], rows: DataFrame) -> DataFrame:
     jobs, opened = list[Job](), dict[ViewKey, Task]()
     for folder in places if wanted else ():
         with suppress(SucreBenchError):  # the jobs of the last run cannot be read any more
-            jobs += [job.of_all_views() for job in read_config(config_path(folder)) if job.dataset.label in labels]
+            jobs += [job.of_all_views() for job in read_config(folder / CONFIG) if job.dataset.label in labels]
     with opening_once():
         for job in reversed(jobs):
             with suppress(SucreBenchError):  # its data cannot be opened

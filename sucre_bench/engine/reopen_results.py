@@ -117,11 +117,11 @@ def _only(what: str, restored: Collection[str], given: str, out: Path) -> str:
 
 def _job(out: Path, dataset: str, scene: str) -> Job:
     """A job of the dataset that the results are of, with all its views."""
-    from sucre_bench.jobs.job import config_path, read_config
+    from sucre_bench.jobs.job import CONFIG, read_config
     from sucre_bench.results.rows import unreplicated
 
     _, replicate = unreplicated(scene)
-    path = config_path(out)
+    path = out / CONFIG
     labels = []
     for job in read_config(path):
         if job.dataset.label == dataset and job.replicate == replicate:

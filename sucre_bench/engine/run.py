@@ -21,7 +21,7 @@ from sucre_bench.engine.workers import Work, run_works
 from sucre_bench.errors import DiskFullError, InputError, SucreBenchError, one_line
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.compose_jobs import Command
-from sucre_bench.jobs.job import Job, config_path, config_text
+from sucre_bench.jobs.job import CONFIG, Job, config_text
 from sucre_bench.jobs.lineup import record_line_up
 from sucre_bench.jobs.run_options import Slurm
 from sucre_bench.machine import progress, provenance
@@ -150,7 +150,7 @@ def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
     ids = {label: ",".join(sorted(ids)) for label, ids in data.items()}
     provenance.write(first.out / "environment.json", provenance.environment(words, first.seed, ids))
     text = config_text(command.jobs, command.words, command.is_sweep)
-    write_atomically(config_path(first.out), masked(text).encode())
+    write_atomically(first.out / CONFIG, masked(text).encode())
     record_line_up(command.jobs)
 
 

@@ -113,9 +113,7 @@ def _view_names(given: Any) -> tuple[str, ...] | None:
 # -- config.yaml of a results folder: the jobs of the last command that wrote there -------------------------
 
 
-def config_path(out: Path) -> Path:
-    """The file in a results folder."""
-    return out / "config.yaml"
+CONFIG = "config.yaml"
 
 
 def config_text(jobs: Sequence[Job], words: Sequence[str], is_sweep: bool) -> str:
@@ -150,7 +148,7 @@ def read_config(path: Path) -> Iterator[Job]:
 def plugin_files(out: Path) -> tuple[str, ...]:
     """Return the plugin files that the configuration of a results folder names; none if it cannot be read."""
     try:
-        return _plugin_files(_content(config_path(out)))
+        return _plugin_files(_content(out / CONFIG))
     except FileError:
         return ()
 

@@ -290,9 +290,7 @@ def _check_setting(key: str, value: Any) -> None:
 _RECORDED: dict[str, Any] = {"views": None, "every": 1, "first": None, "seed": 0, "save": "display", "baseline": ""}
 
 
-def line_up_path(out: Path) -> Path:
-    """The file in a results folder."""
-    return out / "lineup.yaml"
+LINE_UP = "lineup.yaml"
 
 
 def record_line_up(jobs: Sequence[Job]) -> None:
@@ -332,8 +330,8 @@ def record_line_up(jobs: Sequence[Job]) -> None:
         settings,
     )
     line_up = line_up.moved(lambda path: _relative(path, out))
-    text = line_up.as_yaml(f"The line-up that made {out}. To run it: sucre-bench run {line_up_path(out).name}")
-    write_atomically(line_up_path(out), text.encode())
+    text = line_up.as_yaml(f"The line-up that made {out}. To run it: sucre-bench run {LINE_UP}")
+    write_atomically(out / LINE_UP, text.encode())
 
 
 def _full_label(entry: Entry) -> str:
@@ -372,7 +370,7 @@ def _relative(path: str, folder: Path) -> str:
 
 def _stored(out: Path) -> LineUp:
     """The line-up of a results folder, with paths as seen from here."""
-    return line_up_in(line_up_path(out)).moved(lambda path: os.path.normpath(out / path))
+    return line_up_in(out / LINE_UP).moved(lambda path: os.path.normpath(out / path))
 
 
 def line_up_of(out: Path, folder: Path) -> tuple[LineUp, list[str]]:
@@ -382,7 +380,7 @@ def line_up_of(out: Path, folder: Path) -> tuple[LineUp, list[str]]:
     Raises InputError when the folder has no results, or its runs did not record a line-up.
     """
     rows = results.restoration_rows(results.read(out))
-    if not line_up_path(out).is_file():
+    if not (out / LINE_UP).is_file():
         raise InputError("records no line-up", out, "repeat the run's command, which computes nothing again")
     line_up, notes = _stored(out), list[str]()
     there = set(rows[["dataset", "method"]].itertuples(index=False, name=None))

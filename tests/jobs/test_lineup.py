@@ -16,7 +16,7 @@ from sucre_bench.engine.run import run as run_jobs
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.catalogue import moved_paths
 from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.lineup import line_up_in, line_up_of, line_up_path, record_line_up
+from sucre_bench.jobs.lineup import line_up_in, line_up_of, record_line_up
 
 pytestmark = pytest.mark.usefixtures("toys")
 
@@ -194,7 +194,7 @@ def test_the_file_of_an_environment_is_relative_to_the_line_up_and_stays_where_t
     (job,) = from_file(Path("paper/l.yaml"), text)
     assert job.method.record["env"].startswith("uv:paper/req.txt@sha256:")
     record_line_up([job])
-    (entry,) = line_up_in(line_up_path(job.out)).methods
+    (entry,) = line_up_in(job.out / "lineup.yaml").methods
     env = entry.options["env"].removeprefix("uv:").partition("@")[0]
     assert (job.out / env).resolve() == tmp_path / "paper" / "req.txt"
     for env, moved in (("conda:./one", "conda:./seen"), ("conda:one", None), ("docker:a/b@sha256:1", None)):
