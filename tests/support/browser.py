@@ -90,7 +90,8 @@ class Browser:
 
     def open(self, address: str) -> None:
         """Load a page, as if for the first time."""
-        self._page.goto("about:blank")
+        if "#" in address:  # else the browser would only move within the page
+            self._page.goto("about:blank")
         self._page.goto(address)
 
     def size(self, width: int, height: int, phone: bool = False) -> None:
