@@ -84,18 +84,7 @@ def state(page: Browser, key: str) -> Any:
     return page.ask(f"resultsPage.state.{key}")
 
 
-def test_a_table_is_sorted_by_a_click_on_its_head_and_back_by_another(page: Browser):
-    head = f"{SHEET} [data-key='psnr:masked']"
-    assert methods(page) == ["clever", "plain", "broken"]  # higher is better: best first
-    assert page.ask(f'document.querySelector("{head}").ariaSort') == "descending"
-    page.click(f"{head} button")
-    assert methods(page) == ["broken", "plain", "clever"]
-    page.click(f"{head} button")
-    assert methods(page) == ["clever", "plain", "broken"]
-    assert state(page, "metric") == "psnr:masked"
-
-
-def test_an_opened_page_shows_the_best_method_its_numbers_and_commands(page: Browser):
+def test_an_opened_page_shows_the_best_method_and_its_commands_and_sorts_by_a_click_on_a_head(page: Browser):
     view = "v2.png"  # the median of the best method
     assert [state(page, key) for key in ("before", "method", "view")] == ["*view", "clever", view]
     cells = page.ask(
@@ -116,6 +105,14 @@ def test_an_opened_page_shows_the_best_method_its_numbers_and_commands(page: Bro
     shown = page.ask(f"{json.dumps(values)}.map((value) => resultsPage.number(value).replaceAll('−', '-'))")
     assert shown == [number(value) for value in values]
     assert page.ask("[0, null].map(resultsPage.number)") == ["0", "–"]
+    head = f"{SHEET} [data-key='psnr:masked']"
+    assert methods(page) == ["clever", "plain", "broken"]  # higher is better: best first
+    assert page.ask(f'document.querySelector("{head}").ariaSort') == "descending"
+    page.click(f"{head} button")
+    assert methods(page) == ["broken", "plain", "clever"]
+    page.click(f"{head} button")
+    assert methods(page) == ["clever", "plain", "broken"]
+    assert state(page, "metric") == "psnr:masked"
 
 
 def test_metrics_that_only_describe_and_leads_within_chance_are_shown_when_asked_for(page: Browser):
@@ -151,7 +148,7 @@ def test_the_filter_keeps_rows_with_every_word(page: Browser):
     assert "Nothing matches" in texts(page, SHEET)[0]
 
 
-def test_the_divider_follows_mouse_and_keys(page: Browser):
+def test_the_divider_follows_mouse_and_keys_and_from_nearby_the_full_picture_is_shown(page: Browser):
     left, top, width, height = page.place("#stage")
     page.drag([(left + width / 2, top + height / 2), (left + width * 0.6, top + 20), (left + width * 0.8, top + 20)])
     assert float(page.ask("document.querySelector('#divider').ariaValueNow")) == pytest.approx(80, abs=1)
@@ -163,6 +160,10 @@ def test_the_divider_follows_mouse_and_keys(page: Browser):
     assert float(page.ask("document.querySelector('#divider').ariaValueNow")) == pytest.approx(69, abs=1)
     page.press("Home")
     assert page.ask("document.querySelector('#divider').getAttribute('aria-valuenow')") == "0"
+    assert page.until("document.querySelector('#left').naturalWidth === 960")
+    page.ask("resultsPage.zoomAt(3)")
+    page.until(f"document.querySelector('#left').naturalWidth === {WIDTH}")
+    page.until(f"[...document.querySelectorAll('#grid img:not([hidden])')].every((i) => i.naturalWidth === {WIDTH})")
 
 
 def test_zoom_and_pan_are_the_same_in_slider_and_grid_and_a_plain_wheel_scrolls(page: Browser):
@@ -185,13 +186,6 @@ def test_zoom_and_pan_are_the_same_in_slider_and_grid_and_a_plain_wheel_scrolls(
     page.wheel((left + width / 2, top + height / 2), 200)
     page.until(f"scrollY > {before}")
     assert page.ask("resultsPage.zoom.scale") == 1
-
-
-def test_from_nearby_the_full_picture_takes_the_thumbnails_place(page: Browser):
-    assert page.until("document.querySelector('#left').naturalWidth === 960")
-    page.ask("resultsPage.zoomAt(3)")
-    page.until(f"document.querySelector('#left').naturalWidth === {WIDTH}")
-    page.until(f"[...document.querySelectorAll('#grid img:not([hidden])')].every((i) => i.naturalWidth === {WIDTH})")
 
 
 def test_a_picture_is_chosen_in_the_grid_by_keys_and_by_the_lists(page: Browser):
@@ -249,7 +243,7 @@ def test_a_link_opens_what_it_names_and_the_address_follows_what_is_chosen(page:
     assert state(page, "dataset") == 0
 
 
-def test_best_median_and_worst_views_are_those_of_the_method_on_the_right(page: Browser):
+def test_best_median_and_worst_views_are_of_the_method_on_the_right_and_losses_lead_to_theirs(page: Browser):
     for place, view in (("0", "v1.png"), ("1", "v0.png"), ("0.5", "v2.png")):
         page.click(f"[data-place='{place}']")
         assert state(page, "view") == view
@@ -259,10 +253,7 @@ def test_best_median_and_worst_views_are_those_of_the_method_on_the_right(page: 
         assert pressed == [place]
     page.ask("resultsPage.choose({method: '*reference'})")
     assert page.ask("document.querySelector('#ranked-views').hidden")
-
-
-def test_the_largest_losses_are_listed_and_lead_to_their_view(page: Browser):
-    page.ask("resultsPage.choose({before: 'plain'})")
+    page.ask("resultsPage.choose({before: 'plain', method: 'clever'})")
     assert "no view" in texts(page, "#losses-title")[0]
     page.press("x")
     gaps = {f"v{n}.png": PSNR["plain"][n] - PSNR["clever"][n] for n in range(3)}
@@ -328,23 +319,6 @@ def test_datasets_are_chosen_in_the_overview_and_have_their_own_numbers(page: Br
     assert psnr == PSNR["plain"][0] - 3
 
 
-def test_patches_show_measured_and_expected_colour_and_their_difference(page: Browser):
-    table = "#charts [data-dataset]:not([hidden]) .swatches"
-    rows = page.ask(
-        f"[...document.querySelector('{table}').tBodies[0].rows].map((row) => [...row.querySelectorAll('svg')].map("
-        "(svg) => [...svg.querySelectorAll('rect, circle')].map((shape) => getComputedStyle(shape).fill)))"
-    )
-    for n, (measured, expected) in enumerate(PATCHES.values()):
-        assert rows[0][n] == [f"rgb({', '.join(map(str, expected))})"]
-        assert rows[1][n] == [f"rgb({', '.join(map(str, c))})" for c in (measured, expected)]
-    heads = page.ask(f"[...document.querySelector('{table}').tHead.rows[0].cells].map((e) => e.innerText)")
-    assert heads[2:] == ["white", "red", "blue"]  # in the chart's order: 1, 2, 10
-    numbers = page.ask(
-        f"[...document.querySelector('{table}').tBodies[0].rows[1].querySelectorAll('small')].map((e) => +e.innerText)"
-    )
-    assert numbers == pytest.approx(list(DE00.values()), abs=0.06)
-
-
 def drawn(page: Browser, part: str) -> str:
     """Scroll to the first plot of a part of the page, and wait until it is drawn; what the browser calls it."""
     plot = f"[data-dataset]:not([hidden]) {part}:not([hidden]) .plot"
@@ -353,7 +327,7 @@ def drawn(page: Browser, part: str) -> str:
     return f"document.querySelector('{plot}')"
 
 
-def test_plots_draw_the_numbers_of_the_table_and_a_list_shows_another(page: Browser):
+def test_plots_and_patches_show_the_numbers_of_the_table_and_a_list_shows_another_plot(page: Browser):
     cost = drawn(page, ".cost")
     assert page.ask(f"{cost}.data.map((t) => [t.name, t.x[0], t.y[0]])") == [
         ["plain", 1.0, 21.0], ["clever", 1.0, 26.0], ["broken", 1.0, 18.5],
@@ -368,6 +342,20 @@ def test_plots_draw_the_numbers_of_the_table_and_a_list_shows_another(page: Brow
              "list.dispatchEvent(new Event('change')); })()")  # fmt: skip
     page.until("document.querySelector('#d0-cost-1 .plot').data?.length === 3")
     assert page.ask("document.querySelector('#d0-cost-0').hidden")
+    table = "#charts [data-dataset]:not([hidden]) .swatches"
+    rows = page.ask(
+        f"[...document.querySelector('{table}').tBodies[0].rows].map((row) => [...row.querySelectorAll('svg')].map("
+        "(svg) => [...svg.querySelectorAll('rect, circle')].map((shape) => getComputedStyle(shape).fill)))"
+    )
+    for n, (measured, expected) in enumerate(PATCHES.values()):
+        assert rows[0][n] == [f"rgb({', '.join(map(str, expected))})"]
+        assert rows[1][n] == [f"rgb({', '.join(map(str, c))})" for c in (measured, expected)]
+    heads = page.ask(f"[...document.querySelector('{table}').tHead.rows[0].cells].map((e) => e.innerText)")
+    assert heads[2:] == ["white", "red", "blue"]  # in the chart's order: 1, 2, 10
+    numbers = page.ask(
+        f"[...document.querySelector('{table}').tBodies[0].rows[1].querySelectorAll('small')].map((e) => +e.innerText)"
+    )
+    assert numbers == pytest.approx(list(DE00.values()), abs=0.06)
 
 
 def test_a_run_that_failed_as_a_whole_has_reasons_and_commands_and_no_dead_links(chrome: Browser, tmp_path: Path):
