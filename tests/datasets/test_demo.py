@@ -127,15 +127,6 @@ def test_of_two_at_once_the_later_waits_for_the_first(tmp_path: Path, small: Mad
     assert shown_in(tmp_path) == ["scene"]
 
 
-def test_a_failure_leaves_nothing_behind(tmp_path: Path, small: MadeScene) -> None:
-    def fails() -> MadeScene:
-        raise InputError("no")
-
-    with pytest.raises(InputError):
-        make_once(tmp_path / "scene", fails)
-    assert not shown_in(tmp_path)
-
-
 @pytest.mark.parametrize("place", ["", "images/view_000.png", "/elsewhere/a.png"])
 def test_a_scene_that_cannot_be_written_is_an_error_of_its_own_folder(
     tmp_path: Path, small: MadeScene, monkeypatch: pytest.MonkeyPatch, place: str
@@ -148,14 +139,6 @@ def test_a_scene_that_cannot_be_written_is_an_error_of_its_own_folder(
         make_once(tmp_path / "scene", lambda: small)
     expected = str(tmp_path / "scene" / place) if place.startswith("images") else place
     assert (fault.value.place, fault.value.fault, fault.value.remedy) == (expected, "disk is full", "make room")
-
-
-def test_a_finished_scene_is_not_made_again(tmp_path: Path, small: MadeScene) -> None:
-    def never() -> MadeScene:
-        raise AssertionError("made again")
-
-    make_once(tmp_path / "scene", lambda: small)
-    make_once(tmp_path / "scene", never)
 
 
 @pytest.mark.parametrize(

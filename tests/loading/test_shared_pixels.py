@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 
 from sucre_bench import Arrays, View
-from sucre_bench.camera import Camera
 from sucre_bench.degrade import degraded
 from sucre_bench.errors import InputError
 from sucre_bench.loading.view_files import Files, with_shared_pixels
 from sucre_bench.machine.cache import ArrayStore, storing
-from sucre_bench.multiview.observe import Options, observe
 from sucre_bench.scene import Scene
 
 W, H = 400, 300
@@ -61,28 +59,6 @@ def test_faults_of_files_are_raised_each_time(tmp_path: Path):
 def test_a_scene_that_cannot_be_known_again_is_left_as_it_is(files: Files):
     scene = Scene("reef", [View("a.png", files)], frozenset())
     assert with_shared_pixels(scene) is scene
-
-
-@pytest.mark.parametrize("options", [{}, {"rule": "depth"}, {"encoding": "linear"}])
-def test_observations_are_the_same_with_a_store(tmp_path: Path, options: Options):
-    rng = np.random.default_rng(1)
-    camera, views = Camera(np.array([[300.0, 0, W / 2], [0, 300, H / 2], [0, 0, 1]]), W, H), []
-    for n in range(3):
-        image, depth = tmp_path / f"{n}.png", tmp_path / f"depth_{n}.png"
-        cv2.imwrite(str(image), rng.integers(0, 256, (H, W, 3), dtype=np.uint8))
-        cv2.imwrite(str(depth), np.full((H, W), 2000, np.uint16))
-        pose = np.eye(4)
-        pose[0, 3] = -0.301 * n
-        views.append(View(image.name, Files(image, (W, H), depth), camera, pose))
-    scene = with_shared_pixels(Scene("reef", views, frozenset(), data_id="1"))
-    plain = observe(views[1], views, **options)
-    with storing(ArrayStore(tmp_path / "store", 1e9)):
-        stored = observe(scene.views[1], scene.views, **options)
-    assert plain.views == stored.views == ("0.png", "1.png", "2.png")
-    assert len(plain) > 2 * W * H
-    for name in ("pixels", "counts", "starts", "distance", "colour"):
-        assert np.array_equal(getattr(plain, name), getattr(stored, name)), name
-        assert getattr(plain, name).dtype == getattr(stored, name).dtype, name
 
 
 @pytest.mark.parametrize(("name", "suffix", "is_jpeg"), [("a.png", ".jpg", True), ("a.jpg", ".png", False)])

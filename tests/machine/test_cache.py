@@ -41,14 +41,6 @@ def test_an_array_is_made_once_for_all_threads_and_processes(tmp_path: Path):
     assert not found[0].flags.writeable
 
 
-def test_small_arrays_and_those_larger_than_the_store_are_not_stored(tmp_path: Path):
-    for small, most_bytes in ((_Maker(1, 10), 1e9), (_Maker(2), 1000)):
-        store = ArrayStore(tmp_path, most_bytes)
-        assert store.get("a", small)[0] == store.get("a", small)[0] == small.value
-        assert small.times == 2
-    assert not list(tmp_path.glob("*.npy"))
-
-
 def test_a_full_store_drops_what_was_used_longest_ago(tmp_path: Path):
     store, makers = ArrayStore(tmp_path, 2.5 * 8 * N), {name: _Maker(n) for n, name in enumerate("abc")}
     a = store.get("a", makers["a"])

@@ -12,7 +12,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from support.made_scene import make_camera, make_pose, make_scene
-from support.messages import Lines
 from support.places import DATA
 
 from sucre_bench import Arrays, InputError, SolveError, View
@@ -110,14 +109,6 @@ def test_a_target_without_any_depth_is_an_error_that_says_so() -> None:
         observe(blind, [blind])
     with pytest.raises(InputError, match=r"^b\.png: .*depth map"):
         observe(replace(blind, name="b.png", pixels=Arrays(arrays.rgb)), [blind])
-
-
-def test_pairing_reports_its_progress_view_by_view() -> None:
-    watcher = Lines()
-    with watched_by(watcher):
-        observe(TARGET, SCENE.views)
-    assert list(watcher.works.values()) == [("pairing", 4)]
-    assert watcher.steps["pairing"] == 4
 
 
 def flat_view(name: str, paint: Callable[[np.ndarray, np.ndarray], np.ndarray], at: float, encoding: str = "gamma"):

@@ -10,7 +10,6 @@ import pytest
 from support.command_line import calls, run
 
 from sucre_bench.errors import DamagedFileError
-from sucre_bench.machine import cache
 from sucre_bench.plugins.registry import find
 from sucre_bench.results.restorations import (
     Measured,
@@ -92,23 +91,6 @@ def test_a_damaged_mask_is_restored_again_although_its_rows_are_stored(tmp_path:
     with pytest.raises(DamagedFileError) as fault:
         read_mask(tmp_path / "a.png")
     assert "overwrite=always" in fault.value.remedy
-
-
-def test_the_records_of_each_of_many_methods_are_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A page asks for the methods of one view after the other."""
-    folders = [tmp_path / "restored" / "sea" / f"m{n}" for n in range(12)]
-    for folder in folders:
-        folder.mkdir(parents=True)
-        for view in ("a", "b"):
-            cache.add_record(folder, folder / f"{view}.png", {"steps": 1})
-    reads: list[Path] = []
-    regular = cache.regular
-    monkeypatch.setattr(cache, "regular", lambda path: reads.append(path) or regular(path))
-    for view in ("a", "b"):
-        assert all(cache.record_of(folder / f"{view}.png") == {"steps": 1} for folder in folders)
-    assert len(reads) == 12
-    cache.add_record(folders[0], folders[0] / "a.png", {"steps": 2})
-    assert cache.record_of(folders[0] / "a.png") == {"steps": 2}
 
 
 # -- in a run ----------------------------------------------------------------------------------------------

@@ -49,10 +49,6 @@ def test_methods_that_are_compared_most_never_give_way():
     assert all(own.colour == style.own_look(name).colour for name, own in style.looks(methods).items())
 
 
-def test_the_order_of_methods_changes_no_look():
-    assert style.looks(NAMES[:12]) == style.looks(reversed(NAMES[:12]))
-
-
 def test_methods_of_one_figure_have_colours_of_their_own_while_there_are_enough():
     twenty = style.looks(NAMES[:20])
     assert len({own.colour for own in twenty.values()}) == 20
