@@ -99,7 +99,6 @@ def pytest_xdist_auto_num_workers() -> int | None:
 
 def pytest_collection_finish() -> None:
     """What is imported by now lasts: the search for garbage passes over it."""
-    gc.collect()
     gc.freeze()
     gc.enable()
     gc.set_threshold(10_000, 20, 20)
