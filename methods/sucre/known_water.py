@@ -27,7 +27,7 @@ from sucre_bench.machine.progress import say, track
 from sucre_bench.machine.provenance import require
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.plugins.call_method import restored
+from sucre_bench.plugins.call_method import checked_restore
 from sucre_bench.plugins.options import create
 from sucre_bench.results.layout import stems_of
 from sucre_bench.results.water_file import Lighting, lighting_of, read_lighting, read_water
@@ -88,7 +88,7 @@ def water_of(source: str, scene: Scene, view: View, encoding: Encoding, option: 
         plugin = plugins.find("method", source)
         if absent := plugins.missing_needs(plugin, scene.has):
             raise InputError(f"{place}: {absent}; name another method")
-        found = restored(create(plugin, {}), scene, view)
+        found = checked_restore(create(plugin, {}), scene, view)
         names = {"B": "veiling_light", "beta": "attenuation", "gamma": "backscatter"}
         unknown = [name for name, long in names.items() if np.isnan(getattr(found.water, long, np.nan)).all()]
         if found.water is None or unknown:

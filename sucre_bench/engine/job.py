@@ -29,7 +29,7 @@ from sucre_bench.machine.files import remove
 from sucre_bench.machine.processes import step
 from sucre_bench.machine.provenance import load
 from sucre_bench.machine.text_formats import now
-from sucre_bench.plugins.call_method import restored, shown_with, with_truth
+from sucre_bench.plugins.call_method import checked_restore, shown_with, with_truth
 from sucre_bench.results.layout import decoded_path, file_name, log_path, pairs_path, restored_path
 from sucre_bench.results.restorations import Measured, read_full, write_full, write_pictures, write_view
 from sucre_bench.results.rows import Row
@@ -144,14 +144,14 @@ def make_ready(method: Any) -> None:
 def measured_restore(method: Any, scene: Scene, view: View, word: str = "method") -> Measured:
     """Restore a view and measure it. PluginError when the result is not what a method must return.
 
-    word: see `restored`. The view's own planes are decoded before the clock starts: reading the target is not
+    word: see `checked_restore`. The view's own planes are decoded before the clock starts: reading the target is not
     restoring it. Where a method says of itself in `info` what it took ("seconds", "peak_mb"), since its work was done
     elsewhere, that counts.
     """
     _ = view.rgb.shape, view.has_depth
     with PeakMemory() as memory:
         started = time.perf_counter()
-        restoration = restored(method, scene, view, word)
+        restoration = checked_restore(method, scene, view, word)
         seconds = time.perf_counter() - started
     info = restoration.info
     took = (float(info.get(name, measured)) for name, measured in (("seconds", seconds), ("peak_mb", memory.peak_mb)))
@@ -166,7 +166,8 @@ def _restored_and_scored(
     decides = over is not None and view.name in over.views  # its colours are among them, so it is restored already
     try:
         with step(f"view '{view.name}' by method '{job.method.label}'"):
-            measured = _measured(job, method, task, job.overwrite == "always" and not decides, job.save == "full")
+            afresh = job.overwrite == "always" and not decides
+            measured = _stored_or_restored(job, method, task, afresh, job.save == "full")
             write_view(job.out, task.place, view)
             colours = over.colours if over and over.colours.size else None
             shown, filled = displayed(measured.restoration, job.method.display, view.encoding, colours)
@@ -184,7 +185,7 @@ def _restored_and_scored(
         return [row_of_fault(task.base, no_files, log, is_said=True)]
 
 
-def _measured(job: Job, method: Any, task: Task, afresh: bool, is_stored: bool) -> Measured:
+def _stored_or_restored(job: Job, method: Any, task: Task, afresh: bool, is_stored: bool) -> Measured:
     """Return the restoration of one view. afresh: also where it is stored already; is_stored: whether to store it.
 
     Raises NotApplicableError where the method needs more than the view has, and what the method raises.
@@ -228,7 +229,7 @@ class _SceneColours:
         colours, names = [np.zeros((0, 3), np.float32)], list[str]()
         for task in progress.track(tasks, "before showing"):
             try:
-                image = _measured(job, method, task, job.overwrite == "always", True).restoration.image
+                image = _stored_or_restored(job, method, task, job.overwrite == "always", True).restoration.image
             except OutputError:
                 raise
             except BaseException as fault:

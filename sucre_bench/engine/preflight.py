@@ -150,8 +150,8 @@ def tasks(job: Job, scenes: Sequence[Scene]) -> Iterator[Task]:
     base, kept, drawn = base_row(job), places(job.dataset.label, scenes, job.replicate), job.drawn
     data_ids = {scene.name: drawn.data_id(scene.data_id) for scene in scenes}
     is_degraded = bool(drawn.identity())
-    whole = [degraded_whole(scene, drawn) for scene in scenes] if is_degraded else scenes
-    every = [(scene, view) for scene in whole for view in scene.views]
+    degraded = [degraded_whole(scene, drawn) for scene in scenes] if is_degraded else scenes
+    every = [(scene, view) for scene in degraded for view in scene.views]
     if job.views is not None:
         names = {view.name for _, view in every}
         if unknown := [name for name in job.views if name not in names]:
@@ -296,12 +296,12 @@ def _without_results(
     codes = [(metric, metric_code(metric)) for metric in job.metrics if not metric.plugin.is_of_pairs]
     suffixes = [".png", *([".npz"] if job.save == "full" else [])]
 
-    def whole(base: Row) -> str | None:
+    def stored_status(base: Row) -> str | None:
         identity = (base.options_id, base.data_id, base.metric, base.variant, base.code)
         return kept.get((base.scene, base.view), {}).get(identity)
 
     hashes = {  # a view that failed, and is tried again, may give colours this time
-        scene: names_hash(task.view.name for task in of_scene if whole(task.base) in ("ok", None))
+        scene: names_hash(task.view.name for task in of_scene if stored_status(task.base) in ("ok", None))
         for scene, of_scene in shown_over.items()
     }
 
@@ -309,7 +309,7 @@ def _without_results(
         base, scores = task.base, kept.get((task.base.scene, task.base.view), {})
         if job.overwrite == "never":
             return bool(scores)
-        if (status := whole(base)) != "ok":
+        if (status := stored_status(base)) != "ok":
             return status is not None
         wanted = (
             (base.options_id, base.data_id, metric.plugin.name, variant, score_code(base, code))

@@ -60,6 +60,9 @@ class Command:
     shared_pairs: str
 
 
+_SWEEPER = "hydra.sweeper.params."  # before words that Hydra sweeps over
+
+
 def jobs(words: Sequence[str], multirun: bool) -> Command:
     """Read overrides and perhaps a line-up file, expand their sweeps, and check every job.
 
@@ -80,9 +83,13 @@ def jobs(words: Sequence[str], multirun: bool) -> Command:
             raise bare_word(word, overrides)
     line_up, typed = _with_line_up(expanded(files[0]) if files else None, parse(overrides))
     of_hydra = [word for word in typed if "/" in word.key or "@" in word.key or word.head == "hydra"]
-    launcher, is_sweep = launcher_of(of_hydra), multirun or bool(line_up.place)
+    swept = [word for word in of_hydra if word.key.startswith(_SWEEPER)]
+    params = parse(f"{word.key.removeprefix(_SWEEPER)}={','.join(map(str, word.values))}" for word in swept)
+    modes = [word.values[0] for word in of_hydra if word.key == "hydra.mode"]
+    launcher = launcher_of(word for word in of_hydra if word not in swept and word.key != "hydra.mode")
+    is_sweep = multirun or bool(line_up.place) or "MULTIRUN" in modes
     _refuse(typed, line_up, is_sweep)
-    made = _jobs([word for word in typed if word not in of_hydra], line_up)
+    made = _jobs([*params, *(word for word in typed if word not in of_hydra)], line_up)
     _refuse_same_place(made)
     pairing = [job for job in made if "poses" in job.method.plugin.needs and job.pairs_gb > 0]
     views = {(job.dataset.label, job.replicate, job.shard.index, job.shard.count) for job in pairing}

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
@@ -12,6 +13,7 @@ from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, did_you_mean, unknown_name
 from sucre_bench.imaging.resizing import split_variant
 from sucre_bench.jobs.words import Word
+from sucre_bench.machine.progress import say
 from sucre_bench.plugins.options import check_ranges, checked_options, options_of, plain_value
 from sucre_bench.plugins.plugin import fits
 from sucre_bench.results.layout import file_name
@@ -265,8 +267,12 @@ class Slurm(Launcher):
 _LAUNCHERS = {"basic": Launcher, "joblib": Joblib, "slurm": Slurm, "submitit_slurm": Slurm}
 
 
-def launcher_of(words: Sequence[Word]) -> Launcher:
-    """Return the launcher that words choose, with its options. Raises InputError for words that are not of these."""
+# Hydra's own folders and logs, which this program does not write.
+_WITHOUT_EFFECT = re.compile(r"hydra[./](run|sweep|output_subdir|verbose|job_logging|hydra_logging)\b.*")
+
+
+def launcher_of(words: Iterable[Word]) -> Launcher:
+    """Return the launcher that words choose, with its options. Raises InputError for words that are not followed."""
     name, options = "basic", dict[str, Any]()
     for word in words:
         value, (option, _, inner) = word.values[0], word.key.removeprefix("hydra.launcher.").partition(".")
@@ -275,6 +281,8 @@ def launcher_of(words: Sequence[Word]) -> Launcher:
         elif word.key.startswith("hydra.launcher."):
             before = options.get(option)
             options[option] = {**(before if isinstance(before, dict) else {}), inner: value} if inner else value
+        elif _WITHOUT_EFFECT.fullmatch(word.key):
+            say(f"{word.text}: has no effect; only out= says where files are written")
         else:
             remedy = "leave it out: of Hydra's own, hydra/launcher=NAME and hydra.launcher.OPTION=VALUE are followed"
             raise InputError("is not followed here", word.text, remedy)

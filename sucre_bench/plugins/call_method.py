@@ -56,7 +56,7 @@ def with_truth(restoration: Restoration, scene: Scene, view: View) -> Restoratio
     return replace(restoration, info={**restoration.info, "true_water": _explaining(scene.water, view.encoding)})
 
 
-def restored(method: Any, scene: Scene, view: View, word: str = "method") -> Restoration:
+def checked_restore(method: Any, scene: Scene, view: View, word: str = "method") -> Restoration:
     """Return a method's restoration, checked: the image in the view's encoding, float32 as the confidence is, the water
     saying what it explains.
 

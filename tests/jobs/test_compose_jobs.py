@@ -68,6 +68,12 @@ def test_a_wrong_override_is_one_clear_line(override: str, named: set[str]):
         jobs(override)
 
 
+def test_words_of_hydra_itself_sweep_and_its_folders_have_no_effect():
+    params = "+hydra.sweeper.params.method.gain='1,2'"
+    swept = jobs("hydra.mode=MULTIRUN", params, "hydra.run.dir=x", "hydra.verbose=true")
+    assert [job.method.make().gain for job in swept.jobs] == [1, 2]
+
+
 def test_options_reach_the_plugin_with_their_types(tmp_path: Path):
     (one,) = jobs("method.gain=2", f"method.log={tmp_path / 'log'}").jobs
     method = one.method.make()

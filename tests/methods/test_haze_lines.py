@@ -21,7 +21,7 @@ from sucre_bench.methods.haze_lines import (
     textureless_area,
     transmission,
 )
-from sucre_bench.plugins.call_method import restored as engine_restored
+from sucre_bench.plugins.call_method import checked_restore
 from sucre_bench.scene import Encoding
 
 A = np.array([0.08, 0.30, 0.42])
@@ -191,7 +191,7 @@ def test_the_veiling_light_is_told_as_a_gamma_encoded_colour_and_named_so(linear
     for encoding in ("gamma", "linear"):
         pixels = (srgb_encode(image) if encoding == "gamma" else image).astype(np.float32)
         view = View("photo.png", Arrays(pixels), encoding=encoding)
-        of[encoding] = engine_restored(HazeLines(linear=linear), Scene("photo", [view], frozenset()), view)
+        of[encoding] = checked_restore(HazeLines(linear=linear), Scene("photo", [view], frozenset()), view)
         water = of[encoding].water
         assert water.encoding == "gamma"
         np.testing.assert_allclose(water.veiling_light, srgb_encode(A), atol=1e-3)
