@@ -157,9 +157,9 @@ def terms(at: Array) -> Array:
 # noise of the one observation that a weak prior is worth.
 _WEAK, _ASIDE, _NOISE = 0.7, 0.5, 0.01
 
-# The least spread of coefficients, rounds that find the spreads, the change of their squares that ends them, and the
-# fewest coefficients that tell one. A part with less spread than the last is none.
-_LEAST, _ROUNDS, _SETTLED, _TOLD, _NONE = 1e-3, 15, 0.1, 0.01, 0.01
+# The least spread of coefficients, the least whose changes matter, rounds that find the spreads, the change of their
+# squares that ends them, and the fewest coefficients that tell one. A part with less spread than the last is none.
+_LEAST, _SMALL, _ROUNDS, _SETTLED, _TOLD, _NONE = 1e-3, 3e-3, 15, 0.1, 0.01, 0.01
 
 # Tiles along each side of the target in which errors are alike.
 TILES = 6
@@ -168,7 +168,7 @@ TILES = 6
 _STARTS = ((0.1, 0.3), (0.7, 0.7))
 
 # Pixels that the starts are tried on, those of a strobe and of other light, and pixels that a strobe is fitted to.
-_SCREEN_STROBE, _SCREEN, _STROBE = 100, 300, 500
+_SCREEN_STROBE, _SCREEN, _STROBE = 100, 300, 300
 
 # Tolerance of the starts and of the last descent; most steps.
 _ROUGHLY, _TOLERANCE, _STEPS = 1e-4, 1e-6, 40
@@ -511,15 +511,16 @@ class LightFit:
 
 
 def fit_light(sample: Sample, parts: Parts, light: Light) -> LightFit:
-    """Fit water and light to a sample; light: fitted with fewer parts."""
+    """Fit water and light to a sample; light: fitted with fewer parts, or with the same, where it is the only start."""
     if parts.strobe:
-        sample = sample.take(slice(None, None, max(1, len(sample.z) // _STROBE)))
+        sample = sample.take(slice(None, None, -(-len(sample.z) // _STROBE)))
     screen = _SCREEN_STROBE if parts.strobe else _SCREEN
     problem = Problem(sample.take(slice(None, None, max(1, len(sample.z) // screen))), parts)
     start, far = light.water.by_channel(), problem.distance
-    rows = [start, *(np.c_[start[:, 0], np.full(3, beta / far), np.full(3, gamma / far)] for beta, gamma in _STARTS)]
+    more = () if light.parts == parts else _STARTS
+    rows = [start, *(np.c_[start[:, 0], np.full(3, beta / far), np.full(3, gamma / far)] for beta, gamma in more)]
     others = [problem.unknowns(light)[9:]]
-    if parts.strobe:  # its light crosses the water twice, and the water is not that of a fit without
+    if parts.strobe and more:  # its light crosses the water twice, and the water is not that of a fit without
         rows = [row * (0.1, 0.5, 1) for row in rows]
         beside = np.zeros_like(others[0])
         beside[:2] = _BESIDE * far, -_BESIDE * far
@@ -556,7 +557,7 @@ def _with_spreads(problem: Problem, at: Array, noise: float) -> tuple[Array, Arr
         covariance[np.ix_(free, free)] = noise * inverse * scale[:, None] * scale
         told = ranks - np.einsum("fij,ij->f", forms, covariance) / squares
         squares = (np.einsum("i,fij,j->f", at, forms, at) / told.clip(min=_TOLD)).clip(_LEAST**2, _WEAK**2)
-        if (np.abs(np.log(squares / before)) < _SETTLED).all():
+        if (np.abs(np.log(squares.clip(_SMALL**2) / before.clip(_SMALL**2))) < _SETTLED).all():
             break
     return at, covariance, np.sqrt(squares)
 
