@@ -205,7 +205,8 @@ def _in_even_light(seen: Observed, even: Observed, chosen: Chosen) -> tuple[Solu
     said = [f"{one}; {_MIXED}" if is_mixed else one for one in sentences_of(light)]
     if not any(FAR_COLOURS in limit for limit in uncertainty.limits):
         said += far_colours(error[:, 1] * far)
-    gains = _gains_of(light)
+    by_view = zip(light.views, np.exp(light.gains[:, 0] if light.parts.gains == 1 else light.gains), strict=True)
+    gains = {name: gain.tolist() for name, gain in by_view if np.isfinite(gain).all()}
     if unknown := [name for name in even.observations.views if name not in gains]:
         said.append(f"views that share too few pixels to find their light took no part: {', '.join(unknown)}")
     solution = replace(solution, uncertainty=uncertainty, light=light, growth=growth)
@@ -218,12 +219,6 @@ def _in_even_light(seen: Observed, even: Observed, chosen: Chosen) -> tuple[Solu
         ),
         gains={seen.view.name: 1.0} | gains if light.parts.gains else None,
     ), said
-
-
-def _gains_of(light: Light) -> dict[str, Any]:
-    """Return the gains of the views that the fit saw, one or three each."""
-    gains = np.exp(light.gains[:, 0] if light.parts.gains == 1 else light.gains)
-    return {name: gain.tolist() for name, gain in zip(light.views, gains, strict=True) if np.isfinite(gain).all()}
 
 
 def sentences_of(light: Light) -> list[str]:
@@ -347,10 +342,8 @@ def evenly_noisy(
     """Return the fit with weights for noise that grows with light; None if it does not know beta better."""
     even = balanced(to_fit, colours_for_water(to_fit, plain.water, None, backend, device))
     found = how(even)
-    old, new = (
-        clustered(one.uncertainty, [seen], one.water).standard_error.beta
-        for one, seen in ((plain, to_fit), (found, even))
-    )
+    old = clustered(plain.uncertainty, [to_fit], plain.water).standard_error.beta
+    new = clustered(found.uncertainty, [even], found.water).standard_error.beta
     known = np.isfinite(old) & (old > 0)
     return (even, found) if known.any() and (new[known] / old[known]).mean() < _SHARPER else None
 
@@ -568,28 +561,27 @@ def _chosen(sample: Sample, light: Light, noise: Array, *, may_be_strobe: bool) 
     """
     tile, fold = sample.tile[0] * TILES + sample.tile[1], sample.tile.sum(axis=0) % 2
     halves = [(sample.take(fold == k), tile[fold == k]) for k in range(2)]
-    parts, tried = light.parts, list[Tried]()
-    if min(len(tile) for _, tile in halves) < _FEWEST // 2:  # what views share lies in few tiles
-        return parts, light, tried
-    problem = Problem(sample, _ALL)
+    parts, tried, problem = light.parts, list[Tried](), Problem(sample, _ALL)
     start = problem.unknowns(light)
-    if not problem.descend(start, _PROMISED)[1].cost < (1 - _PROMISED) * problem.system(start).cost:
+    promises = problem.descend(start, _PROMISED)[1].cost < (1 - _PROMISED) * problem.system(start).cost
+    if not promises or min(len(tile) for _, tile in halves) < _FEWEST // 2:  # what views share lies in few tiles
         return parts, light, tried
     better, cost = _ALL, _held_out(halves, parts, light, noise)
-    while True:
+    while not parts.strobe:
         found = fit_light(sample, better, light)
         new = _held_out(halves, better, found.light, noise)
         gain = (cost - new)[cost + new > 0]
         if len(gain) < 2:  # noise-free: nothing is left to explain
-            return parts, light, tried
+            break
         sigmas = float(gain.mean() / max(gain.std(ddof=1) / np.sqrt(len(gain)), 1e-12))
         tried.append(Tried(better, float(gain.sum() / cost.sum()), sigmas))
         if not (tried[-1].gain > _SHARE and sigmas > _SURE):
-            return parts, light, tried
+            break
         parts, light, cost = found.needed, found.light, new
-        if parts.strobe or not may_be_strobe or light.least > _DIM:
-            return parts, light, tried
+        if not may_be_strobe or light.least > _DIM:
+            break
         better = replace(parts, lens=False, strobe=True)
+    return parts, light, tried
 
 
 def _held_out(halves: list[tuple[Sample, Array]], parts: Parts, light: Light, noise: Array) -> Array:

@@ -68,6 +68,7 @@ import numpy as np
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.methods.sucre.model import transmission
+from sucre_bench.methods.sucre.robust import trusted
 from sucre_bench.methods.sucre.solution import information_of, residuals_of
 from sucre_bench.multiview.observations import Observations
 
@@ -165,9 +166,7 @@ def balanced(observations: Observations, solution: Solution) -> Observations:
     strength = information_of(observations, a, slice(None)) * solution.J[:, observations.place] ** 2
     sigma, tau = noise_parts(observations, solution, of_light=True)[:, :, None]
     weight = 1 / (sigma**2 + tau**2 * strength)
-    weight /= weight.mean(axis=1, keepdims=True)
-    before = 1 if observations.weight is None else observations.weight
-    return replace(observations, weight=(weight * before).astype(np.float32))
+    return trusted(observations, (weight / weight.mean(axis=1, keepdims=True)).astype(np.float32))
 
 
 def noise_parts(
