@@ -16,6 +16,7 @@ from sucre_bench.compare.model import FILLED, Cell, Column, Comparison, Note, sa
 from sucre_bench.compare.notes import (
     REPETITION,
     About,
+    Restored,
     about,
     fault_notes,
     filled_rows,
@@ -53,8 +54,8 @@ def compare(
     if baseline and baseline not in order:
         raise InputError(f"no scores of '{baseline}' to compare with; {did_you_mean(baseline, order)}")
     fresh = is_fresh(rows)
-    there = set(values_of(rows[fresh], "dataset", "method"))
-    older = [key for key in dict.fromkeys(values_of(rows, "dataset", "method")) if key not in there]
+    older = dict.fromkeys(values_of(rows[~fresh], "dataset", "method", "scene", "view"))
+    newer = set(values_of(rows[fresh], "dataset", "method"))
     rows = without_replicates(rows.assign(_asked=asked)[fresh]).drop(columns=["data_id", "time"])
     if "pixels" not in rows:
         rows = on_own_pixels(rows)
@@ -73,9 +74,10 @@ def compare(
         if of_table["_asked"].any():
             methods = sorted(of_table["method"].unique(), key=order.index)
             title = " · ".join(map(str, key))
-            table = _table(title, of_table, methods, baseline, known[key[0]], measured.get(key, []))
-            stale = tuple(method for dataset, method in older if dataset == key[0])
-            noted = [Note("older data", stale)] if stale else []
+            stale = {(name, (scene, view)): name for dataset, name, scene, view in older if dataset == key[0]}
+            table = _table(title, of_table, methods, baseline, known[key[0]], measured.get(key, []), stale.keys())
+            only_older = tuple(dict.fromkeys(name for name in stale.values() if (key[0], name) not in newer))
+            noted = [Note("older data", only_older)] if only_older else []
             scored = {name for one in table.columns for name in (one.metric, f"{one.metric}:{one.variant}")}
             noted += (Note("no score", (name,)) for name in metrics if scored and name not in scored)
             tables.append(replace(table, notes=(*table.notes, *noted)))
@@ -140,7 +142,13 @@ def _with_reasons(region: DataFrame, everywhere: DataFrame) -> DataFrame:
 
 
 def _table(
-    title: str, rows: DataFrame, methods: list[str], baseline: str, known: About, found: list[_Measured]
+    title: str,
+    rows: DataFrame,
+    methods: list[str],
+    baseline: str,
+    known: About,
+    found: list[_Measured],
+    stale: Collection[Restored],
 ) -> Comparison:
     faults = [*fault_notes(rows)]
     rows = rows[~rows["region"].str.contains("/", regex=False)]  # names of faults
@@ -161,7 +169,7 @@ def _table(
         made[column], repetitions[column] = values, repeated
     columns = sorted(made, key=_place)
     noted = [*faults, *(pixel_notes(rows, columns) if has_holes else ())]
-    noted += notes(rows, made, repetitions, methods)
+    noted += notes(rows, made, repetitions, methods, stale)
     if baseline and baseline not in methods:
         noted.append(Note("no baseline", (baseline,)))
         baseline = ""

@@ -6,7 +6,7 @@ How their pictures differ from their publication's, and what people thought of t
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -112,17 +112,20 @@ def _sets_in(text: str) -> tuple[list[NamedSet], NamedSet | None]:
 REPETITION = ["scene", "view", "region", "_replicate"]
 
 _View = tuple[str, str]  # scene and view
+Restored = tuple[str, _View]  # by a method
 _Tables = Mapping[Column, DataFrame]
 
 
-def notes(rows: DataFrame, scores: _Tables, repetitions: _Tables, methods: Sequence[str]) -> Iterator[Note]:
+def notes(
+    rows: DataFrame, scores: _Tables, repetitions: _Tables, methods: Sequence[str], stale: Collection[Restored]
+) -> Iterator[Note]:
     """Yield what each method lacks that others have.
 
     rows: of the table, whatever became of them, with `_replicate`;
     scores: the values of each column, units (scene, view, region) x methods, NaN = a hole; repetitions: the same before
-    repetitions were averaged, with a level more, `_replicate`.
+    repetitions were averaged, with a level more, `_replicate`; stale: what was restored from older data.
     """
-    why = _Why(rows)
+    why = _Why(rows, stale)
     ok = restoration_rows(rows[rows["status"] == "ok"])
     restored: dict[str, set[_View]] = {}
     for name, *view in values_of(ok, "method", "scene", "view"):
@@ -153,8 +156,8 @@ def notes(rows: DataFrame, scores: _Tables, repetitions: _Tables, methods: Seque
 class _Why:
     """Why there is no restoration, or no score."""
 
-    def __init__(self, rows: DataFrame) -> None:
-        self._rows = rows
+    def __init__(self, rows: DataFrame, stale: Collection[Restored]) -> None:
+        self._rows, self._stale = rows, stale
 
     @cached_property
     def _known(self) -> dict[tuple[str, str, str, _View], str]:
@@ -168,7 +171,7 @@ class _Why:
         return known
 
     @cached_property
-    def tried(self) -> set[tuple[str, _View]]:
+    def tried(self) -> set[Restored]:
         """The methods that tried a view, whatever became of it."""
         restored = restoration_rows(self._rows)
         return {(method, (scene, view)) for method, scene, view in values_of(restored, "method", "scene", "view")}
@@ -181,6 +184,8 @@ class _Why:
                 return text
         if (method, view) in self.tried:
             return "not scored"
+        if (method, view) in self._stale:
+            return "of other data"
         return self._known.get((method, *whole, ("", "")), "not run")  # the job failed as a whole
 
 

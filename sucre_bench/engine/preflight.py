@@ -387,4 +387,4 @@ def workers_at_once(command: Command) -> int:
     workers, launcher = command.jobs[0].workers, command.launcher
     if not (command.is_sweep and workers and isinstance(launcher, Joblib)):
         return workers
-    return launcher.n_jobs if launcher.n_jobs > 0 else max(1, usable_cores() + 1 + launcher.n_jobs)
+    return max(1, launcher.n_jobs if launcher.n_jobs >= 0 else usable_cores() + 1 + launcher.n_jobs)

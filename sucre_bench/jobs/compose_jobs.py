@@ -86,6 +86,8 @@ def jobs(words: Sequence[str], multirun: bool) -> Command:
     swept = [word for word in of_hydra if word.key.startswith(_SWEEPER)]
     params = parse(f"{word.key.removeprefix(_SWEEPER)}={','.join(map(str, word.values))}" for word in swept)
     modes = [word.values[0] for word in of_hydra if word.key == "hydra.mode"]
+    if unknown := set(map(str, modes)) - {"RUN", "MULTIRUN"}:
+        raise InputError(f"'{unknown.pop()}' is no mode", "hydra.mode", "give RUN or MULTIRUN")
     launcher = launcher_of(word for word in of_hydra if word not in swept and word.key != "hydra.mode")
     is_sweep = multirun or bool(line_up.place) or "MULTIRUN" in modes
     _refuse(typed, line_up, is_sweep)

@@ -169,11 +169,7 @@ def read_line_up(path: Path) -> LineUp:
         return os.path.normpath(path.parent / expanded(place)) if place else place
 
     try:
-        files = line_up.settings.get("plugins", [])
-        files = [files] if isinstance(files, str) else files
-        if not fits(list[str], files):
-            raise InputError(f"{files!r} is no list of files", "plugins", "write plugins: [FILE, ...]")
-        files = [str(Path(seen(file)).resolve()) for file in files]
+        files = [str(Path(seen(file)).resolve()) for file in line_up.settings.get("plugins", [])]
         for file in files:
             plugins.load_file(file)
         for key, value in line_up.settings.items():
@@ -195,6 +191,11 @@ def line_up_in(path: Path) -> LineUp:
     try:
         entries = {key: tuple(_entries(key, content)) for key in ("datasets", "methods", "metrics")}
         sweep = _sweep(content.get("sweep") or {})
+        files = content.get("plugins")
+        if isinstance(files, str):
+            content["plugins"] = [files]
+        elif files is not None and not fits(list[str], files):
+            raise InputError(f"{files!r} is no list of files", "plugins", "write plugins: [FILE, ...]")
     except InputError as fault:
         raise fault.within(path) from fault
     settings = {key: content[key] for key in _SETTINGS if content.get(key) is not None}

@@ -276,6 +276,8 @@ def launcher_of(words: Iterable[Word]) -> Launcher:
     name, options = "basic", dict[str, Any]()
     for word in words:
         value, (option, _, inner) = word.values[0], word.key.removeprefix("hydra.launcher.").partition(".")
+        if word.is_swept:
+            raise InputError("several values", word.text, "one launcher runs all jobs: give one value")
         if word.key == "hydra/launcher":
             name = str(value)
         elif word.key.startswith("hydra.launcher."):

@@ -114,6 +114,14 @@ def test_methods_that_ran_on_older_data_are_left_out_and_named():
     assert comparison.notes == (Note("older data", ("old",)),)
 
 
+def test_a_scene_that_a_method_restored_from_older_data_is_no_scene_it_did_not_run():
+    done = [("a", "d", "new"), ("a", "d", "old"), ("b", "d1", "old"), ("b", "d2", "new")]
+    rows = [replace(ROW, scene=s, data_id=d, method=m, time=f"2026-01-0{n}") for n, (s, d, m) in enumerate(done, 1)]
+    (comparison,) = compare.compare(frame([*rows, *(replace(row, metric="seconds", variant="wall") for row in rows)]))
+    (lost,) = [note for note in comparison.notes if note.kind == "images lost"]
+    assert (lost.methods, lost.reasons) == (("old",), "1 of other data")
+
+
 def test_by_view_ranks_methods_within_each_view():
     scores = (("a", "v0", 9), ("b", "v0", 8), ("a", "v1", 1), ("b", "v1", 2))
     first, second = compare.compare(frame([replace(ROW, method=m, view=v, value=x) for m, v, x in scores]), by="view")

@@ -54,6 +54,8 @@ def jobs(*overrides: str, multirun: bool = False) -> compose_jobs.Command:
         ("dataset=[toy,demo]", {"-m", "dataset=a,b"}),
         ("out=${nowhere}", {"nowhere"}),
         ("hydra.launcher.n_jbs=2", {"hydra.launcher.n_jbs", "none"}),
+        ("hydra.mode=MULTI", {"hydra.mode", "MULTI", "MULTIRUN"}),
+        ("hydra.launcher.partition=cpu,gpu", {"hydra.launcher.partition=cpu,gpu"}),
         ("hydra/launcher=jobli", {"hydra/launcher", "jobli", "'joblib'"}),
         ("dataset.label=ünï", {"dataset.label=ünï", "'ünï'"}),
         ("hydra.job.chdir=true", {"hydra.job.chdir=true", "hydra/launcher=NAME"}),

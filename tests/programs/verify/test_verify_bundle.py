@@ -115,6 +115,13 @@ def test_pixels_that_rounding_moves_over_a_limit_of_faults_do_not_make_a_bundle_
     assert (done.returncode, found["differing"]) == (0, [])
     assert found["n_agree"] > 0, "most shares stay as they are"
 
+    def flatter(rows: pd.DataFrame) -> None:
+        rows.loc[rows["metric"] == "saturated_red", "value"] = 0.9
+
+    rewritten(tmp_path / "b.zip", with_table(flatter))
+    forged = json.loads(run_here(tmp_path, "verify", "b.zip", "--data", "dive", "--json").stdout)
+    assert {score["metric"] for score in forged["differing"]} == {"saturated_red"}
+
 
 @pytest.mark.parametrize("size", [True, 1.5, "9", None, float("inf")])
 def test_a_size_that_is_no_whole_number_is_refused_in_a_line(bench, bundles: Path, tmp_path: Path, size: object):
