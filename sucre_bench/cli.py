@@ -161,6 +161,8 @@ class _LazyGroup(click.Group):
         return list(_COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in _COMMANDS and ctx.resilient_parsing:
+            return None  # a shell asks what a line may become
         if cmd_name not in _COMMANDS:
             return ctx.fail(f"no command is called '{cmd_name}'; {did_you_mean(cmd_name, _COMMANDS)}")
         module = import_module(f"sucre_bench.commands.{_COMMANDS[cmd_name][0]}")

@@ -1,6 +1,6 @@
 """`sucre-bench completion`: prints click's script for a shell, and completes the words of `sucre-bench run`.
 
-The words (key=value) come from the options of plugins. Bash parts words at "=" and ":", and completes the last part.
+The words (key=value) come from the options of plugins. Bash parts words at "=" and ":", and replaces the last part.
 """
 
 from __future__ import annotations
@@ -13,13 +13,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import click
-from click.shell_completion import CompletionItem, get_completion_class
+from click.shell_completion import CompletionItem, get_completion_class, split_arg_string
 
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.machine.files import expanded
 
 if TYPE_CHECKING:
     from sucre_bench.plugins.options import Option
+
+# What click's scripts lack, and what mends it.
+_MENDS = {
+    "-o nosort": "-o nosort -o nospace",  # a value follows "method="
+    'COMP_WORDS="${COMP_WORDS[*]}" COMP_CWORD=$COMP_CWORD': (  # bash: the words as typed, and what is replaced
+        """COMP_WORDS="${COMP_LINE:0:COMP_POINT}$([[ $2 ]] || echo "''")" COMP_CWORD=-1"""
+        ' COMP_PART="$2" COMP_QUOTE="${COMP_WORDS[COMP_CWORD]:0:1}"'
+    ),
+    "read type value": "read -r type value",  # a backslash stays
+    "+=($value)": '+=("$value")',  # "[psnr]" is no pattern for files
+    'split ","': 'split -m 1 ","',  # fish: "[psi,psnr]" is one word
+}
 
 
 @click.command("completion")
@@ -39,7 +51,9 @@ def completion(shell: str) -> None:
     command, kind = click.get_current_context().find_root().command, get_completion_class(shell)
     assert kind is not None
     script = kind(command, {}, "sucre-bench", "_SUCRE_BENCH_COMPLETE").source()
-    click.echo(script.replace("-o nosort", "-o nosort -o nospace"))  # a value follows "method="
+    for lacking, mended in _MENDS.items():
+        script = script.replace(lacking, mended)
+    click.echo(script)
 
 
 # -- the words of run, describe, charts, check, score and compare ----------------------------------------------
@@ -51,32 +65,33 @@ _VALUES = {"hydra/launcher": ("joblib", "slurm")}
 
 def complete_words(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:
     """Complete an override, its key or its value, given the words before it; or the path of a line-up or an image."""
-    words: list[str] = []
-    ends = "=" if not incomplete and os.environ.get("COMP_WORDS", "").endswith("=") else incomplete  # click drops it
-    for part in (*(ctx.params.get(param.name or "") or ()), ends):
-        if words and (part in ("=", ":") or words[-1].endswith(("=", ":"))):  # bash has parted the word
-            words[-1] += part
-        else:
-            words.append(part)
-    *before, typed = words
+    before = ctx.params.get(param.name or "") or ()
     given = dict(word.partition("=")[::2] for word in before if "=" in word)
     line_up = [word for word in before if "=" not in word]
-    found = [*_overrides(typed, given | ({"": line_up[0]} if line_up else {}))]
-    found += places(typed) if typed and "=" not in typed and not found else ()
-    head = typed.removesuffix(incomplete) if typed != incomplete else ""  # it stays in the line
-    return [CompletionItem(word.removeprefix(head), help=said) for word, said in found]
+    found = [*_overrides(incomplete, given | ({"": line_up[0]} if line_up else {}))]
+    found += places(incomplete) if incomplete and "=" not in incomplete and not found else ()
+    return _items(incomplete, found)
 
 
 def complete_datasets(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:
     """Complete as `complete_words`, and a dataset's bare name before all else."""
     named = () if ctx.params.get(param.name or "") else _starting(incomplete, _names("dataset"))
-    return [*(CompletionItem(name, help=said) for name, said in named), *complete_words(ctx, param, incomplete)]
+    return [*_items(incomplete, named), *complete_words(ctx, param, incomplete)]
 
 
 def complete_metrics(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:
     """Complete the last of several metrics parted by commas: its name, or its variant behind a colon."""
     before, comma, last = incomplete.rpartition(",")
-    return [CompletionItem(word, help=said) for word, said in _starting(last, _metrics(last), before + comma)]
+    return _items(incomplete, _starting(last, _metrics(last), before + comma))
+
+
+def _items(typed: str, found: Iterable[tuple[str, str]]) -> list[CompletionItem[str]]:
+    """The words as they go into the line. Bash replaces the last part of what is typed, and escapes nothing."""
+    part, is_bash = os.environ.get("COMP_PART", typed), "COMP_PART" in os.environ
+    head = typed.removesuffix(part if typed.endswith(part) else "".join(split_arg_string(part)))
+    special = " \t'\"\\$`&|;<>()*?!#" if is_bash and os.environ["COMP_QUOTE"] not in ("'", '"') else ""
+    escaped = str.maketrans({letter: f"\\{letter}" for letter in special})
+    return [CompletionItem(word.removeprefix(head).translate(escaped), help=said) for word, said in found]
 
 
 def _overrides(typed: str, given: Mapping[str, str]) -> _Found:
@@ -103,7 +118,8 @@ def _overrides(typed: str, given: Mapping[str, str]) -> _Found:
         known = _metrics(last) if is_list else _names(key)
         opens = is_list and not bracket and ":" not in last  # bash completes only what follows the colon
         names = ((name, said) for name, said in known if name not in others.split(","))
-        yield from _starting(last, names, f"{key}=[" if opens else head, "]" if opens or bracket else "")
+        head = f"{key}=[{others}{comma}" if opens else head
+        yield from _starting(last, names, head, "]" if opens or bracket else "")
         return
     option = next((option for option in _options(group, given) if option.name == name), None)
     words, kinds = [*_VALUES.get(key, ())], tuple[Any, ...]()

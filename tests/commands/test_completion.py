@@ -39,6 +39,7 @@ def offered(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
         ("sucre-bench run experiment=table", ["experiment=table1"]),
         ("sucre-bench run dataset=colm", ["dataset=colmap"]),
         ("sucre-bench run metrics=psn", ["metrics=[psnr]"]),
+        ("sucre-bench run metrics=psi,psn", ["metrics=[psi,psnr]"]),
         ("sucre-bench run 'metrics=[psn", ["metrics=[psnr]"]),
         ("sucre-bench run metrics=[psi,psn", ["metrics=[psi,psnr]"]),
         ("sucre-bench run method=sucre method.pairing=", ["method.pairing=mutual", "method.pairing=depth"]),
@@ -122,23 +123,44 @@ def test_completion_imports_nothing_heavy():
     assert not heavy & set(done.stderr.split())
 
 
-def test_bash_gets_what_stands_for_its_word():
-    """Bash parts words at "=" and ":"; COMPREPLY stands in the place of the last part."""
-    replies = {
-        "run method = gray_w": "gray_world",
-        "run meth": "method= method.",
-        "run method.pairing =": "mutual depth",
-        "run metrics = [psi,psn": "[psi,psnr]",
-        "run 'metrics=[psn": "metrics=[psnr]",
-        "run metrics = [uciqe : mat": "matlab]",
+def test_bash_completes_a_line_on_tab(tmp_path: Path):
+    """Bash parts words at "=" and ":"; what is offered stands in the place of the last part."""
+    (tmp_path / "a dir").mkdir()
+    (tmp_path / "p").write_text("")  # would stand for [psnr], were that read as a pattern
+    lines = {
+        "run method=gray_w": "run method=gray_world",
+        "run meth": "run method",  # may become method= and method.
+        "run overwrite=n": "run overwrite=never",
+        "run metrics=psn": "run metrics=[psnr]",
+        "run metrics=psnr,psi": "run metrics=[psnr,psi]",
+        "run metrics=[psi,psn": "run metrics=[psi,psnr]",
+        "run 'metrics=[psn": "run 'metrics=[psnr]'",
+        "run metrics=[uciqe:mat": "run metrics=[uciqe:matlab]",
+        "run out=a": r"run out=a\ dir/",
+        r"run out=a\ ": r"run out=a\ dir/",
+        "run 'out=a": "run 'out=a dir/'",
+        "run out=": "run out=",  # may become both
+        "score x --metrics psnr,ssim:al": "score x --metrics psnr,ssim:all",
+        "score x --metrics=ssim:al": "score x --metrics=ssim:all",
+        "compare x --metric psnr:unm": "compare x --metric psnr:unmasked",
+        "xyz fo": "xyz fo",
     }
-    code = """source <(sucre-bench completion bash)
-        for line in "$@"; do
-            COMP_WORDS=(sucre-bench $line) COMP_CWORD=$((${#COMP_WORDS[@]} - 1)) COMPREPLY=()
-            _sucre_bench_completion sucre-bench
-            echo "${COMPREPLY[*]}"
-        done"""
-    env = {**os.environ, "PATH": f"{FOLDER}:{os.environ['PATH']}"}
-    done = subprocess.run(["bash", "-c", code, "bash", *replies], capture_output=True, text=True, env=env, check=True)
-    assert done.stdout.splitlines() == [*replies.values()]
-    assert done.stderr.count("compopt") == done.stderr.count("\n")  # outside of a completion there is none
+    typed = "".join(f"sucre-bench {line}\t\x14\x05\x15" for line in lines)  # Ctrl-T shows the line, Ctrl-U clears it
+    shown = r"""bind -x '"\C-t": echo "$READLINE_LINE" >> lines'"""
+    env = {**os.environ, "PATH": f"{FOLDER}:{os.environ['PATH']}", "TERM": "vt100"}
+    done = subprocess.run(
+        ["bash", "--norc", "--noprofile", "-i"],
+        input=f"set +o history\nset +H\n{shown}\nsource <(sucre-bench completion bash)\n{typed}\n",
+        capture_output=True,
+        text=True,
+        env=env,
+        cwd=tmp_path,
+        check=True,
+    )
+    assert (tmp_path / "lines").read_text().splitlines() == [f"sucre-bench {line}" for line in lines.values()]
+    assert "no command" not in done.stdout + done.stderr
+
+
+def test_fish_keeps_what_follows_a_comma_of_a_word(capsys: pytest.CaptureFixture[str]):
+    cli(["completion", "fish"], standalone_mode=False)
+    assert 'string split -m 1 "," $completion' in capsys.readouterr().out  # of "plain,metrics=[psi,psnr]"
