@@ -74,9 +74,9 @@ def compare(
         if of_table["_asked"].any():
             methods = sorted(of_table["method"].unique(), key=order.index)
             title = " · ".join(map(str, key))
-            stale = {(name, (scene, view)): name for dataset, name, scene, view in older if dataset == key[0]}
-            table = _table(title, of_table, methods, baseline, known[key[0]], measured.get(key, []), stale.keys())
-            only_older = tuple(dict.fromkeys(name for name in stale.values() if (key[0], name) not in newer))
+            stale = dict.fromkeys((name, (scene, view)) for of, name, scene, view in older if of == key[0])
+            table = _table(title, of_table, methods, baseline, known[key[0]], measured.get(key, []), stale)
+            only_older = tuple(dict.fromkeys(name for name, _ in stale if (key[0], name) not in newer))
             noted = [Note("older data", only_older)] if only_older else []
             scored = {name for one in table.columns for name in (one.metric, f"{one.metric}:{one.variant}")}
             noted += (Note("no score", (name,)) for name in metrics if scored and name not in scored)

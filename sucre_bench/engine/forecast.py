@@ -62,7 +62,7 @@ def forecast(overrides: Sequence[str], multirun: bool) -> Forecast:
     done = dict(iter(rows.groupby(["dataset", "method", "options_id"])))
     jobs = tuple(_expected(plan, done) for plan in planned)
     launcher = command.launcher
-    if command.is_sweep and isinstance(launcher, Slurm):
+    if isinstance(launcher, Slurm):
         return Forecast(jobs, "slurm", launcher.array_parallelism, launcher.timeout_min, launcher.mem_gb)
     at_once = workers_at_once(command)
     return Forecast(jobs, "workers" if at_once > 1 else "", max(1, at_once))

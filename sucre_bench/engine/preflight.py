@@ -385,6 +385,6 @@ def _label_option(chosen: Collection[Choice], one: Choice) -> str:
 def workers_at_once(command: Command) -> int:
     """Return how many jobs run at once on this machine; 0: in this process."""
     workers, launcher = command.jobs[0].workers, command.launcher
-    if not (command.is_sweep and workers and isinstance(launcher, Joblib)):
+    if not (workers and isinstance(launcher, Joblib)):
         return workers
     return max(1, launcher.n_jobs if launcher.n_jobs >= 0 else usable_cores() + 1 + launcher.n_jobs)

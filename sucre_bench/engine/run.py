@@ -174,7 +174,7 @@ def _run_jobs(command: Command, planned: Sequence[Planned]) -> bool:
     Raises DiskFullError, without the jobs that are left: none could write.
     """
     launcher = command.launcher
-    if not (command.is_sweep and isinstance(launcher, Slurm)):
+    if not isinstance(launcher, Slurm):
         n_workers = workers_at_once(command)
         if len(planned) == 1:
             run_works([JobAtWork(planned[0])], n_workers)

@@ -5,8 +5,8 @@ fails. This one waits for the result file of every job. It asks ``squeue``, whic
 jobs that end without one.
 
 A job receives its configuration as plain data. It only needs the same Python environment, data and plugin files, and
-writes its rows to a part of its own under the output folder. A killed job loses the view it was at, and at most the
-rows of its last .3 s. The same command does what is left.
+writes its rows to a part of its own under the output folder. If a job is killed, the view in work and the rows of the
+last third of a second are lost. The same command then does these views again.
 """
 
 from __future__ import annotations

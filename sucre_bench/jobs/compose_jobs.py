@@ -49,8 +49,9 @@ from sucre_bench.results.rows import fingerprint
 class Command:
     """What the words of a command ask for.
 
-    words: the overrides, with ~ expanded; is_sweep: whether it may have several jobs: by -m, or a line-up;
-    shared_pairs: the folder where its jobs share pairs, the same for the same words, empty if they share none.
+    words: the overrides, with ~ expanded; is_sweep: whether it may have several jobs: by -m, or a line-up; only then is
+    there a launcher of jobs; shared_pairs: the folder where its jobs share pairs, the same for the same words, empty if
+    they share none.
     """
 
     jobs: tuple[Job, ...]
