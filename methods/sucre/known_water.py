@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from sucre_bench.methods.sucre.exact import WaterFit
     from sucre_bench.methods.sucre.sucre import Sucre
 
-# Largest values that are accepted. Adam has no bounds and may end a little below zero.
-_MOST_B, _MOST_RATE = 2.0, 100.0
+# Values that are accepted. Adam has no bounds: in air the paper's ended at beta = -0.23 1/m.
+_LEAST, _MOST_B, _MOST_RATE = -0.5, 2.0, 100.0
 
 _SUFFIXES = (".json", ".npz")
 
@@ -158,8 +158,8 @@ def _known(
     values = np.array([water.veiling_light, water.attenuation, water.backscatter], dtype=np.float64)
     if values.shape != (3, 3) or not np.isfinite(values).all():
         raise InputError(f"{place}: B, beta and gamma must be three finite numbers each, red, green and blue")
-    if np.abs(values[0]).max() > _MOST_B or np.abs(values[1:]).max() > _MOST_RATE:
-        limits = f"B is an intensity, at most {_MOST_B:g}, beta and gamma are rates in 1/m, at most {_MOST_RATE:g}"
+    if values.min() < _LEAST or values[0].max() > _MOST_B or values[1:].max() > _MOST_RATE:
+        limits = f"B is an intensity of 0 to {_MOST_B:g}, beta and gamma are rates of 0 to {_MOST_RATE:g} 1/m"
         raise InputError(f"{place}: no water is like this; {limits}")
     if (explained := water.encoding or view.encoding) != encoding:
         remedy = f"give one of {encoding} intensities"

@@ -131,6 +131,7 @@ def test_water_comes_from_the_records_of_a_run(tmp_path: Path, source: str, is_s
     [
         ("huge.json", '{"B": [1e300, 0, 0], "beta": [1, 1, 1], "gamma": [1, 1, 1]}', {"B", "intensity"}),
         ("rate.json", '{"B": [0, 0, 0], "beta": [1000, 1, 1], "gamma": [1, 1, 1]}', {"B", "intensity"}),
+        ("grows.json", '{"B": [0, 0, 0], "beta": [-5, 1, 1], "gamma": [1, 1, 1]}', {"beta", "rates"}),
         (
             "linear.json",
             '{"B": [0, 0, 0], "beta": [1, 1, 1], "gamma": [1, 1, 1], "encoding": "linear"}',
