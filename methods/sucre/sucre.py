@@ -256,8 +256,9 @@ def check(options: Any, method: str) -> None:
     if is_strobe and options.one_coefficient:
         raise InputError(f"{method}.light: the veil of a strobe is not eq. 1; give {method}.one_coefficient=false")
     if is_strobe and (options.fill or options.colours == "single_view"):
-        fault = "a strobe's light on pixels without depth is not known"
-        raise InputError(f"{method}.{'fill' if options.fill else 'colours'}: {fault}; use {method}.light=auto")
+        option, seen = ("fill", "pixels without depth") if options.fill else ("colours", "a single view")
+        fault = f"a strobe's light is not removed from the colours of {seen}"
+        raise InputError(f"{method}.{option}: {fault}; use {method}.light=auto")
     for name, value in (("backend", "torch"), ("backend", "jax"), ("device", "cuda")):
         if getattr(options, name) == value:
             library = "jax" if options.backend == "jax" else "torch"
