@@ -88,7 +88,19 @@ def field_docs(cls: type[Any]) -> dict[str, str]:
     return docs
 
 
-_NOUNS = {bool: "true or false", int: "a whole number", float: "a number", str: "a word"}
+_NOUNS = {int: "a whole number", float: "a number", str: "a word", Path: "a path", type(None): "none"}
+
+
+def _taken(kind: Any) -> list[str]:
+    """Return what an option of a type takes, in words: "true", "false", "auto"."""
+    if kind is bool:
+        return ["true", "false"]
+    kinds, origin = get_args(kind), get_origin(kind)
+    if origin is Literal:
+        return list(kinds)
+    if origin in (tuple, list, Sequence):
+        return ["a list"]
+    return [word for one in kinds for word in _taken(one)] or [_NOUNS.get(kind, "a group of options")]
 
 
 def checked_options(cls: Any, given: Mapping[str, Any], place: str = "") -> dict[str, Any]:
@@ -112,7 +124,9 @@ def checked_options(cls: Any, given: Mapping[str, Any], place: str = "") -> dict
             raise InputError("is empty", where, "give a path")  # else it would be the current folder
         value = typed(kind, value)
         if not fits(kind, value):
-            raise InputError(f"{shown_value(value)} is not {_NOUNS.get(kind, kind)}", where, remedy)
+            *words, last = _taken(kind)
+            takes = " or ".join(filter(None, [", ".join(words), last]))
+            raise InputError(f"{shown_value(value)} is not {takes}", where, remedy)
         each = value if isinstance(value, (list, tuple)) else [value]
         if any(isinstance(one, int) and abs(one) >= 2**63 for one in each):  # no table, and no generator, takes it
             raise InputError(f"{value} is too large", where, "give a number below 2^63")

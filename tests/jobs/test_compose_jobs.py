@@ -62,6 +62,7 @@ def jobs(*overrides: str, multirun: bool = False) -> compose_jobs.Command:
         ("dataset=colmap", {"colmap.root", "dataset.root=FOLDER"}),
         ("method.gain", {"method.gain", "key=value"}),
         ("shard=3", {"shard", "index", "count"}),
+        ("views={a: 1}", {"views", "word", "list", "none"}),
         ("tracking=null", {"tracking", "uri", "experiment"}),
     ],
 )
