@@ -28,8 +28,21 @@ _ADDED: dict[Kind, tuple[str, ...]] = {"dataset": ("label",), "method": ("label"
 GROUPS: dict[Kind, str] = {"dataset": "dataset", "method": "method", "metric": "metrics"}
 _MOST_FOLDERS = 100  # that are looked into for a hint
 SEED = "${seed}"  # of the run: what a plugin's seed is unless it is given
-# Presets that are gone, and what to write instead.
+# Presets, and options of `sucre` and `sucre_plus`, that are gone, and what to write instead.
 _GONE = {"sucre_single_pixels": "sucre_exact", "sucre_photo": "sucre_plus"}
+_GONE_OPTIONS = {
+    **dict.fromkeys(("exposure", "apply_gains"), "method.light=exposure"),
+    "lamp": "method.light=strobe",
+    "falloff": "method.light=lens",
+    **dict.fromkeys(("prior", "edges", "even"), "method.refine=true"),
+    **dict.fromkeys(("steps", "lr"), "method=sucre_paper, which has it"),
+    "water_from": "method.water=METHOD",
+    "shared_views": "method.water=shared, which takes up to 40 views",
+    "tolerance": "method.pairing=depth, which takes 0.03 of the depth",
+    "residuals": "save=full",
+    "seed": "seed=NUMBER, the run's",
+    "pairs": "nothing instead: every run stores its pairs",
+}
 
 
 @dataclass(frozen=True)
@@ -107,7 +120,10 @@ def configuration(kind: Kind, name: str) -> dict[str, Any]:
 
 def method_choice(name: str, options: Mapping[str, Any]) -> Choice:
     """Return a method or a preset of conf/ with options (label and display too), as Python takes them."""
-    plugin, preset = named("method", name), preset_of("method", name)
+    plugin, preset, known = named("method", name), preset_of("method", name), option_names("method", name)
+    for option in options:
+        if option not in known:
+            raise unknown_option(f"{plugin.name}.{option}", option, [name], known)
     values = preset.sets if preset else {}
     return plugin_choice("method", {"display": plugin.display, **values, **options, "name": plugin.name})
 
@@ -119,6 +135,17 @@ def option_names(kind: Kind, name: str) -> list[str]:
     """
     plugin = plugin_of(kind, name)
     return [*(option.name for option in options_of(plugin.cls)), *_ADDED[kind]] if plugin else []
+
+
+def unknown_option(place: str, option: str, names: Iterable[str], known: Iterable[str]) -> InputError:
+    """Return the error for an option that plugins or presets of these names lack; it says what replaced the option.
+
+    place: as the user typed it; known: the options that they have.
+    """
+    owners = {plugin.name for name in names if (plugin := plugin_of("method", name))}
+    if option in _GONE_OPTIONS and owners & {"sucre", "sucre_plus"}:
+        return InputError("is gone", place, f"write {_GONE_OPTIONS[option]}")
+    return unknown_name(place, option, known)
 
 
 def moved_paths(kind: Kind, name: str, values: Mapping[str, Any], seen: Callable[[str], str]) -> dict[str, str]:

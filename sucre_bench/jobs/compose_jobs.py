@@ -32,6 +32,7 @@ from sucre_bench.jobs.catalogue import (
     plugin_of,
     presets,
     recognised,
+    unknown_option,
 )
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.lineup import KINDS, Entry, Kind, LineUp, read_experiment, read_line_up
@@ -294,8 +295,9 @@ def _option(word: Word, entries: Mapping[Kind, Sequence[Entry]], line_up: LineUp
     if fitting:
         return fitting[0]
     for option in meant:
-        owners = (entry for entry in entries[option.kind] if option.owner in ("", entry.name, entry.label))
-        raise unknown_name(word.key, option.name, {name for e in owners for name in option_names(option.kind, e.name)})
+        owners = [entry.name for entry in entries[option.kind] if option.owner in ("", entry.name, entry.label)]
+        known = {name for owner in owners for name in option_names(option.kind, owner)}
+        raise unknown_option(word.key, option.name, owners, known)
     if word.head not in _OF_RUN:
         raise unknown_word(word, entries, line_up)
     return None

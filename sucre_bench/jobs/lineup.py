@@ -29,7 +29,7 @@ from typing import Any, Literal
 from sucre_bench import plugins, results
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, SucreBenchError, did_you_mean, unknown_name
-from sucre_bench.jobs.catalogue import is_path, moved_paths, named, option_names, presets, recognised
+from sucre_bench.jobs.catalogue import is_path, moved_paths, named, option_names, presets, recognised, unknown_option
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.run_options import CONF_FOLDER, RunConfig, Study
 from sucre_bench.jobs.words import Word, given, undegraded_label
@@ -257,7 +257,7 @@ def _check_entry(kind: Kind, entry: Entry) -> None:
     names = [*option_names(kind, entry.name), *(["degrade"] if kind == "dataset" else [])]
     for option, value in entry.options.items():
         if option not in names:
-            raise unknown_name(f"{entry.name}.{option}", option, names)
+            raise unknown_option(f"{entry.name}.{option}", option, [entry.name], names)
         if option == "degrade":
             _check_setting(option, value)
 

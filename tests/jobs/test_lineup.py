@@ -72,6 +72,9 @@ def test_options_of_one_method_leave_the_stored_results_of_others_alone(tmp_path
         (["method=gain,gain2", "gain2.gain=much"], {"gain2.gain", "much", "number"}),
         (["method=gain", "metrics=psnr,redness"], {"metrics=[psnr,redness]"}),
         (["method=gain", "seed=abc"], {"seed", "abc", "whole"}),
+        (["method=sucre_plus", "method.robust=1"], {"method.robust", "1", "true", "false", "auto"}),
+        (["method=sucre", "method.lamp=true"], {"method.lamp", "method.light=strobe"}),
+        (["method=gain,sucre_exact", "sucre_exact.lr=1"], {"sucre_exact.lr", "method=sucre_paper"}),
         (["dataset=colmap", "dataset.root=x", "method=gain", "every=1.5"], {"every", "1.5", "whole"}),
     ],
 )
