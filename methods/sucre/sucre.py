@@ -17,14 +17,13 @@ from sucre_bench.machine.provenance import require
 from sucre_bench.methods.sucre.known_water import check_source
 from sucre_bench.methods.sucre.light import Parts, parts_of
 from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.methods.sucre.paper import CITES
 from sucre_bench.methods.sucre.passes import Backend
 
 if TYPE_CHECKING:
     from sucre_bench.multiview.observations import Observations
     from sucre_bench.multiview.observe import Options
 
-_AFTER = f"by this project, after {CITES}; its authors have not seen it"
+_AFTER = "by this project, after Boittiaux et al. 2024; its authors have not seen it"
 
 
 @method(

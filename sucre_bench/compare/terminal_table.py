@@ -203,6 +203,8 @@ def _overview(comparisons: Sequence[Comparison], width: int) -> Text:
     for kind, where in (("common pixels", "on the pixels that all methods fill"), ("own pixels", "on own pixels")):
         if some := sum(kind in kinds for kinds in noted):
             dim.append(f"in {some} of {n} tables methods fill different pixels; scores are {where}")
+    ours = (replace(one, notes=tuple(note for note in one.notes if note.kind == "by us")) for one in comparisons)
+    dim += dict.fromkeys(text for one in ours for text in words.left_out(one))
     best = Counter(
         ranking[0]
         for one, ranking, column in zip(comparisons, ranked, mains, strict=True)

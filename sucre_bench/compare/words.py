@@ -171,6 +171,7 @@ NOTES = {
     "own pixels": "{metrics}{in_some} on each method's own pixels, which differ{why}",
     "no shared pixels": "no score in {note.n} of {note.total} images, because they have no pixel that all methods fill",
     "differs": "{names} differs from its publication: {note.reasons}",
+    "by us": "{names}: {note.reasons}",
     "opinions": "what people thought of pictures by these methods in published studies, {note.reasons}",
     "trained on": "{names} was trained on: {note.reasons}",
     "older data": "left out, because they ran on other data: {names}",
