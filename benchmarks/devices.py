@@ -18,7 +18,7 @@ from solvers import fastest
 import sucre_bench as sb
 from sucre_bench.errors import InputError
 from sucre_bench.machine.compute import usable_cores
-from sucre_bench.methods.sucre.paper import solve_adam, start_of
+from sucre_bench.methods.sucre.paper import SucrePaper, solve_adam, start_of
 from sucre_bench.methods.sucre.policy import solve_exact
 from sucre_bench.methods.sucre.solution import Solution
 from sucre_bench.multiview.observe import observe
@@ -54,7 +54,7 @@ def compare_on(scene: Scene) -> None:
         return lambda: solve_exact(observations, backend=backend, device=device)
 
     def adam(device: Any) -> Callable[[], Solution]:
-        return lambda: solve_adam(observations, start, 200, 0.05, "sum", "torch", device)
+        return lambda: solve_adam(observations, start, SucrePaper(device=device))
 
     reference = exact("numpy", "cpu")() if len(observations) <= REFERENCE_AT_MOST else None
     table(reference, {f"exact, {b} on {d}": exact(b, d) for b, d in PLACES}, of="exact, torch on cpu")

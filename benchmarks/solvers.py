@@ -15,7 +15,7 @@ import numpy as np
 
 import sucre_bench as sb
 from sucre_bench.methods.sucre.exact import fit
-from sucre_bench.methods.sucre.paper import solve_adam
+from sucre_bench.methods.sucre.paper import SucrePaper, solve_adam
 from sucre_bench.methods.sucre.policy import solve_exact
 from sucre_bench.methods.sucre.solution import Solution
 from sucre_bench.multiview.observe import observe
@@ -45,7 +45,7 @@ def main() -> None:
 
     # Adam's kernel is torch's; its water's cost and diagnosis, which are no part of the 200 steps, are few passes.
     works: dict[str, Callable[[], Solution]] = {
-        "adam, 200 steps": lambda: solve_adam(observations, own, 200, 0.05, "sum", backend, "cpu"),
+        "adam, 200 steps": lambda: solve_adam(observations, own, SucrePaper(device="cpu")),
         "exact": lambda: solve_exact(observations, backend=backend, device="cpu"),
         "exact, physical": lambda: solve_exact(observations, physical=True, backend=backend, device="cpu"),
     }

@@ -48,17 +48,13 @@ _SHARED_VIEWS = 40
 
 @dataclass(frozen=True, slots=True)
 class SourceOption:
-    """An option that names a water, as users type it; words: that name no file and no method, the default first.
-
-    chooses_encoding: whether its method has the option encoding.
-    """
+    """An option that names a water, as users type it; words: that name no file and no method, the default first."""
 
     name: str
     words: tuple[str, ...]
-    chooses_encoding: bool = False
 
 
-WATER = SourceOption("method.water", ("own", "shared", "truth"), chooses_encoding=True)
+WATER = SourceOption("method.water", ("own", "shared", "truth"))
 START = SourceOption("sucre_paper.start", ("paper", "truth"))
 
 
@@ -163,7 +159,7 @@ def _known(
         raise InputError(f"{place}: no water is like this; {limits}")
     if (explained := water.encoding or view.encoding) != encoding:
         remedy = f"give one of {encoding} intensities"
-        if option.chooses_encoding and view.encoding != "linear":
+        if option is WATER and view.encoding != "linear":
             remedy = f"{'give' if explained == 'linear' else 'leave out'} method.encoding=linear"
         raise InputError(f"{place}: is of {explained} intensities, and {encoding} ones are to be explained; {remedy}")
     if not lighting.gains:
@@ -203,8 +199,7 @@ def _shared_fit(scene: Scene, options: Sucre) -> WaterFit | SolveError:
     from sucre_bench.methods.sucre import exact
     from sucre_bench.methods.sucre.solution import SAMPLE, Observed, clustered, sampled
 
-    sharp: list[Observations | None] = []
-    to_fit: list[Observations] = []
+    pairs: list[tuple[Observations, Observations | None]] = []  # to fit, and sharp ones where these are blurred
     last = "no view shares a pixel with another"
     for k in track(evenly(len(scene), _SHARED_VIEWS), "shared water"):
         view = scene.views[k]
@@ -218,14 +213,13 @@ def _shared_fit(scene: Scene, options: Sucre) -> WaterFit | SolveError:
             continue
         sample = sampled(seen.observations, SAMPLE, singles=options.physical, seed=k)
         matched = seen.matched if options.footprint else None
-        to_fit.append(sample if matched is None else matched)
-        sharp.append(None if matched is None else sample)
-    if not to_fit:
+        pairs.append((sample, None) if matched is None else (matched, sample))
+    if not pairs:
         return SolveError(f"the scene's water cannot be fitted, {last}; use method.water=FILE with a known one")
     try:
-        alike = options.one_coefficient
+        alike, (to_fit, sharp) = options.one_coefficient, zip(*pairs, strict=True)
         found = exact.fit(to_fit, physical=options.physical, sharp=sharp, one_coefficient=alike, **options.compute)
-        blurred = [one for one, its_sharp in zip(to_fit, sharp, strict=True) if its_sharp is not None]
+        blurred = [one for one, its_sharp in pairs if its_sharp is not None]
         known = clustered(found.uncertainty, blurred, found.water, tied=alike) if blurred else found.uncertainty
         return replace(found, uncertainty=known)
     except SolveError as fault:

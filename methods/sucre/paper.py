@@ -20,7 +20,7 @@ Blocks of pixels are small enough to stay in a processor's cache; float32 inside
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ from sucre_bench.machine.compute import Device
 from sucre_bench.machine.progress import track
 from sucre_bench.methods.sucre.known_water import START, check_source, water_of
 from sucre_bench.methods.sucre.model import WaterParameters, derivatives
-from sucre_bench.methods.sucre.passes import Backend, backend_for, one_torch_thread, opened
+from sucre_bench.methods.sucre.passes import backend_for, one_torch_thread, opened
 from sucre_bench.methods.sucre.solution import Course, Solution, uncertainty_of
 from sucre_bench.multiview.observations import Observations
 
@@ -47,8 +47,7 @@ CITES = (
     "Color Restoration, 3DV"
 )
 
-# The paper's settings: steps and learning rate of Adam, and the start beside J = I, B = beta = gamma = 0.1.
-STEPS, LR = 200, 0.05
+# The start beside J = I.
 _INITIAL_WATER = WaterParameters.of_channels(np.full((3, 3), 0.1))
 
 # Adam's own default (Kingma & Ba 2015), which the paper does not change.
@@ -70,10 +69,10 @@ class SucrePaper(FillOption):
     takes part all the same, as in the paper.
     """
 
-    steps: int = STEPS
+    steps: int = 200
     """Steps of Adam, each over all observations."""
 
-    lr: float = LR
+    lr: float = 0.05
     """Adam's learning rate, for intensities as for B, beta and gamma."""
 
     objective: Literal["sum", "mean"] = "sum"
@@ -112,9 +111,8 @@ class SucrePaper(FillOption):
         start, water = start_of(observations, view.rgb.reshape(-1, 3)), _INITIAL_WATER
         if self.start != "paper":
             water = water_of(self.start, scene, view, view.encoding, START).water
-        how: dict[str, Any] = {"water": water, "tied": self.one_coefficient, "objective": self.objective}
         with named(view):
-            solution = solve_adam(observations, start, self.steps, self.lr, backend="torch", device=self.device, **how)
+            solution = solve_adam(observations, start, self, water)
         solution = with_residuals(observations, solution)
         solve_s = time.perf_counter() - started
         stages = {"read": observations.read_s, "pair": observations.pair_s, "solve": solve_s}
@@ -129,124 +127,79 @@ def start_of(observations: Observations, intensities: Array) -> Array:
 
 
 def solve_adam(
-    observations: Observations,
-    start: Array,
-    steps: int = STEPS,
-    lr: float = LR,
-    objective: Literal["sum", "mean"] = "sum",
-    backend: Backend = "auto",
-    device: Device = "auto",
-    *,
-    water: WaterParameters = _INITIAL_WATER,
-    tied: bool = False,
+    observations: Observations, start: Array, options: SucrePaper, water: WaterParameters = _INITIAL_WATER
 ) -> Solution:
     """Take Adam's steps from J = start (3, P) and a water, full batch, without bounds, and return its last iterate.
 
-    tied: gamma is beta. Raises SolveError when it diverges.
+    Raises SolveError when it diverges.
     """
     import torch
     from torch.optim.adam import adam  # torch.optim.Adam imports PyTorch's compiler at its first step, for a second
 
-    eps = _EPS if objective == "sum" else _EPS * 3 * len(observations)  # the same as dividing the sum
-    _, place = backend_for("torch", device)
+    eps = _EPS if options.objective == "sum" else _EPS * 3 * len(observations)  # the same as dividing the sum
+    tied, (_, place) = options.one_coefficient, backend_for("torch", options.device)
     J_now, columns = torch.tensor(start, dtype=torch.float32, device=place), [0, 1, 1 if tied else 2]
     water_now = torch.tensor(water.by_channel()[:, columns]).contiguous()  # as the gradient is
     J_grad, unknowns = torch.zeros_like(J_now), [J_now, water_now]
     means, squares = ([torch.zeros_like(unknown) for unknown in unknowns] for _ in range(2))
     counts = [torch.zeros((), device=unknown.device) for unknown in unknowns]
-    settings: Any = {"lr": lr, "eps": eps, "beta1": 0.9, "beta2": 0.999, "weight_decay": 0, "amsgrad": False}
-    with Objective.on(observations, place) as eq_7:
-        cost, water_grad = eq_7.evaluate(J_now, water_now, J_grad)
+    settings: Any = {"lr": options.lr, "eps": eps, "beta1": 0.9, "beta2": 0.999, "weight_decay": 0, "amsgrad": False}
+    with squared_error(observations, place) as evaluate:
+        cost, water_grad = evaluate(J_now, water_now, J_grad)
         first = cost
-        for _ in track(range(steps), "SUCRe (Adam)"):
+        for _ in track(range(options.steps), "SUCRe (Adam)"):
             if tied:
                 water_grad[:, 1:] = water_grad[:, 1:].sum(dim=1, keepdim=True)
             gradients = [J_grad, water_grad]
             # fused: one pass over memory, not ten
             adam(unknowns, gradients, means, squares, [], counts, fused=True, maximize=False, **settings)
-            cost, water_grad = eq_7.evaluate(J_now, water_now, J_grad)
+            cost, water_grad = evaluate(J_now, water_now, J_grad)
     if not cost.isfinite().all():
-        raise SolveError(f"Adam diverged after {steps} steps; lower lr ({lr}) or steps")
+        raise SolveError(f"Adam diverged after {options.steps} steps; lower lr ({options.lr}) or steps")
     found = WaterParameters.of_channels(water_now.numpy()[:, columns])
-    with opened(observations, backend, device) as kernel:
+    with opened(observations, "torch", options.device) as kernel:
         uncertainty = uncertainty_of(found, kernel.system(found), None, observations.n_excess, tied=tied)
         _, deviation = kernel.colours(found, uncertainty.noise, uncertainty.covariance)
-    course = Course(solver="adam", device=place, steps=steps, initial_cost=first.numpy())
+    course = Course(solver="adam", device=place, steps=options.steps, initial_cost=first.numpy())
     return Solution(J_now.cpu().numpy(), deviation, found, cost.numpy(), uncertainty, course)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Objective:
-    """Eq. 7 and its gradient over observations that lie on a device.
+@contextmanager
+def squared_error(
+    observations: Observations, device: str = "cpu", block_px: int | None = None
+) -> Iterator[Callable[[torch.Tensor, torch.Tensor, torch.Tensor], tuple[torch.Tensor, torch.Tensor]]]:
+    """Move the observations to a device for the time of a `with` block; return what evaluates eq. 7 and its gradient.
 
-    distance: (N,) float32; colour: (3, N) uint8 or float32; scale: brings it to [0, 1];
-    blocks: (channel, start, slots) each: pixels from start on, and their slots (n, part);
-    workers: threads, each with a share of the blocks.
+    Its arguments are J (3, P), the water (3, 3), a row a channel, columns B, beta, gamma, and dE/dJ (3, P), which it
+    writes. It returns the cost (3,) and dE/dwater (3, 3), float64 on the CPU. Sums are added up in the order of the
+    blocks, whatever thread made them: equal runs give equal results.
+    block_px: pixels worked on at once; None: what was fastest on the device. It changes sums by rounding only.
     """
+    import torch
 
-    distance: torch.Tensor
-    colour: torch.Tensor
-    scale: float
-    blocks: list[tuple[int, int, list[tuple[int, slice]]]]
-    workers: ThreadPoolExecutor
-    n_workers: int
+    size = block_px or _BLOCK_PX[device]
+    starts = range(0, len(observations.pixels), size)
+    blocks = [(start, list(observations.slots(start, start + size)), c) for start in starts for c in range(3)]
+    distance, colour = (torch.from_numpy(v).to(device) for v in (observations.distance, observations.colour))
 
-    @staticmethod
-    @contextmanager
-    def on(observations: Observations, device: str = "cpu", block_px: int | None = None) -> Iterator[Objective]:
-        """Move the observations to a device for the time of a `with` block.
-
-        block_px: pixels worked on at once; None: what was fastest on the device. It changes sums by rounding only.
-        """
-        import torch
-
-        size = block_px or _BLOCK_PX[device]
-        starts = range(0, len(observations.pixels), size)
-        blocks = [(c, start, list(observations.slots(start, start + size))) for start in starts for c in range(3)]
-        distance, colour = (torch.from_numpy(v).to(device) for v in (observations.distance, observations.colour))
-        n_workers = torch.get_num_threads() if device == "cpu" else 1
-        with one_torch_thread(), ThreadPoolExecutor(n_workers) as workers:
-            yield Objective(distance, colour, observations.scale, blocks, workers, n_workers)
-
-    def evaluate(self, J: torch.Tensor, water: torch.Tensor, J_grad: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the cost (3,) and dE/dwater (3, 3), float64 on the CPU, and write dE/dJ (3, P) to J_grad.
-
-        water: (3, 3) and its gradient have a row a channel, columns B, beta, gamma.
-
-        Sums are added up in the order of the blocks, whatever thread made them: equal runs give equal results.
-        """
-        import torch
-
+    def evaluate(J: torch.Tensor, water: torch.Tensor, J_grad: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         rows = water.tolist()
-        sums = torch.zeros(len(self.blocks), 4, dtype=torch.float64, device=J.device)
+        sums = torch.zeros(len(blocks), 4, dtype=torch.float64, device=J.device)
 
-        def work(worker: int) -> None:
-            for k in range(worker, len(self.blocks), self.n_workers):
-                channel, start, slots = self.blocks[k]
-                pixels = slice(start, start + slots[0][0])
-                self._block(channel, slots, J[channel, pixels], rows[channel], J_grad[channel, pixels], sums[k])
+        def work(k: int) -> None:
+            start, slots, c = blocks[k]
+            B, beta, gamma = rows[c]
+            J_grad[c, start : start + slots[0][0]].zero_()
+            for n, part in slots:
+                pixels, z = slice(start, start + n), distance[part]
+                a, D_B, D_beta, D_gamma = derivatives(J[c, pixels], z, B, beta, gamma)
+                r = colour[c, part] * observations.scale - (J[c, pixels] * a + B * D_B)
+                J_grad[c, pixels].addcmul_(r, a, value=-2)
+                sums[k] += torch.stack([r @ r, r @ D_B, r @ D_beta, r @ D_gamma])
 
-        list(self.workers.map(work, range(self.n_workers)))
+        list(workers.map(work, range(len(blocks))))
         total = sums.cpu().reshape(-1, 3, 4).sum(dim=0)  # blocks of one start are the three channels
         return total[:, 0], -2 * total[:, 1:].contiguous()
 
-    def _block(
-        self,
-        channel: int,
-        slots: list[tuple[int, slice]],
-        J_all: torch.Tensor,
-        water: list[float],
-        J_grad: torch.Tensor,
-        sums: torch.Tensor,
-    ) -> None:
-        """Write dE/dJ of a block's pixels; add sum r^2 and sum r D of B, beta, gamma to sums (4,)."""
-        import torch
-
-        B, beta, gamma = water
-        J_grad.zero_()
-        for n, part in slots:
-            J, z = J_all[:n], self.distance[part]
-            a, D_B, D_beta, D_gamma = derivatives(J, z, B, beta, gamma)
-            r = self.colour[channel, part] * self.scale - (J * a + B * D_B)
-            J_grad[:n].addcmul_(r, a, value=-2)
-            sums += torch.stack([r @ r, r @ D_B, r @ D_beta, r @ D_gamma])
+    with one_torch_thread() as n_threads, ThreadPoolExecutor(n_threads if device == "cpu" else 1) as workers:
+        yield evaluate

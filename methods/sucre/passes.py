@@ -19,8 +19,9 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any, Literal
 
 import numpy as np
@@ -57,13 +58,13 @@ def opened(
     such device.
     """
     if backend == "numpy":
-        return open_blocks(observations, "cpu", in_numpy(observations), _NUMPY)
+        return nullcontext(Kernel(observations, "cpu", in_numpy(observations), _NUMPY))
     library, place = backend_for(backend, device)
     if library == "numba":
         from sucre_bench.methods.sucre.numba_loops import SHARE, compiled
 
-        return open_blocks(observations, "cpu", compiled(observations), SHARE)
-    return on_torch(observations, place) if library == "torch" else on_jax(observations, place)
+        return nullcontext(Kernel(observations, "cpu", compiled(observations), SHARE))
+    return on_torch(observations, place) if library == "torch" else nullcontext(on_jax(observations, place))
 
 
 def backend_for(backend: Backend, device: Device) -> tuple[Literal["numba", "torch", "jax"], str]:
@@ -76,7 +77,7 @@ def backend_for(backend: Backend, device: Device) -> tuple[Literal["numba", "tor
         raise InputError(
             "method.backend=numba computes on the CPU only; use method.device=auto, or method.backend=torch"
         )
-    if backend != "jax" and backend != "torch" and device != "cuda":
+    if backend in ("auto", "numba") and device != "cuda":
         return "numba", "cpu"
     if backend == "jax":
         has_gpu = _jax_sees_gpu()
@@ -84,12 +85,10 @@ def backend_for(backend: Backend, device: Device) -> tuple[Literal["numba", "tor
         import torch
 
         has_gpu = torch.cuda.is_available()
+    library: Literal["jax", "torch"] = "jax" if backend == "jax" else "torch"
     if device == "cuda" and not has_gpu:
-        fault, remedy = ("JAX sees no GPU", "method.backend=torch")
-        if backend != "jax":
-            fault, remedy = ("PyTorch sees no CUDA GPU", "method.device=cpu")
-        raise InputError(f"method.device=cuda: {fault}; use method.device=auto or {remedy}")
-    return "jax" if backend == "jax" else "torch", "cuda" if device != "cpu" and has_gpu else "cpu"
+        raise InputError(f"method.device=cuda: {library} sees no GPU; use method.device=auto")
+    return library, "cuda" if device != "cpu" and has_gpu else "cpu"
 
 
 def _jax_sees_gpu() -> bool:
@@ -241,16 +240,16 @@ class Kernel:
 
     device: where it computes, "cpu" or "cuda"; compute: returns the result for a block of a formula (`products`,
     `colours`), float64 or float32, from arrays of parameters; MemoryError where a GPU lacks the memory for it. slots:
-    how many slots to give a block that needs so many. Results come in the order of the blocks, whatever thread made
-    them, so that equal runs give equal sums.
+    how many slots to give a block that needs so many. Several blocks are computed at a time on the CPU, block after
+    block on a GPU. Results come in the order of the blocks, whatever thread made them, so that equal runs give equal
+    sums.
     """
 
     observations: Observations
     device: str
     compute: Callable[..., Array]
     places: int
-    slots: Callable[[int], int]
-    workers: ThreadPoolExecutor
+    slots: Callable[[int], int] = int
 
     def system(self, water: WaterParameters, margin: Array | None = None) -> ReducedSystem:
         """Return the reduced problem around a water, over the pixels that inform it.
@@ -291,26 +290,16 @@ class Kernel:
             rest = Block(block.start + half, block.n - half, block.slots)
             return work(Block(block.start, half, block.slots)) + work(rest)
 
-        for pieces in map(work, cut) if len(cut) == 1 else self.workers.map(work, cut):
-            yield from pieces
+        if len(cut) == 1 or self.device != "cpu":
+            yield from chain.from_iterable(map(work, cut))
+            return
+        with ThreadPoolExecutor(usable_cores()) as workers:
+            yield from chain.from_iterable(workers.map(work, cut))
 
 
 def _by_channel(values: Array) -> Array:
     """Return values (..., 3) as (..., 3, 1, 1), to be broadcast over rectangles (3, K, n)."""
     return np.array(values, dtype=np.float64)[..., None, None]
-
-
-@contextmanager
-def open_blocks(
-    observations: Observations,
-    device: str,
-    compute: Callable[..., Array],
-    places: int,
-    slots: Callable[[int], int] = int,
-) -> Iterator[Kernel]:
-    """Open the observations for a library: several blocks at a time on the CPU, block after block on a GPU."""
-    with ThreadPoolExecutor(usable_cores() if device == "cpu" else 1) as workers:
-        yield Kernel(observations, device, compute, places, slots, workers)
 
 
 # -- NumPy, PyTorch and JAX ----------------------------------------------------------------------
@@ -339,8 +328,8 @@ def in_numpy(observations: Observations) -> Callable[..., Array]:
 
 
 @contextmanager
-def one_torch_thread() -> Iterator[None]:
-    """Give PyTorch's operations one thread each, as several blocks run at a time.
+def one_torch_thread() -> Iterator[int]:
+    """Give PyTorch's operations one thread each, as several blocks run at a time; return how many they had.
 
     An operation on a block takes some 20 us, less than gathering threads for it costs, and a thread that is displaced
     would hold up all the others.
@@ -350,7 +339,7 @@ def one_torch_thread() -> Iterator[None]:
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        yield
+        yield threads
     finally:
         torch.set_num_threads(threads)
 
@@ -372,12 +361,12 @@ def on_torch(observations: Observations, device: str) -> Iterator[Kernel]:
         torch.cuda.empty_cache()
         raise MemoryError
 
-    with one_torch_thread(), open_blocks(observations, device, compute, _TORCH[device]) as kernel:
-        yield kernel
+    with one_torch_thread():
+        yield Kernel(observations, device, compute, _TORCH[device])
 
 
-def on_jax(observations: Observations, device: str) -> AbstractContextManager[Kernel]:
-    """Open the observations for JAX on "cpu" or "cuda"."""
+def on_jax(observations: Observations, device: str) -> Kernel:
+    """Return the passes by JAX on "cpu" or "cuda"."""
     import jax
 
     place = jax.devices("gpu" if device == "cuda" else "cpu")[0]
@@ -387,7 +376,7 @@ def on_jax(observations: Observations, device: str) -> AbstractContextManager[Ke
         narrow = [None if values is None else values.astype(np.float32) for values in parameters]
         return np.asarray(_jitted(formula)(*jax.device_put((*fill(observations, block, width=width), *narrow), place)))
 
-    return open_blocks(observations, device, compute, _JAX[device], _few_sizes)
+    return Kernel(observations, device, compute, _JAX[device], _few_sizes)
 
 
 @functools.cache

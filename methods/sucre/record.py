@@ -30,7 +30,6 @@ from sucre_bench.arrays import Array, Indices, evenly
 from sucre_bench.errors import SolveError
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.solution import CHANNELS, Solution, WaterUncertainty, is_determined, residuals_of
-from sucre_bench.methods.sucre.sucre import typed
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.plugins.call_method import is_stored_in_full, with_name
 from sucre_bench.scene import Encoding, Restoration, View, Water
@@ -153,15 +152,15 @@ def faults_of_colours(negative: Array, unknown: Array, options: Any) -> list[str
 
     negative: (3,) share below zero; unknown: (3,) share with a standard deviation above 1.
     """
-    doubts = []
+    doubts, fits_water = [], getattr(options, "water", "own") in ("own", "shared")
     for colour, below, lost in zip(CHANNELS, negative, unknown, strict=True):
-        for share, fault, option, effect in (
-            (below, "darker than black, and show as black", "physical", "keeps them above zero"),
-            (lost, "lost in noise", "refine", "draws them to the mean"),
+        for share, fault, option, effect, helps in (
+            (below, "darker than black, and show as black", "physical", "keeps them above zero", fits_water),
+            (lost, "lost in noise", "refine", "draws them to the mean", True),
         ):
             if share > _MANY:
-                word = typed(options, option, True) if hasattr(options, option) else "method=sucre_plus"
-                remedy = f"; {word} {effect}" if word else ""
+                word = f"method.{option}=true" if hasattr(options, option) else "method=sucre_plus"
+                remedy = f"; {word} {effect}" if helps and not getattr(options, option, False) else ""
                 doubts.append(f"{colour}: {share:.0%} of the colours are {fault}{remedy}")
     return doubts
 
@@ -171,34 +170,27 @@ def residuals(observations: Observations, J: Array, water: WaterParameters) -> d
 
     J: (3, P) colours in the order of `observations.pixels`.
 
-    observations: how many were used; single_share: share of all observations that are alone at their pixel;
-    decisive_share: share of the used ones that were left out for their leverage.
-
-    If any is left, for each channel: mean, std, robust_std (from the median of |r|), skew, kurtosis (excess: 0 for a
-    normal distribution); raw_std, without the division by sqrt(1 - h); histogram: counts of bins from -bins width / 2
-    on, and the number beyond; normal: the quantiles at probabilities Phi(z); against_fit: counts[fit][residual] over
-    the ranges fit and residual, and for each bin of fits the median and the quantiles 0.159 and 0.841, None for bins
-    with few. tracks: points seen over wide ranges of distance, nearest first: pixel (x, y), J, distance,
-    intensity[channel].
+    observations: how many were used. If any is left, for each channel: mean, std, robust_std (from the median of |r|),
+    skew, kurtosis (excess: 0 for a normal distribution); histogram: counts of bins from -bins width / 2 on, and the
+    number beyond; normal: the quantiles at probabilities Phi(z); against_fit: counts[fit][residual] over the ranges fit
+    and residual, and for each bin of fits the median and the quantiles 0.159 and 0.841, None for bins with few. tracks:
+    points seen over wide ranges of distance, nearest first: pixel (x, y), J, distance, intensity[channel].
     """
     from scipy.special import ndtr, ndtri
 
     n_repeated = observations.n_repeated
-    n_alone = len(observations.pixels) - n_repeated
-    about: dict[str, Any] = {"observations": 0, "single_share": n_alone / len(observations)}
     if not n_repeated:
-        return about
+        return {"observations": 0}
+    n_alone = len(observations.pixels) - n_repeated
     wanted = min(n_repeated, max(1, round(_SAMPLE * n_repeated / (len(observations) - n_alone))))
     places = np.sort(np.random.default_rng(0).choice(n_repeated, wanted, replace=False))
     few, colours = observations.take(places), J[:, places].astype(np.float64)
     raw, h, information, fit = residuals_of(few, colours, water)
-    used = (information > 0).all(axis=0)
-    kept = used & (h < _DECISIVE).all(axis=0)
-    about |= {"observations": int(used.sum()), "decisive_share": float(1 - kept.sum() / max(used.sum(), 1))}
+    kept = (information > 0).all(axis=0) & (h < _DECISIVE).all(axis=0)
+    about: dict[str, Any] = {"observations": int(kept.sum())}
     if not kept.any():
         return about
-    raw, fit = raw[:, kept], fit[:, kept]
-    r = raw / np.sqrt(1 - h[:, kept])
+    r, fit = raw[:, kept] / np.sqrt(1 - h[:, kept]), fit[:, kept]
     mean, std = r.mean(axis=1), r.std(axis=1)
     standard = np.divide(r - mean[:, None], std[:, None], out=np.full_like(r, np.nan), where=std[:, None] > 0)
     edges = (np.arange(_BINS + 1) - _BINS / 2) * _BIN
@@ -210,7 +202,6 @@ def residuals(observations: Observations, J: Array, water: WaterParameters) -> d
         "robust_std": _short(np.median(np.abs(r), axis=1) / ndtri(0.75)),
         "skew": _short((standard**3).mean(axis=1)),
         "kurtosis": _short((standard**4).mean(axis=1) - 3),
-        "raw_std": _short(raw.std(axis=1)),
         "histogram": {"width": _BIN, "counts": counts.tolist(), "beyond": beyond.tolist()},
         "normal": {"z": _short(_Z), "quantiles": _short(np.quantile(r, ndtr(_Z), axis=1).T)},
         "against_fit": {name: _density(fit[c], r[c]) for c, name in enumerate(CHANNELS)},
@@ -254,6 +245,4 @@ def _track(few: Observations, place: int, J: Array) -> dict[str, Any]:
 
 def _short(values: Array) -> Any:
     """Numbers as lists, five digits of each, None for NaN."""
-    if values.ndim > 1:
-        return [_short(row) for row in values]
-    return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values]
+    return plain(np.vectorize(lambda value: float(f"{value:.5g}"), otypes=[float])(values))

@@ -3,7 +3,6 @@
 import ast
 import re
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +10,10 @@ import numpy as np
 import pytest
 from support.places import ROOT
 
-from sucre_bench import InputError, plugins
+from sucre_bench import plugins
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.methods.sucre import Sucre, SucrePaper, SucrePlus
 from sucre_bench.methods.sucre.record import faults_of_colours
-from sucre_bench.methods.sucre.sucre import typed
 from sucre_bench.plugins.options import options_of
 
 _WORD = re.compile(r"(?<![\w.{-])(?:(?P<owner>[a-z_]+)\.)?(?P<option>[a-z_]+)=(?P<value>[A-Za-z0-9-][\w-]*)")
@@ -100,13 +98,3 @@ def test_colours_that_are_wrong_are_mended_by_options_that_the_method_takes(
     said = faults_of_colours(np.array([0.5, 0, 0]), np.array([0.5, 0, 0]), method(**options))
     remedies = [line.partition("; ")[2] for line in said]
     assert [" ".join(remedy.split()[:2]) for remedy in remedies] == list(advice)
-
-
-@pytest.mark.parametrize("options", [Sucre(), Sucre(fill=True), Sucre(colours="single_view")])
-@pytest.mark.parametrize(("name", "value"), [("refine", True), ("physical", True)])
-def test_an_option_that_does_not_go_with_the_others_is_not_advised(options: Sucre, name: str, value: Any):
-    if typed(options, name, value):
-        assert getattr(replace(options, **{name: value}), name) == value
-    else:
-        with pytest.raises((InputError, AssertionError)):
-            assert replace(options, **{name: value}) != options

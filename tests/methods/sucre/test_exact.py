@@ -13,7 +13,7 @@ from support.made_scene import WATER, make_scene
 from sucre_bench import SolveError, Water
 from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.model import Bounds, ReducedSystem, WaterParameters, minimise
-from sucre_bench.methods.sucre.paper import solve_adam
+from sucre_bench.methods.sucre.paper import SucrePaper, solve_adam
 from sucre_bench.methods.sucre.policy import solve_exact
 from sucre_bench.methods.sucre.refine_noise import prior_of
 from sucre_bench.methods.sucre.solution import clustered, colours_for_water, uncertainty_of
@@ -90,7 +90,7 @@ def test_light_that_differs_between_views_makes_no_veil_that_is_full_at_all_dist
 def test_the_cost_is_never_above_that_of_adam() -> None:
     observations, J = made(5_000, noise=0.004, eight_bit=True)
     exact = solve_exact(observations)
-    adam = solve_adam(observations, J, device="cpu")
+    adam = solve_adam(observations, J, SucrePaper(device="cpu"))
     assert (exact.cost < adam.cost).all()
     at_start = colours_for_water(
         observations, WaterParameters.of_channels(np.full((3, 3), 0.1)), None, "numpy", "cpu"

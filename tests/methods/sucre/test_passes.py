@@ -14,7 +14,7 @@ from support.made_observations import flat, made, parameters, reduced_residuals,
 from sucre_bench.errors import InputError
 from sucre_bench.methods.sucre import Sucre
 from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
-from sucre_bench.methods.sucre.passes import WALL, Kernel, blocks, fill, open_blocks, opened, products, products_on_gpu
+from sucre_bench.methods.sucre.passes import WALL, Kernel, blocks, fill, opened, products, products_on_gpu
 from sucre_bench.methods.sucre.solution import first_slot
 from sucre_bench.multiview.observations import Observations
 
@@ -297,7 +297,8 @@ def test_a_block_too_large_for_the_memory_is_halved() -> None:
             raise MemoryError
         return np.asarray(formula(*fill(observations, block, np.float64), *parameters))
 
-    with open_blocks(observations, "cpu", compute, 1_000) as kernel, opened(observations, "numpy", "cpu") as exact:
+    kernel = Kernel(observations, "cpu", compute, 1_000)
+    with opened(observations, "numpy", "cpu") as exact:
         assert_close(kernel.system(WATER, MARGIN), exact.system(WATER, MARGIN), 1e-9)
         found, truth = (each.colours(WATER, NOISE, np.zeros((3, 3, 3)))[0] for each in (kernel, exact))
         np.testing.assert_array_equal(found, truth)

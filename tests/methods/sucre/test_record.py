@@ -37,16 +37,12 @@ def test_the_spread_is_that_of_the_noise_however_many_observations_a_pixel_has()
         left = left_of(made(60_000 // n_views, n_views, noise=NOISE)[0])
         assert left["std"] == pytest.approx([NOISE] * 3, rel=0.03)
         assert left["robust_std"] == pytest.approx([NOISE] * 3, rel=0.03)
-        assert max(left["raw_std"]) < 0.97 * NOISE
 
 
-def test_raw_residuals_of_one_distance_are_smaller_by_the_root_of_1_less_1_over_n() -> None:
-    n = 5
-    observations, _ = made(20_000, n, distances_m=(4, 4.001), noise=NOISE)
-    full = observations.take(np.flatnonzero(observations.counts == n))
-    left = left_of(full)
-    assert left["raw_std"] == pytest.approx([NOISE * np.sqrt(1 - 1 / n)] * 3, rel=0.02)
-    assert left["std"] == pytest.approx([NOISE] * 3, rel=0.02)
+def test_the_spread_of_few_observations_from_one_distance_is_no_smaller() -> None:
+    """Raw residuals are smaller by sqrt(1 - 1 / n)."""
+    observations, _ = made(20_000, 5, distances_m=(4, 4.001), noise=NOISE)
+    assert left_of(observations)["std"] == pytest.approx([NOISE] * 3, rel=0.02)
 
 
 def test_normal_noise_makes_a_straight_normal_plot_and_no_excess() -> None:
@@ -77,11 +73,10 @@ def test_residuals_are_observed_minus_fitted() -> None:
     assert min(residuals(observations, low, parameters(WATER))["mean"]) > 0
 
 
-def test_pixels_seen_once_are_left_out_and_counted() -> None:
+def test_pixels_seen_once_are_left_out() -> None:
     observations, _ = made(6_000, noise=NOISE, n_single=2_000)
     left = left_of(observations)
-    assert left["single_share"] == 2_000 / len(observations)
-    assert left["observations"] == len(observations) - 2_000
+    assert left["observations"] < len(observations) - 2_000
     assert left["std"] == pytest.approx([NOISE] * 3, rel=0.05)  # zeros would pull it down
 
 
@@ -92,13 +87,13 @@ def test_of_a_near_and_a_very_far_observation_the_near_one_decides_the_colour_an
     noise = NOISE * np.random.default_rng(2).standard_normal((3, len(z)))
     I = veil(z, *TRUE_WATER[[0, 2]][:, :, None]) + noise  # noqa: E741, J = 0
     left = left_of(replace(observations, distance=z, colour=I.astype(np.float32)))
-    assert left["decisive_share"] == 0.5
+    assert left["observations"] == 5_000
     assert left["std"] == pytest.approx([NOISE] * 3, rel=0.05)
 
 
 def test_where_no_pixel_is_seen_twice_nothing_is_looked_at() -> None:
     observations, J = made(100, 1)
-    assert residuals(observations, J, parameters(WATER)) == {"observations": 0, "single_share": 1.0}
+    assert residuals(observations, J, parameters(WATER)) == {"observations": 0}
 
 
 def test_the_histogram_counts_all_and_says_what_lies_beyond() -> None:
@@ -106,9 +101,8 @@ def test_the_histogram_counts_all_and_says_what_lies_beyond() -> None:
     colour = observations.colour.copy()
     colour[1, :40] += 5
     left = left_of(replace(observations, colour=colour))
-    kept = round(left["observations"] * (1 - left["decisive_share"]))
     counts, beyond = np.array(left["histogram"]["counts"]), np.array(left["histogram"]["beyond"])
-    assert (counts.sum(axis=1) + beyond).tolist() == [kept] * 3
+    assert (counts.sum(axis=1) + beyond).tolist() == [left["observations"]] * 3
     assert beyond[1] >= 40
     assert beyond[0] == beyond[2] == 0
     assert counts[0].argmax() == pytest.approx(len(counts[0]) // 2, abs=4)

@@ -15,7 +15,7 @@ from support.made_scene import WATER, make_scene
 
 from sucre_bench import Arrays, InputError, Scene, SolveError, View, restore
 from sucre_bench.methods.sucre import SucrePaper
-from sucre_bench.methods.sucre.paper import Objective, solve_adam
+from sucre_bench.methods.sucre.paper import solve_adam, squared_error as eq_7_of
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
 
@@ -60,8 +60,8 @@ def evaluate(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The objective's cost (3,), dE/dJ (3, P) and dE/dwater (3, 3)."""
     J_grad = torch.full(J.shape, torch.nan)
-    with Objective.on(observations, block_px=block_px) as objective:
-        cost, water_grad = objective.evaluate(torch.tensor(J, dtype=torch.float32), torch.tensor(water.T), J_grad)
+    with eq_7_of(observations, block_px=block_px) as eq_7:
+        cost, water_grad = eq_7(torch.tensor(J, dtype=torch.float32), torch.tensor(water.T), J_grad)
     return cost.numpy(), J_grad.numpy(), water_grad.numpy().T
 
 
@@ -102,7 +102,7 @@ def test_steps_are_those_of_adam_with_automatic_differentiation(steps: int) -> N
     observations, _ = made_observations(noise=0.004)
     J0 = observations.intensity(slice(0, len(observations.pixels)))  # the first slot: each pixel's first observation
     J, water = naive_adam(observations, J0, steps)
-    fit = solve_adam(observations, J0, steps, device="cpu")
+    fit = solve_adam(observations, J0, SucrePaper(steps=steps, device="cpu"))
     np.testing.assert_allclose(fit.J, J, atol=5e-6)  # float32 rounding; a step is .05
     np.testing.assert_allclose(table(fit.water), water, atol=5e-6)
     with torch.no_grad():
@@ -117,7 +117,7 @@ def test_water_and_colours_are_recovered_when_adam_is_given_time() -> None:
     # paper's 200 steps of .05 do not (gamma of red is 40 % off), and 4,000 of them still jump about.
     observations, truth = made_observations(n_pixels=400)
     J0 = observations.intensity(slice(0, len(observations.pixels)))
-    fit = solve_adam(observations, J0, 800, 0.02, device="cpu")
+    fit = solve_adam(observations, J0, SucrePaper(steps=800, lr=0.02, device="cpu"))
     np.testing.assert_allclose(fit.water.B, WATER.veiling_light, rtol=0.02)
     np.testing.assert_allclose(fit.water.beta, WATER.attenuation, rtol=0.02)
     np.testing.assert_allclose(fit.water.gamma, WATER.backscatter, rtol=0.08)

@@ -105,7 +105,7 @@ def test_of_many_views_those_with_most_observations_are_drawn(fitted: Fitted, tm
     assert [name for name in figures if name.startswith("normal")] == ["normal-made-m-3", "normal-made-m-1"]
 
 
-@pytest.mark.parametrize("info", [{}, {"residuals": {"observations": 0, "single_share": 1.0}}])
+@pytest.mark.parametrize("info", [{}, {"residuals": {"observations": 0}}])
 def test_without_residuals_the_figure_says_what_to_do(info: dict[str, Any], tmp_path: Path) -> None:
     keep(tmp_path, row(), info)
     with pytest.raises(NotApplicableError, match="sucre_paper"):
