@@ -12,14 +12,11 @@ then has the variance
 
     sigma^2 / A  +  tau^2 (sum w^2 a^4) / A^2.
 
-Noise is alike in stored intensities. In linear light decoded from them it is sigma times the slope t of the curve: less
-in dark pixels. The first term is then sigma^2 (sum w a^2 t^2) / A^2.
-
 Robust weights v = 1 / (1 + s^2 / c^2)^2 (robust.py) are no known precisions: they are small because residuals are
 large, and colours follow the observations that they favour. With w the weights that are known beforehand (of light,
 gains), the variance of an observation is then that of the residuals, each counted v times, and J has the variance
 
-    k sum w (v a)^2 (sigma^2 t^2 + tau^2 w a^2) / (sum w v a^2)^2,    k = (sum v / sum psi')^2,
+    k sum w (v a)^2 (sigma^2 + tau^2 w a^2) / (sum w v a^2)^2,    k = (sum v / sum psi')^2,
 
 where psi' = v (1 - 4/3 (1 - v^1/2)) is the slope of the influence v r, its mean over three channels alike: the variance
 of an M-estimator (Huber 1981, sec. 3.2). Without robust weights v and k are 1.
@@ -53,9 +50,8 @@ With the variance v of J and c = (d s)^2, the best brightness and colour are
     s = (sum w J / (v + c)) / (sum w^2 / (v + c)),    J' = s' w + c / (c + v) (J - s w),
 
 where s' is s, shrunk towards s0 by its own variance (Efron & Morris 1973). Channels that are known give the brightness,
-and a channel that is lost follows it. A dark pixel has little chroma, a bright one as much as it shows. w, d, s0
-and S come from the image itself, d being at least LEAST_SPREAD: most images are almost gray, and few things in them
-have colours.
+and a channel that is lost follows it. A dark pixel has little chroma, a bright one as much as it shows. w, s0 and S
+come from the image itself. d is SPREAD: most images are almost gray, and few things in them have colours.
 """
 
 from __future__ import annotations
@@ -102,11 +98,11 @@ _PLAIN, _WORST = 10, 90
 # Least brightness that noise is compared with, the variance of a colour without any information, and a divisor.
 _DARK, _UNKNOWN, _TINY = 0.02, 1e4, 1e-9
 
-# `ImagePrior`. Least deviation of reflectances. Less of it helps made scenes as shown, more of it charts:
-# docs/solver.md has figures. In linear light: sRGB's curve raises bright intensities to nearly the power 2.4, which
-# multiplies relative deviations by as much. A photograph agreed.
-LEAST_SPREAD = 0.2
-LEAST_SPREAD_LINEAR = 2.4 * LEAST_SPREAD
+# `ImagePrior`. Deviation of reflectances. Less of it helps made scenes as shown, more of it charts. In linear light:
+# sRGB's curve raises bright intensities to nearly the power 2.4, which multiplies relative deviations by as much. A
+# photograph agreed.
+SPREAD = 0.2
+SPREAD_LINEAR = 2.4 * SPREAD
 
 _ROUNDS, _ROUNDS_OF_S = 30, 4
 
@@ -128,31 +124,28 @@ _EXACT, _ENDLESS = 1e-7, 1e12
 # -- the size of the noise -----------------------------------------------------------------------------------
 
 
-def calibrated(observations: Observations, solution: Solution, *, decoded: bool = False) -> Solution:
+def calibrated(observations: Observations, solution: Solution) -> Solution:
     """Return the solution with standard deviations from both kinds of noise; as it is where few pixels repeat.
 
-    observations: without robust weights, which are in the solution; decoded: they are linear light, decoded from stored
-    intensities.
+    observations: without robust weights, which are in the solution.
     """
     if observations.n_repeated < _FEWEST or not np.isfinite(solution.uncertainty.noise).all():
         return solution
-    A, At2, A2 = np.zeros((3, 3, len(observations.pixels)), dtype=np.float32)
+    A, vA, A2 = np.zeros((3, 3, len(observations.pixels)), dtype=np.float32)
     trust = _trust(observations, solution)
     for n, part in observations.slots():
         a = transmission(observations.distance[part], solution.water.columns()[1].astype(np.float32))
         information, v = information_of(observations, a, part), trust[part]
         A[:, :n] += v * information
-        At2[:, :n] += v**2 * information * _slope(observations, part, decoded) ** 2
+        vA[:, :n] += v**2 * information
         A2[:, :n] += (v * information) ** 2
-    k, repeated = 1.0, observations.n_repeated
-    if solution.trust is not None:
-        v = np.concatenate([trust[part][:repeated] for _, part in observations.slots()]).astype(np.float64)
-        slope = v * (1 - 4 / 3 * (1 - np.sqrt(v)))
-        k = float(v.sum() / max(slope.sum(), _LEAST_SLOPE * v.sum())) ** 2
+    v = trust[observations.place < observations.n_repeated].astype(np.float64)
+    slope = v * (1 - 4 / 3 * (1 - np.sqrt(v)))
+    k = float(v.sum() / max(slope.sum(), _LEAST_SLOPE * v.sum())) ** 2
     of_noise = solution.uncertainty.noise[:, None] ** 2 / A
     of_water = np.maximum(solution.deviation**2 - of_noise, 0)
-    sigma, tau = noise_parts(observations, solution, decoded=decoded)[:, :, None]
-    deviation = np.sqrt(of_water + k * (sigma**2 * At2 + tau**2 * A2) / A**2)
+    sigma, tau = noise_parts(observations, solution)[:, :, None]
+    deviation = np.sqrt(of_water + k * (sigma**2 * vA + tau**2 * A2) / A**2)
     return replace(solution, deviation=deviation.astype(np.float32))
 
 
@@ -169,9 +162,7 @@ def balanced(observations: Observations, solution: Solution) -> Observations:
     return trusted(observations, (weight / weight.mean(axis=1, keepdims=True)).astype(np.float32))
 
 
-def noise_parts(
-    observations: Observations, solution: Solution, *, decoded: bool = False, of_light: bool = False
-) -> Array:
+def noise_parts(observations: Observations, solution: Solution, *, of_light: bool = False) -> Array:
     """Return sigma and tau of each channel, (2, 3), from a sample of the pixels seen more than once.
 
     They explain the mean squares of the studentised residuals in classes of transmission, by least squares without
@@ -186,38 +177,24 @@ def noise_parts(
     counted, J = np.broadcast_to(np.asarray(trusted), few.colour.shape), solution.J[:, places]
     r, h, strength, _ = residuals_of(few, J, solution.water, counted)
     strength = strength * J[:, few.place] ** 2 if of_light else strength
-    slopes = np.broadcast_to(_slope(few, slice(None), decoded) ** 2, few.colour.shape)
     parts = np.zeros((3, 2))
     for c in range(3):
         known = (h[c] < _ALONE) & (h[c] > 0)
         if known.sum() < _FEWEST:
             parts[c] = solution.uncertainty.noise[c] ** 2, 0
             continue
-        t, x, v = slopes[c, known], strength[c, known].astype(np.float64), counted[c, known]
+        x, v = strength[c, known].astype(np.float64), counted[c, known]
         y = (r[c, known] ** 2 / (1 - h[c, known])).astype(np.float64)
-        classes = [one for one in np.array_split(np.argsort(x / t), _CLASSES) if len(one)]
-        y, t, x = (np.array([np.average(values[one], weights=v[one]) for one in classes]) for values in (y, t, x))
+        classes = [one for one in np.array_split(np.argsort(x), _CLASSES) if len(one)]
+        y, x = (np.array([np.average(values[one], weights=v[one]) for one in classes]) for values in (y, x))
         scale = 1 / np.maximum(y, _LEAST_NOISE**2)
-        parts[c], _ = nnls(np.stack([t, x], axis=1) * scale[:, None], y * scale)
+        parts[c], _ = nnls(np.stack([np.ones_like(x), x], axis=1) * scale[:, None], y * scale)
     sigma, tau = np.sqrt(parts.T)
     return np.stack([np.maximum(sigma, _LEAST_NOISE), tau])
 
 
 def _trust(observations: Observations, solution: Solution) -> Array:
     return np.ones(len(observations), dtype=np.float32) if solution.trust is None else solution.trust
-
-
-def _slope(observations: Observations, part: slice, decoded: bool) -> Array:
-    """Return how many times larger than in stored intensities the noise of recorded light is, (3, n), or (3, 1).
-
-    In light that was removed, intensities are recorded light over l, of weight l^2.
-    """
-    if not decoded:
-        return np.ones((3, 1), dtype=np.float32)
-    linear = observations.intensity(part)
-    if observations.weight is not None:
-        linear = linear * np.sqrt(observations.weight[..., part])
-    return decoding_slope(linear)
 
 
 def decoding_slope(linear: Array) -> Array:
@@ -289,7 +266,7 @@ class ImagePrior:
     w: Array
     mean: float
     variance: float
-    spread: float = LEAST_SPREAD
+    spread: float = SPREAD
 
     def posterior(self, J: Array, deviation: Array) -> tuple[Array, Array]:
         """Return the posterior mean and standard deviation (3, P) float32 of colours with standard deviations."""
@@ -316,7 +293,7 @@ class ImagePrior:
             shrunk = self.mean + self.variance / (self.variance + noise) * (s - self.mean)
         return s, noise, shrunk
 
-    def improved(self, J: Array, v: Array, least_spread: float) -> ImagePrior | None:
+    def improved(self, J: Array, v: Array) -> ImagePrior | None:
         """Return the prior after one more round over colours J (3, P) of variance v; None for a black image."""
         s, noise, bright = self._brightness(J, v)
         trust = self.variance / (self.variance + noise)
@@ -328,26 +305,21 @@ class ImagePrior:
             return None
         w = (bright * J * weight).sum(axis=1) / power
         w = w.clip(min=0) / w.clip(min=0).mean() if (w > 0).any() else self.w
-        # How much larger deviations from the mean colour are than expected: of three channels, two are free. Only
-        # pixels whose noise does not hide reflectances, and no shade, where offsets of the water are no reflectances.
-        chi = (weight * (J - np.outer(self.w, s)) ** 2).sum(axis=0)
-        lit = (weight.sum(axis=0) >= np.median(weight.sum(axis=0))) & (s >= self.mean)
-        misfit = float(np.sqrt(chi[lit].mean() / 2).clip(0.5, 2)) if lit.any() else 1.0
-        return ImagePrior(w, mean, variance, max(self.spread * misfit, least_spread))
+        return ImagePrior(w, mean, variance, self.spread)
 
 
-def prior_of(J: Array, deviation: Array, least_spread: float = LEAST_SPREAD) -> ImagePrior | None:
+def prior_of(J: Array, deviation: Array, spread: float = SPREAD) -> ImagePrior | None:
     """Return the prior of an image from its colours (3, P), each as far as it is known; None where no noise is known.
 
-    deviation: (3, P) standard deviations; least_spread: of reflectances.
+    deviation: (3, P) standard deviations; spread: of reflectances.
     """
     if not np.isfinite(deviation).any():
         return None
     few = np.s_[:, :: max(1, J.shape[1] // _SAMPLE_OF_PRIOR)]
     J, v = J[few].astype(np.float64), _variance(deviation[few])
-    prior = ImagePrior(np.ones(3), float(np.median(J)), 0.05, least_spread)
+    prior = ImagePrior(np.ones(3), float(np.median(J)), 0.05, spread)
     for _ in range(_ROUNDS):
-        improved = prior.improved(J, v, least_spread)
+        improved = prior.improved(J, v)
         if improved is None:
             break
         prior = improved

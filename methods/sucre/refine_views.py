@@ -34,7 +34,7 @@ where s is the typical e a of pixels at a similar distance, from its median.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -44,8 +44,8 @@ from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.fill import deviation_of_guess, fill_distances, filled_by_water
 from sucre_bench.methods.sucre.model import WaterParameters, inverted
 from sucre_bench.methods.sucre.refine_noise import (
-    LEAST_SPREAD,
-    LEAST_SPREAD_LINEAR,
+    SPREAD,
+    SPREAD_LINEAR,
     ImagePrior,
     box_sum,
     calibrated,
@@ -221,41 +221,31 @@ DARKEST_AS_VEIL = (
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Refined:
-    """A solution with refined colours; the prior that shrank them; black: (3,), what was subtracted from them."""
-
-    solution: Solution
-    prior: ImagePrior | None = None
-    black: Array | None = None
-
-
-def refined(seen: Observed, solution: Solution, *, takes_darkest: bool) -> Refined:
-    """Return colours without specks and, with refine=true, with less noise and without gaps.
+def refined(seen: Observed, solution: Solution, *, takes_darkest: bool) -> tuple[Solution, ImagePrior | None]:
+    """Return colours without specks and, with refine=true, with less noise and without gaps; and what shrank them.
 
     takes_darkest: whether the darkest colours of each channel are taken for a veil, an offset at one distance. The
     prior keeps brightness, so that black is subtracted first.
     """
-    options, linear, black, prior = seen.options, seen.encoding == "linear", None, None
+    options, linear, prior = seen.options, seen.encoding == "linear", None
     if not solution.is_photograph:
         if options.colours == "multi_view" and (solution.trust is not None or options.refine):
-            solution = calibrated(seen.observations, solution, decoded=seen.is_decoded)
+            solution = calibrated(seen.observations, solution)
             solution = _of_many_views(seen, solution) if options.refine else solution
         if options.robust:  # colours that no surface has are unknown: none at all, or for the prior to guess
             is_speck = specks_of(solution.J, solution.deviation, linear=linear)
-            if not options.refine:
-                solution = replace(solution, J=np.where(is_speck, np.float32(np.nan), solution.J))
+            J = solution.J if options.refine else np.where(is_speck, np.float32(np.nan), solution.J)
             unknown = np.float32(np.inf if options.refine else np.nan)
-            solution = replace(solution, deviation=np.where(is_speck, unknown, solution.deviation))
+            solution = replace(solution, J=J, deviation=np.where(is_speck, unknown, solution.deviation))
     if takes_darkest:
         black = np.nanquantile(solution.J, _BLACK, axis=1).astype(np.float32)
         solution = replace(solution.with_limits([DARKEST_AS_VEIL]), J=solution.J - black[:, None]).decided(black=black)
     if options.refine and not solution.is_photograph:
-        prior = prior_of(solution.J, solution.deviation, LEAST_SPREAD_LINEAR if linear else LEAST_SPREAD)
+        prior = prior_of(solution.J, solution.deviation, SPREAD_LINEAR if linear else SPREAD)
     if prior is not None:
         J, deviation = prior.posterior(solution.J, solution.deviation)
         solution = replace(solution, J=J, deviation=deviation)
-    return Refined(solution, prior, black)
+    return solution, prior
 
 
 def _of_many_views(seen: Observed, solution: Solution) -> Solution:
@@ -281,12 +271,14 @@ def _of_many_views(seen: Observed, solution: Solution) -> Solution:
 _AROUND = 9
 
 
-def fill_pixels_without_depth(restoration: Restoration, view: View, refined: Refined | None = None) -> Restoration:
+def fill_pixels_without_depth(
+    restoration: Restoration, view: View, prior: ImagePrior | None = None, black: Array | None = None
+) -> Restoration:
     """Return a restoration with colours for the pixels without depth, and their confidence, the standard deviation.
 
     Specks get the mean of the colours around. Any other pixel has a distance from its surroundings, the fitted water
-    and its own intensity. refined: its prior shrinks these colours too, by the error that their guessed distance makes,
-    and its black is subtracted.
+    and its own intensity. black: (3,), is subtracted from these colours too; prior: shrinks them, by the error that
+    their guessed distance makes.
     """
     import cv2
 
@@ -296,10 +288,10 @@ def fill_pixels_without_depth(restoration: Restoration, view: View, refined: Ref
         return restoration
     J = filled_by_water(view, water, z)[holes].T  # (3, P)
     deviation = deviation_of_guess(J, water, z[holes])
-    if refined is not None and refined.black is not None:
-        J = J - refined.black[:, None]
-    if refined is not None and refined.prior is not None:
-        J, deviation = refined.prior.posterior(J, deviation)
+    if black is not None:
+        J = J - black[:, None]
+    if prior is not None:
+        J, deviation = prior.posterior(J, deviation)
     filled = np.full(view.rgb.shape, np.nan, dtype=np.float32)
     filled[holes] = converted(J.T, water.encoding or view.encoding, view.encoding)
     known = np.dstack([np.nan_to_num(restoration.image), restoration.valid])

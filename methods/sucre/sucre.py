@@ -154,8 +154,7 @@ class Sucre(FillOption):
                 seen = seen.alone()
                 alone = seen.coloured(solution.water, solution.uncertainty)
                 solution = replace(alone, course=solution.course, light=solution.light)
-            done = refined(seen, solution, takes_darkest=veil is Veil.DARKEST)
-            solution = done.solution
+            solution, prior = refined(seen, solution, takes_darkest=veil is Veil.DARKEST)
             if seen.is_decoded:  # the curve continues below 0 and above 1
                 J = srgb_encode(solution.J)
                 deviation = np.abs(srgb_encode(solution.J + solution.deviation) - J)
@@ -163,8 +162,8 @@ class Sucre(FillOption):
             stages["solve"] = time.perf_counter() - started
             restored = restoration(seen.observations, solution, stages, self, seen.encoding)
             if self.fill:
-                restored = fill_pixels_without_depth(restored, seen.view, done)
-            if done.black is not None and restored.water is not None:  # the water tells no veil
+                restored = fill_pixels_without_depth(restored, seen.view, prior, solution.course.black)
+            if solution.course.black is not None and restored.water is not None:  # the water tells no veil
                 unknown = np.full(3, np.nan)
                 restored = replace(restored, water=replace(restored.water, veiling_light=unknown, backscatter=unknown))
         return replace(restored, info=restored.info | ({"encoding": asdict(nearer)} if nearer else {}))
@@ -218,20 +217,6 @@ class SucrePlus(Sucre):
 
     physical: bool = True
     refine: bool = True
-
-
-def typed(options: Any, name: str, value: bool | str) -> str:
-    """Return an option as a user types it, "method.physical=true".
-
-    It is empty where it would change nothing, or does not go with the other options.
-    """
-    try:
-        is_new = replace(options, **{name: value}) != options
-    except InputError:
-        return ""
-    if not is_new or (name == "physical" and options.water not in ("own", "shared")):
-        return ""
-    return f"method.{name}={str(value).lower()}"
 
 
 def check(options: Any, method: str) -> None:

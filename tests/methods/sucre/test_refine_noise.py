@@ -7,8 +7,6 @@ import pytest
 from support.made_observations import parameters
 from support.made_scene import WATER
 
-from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
-from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.refine_noise import calibrated, followed, noise_parts
 from sucre_bench.methods.sucre.robust import reweighted, robust_noise
 from sucre_bench.methods.sucre.solution import colours_for_water
@@ -41,21 +39,6 @@ def test_deviations_are_those_of_near_and_of_far_colours(sigma: float, tau: floa
     for which in (near, ~near):
         error, told = (np.sqrt(np.mean(v[:, which] ** 2, axis=1)) for v in (solution.J - J, solution.deviation))
         np.testing.assert_allclose(error, told, rtol=0.12)
-
-
-def test_noise_of_decoded_intensities_grows_with_the_slope_of_the_curve() -> None:
-    rng, sigma = np.random.default_rng(0), 0.01
-    light, seen = rng.uniform(0.01, 0.9, (3, N)), []
-    for k in range(4):
-        stored = srgb_encode(light) + sigma * rng.standard_normal((3, N))
-        seen.append(Seen(f"{k}.png", np.arange(N), np.ones(N, np.float32), srgb_decode(stored).T.astype(np.float32)))
-    observations = arrange((1, N), seen)
-    air = WaterParameters.of_channels(np.zeros((3, 3)))
-    solution = calibrated(observations, colours_for_water(observations, air, None, "numpy", "cpu"), decoded=True)
-    error = np.abs(solution.J - light[:, observations.pixels])
-    for which in (light[0, observations.pixels] < 0.1, light[0, observations.pixels] > 0.6):
-        error_of, told = (np.sqrt(np.mean(v[0, which] ** 2)) for v in (error, solution.deviation))
-        assert told == pytest.approx(error_of, rel=0.15)
 
 
 def test_colours_that_no_light_comes_from_are_not_known() -> None:
@@ -100,25 +83,6 @@ def test_deviations_of_robust_colours_are_their_errors(tau: float, wrong: float)
         several = which & (observations.counts >= 3)
         error = np.median(np.abs(solution.J - J)[:, several], axis=1) / 0.6745  # of a normal error
         np.testing.assert_allclose(error, np.median(solution.deviation[:, several], axis=1), rtol=0.2)
-
-
-def test_noise_in_removed_light_has_the_slope_of_recorded_light() -> None:
-    """Pixels at the rim of the light: their intensities in even light are many times those that were recorded."""
-    rng, sigma = np.random.default_rng(0), 0.004
-    light = np.where(np.arange(N) % 2 == 0, 0.9, 0.05)
-    even, seen = rng.uniform(0.4, 0.9, (3, N)), []
-    for k in range(4):
-        stored = srgb_encode(light * even) + sigma * rng.standard_normal((3, N))
-        shown = (srgb_decode(stored) / light).T.astype(np.float32)
-        seen.append(Seen(f"{k}.png", np.arange(N), np.ones(N, np.float32), shown))
-    observations = arrange((1, N), seen)
-    observations = replace(observations, weight=np.tile(light**2, 4).astype(np.float32))
-    air = WaterParameters.of_channels(np.zeros((3, 3)))
-    solution = calibrated(observations, colours_for_water(observations, air, None, "numpy", "cpu"), decoded=True)
-    error = np.abs(solution.J - even[:, observations.pixels])
-    for which in (light[observations.pixels] > 0.5, light[observations.pixels] < 0.5):
-        error_of, told = (np.sqrt(np.mean(v[0, which] ** 2)) for v in (error, solution.deviation))
-        assert told == pytest.approx(error_of, rel=0.1)
 
 
 # -- two channels follow the third ------------------------------------------------------------------------------
