@@ -10,6 +10,7 @@ import logging
 import math
 import os
 import zipfile
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +22,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import DamagedFileError, InputError, file_error, in_words
-from sucre_bench.machine.files import reading, regular, write_atomically
+from sucre_bench.machine.files import open_atomically, reading, regular, write_atomically
 from sucre_bench.machine.progress import say
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")  # of what is taken for an image in a folder
@@ -31,6 +32,8 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")  # of wha
 _LIMIT, _MEGAPIXELS, _BYTES = "SUCRE_BENCH_MAX_MEGAPIXELS", 250.0, 16
 
 _JPEG = b"\xff\xd8"  # its first bytes
+# The size of a PNG's header, and the text behind it of a picture that was decoded from a JPEG file.
+_PNG_HEADER, _OF_JPEG = 33, b"\0\0\0\x0btEXtSource\0JPEG" + zlib.crc32(b"tEXtSource\0JPEG").to_bytes(4, "big")
 _ANIMATED = ("PNG", "WEBP")  # a JPEG's further pictures are previews, or the second lens of a camera
 _REDUCED_OR_MASK = 1 | 4  # bits of a TIFF page's NewSubfileType
 _ALPHA = (1, 2)  # multiplied and straight, in a TIFF's ExtraSamples
@@ -50,10 +53,14 @@ def image_size(file: Path | bytes) -> tuple[int, int] | None:
 
 
 def is_jpeg(path: Path) -> bool:
-    """Whether a file is a JPEG, whatever its suffix; False where it cannot be read, which decoding will explain."""
+    """Whether a file is a JPEG, whatever its suffix, or a PNG that `write_png` made of one.
+
+    False where it cannot be read, which decoding will explain.
+    """
     try:
         with regular(path).open("rb") as file:
-            return file.read(2) == _JPEG
+            head = file.read(_PNG_HEADER + len(_OF_JPEG))
+            return head.startswith(_JPEG) or head[_PNG_HEADER:] == _OF_JPEG
     except (OSError, InputError):
         return False
 
@@ -320,12 +327,15 @@ def encode_png(values: npt.NDArray[Any], compression: int = 3) -> memoryview:
     return cv2.imencode(".png", values, [cv2.IMWRITE_PNG_COMPRESSION, compression])[1].data
 
 
-def write_png(path: Path, values: npt.NDArray[Any], compression: int = 3) -> None:
+def write_png(path: Path, values: npt.NDArray[Any], compression: int = 3, *, of_jpeg: bool = False) -> None:
     """Write gray, BGR or BGRA values, 8 or 16 bit. compression: 0 (fast) to 9 (small).
 
+    of_jpeg: the values come from a JPEG file, and the file says so, see `is_jpeg`.
     Raises OutputError if the file cannot be written.
     """
-    write_atomically(path, encode_png(values, compression))
+    png = encode_png(values, compression)
+    with open_atomically(path) as file:
+        file.writelines((png[:_PNG_HEADER], _OF_JPEG if of_jpeg else b"", png[_PNG_HEADER:]))
 
 
 def write_image(path: Path, values: npt.NDArray[Any]) -> None:

@@ -5,10 +5,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from sucre_bench import Arrays, View
 from sucre_bench.degrade import degraded
 from sucre_bench.errors import InputError
+from sucre_bench.imaging.image_files import write_png
 from sucre_bench.loading.view_files import Files, with_shared_pixels
 from sucre_bench.machine.cache import ArrayStore, storing
 from sucre_bench.scene import Scene
@@ -61,10 +63,18 @@ def test_a_scene_that_cannot_be_known_again_is_left_as_it_is(files: Files):
     assert with_shared_pixels(scene) is scene
 
 
-@pytest.mark.parametrize(("name", "suffix", "is_jpeg"), [("a.png", ".jpg", True), ("a.jpg", ".png", False)])
-def test_a_jpeg_is_known_by_its_content(tmp_path: Path, name: str, suffix: str, is_jpeg: bool):
-    content = cv2.imencode(suffix, np.zeros((H, W, 3), np.uint8))[1]
-    (tmp_path / name).write_bytes(bytes(content))
+@pytest.mark.parametrize(
+    ("name", "suffix", "is_jpeg"), [("a.png", ".jpg", True), ("a.jpg", ".png", False), ("b.png", "", True)]
+)
+def test_a_jpeg_is_known_by_its_content_and_a_png_that_was_made_of_one(
+    tmp_path: Path, name: str, suffix: str, is_jpeg: bool
+):
+    if suffix:
+        content = cv2.imencode(suffix, np.zeros((H, W, 3), np.uint8))[1]
+        (tmp_path / name).write_bytes(bytes(content))
+    else:
+        write_png(tmp_path / name, np.full((H, W, 3), 7, np.uint8), of_jpeg=True)
+        assert np.asarray(Image.open(tmp_path / name)).tolist() == np.full((H, W, 3), 7).tolist()
     view = _shared(Files(tmp_path / name, (W, H)))
     assert view.is_jpeg is is_jpeg
     assert degraded(Scene("reef", [view], frozenset()), jpeg_quality=50)[0].is_jpeg

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, moved, project
-from sucre_bench.imaging.image_files import write_png
+from sucre_bench.imaging.image_files import is_jpeg, write_png
 from sucre_bench.loading.colmap_model import Posed, read_model
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.compute import usable_cores
@@ -51,7 +51,7 @@ def undistort(photos: Mapping[str, Photo], model: Path, images: Path, masks: Pat
     """Write the undistorted images, PNG of the photos' own bit depth, their masks, and the model of them.
 
     photos: by output name; model: folder of the COLMAP model of the photos; images, masks, pinhole: folders to write
-    into. An existing image is not written again.
+    into. An existing image is not written again. The image of a JPEG photo says that it is one.
     """
     posed = read_model(model, images, distorted=True)
 
@@ -64,7 +64,8 @@ def undistort(photos: Mapping[str, Photo], model: Path, images: Path, masks: Pat
             mask = mask if lens is None else lens.resampled(mask, lens.pinhole)
             write_png(masks / one.name, np.where(mask > 127, 255, 0).astype(np.uint8))
         image = read_photo(photo)  # stays in its own type: floats take four times the memory
-        write_png(images / one.name, image if lens is None else lens.resampled(image, lens.pinhole))
+        straight = image if lens is None else lens.resampled(image, lens.pinhole)
+        write_png(images / one.name, straight, of_jpeg=is_jpeg(photo.path))
 
     with ThreadPoolExecutor(usable_cores()) as pool:
         list(track(pool.map(write, posed), "undistorting", len(posed)))

@@ -33,6 +33,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import pixel_rays, project
 from sucre_bench.commands.prepare import prepare as command
 from sucre_bench.errors import InputError, OutputError
+from sucre_bench.imaging.image_files import is_jpeg
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.lens import Lens
@@ -43,7 +44,7 @@ from sucre_bench.programs.prepare.photos import Photo, find_photos
 from sucre_bench.programs.prepare.pipeline import prepare, settled_scale
 from sucre_bench.programs.prepare.result import Prepared, quality_of, read_record
 from sucre_bench.programs.prepare.scale import known_scale
-from sucre_bench.programs.prepare.shots import read_shots, write_model, write_pinhole
+from sucre_bench.programs.prepare.shots import read_shots, undistort, write_model, write_pinhole
 
 
 @pytest.fixture(scope="module")
@@ -303,10 +304,14 @@ def test_mapping_starts_from_the_focal_length_in_exif_and_finds_the_true_one(tmp
     (tmp_path / "photos").mkdir()
     for i, pose in enumerate(POSES[:4]):
         Image.fromarray(photograph(pose)).save(tmp_path / "photos" / f"{i}.jpg", quality=95, exif=tags)
-    mapped = mapping.map_photos(find_photos(tmp_path / "photos", None, 0, tmp_path)[0], tmp_path / "work", RULES)
+    found = find_photos(tmp_path / "photos", None, 0, tmp_path)[0]
+    mapped = mapping.map_photos(found, tmp_path / "work", RULES)
     with pycolmap.Database.open(mapped.model.parent / "database.db") as opened:
         (camera,) = opened.read_all_cameras()
     assert camera.mean_focal_length() / WIDTH == pytest.approx(24 / 36, rel=0.05)
+    outputs = {photo.output: photo for photo in found}
+    undistort(outputs, mapped.model, tmp_path / "images", tmp_path / "masks", tmp_path / "pinhole")
+    assert is_jpeg(tmp_path / "images" / "0.png"), "a method must know that its colours are a JPEG's"
     lens = read_model(mapped.model, tmp_path, distorted=True)[0].lens
     assert lens is not None
     assert lens.camera.K[0, 0] == pytest.approx(FOCAL, rel=0.03)
