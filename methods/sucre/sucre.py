@@ -126,7 +126,7 @@ class Sucre(FillOption):
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return J, NaN where the view has no depth and at specks, the water, and the standard deviation of J.
 
-        info: see `record.restoration`; seconds of each stage besides.
+        info: see `record.restoration`; seconds of each stage; chosen_encoding: by encoding=auto, and the ratio why.
         Raises NotApplicableError when no pixel has depth or none is seen twice, SolveError when the fit fails,
         InputError for a water that cannot be read.
         """
@@ -166,7 +166,7 @@ class Sucre(FillOption):
             if solution.course.black is not None and restored.water is not None:  # the water tells no veil
                 unknown = np.full(3, np.nan)
                 restored = replace(restored, water=replace(restored.water, veiling_light=unknown, backscatter=unknown))
-        return replace(restored, info=restored.info | ({"encoding": asdict(nearer)} if nearer else {}))
+        return replace(restored, info=restored.info | ({"chosen_encoding": asdict(nearer)} if nearer else {}))
 
     def observe(self, scene: Scene, view: View, *, with_view: bool = False, with_ray: bool = False) -> Observations:
         """Return the observations of a view; with their views and rays in any case, if asked for."""
