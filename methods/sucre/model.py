@@ -94,11 +94,6 @@ class ReducedSystem:
     def __add__(self, other: ReducedSystem) -> ReducedSystem:
         return ReducedSystem(self.H + other.H, self.g + other.g, self.cost + other.cost)
 
-    @staticmethod
-    def from_products(products: Array) -> ReducedSystem:
-        """Take apart products (C, 4, 4) of the columns (D'_B, D'_beta, D'_gamma, r), summed over observations."""
-        return ReducedSystem(products[:, :3, :3], products[:, :3, 3], products[:, 3, 3])
-
     def tied(self) -> ReducedSystem:
         """Return the system of gamma = beta: a step of beta is one of both, and gamma has none of its own."""
         return ReducedSystem(TIED @ self.H @ TIED.T, self.g @ TIED.T, self.cost)

@@ -120,6 +120,9 @@ _BRIGHTEST, _TIMES, _TIMES_LINEAR, _SURE = 0.99, 3, 14, 4
 # Variances of a colour that is known as well as can be, and of one without any information.
 _EXACT, _ENDLESS = 1e-7, 1e12
 
+# The least sum that is divided by.
+_LEAST_SUM = 1e-100
+
 
 # -- the size of the noise -----------------------------------------------------------------------------------
 
@@ -293,18 +296,15 @@ class ImagePrior:
             shrunk = self.mean + self.variance / (self.variance + noise) * (s - self.mean)
         return s, noise, shrunk
 
-    def improved(self, J: Array, v: Array) -> ImagePrior | None:
-        """Return the prior after one more round over colours J (3, P) of variance v; None for a black image."""
+    def improved(self, J: Array, v: Array) -> ImagePrior:
+        """Return the prior after one more round over colours J (3, P) of variance v."""
         s, noise, bright = self._brightness(J, v)
         trust = self.variance / (self.variance + noise)
         mean = float((trust * s).sum() / trust.sum())
         variance = max(float((trust * ((s - mean) ** 2 - noise)).sum() / trust.sum()), _LEAST_VARIANCE)
         weight = 1 / (v + (self.spread * bright) ** 2)
-        power = (bright**2 * weight).sum(axis=1)
-        if not power.all():  # it has no mean colour
-            return None
-        w = (bright * J * weight).sum(axis=1) / power
-        w = w.clip(min=0) / w.clip(min=0).mean() if (w > 0).any() else self.w
+        w = (bright * J * weight).sum(axis=1).clip(min=0) / (bright**2 * weight).sum(axis=1).clip(min=_LEAST_SUM)
+        w = w / w.mean() if w.any() else self.w  # a black image has no mean colour
         return ImagePrior(w, mean, variance, self.spread)
 
 
@@ -319,10 +319,7 @@ def prior_of(J: Array, deviation: Array, spread: float = SPREAD) -> ImagePrior |
     J, v = J[few].astype(np.float64), _variance(deviation[few])
     prior = ImagePrior(np.ones(3), float(np.median(J)), 0.05, spread)
     for _ in range(_ROUNDS):
-        improved = prior.improved(J, v)
-        if improved is None:
-            break
-        prior = improved
+        prior = prior.improved(J, v)
     return prior
 
 
