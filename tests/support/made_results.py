@@ -82,6 +82,7 @@ def _write(out: Path, row: Row, size: tuple[int, int], rng: np.random.Generator,
     if holes:
         image[:, : size[0] // 4] = 0
     told: dict[str, Any] = {**ESTIMATE, "encoding": "gamma", "true_water": TRUTH, "steps": 7, "write_seconds": 0.1}
+    told["limits"] = ["flat"]
     for path in (place.original(out), place.reference(out), place.restored(out, row.method)):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_masked_png(path, image, image.any(axis=-1))

@@ -257,12 +257,12 @@ class Section:
         partly = {key: share for key, (_, share) in scores.items() if share < 1 and key.partition(":")[0] not in whole}
         parameters = [record[name] for name in _WATER if isinstance(record.get(name), list)]
         has_water = any(isinstance(x, (int, float)) for parameter in parameters for x in parameter)
-        shown = {k: v for k, v in record.items() if k not in (*_WATER, "encoding", "true_water", FILES)}
+        shown = {k: v for k, v in record.items() if k not in (*_WATER, "encoding", "limits", "true_water", FILES)}
+        path = place and place.restored(self.out, row.method)
         return {
             "status": "ok",
-            "picture": self.gallery.picture(place.restored(self.out, row.method), kept, row.coverage < 1)
-            if place
-            else None,
+            "picture": self.gallery.picture(path, kept, row.coverage < 1) if path else None,
+            "limits": [str(limit) for limit in limits] if isinstance(limits := record.get("limits"), list) else [],
             "coverage": row.coverage,
             "scores": {f"{FILLED}:image": row.coverage} | {key: value for key, (value, _) in scores.items()},
             "covers": partly,

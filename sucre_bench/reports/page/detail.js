@@ -31,7 +31,7 @@ function resultParts(result, shown) {
     const value = h("dd", {}, `${number(result.scores[c.key])} ${c.unit}`, of);
     return h("div", { class: c.key === state.metric ? "chosen" : "" }, h("dt", {}, titled(c)), value);
   });
-  const notes = [];
+  const notes = [...result.limits]; // what the method does not know of this view
   const guessed = shown.guesses ? "; fill=true guessed the others" : "";
   if (result.coverage < 1) notes.push(`${percent(result.coverage)} of the pixels have a colour${guessed}.`);
   if (state.layer === "confidence" && shown.about)

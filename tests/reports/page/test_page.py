@@ -144,7 +144,7 @@ def test_views_have_their_scores_coverage_water_and_truth(page: Page):
     assert clever["covers"] == {"psnr:masked": 0.75}  # what is of charts, or took time, covers nothing
     assert {k: clever["water"][k] for k in ESTIMATE} == ESTIMATE
     assert view["truth"] == TRUTH
-    assert clever["record"] == {"steps": 7, "write_seconds": 0.1}
+    assert (clever["record"], clever["limits"]) == ({"steps": 7, "write_seconds": 0.1}, ["flat"])
     assert view["results"][0]["water"] is None
 
 
