@@ -58,17 +58,16 @@ def about(rows: DataFrame) -> About:
 
 def _notes(options: Mapping[str, Mapping[str, Any]], methods: Mapping[str, Plugin | None]) -> Iterator[Note]:
     studies: dict[str, dict[str, float]] = {}
-    ours: dict[str, list[str]] = {}
     for name, plugin in methods.items():
         if text := options[name].get("trained_on"):
             yield Note("trained on", (name,), reasons=str(text))
         if plugin and plugin.differs:
             yield Note("differs", (name,), reasons=plugin.differs)
-        if plugin and plugin.cites.startswith("by this project"):  # a table must not pass it for a published one
-            ours.setdefault(plugin.cites, []).append(name)
         for study, score in plugin.opinions.items() if plugin else ():
             studies.setdefault(study, {})[name] = score
-    yield from (Note("by us", tuple(names), reasons=cites) for cites, names in ours.items())
+    cites = {name: plugin.cites for name, plugin in methods.items() if plugin}
+    for text in sorted({text for text in cites.values() if text.startswith("by this project")}):  # no published method
+        yield Note("by us", tuple(name for name in cites if cites[name] == text), reasons=text)
     compared = [(study, sorted(of.items(), key=lambda one: -one[1])) for study, of in studies.items() if len(of) > 1]
     if compared:  # a line for all studies, the best first
         said = (f"{study}: {', '.join(f'{name} {score:g}' for name, score in of)}" for study, of in compared)

@@ -9,6 +9,7 @@ import itertools
 import logging
 import math
 import os
+import struct
 import zipfile
 import zlib
 from collections.abc import Callable, Sequence
@@ -32,14 +33,21 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")  # of wha
 _LIMIT, _MEGAPIXELS, _BYTES = "SUCRE_BENCH_MAX_MEGAPIXELS", 250.0, 16
 
 _JPEG = b"\xff\xd8"  # its first bytes
-# The size of a PNG's header, and the text behind it of a picture that was decoded from a JPEG file.
-_PNG_HEADER, _OF_JPEG = 33, b"\0\0\0\x0btEXtSource\0JPEG" + zlib.crc32(b"tEXtSource\0JPEG").to_bytes(4, "big")
 _ANIMATED = ("PNG", "WEBP")  # a JPEG's further pictures are previews, or the second lens of a camera
 _REDUCED_OR_MASK = 1 | 4  # bits of a TIFF page's NewSubfileType
 _ALPHA = (1, 2)  # multiplied and straight, in a TIFF's ExtraSamples
 _COLOURS = {1: 1, 2: 3}  # channels of gray (0 is black) and of RGB, by a TIFF's PhotometricInterpretation
 _PLANES = 2  # a TIFF's PlanarConfiguration
 _FEW_BITS = 12
+
+
+def png_chunk(content: bytes) -> bytes:
+    """Return a part of a PNG file. content: its type, four letters, and its data."""
+    return struct.pack(">I", len(content) - 4) + content + struct.pack(">I", zlib.crc32(content))
+
+
+PNG_HEADER = 33  # bytes at the beginning of a PNG file, up to its first chunk that may be left out
+OF_JPEG = png_chunk(b"tEXtSource\0JPEG")  # of a picture that was decoded from a JPEG file
 
 
 def image_size(file: Path | bytes) -> tuple[int, int] | None:
@@ -53,14 +61,14 @@ def image_size(file: Path | bytes) -> tuple[int, int] | None:
 
 
 def is_jpeg(path: Path) -> bool:
-    """Whether a file is a JPEG, whatever its suffix, or a PNG that `write_png` made of one.
+    """Whether a file is a JPEG, whatever its suffix, or a PNG that says it was made of one.
 
     False where it cannot be read, which decoding will explain.
     """
     try:
         with regular(path).open("rb") as file:
-            head = file.read(_PNG_HEADER + len(_OF_JPEG))
-            return head.startswith(_JPEG) or head[_PNG_HEADER:] == _OF_JPEG
+            head = file.read(PNG_HEADER + len(OF_JPEG))
+            return head.startswith(_JPEG) or head[PNG_HEADER:] == OF_JPEG
     except (OSError, InputError):
         return False
 
@@ -327,15 +335,15 @@ def encode_png(values: npt.NDArray[Any], compression: int = 3) -> memoryview:
     return cv2.imencode(".png", values, [cv2.IMWRITE_PNG_COMPRESSION, compression])[1].data
 
 
-def write_png(path: Path, values: npt.NDArray[Any], compression: int = 3, *, of_jpeg: bool = False) -> None:
+def write_png(path: Path, values: npt.NDArray[Any], compression: int = 3, chunk: bytes = b"") -> None:
     """Write gray, BGR or BGRA values, 8 or 16 bit. compression: 0 (fast) to 9 (small).
 
-    of_jpeg: the values come from a JPEG file, and the file says so, see `is_jpeg`.
+    chunk: stands behind the header, for example `OF_JPEG`.
     Raises OutputError if the file cannot be written.
     """
     png = encode_png(values, compression)
     with open_atomically(path) as file:
-        file.writelines((png[:_PNG_HEADER], _OF_JPEG if of_jpeg else b"", png[_PNG_HEADER:]))
+        file.writelines((png[:PNG_HEADER], chunk, png[PNG_HEADER:]))
 
 
 def write_image(path: Path, values: npt.NDArray[Any]) -> None:

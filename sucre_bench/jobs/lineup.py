@@ -175,7 +175,10 @@ def read_line_up(path: Path) -> LineUp:
         for key, value in line_up.settings.items():
             if key != "plugins":
                 _check_setting(key, value)
-        datasets = tuple(_recognised(entry, seen) for entry in line_up.datasets)
+        datasets = tuple(
+            Entry(recognised(Path(seen(one.name))), {"root": one.name, **one.options}) if is_path(one.name) else one
+            for one in line_up.datasets
+        )
         for kind, entries in (("dataset", datasets), ("method", line_up.methods)):
             for entry in entries:
                 _check_entry("dataset" if kind == "dataset" else "method", entry)
@@ -242,13 +245,6 @@ def _entries(key: str, content: Mapping[str, Any]) -> Iterator[Entry]:
     for (label, _), times in labels.items():
         if label and times > 1:
             raise InputError(f"{times} have the label '{label}'", key, "give each a label of its own")
-
-
-def _recognised(entry: Entry, seen: Callable[[str], str]) -> Entry:
-    """A dataset's entry; one that is named by a folder has the name of the dataset that the folder is."""
-    if not is_path(entry.name):
-        return entry
-    return Entry(recognised(Path(seen(entry.name))), {"root": entry.name, **entry.options})
 
 
 def _check_entry(kind: Kind, entry: Entry) -> None:

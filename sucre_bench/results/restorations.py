@@ -24,9 +24,9 @@ from sucre_bench.arrays import Array, Mask, Picture
 from sucre_bench.errors import ANY_FAULT, DamagedFileError, InputError, NotApplicableError
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit, to_levels
-from sucre_bench.imaging.image_files import check_pixels, decode, encode_png, write_image
+from sucre_bench.imaging.image_files import PNG_HEADER, check_pixels, decode, png_chunk, write_image, write_png
 from sucre_bench.machine.cache import add_record, record_of
-from sucre_bench.machine.files import open_atomically, reading, regular, write_atomically
+from sucre_bench.machine.files import reading, regular, write_atomically
 from sucre_bench.results import layout
 from sucre_bench.results.layout import Place
 from sucre_bench.results.reasons import Reason
@@ -196,18 +196,15 @@ def read_record(row: Any, out: Path) -> dict[str, Any]:
 # -- masks and pictures -----------------------------------------------------------------------------------
 
 
-_HEADER = 33  # bytes at the beginning of a PNG file, up to its first chunk that may be left out
 _CHUNK = b"hoLE"  # by its small and capital letters: may be left out; private; not kept by who changes the picture
 
 
 def write_masked_png(path: Path, picture: np.ndarray, mask: Mask | None) -> None:
     """Write a picture (H, W, 3), BGR of 8 or 16 bits, with its mask (H, W) if any. Raises OutputError if that fails."""
-    png, chunk = encode_png(picture, compression=1), b""
+    chunk = b""
     if mask is not None and not mask.all():
-        content = _CHUNK + zlib.compress(np.packbits(mask).tobytes())
-        chunk = struct.pack(">I", len(content) - 4) + content + struct.pack(">I", zlib.crc32(content))
-    with open_atomically(path) as file:
-        file.writelines((png[:_HEADER], chunk, png[_HEADER:]))
+        chunk = png_chunk(_CHUNK + zlib.compress(np.packbits(mask).tobytes()))
+    write_png(path, picture, 1, chunk)
 
 
 def read_mask(path: Path) -> Mask | None:
@@ -225,7 +222,7 @@ def mask_in(png: IO[bytes], place: Path) -> Mask | None:
 
     Raises ValueError, struct.error or zlib.error if it is damaged.
     """
-    head = png.read(_HEADER + 8)
+    head = png.read(PNG_HEADER + 8)
     if not head.startswith(b"\x89PNG"):
         raise ValueError("no PNG")
     if head[-4:] != _CHUNK:

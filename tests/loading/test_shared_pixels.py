@@ -10,7 +10,7 @@ from PIL import Image
 from sucre_bench import Arrays, View
 from sucre_bench.degrade import degraded
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.image_files import write_png
+from sucre_bench.imaging.image_files import OF_JPEG, write_png
 from sucre_bench.loading.view_files import Files, with_shared_pixels
 from sucre_bench.machine.cache import ArrayStore, storing
 from sucre_bench.scene import Scene
@@ -73,7 +73,7 @@ def test_a_jpeg_is_known_by_its_content_and_a_png_that_was_made_of_one(
         content = cv2.imencode(suffix, np.zeros((H, W, 3), np.uint8))[1]
         (tmp_path / name).write_bytes(bytes(content))
     else:
-        write_png(tmp_path / name, np.full((H, W, 3), 7, np.uint8), of_jpeg=True)
+        write_png(tmp_path / name, np.full((H, W, 3), 7, np.uint8), chunk=OF_JPEG)
         assert np.asarray(Image.open(tmp_path / name)).tolist() == np.full((H, W, 3), 7).tolist()
     view = _shared(Files(tmp_path / name, (W, H)))
     assert view.is_jpeg is is_jpeg

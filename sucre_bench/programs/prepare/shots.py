@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, moved, project
-from sucre_bench.imaging.image_files import is_jpeg, write_png
+from sucre_bench.imaging.image_files import OF_JPEG, is_jpeg, write_png
 from sucre_bench.loading.colmap_model import Posed, read_model
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.compute import usable_cores
@@ -65,7 +65,7 @@ def undistort(photos: Mapping[str, Photo], model: Path, images: Path, masks: Pat
             write_png(masks / one.name, np.where(mask > 127, 255, 0).astype(np.uint8))
         image = read_photo(photo)  # stays in its own type: floats take four times the memory
         straight = image if lens is None else lens.resampled(image, lens.pinhole)
-        write_png(images / one.name, straight, of_jpeg=is_jpeg(photo.path))
+        write_png(images / one.name, straight, chunk=OF_JPEG if is_jpeg(photo.path) else b"")
 
     with ThreadPoolExecutor(usable_cores()) as pool:
         list(track(pool.map(write, posed), "undistorting", len(posed)))
