@@ -46,11 +46,11 @@ from sucre_bench.methods.sucre.model import Bounds, Minimum, ReducedSystem, Wate
 from sucre_bench.methods.sucre.passes import Backend, opened
 from sucre_bench.methods.sucre.robust import LEAST_NOISE, robust_noise
 from sucre_bench.methods.sucre.solution import (
-    CHANNELS,
     ROUNDING,
     SAMPLE,
     WaterUncertainty,
     first_slot,
+    rescaled_to_noise,
     sampled,
     uncertainty_of,
 )
@@ -121,55 +121,59 @@ class WaterFit:
 
 
 def fit(
-    observations: Observations | Sequence[Observations],
+    observations: Observations,
     *,
     physical: bool = False,
-    sharp: Sequence[Observations | None] = (),
+    sharp: Observations | None = None,
     backend: Backend = "auto",
     device: Device = "auto",
     seed: int = 0,
     one_coefficient: bool = False,
+    growth: Array | float = 1.0,
+    near: WaterParameters | None = None,
 ) -> WaterFit:
-    """Find the one water that explains the observations of one image, or of several, best.
+    """Find the one water that explains observations best.
 
-    physical: hold colours above zero, up to the noise of the free fit. sharp: for each image whose observations are
-    blurred, those whose colours are held, each pixel by its first observation; None for other images.
-    one_coefficient: gamma is beta, the paper's eq. 1.
+    physical: hold colours above zero, up to the noise of the free fit. sharp: where the observations are blurred, those
+    whose colours are held, each pixel by its first observation. one_coefficient: gamma is beta, the paper's eq. 1.
+    growth: (3,) how many times larger errors are than those of independent observations, which weak priors count by.
+    near: a minimum of almost the same observations without `physical`, the only start then.
     Raises NotApplicableError when no pixel is seen twice, or all from one distance each.
     """
-    images = [observations] if isinstance(observations, Observations) else observations
-    sharp = [sharp_one for sharp_one, one in zip(sharp or [None] * len(images), images, strict=True) if one.n_repeated]
-    images = [one for one in images if one.n_repeated]
-    if not images:
+    if not observations.n_repeated:
         raise NotApplicableError(_HOPELESS.format("no pixel is seen in two views"))
-    few = _samples(images, SAMPLE, singles=physical, seed=seed)
-    ranges = [one.distance_range() for one in few]
-    if not any((farthest > nearest * (1 + _SAME)).any() for nearest, farthest in ranges):  # then any water fits
+    few = sampled(observations, SAMPLE, singles=physical, seed=seed)
+    nearest, farthest = few.distance_range()
+    if not (farthest > nearest * (1 + _SAME)).any():  # then any water fits
         raise NotApplicableError(_HOPELESS.format("every pixel is seen from one distance only"))
-    distance = float(np.median(np.concatenate([one.distance for one in few])))
-    search, margin = _Search(distance, backend, device, one_coefficient), None
-    with search.over(_samples(few, _SCREEN, singles=False, seed=seed)) as evaluate:
+    distance = float(np.median(few.distance))
+    search, margin = _Search(distance, backend, device, one_coefficient, growth), None
+    with search.over([sampled(few, _SCREEN, singles=False, seed=seed)]) as evaluate:
         starts = _promising(evaluate, distance)
-        ends = [search.descended(evaluate, at, tolerance=_SCREENED, max_steps=15) for at in starts]
-    ends = search.ends(few, None, _distinct(ends))
-    dark = [first_slot(one) for one in sharp if one is not None] if physical else []
-    if physical:
-        margin = _margin(few, sharp, WaterParameters.of_channels(_distinct(ends)[0]))
-        ends = search.ends([*few, *dark], margin, [*_distinct(ends), *starts])
-    lowest = np.min([one.colour.min(axis=1) * one.scale for one in few], axis=0)
-    highest = np.max([one.colour.max(axis=1) * one.scale for one in few], axis=0)
+        tried = [] if near else [search.descended(evaluate, at, tolerance=_SCREENED, max_steps=15) for at in starts]
+    dark = [] if sharp is None or not physical else [first_slot(sharp)]
+    if near is not None:
+        found = [near.by_channel()]
+    else:
+        ends = search.ends([few], None, _distinct(tried))
+        if physical:
+            margin = _margin(few, sharp, WaterParameters.of_channels(_distinct(ends)[0]))
+            ends = search.ends([few, *dark], margin, [*_distinct(ends), *starts])
+        found = _distinct(ends, _UNDECIDED)
+    lowest, highest = few.colour.min(axis=1) * few.scale, few.colour.max(axis=1) * few.scale
     dead = np.asarray(highest - lowest < _FLAT)  # black or saturated everywhere, without information
-    return search.refined(images, dark, margin, _distinct(ends, _UNDECIDED), starts[:2], dead)
+    return search.refined(observations, dark, margin, found, starts[:2], dead)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Search:
-    """The descents of a fit; distance: median of the observations, metres."""
+    """The descents of a fit; distance: median of the observations, metres; tied, growth: see `fit`."""
 
     distance: float
     backend: Backend
     device: Device
     tied: bool
+    growth: Array | float
 
     def descended(self, evaluate: _Evaluate, start: Array, **limits: Any) -> Minimum:
         """Return where a start leads; in rows that have one coefficient, if gamma is tied to beta."""
@@ -182,7 +186,7 @@ class _Search:
 
     @contextmanager
     def over(self, images: Sequence[Observations], margin: Array | None = None) -> Iterator[_Evaluate]:
-        """Open the observations of images, whose systems are summed at given rows (3 channels, 3)."""
+        """Open observations, whose systems are summed at given rows (3 channels, 3)."""
         with ExitStack() as stack:
             kernels = [stack.enter_context(opened(one, self.backend, self.device)) for one in images]
 
@@ -200,7 +204,7 @@ class _Search:
 
     def refined(
         self,
-        images: Sequence[Observations],
+        observations: Observations,
         dark: Sequence[Observations],
         margin: Array | None,
         starts: Sequence[Array],
@@ -211,14 +215,15 @@ class _Search:
 
         dark: what only holds colours up; grid: more starts with priors; dead: (3,), channels without signal.
         """
-        floor = ROUNDING * sum(map(len, images))
+        floor = ROUNDING * len(observations)
 
         def lowest(evaluate: _Evaluate, starts: Iterable[Array]) -> Minimum:
             return _best([self.descended(evaluate, at, tolerance=_TOLERANCE, floor=floor) for at in starts])
 
-        with self.over([*images, *dark], margin) as evaluate:
+        with self.over([observations, *dark], margin) as evaluate:
             end = lowest(evaluate, starts)
-            known = _uncertainty(end, images, dead, self.tied)
+            known = _uncertainty(end, observations, dead, self.tied)
+            known = rescaled_to_noise(known, known.noise * self.growth)
             weak = _undetermined(end.at, known, end.free, dead, self.distance)
             if weak.any():
                 prior = _with_priors(evaluate, known.noise, self.distance, weak)
@@ -240,14 +245,9 @@ class _Search:
                 converged = np.where(weak, likely.converged, end.converged)
                 end = Minimum(at, evaluate(at), free, end.steps + likely.steps + 2, converged)
         if margin is not None:  # without the shortfall of negative colours
-            with self.over(images) as evaluate:
+            with self.over([observations]) as evaluate:
                 end = replace(end, system=replace(end.system, cost=evaluate(end.at).cost))
-        uncertainty = _uncertainty(end, images, dead, self.tied)
-        if weak.any():
-            known_only = "only a combination of B, beta and gamma is known; a weak prior decides"
-            said = [known_only if B else "no backscatter can be seen; fitted without" for B in end.at[:, 0]]
-            limits = (*uncertainty.limits, *(f"{CHANNELS[c]}: {said[c]}" for c in np.flatnonzero(weak)))
-            uncertainty = replace(uncertainty, limits=limits, is_weak=(bool(weak[0]), bool(weak[1]), bool(weak[2])))
+        uncertainty = _uncertainty(end, observations, dead, self.tied, weak)
         return WaterFit(_water(end, dead), end.system.cost, uncertainty, end.steps + 1, bool(end.converged.all()))
 
 
@@ -255,12 +255,13 @@ def _water(end: Minimum, dead: Mask) -> WaterParameters:
     return WaterParameters.of_channels(np.where(dead[:, None], 0, end.at))  # a dead channel: J = I
 
 
-def _uncertainty(end: Minimum, images: Sequence[Observations], dead: Mask, tied: bool) -> WaterUncertainty:
-    excess = sum(one.n_excess for one in images)
-    return uncertainty_of(_water(end, dead), end.system, end.free, excess, dead, tied=tied)
+def _uncertainty(
+    end: Minimum, observations: Observations, dead: Mask, tied: bool, weak: Mask | None = None
+) -> WaterUncertainty:
+    return uncertainty_of(_water(end, dead), end.system, end.free, observations.n_excess, dead, weak, tied=tied)
 
 
-def _margin(few: Sequence[Observations], sharp: Sequence[Observations | None], free: WaterParameters) -> Array:
+def _margin(few: Observations, sharp: Observations | None, free: WaterParameters) -> Array:
     """Return how far (3,) below zero colours may fall, from the residuals in the water of the free fit.
 
     Residuals hold more than noise: light that changes between views, and what the model leaves out. Both scale colours,
@@ -268,16 +269,10 @@ def _margin(few: Sequence[Observations], sharp: Sequence[Observations | None], f
     blurring takes away: that of the sharp observations, less that of the same image's blurred ones in `few`. Where
     nothing is blurred it is one standard deviation of the residuals: the free fit is biased the other way.
     """
-    pairs = [(sharp_one, blurred) for sharp_one, blurred in zip(sharp, few, strict=True) if sharp_one is not None]
-    if not pairs:
-        return np.asarray(np.mean([robust_noise(one, free) for one in few], axis=0))
-    lost = [robust_noise(sharp_one, free) ** 2 - robust_noise(blurred, free) ** 2 for sharp_one, blurred in pairs]
-    return np.asarray(_MARGIN * np.sqrt(np.maximum(lost, LEAST_NOISE**2)).mean(axis=0))
-
-
-def _samples(images: Sequence[Observations], n: int, *, singles: bool, seed: int) -> list[Observations]:
-    """Return about n pixels of all images together, the same number of each."""
-    return [sampled(one, n // len(images) + 1, singles=singles, seed=seed + k) for k, one in enumerate(images)]
+    if sharp is None:
+        return robust_noise(few, free)
+    lost = robust_noise(sharp, free) ** 2 - robust_noise(few, free) ** 2
+    return np.asarray(_MARGIN * np.sqrt(np.maximum(lost, LEAST_NOISE**2)))
 
 
 def _distinct(ends: Sequence[Minimum], within: float = 1e9) -> list[Array]:

@@ -1,49 +1,35 @@
-"""Finds a water outside the image: from a file, an earlier run, another method, the truth, or the whole scene.
+"""Finds a water outside the image: from a file, an earlier run, another method, or the truth.
 
 A water that was fitted with one gain for each view is in the exposure of its own target, where that has gain 1. For
 another target with gain g it has g B, and gains divided by g.
-
-A single image often sees too few distances to determine its water, and a dive has one water. For `shared_water` every
-target gives a sample of its pixels and the fit sums over all samples, so memory holds samples and never a whole dive.
 """
 
 from __future__ import annotations
 
 import contextlib
-import functools
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sucre_bench import plugins
-from sucre_bench.arrays import Array, evenly
-from sucre_bench.errors import InputError, MissingFileError, SolveError
+from sucre_bench.arrays import Array
+from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.machine.cache import RECORDS, records_above, stored_record
 from sucre_bench.machine.files import expanded
-from sucre_bench.machine.progress import say, track
 from sucre_bench.machine.provenance import require
 from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.multiview.observations import Observations
 from sucre_bench.plugins.call_method import checked_restore
 from sucre_bench.plugins.options import create
 from sucre_bench.results.layout import stems_of
 from sucre_bench.results.water_file import Lighting, lighting_of, read_lighting, read_water
 from sucre_bench.scene import Encoding, Scene, View, Water
 
-if TYPE_CHECKING:
-    from sucre_bench.methods.sucre.exact import WaterFit
-    from sucre_bench.methods.sucre.sucre import Sucre
-
 # Values that are accepted. Adam has no bounds: in air the paper's ended at beta = -0.23 1/m.
 _LEAST, _MOST_B, _MOST_RATE = -0.5, 2.0, 100.0
 
 _SUFFIXES = (".json", ".npz")
-
-# Most images that a shared water is fitted to, spread evenly over the scene.
-_SHARED_VIEWS = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,48 +165,3 @@ def _of_view(folder: Path, scene: Scene, view: View) -> Path:
         for file in filter(is_there, inside):
             return file
     return folder / f"{PurePosixPath(view.name).with_suffix('')}.json"
-
-
-def shared_water(scene: Scene, options: Sucre) -> WaterFit:
-    """Return the one water of up to 40 targets, spread evenly over the scene.
-
-    Views without a pose or depth, or with a damaged file, are left out. Raises SolveError when none is left, and what
-    `fit` raises.
-    """
-    found = _shared_fit(scene, options)
-    if isinstance(found, SolveError):
-        raise found
-    return found
-
-
-@functools.lru_cache(maxsize=4)  # every view of the scene asks for it
-def _shared_fit(scene: Scene, options: Sucre) -> WaterFit | SolveError:
-    """Return the common water; or why there is none, which is kept too, since finding out takes as long."""
-    from sucre_bench.methods.sucre import exact
-    from sucre_bench.methods.sucre.solution import SAMPLE, Observed, clustered, sampled
-
-    pairs: list[tuple[Observations, Observations | None]] = []  # to fit, and sharp ones where these are blurred
-    last = "no view shares a pixel with another"
-    for k in track(evenly(len(scene), _SHARED_VIEWS), "shared water"):
-        view = scene.views[k]
-        try:
-            seen = Observed.of(options, scene, view)
-        except (InputError, SolveError) as fault:
-            last = str(fault)
-            say(f"shared water skips {view.name}: {fault}")
-            continue
-        if not seen.observations.n_repeated:
-            continue
-        sample = sampled(seen.observations, SAMPLE, singles=options.physical, seed=k)
-        matched = seen.matched if options.footprint else None
-        pairs.append((sample, None) if matched is None else (matched, sample))
-    if not pairs:
-        return SolveError(f"the scene's water cannot be fitted, {last}; use method.water=FILE with a known one")
-    try:
-        alike, (to_fit, sharp) = options.one_coefficient, zip(*pairs, strict=True)
-        found = exact.fit(to_fit, physical=options.physical, sharp=sharp, one_coefficient=alike, **options.compute)
-        blurred = [one for one, its_sharp in pairs if its_sharp is not None]
-        known = clustered(found.uncertainty, blurred, found.water, tied=alike) if blurred else found.uncertainty
-        return replace(found, uncertainty=known)
-    except SolveError as fault:
-        return fault

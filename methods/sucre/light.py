@@ -291,6 +291,11 @@ class Light:
         """Whether the light differs across an image."""
         return self.parts.lens or self.parts.strobe
 
+    def is_known_of(self, view: str) -> bool:
+        """Whether the light of a view is known: all have the same, or its gains were fitted."""
+        known = [name for name, gains in zip(self.views, self.gains, strict=True) if np.isfinite(gains).all()]
+        return not self.parts.gains or view in known
+
     @property
     def is_far_off(self) -> bool:
         """Whether a strobe's fit ended at the farthest place that one may have: nothing holds it there."""

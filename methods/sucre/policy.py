@@ -32,6 +32,7 @@ less than where light differs. Noise that grows with light gets weights if beta 
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -45,7 +46,7 @@ from sucre_bench.errors import NotApplicableError, SolveError
 from sucre_bench.imaging.display import normalisation
 from sucre_bench.machine.compute import Device
 from sucre_bench.methods.sucre.exact import WaterFit, fit
-from sucre_bench.methods.sucre.known_water import shared_water, water_of
+from sucre_bench.methods.sucre.known_water import water_of
 from sucre_bench.methods.sucre.light import (
     TILES,
     Light,
@@ -67,6 +68,7 @@ from sucre_bench.methods.sucre.robust import (
     contradicted_views,
     fit_robustly,
     is_better,
+    lies_in_patches,
     reweighted,
     robust_noise,
     trust,
@@ -76,9 +78,12 @@ from sucre_bench.methods.sucre.solution import (
     FAR_COLOURS,
     SAMPLE,
     Course,
+    Dive,
     LightRecord,
     Observed,
     Solution,
+    Tried,
+    WaterUncertainty,
     clustered,
     coloured,
     colours_for_water,
@@ -91,6 +96,7 @@ from sucre_bench.methods.sucre.solution import (
 )
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.plugins.call_method import display_of
+from sucre_bench.scene import Scene
 
 # Pixels that observations are judged on, whether they fit, and pixels that both encodings are fitted to.
 _JUDGED, _PIXELS = 5_000, 2_000
@@ -124,15 +130,21 @@ _WIDER, _BLURRED, _LITTLE, _ENOUGH = 3.0, 0.1, 0.02, 1_000
 # in the mean of the channels. They are at .3 to .75 under caustics, at .86 to 1.5 on photographs, at 1 in plain scenes.
 _SHARPER = 0.8
 
-# A gain of this much is worth a word.
-_DIFFERENT = 0.05
+# Gains of this much are worth a word: of exposure, and of channels.
+_DIFFERENT = {1: 0.05, 3: 0.01}
 
-# Less optical depth than this over the farthest distances is none. Pure water has as much in red over .2 m.
-_CLEAR = 0.05
+# Less optical depth than this over the farthest distances is none. Pure water has as much in red over half a metre.
+_CLEAR = 0.15
+
+_AIR = "nothing dims these images with distance, as in air; no veil was removed"
 
 # A channel is lost if its typical colour has a larger standard deviation than this, the whole scale.
 _LOST = 1.0
 
+# A view that shares less than this share of its points gets a word.
+_OVERLAP = 0.05
+
+_NO_OVERLAP = "if this view overlaps others, its depth map or pose is wrong; `sucre-bench describe` tells more"
 _MIXED = "distances do not separate it from attenuation, so colours of far ground may be wrong"
 
 _PHOTOGRAPH = (
@@ -145,39 +157,57 @@ NONE = WaterParameters.of_channels(np.zeros((3, 3)))
 
 def solved(seen: Observed) -> tuple[Observed, Solution]:
     """Return the solution in the water that the options name, and what it explains: in even light, if that differs."""
-    if seen.options.water == "own":
-        return _in_own_water(seen)
-    if seen.options.water == "shared":
-        shared = shared_water(seen.scene, seen.options)
-        return seen, seen.coloured(shared.water, shared.uncertainty)
-    known = water_of(seen.options.water, seen.scene, seen.view, seen.encoding)
-    if not known.gains:
-        return seen, seen.coloured(known.water)
-    seen = seen.evened(Light.of_gains(known.gains, known.water))
-    return seen, seen.coloured(known.water).decided(gains=known.gains)
-
-
-def _in_own_water(seen: Observed) -> tuple[Observed, Solution]:
-    options = seen.options
-    solution = solve_exact(seen.observations, matched=seen.matched if options.footprint else None, **options.fitting)
-    parts = parts_of(options.light, "method.light")
-    chosen = Chosen(None)
-    if parts != Parts() and (parts is not None or options.footprint) and (few := seen.matched) is not None:
-        if solution.trust is not None:  # animals tell nothing of the light
-            few = reweighted(few, solution.water, robust_noise(few, solution.water))
-        may_be_strobe = not (options.fill or options.one_coefficient) and options.colours == "multi_view"
-        chosen = choose(few, seen.view.name, solution.water, parts, may_be_strobe=may_be_strobe)
-    even, said = seen, list[str]()
-    if chosen.fit is not None:
-        even = seen.evened(chosen.fit.light)
-        solution, said = _in_even_light(seen, even, chosen)
+    if seen.options.water not in ("own", "shared"):
+        known = water_of(seen.options.water, seen.scene, seen.view, seen.encoding)
+        if not known.gains:
+            return seen, seen.coloured(known.water)
+        seen = seen.evened(Light.of_gains(known.gains, known.water))
+        return seen, seen.coloured(known.water).decided(gains=known.gains)
+    is_shared, said = seen.options.water == "shared", list[str]()
+    fitted = _of_dive(seen.scene, seen.options) if is_shared else _fitted_in_own_light(seen)
+    if isinstance(fitted, SolveError):
+        raise fitted
+    if is_shared and fitted.light is not None and not fitted.light.is_known_of(seen.view.name):
+        said.append("too few pixels are shared with others to find this view's light; its water was fitted alone")
+        is_shared, fitted = False, _fitted_in_own_light(seen)
+    if (share := seen.observations.n_repeated / max(1, int(np.count_nonzero(seen.view.depth > 0)))) < _OVERLAP:
+        said.append(f"only {share:.1%} of the points lie where other views see them; {_NO_OVERLAP}")
+    if is_in_air(seen.observations, fitted):
+        limits = [_AIR, *sentences_of(fitted.light)] if fitted.light else [_AIR]
+        uncertainty = replace(fitted.uncertainty, limits=tuple(limits), is_weak=(False, False, False))
+        fitted = replace(fitted, uncertainty=uncertainty)
+    even = seen if fitted.light is None else seen.evened(fitted.light)
+    solution = fitted.coloured(even)
     if is_guess(solution):
         solution = _photograph(even, solution)
-    return even, solution.with_limits([*said, *blurred(seen, solution)])
+    return even, solution.with_limits([*said, *([] if is_shared else blurred(seen, solution))])
 
 
-def _in_even_light(seen: Observed, even: Observed, chosen: Chosen) -> tuple[Solution, list[str]]:
-    """Return the solution for observations that were brought to even light, and what to say of their light.
+@functools.lru_cache(maxsize=4)  # every view of the scene asks for it
+def _of_dive(scene: Scene, options: Any) -> Fitted | SolveError:
+    """Return the common water; or why there is none, which is kept too, since finding out takes as long."""
+    try:
+        return _fitted_in_own_light(Dive.spread(options, scene))
+    except SolveError as fault:
+        return fault
+
+
+def _fitted_in_own_light(seen: Observed) -> Fitted:
+    options, matched = seen.options, seen.matched if seen.options.footprint else None
+    fitted = fit_water(seen.observations, matched, **options.fitting)
+    parts = parts_of(options.light, "method.light")
+    if parts == Parts() or (parts is None and not options.footprint) or (few := seen.matched) is None:
+        return fitted
+    if fitted.noise is not None:  # animals tell nothing of the light
+        few = reweighted(few, fitted.free, robust_noise(few, fitted.free))
+    chosen = choose(few, seen.view.name, parts, may_be_strobe=not options.one_coefficient)
+    if chosen.fit is not None:
+        return _in_even_light(seen, seen.evened(chosen.fit.light), chosen)
+    return fitted.decided(light=LightRecord(tried=list(chosen.tried))) if chosen.tried else fitted
+
+
+def _in_even_light(seen: Observed, even: Observed, chosen: Chosen) -> Fitted:
+    """Return the water of observations that were brought to even light, and what to say of their light.
 
     The water is fitted anew, except under a strobe, whose veil is another. Its errors include those of the light.
     """
@@ -188,18 +218,19 @@ def _in_even_light(seen: Observed, even: Observed, chosen: Chosen) -> tuple[Solu
         raise NotApplicableError("the light leaves no pixel that two views show; use method.light=even")
     if light.strobe is None:
         matched = light.removed(seen.matched) if seen.options.footprint else None
-        solution = solve_exact(even.observations, matched=matched, **seen.options.fitting)
+        fitted = fit_water(even.observations, matched, **seen.options.fitting)
     else:
-        solution = even.coloured(replace(NONE, beta=light.water.beta))
+        alone = even.coloured(replace(NONE, beta=light.water.beta))
+        fitted = Fitted(alone.water, alone.water, alone.uncertainty, alone.course)
     near, median, far = np.quantile(seen.matched.distance, (0.05, 0.5, 0.95))
     is_mixed = (light.parts.strobe and far <= _ALIKE * near) or light.is_far_off
     is_mixed |= bool((of_light[:, 1] * median >= _LOOSE).any())
-    before = solution.uncertainty.standard_error.by_channel()
-    error, growth = np.fmax(before, of_light), solution.growth
-    if growth is not None:  # errors of beta are most of what places and views share
-        larger = np.divide(error, before, out=np.ones((3, 3)), where=before > 0)[:, 1:2]
-        growth = np.sqrt(1 + (growth**2 - 1) * larger**2).astype(np.float32)
-    uncertainty = replace(solution.uncertainty, standard_error=WaterParameters.of_channels(error))
+    uncertainty = fitted.uncertainty
+    before = uncertainty.standard_error.by_channel()
+    error, alike = np.fmax(before, of_light), uncertainty.alike
+    if alike is not None:  # errors of beta are most of what places and views share
+        alike = alike * np.divide(error, before, out=np.ones((3, 3)), where=before > 0)[:, 1, None, None] ** 2
+    uncertainty = replace(uncertainty, standard_error=WaterParameters.of_channels(error), alike=alike)
     if is_mixed and light.parts.strobe:
         uncertainty = replace(uncertainty, is_weak=(True, True, True))
     said = [f"{one}; {_MIXED}" if is_mixed else one for one in sentences_of(light)]
@@ -209,16 +240,16 @@ def _in_even_light(seen: Observed, even: Observed, chosen: Chosen) -> tuple[Solu
     gains = {name: gain.tolist() for name, gain in by_view if np.isfinite(gain).all()}
     if unknown := [name for name in even.observations.views if name not in gains]:
         said.append(f"views that share too few pixels to find their light took no part: {', '.join(unknown)}")
-    solution = replace(solution, uncertainty=uncertainty, light=light, growth=growth)
-    return solution.decided(
+    fitted = replace(fitted, uncertainty=uncertainty.with_limits(said), light=light)
+    return fitted.decided(
         light=LightRecord(
             parts=light.parts.words,
-            tried=[{"parts": one.parts.words, "gain": one.gain, "sigmas": one.sigmas} for one in chosen.tried],
+            tried=list(chosen.tried),
             least=light.least if light.falls_off else None,
             strobe=None if light.strobe is None else {"position": light.strobe.position, "lobe": light.strobe.lobe},
         ),
         gains={seen.view.name: 1.0} | gains if light.parts.gains else None,
-    ), said
+    )
 
 
 def sentences_of(light: Light) -> list[str]:
@@ -228,9 +259,9 @@ def sentences_of(light: Light) -> list[str]:
         gains = np.exp(light.gains)
         low, high = np.nanmin(gains), np.nanmax(gains)
         what = "exposure" if light.parts.gains == 1 else "white balance"
-        if high > (1 + _DIFFERENT) * low or light.parts.gains == 3:
+        if high > (1 + _DIFFERENT[light.parts.gains]) * low:
             said.append(f"{what} differs between views; gains of {low:.2f} to {high:.2f} were fitted")
-    if light.parts.lens:
+    if light.parts.lens and light.least < 1 - _DIFFERENT[3]:
         said.append(f"light falls off across the images, to {light.least:.0%} in the corners; the falloff was removed")
     if light.strobe is not None:
         said.append("a strobe beside the camera was fitted, and its light removed")
@@ -240,100 +271,147 @@ def sentences_of(light: Light) -> list[str]:
 # -- the exact fit: weights, and colours above zero ---------------------------------------------------------------
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Fitted:
+    """A water that was fitted to observations.
+
+    free: as it was before weak priors and colours above zero; noise: (3,) of a pixel's observation if robust weights
+    count, which need it; light: that was removed before.
+    """
+
+    water: WaterParameters
+    free: WaterParameters
+    uncertainty: WaterUncertainty
+    course: Course
+    noise: Array | None = None
+    light: Light | None = None
+
+    def decided(self, **course: Any) -> Fitted:
+        """Return it with more in its course."""
+        return replace(self, course=replace(self.course, **course))
+
+    def coloured(self, seen: Observed) -> Solution:
+        """Return the colours of a view's observations in this water."""
+        return self.colours_of(seen.observations, **seen.options.compute)
+
+    def colours_of(self, observations: Observations, *, backend: Backend, device: Device) -> Solution:
+        """Return the colours of observations in this water, with weights for how well they fit if these count."""
+        of_all, uncertainty = None, self.uncertainty
+        if self.noise is not None:
+            of_all = trust(observations, self.water, self.noise)
+            observations = trusted(observations, of_all)
+        with opened(observations, backend, device) as kernel:
+            if self.noise is None:  # the water's errors come from a sample, the colours' from their own noise
+                own = uncertainty_of(self.water, kernel.system(self.water), None, observations.n_excess)
+                uncertainty = replace(uncertainty, noise=own.noise)
+            solution = coloured(kernel, self.water, uncertainty, replace(self.course, device=kernel.device))
+        return replace(solution, trust=of_all, light=self.light)
+
+
 def solve_exact(
     observations: Observations,
     *,
     matched: Observations | None = None,
+    backend: Backend = "auto",
+    device: Device = "auto",
+    **options: Any,
+) -> Solution:
+    """Find the minimum, and the colours of `observations` in it; options: of `fit_water`. Raises what `fit` raises."""
+    fitted = fit_water(observations, matched, backend=backend, device=device, **options)
+    return fitted.colours_of(observations, backend=backend, device=device)
+
+
+def fit_water(
+    observations: Observations,
+    matched: Observations | None,
+    *,
     physical: bool = False,
     one_coefficient: bool = False,
     robust: bool | Literal["auto"] = False,
     backend: Backend = "auto",
     device: Device = "auto",
-) -> Solution:
-    """Find the minimum; with `robust`, of observations weighted by how well they fit. Raises what `fit` raises.
+) -> Fitted:
+    """Fit the water; with `robust`, to observations weighted by how well they fit. Raises what `fit` raises.
 
-    matched: observations of some pixels that the water is fitted to instead (see multiview/footprints.py); all colours
-    are those of `observations`.
+    matched: observations of some pixels that the water is fitted to instead (see multiview/footprints.py). Weak priors
+    then count by errors that hold if the residuals of neighbours, or of a view, are alike.
     """
     how = partial(fit, one_coefficient=one_coefficient, backend=backend, device=device)
     sharp = sampled(observations, SAMPLE, singles=physical, seed=0)
-    to_fit, said = observations if matched is None else matched, list[str]()
+    to_fit, said, noise = observations if matched is None else matched, list[str](), None
     found, weights = how(to_fit), None
     if matched is not None and (sharper := evenly_noisy(to_fit, found, how, backend, device)) is not None:
         to_fit, found = sharper
-        matched = to_fit
     if robust:
-        weights, said = weighted(observations, sharp, matched, found, how, is_forced=robust is True)
+        few = sharp if matched is None else to_fit
+        weights, said = weighted(few, matched is None, found, how, is_forced=robust is True)
     if weights is not None:
-        observations, to_fit, found = weights.observations, weights.to_fit, weights.found
+        noise = robust_noise(sharp, weights.found.water)
+        to_fit, found = weights.to_fit, weights.found
+        if matched is None:
+            to_fit = trusted(observations, trust(observations, found.water, noise))
+            found = how(to_fit)
+    elif robust and matched is not None:  # footprints that are cut off are left out of the fit, and may spoil colours
+        v = trust(few := sampled(sharp, _JUDGED, singles=False, seed=0), found.water)
+        if (v < WRONG).mean() > _FEW_WRONG and lies_in_patches(few, v < WRONG):
+            noise, said = robust_noise(sharp, found.water), contradicted_views(few, v)
+    free = found.water
+    if matched is not None:
+        how = partial(how, growth=grown(found, to_fit, one_coefficient))
+        found = how(to_fit, near=found.water)
     above = held_above_zero(to_fit, None if matched is None else sharp, found, how) if physical else None
     found = above or found
-    with opened(observations, backend, device) as kernel:
-        uncertainty, unexplained = found.uncertainty, None
-        if weights is not None:
-            uncertainty = rescaled_to_noise(uncertainty, robust_noise(sharp, found.water))
-        elif matched is not None:  # the water's errors come from the sample, the colours' from their own noise
-            of_all = uncertainty_of(found.water, kernel.system(found.water), None, observations.n_excess)
-            uncertainty = replace(uncertainty, noise=of_all.noise)
-        if matched is not None:
-            unexplained = float(robust_noise(matched, found.water).mean())
-            uncertainty = clustered(uncertainty, [to_fit], found.water, tied=one_coefficient)
-        course = Course(
-            solver="exact",
-            device=kernel.device,
-            steps=found.passes,
-            converged=found.converged,
-            footprint=matched is not None,
-            unexplained=unexplained,
-            robust=None if weights is None else {"wrong": weights.wrong},
-            physical=above is not None if physical else None,
-        )
-        solution = coloured(kernel, found.water, uncertainty, course).with_limits(said)
-    return solution if weights is None else replace(solution, trust=weights.trust)
+    uncertainty = found.uncertainty if noise is None else rescaled_to_noise(found.uncertainty, noise)
+    if matched is not None:
+        uncertainty = clustered(uncertainty, to_fit, found.water, tied=one_coefficient)
+    course = Course(
+        solver="exact",
+        device="cpu",
+        steps=found.passes,
+        converged=found.converged,
+        footprint=matched is not None,
+        unexplained=None if matched is None else float(robust_noise(to_fit, found.water).mean()),
+        robust=None if weights is None else {"wrong": weights.wrong},
+        physical=above is not None if physical else None,
+    )
+    return Fitted(found.water, free, uncertainty.with_limits(said), course, noise)
+
+
+def grown(found: WaterFit, to_fit: Observations, tied: bool) -> Array:
+    """Return how many times larger (3,) errors are than those of independent observations: rms over the parameters."""
+    old = found.uncertainty.standard_error.by_channel()
+    new = clustered(found.uncertainty, to_fit, found.water, tied=tied).standard_error.by_channel()
+    known = np.isfinite(old) & (old > 0)
+    squares = np.divide(new, old, out=np.zeros((3, 3)), where=known) ** 2
+    return np.sqrt(squares.sum(axis=1) / known.sum(axis=1).clip(1)).clip(1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Weighted:
-    """Observations with robust weights, and the trust in each (N,); the fit, and what it was made to.
+    """Observations with robust weights, the fit to them, and the share of wrong ones."""
 
-    wrong: the share of wrong observations.
-    """
-
-    observations: Observations
-    trust: Array
     to_fit: Observations
     found: WaterFit
     wrong: float
 
 
 def weighted(
-    observations: Observations,
-    sharp: Observations,
-    matched: Observations | None,
-    plain: WaterFit,
-    how: Callable[[Observations], WaterFit],
-    *,
-    is_forced: bool,
+    few: Observations, is_sharp: bool, plain: WaterFit, how: Callable[..., WaterFit], *, is_forced: bool
 ) -> tuple[Weighted | None, list[str]]:
-    """Return the observations with robust weights where these serve, and what to say of contradicted views.
+    """Return observations with robust weights where these serve, and what to say of contradicted views.
 
-    sharp: a sample that water and weights are iterated on without a matched one; plain: fitted without weights;
-    is_forced: whether weights are wanted in any case.
+    few: that water and weights are iterated on; is_sharp: whether they are a sample of those of the plain fit, without
+    weights; is_forced: whether weights are wanted in any case.
     """
-    few = sharp if matched is None else matched
     judged = sampled(few, _JUDGED, singles=False, seed=0)
     if not (is_forced or (trust(judged, plain.water) < WRONG).mean() > _FEW_WRONG):
         return None, []
-    found, to_fit = fit_robustly(few, how, plain=None if matched is None else plain)
+    found, to_fit = fit_robustly(few, how, plain=None if is_sharp else plain)
     v = trust(judged, found.water)
     said = contradicted_views(judged, v)
     if not (is_forced or is_better(judged, plain.water, found.water, v)):
         return None, said
-    of_all = trust(observations, found.water, robust_noise(sharp, found.water))
-    observations = trusted(observations, of_all)
-    if matched is None:
-        to_fit, found = observations, how(observations)
-    return Weighted(observations, of_all, to_fit, found, float((v < WRONG).mean())), said
+    return Weighted(to_fit, found, float((v < WRONG).mean())), said
 
 
 def evenly_noisy(
@@ -342,8 +420,8 @@ def evenly_noisy(
     """Return the fit with weights for noise that grows with light; None if it does not know beta better."""
     even = balanced(to_fit, colours_for_water(to_fit, plain.water, None, backend, device))
     found = how(even)
-    old = clustered(plain.uncertainty, [to_fit], plain.water).standard_error.beta
-    new = clustered(found.uncertainty, [even], found.water).standard_error.beta
+    old = clustered(plain.uncertainty, to_fit, plain.water).standard_error.beta
+    new = clustered(found.uncertainty, even, found.water).standard_error.beta
     known = np.isfinite(old) & (old > 0)
     return (even, found) if known.any() and (new[known] / old[known]).mean() < _SHARPER else None
 
@@ -355,11 +433,22 @@ def held_above_zero(
 
     sharp: whose colours are held, where `to_fit` has equal footprints. Without these it always counts.
     """
-    above = how(to_fit, physical=True, sharp=[] if sharp is None else [sharp])
+    above = how(to_fit, physical=True, sharp=sharp)
     return above if sharp is None or (above.cost <= (1 + _RISE) * free.cost).all() else None
 
 
 # -- what is not known ----------------------------------------------------------------------------------------
+
+
+def is_in_air(observations: Observations, fitted: Fitted) -> bool:
+    """Decide whether nothing dims the images: no channel is attenuated, and at least one tells it by its error.
+
+    Distances that are all alike tell nothing. A beta of 0, the end of the range, may have no error.
+    """
+    far = float(np.quantile(observations.distance, 0.95))
+    error = fitted.uncertainty.standard_error.beta * far
+    told = error[np.isfinite(error)] < _CLEAR
+    return bool((fitted.water.beta * far < _CLEAR).all() and len(told) and told.all())
 
 
 def is_guess(solution: Solution) -> bool:
@@ -392,10 +481,10 @@ def blurred(seen: Observed, solution: Solution) -> list[str]:
     both = [one.take(np.flatnonzero(np.isin(one.pixels, common))) for one in (few, wide)]
     both = [solution.light.removed(one) if solution.light else one for one in both]
     try:
-        narrow, wider = (fit(one, one_coefficient=seen.options.one_coefficient) for one in both)
+        narrow, wider = (fit(one, one_coefficient=seen.options.one_coefficient, near=solution.water) for one in both)
     except SolveError:
         return []
-    error = clustered(narrow.uncertainty, both[:1], narrow.water).standard_error.beta
+    error = clustered(narrow.uncertainty, both[0], narrow.water).standard_error.beta
     known = np.isfinite(error) & (error > 0)
     if not known.any():
         return []
@@ -418,21 +507,12 @@ class Veil(Enum):
     DARKEST = "the darkest colours of each channel are taken for it"
 
 
-def veil_of(observations: Observations, solution: Solution, options: Any) -> Veil:
-    """Decide what becomes of the veil of most channels. Under water a strobe always makes one.
-
-    In air, where no channel is attenuated, there is none. At least one channel must tell it, by the standard error of
-    its beta: distances that are all alike tell nothing. One whose beta is 0, the end of the range, has no such error.
-    """
-    if is_determined(solution.uncertainty):
+def veil_of(solution: Solution, options: Any) -> Veil:
+    """Decide what becomes of the veil of most channels. Under water a strobe always makes one."""
+    if is_determined(solution.uncertainty) or solution.is_photograph:
         return Veil.KNOWN
     if solution.is_under_strobe:
         return Veil.DARKEST if options.refine else Veil.UNSAID
-    far = float(np.quantile(observations.distance, 0.95))
-    error = solution.uncertainty.standard_error.beta * far
-    told = error[np.isfinite(error)] < _CLEAR
-    if solution.is_photograph or ((solution.water.beta * far < _CLEAR).all() and len(told) and told.all()):
-        return Veil.KNOWN
     return Veil.UNSAID if normalisation(display_of(options)).removes_offsets else Veil.SAID
 
 
@@ -509,15 +589,6 @@ _ALL, _DIM = Parts(gains=3, lens=True), 0.8
 _FULL = 0.99
 
 
-@dataclass(frozen=True, slots=True)
-class Tried:
-    """A model that was judged: its gain as a share of the cost, and in standard errors."""
-
-    parts: Parts
-    gain: float
-    sigmas: float
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Chosen:
     """The light of the chosen parts, None for even light, and the models that were judged."""
@@ -526,20 +597,17 @@ class Chosen:
     tried: tuple[Tried, ...] = ()
 
 
-def choose(
-    matched: Observations, target: str, water: WaterParameters, parts: Parts | None, *, may_be_strobe: bool
-) -> Chosen:
-    """Return the light of observations with `view` and `ray`; target: a name; water: fitted in even light.
-
-    parts: None to choose them.
-    """
+def choose(matched: Observations, target: str, parts: Parts | None, *, may_be_strobe: bool) -> Chosen:
+    """Return the light of observations with `view` and `ray`; target: a name; parts: None to choose them."""
     whole = uncut(matched)
     if whole.n_repeated < _FEWEST or parts == Parts():
         return Chosen(None)
-    tried, light = list[Tried](), Light.even(water, whole.views)
+    few = sampled(whole, _TRIED_ON, singles=False, seed=0)
+    water, tried = fit(few).water, list[Tried]()
+    light = Light.even(water, whole.views)
     if parts is None:
-        few = Sample.of(sampled(whole, _TRIED_ON, singles=False, seed=0), target)
-        parts, light, tried = _chosen(few, light, robust_noise(whole, water), may_be_strobe=may_be_strobe)
+        noise = robust_noise(whole, water)
+        parts, light, tried = _chosen(Sample.of(few, target), light, noise, may_be_strobe=may_be_strobe)
         if parts == Parts():
             return Chosen(None, tuple(tried))
     sample = Sample.of(sampled(whole, _FITTED, singles=False, seed=0), target)
@@ -574,7 +642,7 @@ def _chosen(sample: Sample, light: Light, noise: Array, *, may_be_strobe: bool) 
         if len(gain) < 2:  # noise-free: nothing is left to explain
             break
         sigmas = float(gain.mean() / max(gain.std(ddof=1) / np.sqrt(len(gain)), 1e-12))
-        tried.append(Tried(better, float(gain.sum() / cost.sum()), sigmas))
+        tried.append(Tried(better.words, float(gain.sum() / cost.sum()), sigmas))
         if not (tried[-1].gain > _SHARE and sigmas > _SURE):
             break
         parts, light, cost = found.needed, found.light, new

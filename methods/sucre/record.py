@@ -105,7 +105,10 @@ def restoration(
     negative = (solution.J < 0).mean(axis=1)
     unknown = (solution.deviation > 1).mean(axis=1)
     name = type(options).__plugin__.name
-    limits = [with_name(limit, name) for limit in (*uncertainty.limits, *faults_of_colours(negative, unknown, options))]
+    limits = [
+        with_name(limit, name)
+        for limit in (*uncertainty.limits, *faults_of_colours(negative, unknown, options, solution.is_under_strobe))
+    ]
     info = {
         "cost": solution.cost,
         "negative_share": negative,
@@ -147,12 +150,12 @@ def hints(limits: Sequence[str], uncertainty: WaterUncertainty) -> list[str]:
     return [*(() if is_determined(uncertainty) else (UNDETERMINED,)), *filter(_TYPED.search, limits)]
 
 
-def faults_of_colours(negative: Array, unknown: Array, options: Any) -> list[str]:
+def faults_of_colours(negative: Array, unknown: Array, options: Any, is_under_strobe: bool = False) -> list[str]:
     """Describe faults of the colours, and the word that mends each with these options of a method.
 
     negative: (3,) share below zero; unknown: (3,) share with a standard deviation above 1.
     """
-    doubts, fits_water = [], getattr(options, "water", "own") in ("own", "shared")
+    doubts, fits_water = [], getattr(options, "water", "own") in ("own", "shared") and not is_under_strobe
     for colour, below, lost in zip(CHANNELS, negative, unknown, strict=True):
         for share, fault, option, effect, helps in (
             (below, "darker than black, and show as black", "physical", "keeps them above zero", fits_water),

@@ -72,7 +72,7 @@ _MEDIAN_OF_NORMAL = 0.6745
 
 def fit_robustly(
     observations: Observations,
-    fit: Callable[[Observations], WaterFit],
+    fit: Callable[..., WaterFit],
     *,
     tolerance: float = 5e-4,
     max_rounds: int = 6,
@@ -85,12 +85,13 @@ def fit_robustly(
     Returns the last fit, and the observations with the weights it was made with.
     """
     weighted = observations
-    found = plain or fit(weighted)
+    found, near = plain or fit(weighted), None  # weights may lead to another minimum, once
     z = np.quantile(observations.distance, (0.05, 0.5, 0.95))
     for _ in range(max_rounds):
         before = found.water
         weighted = reweighted(observations, before, robust_noise(observations, before))
-        found = fit(weighted)
+        found = fit(weighted, near=near)
+        near = found.water
         if np.abs(_effect(found.water, z) - _effect(before, z)).max() <= tolerance:
             break
     return found, weighted
@@ -105,18 +106,18 @@ def is_better(observations: Observations, plain: WaterParameters, robust: WaterP
     if (robust.is_implausible & ~plain.is_implausible).any():
         return False
     doubtful = (v < _DOUBTFUL) & (v >= WRONG)
-    return bool(doubtful.mean() < _NOISE or _share_in_patches(observations, v < WRONG) > _IN_PATCHES)
+    return bool(doubtful.mean() < _NOISE or lies_in_patches(observations, v < WRONG))
 
 
-def _share_in_patches(observations: Observations, wrong: Mask) -> float:
-    """Return the share of the wrong observations (N,) that lie in spoilt patches of views; 0 without `view`."""
+def lies_in_patches(observations: Observations, wrong: Mask) -> bool:
+    """Return whether most of the wrong observations (N,) lie in spoilt patches of views; False without `view`."""
     if observations.view is None:
-        return 0.0
+        return False
     y, x = np.divmod(observations.pixels[observations.place], observations.shape[1])
     (rows, columns), (height, width) = _PATCHES, observations.shape
     patch = (observations.view * rows + y * rows // height) * columns + x * columns // width
     n, spoilt = np.bincount(patch), np.bincount(patch, wrong)
-    return float(spoilt[(n >= _TOLD) & (spoilt > _SPOILT * n)].sum() / max(spoilt.sum(), 1))
+    return bool(spoilt[(n >= _TOLD) & (spoilt > _SPOILT * n)].sum() > _IN_PATCHES * spoilt.sum())
 
 
 def contradicted_views(observations: Observations, v: Array) -> list[str]:

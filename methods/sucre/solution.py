@@ -16,13 +16,16 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from sucre_bench import Arrays
-from sucre_bench.arrays import Array, Indices, Mask
+from sucre_bench.arrays import Array, Indices, Mask, evenly
 from sucre_bench.camera import pixel_rays
+from sucre_bench.errors import InputError, SolveError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.imaging.fill import fill_distances
 from sucre_bench.machine.compute import Device
+from sucre_bench.machine.progress import say, track
 from sucre_bench.methods.sucre.model import TIED, ReducedSystem, WaterParameters, transmission, veil
 from sucre_bench.methods.sucre.passes import Backend, Eliminated, Kernel, blocks, fill, opened
-from sucre_bench.multiview.observations import Observations
+from sucre_bench.multiview.observations import Observations, pooled
 from sucre_bench.scene import Encoding, Scene, View
 
 if TYPE_CHECKING:
@@ -32,7 +35,9 @@ if TYPE_CHECKING:
 CHANNELS = ("red", "green", "blue")
 _PARAMETERS = ("veiling light", "attenuation", "backscatter")
 
-_TOO_FEW = "too few repeated observations to estimate the noise; nothing is known about errors"
+_TOO_FEW = "too few points lie in two views to tell the noise; nothing is known about errors"
+_TYPICAL = "at these distances, veil and attenuation cannot be told apart; typical water was assumed"
+_NO_VEIL = "no veil can be seen, and none was removed"
 
 # Tiles along each side of a target, whose errors count as independent; places in a block.
 _TILES, _PLACES = 6, 1 << 16
@@ -69,6 +74,10 @@ class WaterUncertainty:
     is_weak: tuple[bool, bool, bool] = (False, False, False)
     alike: Array | None = None
 
+    def with_limits(self, limits: Iterable[str]) -> WaterUncertainty:
+        """Return the uncertainty with more limits."""
+        return replace(self, limits=(*self.limits, *limits))
+
 
 def is_determined(uncertainty: WaterUncertainty) -> bool:
     """Return whether the observations determine all three parameters of most channels, without a weak prior."""
@@ -84,16 +93,17 @@ def rescaled_to_noise(uncertainty: WaterUncertainty, noise: Array) -> WaterUncer
 
 
 def clustered(
-    uncertainty: WaterUncertainty, images: Sequence[Observations], water: WaterParameters, *, tied: bool = False
+    uncertainty: WaterUncertainty, observations: Observations, water: WaterParameters, *, tied: bool = False
 ) -> WaterUncertainty:
     """Return the uncertainty with errors that hold if the residuals of neighbours, or of a view, are alike.
 
     They are: texture, light and poses differ more between places and views than within. With s the sum of D'^T r over a
     cluster, H^-1 (sum s s^T) H^-1 needs independent clusters only (Liang & Zeger 1986). Clusters are tiles of the
     target, or views; each parameter has the largest error of these, and of independent observations. The covariance
-    stays, since priors weigh colours with it; `alike` has the other. images: that the water was fitted to, with `view`.
+    stays, since priors weigh colours with it; `alike` has the other. observations: that the water was fitted to, with
+    `view`.
     """
-    H, by_cluster = _cluster_sums(images, water)
+    H, by_cluster = _cluster_sums(observations, water)
     H = TIED @ H @ TIED.T if tied else H
     before = uncertainty.standard_error.by_channel()
     error, alike = before.copy(), uncertainty.covariance.copy()
@@ -112,10 +122,9 @@ def clustered(
             whole = TIED.T @ whole @ TIED if tied else whole
             alike[c] = whole if whole.trace() > alike[c].trace() else alike[c]
     error = error[:, [0, 1, 1]] if tied else error
-    named = " ".join(uncertainty.limits)
     rows = water.by_channel()
-    loose = [_loose(c, rows, error) for c in range(3) if f"{CHANNELS[c]}: undetermined" not in named]
-    far = max(float(np.quantile(one.distance, 0.95)) for one in images)
+    loose = [_loose(c, rows, error) for c in range(3) if not (uncertainty.is_weak[c] or _loose(c, rows, before))]
+    far = float(np.quantile(observations.distance, 0.95))
     limits = (*uncertainty.limits, *filter(None, loose), *far_colours(error[:, 1] * far))
     return replace(uncertainty, standard_error=WaterParameters.of_channels(error), limits=limits, alike=alike)
 
@@ -126,24 +135,21 @@ def far_colours(wrong: Array) -> list[str]:
     return [f"light or water differs between places or views, so {FAR_COLOURS} {', '.join(many)}"] if many else []
 
 
-def _cluster_sums(images: Sequence[Observations], water: WaterParameters) -> tuple[Array, list[Array]]:
+def _cluster_sums(observations: Observations, water: WaterParameters) -> tuple[Array, list[Array]]:
     """Return H (3, 3, 3), and the sums of D'^T r over tiles (3, 3, T) and over views (3, 3, V)."""
-    names = {name: k for k, name in enumerate(sorted({name for one in images for name in one.views}))}
-    H, sums = np.zeros((3, 3, 3)), [np.zeros((9, len(images) * _TILES**2)), np.zeros((9, len(names)))]
+    (height, width), view = observations.shape, observations.view
+    y, x = np.divmod(observations.pixels, width)
+    tile = y * _TILES // height * _TILES + x * _TILES // width
+    H, sums = np.zeros((3, 3, 3)), [np.zeros((9, _TILES**2)), np.zeros((9, len(observations.views)))]
     rows = tuple(column[..., None] for column in water.columns())
-    for place, one in enumerate(images):
-        (y, x), (height, width) = np.divmod(one.pixels, one.shape[1]), one.shape
-        tile = (place * _TILES + y * _TILES // height) * _TILES + x * _TILES // width
-        number = None if one.view is None else np.array([names[name] for name in one.views])[one.view]
-        for block in blocks(one, _PLACES, stop=one.n_repeated):
-            columns = Eliminated.of(*fill(one, block, np.float64), rows).columns
-            D, scores = columns[:, :3], (columns[:, :3] * columns[:, 3:]).reshape(9, block.slots, -1)
-            H += np.einsum("cikn,cjkn->cij", D, D)
-            cluster = tile[block.start : block.start + block.n]
-            sums[0] += _summed(scores.sum(axis=1), cluster, sums[0].shape[1])
-            for k, (n, part) in enumerate(one.slots(block.start, block.start + block.n)):
-                if number is not None:
-                    sums[1] += _summed(scores[:, k, :n], number[part], len(names))
+    for block in blocks(observations, _PLACES, stop=observations.n_repeated):
+        columns = Eliminated.of(*fill(observations, block, np.float64), rows).columns
+        D, scores = columns[:, :3], (columns[:, :3] * columns[:, 3:]).reshape(9, block.slots, -1)
+        H += np.einsum("cikn,cjkn->cij", D, D)
+        sums[0] += _summed(scores.sum(axis=1), tile[block.start : block.start + block.n], sums[0].shape[1])
+        for k, (n, part) in enumerate(observations.slots(block.start, block.start + block.n)):
+            if view is not None:
+                sums[1] += _summed(scores[:, k, :n], view[part], sums[1].shape[1])
     return H, [total.reshape(3, 3, -1) for total in sums]
 
 
@@ -165,15 +171,17 @@ def uncertainty_of(
     free: Mask | None,
     n_excess: int,
     dead: Mask | None = None,
+    weak: Mask | None = None,
     *,
     tied: bool = False,
 ) -> WaterUncertainty:
     """Return the uncertainty of a water from the system around it.
 
     free: (3 channels, 3) bool, parameters that no bound holds, None for all; n_excess: how many more observations than
-    pixels there are, over pixels seen repeatedly; dead: (3,) bool, channels without signal; tied: gamma is beta.
+    pixels there are, over pixels seen repeatedly; dead, weak: (3,) bool, channels without signal, and those that a weak
+    prior decides; tied: gamma is beta.
     """
-    dead = np.zeros(3, dtype=bool) if dead is None else dead
+    dead, weak = (np.zeros(3, dtype=bool) if which is None else which for which in (dead, weak))
     free = np.ones((3, 3), dtype=bool) if free is None else free
     system = system.tied() if tied else system
     informed = (np.einsum("cii->ci", system.H) > 0) & ~dead[:, None]
@@ -193,21 +201,25 @@ def uncertainty_of(
         error[c, k] = np.sqrt(np.diag(covariance[c])[k].clip(min=0))
     if tied:
         covariance, error, informed = TIED.T @ covariance @ TIED, error[:, [0, 1, 1]], informed[:, [0, 1, 1]]
-    limits = _limits(water.by_channel(), error, free, informed, dead)
+    limits = _limits(water.by_channel(), error, free, informed, dead, weak)
     if n_excess <= 3:
         limits.append(_TOO_FEW)
-    return WaterUncertainty(noise, covariance, WaterParameters.of_channels(error), condition, tuple(limits))
+    is_weak = bool(weak[0]), bool(weak[1]), bool(weak[2])
+    return WaterUncertainty(noise, covariance, WaterParameters.of_channels(error), condition, tuple(limits), is_weak)
 
 
-def _limits(water: Array, error: Array, free: Mask, informed: Mask, dead: Mask) -> list[str]:
+def _limits(water: Array, error: Array, free: Mask, informed: Mask, dead: Mask, weak: Mask) -> list[str]:
     limits = []
     for c, colour in enumerate(CHANNELS):
         if dead[c]:
-            limits.append(f"{colour}: the same in all observations, black or saturated; left as it is")
+            limits.append(f"{colour}: black or white in all views; it was left as it is")
+            continue
+        if weak[c]:
+            limits.append(f"{colour}: {_TYPICAL if water[c, 0] else _NO_VEIL}")
             continue
         limits += filter(None, [_loose(c, water, error)])
         for which, why in (
-            (~informed[c], "not determined by these observations"),
+            (~informed[c], "cannot be told from these views"),
             (informed[c] & ~free[c], "at the end of the range"),
         ):
             if which.any():
@@ -222,7 +234,7 @@ def _loose(c: int, water: Array, error: Array) -> str:
         for name, value, spread in zip(_PARAMETERS, water[c], error[c], strict=True)
         if spread > _LOOSE * abs(value)
     ]
-    return f"{CHANNELS[c]}: undetermined by these distances: {', '.join(loose)}" * bool(loose)
+    return f"{CHANNELS[c]}: is known only roughly: {', '.join(loose)}" * bool(loose)
 
 
 # Pixels of the sample: a fit on 5,000 was within 1e-4 of the full cost; four times as many cost little. The fewest with
@@ -230,14 +242,23 @@ def _loose(c: int, water: Array, error: Array) -> str:
 SAMPLE, _FEWEST_MATCHED = 20_000, 200
 
 
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """A model of light that was judged: its parts, and its gain as a share of the cost, and in standard errors."""
+
+    parts: list[str]
+    gain: float
+    sigmas: float
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LightRecord:
     """What the light was taken for: parts, the models that were judged, the least light in a corner, and a strobe."""
 
-    parts: list[str]
-    tried: list[dict[str, Any]]
-    least: float | None
-    strobe: dict[str, Array] | None
+    parts: Sequence[str] = ()
+    tried: Sequence[Tried] = ()
+    least: float | None = None
+    strobe: dict[str, Array] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -296,8 +317,7 @@ class Solution:
 
     def with_limits(self, limits: Iterable[str]) -> Solution:
         """Return the solution with more limits."""
-        uncertainty = replace(self.uncertainty, limits=(*self.uncertainty.limits, *limits))
-        return replace(self, uncertainty=uncertainty)
+        return replace(self, uncertainty=self.uncertainty.with_limits(limits))
 
     def decided(self, **course: Any) -> Solution:
         """Return the solution with more in its course."""
@@ -360,14 +380,16 @@ class Observed:
     def evened(self, light: Light) -> Observed:
         """Return the view and its observations as even light would show them.
 
-        Intensities may exceed 1. A strobe's light needs depth; the view is NaN elsewhere.
+        Intensities may exceed 1. A strobe's light needs depth; elsewhere the view is NaN, or with fill=true of the
+        distances that its surroundings tell.
         """
         assert self.view.camera is not None
         rays = np.moveaxis(pixel_rays(self.view.camera), -1, 0)[:2]
-        unknown = np.nan if light.parts.strobe else 1.0
+        unknown = 1.0 if not light.parts.strobe else fill_distances(self.view) if self.options.fill else np.nan
         z = np.where(self.view.depth > 0, self.view.distance, unknown).astype(np.float64)
         recorded = np.moveaxis(self.intensities, -1, 0)
-        even = np.moveaxis(replace(light, gains=np.zeros((1, 3))).evened(recorded, rays, z, 0)[0], 0, -1)
+        own = light.gains[[light.views.index(self.view.name)]] if self.view.name in light.views else np.zeros((1, 3))
+        even = np.moveaxis(replace(light, gains=np.nan_to_num(own)).evened(recorded, rays, z, 0)[0], 0, -1)
         rgb = (srgb_encode(even) if self.is_decoded else even).astype(np.float32)
         view = replace(self.view, pixels=Arrays(rgb, self.view.depth, self.view.reference))
         observations = self.options.observe(self.scene, self.view, with_view=True, with_ray=True)
@@ -377,6 +399,59 @@ class Observed:
         """Return the colours in a water: see `colours_for_water`."""
         options = self.options
         return colours_for_water(self.observations, water, uncertainty, options.backend, options.device)
+
+
+# Most targets of a dive, spread evenly over the scene, with up to 32 views each. Their light is fitted together, which
+# takes long with more views than these; then the fewest targets.
+_TARGETS, _VIEWS, _FEWEST_TARGETS = 40, 256, 8
+
+
+@dataclass(frozen=True, eq=False)
+class Dive(Observed):
+    """Targets of a scene as one image, of samples of their pixels: memory never holds a whole dive.
+
+    A single image often sees too few distances to determine its water, and a dive has one water. view: the first
+    target, whose light counts as 1.
+    """
+
+    targets: Sequence[Observed]
+
+    @staticmethod
+    def spread(options: Sucre, scene: Scene) -> Dive:
+        """Views without a pose or depth, or with a damaged file, are left out. SolveError when none is left."""
+        targets, last = list[Observed](), "no view shares a pixel with another"
+        chosen = evenly(len(scene), _TARGETS if len(scene) <= _VIEWS else _FEWEST_TARGETS)
+        for k in track(chosen, "shared water"):
+            view = scene.views[k]
+            try:
+                found = options.observe(scene, view, with_view=True)
+            except (InputError, SolveError) as fault:
+                last = str(fault)
+                say(f"shared water skips {view.name}: {fault}")
+                continue
+            if found.n_repeated:
+                few = sampled(found, 2 * SAMPLE // len(chosen) + 1, singles=options.physical, seed=0)
+                targets.append(Observed(options, scene, view, few))
+        if not targets:
+            raise SolveError(f"the scene's water cannot be fitted, {last}; use method.water=FILE with a known one")
+        return Dive(options, scene, targets[0].view, _pooled(scene, [one.observations for one in targets]), targets)
+
+    @cached_property
+    def matched(self) -> Observations | None:
+        found = [few for one in self.targets if (few := one.matched) is not None]
+        return _pooled(self.scene, found) if found else None
+
+    def evened(self, light: Light) -> Observed:
+        """Return the samples as even light would show them."""
+        again = []
+        for one in self.targets:
+            whole = self.options.observe(self.scene, one.view, with_view=True, with_ray=True)
+            again.append(whole.take(np.flatnonzero(np.isin(whole.pixels, one.observations.pixels))))
+        return replace(self, observations=light.removed(_pooled(self.scene, again)))
+
+
+def _pooled(scene: Scene, parts: Sequence[Observations]) -> Observations:
+    return pooled(parts, [view.name for view in scene.views])
 
 
 def colours_for_water(

@@ -146,7 +146,7 @@ class Sucre(FillOption):
                 started += time.perf_counter() - paused  # pairing is no part of the fit
             stages = {"read": seen.observations.read_s, "pair": seen.observations.pair_s}
             seen, solution = solved(seen)
-            veil = veil_of(seen.observations, solution, self)
+            veil = veil_of(solution, self)
             if veil is Veil.SAID:
                 solution = solution.with_limits([UNKNOWN_VEIL])
             solution = with_residuals(seen.observations, solution)
@@ -180,7 +180,7 @@ class Sucre(FillOption):
             "rule": self.pairing,
             "encoding": "linear" if self.encoding == "linear" else "view",
             "with_ray": with_ray,
-            "with_view": with_view or self.refine,
+            "with_view": with_view or self.refine or bool(self.robust),
         }
 
     @property
@@ -234,15 +234,10 @@ def check(options: Any, method: str) -> None:
     if options.one_coefficient and options.water not in ("own", "shared"):
         raise InputError(f"{water}: has both coefficients; give {method}.one_coefficient=false")
     found_with_own = "robust" if options.robust is True else "light" if parts not in (None, Parts()) else ""
-    if options.water != "own" and found_with_own:
-        raise InputError(f"{method}.{found_with_own}: is found with the image's own water; leave out {water}")
-    is_strobe = parts is not None and parts.strobe
-    if is_strobe and options.one_coefficient:
+    if options.water not in ("own", "shared") and found_with_own:
+        raise InputError(f"{method}.{found_with_own}: is found with the water; leave out {water}")
+    if parts is not None and parts.strobe and options.one_coefficient:
         raise InputError(f"{method}.light: the veil of a strobe is not eq. 1; give {method}.one_coefficient=false")
-    if is_strobe and (options.fill or options.colours == "single_view"):
-        option, seen = ("fill", "pixels without depth") if options.fill else ("colours", "a single view")
-        fault = f"a strobe's light is not removed from the colours of {seen}"
-        raise InputError(f"{method}.{option}: {fault}; use {method}.light=auto")
     for name, value in (("backend", "torch"), ("backend", "jax"), ("device", "cuda")):
         if getattr(options, name) == value:
             library = "jax" if options.backend == "jax" else "torch"

@@ -46,7 +46,8 @@ _K = 1.0
 # not take it away. Where a view is such a file, the common Gaussian is wider than that detail.
 _K_JPEG = 3.0
 
-# Intensities from here on are cut off, and so are footprints that hold them, unless most of a channel is cut off.
+# Intensities from here on are cut off, and so are footprints that hold them. A channel that is mostly cut off does not
+# count, unless all channels are.
 _WHITE, _MOSTLY = 253.5 / 255, 0.5
 
 # The variance of a square pixel, in pixels^2.
@@ -203,10 +204,9 @@ def _seen(landing: _Landing, common: Array, k: float, encoding: Kept, with_ray: 
     colour, share = np.full((len(S), 3), np.nan, dtype=np.float32), np.zeros(len(S), dtype=np.float32)
     levels = np.maximum(np.floor(np.log2(np.maximum(least / _ENOUGH, 1)) / 2), 0).astype(np.int64)
     uncut = np.array(view.depth, np.float32)
-    for channel in np.moveaxis(view.rgb, -1, 0):
-        white = channel >= _WHITE
-        if np.count_nonzero(white) < _MOSTLY * white.size:
-            uncut[white] = 0
+    white = view.rgb >= _WHITE
+    is_full = white.mean(axis=(0, 1)) >= _MOSTLY
+    uncut[(white if is_full.all() else white & ~is_full).any(axis=-1)] = 0
     for level, image, depth in _smaller(rgb, uncut, int(levels.max(initial=0))):
         here = np.flatnonzero(levels == level)
         if not len(here):

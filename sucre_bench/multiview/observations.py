@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -118,6 +118,40 @@ class Observations:
             name: values[..., at] for name in per_observation if (values := getattr(self, name)) is not None
         }
         return replace(self, pixels=self.pixels[places], counts=counts, starts=starts, **parts)
+
+
+def pooled(parts: Sequence[Observations], views: Sequence[str]) -> Observations:
+    """Return the observations of targets as of one, whose images lie one below the other.
+
+    parts: with `view`; views: names in the scene's order. Colours are float32.
+    """
+    height, width = np.max([one.shape for one in parts], axis=0).tolist()
+    shown = {name for one in parts for name in one.views}
+    names = {name: k for k, name in enumerate(name for name in views if name in shown)}
+    pixels, owner, slot, view, first = [], [], [], [], 0
+    for k, one in enumerate(parts):
+        y, x = np.divmod(one.pixels, one.shape[1])
+        pixels.append((k * height + y) * width + x)
+        owner.append(first + one.place)
+        slot.append(np.repeat(np.arange(len(one.starts) - 1), np.diff(one.starts)))
+        view.append(np.array([names[name] for name in one.views], dtype=np.uint16)[one.view])
+        first += len(one.pixels)
+    counts = np.concatenate([one.counts for one in parts])
+    order = np.argsort(-counts, kind="stable")
+    slots = np.concatenate(slot)
+    at = np.lexsort((np.argsort(order)[np.concatenate(owner)], slots))
+    rays = [one.ray for one in parts if one.ray is not None]
+    return Observations(
+        (height * len(parts), width),
+        tuple(names),
+        np.concatenate(pixels)[order],
+        counts[order],
+        np.concatenate([[0], np.cumsum(np.bincount(slots))]),
+        np.concatenate([one.distance for one in parts])[at],
+        np.concatenate([one.intensity(slice(None)) for one in parts], axis=1)[:, at],
+        view=np.concatenate(view)[at],
+        ray=np.concatenate(rays, axis=1)[:, at] if len(rays) == len(parts) else None,
+    )
 
 
 def _full_scale(dtype: np.dtype[Any]) -> int:

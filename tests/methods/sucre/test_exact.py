@@ -109,7 +109,7 @@ def differing(jitter: float, seed: int) -> Observations:
 def test_colours_of_far_ground_that_may_be_wrong_are_said_with_a_share(jitter: float, is_said: bool) -> None:
     observations = differing(jitter, seed=0)
     found = fit(observations)
-    limits = " ".join(clustered(found.uncertainty, [observations], found.water).limits)
+    limits = " ".join(clustered(found.uncertainty, observations, found.water).limits)
     assert ("colours of far ground may be wrong by" in limits) == is_said
 
 
@@ -120,7 +120,7 @@ def test_standard_errors_hold_where_water_differs_between_views(jitter: float, t
     for seed in range(8):
         observations = differing(jitter, seed)
         found = fit(observations)
-        errors = (found.uncertainty, clustered(found.uncertainty, [observations], found.water))
+        errors = (found.uncertainty, clustered(found.uncertainty, observations, found.water))
         wrong = found.water.beta - WATER.attenuation
         ratios.append([wrong / one.standard_error.beta for one in errors])
     independent, by_cluster = np.sqrt(np.mean(np.square(ratios), axis=(0, 2)))
@@ -133,27 +133,6 @@ def test_exact_data_leave_no_residual() -> None:
     solution = solve_exact(observations, backend="numpy")
     np.testing.assert_allclose(table(solution.water), TRUTH, rtol=1e-4)
     np.testing.assert_allclose(solution.J, J, atol=1e-4)
-
-
-def test_several_images_are_fitted_as_one_is_that_holds_all_their_pixels() -> None:
-    whole, _ = made(3_000, noise=0.01, seed=1)
-    parts = [whole.take(np.arange(k, 3_000, 3)) for k in range(3)]
-    together, at_once = fit(parts, backend="numpy"), fit(whole, backend="numpy")
-    np.testing.assert_allclose(together.cost, at_once.cost, rtol=1e-7)
-    np.testing.assert_allclose(table(together.water), table(at_once.water), rtol=1e-3)
-
-
-def test_an_image_that_cannot_tell_its_water_gains_from_others_in_the_same() -> None:
-    narrow, J = made(5_000, distances_m=(3, 3.5), noise=0.004, seed=0)
-    wide, _ = made(5_000, distances_m=(1, 9), noise=0.004, seed=1)
-    alone, shared = fit(narrow), fit([narrow, wide])
-    errors = [np.abs(table(one.water) / TRUTH - 1).max() for one in (alone, shared)]
-    assert errors[1] < 0.03 < 0.2 < errors[0]
-    psnr = [
-        -10 * np.log10(np.mean((colours_for_water(narrow, one.water, one.uncertainty, "numpy", "cpu").J - J) ** 2))
-        for one in (alone, shared)
-    ]
-    assert psnr[1] > psnr[0] + 3
 
 
 def test_equal_runs_give_equal_bits_and_the_sample_hardly_matters() -> None:
@@ -199,7 +178,7 @@ def test_noise_alone_puts_no_pixel_of_lost_red_below_the_limit_of_a_physical_fit
     far = {"n_views": 6, "distances_m": (5, 40)}
     sharp, _ = made(20_000, noise=0.004, eight_bit=True, **far)
     blurred, _ = made(20_000, noise=0.001, **far)
-    held = fit(blurred, physical=True, sharp=[sharp])
+    held = fit(blurred, physical=True, sharp=sharp)
     np.testing.assert_allclose(table(held.water)[:, 0], TRUTH[:, 0], rtol=5e-3)
 
 
@@ -210,7 +189,7 @@ def test_noise_with_heavy_tails_pulls_no_water_from_its_minimum() -> None:
     errors = 0.006 * np.random.default_rng(2).standard_t(2, sharp.colour.shape)
     sharp = replace(sharp, colour=(sharp.colour + errors).astype(np.float32))
     averaged, _ = made(10_000, noise=0.001, **dark)
-    assert np.abs(table(fit(averaged, physical=True, sharp=[sharp]).water) / TRUTH - 1).max() > 0.05
+    assert np.abs(table(fit(averaged, physical=True, sharp=sharp).water) / TRUTH - 1).max() > 0.05
     found = solve_exact(sharp, matched=averaged, physical=True)
     assert found.course.physical is False
     np.testing.assert_allclose(table(found.water), TRUTH, rtol=0.03)
@@ -279,12 +258,6 @@ def test_places_that_no_light_comes_from_do_not_spoil_the_rest(backend: Any) -> 
     assert np.abs(shrunk - J).mean() < 0.1
 
 
-def test_an_image_without_repeated_pixels_adds_nothing_to_a_common_fit() -> None:
-    several, _ = made(2_000, noise=0.01)
-    lonely, _ = made(50, n_views=1, seed=1)
-    np.testing.assert_array_equal(table(fit([several, lonely]).water), table(fit([several]).water))
-
-
 def test_two_observations_too_many_cannot_tell_the_noise_and_it_is_said() -> None:
     observations, _ = made(3, 2, n_single=1)
     limits = fit(observations).uncertainty.limits
@@ -295,7 +268,7 @@ def test_a_narrow_range_of_distances_is_called_undetermined() -> None:
     narrow, _ = made(2_000, distances_m=(3, 3.3), noise=0.004)
     wide, _ = made(2_000, distances_m=(2, 10), noise=0.004)
     unsure, sure = fit(narrow).uncertainty, fit(wide).uncertainty
-    assert any(re.match("(red|green|blue): .*distances: ", limit) for limit in unsure.limits)
+    assert any(re.match("(red|green|blue): ", limit) for limit in unsure.limits)
     assert sure.limits == ()
     assert unsure.condition.max() > 100 * sure.condition.max()
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from support.command_line import registry
 from support.made_ground import WATERS, make_ground, make_survey
-from support.made_observations import parameters
 
 from sucre_bench import Arrays, InputError, Restoration, Scene, Water
 from sucre_bench.imaging.display import display
@@ -77,6 +76,15 @@ def test_gains_are_found_with_the_water(exposed: Scene, by_itself: Restoration) 
     assert any("exposure differs" in limit for limit in by_itself.info["limits"])
 
 
+def test_shared_water_has_the_light_of_all_views_and_one_exposure_of_pictures(exposed: Scene, plain: Scene) -> None:
+    shared = [sucre(water="shared").restore(exposed, exposed[f"{k}.png"]) for k in (2, 5)]
+    first = GAINS[0]  # the first view's light counts as 1
+    for result, name in zip(shared, ("2.png", "5.png"), strict=True):
+        assert parts(result) == ["exposure"]
+        assert np.abs(rates(result, WATERS["green"])).max() < 0.03
+        assert np.nanmedian(result.image / plain[name].reference) == pytest.approx(first, rel=0.02)
+
+
 def test_white_balance_is_found_with_the_water(plain: Scene) -> None:
     balance = np.exp(0.05 * np.random.default_rng(0).normal(size=(7, 1, 1, 3)))
     scene = with_light(plain, balance / balance[3])
@@ -98,7 +106,7 @@ def test_vignetting_is_found_with_the_water(plain: Scene) -> None:
     errors = [np.sqrt(np.nanmean((one.image - truth) ** 2)) for one in (even, result)]
     assert errors[1] < 0.7 * errors[0]
     matched = Observed.of(sucre(), scene, scene["3.png"]).matched
-    chosen = choose(matched, "3.png", parameters(even.water), None, may_be_strobe=False)
+    chosen = choose(matched, "3.png", None, may_be_strobe=False)
     assert chosen.fit.light.parts == Parts(lens=True)
 
 
@@ -297,8 +305,6 @@ def test_gains_of_views_that_are_no_positive_numbers_are_refused(plain: Scene, t
     "options",
     [
         {"light": "lens", "water": "truth"},
-        {"light": "strobe", "fill": True},
-        {"light": "strobe", "colours": "single_view"},
         {"light": "strobe", "one_coefficient": True},
         {"light": "lamp"},
         {"light": "lens+"},

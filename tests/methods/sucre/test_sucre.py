@@ -16,6 +16,7 @@ from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.machine.cache import add_record
 from sucre_bench.methods.sucre import Sucre, SucrePlus
 from sucre_bench.methods.sucre.refine_noise import prior_of, specks_of
+from sucre_bench.methods.sucre.solution import Dive
 from sucre_bench.plugins import find
 from sucre_bench.plugins.options import Choice, create
 
@@ -196,11 +197,9 @@ def test_single_view_colours_are_the_model_inverted_on_the_images_own_intensitie
 
 
 def test_shared_water_is_fitted_once_and_the_same_for_every_view(monkeypatch: pytest.MonkeyPatch) -> None:
-    from sucre_bench.methods.sucre import exact
-
     calls = []
-    whole = exact.fit
-    monkeypatch.setattr(exact, "fit", lambda *a, **k: calls.append(1) or whole(*a, **k))
+    whole = Dive.spread
+    monkeypatch.setattr(Dive, "spread", lambda *a: calls.append(1) or whole(*a))
     scene = replace(SCENE)
     waters = [as_array(sucre(water="shared").restore(scene, view).water) for view in scene.views]
     assert len(calls) == 1
