@@ -19,7 +19,7 @@ import sucre_bench as sb
 from sucre_bench.errors import InputError
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.methods.sucre.paper import SucrePaper, solve_adam, start_of
-from sucre_bench.methods.sucre.policy import solve_exact
+from sucre_bench.methods.sucre.policy import fit_water
 from sucre_bench.methods.sucre.solution import Solution
 from sucre_bench.multiview.observe import observe
 from sucre_bench.scene import Scene
@@ -51,7 +51,8 @@ def compare_on(scene: Scene) -> None:
     print(f"{'':24}{'seconds':>9}{'ratio':>8}{'water differs by':>18}{'J by at most':>14}")
 
     def exact(backend: Any, device: Any) -> Callable[[], Solution]:
-        return lambda: solve_exact(observations, backend=backend, device=device)
+        place = {"backend": backend, "device": device}
+        return lambda: fit_water(observations, **place).colours_of(observations, **place)
 
     def adam(device: Any) -> Callable[[], Solution]:
         return lambda: solve_adam(observations, start, SucrePaper(device=device))

@@ -16,7 +16,7 @@ import numpy as np
 import sucre_bench as sb
 from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.paper import SucrePaper, solve_adam
-from sucre_bench.methods.sucre.policy import solve_exact
+from sucre_bench.methods.sucre.policy import fit_water
 from sucre_bench.methods.sucre.solution import Solution
 from sucre_bench.multiview.observe import observe
 
@@ -43,11 +43,15 @@ def main() -> None:
     assert scene.water is not None
     truth = np.array([scene.water.veiling_light, scene.water.attenuation, scene.water.backscatter])
 
+    def exact(*, physical: bool) -> Solution:
+        fitted = fit_water(observations, physical=physical, backend=backend, device="cpu")
+        return fitted.colours_of(observations, backend=backend, device="cpu")
+
     # Adam's kernel is torch's; its water's cost and diagnosis, which are no part of the 200 steps, are few passes.
     works: dict[str, Callable[[], Solution]] = {
         "adam, 200 steps": lambda: solve_adam(observations, own, SucrePaper(device="cpu")),
-        "exact": lambda: solve_exact(observations, backend=backend, device="cpu"),
-        "exact, physical": lambda: solve_exact(observations, physical=True, backend=backend, device="cpu"),
+        "exact": lambda: exact(physical=False),
+        "exact, physical": lambda: exact(physical=True),
     }
     print(f"{len(observations):,} observations of {len(observations.pixels):,} pixels, backend {backend}")
     print(f"{'':20}{'seconds':>10}{'ratio':>8}{'cost':>28}{'error of B, beta, gamma':>28}")

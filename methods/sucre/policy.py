@@ -3,7 +3,7 @@
 | decision | function | result |
 |---|---|---|
 | stored intensities or linear light | `nearer_encoding` | `NearerEncoding` |
-| which observations count less | `weighted` | `Weighted`, None for none |
+| which observations count less | `weighted` | observations, `WaterFit` and the share of wrong ones, None for none |
 | noise that grows with light | `evenly_noisy` | observations and `WaterFit`, None for even weights |
 | colours held above zero | `held_above_zero` | `WaterFit`, None if the free fit stays |
 | light that differs | `choose` | `Chosen` |
@@ -177,7 +177,7 @@ def solved(seen: Observed) -> tuple[Observed, Solution]:
         uncertainty = replace(fitted.uncertainty, limits=tuple(limits), is_weak=(False, False, False))
         fitted = replace(fitted, uncertainty=uncertainty)
     even = seen if fitted.light is None else seen.evened(fitted.light)
-    solution = fitted.coloured(even)
+    solution = fitted.colours_of(even.observations, **seen.options.compute)
     if is_guess(solution):
         solution = _photograph(even, solution)
     return even, solution.with_limits([*said, *([] if is_shared else blurred(seen, solution))])
@@ -290,11 +290,7 @@ class Fitted:
         """Return it with more in its course."""
         return replace(self, course=replace(self.course, **course))
 
-    def coloured(self, seen: Observed) -> Solution:
-        """Return the colours of a view's observations in this water."""
-        return self.colours_of(seen.observations, **seen.options.compute)
-
-    def colours_of(self, observations: Observations, *, backend: Backend, device: Device) -> Solution:
+    def colours_of(self, observations: Observations, *, backend: Backend = "auto", device: Device = "auto") -> Solution:
         """Return the colours of observations in this water, with weights for how well they fit if these count."""
         of_all, uncertainty = None, self.uncertainty
         if self.noise is not None:
@@ -308,22 +304,9 @@ class Fitted:
         return replace(solution, trust=of_all, light=self.light)
 
 
-def solve_exact(
-    observations: Observations,
-    *,
-    matched: Observations | None = None,
-    backend: Backend = "auto",
-    device: Device = "auto",
-    **options: Any,
-) -> Solution:
-    """Find the minimum, and the colours of `observations` in it; options: of `fit_water`. Raises what `fit` raises."""
-    fitted = fit_water(observations, matched, backend=backend, device=device, **options)
-    return fitted.colours_of(observations, backend=backend, device=device)
-
-
 def fit_water(
     observations: Observations,
-    matched: Observations | None,
+    matched: Observations | None = None,
     *,
     physical: bool = False,
     one_coefficient: bool = False,
@@ -346,8 +329,8 @@ def fit_water(
         few = sharp if matched is None else to_fit
         weights, said = weighted(few, matched is None, found, how, is_forced=robust is True)
     if weights is not None:
-        noise = robust_noise(sharp, weights.found.water)
-        to_fit, found = weights.to_fit, weights.found
+        to_fit, found, wrong = weights
+        noise = robust_noise(sharp, found.water)
         if matched is None:
             to_fit = trusted(observations, trust(observations, found.water, noise))
             found = how(to_fit)
@@ -371,7 +354,7 @@ def fit_water(
         converged=found.converged,
         footprint=matched is not None,
         unexplained=None if matched is None else float(robust_noise(to_fit, found.water).mean()),
-        robust=None if weights is None else {"wrong": weights.wrong},
+        robust=None if weights is None else {"wrong": wrong},
         physical=above is not None if physical else None,
     )
     return Fitted(found.water, free, uncertainty.with_limits(said), course, noise)
@@ -386,20 +369,12 @@ def grown(found: WaterFit, to_fit: Observations, tied: bool) -> Array:
     return np.sqrt(squares.sum(axis=1) / known.sum(axis=1).clip(1)).clip(1)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Weighted:
-    """Observations with robust weights, the fit to them, and the share of wrong ones."""
-
-    to_fit: Observations
-    found: WaterFit
-    wrong: float
-
-
 def weighted(
     few: Observations, is_sharp: bool, plain: WaterFit, how: Callable[..., WaterFit], *, is_forced: bool
-) -> tuple[Weighted | None, list[str]]:
-    """Return observations with robust weights where these serve, and what to say of contradicted views.
+) -> tuple[tuple[Observations, WaterFit, float] | None, list[str]]:
+    """Return observations with robust weights where these serve, the fit to them, and the share of wrong ones.
 
+    And what to say of contradicted views.
     few: that water and weights are iterated on; is_sharp: whether they are a sample of those of the plain fit, without
     weights; is_forced: whether weights are wanted in any case.
     """
@@ -411,7 +386,7 @@ def weighted(
     said = contradicted_views(judged, v)
     if not (is_forced or is_better(judged, plain.water, found.water, v)):
         return None, said
-    return Weighted(to_fit, found, float((v < WRONG).mean())), said
+    return (to_fit, found, float((v < WRONG).mean())), said
 
 
 def evenly_noisy(

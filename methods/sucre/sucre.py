@@ -190,7 +190,7 @@ class Sucre(FillOption):
 
     @property
     def fitting(self) -> dict[str, Any]:
-        """Options of `policy.solve_exact`."""
+        """Options of `policy.fit_water`."""
         chosen = {"physical": self.physical, "one_coefficient": self.one_coefficient, "robust": self.robust}
         return self.compute | chosen
 

@@ -1,12 +1,22 @@
 """Observations made without images: pixels of random colour seen through known water, and everything one by one."""
 
+from typing import Any
+
 import numpy as np
 
 from sucre_bench import Water
 from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.policy import fit_water
+from sucre_bench.methods.sucre.solution import Solution
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 from support.forward_model import in_water
 from support.made_scene import WATER
+
+
+def solve_exact(observations: Observations, matched: Observations | None = None, **options: Any) -> Solution:
+    """Return the colours of observations in the water that is fitted to them; options: see `fit_water`."""
+    place = {key: options[key] for key in ("backend", "device") if key in options}
+    return fit_water(observations, matched, **options).colours_of(observations, **place)
 
 
 def made(

@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
-from support.made_observations import made, parameters, reduced_residuals, table
+from support.made_observations import made, parameters, reduced_residuals, solve_exact, table
 from support.made_scene import WATER, make_scene
 
 from sucre_bench import SolveError, Water
 from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.model import Bounds, ReducedSystem, WaterParameters, minimise
 from sucre_bench.methods.sucre.paper import SucrePaper, solve_adam
-from sucre_bench.methods.sucre.policy import solve_exact
 from sucre_bench.methods.sucre.refine_noise import prior_of
 from sucre_bench.methods.sucre.solution import clustered, colours_for_water, uncertainty_of
 from sucre_bench.multiview.observations import Observations, Seen, arrange

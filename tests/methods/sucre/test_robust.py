@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.made_observations import flat, made, parameters, table
+from support.made_observations import flat, made, parameters, solve_exact, table
 from support.made_scene import WATER
 
 from sucre_bench.methods.sucre.exact import WaterFit, fit
 from sucre_bench.methods.sucre.passes import opened
-from sucre_bench.methods.sucre.policy import solve_exact
 from sucre_bench.methods.sucre.robust import fit_robustly, reweighted, robust_noise
 from sucre_bench.multiview.observations import Observations
 

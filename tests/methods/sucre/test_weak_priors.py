@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.made_observations import made, table
+from support.made_observations import made, solve_exact, table
 
 from sucre_bench import Water
 from sucre_bench.methods.sucre import Sucre
 from sucre_bench.methods.sucre.exact import fit
-from sucre_bench.methods.sucre.policy import solve_exact
 from sucre_bench.methods.sucre.record import restoration
 from sucre_bench.methods.sucre.solution import colours_for_water
 
