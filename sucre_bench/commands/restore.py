@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -91,6 +92,9 @@ def restore(
     if done.instead:
         replaced, (name, why) = counted(len(done.instead), "photograph"), next(iter(done.instead.items()))
         click.echo(f"{method} could not restore {replaced}, so {single_view} balanced their colours: {name}: {why}")
+    for limit, n in Counter(limit for one in done.together for limit in one.limits).items():
+        if 2 * n > len(done.together):  # what fewer pictures have stays in their records
+            click.echo(f"the dive: {limit}")
     trust = "Nothing measured the water: these are balanced colours, not true ones."
     if unplaced:
         trust = f"Each is restored alone, by {options.single_view}, because {unplaced}. {trust}"

@@ -231,7 +231,8 @@ def _run(
         image, record = place.restored(folder, row.method), read_record(row, folder)
         origin = origins and origins / PurePosixPath(view.name).with_suffix(".png")
         trust = row.coverage, "beta" in record, bool(record.get("veil_known", True))
-        restored.append(Restored(name, photograph, view, image, lens, origin, row.method, *trust))
+        limits = [str(limit) for limit in said] if isinstance(said := record.get("limits"), list) else []
+        restored.append(Restored(name, photograph, view, image, lens, origin, row.method, *trust, limits))
     missing = (*outcome.failed, *outcome.skipped)
     faults = {named.get(fault.view, fault.view): with_remedy(fault.reason) for fault in missing}
     return _Run(restored, faults, bool(outcome.failed) or not restored)

@@ -42,7 +42,7 @@ class Restored:
     restored image; lens: of the photograph, if the view is its pinhole image; origin: where `prepare` says how each
     pixel got its depth, if it does; method: its label; measured: share of pixels with a measured distance; has_water:
     whether a water was estimated; is_water_known: whether the views determine it, so that colours that the method
-    guessed for holes are used.
+    guessed for holes are used; limits: what the method says of its result, in words.
     """
 
     name: str
@@ -55,6 +55,7 @@ class Restored:
     measured: float
     has_water: bool
     is_water_known: bool
+    limits: Sequence[str]
 
 
 def write_pictures(
@@ -89,8 +90,7 @@ def write_pictures(
     with ThreadPoolExecutor(max(1, int(min(_MOST_AT_ONCE, usable_cores(), fit)))) as pool:
         whys = list(track(pool.map(write, restored), "writing pictures", len(restored)))
     faults = {one.name: why for one, why in zip(restored, whys, strict=True) if why}
-    there = [one for one in restored if one.name not in faults]
-    if there:
+    if there := [one for one in restored if one.name not in faults]:
         write_atomically(out / "contact-sheet.jpg", _sheet([there[k] for k in evenly(len(there), _MOST_SHOWN)], folder))
     return faults
 

@@ -100,6 +100,15 @@ class Broken:
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         raise ValueError("no light at all")
+
+
+@method(needs={"depth"}, cites="nobody")
+@dataclass(frozen=True)
+class Unsure:
+    \"\"\"Say what it does not know.\"\"\"
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        return Restoration(view.rgb, info={"limits": ["far ground is hazy", f"{view.name} is odd"]})
 """
 
 
@@ -112,6 +121,10 @@ def test_a_method_that_fails_is_named_with_the_one_that_replaced_it(tmp_path: Pa
     assert sorted(contents(tmp_path / "out/pictures")) == ["a.png", "b.png"]
     assert all(text in done.stdout for text in ("broken", "2 photographs", "gray_world", "no light at all"))
     assert "without a place" not in done.stdout
+    done = bench("restore", "dive", "unsure", "--plugin", "broken.py", "--method", "unsure")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("far ground is hazy") == 1, "once for the dive"
+    assert "is odd" not in done.stdout
 
 
 @pytest.mark.parametrize("out", ["photos", "photos/restored", ".", "other", "photos/a.png"])
