@@ -276,8 +276,7 @@ def read_prepared(dive: Path) -> PreparedDive | None:
 def photographs_in(folder: Path) -> dict[str, Path]:
     """Return the photographs in a folder and its sub-folders by their path in it. InputError if there is none."""
     check_folder(folder, "give the one that holds the photographs")
-    found = {name: folder / name for name in image_names(folder, subfolders=True)}
-    if not found:
+    if not (found := {name: folder / name for name in image_names(folder, subfolders=True)}):
         raise InputError("holds no photographs", folder, "put .jpg, .png or .tif there")
     return found
 
