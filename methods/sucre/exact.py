@@ -153,7 +153,7 @@ def fit(
         tried = [] if near else [search.descended(evaluate, at, tolerance=_SCREENED, max_steps=15) for at in starts]
     dark = [] if sharp is None or not physical else [first_slot(sharp)]
     if near is not None:
-        found = [near.by_channel()]
+        found = [near.by_channel(), *(() if near.by_channel().all() else starts[:2])]  # nothing leads away from 0
     else:
         ends = search.ends([few], None, _distinct(tried))
         if physical:

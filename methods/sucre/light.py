@@ -296,6 +296,12 @@ class Light:
         known = [name for name, gains in zip(self.views, self.gains, strict=True) if np.isfinite(gains).all()]
         return not self.parts.gains or view in known
 
+    def with_typical(self, view: str) -> Light:
+        """Return the light with gains of a view that are the median of those of the others."""
+        others = [k for k, name in enumerate(self.views) if name != view]
+        gains, views = self.gains[others], [self.views[k] for k in others]
+        return replace(self, views=(*views, view), gains=np.vstack([gains, np.nanmedian(gains, axis=0)]))
+
     @property
     def is_far_off(self) -> bool:
         """Whether a strobe's fit ended at the farthest place that one may have: nothing holds it there."""

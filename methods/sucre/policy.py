@@ -48,6 +48,7 @@ from sucre_bench.machine.compute import Device
 from sucre_bench.methods.sucre.exact import WaterFit, fit
 from sucre_bench.methods.sucre.known_water import water_of
 from sucre_bench.methods.sucre.light import (
+    EVEN,
     TILES,
     Light,
     LightFit,
@@ -75,8 +76,10 @@ from sucre_bench.methods.sucre.robust import (
     trusted,
 )
 from sucre_bench.methods.sucre.solution import (
+    CHANNELS,
     FAR_COLOURS,
     SAMPLE,
+    TOGETHER,
     Course,
     Dive,
     LightRecord,
@@ -166,15 +169,17 @@ def solved(seen: Observed) -> tuple[Observed, Solution]:
     is_shared, said = seen.options.water == "shared", list[str]()
     fitted = _of_dive(seen.scene, seen.options) if is_shared else _fitted_in_own_light(seen)
     if isinstance(fitted, SolveError):
-        raise fitted
+        raise type(fitted)(*fitted.args)  # a new one: a traceback holds what a view has in memory
     if is_shared and fitted.light is not None and not fitted.light.is_known_of(seen.view.name):
-        said.append("too few pixels are shared with others to find this view's light; its water was fitted alone")
-        is_shared, fitted = False, _fitted_in_own_light(seen)
+        said.append("too few pixels are shared with others to find this view's exposure; the typical one was taken")
+        light = fitted.light.with_typical(seen.view.name)
+        own = np.exp(light.gains[-1])[0 if light.parts.gains == 1 else slice(None)].tolist()
+        fitted = replace(fitted, light=light).decided(gains={**(fitted.course.gains or {}), seen.view.name: own})
     if (share := seen.observations.n_repeated / max(1, int(np.count_nonzero(seen.view.depth > 0)))) < _OVERLAP:
         said.append(f"only {share:.1%} of the points lie where other views see them; {_NO_OVERLAP}")
     if is_in_air(seen.observations, fitted):
-        limits = [_AIR, *sentences_of(fitted.light)] if fitted.light else [_AIR]
-        uncertainty = replace(fitted.uncertainty, limits=tuple(limits), is_weak=(False, False, False))
+        others = [limit for limit in fitted.uncertainty.limits if not limit.startswith(CHANNELS)]
+        uncertainty = replace(fitted.uncertainty, limits=(_AIR, *others), is_weak=(False, False, False))
         fitted = replace(fitted, uncertainty=uncertainty)
     even = seen if fitted.light is None else seen.evened(fitted.light)
     solution = fitted.colours_of(even.observations, **seen.options.compute)
@@ -187,9 +192,13 @@ def solved(seen: Observed) -> tuple[Observed, Solution]:
 def _of_dive(scene: Scene, options: Any) -> Fitted | SolveError:
     """Return the common water; or why there is none, which is kept too, since finding out takes as long."""
     try:
-        return _fitted_in_own_light(Dive.spread(options, scene))
+        if len(scene) <= TOGETHER or options.light == EVEN:
+            return _fitted_in_own_light(Dive.spread(options, scene))
+        fitted = _fitted_in_own_light(Dive.spread(replace(options, light="even"), scene))
     except SolveError as fault:
         return fault
+    said = f"the light of more than {TOGETHER} views is not fitted together; if it differs, give parts of the dive"
+    return replace(fitted, uncertainty=fitted.uncertainty.with_limits([said]))
 
 
 def _fitted_in_own_light(seen: Observed) -> Fitted:
@@ -275,8 +284,8 @@ def sentences_of(light: Light) -> list[str]:
 class Fitted:
     """A water that was fitted to observations.
 
-    free: as it was before weak priors and colours above zero; noise: (3,) of a pixel's observation if robust weights
-    count, which need it; light: that was removed before.
+    free: before priors that count by clusters, and before colours above zero; noise: (3,) of a pixel's observation if
+    robust weights count, which need it; light: that was removed before.
     """
 
     water: WaterParameters
@@ -299,7 +308,8 @@ class Fitted:
         with opened(observations, backend, device) as kernel:
             if self.noise is None:  # the water's errors come from a sample, the colours' from their own noise
                 own = uncertainty_of(self.water, kernel.system(self.water), None, observations.n_excess)
-                uncertainty = replace(uncertainty, noise=own.noise)
+                noise = np.where(np.isfinite(own.noise), own.noise, uncertainty.noise)
+                uncertainty = replace(uncertainty, noise=noise)
             solution = coloured(kernel, self.water, uncertainty, replace(self.course, device=kernel.device))
         return replace(solution, trust=of_all, light=self.light)
 
@@ -321,12 +331,12 @@ def fit_water(
     """
     how = partial(fit, one_coefficient=one_coefficient, backend=backend, device=device)
     sharp = sampled(observations, SAMPLE, singles=physical, seed=0)
-    to_fit, said, noise = observations if matched is None else matched, list[str](), None
+    to_fit, said, noise, wrong = observations if matched is None else matched, list[str](), None, None
     found, weights = how(to_fit), None
     if matched is not None and (sharper := evenly_noisy(to_fit, found, how, backend, device)) is not None:
         to_fit, found = sharper
+    few = sharp if matched is None else to_fit
     if robust:
-        few = sharp if matched is None else to_fit
         weights, said = weighted(few, matched is None, found, how, is_forced=robust is True)
     if weights is not None:
         to_fit, found, wrong = weights
@@ -335,9 +345,9 @@ def fit_water(
             to_fit = trusted(observations, trust(observations, found.water, noise))
             found = how(to_fit)
     elif robust and matched is not None:  # footprints that are cut off are left out of the fit, and may spoil colours
-        v = trust(few := sampled(sharp, _JUDGED, singles=False, seed=0), found.water)
-        if (v < WRONG).mean() > _FEW_WRONG and lies_in_patches(few, v < WRONG):
-            noise, said = robust_noise(sharp, found.water), contradicted_views(few, v)
+        v = trust(judged := sampled(sharp, _JUDGED * sharp.stacked, singles=False, seed=0), found.water)
+        if (share := float((v < WRONG).mean())) > _FEW_WRONG and lies_in_patches(judged, v < WRONG):
+            noise, wrong, said = robust_noise(sharp, found.water), share, contradicted_views(judged, v)
     free = found.water
     if matched is not None:
         how = partial(how, growth=grown(found, to_fit, one_coefficient))
@@ -353,8 +363,8 @@ def fit_water(
         steps=found.passes,
         converged=found.converged,
         footprint=matched is not None,
-        unexplained=None if matched is None else float(robust_noise(to_fit, found.water).mean()),
-        robust=None if weights is None else {"wrong": wrong},
+        unexplained=None if matched is None else float(robust_noise(few, found.water).mean()),
+        robust=None if wrong is None else {"wrong": wrong},
         physical=above is not None if physical else None,
     )
     return Fitted(found.water, free, uncertainty.with_limits(said), course, noise)
@@ -378,7 +388,7 @@ def weighted(
     few: that water and weights are iterated on; is_sharp: whether they are a sample of those of the plain fit, without
     weights; is_forced: whether weights are wanted in any case.
     """
-    judged = sampled(few, _JUDGED, singles=False, seed=0)
+    judged = sampled(few, _JUDGED * few.stacked, singles=False, seed=0)
     if not (is_forced or (trust(judged, plain.water) < WRONG).mean() > _FEW_WRONG):
         return None, []
     found, to_fit = fit_robustly(few, how, plain=None if is_sharp else plain)
@@ -416,14 +426,17 @@ def held_above_zero(
 
 
 def is_in_air(observations: Observations, fitted: Fitted) -> bool:
-    """Decide whether nothing dims the images: no channel is attenuated, and at least one tells it by its error.
+    """Decide whether nothing dims the images: no channel has a veil or is attenuated, and the distances tell it.
 
-    Distances that are all alike tell nothing. A beta of 0, the end of the range, may have no error.
+    A beta of 0, the end of the range, may have no error. Then distances must differ: all alike, they tell nothing.
     """
-    far = float(np.quantile(observations.distance, 0.95))
-    error = fitted.uncertainty.standard_error.beta * far
+    uncertainty, water = fitted.uncertainty, fitted.water
+    near, far = np.quantile(observations.distance, (0.05, 0.95))
+    error = uncertainty.standard_error.beta * far
     told = error[np.isfinite(error)] < _CLEAR
-    return bool((fitted.water.beta * far < _CLEAR).all() and len(told) and told.all())
+    is_told = told.all() if len(told) else far > _ALIKE * near
+    is_clear = not water.B.any() and (water.beta * far < _CLEAR).all()
+    return bool(all(uncertainty.is_weak) and is_clear and is_told)
 
 
 def is_guess(solution: Solution) -> bool:

@@ -96,9 +96,9 @@ def restoration(
 
     confidence: (H, W) standard deviation of J, root mean square over channels. info: cost, sum of squares of each
     channel; negative_share of J in each channel (negative colours are not physical); n_specks, pixels whose colour is
-    too bright for a surface; condition and standard_error of
-    the water, noise of each channel, limits in words; hints: what a user can do; veil_known: whether no weak
-    prior decides the water of a channel; steps, n_observations, n_repeated pixels, n_views, unreadable, device.
+    too bright for a surface; condition and standard_error of the water, noise of each channel, limits in words; hints:
+    what a user can do; veil_known: whether no weak prior decides the water of most channels; steps,
+    n_observations, n_repeated pixels, n_views, unreadable, device.
     """
     uncertainty = solution.uncertainty
     deviation = solution.deviation if solution.growth is None else solution.deviation * solution.growth
@@ -122,7 +122,7 @@ def restoration(
         "standard_error": uncertainty.standard_error,
         "limits": limits,
         "hints": hints(limits, uncertainty),
-        "veil_known": not any(uncertainty.is_weak),
+        "veil_known": is_determined(uncertainty),
         **plain(solution.course),
         "stage_seconds": stage_seconds,
     }

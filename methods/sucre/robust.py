@@ -115,7 +115,8 @@ def lies_in_patches(observations: Observations, wrong: Mask) -> bool:
         return False
     y, x = np.divmod(observations.pixels[observations.place], observations.shape[1])
     (rows, columns), (height, width) = _PATCHES, observations.shape
-    patch = (observations.view * rows + y * rows // height) * columns + x * columns // width
+    rows *= observations.stacked
+    patch = (observations.view.astype(np.int64) * rows + y * rows // height) * columns + x * columns // width
     n, spoilt = np.bincount(patch), np.bincount(patch, wrong)
     return bool(spoilt[(n >= _TOLD) & (spoilt > _SPOILT * n)].sum() > _IN_PATCHES * spoilt.sum())
 

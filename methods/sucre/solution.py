@@ -137,10 +137,10 @@ def far_colours(wrong: Array) -> list[str]:
 
 def _cluster_sums(observations: Observations, water: WaterParameters) -> tuple[Array, list[Array]]:
     """Return H (3, 3, 3), and the sums of D'^T r over tiles (3, 3, T) and over views (3, 3, V)."""
-    (height, width), view = observations.shape, observations.view
+    (height, width), view, down = observations.shape, observations.view, _TILES * observations.stacked
     y, x = np.divmod(observations.pixels, width)
-    tile = y * _TILES // height * _TILES + x * _TILES // width
-    H, sums = np.zeros((3, 3, 3)), [np.zeros((9, _TILES**2)), np.zeros((9, len(observations.views)))]
+    tile = y * down // height * _TILES + x * _TILES // width
+    H, sums = np.zeros((3, 3, 3)), [np.zeros((9, down * _TILES)), np.zeros((9, len(observations.views)))]
     rows = tuple(column[..., None] for column in water.columns())
     for block in blocks(observations, _PLACES, stop=observations.n_repeated):
         columns = Eliminated.of(*fill(observations, block, np.float64), rows).columns
@@ -326,12 +326,17 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """A view of a scene as options see it: its image, and the observations of its pixels."""
+    """A view of a scene as options see it: its image, and the observations of its pixels.
+
+    light: of this view, that was removed from both; recorded: the view before that.
+    """
 
     options: Sucre
     scene: Scene
     view: View
     observations: Observations
+    light: Light | None = None
+    recorded: View | None = None
 
     @staticmethod
     def of(options: Sucre, scene: Scene, view: View) -> Observed:
@@ -361,7 +366,9 @@ class Observed:
         """Return the view with its own observations alone."""
         from sucre_bench.multiview.observe import observe
 
-        return replace(self, observations=observe(self.view, [self.view], **self.options.pairing_with()))
+        view = self.recorded or self.view
+        found = observe(view, [view], **self.options.pairing_with(with_view=True, with_ray=True))
+        return replace(self, observations=self.light.removed(found) if self.light else found)
 
     @property
     def encoding(self) -> Encoding:
@@ -393,7 +400,8 @@ class Observed:
         rgb = (srgb_encode(even) if self.is_decoded else even).astype(np.float32)
         view = replace(self.view, pixels=Arrays(rgb, self.view.depth, self.view.reference))
         observations = self.options.observe(self.scene, self.view, with_view=True, with_ray=True)
-        return replace(self, view=view, observations=light.removed(observations))
+        alone = replace(light, views=(self.view.name,), gains=np.nan_to_num(own))
+        return replace(self, view=view, observations=light.removed(observations), light=alone, recorded=self.view)
 
     def coloured(self, water: WaterParameters, uncertainty: WaterUncertainty | None = None) -> Solution:
         """Return the colours in a water: see `colours_for_water`."""
@@ -401,9 +409,8 @@ class Observed:
         return colours_for_water(self.observations, water, uncertainty, options.backend, options.device)
 
 
-# Most targets of a dive, spread evenly over the scene, with up to 32 views each. Their light is fitted together, which
-# takes long with more views than these; then the fewest targets.
-_TARGETS, _VIEWS, _FEWEST_TARGETS = 40, 256, 8
+# Targets of a dive, spread evenly over the scene, and views whose light is fitted together at most: that takes minutes.
+_TARGETS, TOGETHER = 40, 512
 
 
 @dataclass(frozen=True, eq=False)
@@ -414,15 +421,21 @@ class Dive(Observed):
     target, whose light counts as 1.
     """
 
-    targets: Sequence[Observed]
+    targets: Sequence[Observed] = ()
 
     @staticmethod
     def spread(options: Sucre, scene: Scene) -> Dive:
-        """Views without a pose or depth, or with a damaged file, are left out. SolveError when none is left."""
-        targets, last = list[Observed](), "no view shares a pixel with another"
-        chosen = evenly(len(scene), _TARGETS if len(scene) <= _VIEWS else _FEWEST_TARGETS)
-        for k in track(chosen, "shared water"):
-            view = scene.views[k]
+        """Return targets spread over the scene, and more, so that all views are shown and linked by common views.
+
+        Views without a pose or depth, or with a damaged file, are left out. SolveError when none is left.
+        """
+        targets, linked, last = list[Observed](), list[set[str]](), "no view shares a pixel with another"
+        spread = evenly(len(scene), _TARGETS)
+        others = sorted(set(range(len(scene))) - set(spread)) if len(scene) <= TOGETHER else []
+        for k in track([*spread, *others], "shared water"):
+            view, names = scene.views[k], {one.name for one in scene.views[k : k + 2]}
+            if k in others and any(names <= group for group in linked):  # it links nothing to the next view
+                continue
             try:
                 found = options.observe(scene, view, with_view=True)
             except (InputError, SolveError) as fault:
@@ -430,11 +443,15 @@ class Dive(Observed):
                 say(f"shared water skips {view.name}: {fault}")
                 continue
             if found.n_repeated:
-                few = sampled(found, 2 * SAMPLE // len(chosen) + 1, singles=options.physical, seed=0)
+                few = sampled(found, 2 * SAMPLE // _TARGETS, singles=options.physical, seed=0)
                 targets.append(Observed(options, scene, view, few))
+                new = set(() if (matched := targets[-1].matched) is None else matched.views)
+                apart = [group for group in linked if not group & new]
+                linked = [*apart, new.union(*(group for group in linked if group & new))]
         if not targets:
             raise SolveError(f"the scene's water cannot be fitted, {last}; use method.water=FILE with a known one")
-        return Dive(options, scene, targets[0].view, _pooled(scene, [one.observations for one in targets]), targets)
+        whole = _pooled(scene, [one.observations for one in targets])
+        return Dive(options, scene, targets[0].view, whole, targets=targets)
 
     @cached_property
     def matched(self) -> Observations | None:

@@ -38,7 +38,8 @@ class Observations:
     view: (N,) uint16 indices into `views`, rising over a pixel's slots, None unless asked for;
     ray: (2, N) float32, x / z and y / z of the point in the observing camera's frame, None unless asked for;
     unreadable: the fault of each view that may see the target but has a file that cannot be read;
-    read_s: seconds spent reading files, summed over threads; pair_s: seconds in all.
+    read_s: seconds spent reading files, summed over threads; pair_s: seconds in all;
+    stacked: how many targets lie one below the other, see `pooled`.
     """
 
     shape: tuple[int, int]
@@ -54,6 +55,7 @@ class Observations:
     unreadable: tuple[str, ...] = ()
     read_s: float = 0.0
     pair_s: float = 0.0
+    stacked: int = 1
 
     def __len__(self) -> int:
         """N."""
@@ -151,6 +153,7 @@ def pooled(parts: Sequence[Observations], views: Sequence[str]) -> Observations:
         np.concatenate([one.intensity(slice(None)) for one in parts], axis=1)[:, at],
         view=np.concatenate(view)[at],
         ray=np.concatenate(rays, axis=1)[:, at] if len(rays) == len(parts) else None,
+        stacked=len(parts),
     )
 
 
