@@ -137,7 +137,7 @@ _SHARPER = 0.8
 _DIFFERENT = {1: 0.05, 3: 0.01}
 
 # Less optical depth than this over the farthest distances is none. Pure water has as much in red over half a metre.
-_CLEAR = 0.15
+_AS_IN_AIR = 0.15
 
 _AIR = "nothing dims these images with distance, as in air; no veil was removed"
 
@@ -433,9 +433,9 @@ def is_in_air(observations: Observations, fitted: Fitted) -> bool:
     uncertainty, water = fitted.uncertainty, fitted.water
     near, far = np.quantile(observations.distance, (0.05, 0.95))
     error = uncertainty.standard_error.beta * far
-    told = error[np.isfinite(error)] < _CLEAR
+    told = error[np.isfinite(error)] < _AS_IN_AIR
     is_told = told.all() if len(told) else far > _ALIKE * near
-    is_clear = not water.B.any() and (water.beta * far < _CLEAR).all()
+    is_clear = not water.B.any() and (water.beta * far < _AS_IN_AIR).all()
     return bool(all(uncertainty.is_weak) and is_clear and is_told)
 
 

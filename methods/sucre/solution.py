@@ -366,8 +366,8 @@ class Observed:
         """Return the view with its own observations alone."""
         from sucre_bench.multiview.observe import observe
 
-        view = self.recorded or self.view
-        found = observe(view, [view], **self.options.pairing_with(with_view=True, with_ray=True))
+        view, is_evened = self.recorded or self.view, self.light is not None  # light is a matter of views and rays
+        found = observe(view, [view], **self.options.pairing_with(with_view=is_evened, with_ray=is_evened))
         return replace(self, observations=self.light.removed(found) if self.light else found)
 
     @property
@@ -396,11 +396,11 @@ class Observed:
         z = np.where(self.view.depth > 0, self.view.distance, unknown).astype(np.float64)
         recorded = np.moveaxis(self.intensities, -1, 0)
         own = light.gains[[light.views.index(self.view.name)]] if self.view.name in light.views else np.zeros((1, 3))
-        even = np.moveaxis(replace(light, gains=np.nan_to_num(own)).evened(recorded, rays, z, 0)[0], 0, -1)
+        alone = replace(light, views=(self.view.name,), gains=np.nan_to_num(own))
+        even = np.moveaxis(alone.evened(recorded, rays, z, 0)[0], 0, -1)
         rgb = (srgb_encode(even) if self.is_decoded else even).astype(np.float32)
         view = replace(self.view, pixels=Arrays(rgb, self.view.depth, self.view.reference))
         observations = self.options.observe(self.scene, self.view, with_view=True, with_ray=True)
-        alone = replace(light, views=(self.view.name,), gains=np.nan_to_num(own))
         return replace(self, view=view, observations=light.removed(observations), light=alone, recorded=self.view)
 
     def coloured(self, water: WaterParameters, uncertainty: WaterUncertainty | None = None) -> Solution:
