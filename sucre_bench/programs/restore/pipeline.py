@@ -31,8 +31,9 @@ from sucre_bench.results import layout, restoration_rows, with_remedy
 from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import tuples
 
-# What a method gets that has these options: whole pictures, and one water for the dive, so that mosaics have no steps.
-_FOR_A_DIVE = {"fill": "true", "water": "shared"}
+# What a method gets that has these options: whole pictures, one water for the dive so that mosaics have no steps, and
+# the fit that no real dive has broken: single pixels, with one gain for each view and a lens.
+_FOR_A_DIVE = {"fill": "true", "water": "shared", "footprint": "false", "light": "exposure+lens"}
 
 # Words of `run` that say where the work is done.
 _WHERE = re.compile(r"(workers|shard\.count|hydra[./][\w.]+)=")
