@@ -37,7 +37,7 @@ from sucre_bench.machine.files import is_want_of_room, not_writable
 from sucre_bench.machine.provenance import require
 from sucre_bench.plugins.call_method import with_name
 from sucre_bench.plugins.options import Choice, source_hash
-from sucre_bench.results.layout import Place, file_name, places
+from sucre_bench.results.layout import Place, as_one_file, places
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.restorations import are_stored
 from sucre_bench.results.rows import Row, restoration_rows, values_of
@@ -348,9 +348,17 @@ def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
             options |= {options_id} if status != "failed" else set()  # what failed may be tried another way
     for plan in planned:
         job = plan.job
+        methods = options_of.get(job.dataset.label, {})
+        for kind, choice, labels in (("dataset", job.dataset, options_of), ("method", job.method, methods)):
+            folder = as_one_file(choice.label)
+            for other in sorted(o for o in labels if choice.label not in labels and as_one_file(o) == folder):
+                option = _label_option([getattr(p.job, kind) for p in planned], choice)
+                clashes.append(
+                    f"{job.out}: '{choice.label}' would share a folder with '{other}'; give another {option}"
+                )
         if job.overwrite == "always" or job.dataset.label not in options_of:
             continue
-        scenes, methods = scenes_of.get(job.dataset.label, set()), options_of[job.dataset.label]
+        scenes, of_method = scenes_of.get(job.dataset.label, set()), methods.get(job.method.label)
         if scenes and plan.tasks and not scenes & {task.scene.name for task in plan.tasks}:
             option = _label_option([other.job.dataset for other in planned], job.dataset)
             remedy = " or ".join(dict.fromkeys(["out=...", option]))
@@ -358,15 +366,8 @@ def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
                 f"{job.out}: its '{job.dataset.label}' is scene {sorted(scenes)[0]}, not {plan.tasks[0].scene.name}; "
                 f"give another {remedy}"
             )
-        of_method, folder = methods.get(job.method.label), file_name(job.method.label)
-        others = sorted(o for o in methods if file_name(o) == folder) if job.method.label not in methods else []
-        is_other = bool(of_method) and of_method != {results.fingerprint(job.method.record)[1]}
-        option = _label_option([p.job.method for p in planned], job.method) if others or is_other else ""
-        for other in others:
-            clashes.append(
-                f"{job.out}: '{job.method.label}' would share a folder with '{other}'; give another {option}"
-            )
-        if is_other:
+        if of_method and of_method != {results.fingerprint(job.method.record)[1]}:
+            option = _label_option([p.job.method for p in planned], job.method)
             clashes.append(
                 f"{job.out}: its '{job.method.label}' has other options; give another {option}, or overwrite=always"
             )

@@ -42,7 +42,7 @@ from sucre_bench.machine.files import expanded
 from sucre_bench.machine.progress import say
 from sucre_bench.machine.provenance import absent
 from sucre_bench.plugins.options import options_of
-from sucre_bench.results.layout import file_name
+from sucre_bench.results.layout import as_one_file
 from sucre_bench.results.rows import fingerprint
 
 
@@ -325,7 +325,7 @@ def _refuse_same_place(planned: Sequence[Job]) -> None:
     seen: dict[tuple[str, str, int, int, int], Job] = {}
     for job in planned:
         part = (job.replicate, job.shard.index, job.shard.count)
-        other = seen.setdefault((file_name(job.dataset.label), file_name(job.method.label), *part), job)
+        other = seen.setdefault((as_one_file(job.dataset.label), as_one_file(job.method.label), *part), job)
         if other is not job:
             name = f"{job.dataset.label} / {job.method.label}"
             if (other.method, other.dataset) != (job.method, job.dataset):

@@ -7,11 +7,10 @@ references/<dataset>/[<scene>/]<view stem>.jpg                the reference, to 
 logs/failures.log                                            tracebacks
 
 The scene is part of the path if the dataset has several. Replicates but the first lie in a folder replicate=N. A view's
-name includes its suffix if another view differs only in that.
+name includes its suffix if another view differs only in that, and ends on a hash if names differ only by capitals.
 """
 
 import functools
-import hashlib
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -20,21 +19,19 @@ from itertools import chain
 from pathlib import Path, PurePosixPath
 
 from sucre_bench.errors import InputError
+from sucre_bench.machine.file_names import folded, portable_name
 from sucre_bench.results.rows import unreplicated
 from sucre_bench.scene import Scene
 
 
-def file_name(text: str) -> str:
-    """Return a label as a file or folder name: special characters become '_'.
+def file_name(label: str) -> str:
+    """Return a label as a file or folder name, see `portable_name`: special characters become '_'."""
+    return portable_name(re.sub(r"[^\w.,=+@-]+", "_", label).strip("_."))
 
-    A name too long for a file system is cut and ends on a hash of the whole label.
-    """
-    name = re.sub(r"[^\w.,=+@-]+", "_", text).strip("_.") or "_"
-    return (
-        name
-        if len(name.encode()) <= 120
-        else f"{name[:30]}-{hashlib.blake2b(text.encode(), digest_size=6).hexdigest()}"
-    )
+
+def as_one_file(label: str) -> str:
+    """Return what is equal for labels whose folders are one on some system."""
+    return folded(file_name(label))
 
 
 def log_path(out: Path) -> Path:
@@ -61,15 +58,15 @@ class Place:
 
     def restored(self, out: Path, method: str) -> Path:
         """The restored image by a method."""
-        return _inside(restored_path(out, self.dataset, method), f"{self.stem}.png")
+        return restored_path(out, self.dataset, method) / f"{self.stem}.png"
 
     def original(self, out: Path) -> Path:
         """The view, to look at."""
-        return _inside(out / "views" / self.dataset, f"{self.stem}.jpg")
+        return out / "views" / self.dataset / f"{self.stem}.jpg"
 
     def reference(self, out: Path) -> Path:
         """The reference, to look at."""
-        return _inside(out / "references" / self.dataset, f"{self.stem}.jpg")
+        return out / "references" / self.dataset / f"{self.stem}.jpg"
 
 
 @functools.lru_cache(maxsize=1024)
@@ -78,23 +75,17 @@ def restored_path(out: Path, dataset: str, method: str) -> Path:
     return out / "restored" / dataset / file_name(method)
 
 
-def _inside(folder: Path, name: str) -> Path:
-    if ".." in name.split("/") or name.startswith("/"):
-        raise InputError(f"{name}: a view's name leads out of the output folder; rename the image")
-    return folder / name
-
-
 def places(dataset: str, scenes: Sequence[Scene], replicate: int = 0) -> dict[tuple[str, str], Place]:
     """Return each view's place, by the names of scene and view."""
+    first = PurePosixPath(f"replicate={replicate}") if replicate else PurePosixPath()
+    several = slice(_FORMS, None) if len(scenes) > 1 else slice(_FORMS)
+    named = ((scene.name, view.name) for scene in scenes for view in scene.views)
+    stems = {names: stems_of(*names)[several] for names in named}
+    claims = Counter(chain.from_iterable({folded(stem) for stem in forms} for forms in stems.values()))
     found = {}
-    for scene in scenes:
-        within = PurePosixPath(file_name(scene.name)) if len(scenes) > 1 else PurePosixPath()
-        within = PurePosixPath(f"replicate={replicate}") / within if replicate else within
-        stems = [PurePosixPath(view.name).with_suffix("") for view in scene.views]
-        times, folder = Counter(stems), file_name(dataset)
-        for view, stem in zip(scene.views, stems, strict=True):
-            name_alone = stem if times[stem] == 1 else PurePosixPath(view.name)
-            found[scene.name, view.name] = Place(folder, within / name_alone)
+    for names, (unique, *forms) in stems.items():
+        stem = next((stem for stem in reversed(forms) if claims[folded(stem)] == 1), unique)
+        found[names] = Place(file_name(dataset), first / stem)
     return found
 
 
@@ -117,10 +108,19 @@ def possible_places(dataset: str, scene: str, view: str) -> list[Place]:
     return [Place(file_name(dataset), first / stem) for stem in stems_of(scene, view)]
 
 
+_FORMS = 3  # of a view's name
+
+
 def stems_of(scene: str, view: str) -> tuple[PurePosixPath, ...]:
     """Return the possible paths, without suffix, of a view's files in the folder of a dataset or a method.
 
-    The scene is part of the path if a dataset has several; the image's suffix stays if two views differ only in it.
+    Three forms of the view's name: with a hash, with the image's suffix, and without either, which is taken if no
+    other view has it, see `folded`. Then the same below the scene, which is part of the path if a dataset has several.
+    Raises InputError for a name that leads out of the folder.
     """
-    name, within = PurePosixPath(view), PurePosixPath(file_name(scene))
-    return (name, name.with_suffix(""), within / name, within / name.with_suffix(""))
+    name = PurePosixPath(view)
+    if ".." in name.parts or name.is_absolute():
+        raise InputError(f"{view}: a view's name leads out of the output folder; rename the image")
+    folder = PurePosixPath(*map(portable_name, name.parts[:-1]))
+    forms = (portable_name(name.stem, f"{scene}/{view}"), portable_name(name.name), portable_name(name.stem))
+    return tuple(within / folder / form for within in (PurePosixPath(), file_name(scene)) for form in forms)
