@@ -1,4 +1,4 @@
-"""Makes the public result in docs/board: numbers-only bundles and the board over them; compares a run with it.
+"""Makes the public result in docs/board: numbers-only bundles; compares a run with it.
 
 python scripts/public_result.py [DATA]             make all of it; DATA holds u45/ and D5/, left out if it is not given
 python scripts/public_result.py --check RESULTS    exit with 1 if scores of RESULTS differ from the bundle of the demo
@@ -30,18 +30,17 @@ RUNS = {
 
 
 def make(data: Path | None) -> None:
-    """Run everything, without mlflow and pages, and write docs/board. All paths are relative: bundles hold them."""
+    """Run everything, without mlflow and pages, and write the bundles. They have relative paths only."""
     runs = ROOT / "outputs" / "board"
-    (runs / "bundles").mkdir(parents=True, exist_ok=True)
+    runs.mkdir(parents=True, exist_ok=True)
     for name, words in RUNS.items():
         if data and name != "demo" and not (runs / name).exists():
             (runs / name).symlink_to(data.resolve() / name)
         if data or name == "demo":
             out = f"{name}-results"
             bench("run", "-m", *words, f"out={out}", "tracking.uri=off", "report=false", at=runs)
-            bundle = [f"bundles/{name}.zip", "--by", "sucre_bench contributors", "--force"]
+            bundle = [str(BOARD / "bundles" / f"{name}.zip"), "--by", "sucre_bench contributors", "--force"]
             bench("bundle", out, *bundle, at=runs)
-    bench("site", "bundles", str(BOARD), "--title", "sucre_bench", at=runs)
 
 
 def bench(*words: str, at: Path) -> None:

@@ -40,7 +40,7 @@ if [ ${#missing[@]} -gt 0 ] && command -v apt-get >/dev/null; then
     { apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -o DPkg::Lock::Timeout=120 -y -qq --no-install-recommends "${missing[@]}"; } >/dev/null ||
       say "could not install ${missing[*]}; surfaces need them"
   else
-    say "surfaces (texture, prepare) need: sudo apt-get install -y ${missing[*]}"
+    say "surfaces (prepare) need: sudo apt-get install -y ${missing[*]}"
   fi
 fi
 

@@ -124,8 +124,6 @@ SECTIONS: dict[str, dict[str, tuple[str, str]]] = {
         "restore": ("restore", "Restore photographs for use: whole pictures with EXIF and GPS."),
         "prepare": ("prepare", "Make a scene of photos: cameras, depth maps."),
         "describe": ("data", "Describe what a dataset holds, and list its faults."),
-        "texture": ("look", "Write a scene as points or a mesh in restored colours."),
-        "video": ("look", "Write a video of the views before and after."),
     },
     "Which method is better, by how much, is it chance?": {
         "run": ("run", "Restore views of a dataset with methods, and score them."),
@@ -138,7 +136,6 @@ SECTIONS: dict[str, dict[str, tuple[str, str]]] = {
     "Share results": {
         "bundle": ("share", "Write a results folder as one file, with hashes."),
         "verify": ("share", "Check a bundle: hashes, data, scores."),
-        "site": ("share", "Write a lab's board: a page over many bundles."),
         "track": ("look", "Log a results folder in mlflow, and open its page."),
     },
     "Add methods, metrics and datasets": {

@@ -1,10 +1,9 @@
-"""`sucre-bench bundle`, `verify` and `site`: one file of a results folder, its check, and a page over many."""
+"""`sucre-bench bundle` and `verify`: one file of a results folder, and its check."""
 
 from __future__ import annotations
 
 import contextlib
 import shlex
-import shutil
 import sys
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, replace
@@ -16,13 +15,11 @@ import click
 from sucre_bench.commands import shared
 from sucre_bench.errors import InputError, SucreBenchError, unknown_name
 from sucre_bench.machine import progress
-from sucre_bench.machine.files import check_folder, check_links, check_output, open_atomically, regular
+from sucre_bench.machine.files import check_folder, check_links, check_output, regular
 from sucre_bench.machine.terminal import say
-from sucre_bench.machine.text_formats import counted
 from sucre_bench.programs.verify import TOLERANCE
 
 if TYPE_CHECKING:
-    from sucre_bench.programs.site.board import Entry
     from sucre_bench.programs.verify.verify_bundle import Outcome
 
 _MOST = 20  # scores that are listed
@@ -212,81 +209,3 @@ def _print_outcome(found: Outcome, tolerance: float) -> None:
     more = len(found.faults[_MOST:]) + len(found.differing[_MOST:])
     if more:
         say(f"         and {more} more; --json lists all", "red")
-
-
-# -- site --------------------------------------------------------------------------------------------------
-
-
-@click.command()
-@shared.argument("bundles")
-@shared.argument("out")
-@shared.option("--title", "heading", default="Restoration of underwater images", help="Title of the page.")
-@shared.option("--data", multiple=True, metavar="DATASET=DIR", help="Folder of the data; may be repeated.")
-@shared.plugin_option
-@shared.force_option
-def site(bundles: Path, out: Path, heading: str, data: Sequence[str], force: bool) -> None:
-    """Write a lab's board: a page of tables over all bundles of a folder.
-
-    \b
-    sucre-bench site bundles/ public/
-    sucre-bench site bundles/ public/ --title "Reef Lab" --data reef=dive/
-
-    The command verifies each bundle first. One table has one dataset with the same images, and one variant and version
-    of each metric. Results that do not fit get a table of their own, with the reason. The page names a bundle that
-    differs from its hashes or scores, and puts it into no table.
-
-    Exit codes: 0, all bundles are in tables; 1, a bundle differs; 2, the folder has no bundle.
-    """
-    from sucre_bench.programs.site.board import State, board, write_page
-
-    for text in data:
-        label, _, folder = text.rpartition("=")
-        if not label:
-            raise InputError(f"--data {text}: names no dataset; write DATASET=DIR")
-        check_folder(Path(folder), "give the folder of the data")
-    paths = sorted(bundles.glob("*.zip"))
-    if not paths:
-        raise InputError(f"{bundles}: holds no bundle; give a folder of files that `sucre-bench bundle` wrote")
-    check_output(out / "index.html", "page", force=force)
-    check_links(out)
-    for path in paths:
-        check_output(out / "bundles" / path.name, "bundle", force=force)
-    with progress.live():
-        entries = [_entry(path, data) for path in paths]
-        tables = board(entries)
-    known = sorted({str(name) for entry in entries if entry.rows is not None for name in entry.rows["dataset"]})
-    for label in (text.rpartition("=")[0] for text in data):
-        if label not in known:
-            say(f"note: --data {label}=...: no bundle has this dataset; they have {', '.join(known)}", "yellow")
-    page = write_page(out, entries, tables, heading)
-    colours = {State.VERIFIED: "green", State.PARTLY: "green", State.HASHES: "yellow", State.DIFFERS: "red"}
-    for entry in entries:
-        source, target = bundles / entry.file, out / "bundles" / entry.file
-        if entry.rows is not None and not (target.exists() and target.samefile(source)):
-            with source.open("rb") as content, open_atomically(target) as copy:
-                shutil.copyfileobj(content, copy)
-        say(f"{entry.check:20} {entry.file}{': ' if entry.fault else ''}{entry.fault}", colours[entry.state])
-    click.echo(f"page     {page}: {counted(len(tables), 'table')} of {counted(len(entries), 'bundle')}")
-    sys.exit(1 if any(entry.state is State.DIFFERS for entry in entries) else 0)
-
-
-def _entry(path: Path, data: Sequence[str]) -> Entry:
-    """Verify a bundle. A file that is none is an entry, too, with the reason."""
-    from sucre_bench.programs.site.board import Entry, State
-    from sucre_bench.programs.verify.verify_bundle import verify
-    from sucre_bench.results.bundle_format import open_bundle
-
-    try:
-        with open_bundle(path) as bundle:
-            datasets = set(bundle.rows["dataset"])
-            given = [text for text in data if text.rpartition("=")[0] in datasets]
-            found = verify(bundle, _data_folders(datasets, given))
-            about, rows = (found.id, found.by, bundle.version), bundle.rows
-            common = bundle.common if found.holds else None
-    except InputError as fault:
-        return Entry(path.name, "", "", "", State.DIFFERS, (0, 0), fault.beside(path), None)
-    first, *more = [*found.faults, *(f"{one.method} / {one.view} / {one.metric}" for one in found.differing), ""]
-    fault_text = f"{first} and {len(more) - 1} more" if len(more) > 1 else first
-    state = State.VERIFIED if found.is_whole else State.PARTLY if found.n_agree else State.HASHES
-    state = state if found.holds else State.DIFFERS
-    return Entry(path.name, *about, state, (found.n_agree, found.n_scores), fault_text, rows, common)

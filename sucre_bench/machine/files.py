@@ -221,12 +221,9 @@ ENDINGS: Mapping[str, tuple[str, ...]] = {
     "bundle": (".zip",),
     "contact sheet": (".png", ".jpg", ".jpeg"),
     "line-up": (".yaml", ".yml"),
-    "numbers": (".json",),
     "page": (".html", ".htm"),
     "picture": (".png",),
-    "surface": (".ply", ".glb"),
     "table": (".csv",),
-    "video": (".mp4", ".webm"),
 }
 # What a file of ours has near its beginning: our name, the heads of a table of scores, or the first file of a bundle.
 _MARKS = (b"sucre_bench", b"sucre-bench", b"dataset,scene,view,method,", b"bundle.json")

@@ -55,7 +55,6 @@ _OPTIONAL = {
     "documentation as a site": "mkdocs",
 }
 _PROGRAMS = {
-    "videos in H.264, for slides": ["ffmpeg"],  # presentation programs need it, browsers play VP9
     "commit in the provenance": ["git"],
     "tests in a browser": ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"],
 }

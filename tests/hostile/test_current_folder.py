@@ -26,7 +26,6 @@ COMMANDS = (
     "describe colmap dataset.root=dive --no-sheet",
     "prepare dive/images prepared",
     "bundle results bundles/results.zip",
-    "site bundles public",
     "completion bash",
 )
 # Python puts the folder of a program's file on the path, as it does for sucre-bench.
@@ -83,7 +82,7 @@ def done(trapped: Path, tmp_path_factory: pytest.TempPathFactory) -> subprocess.
 def test_no_command_imports_from_the_current_folder(trapped: Path, done: subprocess.CompletedProcess[str]):
     assert not (trapped / "sprung").exists(), (trapped / "sprung").read_text()
     assert "Traceback" not in done.stderr
-    made = ("results/report/index.html", "bundles/results.zip", "public/index.html")
+    made = ("results/report/index.html", "bundles/results.zip")
     assert all((trapped / name).is_file() for name in made), done.stderr
 
 

@@ -1,6 +1,5 @@
 """Commands that are told to write over something: what is there stays as it is."""
 
-import errno
 import os
 import re
 import shlex
@@ -48,12 +47,6 @@ CASES: dict[str, tuple[str, str, str]] = {
         "results/config.yaml",
         "part of a results folder",
     ),
-    "a picture of the surface over a view": (
-        "texture results surface.ply --method clahe --picture dive/images/a.png --force",
-        "dive/images/a.png",
-        "input",
-    ),
-    "the numbers of a video into a pipe": ("video results dive.mp4 --methods clahe", "dive.mp4.json", "pipe"),
     "scores over a table of others": (
         "score dive/images --metrics uciqe --csv theirs.csv",
         "theirs.csv",
@@ -70,10 +63,7 @@ CASES: dict[str, tuple[str, str, str]] = {
         "theirs.png",
         "did not write",
     ),
-    "a video over footage": ("video results theirs.mp4 --methods clahe", "theirs.mp4", "did not write"),
-    "a surface over a model of others": ("texture results theirs.ply --method clahe", "theirs.ply", "did not write"),
     "a bundle over an archive of others": ("bundle results theirs.zip", "theirs.zip", "did not write"),
-    "a board over a home page": ("site bundles home", "home/index.html", "did not write"),
     "results over the files of a project": (
         "run dataset=colmap dataset.root=dive method=clahe out=project",
         "project/config.yaml",
@@ -84,18 +74,12 @@ CASES: dict[str, tuple[str, str, str]] = {
         "results/pictures/u45/lineup.csv",
         "part of a results folder",
     ),
-    "a picture among the restored ones": (
-        "texture results surface.ply --method clahe --picture results/restored/new.png",
-        "results/restored/new.png",
-        "part of a results folder",
-    ),
     "pictures over the photographs": ("restore dive/images dive/images", "dive/images", "photographs"),
     "pictures over an album": ("restore dive/images album", "album", "other files"),
     "pictures beside a thesis": ("restore dive/images mine", "mine", "other files"),
     "pictures where a link leads": ("restore dive/images linked", "linked/pictures", "leads out of the folder;"),
     "a scene over a project": ("prepare dive/images project", "project", "other files"),
     "a gallery over a project": ("gallery dive project", "project/config.yaml", "did not write"),
-    "a board over the report": ("site bundles results/report", "results/report/index.html", "part of a results folder"),
 }
 
 
@@ -111,9 +95,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "published.csv").write_text("image,uciqe\na.png,0.5\nb.png,0.6\n")
     (place / "results/pictures/u45").mkdir(parents=True)
     (place / "results/pictures/u45/lineup.csv").write_text("sucre_bench\n")
-    others = [f"theirs.{suffix}" for suffix in ("csv", "html", "yaml", "png", "mp4", "ply", "zip")]
+    others = [f"theirs.{suffix}" for suffix in ("csv", "html", "yaml", "png", "zip")]
     others += [
-        "home/index.html",
         "project/config.yaml",
         "album/pictures/a.png",
         "album/work/a.txt",
@@ -130,8 +113,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def place(made: Path, tmp_path: Path) -> Path:
     folder = tmp_path / "here"
     shutil.copytree(made, folder, symlinks=True)
-    for name in ("pipe.csv", "dive.mp4.json"):
-        os.mkfifo(folder / name)
+    os.mkfifo(folder / "pipe.csv")
     return folder
 
 
@@ -158,11 +140,8 @@ def _state(path: Path) -> list[tuple[Path, int, int, bytes]]:
         "score dive/images --metrics uciqe --csv out.csv",
         "study results --methods gray_world,clahe --out results/study.html",
         "describe colmap dataset.root=dive --sheet out.jpg",
-        "video results out.mp4 --methods clahe",
-        "texture results out.glb --method clahe",
         "lineup results",
         "bundle results results/out.zip",
-        "site bundles out",
     ],
 )
 def test_a_command_replaces_what_it_wrote_before(place: Path, command: str):
@@ -204,19 +183,3 @@ def test_what_is_no_file_is_not_replaced_by_one(tmp_path: Path):
     with pytest.raises(OutputError, match=r"pipe: .*no file; "):
         write_atomically(tmp_path / "pipe", b"text")
     assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
-
-
-def test_a_board_on_a_full_disk_leaves_the_bundles_that_it_had(place: Path, monkeypatch: pytest.MonkeyPatch):
-    assert run_here(place, "site", "bundles", "public").returncode == 0
-    before = (place / "public/bundles/one.zip").read_bytes()
-
-    def copy(source: object, target: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(shutil, "copyfileobj", copy)
-    monkeypatch.setattr(shutil, "copyfile", copy)
-    done = run_here(place, "site", "bundles", "public")
-    assert done.returncode == 2
-    assert "the disk is full" in done.stderr
-    assert (place / "public/bundles/one.zip").read_bytes() == before
-    assert [path.name for path in (place / "public/bundles").iterdir()] == ["one.zip"]

@@ -100,9 +100,6 @@ CASES = {
     "a damaged table": Case("compare done", r"; .*delete", (f"{RUN} {GRAY} out=fresh", "compare fresh"), damaged_table),
     "no results to compare": Case("compare results", RESULTS, (f"{RUN} {GRAY} {{1}}results", "compare results")),
     "no bundle": Case("verify b.zip", r"`sucre-bench (bundle)` wrote", ("{1} done b.zip", "verify b.zip")),
-    "no bundles": Case(
-        "site bundles ./out", r"`sucre-bench (bundle)` wrote", ("{1} done bundles/b.zip", "site bundles ./out")
-    ),
     "a bundle of another suffix": Case("bundle done b.txt", r"; .*(\.zip)", ("bundle done b{1}",)),
     "a limit without a baseline": Case(
         "compare done --fail-below coverage=-0.5",

@@ -34,14 +34,12 @@ COMMANDS = {
     "lineup": "lineup theirs",
     "bundle": "bundle theirs out.zip",
     "bundle with code": "bundle theirs out.zip --code",
-    "texture": "texture theirs out.ply --method evil",
-    "video": "video theirs out.mp4 --methods evil",
     "compare": "compare theirs mine",
     "report": "report theirs",
     "study": "study theirs --methods evil,clahe --out out.html",
     "track": "track theirs --uri sqlite:///mlflow.db",
 }
-OF_CONFIG = ("lineup", "bundle", "bundle with code", "texture", "video", "compare")
+OF_CONFIG = ("lineup", "bundle", "bundle with code", "compare")
 
 # 10 levels of merge keys or aliases, each twice the one before: 400 bytes that stand for a thousand values, and with 30
 # levels for more than fits into any machine.
@@ -117,7 +115,7 @@ def test_a_bundle_publishes_nothing_that_a_link_leads_to(place: Path, name: str)
     assert not (place / "out.zip").exists()
 
 
-@pytest.mark.parametrize("name", ["report", "study", "track", "video", "texture"])
+@pytest.mark.parametrize("name", ["report", "study", "track"])
 def test_no_page_log_or_picture_shows_what_a_link_leads_to(place: Path, name: str):
     (place / "theirs/restored/colmap/clahe/a.png").unlink()
     (place / "theirs/restored/colmap/clahe/a.png").symlink_to(place / "mine/restored/colmap/gray_world/a.png")
@@ -136,9 +134,6 @@ def test_yaml_that_stands_for_more_than_it_is_long_is_refused_by_each_reader(pla
     with pytest.raises(InputError, match=r"bomb\.yaml: .*alias"):
         read_kalibr(place / "bomb.yaml", (64, 48))
     (place / "mine/config.yaml").write_text(BOMB)
-    done = run_here(place, "video", "mine", "out.mp4", "--methods", "gray_world")
-    assert done.returncode == 2
-    assert "config.yaml: cannot be read, *a is an alias" in done.stderr
     (place / "mine/lineup.yaml").write_text(BOMB)
     done = run_here(place, "lineup", "mine", "--out", "-")
     assert done.returncode == 2

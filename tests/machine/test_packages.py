@@ -22,7 +22,6 @@ from sucre_bench.machine import provenance
         (["run", "method=sucre_plus", "method.backend=torch"], "torch", "sucre_plus.backend=torch", "torch"),
         (["run", "method=gray_world", "tracking.uri=sqlite:///elsewhere.db"], "mlflow", "tracking.uri", "mlflow"),
         (["track", "."], "mlflow", "track", "mlflow"),
-        (["texture", ".", "a.ply", "--method", "sucre"], "open3d", "texture", "surfaces"),
         (["prepare", "photos", "dive"], "pycolmap", "prepare", "prepare"),
         (["prepare", "photos", "dive"], "open3d", "prepare", "surfaces"),
         (["restore", "photos", "out"], "pycolmap", "restore", "prepare"),

@@ -6,18 +6,16 @@ Two methods restore every view, a third failed on one; each view shows a chart o
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pandas as pd
 
-from sucre_bench import Arrays, Camera, View, results
-from sucre_bench.engine.reopen_results import Frame
+from sucre_bench import results
 from sucre_bench.reports.paper import Study, study_results as along, style, write_study
 from sucre_bench.results import layout
-from sucre_bench.results.layout import Place
 from sucre_bench.results.restorations import write_masked_png
 from sucre_bench.results.rows import Row, frame
 
@@ -88,30 +86,6 @@ def _write(out: Path, row: Row, size: tuple[int, int], rng: np.random.Generator,
         write_masked_png(path, image, image.any(axis=-1))
     if holes:
         place.restored(out, row.method).with_suffix(".json").write_text(json.dumps(told))
-
-
-def make_frame(out: Path, view: View, **pictures: np.ndarray) -> Frame:
-    """A frame with pictures (H, W, 3) uint8 by method, kept under `out`."""
-    place = Place("made", PurePosixPath(view.name).with_suffix(""))
-    for method, picture in pictures.items():
-        path = place.restored(out, method)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        assert cv2.imwrite(str(path), picture[..., ::-1])
-    return Frame(view, place, out)
-
-
-def wall_view(name: str, rgb: np.ndarray, depth: float = 2.005, focal: float = 40.0, x: float = 0.0) -> View:
-    """A camera at (x, 0, 0), looking along z at a wall that fills its image; rgb: (H, W, 3) in [0, 1]."""
-    height, width = rgb.shape[:2]
-    camera = Camera(np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]]), width, height)
-    pose = np.eye(4)
-    pose[0, 3] = -x
-    return View(name, Arrays(rgb, np.full((height, width), depth)), camera, pose)
-
-
-def plain(colour: tuple[int, int, int], height: int = 48, width: int = 64) -> np.ndarray:
-    """A picture of one colour, uint8."""
-    return np.full((height, width, 3), colour, np.uint8)
 
 
 ROW = Row(scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", code="c", data_id="d")
