@@ -66,6 +66,7 @@ class Negative:
 
 
 @metric(
+    may_need={"charts"},
     unit="share",
     better="lower",
     range=(0, 1),

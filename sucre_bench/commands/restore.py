@@ -77,7 +77,7 @@ def restore(
     from sucre_bench.programs.restore import pipeline
 
     inputs = [source, *([photos] if photos else [])]
-    check_working_folder(out, "work/restore.json", inputs, begun="work/dive")
+    check_working_folder(out, "work/restore.json", inputs)
     if any(folder.resolve() in out.resolve().parents for folder in inputs):
         raise InputError("lies in the folder of the photographs", out, "name a folder elsewhere")
     options = pipeline.Options(method, single_view, quality, original_geometry, *pipeline.sorted_words(words, method))
@@ -126,7 +126,7 @@ def _prepared(
     from sucre_bench.programs import prepare
     from sucre_bench.programs.prepare import pipeline
     from sucre_bench.programs.prepare.shots import load_pycolmap
-    from sucre_bench.programs.restore.pipeline import source_of
+    from sucre_bench.programs.restore.pipeline import noted, source_of
 
     is_alone = not found.is_dive and not method_choice(options.method, {}).plugin.needs
     if focal is not None and (found.is_dive or is_alone):
@@ -136,6 +136,7 @@ def _prepared(
     if is_alone:
         return found, replace(options, single_view=options.method), ""
     load_pycolmap("restore")
+    noted(found, out, options, again=False)  # refuses photographs of another source before they are prepared
     wanted = prepare.Options(focal=focal)
     with progress.live():
         try:

@@ -101,7 +101,7 @@ class _Metrics:
 
     def scorer(self, row: Row) -> Scorer | None:
         """The metric that made a score; None if the run asks for another version of it, or for other options."""
-        return self.by_code.get((row.metric, row.code.partition(".")[2]))
+        return self.by_code.get((row.metric, "".join(row.code.split(".")[1:2])))
 
 
 @dataclass

@@ -59,7 +59,7 @@ class JobAtWork(Work):
     def begin(self) -> bool:
         """Show the progress; return whether there are views to do."""
         job = self._planned.job
-        if self._planned.tasks and base_row(job).code != self._planned.tasks[0].base.code:
+        if self._planned.tasks and not self._planned.tasks[0].base.code.startswith(base_row(job).code):
             self._planned = plan(job)  # an earlier job has made files that this one reads
         n_todo = len(self._planned.todo)
         if n_todo:

@@ -15,7 +15,7 @@ from pathlib import Path
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame, evenly
 from sucre_bench.degrade import Degradation, around, degraded_whole
-from sucre_bench.engine.score import metric_code, score_code
+from sucre_bench.engine.score import charts_id, metric_code, score_code
 from sucre_bench.errors import (
     InputError,
     LinesError,
@@ -148,6 +148,8 @@ def tasks(job: Job, scenes: Sequence[Scene]) -> Iterator[Task]:
     Raises InputError for a name that no scene has, and for a scene that lacks what is to be degraded.
     """
     base, kept, drawn = base_row(job), places(job.dataset.label, scenes, job.replicate), job.drawn
+    # A method that looks at charts may look at those of all views.
+    codes = {s.name: f"{base.code}{charts_id(job.method.plugin, s.views)}" for s in scenes}
     data_ids = {scene.name: drawn.data_id(scene.data_id) for scene in scenes}
     is_degraded = bool(drawn.identity())
     degraded = [degraded_whole(scene, drawn) for scene in scenes] if is_degraded else scenes
@@ -160,9 +162,8 @@ def tasks(job: Job, scenes: Sequence[Scene]) -> Iterator[Task]:
         chosen = set(job.views)
         every = [(scene, view) for scene, view in every if view.name in chosen]
     for scene, view in job.shard.of(every[:: job.every][: job.first]):
-        row = replace(
-            base, scene=results.replicated(scene.name, job.replicate), view=view.name, data_id=data_ids[scene.name]
-        )
+        name, data_id, code = results.replicated(scene.name, job.replicate), data_ids[scene.name], codes[scene.name]
+        row = replace(base, scene=name, view=view.name, data_id=data_id, code=code)
         neighbours = around(scene, view, drawn) if is_degraded else scene
         yield Task(neighbours, view, kept[scene.name, view.name], row)
 
@@ -312,8 +313,9 @@ def _without_results(
         if (status := stored_status(base)) != "ok":
             return status is not None
         wanted = (
-            (base.options_id, base.data_id, metric.plugin.name, variant, score_code(base, code))
+            (base.options_id, base.data_id, metric.plugin.name, variant, score)
             for metric, code in codes
+            for score in [score_code(base, code, charts_id(metric.plugin, [task.view]))]
             for variant in metric.variants
         )
         picture = task.place.restored(job.out, job.method.label)

@@ -7,6 +7,7 @@ on stderr, and the traceback in the log.
 from __future__ import annotations
 
 import functools
+import hashlib
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -18,6 +19,7 @@ import numpy as np
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured, locked
 from sucre_bench.errors import NotApplicableError, one_line, raise_if_stop
+from sucre_bench.imaging.chart_kinds import kind_id
 from sucre_bench.imaging.resizing import Form, changed_picture, changed_restoration, split_variant
 from sucre_bench.machine import progress
 from sucre_bench.machine.processes import step
@@ -84,7 +86,8 @@ def score_rows(
     offered = frozenset(name for name, is_there in offers.items() if is_there)
     scored = Scored(replace(restoration, image=locked(restoration.image)), locked(shown), view)
     for scorer in metrics:
-        plugin, code = scorer.plugin, score_code(base, scorer.code)
+        plugin = scorer.plugin
+        code = score_code(base, scorer.code, charts_id(plugin, [view]))
         of_metric = replace(base, metric=plugin.name, unit=plugin.unit, code=code)
         absent = plugins.missing_needs(plugin, offered, "view")
         for variant in scorer.variants:
@@ -128,9 +131,17 @@ def metric_code(metric: Choice) -> str:
     return f"{source_hash(metric.plugin)}{options}"
 
 
-def score_code(base: Row, metric: str) -> str:
-    """Return the `code` of a score's row: the restoration's hash, then the metric's code."""
-    return f"{base.code.split('.')[0]}.{metric}"
+def score_code(base: Row, metric: str, charts: str = "") -> str:
+    """Return the `code` of a score's row: the restoration's hash, the metric's code, and the `charts_id` if any."""
+    return ".".join(filter(None, (base.code.partition(".")[0], metric, charts)))
+
+
+def charts_id(plugin: Plugin, views: Iterable[View]) -> str:
+    """Return a hash of the charts of views; "" for a plugin that does not look at charts, and where there are none."""
+    if "charts" not in plugin.needs | plugin.may_need:
+        return ""
+    charts = [(view.name, c.name, kind_id(c.kind), c.corners.tolist()) for view in views for c in view.charts]
+    return hashlib.blake2b(repr(charts).encode(), digest_size=6).hexdigest() if charts else ""
 
 
 def variant_rows(metric: Metric, scored: Scored, base: Row, log: Path | None, limit_s: float | None) -> list[Row]:

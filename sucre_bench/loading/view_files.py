@@ -16,7 +16,6 @@ import numpy.typing as npt
 from sucre_bench.arrays import Array, Picture
 from sucre_bench.camera import Camera, scaled_camera
 from sucre_bench.errors import InputError, check_number
-from sucre_bench.imaging.chart_kinds import kind_id
 from sucre_bench.imaging.chart_patches import scaled_chart
 from sucre_bench.imaging.image_files import check_pixels, image_size, is_jpeg, read_rgb, same_shape
 from sucre_bench.loading.depth_maps import fitted, read_depth
@@ -197,19 +196,19 @@ _BLOCKS, _BLOCK = 16, 4096
 
 
 def data_id_of(views: Sequence[View], *more: object) -> str:
-    """Return a hash of cameras, poses, charts, options and files of views, and of `more`.
+    """Return a hash of cameras, poses, options and files of views, and of `more`.
 
-    Files are hashed by `fingerprint`, with its limits.
+    Files are hashed by `fingerprint`, with its limits. Charts have a hash of their own (`engine.score.charts_id`), so
+    that a chart that is marked later makes no restoration out of date.
     """
     digest = hashlib.blake2b(repr(more).encode() if more else b"", digest_size=6)
     for view in track(views, "hashing"):
         assert isinstance(view.pixels, Files)
-        charts = [(chart.name, kind_id(chart.kind), chart.corners.tolist()) for chart in view.charts]
         K = None if view.camera is None else view.camera.K.tolist()
         pose = None if view.cam_from_world is None else view.cam_from_world.tolist()
         lenses: list[object] = [] if view.pixels.lens is None else [view.pixels.lens.identity]
         lenses += [] if view.pixels.depth_lens is None else [("depth", view.pixels.depth_lens.identity)]
-        digest.update(repr((view.name, view.encoding, (K, view.pixels.size, pose, *lenses), charts)).encode())
+        digest.update(repr((view.name, view.encoding, (K, view.pixels.size, pose, *lenses))).encode())
         for path in (view.pixels.image, view.pixels.depth, view.pixels.reference):
             digest.update(fingerprint(path) if isinstance(path, Path) else b"none")
     return digest.hexdigest()

@@ -262,19 +262,17 @@ def check_output(path: Path, kind: str, inputs: Iterable[Path] = (), force: bool
         raise InputError("is there, and sucre_bench did not write it", path, "give another file, or add --force")
 
 
-def check_working_folder(out: Path, work: str, inputs: Iterable[Path], begun: str = "") -> None:
+def check_working_folder(out: Path, work: str, inputs: Iterable[Path]) -> None:
     """Raise InputError or OutputError if a command must not write into a folder.
 
-    work: what is in it when the command continues there; inputs: folders of photographs that the command reads; begun:
-    all that a command leaves there that was stopped before it wrote `work`.
+    work: what is in it when the command continues there; inputs: folders of photographs that the command reads.
     """
     if out.exists() and not out.is_dir():
         raise OutputError("is a file", out, "name a folder to write into")
     for folder in inputs:
         if out.resolve() in (folder.resolve(), *folder.resolve().parents):
             raise InputError("holds the photographs themselves", out, "name a folder elsewhere")
-    others = {*out.glob("*"), *(out / work).parent.glob("*")} - {out / begun, (out / begun).parent}
-    if others and not (out / work).exists():
+    if any(out.glob("*")) and not (out / work).exists():
         raise InputError(f"holds other files already, and no {work} to go on from", out, "name a new folder")
     check_links(out)
 

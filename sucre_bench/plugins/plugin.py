@@ -107,13 +107,14 @@ class Plugin:
     needs: what a scene must offer; requires, may_use: packages it imports when it runs, or for some options; display:
     how its image is brought to the screen, encoding, reads, is_photograph, differs, opinions: see `method`; source,
     proven, has, charts_file, signs: see `dataset`; unit, better, range, variants, default, role, symbol, unranked,
-    faults, agreement: see `metric`.
+    faults, agreement, may_need: see `metric`.
     """
 
     kind: Kind
     name: str
     cls: type[Any]
     needs: frozenset[str] = frozenset()
+    may_need: frozenset[str] = frozenset()
     requires: tuple[str, ...] = ()
     may_use: tuple[str, ...] = ()
     cites: str = ""
@@ -358,6 +359,7 @@ def metric(
     range: tuple[float, float],
     name: str = "",
     needs: Iterable[str] = (),
+    may_need: Iterable[str] = (),
     default: Iterable[str] = (),
     requires: Iterable[str] = (),
     cites: str = "",
@@ -377,6 +379,8 @@ def metric(
     - name: the metric's name; default the class name in snake_case;
     - needs: what a scene must have, as for a method. "restoration": the metric needs more than a picture.
       "restored_views": the metric compares pairs of views, and has ``score_pair(pair, variant)``;
+    - may_need: what the metric uses where a scene has it, "charts" for example: its scores are then made again when the
+      charts change;
     - default: the variants that are computed unless the user names others; default the first;
     - requires: import names of the packages that the metric uses when it runs;
     - cites, licence: publication and licence of its definition;
@@ -405,7 +409,7 @@ def metric(
     chosen = tuple(default) or tuple(variants)[:1]
     about: dict[str, Any] = {"unit": unit, "better": better, "range": range, "variants": dict(variants)}
     about |= {"default": chosen, "role": role, "symbol": symbol, "unranked": frozenset(unranked)}
-    about["faults"] = faults or {}
+    about |= {"faults": faults or {}, "may_need": frozenset(may_need)}
     about["agreement"] = dict(agreement or {})
     return _decorator("metric", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)
 

@@ -350,15 +350,11 @@ def change_pose(root: Path) -> None:
     write_model(root / "sparse", [("a.png", FORWARD, 1), ("b.png", SIDEWAYS, 1)])
 
 
-def add_charts(root: Path) -> None:
-    (root / "charts.json").write_text(json.dumps({"images": {"a.png": {"chart": SQUARE}}}))
-
-
 def remove_depth(root: Path) -> None:
     (root / "depths" / "depth_b.png").unlink()
 
 
-@pytest.mark.parametrize("change", [change_pixel, change_depth, change_pose, add_charts, remove_depth])
+@pytest.mark.parametrize("change", [change_pixel, change_depth, change_pose, remove_depth])
 def test_data_id_changes_with_the_data(tmp_path: Path, change: object) -> None:
     before = load(write_dive(tmp_path)).data_id
     change(tmp_path)

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pandas as pd
+from support.colmap_folder import write_dive
 from support.command_line import Started, but_times, run_here
 
 from sucre_bench import results
@@ -78,3 +79,22 @@ def test_variants_of_one_sweep_use_the_same_pairs_and_say_what_they_cost(tmp_pat
     taken = outcome.rows[outcome.rows["metric"] == "seconds"]["value"]
     assert (taken > pairing.pop()).all()
     assert not list(tmp_path.glob(".pairs"))
+
+
+def test_a_chart_that_is_marked_later_is_scored_and_nothing_is_restored_again(tmp_path: Path):
+    dive, out = write_dive(tmp_path / "dive"), tmp_path / "out"
+    words = [f"dataset.root={dive}", "method=gray_world", "save=full", "report=false", "tracking.uri=off", f"out={out}"]
+
+    def psi_by_view(corner: int) -> tuple[dict[str, float], list[bytes]]:
+        corners = [[corner, 2], [36, 3], [35, 27], [5, 26]]
+        (dive / "charts.json").write_text(json.dumps({"images": {"a.png": {"chart": corners}}}))
+        rows = run(["dataset=colmap", *words, "metrics=[psi,coverage]"], True).rows
+        psi = rows[(rows["metric"] == "psi") & (rows["region"] == "chart")]
+        return dict(zip(psi["view"], psi["value"], strict=True)), [f.read_bytes() for f in sorted(out.rglob("*.npz"))]
+
+    run(["dataset=colmap", *words, "metrics=[coverage]"], True)
+    before = [file.read_bytes() for file in sorted(out.rglob("*.npz"))]
+    (first, restored), (second, again) = psi_by_view(4), psi_by_view(12)
+    assert len(before) == 2
+    assert before == restored == again
+    assert first["a.png"] != second["a.png"]

@@ -136,7 +136,7 @@ def restore(
     Raises InputError for options that do not exist, OutputError if files cannot be written, KeyboardInterrupt if it is
     stopped. What is wrong with one photograph is a fault, and the others go on.
     """
-    note = _noted(source, out, options)
+    note = noted(source, out, options)
     dive = alone = _Run([], {}, False)
     with opening_once():
         if source.is_dive:
@@ -167,10 +167,10 @@ def restore(
     return Done(written, faults, instead, dive.has_failed, dive.restored)
 
 
-def _noted(source: Source, out: Path, options: Options) -> Path:
+def noted(source: Source, out: Path, options: Options, again: bool = True) -> Path:
     """Return the note of source and options below `out`: pictures older than it were written with other options.
 
-    Raises InputError if `out` has the pictures of another source.
+    again: also note options that differ. Raises InputError if `out` has the pictures of another source.
     """
     note = out / "work" / "restore.json"
     name = str(source.folder.resolve()) if source.photographs else " ".join(source.dataset)
@@ -179,7 +179,7 @@ def _noted(source: Source, out: Path, options: Options) -> Path:
     of = before.get("source") if isinstance(before, dict) else before
     if before is not None and of != now["source"]:
         raise InputError(f"holds the pictures of {of}", out, "name a new folder")
-    if before != now:
+    if before is None or (again and before != now):
         write_atomically(note, json.dumps(now, indent=1).encode())
     return note
 

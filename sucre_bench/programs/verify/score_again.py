@@ -82,7 +82,8 @@ def metrics_of(bundle: Bundle) -> Callable[[str, str, str], Scorer | str]:
 
 def _options_hash(code: str) -> str:
     """What a metric's code, or that of a row, says of the metric's options; "" where it has none."""
-    return code.rpartition(".")[2].partition("-")[2]
+    of_restoration, _, of_metric = code.partition(".")
+    return (of_metric or of_restoration).partition(".")[0].partition("-")[2]
 
 
 class _Apart:

@@ -333,7 +333,7 @@ class _Check:
                 outcome.unchecked[f"{score.metric} needs the reference or charts of the data"] += 1
                 outcome.needs_data = True
                 return
-            if score.code.partition(".")[2] != scorer.code and score.metric not in outcome.other_versions:
+            if score.code.split(".")[1:2] != [scorer.code] and score.metric not in outcome.other_versions:
                 outcome.other_versions.append(score.metric)
         if is_equal:
             outcome.n_agree += 1

@@ -184,6 +184,23 @@ def test_photographs_that_overlap_are_prepared_and_restored_together(tmp_path: P
     assert bench(*words).returncode == 0
     assert (tmp_path / "out/pictures" / NAMES[0]).stat().st_mtime_ns == first, "nothing is done twice"
 
+    corners = [[10, 10], [60, 10], [60, 50], [10, 50]]
+    images = tmp_path / "out/work/dive/images"
+    image = next(images.rglob("*.png")).relative_to(images).as_posix()
+    chart = json.dumps({"images": {image: {"chart": corners}}})
+    (tmp_path / "out/work/dive/charts.json").write_text(chart)
+    restored = contents(tmp_path / "out/work/results/restored")
+    assert bench(*words).returncode == 0
+    assert contents(tmp_path / "out/work/results/restored") == restored
+    assert (tmp_path / "out/pictures" / NAMES[0]).stat().st_mtime_ns == first, "a chart changes no picture"
+
+    write_image(tmp_path / "more/a.png", seabed(1))
+    write_image(tmp_path / "more/b.png", seabed(1))
+    before = contents(tmp_path / "out")
+    done = bench("restore", "more", "out", "--method", "dive_gray_world")
+    assert done.returncode == 2
+    assert contents(tmp_path / "out") == before, "other photographs are refused before they are prepared"
+
 
 PICTURE = np.random.default_rng(1).integers(0, 65535, (24, 36, 3), dtype=np.uint16)
 PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
