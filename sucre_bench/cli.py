@@ -118,7 +118,6 @@ def _fault(text: str, status: int) -> int:
 SECTIONS: dict[str, dict[str, tuple[str, str]]] = {
     "Is this number comparable?": {
         "score": ("score", "Score a folder of images with any published metric."),
-        "gallery": ("gallery", "Score published outputs beside published numbers."),
     },
     "Restore my dive": {
         "restore": ("restore", "Restore photographs for use: whole pictures with EXIF and GPS."),

@@ -231,7 +231,7 @@ _LOOKED_AT = 1 << 16  # bytes
 
 # What the commands write into a results folder; lineup.yaml, and files that a user puts there, are not among it.
 _FILES = frozenset({"scores.parquet", "common.parquet", "config.yaml", "environment.json", "mlflow.db"})
-_FOLDERS = frozenset({"parts", "restored", "views", "references", "report", "people", "tables", "figures", "pictures"})
+_FOLDERS = frozenset({"parts", "restored", "views", "references", "report", "people", "tables", "figures"})
 _FOLDERS |= {"logs", ".pairs", ".decoded", ".at-work", "mlartifacts"}
 
 

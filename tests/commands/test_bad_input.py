@@ -192,7 +192,6 @@ MISTAKES = {
     "list": ["plugins"],
     "new": ["method", "my-method"],
     "check": ["gray_wrld"],
-    "gallery": ["nowhere", "out"],
     "doctor": ["--jsn"],
     "completion": ["powershell"],
 }

@@ -69,17 +69,11 @@ CASES: dict[str, tuple[str, str, str]] = {
         "project/config.yaml",
         "did not write.*out=",
     ),
-    "scores over a picture of the gallery": (
-        "score dive/images --metrics uciqe --csv results/pictures/u45/lineup.csv",
-        "results/pictures/u45/lineup.csv",
-        "part of a results folder",
-    ),
     "pictures over the photographs": ("restore dive/images dive/images", "dive/images", "photographs"),
     "pictures over an album": ("restore dive/images album", "album", "other files"),
     "pictures beside a thesis": ("restore dive/images mine", "mine", "other files"),
     "pictures where a link leads": ("restore dive/images linked", "linked/pictures", "leads out of the folder;"),
     "a scene over a project": ("prepare dive/images project", "project", "other files"),
-    "a gallery over a project": ("gallery dive project", "project/config.yaml", "did not write"),
 }
 
 
@@ -93,8 +87,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "bundles").mkdir()
     assert run_here(place, "bundle", "results", "bundles/one.zip").returncode == 0
     (place / "published.csv").write_text("image,uciqe\na.png,0.5\nb.png,0.6\n")
-    (place / "results/pictures/u45").mkdir(parents=True)
-    (place / "results/pictures/u45/lineup.csv").write_text("sucre_bench\n")
     others = [f"theirs.{suffix}" for suffix in ("csv", "html", "yaml", "png", "zip")]
     others += [
         "project/config.yaml",

@@ -28,7 +28,7 @@ from sucre_bench.reports.page.dataset_content import Section, cells
 from sucre_bench.reports.page.gallery import WIDTHS, Gallery, Widths
 from sucre_bench.reports.page.plots import CHANNELS, PARAMETERS, Choice, key_of
 from sucre_bench.reports.paper import style
-from sucre_bench.results import layout, published, restoration_rows, with_remedy
+from sucre_bench.results import layout, restoration_rows, with_remedy
 from sucre_bench.results.reasons import unscored, without_view
 from sucre_bench.results.rows import RESTORATION, restorations
 
@@ -73,7 +73,6 @@ def write(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], widths:
         datasets=datasets,
         places=places,
         sweep=_sweep(comparisons, datasets, places) if len(comparisons) > 1 else [],
-        published=published.read(out),
         water_columns=[(f"{symbol} {channel}", unit) for _, symbol, _, unit in PARAMETERS for channel in CHANNELS],
         blocks=gallery.blocks(),
         plotly=_packed(plotly),

@@ -1,7 +1,12 @@
-"""Published outputs, scored beside the numbers that their publications print: `sucre-bench gallery`.
+"""Published outputs, scored beside the numbers that their publications print: the table of docs/paper.md.
 
-conf/gallery.yaml lists the exhibits: repositories with photographs, and with what authors made of them. The files of an
-exhibit are laid out as `dataset=photos` and `method=precomputed` read them, and its line-up is written beside them.
+python benchmarks/published_outputs.py CLONES OUT [NAME ...]
+
+CLONES has clones of the repositories, one folder each; a line says how to get those that are not there. NAME: only
+these exhibits. OUT becomes a results folder, and OUT/published-against-measured.csv has the numbers.
+
+published_outputs.yaml lists the exhibits: repositories with photographs, and with what authors made of them. The files
+of an exhibit are laid out as `dataset=photos` and `method=precomputed` read them. Its line-up is written beside them.
 """
 
 from __future__ import annotations
@@ -10,6 +15,8 @@ import io
 import json
 import os
 import re
+import subprocess
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -17,23 +24,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
+import yaml
 
+from sucre_bench import results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import InputError, SucreBenchError, unknown_name
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import read_rgb, write_png
 from sucre_bench.imaging.reference_images import psnr_of
 from sucre_bench.imaging.resizing import Resizing, resized
-from sucre_bench.jobs.lineup import Entry, LineUp
-from sucre_bench.jobs.run_options import CONF_FOLDER
 from sucre_bench.loading.d5_charts import published_charts
 from sucre_bench.machine import progress
-from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.text_formats import read_yaml
-from sucre_bench.results import layout, published
+from sucre_bench.machine.files import check_folder, check_results_folder, write_atomically
+from sucre_bench.results import layout
 
 PICTURES = "pictures"  # the folder in the results folder that has the files of each exhibit
-_FILE = CONF_FOLDER / "gallery.yaml"
+_FILE = Path(__file__).with_suffix(".yaml")
 _MOST_DB = 100.0  # of a view: equal pictures would make the mean over views infinite
 
 # Where files lie: the name of a view -> a path with * in it, or "{stem}" -> a path with {stem} in it.
@@ -42,7 +49,7 @@ Files = Mapping[str, str]
 
 @dataclass(frozen=True)
 class Number:
-    """A number of a publication, and how to compute it. The keys are those of conf/gallery.yaml."""
+    """A number of a publication, and how to compute it. The keys are those of published_outputs.yaml."""
 
     row: str
     score: str = ""
@@ -58,7 +65,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Exhibit:
-    """Photographs of one repository, and what authors made of them. The keys are those of conf/gallery.yaml."""
+    """Photographs of one repository, and what authors made of them. The keys are those of published_outputs.yaml."""
 
     name: str
     repository: str
@@ -92,7 +99,7 @@ class Exhibit:
 
 def exhibits(names: Sequence[str] = ()) -> list[Exhibit]:
     """Return the exhibits, or those of these names. Raises InputError for an unknown name."""
-    known = read_yaml(_FILE.read_text(encoding="utf-8"))
+    known = yaml.safe_load(_FILE.read_text(encoding="utf-8"))
     common = known.pop("all")
 
     def files(one: Any) -> Files:
@@ -154,15 +161,15 @@ def lay_out(exhibit: Exhibit, repositories: Path, out: Path) -> Path:
         content = json.dumps({"kind": "dgk", "images": images})
         write_atomically(place / "photographs" / "charts.json", content.encode())
     rows = [{**exhibit.output, "label": row, "folder": row} for row in outputs]
-    entries: list[dict[str, Any]] = [{"name": exhibit.photograph}, *rows, *methods]
     forms = list(dict.fromkeys(number.score for number in exhibit.numbers if number.score))
-    line_up = LineUp(
-        (Entry("photos", {"label": exhibit.name, "root": "photographs", **exhibit.dataset}),),
-        tuple(Entry(entry.pop("name"), entry) for entry in entries),
-        tuple(map(Entry, forms or exhibit.metrics)),
-    )
+    line_up = {
+        "datasets": [{"name": "photos", "label": exhibit.name, "root": "photographs", **exhibit.dataset}],
+        "methods": [{"name": exhibit.photograph}, *rows, *methods],
+        "metrics": forms or list(exhibit.metrics),
+    }
     says = f"{exhibit.name}: {len(shown)} photographs of github.com/{exhibit.repository} (licence: {exhibit.licence})"
-    write_atomically(place / "lineup.yaml", line_up.as_yaml(says).encode())
+    text = f"# {says}\n{yaml.safe_dump(line_up, sort_keys=False, allow_unicode=True)}"
+    write_atomically(place / "lineup.yaml", text.encode())
     return place / "lineup.yaml"
 
 
@@ -209,16 +216,12 @@ def compared(rows: DataFrame, out: Path) -> DataFrame:
 
     rows: the score table of `out`, which may have exhibits of earlier commands. A number without a score is left out.
     """
-    import pandas as pd
-
     shown = [exhibit for exhibit in exhibits() if exhibit.name in set(rows["dataset"])]
     lines = (line for exhibit in shown for number in exhibit.numbers for line in _line(exhibit, number, rows, out))
-    return pd.DataFrame(lines, columns=published.HEADS)
+    return pd.DataFrame(lines)
 
 
 def _line(exhibit: Exhibit, number: Number, rows: DataFrame, out: Path) -> Iterator[dict[str, Any]]:
-    import pandas as pd
-
     metric, _, variant = number.score.partition(":")
     if number.against:
         values = pd.Series(_agreement(exhibit, number, out), dtype=float)
@@ -275,3 +278,27 @@ def _agreement(exhibit: Exhibit, number: Number, out: Path) -> dict[str, float]:
         except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as fault:  # SyntaxError: a damaged PNG
             progress.say(f"{exhibit.name}: {number.row} is not compared with {path.name}: {fault}")
     return found
+
+
+def main(repositories: Path, out: Path, names: Sequence[str]) -> None:
+    """Lay out, run and compare the exhibits; print and write the table. Exit with 1 if a run failed."""
+    check_folder(repositories, "give the folder that has the clones")
+    check_results_folder(out)
+    failed = False
+    for exhibit in exhibits(names):
+        try:
+            line_up = lay_out(exhibit, repositories, out)
+        except InputError as fault:
+            print(f"{exhibit.name} is left out: {fault}")
+            continue
+        command = str(Path(sys.executable).with_name("sucre-bench"))
+        words = [command, "run", str(line_up), f"out={out}", "tracking.uri=off"]
+        failed |= subprocess.run(words, check=False).returncode != 0
+    table = compared(results.read(out), out)
+    table.to_csv(out / "published-against-measured.csv", index=False)
+    print(table.to_string(index=False))
+    sys.exit(failed)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3:])
