@@ -16,12 +16,14 @@ This module imports numba; only passes.opened imports this module.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numba
 import numpy as np
 
 from sucre_bench.arrays import Array
+from sucre_bench.machine.compute import compile_loop
 from sucre_bench.methods.sucre.model import LEAST
 from sucre_bench.methods.sucre.passes import DARKEST, WALL, Block, colours
 from sucre_bench.multiview.observations import Observations
@@ -29,7 +31,7 @@ from sucre_bench.multiview.observations import Observations
 # Sums may be reordered and products fused, else no sum becomes vector instructions; NaN and infinity keep their
 # meaning, so that a water out of the range of numbers is seen as such.
 _FAST = {"reassoc", "contract", "nsz", "arcp"}
-_loop = numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+_loop = partial(compile_loop, fastmath=_FAST)
 
 # Always inlined. A standalone function can be compiled several times with different rounding, and the load order would
 # decide which one runs.

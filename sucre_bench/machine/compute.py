@@ -8,6 +8,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -24,22 +25,26 @@ def usable_cores() -> int:
 
 @functools.cache
 def compiled(loop: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a module's function compiled by numba, imported here and not before; the result is cached on disk if
-    there is a place.
+    """Return a module's function compiled by numba, imported here and not before; see `compile_loop`."""
+    return compile_loop(loop)
+
+
+def compile_loop(loop: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+    """Return a function compiled by numba; the result is cached on disk if there is a place. options: of numba.njit.
 
     The first compilation of a process is announced in one line. Code that is read from the disk is not compiled.
     The function uses no threads: its callers are threads, and numba's default threading layer allows one caller only.
     """
     with warnings.catch_warnings(record=True) as faults:
         import numba
+
+        from sucre_bench.machine.compiled_code import CheckedCache
     for fault in faults:  # an environment variable that is no number, with a traceback
         _tell(f"{str(fault.message).splitlines()[0].rstrip('.')}; correct it, or unset it")
     _announce_compiling()
-    made: Callable[..., Any]
-    try:
-        made = numba.njit(nogil=True, cache=True, error_model="numpy")(loop)
-    except RuntimeError:  # neither the folder of the package nor the user's cache can be written
-        made = numba.njit(nogil=True, error_model="numpy")(loop)
+    made: Callable[..., Any] = numba.njit(nogil=True, error_model="numpy", **options)(loop)
+    with suppress(RuntimeError):  # neither the folder of the package nor the user's cache can be written
+        vars(made)["_cache"] = CheckedCache(loop)
     return made
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import runpy
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -101,6 +103,33 @@ def test_a_loop_is_compiled_where_no_place_can_keep_it():
     names: dict[str, Any] = {}
     exec("def double(x):\n    return 2 * x\n", names)  # has no file, so numba finds no place beside it
     assert compiled(names["double"])(21) == 42
+
+
+DAMAGES: dict[str, Callable[[bytes], bytes]] = {
+    "cut": lambda content: content[: len(content) // 2],
+    "empty": lambda content: b"",
+    "zeros": lambda content: bytes(len(content)),
+    "a bit near its end": lambda content: content[:-40] + bytes([content[-40] ^ 1]) + content[-39:],
+}
+
+
+def test_damaged_files_of_compiled_code_are_made_again(tmp_path: Path):
+    (tmp_path / "loops.py").write_text("def double(x):\n    return 2 * x\n")
+
+    def doubled() -> tuple[float, bool]:
+        """What a loop of a new process gives, and whether its code was read from the disk."""
+        loop: Any = compiled(runpy.run_path(str(tmp_path / "loops.py"))["double"])
+        return loop(21.0), bool(loop.stats.cache_hits)
+
+    assert doubled() == (42, False)
+    assert doubled() == (42, True)
+    files = [path for path in tmp_path.rglob("*") if path.suffix in (".nbi", ".nbc")]
+    assert len(files) == 2
+    for file in files:
+        for damage in DAMAGES.values():
+            file.write_bytes(damage(file.read_bytes()))
+            assert doubled() == (42, False)
+            assert doubled() == (42, True)
 
 
 @pytest.fixture
