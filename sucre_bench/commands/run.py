@@ -22,7 +22,7 @@ from sucre_bench.machine.terminal import say
 @shared.flag("-m", "--multirun", help="Run every combination of comma-separated values.")
 @shared.plugin_files_option
 @shared.flag("--cfg", help="Print the configuration of all jobs and stop.")
-@shared.flag("--dry-run", help="Print jobs, views, and the expected time, memory and disk, and stop.")
+@shared.flag("--dry-run", help="Print jobs, views, and the expected time, and stop.")
 @shared.json_option
 def run(
     overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...], cfg: bool, dry_run: bool, as_json: bool
@@ -89,7 +89,7 @@ def run(
 
         with printed:
             found = forecast(overrides, multirun)
-        shared.print_json(asdict(found)) if as_json else run_forecast.show(found)
+        shared.print_json([asdict(one) for one in found]) if as_json else run_forecast.show(found)
         return
     from sucre_bench.commands import run_summary
     from sucre_bench.engine.run import run as run_jobs

@@ -50,7 +50,7 @@ class Shard:
 
 # Each is a function in `reports.paper`.
 Figure = Literal[
-    "against", "between_views", "charts", "hue", "pictures", "residuals", "scaling", "scores", "seams", "swatches",
+    "against", "charts", "hue", "pictures", "residuals", "scaling", "scores", "seams", "swatches",
     "validity", "water",
 ]  # fmt: skip
 FIGURES: tuple[Figure, ...] = get_args(Figure)

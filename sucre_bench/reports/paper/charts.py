@@ -1,4 +1,4 @@
-"""The figures over distance: charts, swatches and hue (of colour charts), between_views (of points in several views).
+"""The figures over distance, of colour charts: charts, swatches and hue.
 
 A dot is the mean over charts that are about equally far, at most eight such places.
 """
@@ -26,7 +26,6 @@ _CHART = ["dataset", "scene", "view", "chart"]
 _PLACES = 8
 _SWATCHES = 18  # no more are wide enough for their number
 _HUES = 24  # panels of a figure
-_RANGE = r"image/([\d.]+)-([\d.]+) m"
 
 
 def charts(results: StudyResults) -> Iterator[Drawn]:
@@ -51,28 +50,6 @@ def charts(results: StudyResults) -> Iterator[Drawn]:
         placed = placed.assign(place=placed["place"] + step * shift)
         about = "distance of the chart (m); bars: standard deviation over its patches"
         yield (name,), _over_places(placed[~is_patch], about, placed[is_patch])
-
-
-def between_views(results: StudyResults) -> Iterator[Drawn]:
-    """Draw how much the colour of a point changes between views, over the difference of its distances from them.
-
-    What a perfect restorer leaves does not depend on the distance: a flat line. A dot is the mean over views, at the
-    middle of a range of differences. Needs a metric of the role change-with-distance. Yields a figure per dataset, a
-    panel per metric and variant.
-    """
-    rows = scores_of(results.rows, "change-with-distance")
-    ends = rows["region"].str.extract(_RANGE).astype(float)
-    rows = rows.assign(place=ends.mean(axis=1))[ends.notna().all(axis=1)]
-    if rows.empty:
-        raise NotApplicableError(f"no scores of several restored views; {adding('change-with-distance')}")
-    for name, of_dataset in style.each_dataset(rows):
-        figure = _over_places(of_dataset, "difference of a point's distances from the two cameras (m)")
-        ranges = of_dataset.drop_duplicates("place").sort_values("place")
-        for panel in figure.axes:
-            panel.set_xscale("log", base=2)
-            panel.set_xticks(ranges["place"], ranges["region"].str.extract("image/(.*) m")[0])
-            panel.minorticks_off()
-        yield (name,), figure
 
 
 def _over_places(scores: DataFrame, below: str, patches: DataFrame | None = None) -> Figure:

@@ -38,8 +38,6 @@ PALETTE = (
 # Of the channels of an image.
 CHANNELS = {"red": "#D55E00", "green": "#009E73", "blue": "#0072B2"}
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "p")
-# With this one, the methods of conf/experiment/table1.yaml fall on colours of their own, whichever of them are shown.
-_SALT = (102074354).to_bytes(4, "little")
 
 
 class Look(NamedTuple):
@@ -58,7 +56,7 @@ def look() -> AbstractContextManager[None]:
 
 def own_look(method: str) -> Look:
     """Return a method's own colour and marker, which it has wherever no other method of a figure wants that colour."""
-    place = int.from_bytes(hashlib.blake2b(method.encode(), digest_size=8, salt=_SALT).digest(), "little")
+    place = int.from_bytes(hashlib.blake2b(method.encode(), digest_size=8).digest(), "little")
     return Look(PALETTE[place % len(PALETTE)], MARKERS[place // len(PALETTE) % len(MARKERS)])
 
 

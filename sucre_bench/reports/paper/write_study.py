@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 # results and the files of the results folder.
 MODULES = {
     **dict.fromkeys(("scores", "against", "validity"), "scores"),
-    **dict.fromkeys(("charts", "between_views", "swatches", "hue"), "charts"),
+    **dict.fromkeys(("charts", "swatches", "hue"), "charts"),
     **dict.fromkeys(("pictures", "seams"), "pictures"),
     **dict.fromkeys(("residuals", "scaling", "water"), "fits"),
 }

@@ -11,11 +11,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 from PIL import Image
 from support.made_results import drawn, row
 
-import sucre_bench
 from sucre_bench import compare
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper import style
@@ -40,13 +38,6 @@ def test_a_method_has_one_colour_and_marker_whatever_stands_beside_it():
     for name, look in style.looks(NAMES[:12]).items():
         assert look == own[name] or wanted.count(own[name].colour) > 1
     assert sum(look == own[name] for name, look in style.looks(NAMES[:12]).items()) == len(set(wanted))
-
-
-def test_methods_that_are_compared_most_never_give_way():
-    table1 = Path(sucre_bench.__file__).parent / "conf/experiment/table1.yaml"
-    methods = yaml.safe_load(table1.read_text())["methods"]
-    assert len(methods) == 20
-    assert all(own.colour == style.own_look(name).colour for name, own in style.looks(methods).items())
 
 
 def test_methods_of_one_figure_have_colours_of_their_own_while_there_are_enough():

@@ -1,4 +1,4 @@
-"""The figures residuals, scaling, seams and between_views, against the rows and files that they are drawn from."""
+"""The figures residuals, scaling and seams, against the rows and files that they are drawn from."""
 
 import json
 from pathlib import Path
@@ -183,22 +183,3 @@ def test_seams_are_drawn_beside_the_photograph_with_the_worst_enlarged(stitched:
 def test_where_no_method_changed_the_photograph_there_is_nothing_to_draw(stitched: pd.DataFrame, tmp_path: Path):
     with pytest.raises(NotApplicableError, match="seams"):
         drawn("seams", stitched[stitched["method"] == "same"], tmp_path)
-
-
-def test_a_points_change_of_colour_is_drawn_over_the_difference_of_distance(tmp_path: Path) -> None:
-    """Lines at the middles of the ranges, each the mean over views; scores of the whole image are not drawn."""
-    scores = {"image": 9.0, "image/0-0.25 m": 1.0, "image/0.25-0.5 m": 2.0, "image/1-2 m": 4.0}
-    about = {"metric": "consistency", "variant": "patches", "unit": "dE00"}
-    rows = frame(
-        row(method=method, view=view, region=region, value=value + bias + add, **about)
-        for method, bias in (("flat", 0.0), ("worse", 1.0))
-        for view, add in (("a.png", -0.5), ("b.png", 0.5))
-        for region, value in scores.items()
-    )
-    ((suffix, figure),) = drawn("between_views", rows).items()
-    assert suffix == ""
-    lines = {line.get_label(): line.get_xydata() for line in figure.axes[0].get_lines()}
-    assert lines["flat"].tolist() == [[0.125, 1], [0.375, 2], [1.5, 4]]
-    assert lines["worse"][:, 1].tolist() == [2, 3, 5]
-    with pytest.raises(NotApplicableError, match="consistency"):
-        drawn("between_views", rows[rows["region"] == "image"])
