@@ -142,17 +142,19 @@ def not_before(time: str) -> None:
         _latest = max(_latest, given if given.tzinfo else given.replace(tzinfo=UTC))
 
 
-_IN_ADDRESS = re.compile(r"(?<=://)([^\s/@:'\"]*):[^\s/'\"]*@")
-_IN_QUERY = re.compile(r"([?&](?:password|passwd|pwd|token|secret|api_?key)=)[^\s&'\"]+", re.IGNORECASE)
+# An address, up to a blank, a bracket or a quote. A password before the last "@" may hold those, and "/", "?" and "#".
+_ADDRESS = re.compile(r"://(?:(?!/)\S*@)?[^\s'\"<>()]*")
+_USER = re.compile(r"^://(?!/).*@")
+_VALUE = re.compile(r"(?<=[?&;#])([^=&;#]*=)?[^&;#]+")
 
 
 def masked(text: str) -> str:
-    """Return text with "***" for the password of every address in it.
+    """Return text with "***" for all of its addresses that may be secret: user, password, and values after "?" or "#".
 
     >>> masked("postgresql://me:secret@host/runs?token=abc")
-    'postgresql://me:***@host/runs?token=***'
+    'postgresql://***@host/runs?token=***'
     """
-    return _IN_QUERY.sub(r"\1***", _IN_ADDRESS.sub(r"\1:***@", text))
+    return _ADDRESS.sub(lambda found: _VALUE.sub(r"\1***", _USER.sub("://***@", found[0])), text)
 
 
 def keep_traceback(log: Path | None, where: str) -> None:

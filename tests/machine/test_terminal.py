@@ -117,12 +117,17 @@ def test_an_interrupted_file_is_the_old_one_and_nothing_is_left_beside_it(tmp_pa
 @pytest.mark.parametrize(
     ("address", "shown"),
     [
-        ("postgresql://me:pa:ss@host:5432/runs", "postgresql://me:***@host:5432/runs"),
-        ("http://:secret@host", "http://:***@host"),
-        ("https://host/x?token=abc&page=2", "https://host/x?token=***&page=2"),
-        ("sqlite:////home/me/mlflow.db", "sqlite:////home/me/mlflow.db"),
-        ("http://host:5000/#/experiments", "http://host:5000/#/experiments"),
-        ("me@host.org, see https://host:80/a@b", "me@host.org, see https://host:80/a@b"),
+        ("postgresql://me:pa:ss@host:5432/runs", "postgresql://***@host:5432/runs"),
+        ("http://:secret@host", "http://***@host"),
+        ("http://token@host:5000", "http://***@host:5000"),
+        ("http://me:a/b@c?d#e'f@host:5000", "http://***@host:5000"),
+        ("https://host/x?token=abc&page=2", "https://host/x?token=***&page=***"),
+        ("https://host/x?abc", "https://host/x?***"),
+        ("https://host/x?X-Amz-Signature=a=b;c=d", "https://host/x?X-Amz-Signature=***;c=***"),
+        ("https://host/#access_token=abc", "https://host/#access_token=***"),
+        ("sqlite:////home/me@lab/mlflow.db", "sqlite:////home/me@lab/mlflow.db"),
+        ("http://host:5000/runs", "http://host:5000/runs"),
+        ("me@host.org, see (https://host:80/a) or b@c", "me@host.org, see (https://host:80/a) or b@c"),
     ],
 )
 def test_a_password_is_masked_and_nothing_else(address: str, shown: str):
