@@ -2,7 +2,8 @@
 
 root/images/<name>          8- or 16-bit PNG, TIFF or JPEG; sub-folders and many cameras are fine
 root/sparse/ or sparse/0/   cameras and images, .bin or .txt, PINHOLE or SIMPLE_PINHOLE
-root/depths/                optional: depth_<stem>.png and other forms, see `loading.depth_maps`
+root/depths/                optional: depth_<stem>.png and other forms, see `loading.depth_maps`; or COLMAP's own
+                            stereo/depth_maps/<name>.geometric.bin, else .photometric.bin
 root/reference/<name>       optional: the image without water
 root/charts.json            optional: colour charts, see `sucre_bench.loading.charts_file`
 
@@ -37,7 +38,7 @@ class Colmap(ImageScaleOption):
     images: str = "images"
     """Folder of the images, in root; undistorted ones, unless `undistort` is given."""
     depths: str = "depths"
-    """Folder of the depth maps, in root; need not exist."""
+    """Folder of the depth maps, in root; need not exist. Without it, COLMAP's stereo/depth_maps is read."""
     sparse: str = "sparse"
     """Folder of the COLMAP model, in root; its sub-folder 0 is tried too."""
     reference: str = "reference"
@@ -60,7 +61,10 @@ class Colmap(ImageScaleOption):
         images, sparse, depths, references = (
             chosen(self, root, option, "folder") for option in ("images", "sparse", "depths", "reference")
         )
-        posed = read_model(sparse, images, distorted=self.undistort)
+        if not depths.is_dir():
+            depths = root / "stereo" / "depth_maps"
+        remedy = "" if self.undistort else "add dataset.undistort=true,"
+        posed = read_model(sparse, images, self.undistort, remedy)
         names = [image.name for image in posed]
         if not any((images / name).is_file() for name in names):
             fault = f"none of the model's {len(names)} images is there, not even {names[0]}"

@@ -18,6 +18,7 @@ import csv
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ import numpy as np
 from sucre_bench import Camera, dataset
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, MissingFileError
-from sucre_bench.loading.depth_maps import read_16_bit
+from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.find_folders import existing, folders_below, scene_name
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scene_of
@@ -89,7 +90,7 @@ class Varos(ImageScaleOption):
                     lens,
                     poses.get(frame),
                     beside["D"].get(frame),
-                    _read_depth,
+                    partial(read_depth, unit=_FAR_M / _FAR_VALUE),
                     reference=beside["B"].get(frame),
                 )
                 for frame, path in sorted(images.items())
@@ -118,11 +119,6 @@ def _beside(folder: Path, root: Path, name: str) -> Path:
             if path.is_file():
                 return path
     raise MissingFileError(f"no such file, nor above, up to {root}", folder / name, "copy it from the download")
-
-
-def _read_depth(path: Path) -> Array:
-    values = read_16_bit(path, "shares of 25 m")
-    return np.where(values < _FAR_VALUE, values.astype(np.float32) * np.float32(_FAR_M / _FAR_VALUE), np.float32(0))
 
 
 # -- the camera and its poses ------------------------------------------------------------------------------

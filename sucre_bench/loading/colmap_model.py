@@ -66,12 +66,12 @@ _ImageRow = tuple[tuple[float, ...], int, str]  # qw qx qy qz tx ty tz, camera i
 _Row = TypeVar("_Row")
 
 
-def read_model(sparse: Path, images: Path, distorted: bool = False) -> list[Posed]:
+def read_model(sparse: Path, images: Path, distorted: bool = False, remedy: str = "") -> list[Posed]:
     """Return the registered images of the model in `sparse` or `sparse`/0, ordered by name.
 
-    images: the image folder, for the remedy in messages; distorted: accept distorted cameras. Raises InputError if
-    there is no model, if it cannot be read or is empty. Also if a camera is distorted and not accepted, of an unknown
-    model, or cannot be undistorted, or if an image name occurs twice or leaves the folder.
+    images: the image folder, for messages; distorted: accept distorted cameras; remedy: what accepts them. Raises
+    InputError if there is no model, if it cannot be read or is empty. Also if a camera is distorted and not accepted,
+    of an unknown model, or cannot be undistorted, or if an image name occurs twice or leaves the folder.
     """
     places = [(folder, suffix) for folder in (sparse, sparse / "0") for suffix in (".bin", ".txt")]
     pairs = ((folder / f"cameras{suffix}", folder / f"images{suffix}") for folder, suffix in places)
@@ -83,7 +83,7 @@ def read_model(sparse: Path, images: Path, distorted: bool = False) -> list[Pose
     paths = {"image": images, "input": cameras_file.parent, "output": sparse.parent / "undistorted"}
     given = " ".join(f"--{name}_path {shlex.quote(str(path))}" for name, path in paths.items())
     undistort = f"colmap image_undistorter {given} --output_type COLMAP"
-    cameras = _read_cameras(cameras_file, distorted, undistort)
+    cameras = _read_cameras(cameras_file, distorted, f"{remedy} or undistort: {undistort}".removeprefix(" or "))
     posed: dict[str, Posed] = {}
     for pose, number, name in _rows(images_file, _binary_images if images_file.suffix == ".bin" else _text_images):
         place = f"{images_file}: image '{name}'"
@@ -101,15 +101,15 @@ def read_model(sparse: Path, images: Path, distorted: bool = False) -> list[Pose
     return [posed[name] for name in sorted(posed)]
 
 
-def _read_cameras(file: Path, distorted: bool, undistort: str) -> dict[int, tuple[Camera, Lens | None]]:
-    """Return each camera, undistorted, with its lens if that distorts. undistort: the remedy for one not accepted."""
+def _read_cameras(file: Path, distorted: bool, remedy: str) -> dict[int, tuple[Camera, Lens | None]]:
+    """Return each camera, undistorted, with its lens if that distorts. remedy: for one not accepted."""
     cameras: dict[int, tuple[Camera, Lens | None]] = {}
     read = _binary_cameras if file.suffix == ".bin" else _text_cameras
     for number, model, width, height, parameters in _rows(file, read):
         place = f"{file}: camera {number}"
         if model not in (_PARAMETERS if distorted else _PINHOLE):
             usable = "of these distortions none is known here" if distorted else "only pinhole cameras can be used"
-            raise InputError(f"{place} is {model}, {usable}; undistort: {undistort}")
+            raise InputError(f"{place} is {model}, {usable}; {remedy}")
         focals = parameters[: 1 if model in _ONE_FOCAL else 2]
         is_size = 0 < min(width, height) <= max(width, height) <= 1e6  # what `Camera` takes
         if not (is_size and min(focals) > 0 and all(abs(value) <= 1e9 for value in parameters)):
@@ -119,7 +119,7 @@ def _read_cameras(file: Path, distorted: bool, undistort: str) -> dict[int, tupl
         if model in _PINHOLE:
             cameras[number] = (lens.camera, None)
         elif lens.fault:
-            raise InputError(f"{place} is {model} with parameters {parameters}, {lens.fault}; undistort: {undistort}")
+            raise InputError(f"{place} is {model} with parameters {parameters}, {lens.fault}; {remedy}")
         else:
             cameras[number] = (lens.pinhole, lens)
     return cameras

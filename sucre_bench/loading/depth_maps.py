@@ -1,14 +1,15 @@
 """Finds and reads depth maps: planar depth along the optical axis, in metres, 0 where unknown.
 
-The map of image ``sub/a.jpg`` is ``sub/depth_a``, ``sub/deptha`` or ``sub/a`` in the depth folder, or else one of
-these names at its top: a .png (16-bit millimetres), .tif, .tiff (float metres, 16-bit floats too), .npy, .npz or .exr
-(float metres, by the optional package OpenEXR: OpenCV's wheels, tifffile, Pillow and imageio do not read it). A map
-that could belong to two images is used for neither.
+The map of image ``sub/a.jpg`` is ``sub/a.jpg``, ``sub/depth_a``, ``sub/deptha`` or ``sub/a`` in the depth folder, or
+else one of these names at its top, with a suffix of `_READERS`. Whole numbers are millimetres, floats metres. 65535 of
+16 bits, and a largest value that repeats far beyond all others, mean "unknown". A map that could belong to two images
+is used for neither.
 """
 
+import functools
 import importlib
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -18,9 +19,12 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import check_pixels, decode, read_array, read_tiff, same_shape
 from sucre_bench.loading.find_folders import only, walk
 from sucre_bench.machine.files import reading, regular
+from sucre_bench.machine.progress import say
 
-_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr")
 _FARTHEST_M = 1000.0
+_NONE = 65535  # of 16 bits
+_REPEATS, _BEYOND = 0.001, 8.0  # share of the pixels, and factor above the next value, of one that means "unknown"
+_FILTERED, _RAW = ".geometric.bin", ".photometric.bin"  # of COLMAP: of two maps of an image the first is taken
 
 
 def find_depths(folder: Path, names: Sequence[str]) -> dict[str, Path | str]:
@@ -32,15 +36,15 @@ def find_depths(folder: Path, names: Sequence[str]) -> dict[str, Path | str]:
     there = defaultdict[str, list[str]](list)  # files, by path without suffix
     for place, _, files in walk(folder):
         for file in files:
-            path = (place / file).relative_to(folder)
-            if path.suffix.lower() in _SUFFIXES:
-                there[path.with_suffix("").as_posix()].append(path.as_posix())
+            path = (place / file).relative_to(folder).as_posix()
+            if suffix := depth_suffix(file):
+                there[path[: -len(suffix)]].append(path)
     claims: dict[str, list[tuple[int, str]]] = defaultdict(list)  # the file -> who may own it, how closely named
     nearest: dict[str, str] = {}
     for name in names if there else ():
         image = PurePosixPath(name)
         places = dict.fromkeys(("" if (parent := str(image.parent)) == "." else f"{parent}/", ""))
-        stems = (f"depth_{image.stem}", f"depth{image.stem}", image.stem)  # the closest name first
+        stems = (image.name, f"depth_{image.stem}", f"depth{image.stem}", image.stem)  # the closest name first
         for rank, stem in enumerate(place + stem for place in places for stem in stems):
             if stem in there:
                 claims[stem].append((rank, name))
@@ -53,7 +57,8 @@ def find_depths(folder: Path, names: Sequence[str]) -> dict[str, Path | str]:
     for name, stem in nearest.items():
         closest = min(claims[stem])[0]
         owners = sorted(owner for rank, owner in claims[stem] if rank == closest)
-        maps = [folder / file for file in sorted(there[stem])]
+        raw = {file.replace(_FILTERED, _RAW) for file in there[stem] if _FILTERED in file}
+        maps = [folder / file for file in sorted({*there[stem]} - raw)]
         if name not in owners:
             continue  # it is the map of another image
         if len(owners) > 1:
@@ -64,17 +69,52 @@ def find_depths(folder: Path, names: Sequence[str]) -> dict[str, Path | str]:
     return found
 
 
-def read_depth(path: Path) -> Array:
-    """Return the depth map in a file, (H, W) float32 in metres. Raises InputError if it cannot be read."""
-    suffix = path.suffix.lower()
-    if suffix == ".png":
-        return np.asarray(read_16_bit(path, "millimetres").astype(np.float32) / 1000)
-    if suffix == ".exr":
-        return _read_exr(path)
-    values = read_numbers(path) if suffix in (".npy", ".npz") else _read_tiff(path)
-    if values.dtype.kind != "f" or values.ndim != 2:
-        raise InputError(f"is {_kind(values)}", path, "expected float metres in one channel (16-bit millimetres: .png)")
-    return values.astype(np.float32)
+def depth_suffix(name: str) -> str:
+    """Return the suffix by which a file's name is taken for a depth map's, as it is written; empty if there is none."""
+    return next((name[-len(suffix) :] for suffix in _READERS if name.lower().endswith(suffix)), "")
+
+
+def read_depth(path: Path, unit: float | None = None) -> Array:
+    """Return the depth map in a file, (H, W) float32 in metres. Raises InputError if it cannot be read.
+
+    unit: metres in a unit of the stored values, whose kind then does not count.
+    """
+    values = stored_map(path)
+    if values.dtype.itemsize == 1 or values.ndim != 2:
+        raise _unusable(values, path)
+    metres = values.astype(np.float32)
+    if unit is not None:
+        return np.asarray(metres * np.float32(unit))
+    return metres if values.dtype.kind == "f" else np.asarray(metres / np.float32(1000))
+
+
+def stored_map(path: Path) -> np.ndarray:
+    """Return the values in a depth map's file, without axes of length one, 0 where they mean "unknown".
+
+    Raises InputError if it cannot be read.
+    """
+    values = _READERS[depth_suffix(path.name).lower()](path)
+    if values.dtype.kind not in "fiu":
+        raise _unusable(values, path)
+    values = np.squeeze(values) if values.ndim > 2 else values
+    top = values.max(initial=0, where=np.isfinite(values))
+    is_top = values == top
+    below = values.max(initial=0, where=np.isfinite(values) & ~is_top)
+    repeats = is_top.sum() > max(1, _REPEATS * values.size)
+    if (values.dtype == np.uint16 and top == _NONE) or (repeats and top > _BEYOND * below > 0):
+        _say_none(path.parent, float(top))
+        return np.where(is_top, 0, values).astype(values.dtype)
+    return values
+
+
+def _unusable(values: np.ndarray, path: Path) -> InputError:
+    fault = f"is {values.dtype} of shape {'x'.join(map(str, values.shape))}"
+    return InputError(fault, path, "expected float metres or 16-bit millimetres in one channel")
+
+
+@functools.cache  # once a folder
+def _say_none(folder: Path, value: float) -> None:
+    say(f"{folder}: {value:g} in depth maps is taken for no depth")
 
 
 def read_numbers(path: Path) -> np.ndarray:
@@ -114,30 +154,29 @@ def fitted(metres: Array, size: tuple[int, int], path: Path) -> Array:
     return np.asarray(cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT))
 
 
-def read_16_bit(path: Path, of: str = "values") -> np.ndarray:
-    """Return an image of one channel (H, W) uint16. Raises InputError for any other, asking for 16-bit `of`."""
+def _read_picture(path: Path) -> np.ndarray:
     import cv2
 
-    values = decode(path, cv2.IMREAD_UNCHANGED)
-    if values.dtype != np.uint16 or values.ndim != 2:
-        raise InputError(f"is {_kind(values)}", path, f"expected 16-bit {of} in one channel")
-    return values
+    return decode(path, cv2.IMREAD_UNCHANGED)
+
+
+def _read_colmap(path: Path) -> np.ndarray:
+    """Read a dense map of COLMAP: "width&height&channels&", and float32 values by rows, one channel after the other."""
+    with reading(path, "copy it again"):
+        *sides, content = regular(path).read_bytes().split(b"&", 3)
+        width, height, channels = map(int, sides)
+        check_pixels(path, (height, width), channels)
+        return np.frombuffer(content, "<f4").reshape(channels, height, width)
 
 
 def _read_tiff(path: Path) -> np.ndarray:
-    import cv2
-
     with reading(path, "copy it again"):
         try:
             return read_tiff(path)
         except Exception as fault:
             if "imagecodecs" not in str(fault):
                 raise
-            return decode(path, cv2.IMREAD_UNCHANGED)  # a compression for which tifffile needs another package
-
-
-def _kind(values: np.ndarray) -> str:
-    return f"{values.dtype} of shape {'x'.join(map(str, values.shape))}"
+            return _read_picture(path)  # a compression for which tifffile needs another package
 
 
 _DEPTH = ("Z", "V", "Y", "depth", "R")  # channels that programs store depth in, the likeliest first
@@ -164,3 +203,14 @@ def _read_exr(path: Path) -> Array:
     if name is None or channels[name].ndim != 2 or channels[name].dtype.kind != "f":
         raise InputError(f"has channels {', '.join(channels)}", path, "write float depth into one channel, Z")
     return np.asarray(channels[name], dtype=np.float32)
+
+
+# OpenEXR needs a package of its own: OpenCV's wheels, tifffile, Pillow and imageio do not read it.
+_READERS: Mapping[str, Callable[[Path], np.ndarray]] = {
+    **dict.fromkeys((".png", ".pfm"), _read_picture),
+    **dict.fromkeys((".tif", ".tiff"), _read_tiff),
+    **dict.fromkeys((".npy", ".npz"), read_numbers),
+    **dict.fromkeys((_FILTERED, _RAW), _read_colmap),
+    ".exr": _read_exr,
+}
+DEPTH_SUFFIXES = tuple(_READERS)

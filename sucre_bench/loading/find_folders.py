@@ -125,13 +125,13 @@ def only(paths: Sequence[Path], remedy: str = "keep one of them") -> Found:
 
 
 class ImageFolder:
-    """The images in a folder and its sub-folders."""
+    """The images in a folder and its sub-folders, or its files of other suffixes too."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, suffixes: tuple[str, ...] = SUFFIXES) -> None:
         self._folder, self._by_stem = folder, defaultdict[str, list[str]](list)
         for place, _, names in walk(folder):
             for name in names:
-                if name.lower().endswith(SUFFIXES):
+                if name.lower().endswith(suffixes):
                     relative = (place / name).relative_to(folder).as_posix()
                     self._by_stem[without_suffix(name).lower()].append(relative)
 

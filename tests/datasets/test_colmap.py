@@ -215,6 +215,15 @@ def test_float_tiffs_of_other_programs_are_read(tmp_path: Path, kind: str) -> No
     np.testing.assert_allclose(load(tmp_path)["a.png"].depth, metres, rtol=tolerance)
 
 
+def test_the_folder_of_colmaps_dense_step_is_read_as_it_is(tmp_path: Path) -> None:
+    wanted = load(write_dive(tmp_path))["a.png"].depth
+    shutil.rmtree(tmp_path / "depths")
+    (tmp_path / "stereo/depth_maps").mkdir(parents=True)
+    maps = tmp_path / "stereo/depth_maps/a.png.geometric.bin"
+    maps.write_bytes(f"{WIDTH}&{HEIGHT}&1&".encode() + wanted.astype("<f4").tobytes())
+    np.testing.assert_array_equal(load(tmp_path)["a.png"].depth, wanted)
+
+
 def test_what_is_not_finite_in_a_depth_map_becomes_0(tmp_path: Path) -> None:
     write_dive(tmp_path)
     (tmp_path / "depths" / "depth_a.png").unlink()

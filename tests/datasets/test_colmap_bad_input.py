@@ -220,7 +220,7 @@ VIEW: dict[str, tuple[str, Change, list[str]]] = {
     "depth all NaN": ("depth", depth_npy(np.nan * METRES), ["depth_a.npy: no pixel has a depth"]),
     "depth negative": ("depth", depth_npy(-METRES), ["depth_a.npy: depth -2.5 m is negative", "write 0"]),
     "depth in mm": ("depth", depth_npy(1000 * METRES), ["depth_a.npy: depth up to 2500 m", "divide by 1000"]),
-    "depth of integers": ("depth", depth_npy(depth_mm()), ["depth_a.npy: is uint16", "float metres"]),
+    "depth of 8 bits": ("depth", depth_npy(depth_mm().astype("u1")), ["depth_a.npy: is uint8", "float metres"]),
     "depth of another shape": ("depth", depth_npy(METRES[:20]), ["depth_a.npy", "40x20", "a size that cannot match"]),
     "depth pickled": (
         "depth",

@@ -152,7 +152,7 @@ def test_what_is_wrong_with_one_view_leaves_the_other_alone(tmp_path: Path) -> N
         _ = first.rgb
     with pytest.raises(InputError, match=r"frame 7\b"):
         _ = first.reference
-    with pytest.raises(InputError, match=r"uint8 .*18x32.*16-bit.*25 m"):
+    with pytest.raises(InputError, match=r"uint8 .*18x32.*16-bit"):
         _ = first.depth
     assert second.rgb.shape == (18, 32, 3)
     assert second.reference is not None

@@ -21,10 +21,10 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import depth_at, scaled_camera
 from sucre_bench.engine.python_api import load_scenes
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.image_files import decode, same_shape
+from sucre_bench.imaging.image_files import same_shape
 from sucre_bench.jobs.catalogue import recognised
 from sucre_bench.loading.colmap_model import Posed, read_model
-from sucre_bench.loading.depth_maps import find_depths, read_depth, read_numbers
+from sucre_bench.loading.depth_maps import find_depths, stored_map
 from sucre_bench.loading.find_folders import ImageFolder
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.progress import say, track
@@ -169,13 +169,7 @@ def _misfit(error: float) -> str:
 
 def _read_map(path: Path, shot: Shot, lens: Lens | None) -> Array:
     """Read a map (h, w) float32 of the undistorted photo, 0 = unknown, at its own size."""
-    import cv2
-
-    suffix = path.suffix.lower()
-    stored = decode(path, cv2.IMREAD_UNCHANGED) if suffix == ".png" else None
-    if stored is None:
-        stored = read_numbers(path) if suffix in (".npy", ".npz") else read_depth(path)
-    values = np.squeeze(stored).astype(np.float32)
+    values = stored_map(path).astype(np.float32)
     if values.ndim == 3 and (values == values[..., :1]).all():
         values = values[..., 0]
     size = shot.camera.width, shot.camera.height
