@@ -18,7 +18,6 @@ from sucre_bench.machine.text_formats import counted
 from sucre_bench.plugins.options import Choice, options_of
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.programs.contract.contract import Doubt, Note, Rule, Subject
-from sucre_bench.programs.contract.side_effects import watched
 from sucre_bench.scene import Arrays, Scene, View
 
 
@@ -146,10 +145,7 @@ def has_what_it_says(subject: Subject) -> Iterator[str]:
 
 def is_repeatable(subject: Subject) -> Iterator[str]:
     """Gives the same when it is opened again, with an id of its data."""
-    first = _opened(subject)
-    with watched() as changes:
-        second = _opened(subject)
-    yield from changes
+    first, second = _opened(subject), _opened(subject)
     if [(s.name, [v.name for v in s]) for s in first] != [(s.name, [v.name for v in s]) for s in second]:
         yield "scenes or views come in another order; sort what the file system lists"
         return

@@ -1,7 +1,8 @@
-"""Rules for methods: every valid pixel and no other gets a colour, and the process is not changed."""
+"""Rules for methods: every valid pixel and no other gets a colour, and the input stays as it is."""
 
 import functools
 import json
+import random
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -10,11 +11,10 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.engine import python_api
-from sucre_bench.errors import ANY_FAULT, NotApplicableError, PluginError, SolveError, one_line
+from sucre_bench.errors import ANY_FAULT, NotApplicableError, SolveError, one_line
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.programs.contract.contract import Doubt, Note, Rule, Subject, raised
 from sucre_bench.programs.contract.made_scenes import HARD, NOISE, TARGET, WATER, enlarged, least, submerged, wall
-from sucre_bench.programs.contract.side_effects import in_fresh_process, watched
 from sucre_bench.scene import Chart, Plane, Restoration, Scene, Water
 
 _PLANES: tuple[Plane, ...] = ("rgb", "depth", "reference")
@@ -28,11 +28,11 @@ _HOLES[:, :20] = True
 
 
 def rules(plugin: Plugin) -> list[Rule]:
-    """Return the rules for a method. Some changes of the process happen only in a first call, so that rule is first."""
+    """Return the rules for a method."""
     of_depth = [leaves_holes, skips_what_has_no_depth] if "depth" in plugin.needs else [leaves_no_holes]
     of_needs = [runs_with_least, keeps_its_eyes_off, *([uses_what_it_needs] if plugin.needs else [])]
-    of_result = [is_deterministic, is_the_same_elsewhere, tells_what_can_be_kept, restores_a_scene]
-    return [leaves_the_process, leaves_its_input, colours_what_is_valid, *of_depth, *of_needs, *of_result]
+    of_result = [is_deterministic, tells_what_can_be_kept, restores_a_scene]
+    return [restores_a_view, leaves_its_input, colours_what_is_valid, *of_depth, *of_needs, *of_result]
 
 
 _FACTORS = (2, 4, 8)  # the made scenes are then up to 512 x 384 pixels
@@ -70,13 +70,6 @@ def _plain(subject: Subject) -> Restoration:
     return _restore(subject, submerged())
 
 
-@functools.lru_cache(maxsize=1)
-def _again(subject: Subject) -> Array:
-    """The image of the same with other random states."""
-    with watched():
-        return _restore(subject, submerged()).image
-
-
 def _rich(**other: Any) -> Scene:
     """The wall of noise with holes in its depth, and a chart on it; other: what is not as usual."""
     return wall(**{"holes": _HOLES, "charts": [_chart(4)], **other})
@@ -92,15 +85,12 @@ def _chart(left: float) -> Chart:
     return Chart("c", "dgk", np.array([[left, 4], [left + 30, 4], [left + 30, 24], [left, 24]]))
 
 
-def leaves_the_process(subject: Subject) -> Iterator[str]:
-    """Changes nothing in the process: random states, threads, settings."""
-    subject.make()  # imports what it requires
-    with watched() as changes:
-        _plain(subject)
+def restores_a_view(subject: Subject) -> Iterator[str]:
+    """Restores a view of noise in water."""
+    _plain(subject)
     if subject.factor > 1:
         height, width = (side * subject.factor for side in NOISE.shape[:2])
         yield Note(f"fails on images of {width // 2} x {height // 2} pixels; checked on {width} x {height}")
-    yield from changes
 
 
 def leaves_its_input(subject: Subject) -> Iterator[str]:
@@ -221,28 +211,17 @@ def alike(one: Array, other: Array) -> bool:
     return one.shape == other.shape and np.allclose(one, other, rtol=0, atol=_ROUNDING, equal_nan=True)
 
 
-def _differing(where: str, one: Array, other: Array, remedy: str) -> Iterator[str]:
+def is_deterministic(subject: Subject) -> Iterator[str]:
+    """Gives the same result twice, whatever the seeds."""
+    one = _plain(subject).image
+    np.random.random()  # a plugin that draws from the common states gets other numbers
+    random.random()
+    other = _restore(subject, submerged()).image
     if not alike(one, other):
         with np.errstate(invalid="ignore"):
             difference = np.nan_to_num(np.abs(one - other), posinf=0).max()
-        yield f"{where} differs by up to {difference:.2g}; {remedy}, and keep nothing from view to view"
-
-
-def is_deterministic(subject: Subject) -> Iterator[str]:
-    """Gives the same result twice, whatever the seeds."""
-    remedy = "seed a generator of its own, np.random.default_rng(self.seed)"
-    yield from _differing("the second time", _plain(subject).image, _again(subject), remedy)
-
-
-def is_the_same_elsewhere(subject: Subject) -> Iterator[str]:
-    """Gives the same result in another process."""
-    here = _plain(subject).image
-    if not alike(here, _again(subject)):
-        raise NotApplicableError("it does not give the same twice here")
-    (there,) = in_fresh_process((subject,))
-    if isinstance(there.image, str):
-        raise PluginError(f"{subject.plugin.name}: {there.image}")
-    yield from _differing("another process", here, there.image, "iterate over sorted things, not sets")
+        remedy = "seed a generator of its own, np.random.default_rng(self.seed), and keep nothing from view to view"
+        yield f"the second time differs by up to {difference:.2g}; {remedy}"
 
 
 def tells_what_can_be_kept(subject: Subject) -> Iterator[str]:

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
-import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from support.colmap_folder import write_dive
@@ -22,17 +18,8 @@ from support.places import TOYS
 from sucre_bench import InputError, PluginError, plugins
 from sucre_bench.commands.extend import check as command
 from sucre_bench.plugins.registry import find, load_file
-from sucre_bench.programs.contract.contract import Subject, breaches, check, check_rule
+from sucre_bench.programs.contract.contract import Subject, breaches, check
 from sucre_bench.programs.contract.made_scenes import WATER, charted
-from sucre_bench.programs.contract.rules_methods import is_the_same_elsewhere
-
-
-@pytest.fixture
-def own_environment() -> Iterator[None]:
-    """Variables that a plugin sets are gone after the test."""
-    with mock.patch.dict(os.environ):
-        yield
-
 
 HEAD = """
 import os, random, warnings
@@ -114,7 +101,6 @@ FADED = "if not view.valid.any():\n    raise NotApplicableError(f'{view.name}: n
 HOLES = "image = np.where(view.valid[..., None], view.rgb * np.exp(0.5 * view.depth)[..., None], np.nan)\n"
 JUDGED = "{'reference'}"
 
-pytestmark = pytest.mark.usefixtures("own_environment")
 DECLARED = "{'depth', 'poses'}"
 
 
@@ -142,12 +128,6 @@ def test_a_dataset_that_keeps_the_contract_is_found_to_keep_it(tmp_path: Path) -
         (DECLARED, "rgb = np.random.rand(6, 8, 3).astype('f4')", "is_repeatable", {"a.png", "seed"}),
         (DECLARED, "depth = None", "has_what_it_says", {"depth", "has"}),
         ("{'poses'}", "", "has_what_it_says", {"depth", "has=", "@dataset"}),
-        (
-            DECLARED,
-            "os.chdir('.') or os.environ.update(TRIED_OPENED=os.urandom(3).hex())",
-            "is_repeatable",
-            {"os.environ[TRIED_OPENED]"},
-        ),
     ],
 )
 def test_each_way_a_dataset_breaks_the_contract_is_named(
@@ -203,10 +183,9 @@ def test_a_network_that_fails_on_small_images_is_checked_on_larger_ones(tmp_path
     load_file(tmp_path / "deep.py")
     outcomes = {one.name: one for one in check(Subject(find("method", "deep")))}
     assert [one.name for one in outcomes.values() if one.status == "broken"] == []
-    assert [text for _, text in outcomes["leaves_the_process"].findings] == [
+    assert [text for _, text in outcomes["restores_a_view"].findings] == [
         "fails on images of 128 x 96 pixels; checked on 256 x 192"
     ]
-    assert not outcomes["is_the_same_elsewhere"].skipped
 
 
 def test_one_cause_is_said_once(tmp_path: Path) -> None:
@@ -225,22 +204,16 @@ BREACHES: list[tuple[str, str, set[str]]] = [
     ("colours_what_is_valid", "image[0, 0, 0] = np.nan", {"NaN", "channels"}),
     ("colours_what_is_valid", "image = image[::2]", {"(24, 64, 3)", "(48, 64, 3)"}),
     ("colours_what_is_valid", "view.rgb[:] = 0", {"input", "tried.py", "copy"}),
-    ("leaves_the_process", "raise KeyError('x')", {"KeyError", "'x'", "SolveError"}),
+    ("restores_a_view", "raise KeyError('x')", {"KeyError", "'x'", "SolveError"}),
     ("leaves_no_holes", "image[~view.valid] = np.nan", {"960", "depth"}),
     ("leaves_its_input", "view.rgb.setflags(write=True)\nview.rgb[0] = 0", {"rgb", "far.png", "view.rgb.copy"}),
     ("is_deterministic", "image *= np.random.rand(*image.shape[:2], 1)", {"np.random.default_rng(self.seed"}),
-    ("leaves_the_process", "np.random.seed(3)", {"numpy's", "random", "numpy.random.default_rng(self.seed"}),
-    ("leaves_the_process", "random.seed(3)", {"random's", "state"}),
-    ("leaves_the_process", "np.seterr(all='ignore')", {"numpy's", "error"}),
-    ("leaves_the_process", "import cv2; cv2.setNumThreads(cv2.getNumThreads() + 1)", {"OpenCV's", "threads"}),
-    ("leaves_the_process", "os.environ['TRIED_HERE'] = 'x'", {"os.environ[TRIED_HERE]", "requires="}),
-    ("leaves_the_process", "open('junk.txt', 'w').close()", {"junk.txt", "tempfile's"}),
     ("runs_with_least", "image *= view.depth.mean()", {"far.png", "depth", "needs="}),
     ("keeps_its_eyes_off", "image = image if view.reference is None else view.reference * 1", {"reference", "needs="}),
     ("keeps_its_eyes_off", "image *= scene.water.attenuation[0] if scene.water else 1", {"truth", "needs="}),
-    ("leaves_the_process", "return Restoration(image, confidence=np.ones(5))", {"Restoration.confidence", "(5,)"}),
+    ("restores_a_view", "return Restoration(image, confidence=np.ones(5))", {"Restoration.confidence", "(5,)"}),
     (
-        "leaves_the_process",
+        "restores_a_view",
         "return Restoration(image, Water(np.ones(2), np.ones(3), np.ones(3)))",
         {"Water.veiling_light", "(3,)"},
     ),
@@ -261,17 +234,9 @@ WITH_DEPTH: list[tuple[str, str, set[str]]] = [
     [*(("()", *case) for case in BREACHES), *(("{'depth'}", *case) for case in WITH_DEPTH)],
 )
 def test_each_way_a_method_breaks_the_contract_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, needs: str, rule: str, body: str, named: set[str]
+    tmp_path: Path, needs: str, rule: str, body: str, named: set[str]
 ) -> None:
-    import cv2
-
-    monkeypatch.chdir(tmp_path)
-    kept, threads = np.geterr(), cv2.getNumThreads()
-    try:
-        found = broken(tmp_path, "method", METHOD, f"{GOOD}{body}\nreturn Restoration(image)", needs=needs)
-    finally:
-        cv2.setNumThreads(threads)
-        np.seterr(**kept)
+    found = broken(tmp_path, "method", METHOD, f"{GOOD}{body}\nreturn Restoration(image)", needs=needs)
     assert any(named <= names(line) for line in found[rule].splitlines()), found
 
 
@@ -287,13 +252,6 @@ def test_what_is_no_fault_for_sure_is_a_doubt(tmp_path: Path) -> None:
     assert [text.partition(";")[0].split()[-1] for text in needs] == ["depth", "poses"]
 
 
-def test_what_a_plugin_prints_is_a_doubt(tmp_path: Path) -> None:
-    load_file(write(tmp_path, METHOD, "print('fading', 1)\n" + GOOD + "return Restoration(image)", needs="()"))
-    plugin = find("method", "tried")
-    said = [f.text for one in check(Subject(plugin), lasting=False) for f in one.findings]
-    assert [text.partition(";")[0] for text in said] == ["prints 'fading 1'"]
-
-
 def test_what_is_not_explained_or_cannot_be_set_is_named(tmp_path: Path) -> None:
     bare = (
         METHOD.replace("'''A method that is tried.'''", "").replace("'''A factor.'''", "").replace("= 1.0", "= 'much'")
@@ -306,7 +264,7 @@ def test_what_is_not_explained_or_cannot_be_set_is_named(tmp_path: Path) -> None
 def test_an_option_that_must_be_given_leaves_rules_unlooked_at_and_says_so(tmp_path: Path) -> None:
     asking = METHOD.replace("= 1.0", "")
     found = broken(tmp_path, "method", asking, GOOD + "return Restoration(image)", needs="()")
-    assert [text for text in found.values() if "method.gain=..." in text] == [found["leaves_the_process"]]  # once
+    assert [text for text in found.values() if "method.gain=..." in text] == [found["restores_a_view"]]  # once
     assert found["is_deterministic"] == "for the reason above"
     assert breaches("method", "tried", gain=1.0) == []
 
@@ -318,7 +276,7 @@ def test_what_is_random_is_accused_of_nothing_else(tmp_path: Path) -> None:
     found = broken(
         tmp_path, "method", METHOD, "return Restoration(view.rgb * np.random.rand(*view.rgb.shape[:2], 1))", needs="()"
     )
-    assert set(found) == {"is_deterministic", "leaves_the_process"}
+    assert set(found) == {"is_deterministic"}
 
 
 def test_a_metric_that_keeps_the_contract_is_found_to_keep_it(tmp_path: Path) -> None:
@@ -335,7 +293,6 @@ def test_a_metric_that_keeps_the_contract_is_found_to_keep_it(tmp_path: Path) ->
         (JUDGED, "lower", "value = 0.5 if np.isnan(value) else value", "scores_no_holes", {"0.5", "NaN"}),
         (JUDGED, "lower", "shown[:] = 0", "leaves_all_as_it_was", {"input", "copy"}),
         (JUDGED, "lower", "value = value * np.random.rand()", "leaves_all_as_it_was", {"all", "seed"}),
-        (JUDGED, "lower", "np.random.seed(1)", "leaves_all_as_it_was", {"numpy's", "random"}),
         (JUDGED, "lower", "if not seen.any(): raise ValueError('empty')", "scores_no_holes", {"ValueError", "empty"}),
     ],
 )
@@ -377,23 +334,11 @@ def test_the_command_takes_options_and_gives_json(tmp_path: Path) -> None:
 
 def test_the_command_imports_in_another_process_and_tries_a_dataset(tmp_path: Path) -> None:
     path = write(tmp_path, METHOD, "return Restoration(view.rgb)", needs="()")
-    path.write_text(f"import scipy.linalg, os\nos.environ['HEAVY_HERE'] = '1'\n{path.read_text()}")
+    path.write_text(f"import scipy.linalg\n{path.read_text()}")
     load_file(TOYS)
     done = run(str(path), "--on", "toy")
     assert "imports scipy " in done.stdout
-    assert "os.environ[HEAVY_HERE]" in done.stdout
-    assert re.search("✓ .*another process", done.stdout)
     assert re.search(r"✓ .*whole scene  .* s, .* 0\.0 megapixels .*toy", done.stdout)
-
-
-def test_another_process_that_restores_otherwise_is_noticed(tmp_path: Path) -> None:
-    # A bit of a hash for each column: that all are the same in two processes never happens by chance.
-    body = "bits = np.float32([hash(str(column)) % 2 for column in range(view.rgb.shape[1])])\n"
-    body += "return Restoration(view.rgb * bits[:, None])"
-    load_file(write(tmp_path, METHOD, body, needs="()"))
-    outcome = check_rule(Subject(find("method", "tried")), is_the_same_elsewhere)
-    assert outcome.status == "broken"
-    assert "another process " in outcome.findings[0].text
 
 
 @pytest.mark.parametrize(
