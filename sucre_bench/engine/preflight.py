@@ -31,12 +31,13 @@ from sucre_bench.imaging.display import is_of_scene
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.run_options import Joblib, Shard
-from sucre_bench.loading.view_files import with_shared_pixels
+from sucre_bench.loading.passed_over import say_passed_over
+from sucre_bench.loading.view_files import source_files, with_shared_pixels
 from sucre_bench.machine.compute import usable_cores
-from sucre_bench.machine.files import is_want_of_room, not_writable
+from sucre_bench.machine.files import expanded, is_want_of_room, not_writable
 from sucre_bench.machine.provenance import require
 from sucre_bench.plugins.call_method import with_name
-from sucre_bench.plugins.options import Choice, source_hash
+from sucre_bench.plugins.options import Choice, options_of, source_hash
 from sucre_bench.results.layout import Place, as_one_file, places
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.restorations import are_stored
@@ -139,7 +140,22 @@ def _open(dataset: Choice) -> list[Scene]:
         raise InputError(f"dataset '{dataset.label}': {times} scenes are called '{name}'; rename a folder")
     if not any(len(scene) for scene in scenes):
         raise InputError(f"dataset '{dataset.label}': no views; check its options")
+    _say_passed_over(dataset, scenes)
     return scenes
+
+
+def _say_passed_over(dataset: Choice, scenes: Sequence[Scene]) -> None:
+    """Say what lies unread in the folders that the dataset's options name, and beside what its views read."""
+    read = {file for scene in scenes for view in scene.views for file in source_files(view)}
+    root = expanded(dataset.options.get("root") or "")
+    if not read or not dataset.options.get("root"):
+        return
+    values = {option.name: option.default for option in options_of(dataset.plugin.cls)} | {**dataset.options}
+    named = [root / expanded(value) for value in values.values() if isinstance(value, str | Path) and value]
+    is_published = bool(dataset.plugin.licence)
+    folders = {*(path for path in named if path.is_dir()), *(file.parent for file in read)}
+    read |= {path for sign in dataset.plugin.signs for path in root.glob(sign)}
+    say_passed_over(root, sorted(folders), read, beside=not is_published)
 
 
 def tasks(job: Job, scenes: Sequence[Scene]) -> Iterator[Task]:

@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import DamagedFileError, InputError, file_error, in_words
-from sucre_bench.machine.files import open_atomically, reading, regular, write_atomically
+from sucre_bench.machine.files import frames_of, open_atomically, reading, regular, write_atomically
 from sucre_bench.machine.progress import say
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")  # of what is taken for an image in a folder
@@ -161,7 +161,7 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
 
     header = _header(io.BytesIO(data))
     if header is None:  # OpenCV might still allocate what a damaged header says
-        raise DamagedFileError("cannot be read, damaged or not an image", place, "copy it again")
+        raise DamagedFileError("cannot be read, damaged or not an image", place, frames_of(place) or "copy it again")
     check_pixels(place, header.size)
     if header.has_more:
         raise InputError("holds several pictures", place, "save the wanted one as a file of its own")

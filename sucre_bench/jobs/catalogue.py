@@ -17,6 +17,7 @@ from sucre_bench.jobs.run_options import CONF_FOLDER
 from sucre_bench.jobs.words import quoted
 from sucre_bench.loading.image_folder import no_image
 from sucre_bench.machine import progress
+from sucre_bench.machine.files import frames_of
 from sucre_bench.machine.provenance import absent
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import Choice, Option, options_of, plain_value, plugin_choice
@@ -231,7 +232,7 @@ def recognised(folder: Path) -> str:
 
     if not folder.is_dir():
         if folder.exists():
-            raise InputError("is a file", typed(folder), "give its folder")
+            raise InputError("is a file", typed(folder), frames_of(folder) or "give its folder")
         raise MissingFileError("no such folder", typed(folder), "correct the path")
     fits = _fitting(folder)
     root = f"dataset.root={quoted(str(folder))}"

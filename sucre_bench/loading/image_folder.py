@@ -11,12 +11,11 @@ from sucre_bench.imaging.image_files import SUFFIXES, image_size
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.find_folders import folders_below, only, walk
 from sucre_bench.loading.named_sets import members_in
+from sucre_bench.loading.passed_over import EXPORT, OTHER_FORMATS
 from sucre_bench.loading.view_files import Photograph, scene_of
+from sucre_bench.machine.files import VIDEOS, frames_of
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import Encoding, Scene
-
-# Photographs that need the programs of cameras and telephones.
-_OTHER_FORMATS = (".arw", ".avif", ".cr2", ".cr3", ".dng", ".heic", ".heif", ".nef", ".orf", ".raf", ".rw2")
 
 
 def image_names(folder: Path, subfolders: bool = False, but: Path | None = None) -> list[str]:
@@ -37,14 +36,14 @@ def image_names(folder: Path, subfolders: bool = False, but: Path | None = None)
 
 
 def no_image(folder: Path, fault: str = "", remedy: str = "copy the images there", place: str = "") -> InputError:
-    """Return the error for a folder without images. It names a photograph of another format instead, if one is there.
+    """Return the error for a folder without images. It names a photograph of another format or a video there.
 
     place: what the user typed for the folder.
     """
     for path in sorted(folder.iterdir()):
-        if path.suffix.lower() in _OTHER_FORMATS:
-            remedy = "export the photographs as .jpg, .png or .tif"
-            return InputError(f"{path.name} is in a format that sucre_bench does not read", place or folder, remedy)
+        if path.suffix.lower() in (*OTHER_FORMATS, *VIDEOS):
+            what, remedy = f"{path.name} is in a format that sucre_bench does not read", frames_of(path) or EXPORT
+            return InputError(what, place or folder, remedy)
     return InputError(fault or f"holds no image ({' '.join(SUFFIXES)})", place or folder, remedy)
 
 

@@ -39,6 +39,15 @@ _DAY_S = 86_400
 _KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket"}
 
 
+VIDEOS = (".360", ".avi", ".insv", ".lrv", ".m4v", ".mkv", ".mov", ".mp4", ".mts", ".mxf", ".webm", ".wmv")
+FRAMES = "`ffmpeg -i VIDEO -vf fps=2 -qscale:v 2 FRAMES/%05d.jpg`"  # two pictures a second
+
+
+def frames_of(path: Path | str) -> str:
+    """Return the remedy where a video is given for pictures; empty for any other file."""
+    return f"take the video's frames with {FRAMES}" if str(path).lower().endswith(VIDEOS) else ""
+
+
 def expanded(path: str | Path) -> Path:
     """Return a path with ~ and ~name expanded. It stays as it is where no user has that name: then nothing is there."""
     return Path(os.path.expanduser(path))  # noqa: PTH111 - pathlib's raises RuntimeError there
@@ -127,7 +136,7 @@ def check_folder(path: Path, remedy: str) -> None:
     if not path.exists():
         raise MissingFileError("no such folder", path, remedy)
     if not path.is_dir():
-        raise NotAFolderError("is a file, not a folder", path, remedy)
+        raise NotAFolderError("is a file, not a folder", path, frames_of(path) or remedy)
 
 
 def write_atomically(path: Path, content: bytes | memoryview) -> None:

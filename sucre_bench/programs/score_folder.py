@@ -17,6 +17,7 @@ from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.loading.find_folders import ImageFolder, bare_stems, only
 from sucre_bench.loading.image_folder import image_names, no_image
 from sucre_bench.loading.named_sets import Found, Picture, picture_of, recognised_sets
+from sucre_bench.loading.passed_over import folders_in, say_passed_over
 from sucre_bench.machine import processes, progress
 from sucre_bench.machine.files import check_folder, fault_of
 from sucre_bench.results.rows import restorations
@@ -64,6 +65,10 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str], i
     is_foreign = any(choice.plugin.is_foreign for choice in chosen)
     files = images_in(images)
     reference_of = _references(images, files, reference) if reference else dict[str, Path | str]()
+    read = [*files.values(), *(path for path in reference_of.values() if isinstance(path, Path))]
+    for folder in (images, reference):
+        if folder is not None and folder.is_dir():
+            say_passed_over(folder, folders_in(folder), read)
     label, tables, lossy, pictures = images.resolve().name, [], list[Path](), dict[str, Picture]()
     for name, path in progress.track(files.items(), f"scoring {label}"):
         try:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.image_files import decode, image_size, read_bgr, same_shape, write_png
 from sucre_bench.loading.image_folder import image_names, no_image
+from sucre_bench.loading.passed_over import folders_in, say_passed_over
 from sucre_bench.machine.files import check_folder
 from sucre_bench.machine.progress import track
 
@@ -44,6 +45,8 @@ def find_photos(folder: Path, masks: Path | None, max_size: int, leave_out: Path
     check_folder(folder, "give the one that holds the photos")
     names = image_names(folder, subfolders=True, but=leave_out)
     names = [name for name in names if not masks or masks.resolve() not in (folder / name).resolve().parents]
+    left_out = [leave_out, *filter(None, [masks])]
+    say_passed_over(folder, folders_in(folder, left_out), [folder / name for name in names])
     shared = Counter(PurePosixPath(name).with_suffix("") for name in names)
     photos: list[Photo] = []
     damaged: dict[str, str] = {}

@@ -22,6 +22,7 @@ from sucre_bench.jobs.words import quoted, value_of
 from sucre_bench.loading.colmap_model import lens_of_model
 from sucre_bench.loading.image_folder import image_names
 from sucre_bench.loading.lens import Lens
+from sucre_bench.loading.passed_over import EXPORT, other_photographs
 from sucre_bench.loading.view_files import source_files
 from sucre_bench.machine import progress
 from sucre_bench.machine.files import check_folder, read_json, reading, write_atomically
@@ -161,6 +162,9 @@ def restore(
     with progress.live():
         restored = [*dive.restored, *alone.restored]
         faults = write_pictures(restored, out, options.quality, options.original_geometry, note.stat().st_mtime_ns)
+    if source.photographs:
+        others = (path.relative_to(source.folder).as_posix() for path in other_photographs(source.folder))
+        faults |= dict.fromkeys(others, f"its format is not read; {EXPORT}")
     written = tuple(one.name for one in restored if one.name not in faults)
     faults |= {name: alone.faults.get(name, "") for name in names if name not in {*written, *faults}}
     instead = {name: why for name, why in dive.faults.items() if name in written}
@@ -203,7 +207,8 @@ def _run(
     folder = out / "work" / "results"
     bits = 16 if any(bits_of(path) == 16 for path in source.photographs.values()) else 8
     settings = [f"out={quoted(str(folder))}", f"bits={bits}", "metrics=[coverage]", "report=false", "tracking.uri=off"]
-    scenes = [selection.scene for selection in select(source.dataset)]
+    with progress.live():
+        scenes = [selection.scene for selection in select(source.dataset)]
     given = dict(word.split("=", 1) for word in where)
     count = given.setdefault("shard.count", given.get("workers", "1"))
     is_split = count not in ("0", "1")
