@@ -94,6 +94,11 @@ class DiveGrayWorld(FillOption):
         check_ranges(self, bin_m="[1e-3, 1000]", fewest="[1, inf)", brightness="(0, 1)", contrast="(0, 1]")
         check_ranges(self, most_views="[1, inf)")
 
+    @property
+    def sees_whole_scene(self) -> bool:
+        """All views of a scene rest on its statistics, which one worker counts once."""
+        return True
+
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the corrected image, NaN where the view has no depth; it may leave [0, 1].
 

@@ -151,6 +151,11 @@ class Command(RestoredElsewhere):
             raise batch
         return self._read(batch, view)
 
+    @property
+    def sees_whole_scene(self) -> bool:
+        """Whether one process of the program restores all views of a scene."""
+        return self.per == "scene"
+
     def warm_up(self) -> None:
         """Make the environment, so that the first view's time is not that of downloads."""
         if self._environment:

@@ -100,6 +100,11 @@ class Sucre(FillOption):
     def __post_init__(self) -> None:
         check(self, type(self).__plugin__.name)  # type: ignore[attr-defined]
 
+    @property
+    def sees_whole_scene(self) -> bool:
+        """Whether all views of a scene rest on one water, which one worker fits once."""
+        return self.water == "shared"
+
     def warm_up(self) -> None:
         """Import and compile everything that the first view needs, so that the time of no image includes compiling.
 

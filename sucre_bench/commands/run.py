@@ -57,7 +57,7 @@ def run(
     overwrite=always        restore finished views again; never: only new views
     overwrite=failed        also try views again at which the process died
     view_timeout_s=60       a view that takes longer has failed; null: no limit
-    workers=4               4 jobs at once; 0: all in this process, to debug
+    workers=4               4 views at once; 0: all in this process, to debug
     seed=N                  other random draws
     report=false            write no page
     tracking.uri=off        no mlflow; tracking.uri=URI: another mlflow

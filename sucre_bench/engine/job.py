@@ -1,6 +1,6 @@
-"""Runs one job, view by view, to rows and pictures. A fault becomes a row, and the next view follows.
+"""Runs views of one job to rows and pictures. A fault becomes a row, and the next view follows.
 
-The process of the command keeps the rows; a worker restores and scores, as a rule (`engine.workers`).
+This runs in a worker, as a rule; `engine.workers` gives it the views and keeps the rows.
 """
 
 from __future__ import annotations
@@ -16,108 +16,61 @@ import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured
-from sucre_bench.engine.preflight import Planned, Task, base_row, names_hash, plan
+from sucre_bench.engine.preflight import Planned, Task, base_row, names_hash
 from sucre_bench.engine.score import Scorer, row_of_fault, score_rows, scorers
-from sucre_bench.engine.workers import Emit, Work
 from sucre_bench.errors import InputError, NotApplicableError, OutputError, PluginError, raise_if_stop
-from sucre_bench.imaging.display import displayed
+from sucre_bench.imaging.display import displayed, is_of_scene
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
-from sucre_bench.machine.cache import ArrayStore, shorten_records, storing
+from sucre_bench.machine.cache import ArrayStore, storing
 from sucre_bench.machine.compute import PeakMemory
 from sucre_bench.machine.files import remove
-from sucre_bench.machine.processes import step
+from sucre_bench.machine.processes import Send, step
 from sucre_bench.machine.provenance import load
 from sucre_bench.machine.text_formats import now
 from sucre_bench.plugins.call_method import checked_restore, shown_with, with_truth
-from sucre_bench.results.layout import decoded_path, file_name, log_path, pairs_path, restored_path
+from sucre_bench.results.layout import decoded_path, log_path, pairs_path
 from sucre_bench.results.restorations import Measured, read_full, write_full, write_pictures, write_view
 from sucre_bench.results.rows import Row
-from sucre_bench.results.table import Part
 from sucre_bench.scene import Scene, View
 
-_FLUSH_S = 0.3  # most seconds until rows are on the disk
 _PIXELS_OF_A_VIEW = 50_000  # of each view, for a scene's percentiles and means
 
 
-class JobAtWork(Work):
-    """A planned job: `work` restores and scores its views in a worker, which sends their rows to `keep`.
+def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> None:
+    """Restore and score views of a job, as places in `planned.todo`, which `take` gives until none is left.
 
-    `keep` and the other functions run in the process of the command and write the score table.
-
-    after_view: called when a view is done.
+    Sends "ready" and whether the views of a scene belong together, or "unfit" and a row if the method cannot be made;
+    then "rows", a view's place and its rows. It ends early if this process can open no more files.
     """
+    job = planned.job
+    try:
+        with step(f"the start of method '{job.method.label}'"):
+            method, metrics = job.method.make(), scorers(m for m in job.metrics if not m.plugin.is_of_pairs)
+            make_ready(method)
+            by_scene = is_of_scene(job.method.display) or bool(getattr(method, "sees_whole_scene", False))
+    except BaseException as fault:
+        send("unfit", row_of_fault(base_row(job), fault, log_path(job.out), is_said=True))
+        return
+    send("ready", by_scene)
+    with ExitStack() as block:
+        if job.shared_pairs:
+            from sucre_bench.multiview.stored_pairs import sharing
 
-    def __init__(self, planned: Planned, after_view: Callable[[], None] = lambda: None) -> None:
-        super().__init__(planned.name)
-        self._planned, self._after_view = planned, after_view
-        job = planned.job
-        self._part = Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"), _FLUSH_S)
-        self._n_done = 0
-        self._shown = ExitStack()
-
-    def begin(self) -> bool:
-        """Show the progress; return whether there are views to do."""
-        job = self._planned.job
-        if self._planned.tasks and not self._planned.tasks[0].base.code.startswith(base_row(job).code):
-            self._planned = plan(job)  # an earlier job has made files that this one reads
-        n_todo = len(self._planned.todo)
-        if n_todo:
-            line = progress.line(f"{job.method.label} on {job.dataset.label}", n_todo)
-            self._advance = self._shown.enter_context(line)
-        return n_todo > 0
-
-    def work(self, emit: Emit) -> None:
-        """Restore and score the views that are left. It ends early if this process can open no more files."""
-        job, todo = self._planned.job, self._planned.todo
-        left = todo[self._n_done :]
-        try:
-            with step(f"the start of method '{job.method.label}'"):
-                method, metrics = job.method.make(), scorers(m for m in job.metrics if not m.plugin.is_of_pairs)
-                make_ready(method)
-        except BaseException as fault:
-            whole = row_of_fault(base_row(job), fault, log_path(job.out), is_said=True)
-            for task in left:
-                emit([replace(whole, scene=task.base.scene, view=task.view.name, data_id=task.base.data_id)])
-            return
-        with ExitStack() as block:
-            if job.shared_pairs:
-                from sucre_bench.multiview.stored_pairs import sharing
-
-                block.enter_context(sharing(pairs_path(job.out) / job.shared_pairs, job.pairs_gb * 2**30))
-            if job.cache_gb and decoded_path(job.out).is_dir():
-                block.enter_context(storing(ArrayStore(decoded_path(job.out), job.cache_gb * 2**30)))
-            shown_over = {task.base.scene: self._planned.shown_over.get(task.base.scene, ()) for task in left}
-            scenes = {scene: _SceneColours.of(job, method, views) for scene, views in shown_over.items() if views}
-            for task in left:
-                timed, over = replace(task, base=replace(task.base, time=now())), scenes.get(task.base.scene)
-                emit(_restored_and_scored(job, method, metrics, timed, over))
+            block.enter_context(sharing(pairs_path(job.out) / job.shared_pairs, job.pairs_gb * 2**30))
+        if planned.shares_decoded:
+            block.enter_context(storing(ArrayStore(decoded_path(job.out), job.cache_gb * 2**30)))
+        scenes: dict[str, _SceneColours] = {}
+        while places := take():
+            for place in places:
+                task = planned.todo[place]
+                scene = task.base.scene
+                if scene not in scenes and (over := planned.shown_over.get(scene)):
+                    scenes[scene] = _SceneColours.of(job, method, over)
+                timed = replace(task, base=replace(task.base, time=now()))
+                send("rows", place, _restored_and_scored(job, method, metrics, timed, scenes.get(scene)))
                 if not _can_open_files():
                     return
-
-    def keep(self, rows: Sequence[Row]) -> None:
-        """Keep the rows of the next view; without rows, write those that have waited. OutputError if that fails."""
-        self._n_done += bool(rows)
-        self._part.add(rows)
-        if rows:
-            self._advance()
-            self._after_view()
-
-    def is_left(self) -> bool:
-        """Whether views are left."""
-        return self._n_done < len(self._planned.todo)
-
-    def fail(self, fault: Exception) -> None:
-        """Give up: the job's row says why."""
-        job = self._planned.job
-        self._part.add([row_of_fault(base_row(job), fault, log_path(job.out), is_said=True)])
-
-    def end(self) -> None:
-        """Write what is not written yet."""
-        self._shown.close()
-        self._part.flush()
-        job = self._planned.job
-        shorten_records(restored_path(job.out, file_name(job.dataset.label), job.method.label))
 
 
 def _can_open_files() -> bool:

@@ -224,6 +224,7 @@ class Planned:
     todo: tuple[Task, ...]
     before: frozenset[tuple[str, str, str]]
     shown_over: Mapping[str, tuple[Task, ...]]
+    shares_decoded: bool = False
 
     @property
     def name(self) -> str:
@@ -261,12 +262,26 @@ def check(command: Command) -> list[Planned]:
             problems.append(str(fault))
     if problems := problems or _clashes(planned, rows):
         raise ProblemsError("\n".join(dict.fromkeys(problems)))
-    return planned
+    return _sharing_decoded(planned)
 
 
 def plan(job: Job) -> Planned:
     """Return what a job will do, without a check. Raises what opening its dataset raises."""
-    return _planned(job, _stored(job, dataset=job.dataset.label, method=job.method.label), with_shared_pixels)
+    rows = _stored(job, dataset=job.dataset.label, method=job.method.label)
+    return _sharing_decoded([_planned(job, rows, with_shared_pixels)])[0]
+
+
+def _sharing_decoded(planned: Sequence[Planned]) -> list[Planned]:
+    """Let jobs share decoded files where two restorations read the same view.
+
+    They do by two methods, and by one that reads a target's neighbours.
+    """
+    read = Counter((plan.job.dataset.label, task.base.scene, task.view.name) for plan in planned for task in plan.todo)
+    reads_neighbours = any("poses" in plan.job.method.plugin.needs and len(plan.todo) > 1 for plan in planned)
+    reads_again = reads_neighbours or max(read.values(), default=0) > 1
+    return [
+        replace(plan, shares_decoded=plan.job.cache_gb > 0 and (plan.job.cache_keep or reads_again)) for plan in planned
+    ]
 
 
 def _stored(job: Job, **labels: str) -> DataFrame:
@@ -402,7 +417,7 @@ def _label_option(chosen: Collection[Choice], one: Choice) -> str:
 
 
 def workers_at_once(command: Command) -> int:
-    """Return how many jobs run at once on this machine; 0: in this process."""
+    """Return how many processes share the views on this machine; 0: this one alone."""
     workers, launcher = command.jobs[0].workers, command.launcher
     if not (workers and isinstance(launcher, Joblib)):
         return workers

@@ -15,9 +15,8 @@ from sucre_bench import compare, results
 from sucre_bench.arrays import DataFrame, evenly
 from sucre_bench.engine.across_views import score_across_views
 from sucre_bench.engine.common_pixels import score_on_common_pixels
-from sucre_bench.engine.job import JobAtWork
 from sucre_bench.engine.preflight import Planned, check, opening_once, workers_at_once
-from sucre_bench.engine.workers import Work, run_works
+from sucre_bench.engine.workers import run_alone, run_jobs
 from sucre_bench.errors import DiskFullError, InputError, SucreBenchError, one_line
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.compose_jobs import Command
@@ -116,7 +115,6 @@ def run(
         check_results_folder(command.jobs[0].out)
         planned, first = check(command), command.jobs[0]
         _write_provenance(command, planned)
-        _share_decoded(planned)
         before(planned)
         rows, interrupted, crashed = None, False, False
         n_alone = min(1, first.workers)  # what metrics do after all jobs has one worker, too
@@ -125,11 +123,11 @@ def run(
                 crashed = not _run_jobs(command, planned)
                 if not crashed:
                     if any(metric.plugin.is_of_pairs for plan in planned for metric in plan.job.metrics):
-                        run_works([Work("pairs of views", partial(score_across_views, planned))], n_alone)
+                        run_alone("pairs of views", partial(score_across_views, planned), n_alone)
                     rows = results.merge(first.out)
                     if compare.leaves_holes(rows):  # else all methods fill the same pixels
                         on_common_pixels = partial(score_on_common_pixels, planned, rows, first.out)
-                        run_works([Work("common pixels", on_common_pixels)], n_alone)
+                        run_alone("common pixels", on_common_pixels, n_alone)
         except KeyboardInterrupt:
             interrupted = True
         finally:
@@ -154,20 +152,6 @@ def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
     record_line_up(command.jobs)
 
 
-def _share_decoded(planned: Sequence[Planned]) -> None:
-    """Make the folder that tells jobs to share decoded files, where two restorations read the same view.
-
-    They do by two methods, and by one that reads a target's neighbours. A disk without room for the folder is no fault.
-    """
-    first = planned[0].job
-    read = Counter((plan.job.dataset.label, task.base.scene, task.view.name) for plan in planned for task in plan.todo)
-    reads_neighbours = any("poses" in plan.job.method.plugin.needs and len(plan.todo) > 1 for plan in planned)
-    reads_again = reads_neighbours or max(read.values(), default=0) > 1
-    if first.cache_gb > 0 and (first.cache_keep or reads_again):
-        with suppress(OSError):
-            decoded_path(first.out).mkdir(parents=True, exist_ok=True)
-
-
 def _run_jobs(command: Command, planned: Sequence[Planned]) -> bool:
     """Run the jobs where the command says, and return whether that went well; their rows say what became of them.
 
@@ -175,12 +159,7 @@ def _run_jobs(command: Command, planned: Sequence[Planned]) -> bool:
     """
     launcher = command.launcher
     if not isinstance(launcher, Slurm):
-        n_workers = workers_at_once(command)
-        if len(planned) == 1:
-            run_works([JobAtWork(planned[0])], n_workers)
-            return True
-        with progress.line(f"{len(planned)} jobs", sum(len(plan.todo) for plan in planned)) as after_view:
-            run_works([JobAtWork(plan, after_view) for plan in planned], n_workers)
+        run_jobs(planned, workers_at_once(command))
         return True
     from sucre_bench.engine.slurm import launch
 

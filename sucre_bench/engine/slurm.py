@@ -26,10 +26,9 @@ from pathlib import Path
 from typing import Any
 
 from sucre_bench import plugins, results
-from sucre_bench.engine.job import JobAtWork
 from sucre_bench.engine.preflight import base_row, plan
 from sucre_bench.engine.score import row_without_value
-from sucre_bench.engine.workers import run_works
+from sucre_bench.engine.workers import run_jobs
 from sucre_bench.errors import DiskFullError, InputError, PluginError, StopRequest, one_line
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.run_options import Slurm
@@ -308,7 +307,7 @@ def work(values: Mapping[str, Any], shared_pairs: str) -> str:
             for file in values["plugins"]:
                 plugins.load_file(file)
             job = replace(Job.of(values), shared_pairs=shared_pairs)
-            run_works([JobAtWork(plan(job))], job.workers)
+            run_jobs([plan(job)], job.workers)
     except _TimeIsUp:
         return _ENDED["TIMEOUT"]
     except DiskFullError as fault:

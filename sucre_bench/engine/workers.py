@@ -1,158 +1,317 @@
-"""Runs plugins in worker processes, one for each job: whatever a plugin does to its process ends with it.
+"""Divides the views of all jobs among worker processes: whatever a plugin does to its process ends with it.
 
-A worker is forked from this process, which opened the data and has started no threads, and lives as long as its job. It
-sends the rows of each view; this process writes them. If it dies, or is late at a step, the next worker goes on after
-it. It gives that step's view or score a row with the reason.
+A worker is forked from this process, which opened the data and has started no threads. It serves one job, as `job.py`
+says, and asks for views until none is left. Its rows come here, and this process writes them. If it dies, or is late at
+a step, another worker goes on: it gives that step's view or score a row with the reason.
 """
 
 from __future__ import annotations
 
 import importlib
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
+from functools import partial
+from itertools import groupby
 from multiprocessing.connection import wait
+from typing import Any
 
-from sucre_bench.errors import DiedError, DiskFullError, PluginError, SucreBenchError
+from sucre_bench.engine.job import serve
+from sucre_bench.engine.preflight import Planned, base_row, plan
+from sucre_bench.engine.score import row_of_fault
+from sucre_bench.errors import DiedError, DiskFullError, OutputError, PluginError, SucreBenchError, raise_if_stop
 from sucre_bench.machine import progress
+from sucre_bench.machine.cache import shorten_records
 from sucre_bench.machine.compute import start_compiler
 from sucre_bench.machine.processes import Forked, can_fork
+from sucre_bench.results.layout import file_name, log_path, restored_path
 from sucre_bench.results.rows import Row
+from sucre_bench.results.table import Part
 
 _TICK_S = 0.1
+_FLUSH_S = 0.3  # most seconds until rows are on the disk
+_MOST_GIVEN = 1000  # views that a worker gets at once, so that a message fits into the pipe
 # Nearly every worker needs these: if there are several, they are imported before the fork, and cost CPU time once. They
 # start no threads but those of OpenBLAS, which is made for forks.
 _SHARED = ("cv2", "scipy.ndimage", "scipy.optimize", "scipy.sparse.csgraph", "scipy.spatial")
 
-Emit = Callable[[Sequence[Row]], None]
+
+def run_jobs(planned: Iterable[Planned], n_workers: int) -> None:
+    """Restore and score the views of all jobs, n_workers at a time; 0: in this process.
+
+    A free worker takes the next job. When all have begun, it helps the job with the most views left.
+    An OutputError of a job is a line, and the others go on; DiskFullError is raised, for none could write.
+    """
+    jobs = [_Job(plan) for plan in planned if plan.todo]
+    n_views = sum(len(job.left) for job in jobs)
+    with ExitStack() as block:
+        if len(jobs) > 1:
+            after_view = block.enter_context(progress.line(f"{len(jobs)} jobs", n_views))
+            for job in jobs:
+                job.after_view.append(after_view)
+        if n_workers == 0 or not can_fork():
+            for job in jobs:
+                _run_here(job)
+            return
+        if n_views > 1 and (len(jobs) > 1 or n_workers > 1):
+            _import_shared()
+        _run_in_workers(jobs, n_workers)
 
 
-class Work:
-    """What is to be done in a worker. This class is for a function that writes its own results, and gives no rows.
+def run_alone(name: str, function: Callable[[], None], n_workers: int) -> None:
+    """Call a function that writes its own results, in a worker; if n_workers is 0, in this process.
 
-    Only `work` runs in the worker. It goes on where the last call of `keep` left it, and may return while something is
-    left, to go on in another worker.
+    If it dies at a step, or is late there, it is called again without it. Raises DiskFullError.
+    """
+    faults: dict[str, Exception] = {}
+    process: Forked | None = None
+    try:
+        if n_workers == 0 or not can_fork():
+            function()
+            return
+        while True:
+            process = Forked(lambda *_: function(), faults)
+            while not (process.has_ended or process.is_late):
+                wait([process.messages], _TICK_S)
+                process.receive()
+                progress.show("tick")
+            step, fault = process.step, _fault_of(process, name)
+            process.stop()
+            if fault is None:
+                return
+            if step in faults:
+                raise fault
+            faults[step] = fault
+    except DiskFullError:
+        raise
+    except Exception as fault:
+        progress.say(f"failed  {name}: {fault}", is_fault=True)
+    finally:
+        if process:
+            process.stop()
+
+
+def _fault_of(process: Forked, name: str) -> Exception | None:
+    """Why a process is late or came to no good end. Raises its OutputError, and a request to stop."""
+    fault = process.fault
+    if isinstance(fault, OutputError):
+        raise fault
+    if fault:
+        raise_if_stop(fault)
+        return fault if isinstance(fault, Exception) else PluginError(str(fault))
+    if process.is_late:
+        limit = f"view_timeout_s={process.limit_s:g}"
+        return PluginError(f"took longer than {limit}; give it more time, or smaller images")
+    return DiedError(process.how, process.step or name) if process.how else None
+
+
+def _import_shared() -> None:
+    """Import what workers share. What fails here fails there, too, and has a row."""
+    for package in _SHARED:
+        with suppress(ImportError):
+            importlib.import_module(package)
+    with suppress(Exception):
+        start_compiler()
+
+
+class _Job:
+    """A job in the process of the command, which gives its views out and writes their rows.
+
+    left: groups of views that no worker has, as places in `planned.todo`; faults: of steps that workers leave out;
+    is_ready: whether a worker has made its method; is_given_up: whether its results cannot be written; after_view:
+    called when a view is done.
     """
 
-    def __init__(self, name: str, function: Callable[[], None] = lambda: None) -> None:
-        self.name, self._function = name, function
-        self.worker: Forked | None = None
-        self.is_one_of_several = False  # whether other workers will need the same packages
-        self._faults: dict[str, Exception] = {}  # of steps at which workers died or were late
+    def __init__(self, planned: Planned) -> None:
+        self.planned, self.name = planned, planned.name
+        self.left: deque[tuple[int, ...]] = deque((k,) for k in range(len(planned.todo)))
+        self.faults: dict[str, Exception] = {}
+        self.is_ready = self.is_given_up = self._by_scene = False
+        self.after_view: list[Callable[[], None]] = []
+        job = planned.job
+        self._part = Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"), _FLUSH_S)
+        self._shown = ExitStack()
 
-    def begin(self) -> bool:
-        """Begin, and return whether there is anything to do."""
-        return True
+    def begin(self) -> None:
+        """Show the progress."""
+        job, tasks = self.planned.job, self.planned.tasks
+        if tasks and not tasks[0].base.code.startswith(base_row(job).code):
+            shares = self.planned.shares_decoded
+            self.planned = replace(plan(job), shares_decoded=shares)  # an earlier job has made files that it reads
+            self.left = deque((k,) for k in range(len(self.planned.todo)))
+        line = progress.line(f"{job.method.label} on {job.dataset.label}", len(self.left))
+        self.after_view.append(self._shown.enter_context(line))
 
-    def work(self, emit: Emit) -> None:
-        """Do all of it, or a part. emit: called with the rows of each view."""
-        self._function()
+    def take(self, n_workers: int) -> list[int]:
+        """Take views for a worker: about half of its share of what is left, so that all end at the same time."""
+        n_groups = len(self.left) if n_workers < 2 else max(1, len(self.left) // (2 * n_workers))
+        taken: list[int] = []
+        while n_groups and self.left and len(taken) < _MOST_GIVEN:
+            taken += self.left.popleft()
+            n_groups -= 1
+        return taken
 
-    def keep(self, rows: Sequence[Row]) -> None:
-        """Keep the rows of the next view; without rows, write those that have waited."""
+    def note(self, given: list[int], kind: str, *values: Any) -> None:
+        """Do what a worker's message says. given: the views that it has; those that are done are removed."""
+        if kind == "ready":
+            if values[0] and not self.is_ready:
+                self._by_scene = True
+                todo = self.planned.todo
+                places = sorted((place for group in self.left for place in group), key=lambda k: todo[k].base.scene)
+                self.left = deque(tuple(of) for _, of in groupby(places, key=lambda k: todo[k].base.scene))
+            self.is_ready = True
+        elif kind == "unfit":  # the method cannot be made
+            for place in (place for group in self.left for place in group):
+                self._keep_fault(place, values[0])
+            self.left.clear()
+        elif kind == "rows" and values[0] in given:
+            given.remove(values[0])
+            self._keep(values[1])
 
-    def is_left(self) -> bool:
-        """Whether there is more to do."""
-        return False
+    def fail(self, place: int, fault: Exception) -> None:
+        """Give a view a row with the reason."""
+        row = row_of_fault(self.planned.todo[place].base, fault, log_path(self.planned.job.out), is_said=True)
+        self._keep_fault(place, row)
 
-    def fail(self, fault: Exception) -> None:
-        """Give up, and say why."""
-        progress.say(f"failed  {self.name}: {fault}", is_fault=True)
+    def _keep_fault(self, place: int, row: Row) -> None:
+        base = self.planned.todo[place].base
+        self._keep([replace(row, scene=base.scene, view=base.view, data_id=base.data_id, code=base.code)])
 
-    def end(self) -> None:
-        """Write what is not written yet."""
+    def _keep(self, rows: Sequence[Row]) -> None:
+        self._part.add(rows)
+        for done in self.after_view:
+            done()
 
-    def go_on(self, in_this_process: bool) -> bool:
-        """Do what can be done now; return whether the work goes on. An error that ends it is a line."""
+    def flush(self) -> None:
+        """Write rows that have waited long enough."""
+        self._part.add(())
+
+    def give_back(self, places: list[int]) -> None:
+        """Take back views that a worker had and did not do."""
+        if not self.is_given_up:
+            groups = [tuple(places)] if self._by_scene and places else [(place,) for place in places]
+            self.left.extendleft(reversed(groups))
+        places.clear()
+
+    @contextmanager
+    def giving_up(self) -> Iterator[None]:
+        """If an OutputError ends this block, say it, and leave the views that are left. Raises DiskFullError."""
         try:
-            if in_this_process:
-                is_left = self.begin()
-                while is_left:
-                    self.work(self.keep)
-                    is_left = self.is_left()
-            elif self._serve():
-                return True
-            self.stop()
+            yield
         except DiskFullError:
             raise
         except SucreBenchError as fault:
-            progress.say(f"failed  {self.name}: {fault}", is_fault=True)
-            with suppress(SucreBenchError):
-                self.stop()
-        return False
+            if not self.is_given_up:
+                progress.say(f"failed  {self.name}: {fault}", is_fault=True)
+            self.is_given_up = True
+            self.left.clear()
 
-    def _serve(self) -> bool:
-        """Begin, or take the worker's messages and do what follows of them; return whether there is more to do."""
-        worker = self.worker
-        if worker is None:
-            return self.begin() and self._fork()
-        while not worker.has_ended and worker.messages.poll():
-            if rows := worker.receive():
-                self.keep(rows[1])
-        step, fault = worker.step, None  # before it hears that it must stop
-        if not worker.has_ended and worker.is_late:
-            text = f"took longer than view_timeout_s={worker.limit_s:g}; give it more time, or smaller images"
-            fault = PluginError(text)
-            self._stop_worker()
-        elif not worker.has_ended:
-            self.keep([])
-            return True
-        elif worker.fault:
-            raise worker.fault
-        elif worker.how:
-            fault = DiedError(worker.how, step or self.name)
-        if fault is None:
-            return self.is_left() and self._fork()
-        if step in self._faults:
-            self.fail(fault)
+    def end(self) -> None:
+        """Write what is not written yet."""
+        self._shown.close()
+        self._part.flush()
+        job = self.planned.job
+        shorten_records(restored_path(job.out, file_name(job.dataset.label), job.method.label))
+
+
+class _Worker:
+    """A worker process of a job. given: the views that it has; leaves_out: the steps at which others died."""
+
+    def __init__(self, job: _Job) -> None:
+        self.job, self.given, self.leaves_out = job, list[int](), frozenset(job.faults)
+        self._takes_views = False
+        self.process = Forked(partial(serve, job.planned), dict(job.faults))
+
+    def go_on(self, n_workers: int) -> bool:
+        """Do what follows of its messages; return whether it goes on. Raises OutputError."""
+        job, process = self.job, self.process
+        self._note(process.receive())
+        if process.has_ended or process.is_late:
+            step, fault = process.step, _fault_of(process, job.name)
+            self._note(process.stop())
+            if fault and step in self.leaves_out:
+                if not self.given and job.left:
+                    self.given += job.left.popleft()
+                if self.given:
+                    job.fail(self.given.pop(0), fault)
+            if fault:
+                job.faults[step] = fault
+            job.give_back(self.given)
             return False
-        self._faults[step] = fault  # another worker goes on after the step
-        return self._fork()
-
-    def _fork(self) -> bool:
-        if self.is_one_of_several:
-            for package in _SHARED:
-                with suppress(ImportError):
-                    importlib.import_module(package)
-            start_compiler()
-        self.worker = Forked(lambda send: self.work(lambda rows: send("rows", rows)), self._faults)
+        if self._takes_views and not self.given:
+            self.given = job.take(n_workers)
+            self._takes_views = bool(self.given)
+            process.give(self.given.copy())
         return True
 
-    def _stop_worker(self) -> None:
-        """Stop the worker, and keep the rows that are there."""
-        for message in self.worker.stop() if self.worker else ():
-            self.keep(message[1])
-
     def stop(self) -> None:
-        """Stop the worker, and write all rows."""
-        try:
-            self._stop_worker()
-        finally:
-            self.worker = None
-            self.end()
+        """Stop, and keep the rows that are there. Raises OutputError."""
+        self._note(self.process.stop())
+
+    def _note(self, messages: Iterable[tuple[Any, ...]]) -> None:
+        for message in messages:
+            self._takes_views |= message[0] == "ready"
+            self.job.note(self.given, *message)
 
 
-def run_works(works: Iterable[Work], n_workers: int) -> None:
-    """Do works, each in a worker of its own, n_workers at a time; 0: in this process.
-
-    An OutputError of a work is a line, and the others go on; DiskFullError is raised, for none could write.
-    """
-    waiting, at_work = deque(works), list[Work]()
-    in_this_process = n_workers == 0 or not can_fork()
-    for work in waiting:
-        work.is_one_of_several = len(waiting) > 1
+def _run_in_workers(jobs: Sequence[_Job], n_workers: int) -> None:
+    workers, at_work = list[_Worker](), list[_Job]()
     try:
-        while waiting or at_work:
-            while waiting and len(at_work) < max(1, n_workers):
-                at_work.append(waiting.popleft())
-            at_work = [work for work in at_work if work.go_on(in_this_process)]
-            if workers := [work.worker.messages for work in at_work if work.worker]:
-                wait(workers, _TICK_S)
+        while True:
+            while len(workers) < n_workers and (job := _next(jobs, workers)):
+                with job.giving_up():
+                    if job not in at_work:
+                        at_work.append(job)
+                        job.begin()
+                    if job.left:
+                        workers.append(_Worker(job))
+            if not workers:
+                return
+            wait([worker.process.messages for worker in workers], _TICK_S)
+            for worker in tuple(workers):
+                goes_on = False
+                with worker.job.giving_up():
+                    goes_on = worker.go_on(n_workers)
+                if not goes_on or worker.job.is_given_up:
+                    workers.remove(worker)
+                    with worker.job.giving_up():
+                        worker.stop()
+            for job in tuple(at_work):
+                with job.giving_up():
+                    job.flush()
+                    if not job.left and all(worker.job is not job for worker in workers):
+                        at_work.remove(job)
+                        job.end()
             progress.show("tick")
     finally:
-        for work in at_work:
-            if work.worker:
-                work.worker.ask_to_stop()
-        for work in at_work:
+        for worker in workers:
+            worker.process.ask_to_stop()
+        for end in (*(worker.stop for worker in workers), *(job.end for job in at_work)):
             with suppress(SucreBenchError):
-                work.stop()
+                end()
+
+
+def _next(jobs: Sequence[_Job], workers: Sequence[_Worker]) -> _Job | None:
+    """The job that a free worker serves: the first one without a worker, else the one with the most views left."""
+    served = {worker.job for worker in workers}
+    waiting = [job for job in jobs if job.left]
+    first = next((job for job in waiting if job not in served), None)
+    return first or max((job for job in waiting if job.is_ready), key=lambda job: len(job.left), default=None)
+
+
+def _run_here(job: _Job) -> None:
+    given: list[int] = []
+
+    def take() -> list[int]:
+        given[:] = job.take(1)
+        return given.copy()
+
+    with job.giving_up():
+        try:
+            job.begin()
+            while job.left:
+                serve(job.planned, partial(job.note, given), take)
+                job.give_back(given)
+        finally:
+            job.end()

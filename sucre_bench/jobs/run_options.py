@@ -158,7 +158,7 @@ class RunConfig:
     view_timeout_s: float | None = None
     """Most seconds of a method for a view, and of a metric for a score; longer ones fail. null: no limit."""
     workers: int = 1
-    """How many jobs run at once, each in a worker process; 0: all in this process, for a debugger."""
+    """How many worker processes share the views of all jobs; 0: all in this process, for a debugger."""
     save: Save = "display"
     """display: write restored images; full: also J, B, beta and gamma (.npz), for metrics that you add later."""
     bits: int = 8
@@ -221,12 +221,12 @@ class RunConfig:
 
 @dataclass(frozen=True)
 class Launcher:
-    """Runs the jobs of a sweep on this machine, `workers` at a time."""
+    """Runs the jobs of a sweep on this machine, in `workers` processes."""
 
 
 @dataclass(frozen=True)
 class Joblib(Launcher):
-    """Runs n_jobs jobs at once on this machine; -1: as many as there are processors."""
+    """Runs the jobs of a sweep on this machine, in n_jobs processes; -1: as many as there are processors."""
 
     n_jobs: int = 1
 

@@ -9,7 +9,9 @@ from __future__ import annotations
 import ctypes
 import io
 import os
+import pickle
 import signal
+import struct
 import sys
 import threading
 import time
@@ -27,6 +29,7 @@ from sucre_bench.machine import progress
 
 T = TypeVar("T")
 Send = Callable[..., None]
+Work = Callable[[Send, Callable[[], Any]], Any]
 
 # -- signals -----------------------------------------------------------------------------------------------
 
@@ -101,6 +104,8 @@ def environment_of_programs() -> dict[str, str]:
 
 _GRACE_S = 5.0  # for a child that is asked to stop: a program that it runs gets three of them
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
+_HEAD = struct.Struct("!i")  # of a message of multiprocessing's pipes: its length
+_MOST_BYTES = 1 << 28  # of a message; text that a plugin writes into the pipe reads as a longer one
 
 # How a forked process reports its steps, the faults of those that it must leave out, its folder and its present step.
 _reporting: tuple[Send, Mapping[str, Exception], str, str] | None = None
@@ -140,41 +145,82 @@ def can_fork() -> bool:
 class Forked:
     """A child process at work.
 
-    work: is called in the child with a function that sends a message: `send("name", *values)`; faults: of steps that it
-    must leave out. step, limit_s: where it is, "" between steps, and the seconds it may take there; has_ended: whether
-    it will send no more; how: how it died, "" if it did not; result, fault: what `work` returned, or raised.
+    work: is called in the child with two functions: `send("name", *values)` sends a message, `take()` waits for the
+    next value that this process gives. faults: of steps that it must leave out. step, limit_s: where it is, "" between
+    steps, and the seconds it may take there; has_ended: whether it will send no more; how: how it died, "" if it did
+    not; result, fault: what `work` returned, or raised.
     """
 
-    def __init__(self, work: Callable[[Send], Any], faults: Mapping[str, Exception] = MappingProxyType({})) -> None:
+    def __init__(self, work: Work, faults: Mapping[str, Exception] = MappingProxyType({})) -> None:
         self.step, self.how, self.has_ended = "", "", False
         self.result: Any = None
         self.fault: BaseException | None = None
         self.limit_s: float | None = None
         self._started, self._stop_at = 0.0, float("inf")
         self._lines: set[str] = set()  # of progress that are not finished
-        self.messages, sending = Pipe(duplex=False)
+        self._received = bytearray()
+        self.messages, sending = Pipe()
         given = (work, faults, self.messages, sending, os.getpid(), ctypes.CDLL(None))
         self._process = get_context("fork").Process(target=_work_in_child, args=given)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # idle threads of BLAS count as threads
             self._process.start()
         sending.close()
+        os.set_blocking(self.messages.fileno(), False)  # half a message must not hold this process
 
     @property
     def is_late(self) -> bool:
         """Whether its step takes longer than it may."""
-        return self.limit_s is not None and time.monotonic() - self._started > self.limit_s
+        return not self.has_ended and self.limit_s is not None and time.monotonic() - self._started > self.limit_s
 
-    def receive(self) -> tuple[Any, ...] | None:
-        """Take a message that is there; return it if it is one of the work's own."""
-        try:
-            name, *values = self.messages.recv()
-        except (EOFError, OSError):
+    def give(self, value: object) -> None:
+        """Give the child what it waits for with `take()`."""
+        with suppress(OSError):  # it has died, which `receive` finds
+            self.messages.send(value)
+
+    def receive(self) -> list[tuple[Any, ...]]:
+        """Take the messages that are there, and notice if the child has died; return those of the work's own."""
+        if self.has_ended:
+            return []
+        is_dead = self._process.exitcode is not None  # whatever it has started may hold its end of the pipe open
+        is_closed = self._read()
+        own = [message for message in self._messages() if self._is_own(*message)]
+        if not self.has_ended and (is_dead or is_closed):
             self._process.join(1.0)
             code = self._process.exitcode or 0
             memory = ", perhaps for want of memory" if code == -signal.SIGKILL else ""
             self._end(f"exit code {code}" if code >= 0 else f"signal {-code}{memory}")
-            return None
+        return own
+
+    def _read(self) -> bool:
+        """Read what is there; return whether the child's end is closed."""
+        try:
+            while content := os.read(self.messages.fileno(), 1 << 20):
+                self._received += content
+        except BlockingIOError:
+            return False
+        except OSError:
+            pass
+        return True
+
+    def _messages(self) -> Iterator[tuple[Any, ...]]:
+        """Take the whole messages from what was read. A plugin may have written into the pipe."""
+        try:
+            while not self.has_ended and len(self._received) >= _HEAD.size:
+                (size,) = _HEAD.unpack_from(self._received)
+                if not 0 < size < _MOST_BYTES:
+                    raise ValueError(f"{size} bytes long")
+                end = _HEAD.size + size
+                if len(self._received) < end:
+                    return
+                name, *values = pickle.loads(self._received[_HEAD.size : end])
+                del self._received[:end]
+                yield name, *values
+        except Exception as fault:
+            self._end(f"its messages cannot be read, {one_line(fault)[:80]}")
+
+    def _is_own(self, name: str, *values: Any) -> bool:
+        """Whether a message is one of the work's own; if not, do what it says."""
         if name == "step":
             self.step, self.limit_s = values
             self._started = time.monotonic()
@@ -188,8 +234,8 @@ class Forked:
             setattr(self, name, values[0])
             self._end()
         else:
-            return name, *values
-        return None
+            return True
+        return False
 
     def ask_to_stop(self) -> None:
         """Let the work end as at Ctrl-C."""
@@ -206,8 +252,8 @@ class Forked:
             self.ask_to_stop()
         while not self.has_ended and time.monotonic() < self._stop_at:
             try:
-                if wait([self.messages], 0.02) and (message := self.receive()):
-                    messages.append(message)
+                wait([self.messages], 0.02)
+                messages += self.receive()
             except KeyboardInterrupt:
                 self._process.terminate()
         self._end()
@@ -236,11 +282,11 @@ def call(work: Callable[[], T], remedy: str) -> T:
     """
     if not can_fork():
         return work()
-    child = Forked(lambda _: work())
+    child = Forked(lambda *_: work())
     try:
         while not child.has_ended:
-            if wait([child.messages], 0.1):
-                child.receive()
+            wait([child.messages], 0.1)
+            child.receive()
             progress.show("tick")
     finally:
         child.stop()
@@ -253,25 +299,27 @@ def call(work: Callable[[], T], remedy: str) -> T:
 
 
 def _work_in_child(
-    work: Callable[[Send], Any],
+    work: Work,
     faults: Mapping[str, Exception],
-    receiving: Connection,
+    of_parent: Connection,
     messages: Connection,
     parent: int,
     libc: ctypes.CDLL,
 ) -> None:
     global _reporting
-    lock = threading.Lock()  # for what threads print
+    lock, own = threading.Lock(), os.getpid()  # for what threads print
 
     def send(*message: object) -> None:
-        with lock:
-            messages.send(message)
+        if os.getpid() == own:  # else a plugin has forked this process
+            with lock:
+                messages.send(message)
 
+    os.register_at_fork(after_in_child=messages.close)  # what lives longer than this process must not hold it
     libc.prctl(_DIE_WITH_PARENT, signal.SIGKILL)
     try:
         if os.getppid() != parent:
             os._exit(1)
-        receiving.close()
+        of_parent.close()
         os.setpgid(0, 0)  # a terminal's Ctrl-C is for the parent
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -281,7 +329,7 @@ def _work_in_child(
             setattr(sys, name, io.TextIOWrapper(raw, "utf-8", "backslashreplace", line_buffering=True))
         _reporting = send, faults, str(Path.cwd()), ""
         with progress.watched_by(lambda *event: send("progress", *event)):
-            result = work(send)
+            result = work(send, messages.recv)
         for stream in (sys.stdout, sys.stderr):
             with suppress(ValueError):  # a plugin has closed it
                 stream.flush()
@@ -299,7 +347,7 @@ class _ToParent(io.RawIOBase):
     """Sends what is written to the parent, which may be drawing in the same terminal."""
 
     def __init__(self, send: Send, number: int, name: str) -> None:
-        self._send, self._number, self._name = send, number, name
+        self._send, self._number, self._name, self._own = send, number, name, os.getpid()
 
     def writable(self) -> bool:
         return True
@@ -308,5 +356,7 @@ class _ToParent(io.RawIOBase):
         return self._number
 
     def write(self, content: Any) -> int:
+        if os.getpid() != self._own:
+            return os.write(self._number, content)
         self._send("printed", self._name, bytes(content).decode("utf-8", "replace"))
         return len(content)

@@ -39,14 +39,20 @@ def check(done: Done, folder: Path, acts: str, said: dict[str, str]) -> None:
     assert len((done.stdout + done.stderr).splitlines()) < 60
 
 
-DEATHS = {"exit": "exit code 0", "segfault": "signal 11", "abort": "signal 6"}
+DEATHS = {
+    "exit": "exit code 0",
+    "segfault": "signal 11",
+    "abort": "signal 6",
+    "child": "signal 9",  # a process that it forked lives on
+    "daemon": "exit code 3",
+}
 
 
 def test_a_view_at_which_the_process_dies_fails_and_the_rest_of_the_sweep_goes_on(tmp_path: Path):
     acts = ",".join(DEATHS)
     sweep = words(acts, "-m", "method=actor,gray_world", "metrics=[coverage]")
     done = Started(tmp_path, *sweep).ended()
-    check(done, tmp_path, acts, {act: f"the process died ({how})" for act, how in DEATHS.items()})
+    check(done, tmp_path, acts, {act: f"the process died ({how}" for act, how in DEATHS.items()})
     assert set(restorations(tmp_path, "gray_world")["status"]) == {"ok"}
     before = restorations(tmp_path)["time"].to_dict()
 
@@ -93,6 +99,8 @@ FAULTS = {
     "outside": "Outside: away",
     "generator-exit": "GeneratorExit",
     "long": "ValueError: xxx",
+    "junk": "messages cannot be read",
+    "reload": "PicklingError",
 }
 
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import importlib
 import json
+import multiprocessing
 import os
 import resource
 import signal
+import stat
 import sys
 import tempfile
 import threading
@@ -350,12 +353,42 @@ def _break_libraries() -> None:
     sys.modules.pop("pandas", None)
 
 
+def _leave_child() -> None:
+    multiprocessing.get_context("fork").Process(target=time.sleep, args=(60,)).start()
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _leave_daemon() -> None:
+    """Leave a process outside of the group that libraries have forked, with all that is open."""
+    if ctypes.CDLL(None).fork() == 0:
+        os.setsid()
+        time.sleep(20)
+        os._exit(0)
+    os._exit(3)
+
+
+def _write_into_pipes() -> None:
+    for descriptor in range(3, 64):
+        with contextlib.suppress(OSError):
+            if stat.S_ISSOCK(os.fstat(descriptor).st_mode):
+                os.write(descriptor, b"junk")
+
+
+def _reload_rows() -> None:
+    for name in [name for name in sys.modules if name.startswith("sucre_bench.results")]:
+        importlib.reload(sys.modules[name])
+
+
 _leaked: list[int] = []
 ACTS: dict[str, Callable[[], Any]] = {
     "fine": lambda: None,
     "exit": lambda: os._exit(0),
     "segfault": lambda: ctypes.string_at(0),
     "abort": lambda: ctypes.CDLL(None).abort(),
+    "child": _leave_child,
+    "daemon": _leave_daemon,
+    "junk": _write_into_pipes,
+    "reload": _reload_rows,
     "outside": lambda: _raise(Outside("away")),
     "generator-exit": lambda: _raise(GeneratorExit()),
     "long": lambda: _raise(ValueError("x" * 1_000_000)),
@@ -397,6 +430,34 @@ class Actor:
     def restore(self, scene: Scene, view: View) -> Restoration:
         info = ACTS.get(view.name.removesuffix(".png"), ACTS["fine"])()
         return Restoration(view.rgb * 0.5, info=info or {})
+
+
+@dataset()
+@dataclass(frozen=True)
+class Stages:
+    """Two scenes of four views."""
+
+    def scenes(self) -> Iterator[Scene]:
+        draw = np.random.default_rng(0)
+        for scene in ("left", "right"):
+            views = [View(f"{scene}{k}.png", Arrays(draw.random((8, 8, 3), dtype=np.float32))) for k in range(4)]
+            yield Scene(scene, views, frozenset(), data_id=scene)
+
+
+@method()
+@dataclass(frozen=True)
+class Named:
+    """Says which process restored a view, as its device. Adds noise, of the seed that the method is given."""
+
+    sees_whole_scene: bool = False
+    """Whether it says that views of a scene belong together."""
+    seed: int = 0
+    """Of its noise."""
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        time.sleep(0.3)
+        noise = np.random.default_rng(self.seed).random(view.rgb.shape, dtype=np.float32)
+        return Restoration(view.rgb * 0.5 + 0.1 * noise, info={"device": str(os.getpid())})
 
 
 @metric(variants={"only": ""}, unit="", better="higher", range=(0, 1))
