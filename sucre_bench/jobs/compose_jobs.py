@@ -37,7 +37,7 @@ from sucre_bench.jobs.catalogue import (
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.lineup import KINDS, Entry, Kind, LineUp, read_experiment, read_line_up
 from sucre_bench.jobs.run_options import Launcher, RunConfig, launcher_of
-from sucre_bench.jobs.words import Word, first_line, parse, quoted
+from sucre_bench.jobs.words import QUOTED, Word, first_line, parse, quoted
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.progress import say
 from sucre_bench.machine.provenance import absent
@@ -79,7 +79,7 @@ def jobs(words: Sequence[str], multirun: bool) -> Command:
         raise InputError("a second line-up", files[1], "run one at a time")
     overrides = [word for word in words if word not in files]
     for word in overrides:
-        if word.splitlines() not in ([], [word]):
+        if len(re.sub(QUOTED, "", f"{word}.").splitlines()) > 1:  # in quotes it is part of a name
             raise InputError(f"{in_one_line(word)!r}: holds a line break; give each word in one line")
         if is_bare(word):
             raise bare_word(word, overrides)

@@ -52,8 +52,9 @@ def _literal(value: Any) -> Any:
     return re.sub(r"(\\*)\$\{", r"\1\1\\${", value) if isinstance(value, str) else value
 
 
+QUOTED = r"""'(?:\\.|[^'])*'|"(?:\\.|[^"])*\""""
 # Text in quotes, or a bare value of a list or a mapping.
-_VALUE = re.compile(r"""'(?:\\.|[^'])*'|"(?:\\.|[^"])*"|(?<![^,\[:])[^][{},:'"$ ]+(?![^],}])""")
+_VALUE = re.compile(QUOTED + r"""|(?<![^,\[:])[^][{},:'"$ ]+(?![^],}])""")
 
 # A bare name of a folder or label with spaces at an end, which Hydra would leave out.
 _NAMES = (".out", ".label", ".root")

@@ -40,7 +40,7 @@ def test_single_photographs_come_back_under_their_names_and_a_damaged_one_costs_
     photos, out = tmp_path / "photos", tmp_path / "out"
     write_image(photos / "day 1/a.JPG", seabed(0))
     write_image(photos / "day 1/a.png", (seabed(1).astype(np.uint16) << 8) + 7)
-    write_image(photos / "b.tif", seabed(2))
+    write_image(photos / "b\n1.tif", seabed(2))
     (photos / "c.jpg").write_bytes((photos / "day 1/a.JPG").read_bytes()[:600])
     before = contents(photos)
     done = bench("restore", "photos", "out", "--method", "gray_world")
@@ -48,21 +48,21 @@ def test_single_photographs_come_back_under_their_names_and_a_damaged_one_costs_
     assert "c.jpg" in done.stdout
     assert "3 of 4 pictures" in done.stdout
     made = contents(out / "pictures")
-    assert sorted(made) == ["b.tif", "day 1/a.JPG", "day 1/a.png"]
-    for name, form in (("b.tif", "TIFF"), ("day 1/a.JPG", "JPEG"), ("day 1/a.png", "PNG")):
+    assert sorted(made) == ["b\n1.tif", "day 1/a.JPG", "day 1/a.png"]
+    for name, form in (("b\n1.tif", "TIFF"), ("day 1/a.JPG", "JPEG"), ("day 1/a.png", "PNG")):
         with Image.open(out / "pictures" / name) as image:
             assert (image.format, image.size) == (form, (80, 60))
     deep = cv2.imread(str(out / "pictures/day 1/a.png"), cv2.IMREAD_UNCHANGED)
     assert deep.dtype == np.uint16
     assert len(np.unique(deep)) > 256
-    means = cv2.imread(str(out / "pictures/b.tif")).mean(axis=(0, 1))
+    means = cv2.imread(str(out / "pictures/b\n1.tif")).mean(axis=(0, 1))
     assert np.ptp(means) < 2, "the photographs are blue, a gray world is not"
     with Image.open(out / "contact-sheet.jpg") as sheet:
         assert sheet.width > 600
     assert contents(photos) == before
 
-    times = {name: (out / "pictures" / name).stat().st_mtime_ns for name in made if name != "b.tif"}
-    (out / "pictures/b.tif").unlink()
+    times = {name: (out / "pictures" / name).stat().st_mtime_ns for name in made if name != "b\n1.tif"}
+    (out / "pictures/b\n1.tif").unlink()
     assert bench("restore", "photos", "out", "--method", "gray_world").returncode == 1
     assert {name: (out / "pictures" / name).stat().st_mtime_ns for name in times} == times, "nothing is done twice"
     assert contents(out / "pictures") == made
