@@ -138,5 +138,5 @@ def read_common(*folders: Path) -> DataFrame:
 def write_common(out: Path, rows: DataFrame) -> None:
     """Write the table of a results folder as a whole. Raises OutputError if it cannot be written."""
     buffer = io.BytesIO()
-    rows.to_parquet(buffer, index=False)
+    rows.to_parquet(buffer, index=False, write_page_checksum=True)
     write_atomically(out / COMMON_TABLE, buffer.getvalue())

@@ -106,7 +106,7 @@ def read_file(
     column = "the file"
     try:
         content = regular(path).read_bytes()  # whole: the file may be replaced while it is read
-        held = ParquetFile(io.BytesIO(content)).read(use_threads=False)
+        held = ParquetFile(io.BytesIO(content), page_checksum_verification=True).read(use_threads=False)
         held.validate(full=True)  # text that is no text, and numbers that point to none
         read = {}
         for name in columns:
@@ -269,7 +269,7 @@ def _write(path: Path, rows: pyarrow.Table) -> None:
     import pyarrow.parquet
 
     buffer = io.BytesIO()
-    pyarrow.parquet.write_table(rows, buffer)
+    pyarrow.parquet.write_table(rows, buffer, write_page_checksum=True)
     write_atomically(path, buffer.getvalue())
 
 

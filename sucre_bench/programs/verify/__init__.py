@@ -5,4 +5,4 @@ Metrics and datasets are those registered here. Nothing of the bundle is execute
 """
 
 # The allowed difference as a share of a score. Pictures have 8 bits, scores were computed before that rounding.
-TOLERANCE = 0.02
+TOLERANCE = 0.001

@@ -64,8 +64,9 @@ class Outcome:
 
     id, by: see `Bundle`; n_files: number of checked hashes; faults: faults of files, data, pictures or units, one line
     each; differing: scores that differ; n_agree: number of scores that were computed again and agree; n_common: how
-    many of these are on common pixels; unchecked: scores that were not computed again, by reason; needs_data: whether
-    some of them need the data; other_versions: metrics whose code here is not the code that made the scores.
+    many of these are on common pixels; largest: the largest difference of these, as a share of the score; unchecked:
+    scores that were not computed again, by reason; needs_data: whether some of them need the data; other_versions:
+    metrics whose code here is not the code that made the scores.
     """
 
     id: str
@@ -75,6 +76,7 @@ class Outcome:
     differing: list[DifferingScore] = field(default_factory=list)
     n_agree: int = 0
     n_common: int = 0
+    largest: float = 0.0
     unchecked: dict[str, int] = field(default_factory=Counter)
     needs_data: bool = False
     other_versions: list[str] = field(default_factory=list)
@@ -315,7 +317,8 @@ class _Check:
         """Count a score as agreeing, differing or not checked. is_inexact: a difference may be that of the data."""
         outcome, key = self._outcome, (score.metric, score.variant, score.region)
         again, size = pictured.rows.get(key), self._sizes.get(key[:2], 0.0)
-        is_equal = again is not None and pictured.agrees(scorer, key, score.value, size, self._tolerance)
+        apart = math.inf if again is None else pictured.difference(scorer, key, score.value, size, self._tolerance)
+        is_equal = apart <= self._tolerance
         metric = (*key[:2], scorer.code)
         if again is None or not (again.status == "ok" or is_equal):  # nothing comes out now
             alone = again or pictured.rows.get((score.metric, score.variant, "image"))
@@ -337,6 +340,7 @@ class _Check:
                 outcome.other_versions.append(score.metric)
         if is_equal:
             outcome.n_agree += 1
+            outcome.largest = max(outcome.largest, apart)
             return
         plugin, value = scorer.plugin, again.value if again and again.status == "ok" else math.nan
         if plugin.faults or (_is_share(plugin) and abs(value - score.value) <= _MOVED):

@@ -293,10 +293,10 @@ def other_pixels(rows: pd.DataFrame) -> None:
 # What a forger changes -> fields of the scores that differ, and their values; or a word of the fault.
 FORGERIES: dict[str, tuple[Callable[[dict[str, bytes]], None], str, tuple[str, ...]]] = {
     "a score": (
-        with_table(scaled("uciqe", "gray_world", 1.1)), "pixels metric method", ("own", "uciqe", "gray_world")
+        with_table(scaled("uciqe", "gray_world", 1.002)), "pixels metric method", ("own", "uciqe", "gray_world")
     ),
     "a score on common pixels": (
-        with_table(scaled("psnr", "half", 1.2), "common.csv"), "pixels metric method", ("common", "psnr", "half")
+        with_table(scaled("psnr", "half", 1.002), "common.csv"), "pixels metric method", ("common", "psnr", "half")
     ),
     "a picture": (brighter, "method view", ("gray_world", "view_000.png")),
     "common pixels": (with_table(other_pixels, "common.csv"), "", ("common.csv",)),
