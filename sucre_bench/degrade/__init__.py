@@ -21,6 +21,7 @@ from sucre_bench.camera import distance_map, scaled_camera
 from sucre_bench.degrade.options import VIEWS, Degradation, hashed
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_patches import scaled_chart
+from sucre_bench.imaging.colour_profiles import Profile
 from sucre_bench.imaging.encoding import converted
 from sucre_bench.scene import Chart, Encoding, Pixels, Plane, Scene, View, Water
 
@@ -110,6 +111,12 @@ class _Degraded:
         """Whether the image was a JPEG file, or is passed through one."""
         return self.degradation.jpeg_quality is not None or self.view.is_jpeg
 
+    @property
+    def profile(self) -> Profile | None:
+        """The colour profile of the image; of a reference that water was added to, none: references are in sRGB."""
+        has_srgb = bool(self.degradation.water) and self.has_references
+        return None if has_srgb else getattr(self.source, "profile", None)
+
     def load(self, plane: Plane) -> Array | None:
         """Return a degraded plane. Raises InputError if there is no image to add water to."""
         d, source = self.degradation, self.view.pixels
@@ -124,6 +131,8 @@ class _Degraded:
             values: Array | None = under_water(self._dry(), distance, d.water)
         else:
             values = self._dry() if plane == "reference" and d.water else source.load(plane)
+            if plane == "reference" and d.water and values is not None and self.profile:
+                values = self.profile.to_srgb(values, self.view.encoding)
         if values is None:
             return None
         if plane == "rgb" and d.blur_px:

@@ -19,6 +19,7 @@ from sucre_bench.arrays import Array, coloured
 from sucre_bench.engine.preflight import Planned, Task, base_row, names_hash
 from sucre_bench.engine.score import Scorer, row_of_fault, score_rows, scorers
 from sucre_bench.errors import InputError, NotApplicableError, OutputError, PluginError, raise_if_stop
+from sucre_bench.imaging.colour_profiles import restoration_in_srgb, view_in_srgb
 from sucre_bench.imaging.display import displayed, is_of_scene
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
@@ -108,7 +109,7 @@ def measured_restore(method: Any, scene: Scene, view: View, word: str = "method"
         seconds = time.perf_counter() - started
     info = restoration.info
     took = (float(info.get(name, measured)) for name, measured in (("seconds", seconds), ("peak_mb", memory.peak_mb)))
-    return Measured(with_truth(restoration, scene, view), *took)
+    return Measured(with_truth(restoration_in_srgb(restoration, view), scene, view), *took)
 
 
 def _restored_and_scored(
@@ -121,7 +122,7 @@ def _restored_and_scored(
         with step(f"view '{view.name}' by method '{job.method.label}'"):
             afresh = job.overwrite == "always" and not decides
             measured = _stored_or_restored(job, method, task, afresh, job.save == "full")
-            write_view(job.out, task.place, view)
+            write_view(job.out, task.place, view_in_srgb(view))
             colours = over.colours if over and over.colours.size else None
             shown, filled = displayed(measured.restoration, job.method.display, view.encoding, colours)
             look = (job.bits, over.hash if over else "")

@@ -14,6 +14,7 @@ from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.engine.job import make_ready, measured_restore
 from sucre_bench.engine.score import score_rows, scorers
 from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.imaging.colour_profiles import restoration_in_srgb
 from sucre_bench.imaging.display import displayed, is_of_scene
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import SUFFIXES, write_image
@@ -221,6 +222,7 @@ def score(
         sizes = f"is {result.image.shape}, the view {view.rgb.shape}"
         raise InputError(sizes, "score(result)", "restore the view at its own size")
     metrics = [metrics] if isinstance(metrics, str) else metrics
+    result = restoration_in_srgb(result, view)
     info = {name: value for name, value in result.info.items() if value is not None}  # None: not measured, not known
     for name in info.keys() & _INFO:
         check_argument(f"score(result.info['{name}'])", info[name], _INFO[name])

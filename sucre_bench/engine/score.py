@@ -20,6 +20,7 @@ from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured, locked
 from sucre_bench.errors import NotApplicableError, one_line, raise_if_stop
 from sucre_bench.imaging.chart_kinds import kind_id
+from sucre_bench.imaging.colour_profiles import view_in_srgb
 from sucre_bench.imaging.resizing import Form, changed_picture, changed_restoration, split_variant
 from sucre_bench.machine import progress
 from sucre_bench.machine.processes import step
@@ -58,8 +59,8 @@ def score_rows(
 ) -> list[Row]:
     """Return the rows of a restoration: what it took, then every score.
 
-    shown: the restored image; base: what the rows say of view, method, options, code, data, seconds and memory; log:
-    keeps tracebacks; limit_s: how long a score may take.
+    restoration: in sRGB, see `colour_profiles`; shown: the restored image; base: what the rows say of view, method,
+    options, code, data, seconds and memory; log: keeps tracebacks; limit_s: how long a score may take.
     """
     valid = restoration.valid
     base = replace(
@@ -84,7 +85,7 @@ def score_rows(
         "restoration": True,
     }
     offered = frozenset(name for name, is_there in offers.items() if is_there)
-    scored = Scored(replace(restoration, image=locked(restoration.image)), locked(shown), view)
+    scored = Scored(replace(restoration, image=locked(restoration.image)), locked(shown), view_in_srgb(view))
     for scorer in metrics:
         plugin = scorer.plugin
         code = score_code(base, scorer.code, charts_id(plugin, [view]))

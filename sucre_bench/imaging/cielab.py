@@ -55,7 +55,12 @@ def lab_d50_of_linear(rgb: Array) -> Array:
 def srgb_of_lab_d50(lab: npt.NDArray[Any]) -> Array:
     """Return gamma-encoded sRGB of CIE Lab under D50 (..., 3), clipped to [0, 1]: a picture shows no more."""
     XYZ = _xyz_of_lab(np.asarray(lab, dtype=np.float64)) * _white("D50")
-    return srgb_encode(_mapped(_RGB_OF_XYZ @ _adaptation("D50", "D65"), XYZ)).clip(0, 1)
+    return srgb_encode(_mapped(linear_srgb_of_xyz("D50"), XYZ)).clip(0, 1)
+
+
+def linear_srgb_of_xyz(white: str | Array) -> Array:
+    """Return the matrix (3, 3) from XYZ under an illuminant, or a white (3,), to linear light of sRGB's primaries."""
+    return _RGB_OF_XYZ @ _adaptation(white, "D65")
 
 
 def lab_d50_from(lab: npt.NDArray[Any], illuminant: str) -> Array:

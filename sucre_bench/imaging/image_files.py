@@ -1,6 +1,6 @@
 """Reads images, 8- or 16-bit PNG, TIFF or JPEG, to RGB in [0, 1], and arrays in .npy, .npz and TIFF; writes images.
 
-The pixels are taken as they lie in the file, as COLMAP does: an orientation noted in EXIF is ignored. Sizes are read
+The pixels are taken as they lie in the file, as COLMAP does: `orientation` turns one of a pair. Sizes are read
 from headers first, so that a wrong or hostile file of a few bytes does not fill the memory.
 """
 
@@ -38,7 +38,8 @@ _REDUCED_OR_MASK = 1 | 4  # bits of a TIFF page's NewSubfileType
 _ALPHA = (1, 2)  # multiplied and straight, in a TIFF's ExtraSamples
 _COLOURS = {1: 1, 2: 3}  # channels of gray (0 is black) and of RGB, by a TIFF's PhotometricInterpretation
 _PLANES = 2  # a TIFF's PlanarConfiguration
-_FEW_BITS = 12
+_ICC = 34675  # the tag of a TIFF
+_FEW_BITS = 14  # of raw converters
 
 
 def png_chunk(content: bytes) -> bytes:
@@ -125,15 +126,20 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
     Gray is repeated over the channels, transparency dropped. Raises InputError if the file cannot be read, does not
     have 8 or 16 bits, or has a size that does not shrink to `size`.
     """
-    import cv2
-
     stored = read_bgr(path)
     if stored.dtype == np.uint16 and 0 < (largest := int(stored.max(initial=0))) < 2**_FEW_BITS:
         fault = f"no value of {path.name} is above {largest}, of 65535, so it is read as dark"
         remedy = f"if the camera has {_FEW_BITS} bits or fewer, scale its values to 16 bits"
-        _say_once_a_folder(path, "bits", f"{fault}; {remedy}")
+        say_once_a_folder(path, "bits", f"{fault}; {remedy}")
     image = stored[..., ::-1].astype(np.float32, order="C")
     image /= np.iinfo(stored.dtype).max
+    return resized(image, size, path)
+
+
+def resized(image: Array, size: tuple[int, int] | None, path: Path) -> Array:
+    """Return an image (H, W, 3), shrunk to `size` (width, height) by area if one is given. Raises as `read_rgb`."""
+    import cv2
+
     height, width = image.shape[:2]
     if size is None or (width, height) == size:
         return image
@@ -226,14 +232,14 @@ def _without_alpha(stored: npt.NDArray[Any], place: str, flags: int) -> npt.NDAr
         return (bgr >> 8).astype(np.uint8) if bgr.dtype == np.uint16 else bgr
     if alpha.dtype.kind == "u" and (n := int((alpha < np.iinfo(alpha.dtype).max).sum())):
         fault = f"{n} pixels of {Path(place).name} are transparent, and read with the colours stored there"
-        _say_once_a_folder(Path(place), "alpha", f"{fault}; save it without transparency if these are not right")
+        say_once_a_folder(Path(place), "alpha", f"{fault}; save it without transparency if these are not right")
     return bgr
 
 
 _said: set[tuple[Path, str]] = set()
 
 
-def _say_once_a_folder(path: Path, about: str, text: str) -> None:
+def say_once_a_folder(path: Path, about: str, text: str) -> None:
     """Say what may not be as the owner of a folder's images means it."""
     if (path.parent, about) not in _said:
         _said.add((path.parent, about))
@@ -292,6 +298,24 @@ def _pillow() -> ModuleType:
 
     Image.MAX_IMAGE_PIXELS = None
     return Image
+
+
+def metadata_of(path: Path) -> tuple[Any, dict[str, Any]]:
+    """Return the EXIF tags of a picture, and what Pillow says besides, "icc_profile" for example.
+
+    Raises errors of any kind if the file cannot be read. The pixels are not decoded.
+    """
+    tags, info = _pillow().Exif(), dict[str, Any]()
+    with regular(path).open("rb") as file:
+        if file.read(2) in (b"II", b"MM"):
+            file.seek(0)
+            tags.load_from_fp(file)
+            info |= {"icc_profile": bytes(tags[_ICC])} if _ICC in tags else {}
+        else:
+            with _pillow().open(file) as image:
+                info = image.info
+            tags.load(info.get("exif", b""))
+    return tags, info
 
 
 def read_tiff(path: Path) -> np.ndarray:

@@ -17,7 +17,9 @@ from sucre_bench.arrays import Array, Picture
 from sucre_bench.camera import Camera, scaled_camera
 from sucre_bench.errors import InputError, check_number
 from sucre_bench.imaging.chart_patches import scaled_chart
-from sucre_bench.imaging.image_files import check_pixels, image_size, is_jpeg, read_rgb, same_shape
+from sucre_bench.imaging.colour_profiles import Profile, profile_of, read_srgb
+from sucre_bench.imaging.image_files import check_pixels, image_size, is_jpeg, read_rgb, resized, same_shape
+from sucre_bench.imaging.orientation import lying_as
 from sucre_bench.loading.depth_maps import fitted, read_depth
 from sucre_bench.loading.find_folders import Found
 from sucre_bench.loading.lens import Lens
@@ -54,8 +56,13 @@ class Files:
         """Whether the image is a JPEG file, by its first bytes."""
         return is_jpeg(self.image)
 
+    @property
+    def profile(self) -> Profile | None:
+        """The colour profile of the image, whose values methods see as they are stored; None if that is sRGB."""
+        return profile_of(self.image)
+
     def load(self, plane: Plane) -> Array | None:
-        """Decode a plane. Raises InputError for an unreadable file or a known fault."""
+        """Decode a plane, a reference in sRGB. Raises InputError for an unreadable file or a known fault."""
         path = (self.fault or self.image) if plane == "rgb" else getattr(self, plane)
         if isinstance(path, str):
             raise InputError(path)
@@ -63,8 +70,12 @@ class Files:
             return None
         if plane == "depth":
             return fitted(self.read_depth(path), self.size, path)
-        read = self.read_image if plane == "rgb" else read_rgb
+        read = self.read_image if plane == "rgb" else self._read_reference
         return read(path, self.size) if self.lens is None else self.lens.undistorted(read(path, None), self.size)
+
+    def _read_reference(self, path: Path, size: tuple[int, int] | None) -> Array:
+        found = lying_as(read_srgb(path)[0], path, lambda: self.read_image(self.image, None), self.image)
+        return resized(found, size, path)
 
 
 def source_files(view: View) -> Iterator[Path]:
@@ -274,6 +285,11 @@ class SharedPixels:
     def is_jpeg(self) -> bool:
         """Whether the image is a JPEG file."""
         return self.files.is_jpeg
+
+    @property
+    def profile(self) -> Profile | None:
+        """The colour profile of the image."""
+        return self.files.profile
 
     def load(self, plane: Plane) -> Array | None:
         """Return a plane; of depth maps, the file's mapped values. Raises InputError for a file that is unreadable."""

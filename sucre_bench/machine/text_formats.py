@@ -73,14 +73,15 @@ def _loader() -> type[Any]:
 
 
 def json_text(value: Any) -> str:
-    """Return a value as indented JSON, with null for NaN and infinity.
+    """Return a value as indented JSON, with null for NaN, and 1e999 for infinity, as which every reader takes it.
 
     >>> print(json_text({"low": float("nan")}))
     {
      "low": null
     }
     """
-    return json.dumps(json.loads(json.dumps(value), parse_constant=lambda _: None), indent=1)
+    known = json.loads(json.dumps(value), parse_constant=lambda name: None if name == "NaN" else float(name))
+    return re.sub(r"^(.*?)(-?)Infinity(,?)$", r"\1\g<2>1e999\3", json.dumps(known, indent=1), flags=re.MULTILINE)
 
 
 # -- pages that open from disk -----------------------------------------------------------------------------

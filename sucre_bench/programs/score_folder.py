@@ -12,7 +12,9 @@ from sucre_bench.arrays import Array, DataFrame, locked
 from sucre_bench.engine.python_api import score
 from sucre_bench.engine.score import row_without_value
 from sucre_bench.errors import InputError, MissingFileError, PluginError
-from sucre_bench.imaging.image_files import image_size, is_jpeg, read_rgb
+from sucre_bench.imaging.colour_profiles import read_srgb
+from sucre_bench.imaging.image_files import image_size, is_jpeg
+from sucre_bench.imaging.orientation import lying_as
 from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.loading.find_folders import ImageFolder, bare_stems, only
 from sucre_bench.loading.image_folder import image_names, no_image
@@ -26,14 +28,15 @@ from sucre_bench.scene import Plane, Restoration, View
 
 @dataclass(frozen=True, eq=False)
 class _Pictures:
-    """An image, and the file of its reference, which may have another size. A large one is read when it is needed."""
+    """An image, its file, and that of its reference, of perhaps another size. A large one is read when it is needed."""
 
     rgb: Array
+    path: Path
     reference: Path | None
 
     def load(self, plane: Plane) -> Array | None:
         if plane == "reference" and self.reference:
-            return read_rgb(self.reference)
+            return lying_as(read_srgb(self.reference)[0], self.reference, lambda: self.rgb, self.path)
         return self.rgb if plane == "rgb" else None
 
 
@@ -77,8 +80,8 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str], i
                 raise InputError(compared_with)
             if compared_with and not is_known and is_jpeg(compared_with) and not is_jpeg(path):
                 lossy.append(compared_with)
-            rgb = locked(read_rgb(path))
-            view = View(name, _Pictures(rgb, compared_with))
+            rgb = locked(read_srgb(path)[0])
+            view = View(name, _Pictures(rgb, path, compared_with))
             target = view.reference
             target = rgb if target is None else target
             if not is_known:
