@@ -91,9 +91,9 @@ def compare(
     All methods are compared on the same images. The command refuses runs that are not comparable, and says why.
     """
     from sucre_bench import compare, plugins
-    from sucre_bench.compare.notes import seen_in_training
     from sucre_bench.compare.terminal_table import as_blocks, as_table
     from sucre_bench.compare.words import deciding, left_out
+    from sucre_bench.engine.training_pictures import seen_in_training
 
     for file in plugin_files:
         plugins.load_file(file)

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sucre_bench import compare, results
-from sucre_bench.compare.notes import seen_in_training
 from sucre_bench.compare.terminal_table import as_blocks
 from sucre_bench.engine.run import Outcome
+from sucre_bench.engine.training_pictures import seen_in_training
 from sucre_bench.errors import SucreBenchError, escaped_breaks
 from sucre_bench.machine import progress, terminal
 from sucre_bench.machine.provenance import absent

@@ -1,16 +1,9 @@
-"""The notes of a comparison: what is known of methods beside their scores, lacking scores, pixels, faults of pictures.
+"""The notes of a comparison: what methods were trained on, lacking scores, pixels, faults of pictures."""
 
-Of methods is known what they were trained on, as their option `trained_on` says, and which test pictures were among it.
-How their pictures differ from their publication's, and what people thought of them in published studies.
-"""
-
-import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,12 +12,7 @@ from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.choose_rows import metrics_of_faults, options_of, scores_of_pixels
 from sucre_bench.compare.model import FILLED, Column, Note, says_filled
-from sucre_bench.errors import SucreBenchError
-from sucre_bench.imaging.image_files import read_rgb
-from sucre_bench.loading.named_sets import NamedSet, Picture, found_of, named_sets, picture_of
-from sucre_bench.machine.text_formats import first_few
 from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.results import layout
 from sucre_bench.results.common_scores import LEAST_DIFFERENCE, LEAST_FILLED
 from sucre_bench.results.reasons import Reason, without_view
 from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, restorations, values_of
@@ -34,9 +22,8 @@ from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, resto
 class About:
     """The methods of a dataset.
 
-    notes: what each was trained on and differs in, and each published study that had several of them; photographs:
-    those that return the photograph itself; is_track: whether views lie along a track: views without poses have no
-    order.
+    notes: what each was trained on, and which are this project's; photographs: those that return the photograph
+    itself; is_track: whether views lie along a track: views without poses have no order.
     """
 
     notes: tuple[Note, ...]
@@ -57,59 +44,13 @@ def about(rows: DataFrame) -> About:
 
 
 def _notes(options: Mapping[str, Mapping[str, Any]], methods: Mapping[str, Plugin | None]) -> Iterator[Note]:
-    studies: dict[str, dict[str, float]] = {}
-    for name, plugin in methods.items():
-        if text := options[name].get("trained_on"):
+    for name in methods:
+        text = options[name].get("trained_on")
+        if text:
             yield Note("trained on", (name,), reasons=str(text))
-        if plugin and plugin.differs:
-            yield Note("differs", (name,), reasons=plugin.differs)
-        for study, score in plugin.opinions.items() if plugin else ():
-            studies.setdefault(study, {})[name] = score
     cites = {name: plugin.cites for name, plugin in methods.items() if plugin}
     for text in sorted({text for text in cites.values() if text.startswith("by this project")}):  # no published method
         yield Note("by us", tuple(name for name in cites if cites[name] == text), reasons=text)
-    compared = [(study, sorted(of.items(), key=lambda one: -one[1])) for study, of in studies.items() if len(of) > 1]
-    if compared:  # a line for all studies, the best first
-        said = (f"{study}: {', '.join(f'{name} {score:g}' for name, score in of)}" for study, of in compared)
-        yield Note("opinions", tuple({name: 0 for _, of in compared for name, _ in of}), reasons="; ".join(said))
-
-
-def seen_in_training(out: Path, rows: DataFrame) -> Iterator[str]:
-    """Yield a line for each dataset and method whose test pictures were among the training pictures.
-
-    out: a results folder, with its `views`; rows: its score table. "SET" means the pictures of a named test set, and
-    "DATASET less SET" all pictures of other named sets of that dataset. Other words are not checked. Pictures are known
-    by their content: names are often plain numbers.
-    """
-    for dataset, of_dataset in rows.groupby("dataset", sort=False):
-        said = {method: str(options.get("trained_on") or "") for method, options in options_of(of_dataset).items()}
-        trained = {method: (text, *_sets_in(text)) for method, text in said.items() if text}
-        if not any(sets for _, sets, _ in trained.values()):
-            continue
-        pictures = dict[str, Picture]()  # the views by scene and name, without those that have no stored picture
-        for scene, view in sorted(set(values_of(of_dataset[of_dataset["view"] != ""], "scene", "view"))):
-            with suppress(SucreBenchError):
-                if place := layout.find(str(dataset), scene, view, out):
-                    pictures[f"{scene}/{view}"] = picture_of(read_rgb(place.original(out)))
-        for method, (text, sets, but) in trained.items():
-            found = [found_of(one, pictures, "image") for one in sets]  # by content, and not changed
-            seen = {name for one in found for name in {*one.members} - {*one.by_name, *one.changed}}
-            if but:
-                seen -= {*found_of(but, pictures, "image").members}
-            if seen:
-                yield (
-                    f"{dataset}: {len(seen)} of {len(pictures)} pictures were in the training set of {method} "
-                    f"({text}), so its scores are too good: {first_few(sorted(seen), 3)}"
-                )
-
-
-def _sets_in(text: str) -> tuple[list[NamedSet], NamedSet | None]:
-    """The named sets that a text names as training pictures, and the one that it leaves out of them."""
-    known = {name.casefold(): named for name, named in named_sets().items()}
-    whole, less, but = (part.strip().casefold() for part in re.split(r"(\bless\b|$)", text, maxsplit=1))
-    if less and but not in known:
-        return [], None
-    return [one for name, one in known.items() if whole in (one.of.casefold(), name)], known.get(but)
 
 
 REPETITION = ["scene", "view", "region", "_replicate"]

@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from sucre_bench.compare.compare_rows import against
-from sucre_bench.compare.model import EQUAL, Column, Comparison, Verdict, may_be_chance, says_filled
+from sucre_bench.compare.model import Column, Comparison, Verdict, may_be_chance, says_filled
 from sucre_bench.compare.statistics import undone_by
 from sucre_bench.machine.text_formats import counted
 from sucre_bench.plugins.plugin import Role
@@ -125,10 +124,15 @@ def over_views(columns: Sequence[Column]) -> list[str]:
 def signs(comparison: Comparison, cells: Sequence[Shown], colours: bool) -> list[str]:
     """Return what the marks of cells mean. colours: whether better and worse are green and red, not bold."""
     looks = {cell.look for cell in cells}
-    parts = ["bold: best, underlined: second" if "second" in looks else "bold: best"] * ("best" in looks)
-    parts += ["green: better, red: worse" if colours else "bold: better"] * bool(looks & {"better", "worse"})
-    parts += [f"≈: the difference from {comparison.baseline or 'the best'} may be chance"] * any(c.mark for c in cells)
-    parts += ["○n: lacks n that others have"] * any(cell.holes for cell in cells)
+    parts = []
+    if "best" in looks:
+        parts.append("bold: best, underlined: second" if "second" in looks else "bold: best")
+    if looks & {"better", "worse"}:
+        parts.append("green: better, red: worse" if colours else "bold: better")
+    if any(cell.mark for cell in cells):
+        parts.append(f"≈: the difference from {comparison.baseline or 'the best'} may be chance")
+    if any(cell.holes for cell in cells):
+        parts.append("○n: lacks n that others have")
     photographs = comparison.photographs if comparison.restorers else ()
     return parts + [f"{name}: the photograph itself, which has no rank" for name in photographs]
 
@@ -143,9 +147,10 @@ def legend(comparison: Comparison, spread: bool = False, colours: bool = False, 
         return "no scores"
     cells = [shown(comparison, name, column) for name in comparison.methods for column in comparison.columns]
     has_interval = intervals and any(cell.interval for cell in cells)
-    of = "mean" + " ± standard deviation" * spread + " [95 % interval]" * has_interval
+    interval = " [95 % interval]" if has_interval else ""
+    of = f"mean{' ± standard deviation' if spread else ''}{interval}"
     if comparison.baseline:
-        of = f"with a sign: the difference from {comparison.baseline}{' [95 % interval]' * has_interval}; else {of}"
+        of = f"with a sign: the difference from {comparison.baseline}{interval}; else {of}"
     parts = [of, *over_views(comparison.columns), *signs(comparison, cells, colours)]
     if has_interval:
         units = "scenes" if any(column.n_scenes > 1 for column in comparison.columns) else "views"
@@ -170,9 +175,7 @@ NOTES = {
     "common pixels": "{metrics} on the pixels that all methods fill: {share} % of the image{in_some}",
     "own pixels": "{metrics}{in_some} on each method's own pixels, which differ{why}",
     "no shared pixels": "no score in {note.n} of {note.total} images, because they have no pixel that all methods fill",
-    "differs": "{names} differs from its publication: {note.reasons}",
     "by us": "{names}: {note.reasons}",
-    "opinions": "what people thought of pictures by these methods in published studies, {note.reasons}",
     "trained on": "{names} was trained on: {note.reasons}",
     "older data": "left out, because they ran on other data: {names}",
     "no baseline": "{names} was not run here: there is nothing to compare with",
@@ -374,86 +377,30 @@ def _differences_from_baseline(comparison: Comparison, column: Column) -> Iterat
 
 
 def answer(comparison: Comparison, chosen: Deciding) -> list[str]:
-    """Return a few sentences by the chosen columns: what is wrong with the pictures, and who leads.
+    """Return a few sentences by the chosen columns: what is wrong with the pictures, and a verdict for each score.
 
-    Where no score shows which colours are true, the first sentence says that. Evidence is named as that, and the last
-    sentence says what to do.
+    With a baseline, there is a verdict for each method by the main score alone. Where no score shows which colours are
+    true, the first sentence says that. Evidence is named as that, and the last sentence says what to do.
     """
-    lines = _against_baseline if comparison.baseline else _leaders
     ranked = [column for column in chosen.scores if column.ranked]
+    if comparison.baseline:
+        ranked = ranked[:1]
+    found = verdicts(replace(comparison, columns=tuple(ranked)))
+    if comparison.baseline:  # over one view nobody is better or worse
+        found = [verdict for verdict in found if math.isfinite(verdict.interval[0]) or not verdict.difference]
+    said = [verdict_text(comparison, verdict, interval=False) for verdict in found]
+    said += [
+        f"{column.metric}: no method beats the photograph itself" for column in ranked if _is_beaten(comparison, column)
+    ]
     if chosen.knows_colours:
-        said = lines(comparison, ranked) if chosen.main else ()
-        return [*faults(comparison), *filter(None, said)]
-    by_evidence = (line for column in ranked for line in lines(comparison, [column]))
-    return [comparison.blind, *faults(comparison), *filter(None, by_evidence), comparison.advice]
+        return [*faults(comparison), *said]
+    return [comparison.blind, *faults(comparison), *said, comparison.advice]
 
 
-def _leaders(comparison: Comparison, columns: list[Column]) -> Iterator[str]:
-    """Who leads in the main score, the first column; who in the others, and where the photograph is better than all."""
-    main, found = columns[0], {verdict.column: verdict for verdict in verdicts(comparison)}
-    best, beaten = {}, []
-    for column in columns:
-        cells = comparison.of(column)
-        places = {name: cells[name].place for name in comparison.restorers if name in cells}
-        best[column] = min(places, key=places.__getitem__, default="")
-        sign = -1 if column.better == "lower" else 1
-        for photograph in (cells[name] for name in comparison.photographs if name in cells and places):
-            gap = sign * (photograph.mean - cells[best[column]].mean)
-            if gap > 0 and not math.isclose(photograph.mean, cells[best[column]].mean, rel_tol=EQUAL):
-                beaten.append(column.metric)
-    if main in found:
-        yield verdict_text(comparison, found[main], interval=False)
-    else:
-        first = [name for name in comparison.restorers if (c := comparison.cells.get((name, main))) and c.place == 1]
-        names = " and ".join(first) if len(first) == 2 else listed(first)  # labels may have commas
-        gain = "" if main.metric in beaten else _over_photograph(comparison, main, best[main])
-        said = "; ".join(filter(None, [f"{names} are equal" if len(first) > 1 else "", gain]))
-        yield f"{by_score(main)}: {said}" if said else ""
-    leading: dict[str, list[str]] = {}
-    for column in columns[1:]:
-        if column in found:
-            leading.setdefault(best[column], []).append(column.metric)
-    also = "; ".join(f"{', '.join(metrics)}: {name}" for name, metrics in leading.items())
-    names = listed(comparison.photographs)
-    warning = f"no method beats {names}, the photograph, in {listed(dict.fromkeys(beaten))}" if beaten else ""
-    yield "; ".join(filter(None, [f"best in {also}" if also else "", warning]))
-
-
-def _over_photograph(comparison: Comparison, column: Column, best: str) -> str:
-    """The best method's gain over the photograph, where there is one beside it."""
-    if not comparison.photographs or best in comparison.photographs:
-        return ""
-    photograph = comparison.photographs[0]
-    cell = against(comparison, photograph, (best,)).cells.get((best, column))
-    if cell is None or not math.isfinite(cell.change[0]):
-        return ""
-    if not cell.change[0]:
-        return f"{best} equals {photograph}"
-    chance = ", which may be chance" if may_be_chance(cell.change) else ""
-    return f"{best} is better than {photograph} by {with_unit(abs(cell.change[0]), column)}{chance}"
-
-
-_SIDES = ("better", "worse", "may be chance", "unknown (no interval)", "equal")
-
-
-def _against_baseline(comparison: Comparison, columns: list[Column]) -> Iterator[str]:
-    """For the main score, and for the others: who is better, who is worse, and who may be either."""
-    sides: dict[Column, dict[str, list[str]]] = {column: {side: [] for side in _SIDES} for column in columns}
-    for verdict in verdicts(comparison):
-        is_behind = verdict.leader == comparison.baseline
-        if not verdict.difference:
-            side = "equal"
-        elif not math.isfinite(verdict.interval[0]):  # over one view
-            side = "unknown (no interval)"
-        else:
-            side = "may be chance" if verdict.may_be_chance else "worse" if is_behind else "better"
-        if verdict.column in sides:
-            sides[verdict.column][side].append(verdict.second if is_behind else verdict.leader)
-    main, *others = columns
-    text = "; ".join(f"{side}: {listed(names)}" for side, names in sides[main].items() if names)
-    yield f"{by_score(main)}, against {comparison.baseline}: {text}" if text else ""
-    alike: dict[str, list[str]] = {}
-    for column in others:
-        text = ", ".join(f"{len(names)} {side}" for side, names in sides[column].items() if names)
-        alike.setdefault(text, []).append(column.metric)
-    yield "; ".join(f"{', '.join(metrics)}: {text}" for text, metrics in alike.items() if text)
+def _is_beaten(comparison: Comparison, column: Column) -> bool:
+    """Whether the photograph has a better mean than each method beside it."""
+    cells = comparison.of(column)
+    sign = -1 if column.better == "lower" else 1
+    photographs = [sign * cells[name].mean for name in comparison.photographs if name in cells]
+    methods = [sign * cells[name].mean for name in comparison.restorers if name in cells]
+    return bool(photographs and methods) and max(photographs) > max(methods)

@@ -33,7 +33,7 @@ from sucre_bench.imaging.display import display
 from sucre_bench.imaging.drawing import captioned
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.jobs.catalogue import method_choice, metric_choices, presets
-from sucre_bench.machine import progress
+from sucre_bench.machine import progress, terminal
 from sucre_bench.plugins.options import Choice
 from sucre_bench.results.rows import wide
 from sucre_bench.scene import Scene, View
@@ -88,7 +88,7 @@ class Compared:
 
     def __repr__(self) -> str:
         found = self.comparison
-        return as_table(without_costs(found), _WIDTH).plain.rstrip() if found else "no scores"
+        return terminal.plain(as_table(without_costs(found), _WIDTH), _WIDTH) if found else "no scores"
 
     def _repr_html_(self) -> str:
         found = self.comparison

@@ -5,6 +5,7 @@ pipe, such as the log of a CI. A file's name may hold an escape sequence that cl
 a command: ESC becomes "\\x1b" in all that is printed.
 """
 
+import io
 import re
 import sys
 from collections.abc import Collection, Iterable, Iterator
@@ -87,6 +88,14 @@ def table(left: Collection[str], right: Collection[str]) -> Table:
     for name in right:
         made.add_column(name, justify="right", no_wrap=True)
     return made
+
+
+def plain(renderable: RenderableType, width: int) -> str:
+    """Return as text, without styles, what rich would print in a terminal of this width."""
+    console = Console(file=io.StringIO(), width=width)
+    with console.capture() as captured:
+        console.print(renderable)
+    return "\n".join(line.rstrip() for line in captured.get().rstrip().split("\n"))
 
 
 def show(*parts: str | Text | tuple[str, str], style: str = "") -> None:

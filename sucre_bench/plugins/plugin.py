@@ -273,9 +273,8 @@ def method(
     - reads: options that name a file, a folder or another method which affects the result, for example weights. When it
       changes, views are restored again;
     - is_photograph: the method returns the photograph itself. Tables show it, but it is never best or second;
-    - differs: how its pictures differ from those of its publication, where they do. `list` and tables say so;
-    - opinions: what people thought of its pictures in published studies, their mean score by study. A table of several
-      methods of one study shows them.
+    - differs: how its pictures differ from those of its publication, where they do. `list` says so;
+    - opinions: what people thought of its pictures in published studies, their mean score by study; see `list`.
 
     Raises PluginError if the class is no frozen dataclass, or an argument is not allowed.
 

@@ -248,17 +248,10 @@ def test_the_best_stands_first_and_the_photograph_last_however_good_it_is():
     scores = {"psnr": {"low": [1.0] * 5, "photo": [9.0] * 5, "high": [5.0] * 5, "middle": [3.0] * 5}}
     block = printed(compared(scores, photograph="photo"))
     assert block.names == ["high", "middle", "low", "photo"]
-    assert re.search(r"\bbeats photo\b.* psnr\b", block.text)
+    assert re.search(r"psnr: no method beats the photograph", block.text)
     painted = printed(compared(scores, photograph="photo"), colours=True).text
     assert re.search(r"\x1b\[1;32m5\.00", painted)
     assert not re.search(r"\x1b\[1;32m9\.00", painted)
-
-
-def test_a_method_beside_the_photograph_is_compared_with_it():
-    block = printed(compared({"psnr": {"photo": [1.0, 2, 3, 4, 5], "mine": [3.0, 4, 5, 6, 7.1]}}, photograph="photo"))
-    assert re.search(r"mine .*better.* photo .*2\.02 dB", block.text)
-    alone = printed(compared({"psnr": {"photo": [1.0, 2, 3, 4, 5]}}, photograph="photo"))
-    assert alone.names == ["photo"]
 
 
 @pytest.mark.parametrize("views", [2, 4, 5])
@@ -295,12 +288,6 @@ def test_each_column_says_over_how_few_views_it_is():
     assert "psi: over 2 views" in block.text
 
 
-def test_against_a_baseline_no_side_is_taken_that_the_intervals_do_not_take():
-    """Over two views psi has an interval of many times the difference."""
-    block = printed(compared(MIXED, baseline="a"))
-    assert re.search(r"psi: 1 .*chance", block.text)
-
-
 def test_against_a_baseline_shares_of_pixels_are_per_cent_and_equal_ones_differ_by_nothing():
     scores = {"psnr": {key: [1.0, 2, 4] for key in "abc"}, "coverage": {"a": [1.0] * 3, "b": [1.0] * 3, "c": [0.6] * 3}}
     block = printed(compared(scores, baseline="a"))
@@ -311,8 +298,8 @@ def test_against_a_baseline_shares_of_pixels_are_per_cent_and_equal_ones_differ_
 def test_scores_that_differ_by_rounding_are_equal():
     base = [20.0, 25, 30, 27, 22]
     scores = {"psnr": {"a": base, "b": [x + 1.2e-6 for x in base], "c": [x - 3 for x in base]}}
-    assert re.search(r"psnr: (a and b|b and a) .*equal", printed(compared(scores)).text)
-    assert "equal: b" in printed(compared(scores, baseline="a")).text
+    assert not re.search("a (leads|is ahead of) b|b (leads|is ahead of) a", printed(compared(scores)).text)
+    assert re.search(r"psnr: (a equals b|b equals a)", printed(compared(scores, baseline="a")).text)
 
 
 def test_the_whole_table_has_the_order_and_the_width_of_the_block():
@@ -327,12 +314,6 @@ def test_the_whole_table_has_the_order_and_the_width_of_the_block():
     assert any("high leads" in line for line in lines)
 
 
-def test_the_photograph_is_best_in_no_dataset():
-    both, alone = {"photo": [9.0] * 3, "a": [1.0, 2, 3]}, {"photo": [9.0] * 3}
-    comparisons = compared({"psnr": both}, "photo", ("x1", "x2")) + compared({"psnr": alone}, "photo", ("x3", "x4"))
-    assert "best psnr: a in 2 of 4" in printed(comparisons).text
-
-
 def test_a_share_of_nearly_all_pixels_is_not_called_all():
     scores = {"psnr": {"a": [1.0, 2]}, "coverage": {"a": [0.999, 0.998]}}
     assert " 99 " in printed(compared(scores)).text
@@ -344,7 +325,6 @@ def test_many_datasets_are_one_block_with_the_main_score_of_each():
         compared({"psnr": {"a": [1.0, 2], "b": [3.0, 4]}, "ssim": {"a": [0.5], "b": [0.6]}}, datasets=titles)
     )
     assert block.heads == ["0", "0.01", "0.02", "0.05"]
-    assert "b in 4 of 4" in block.text
     assert len(block.lines) < 8
 
 
@@ -367,7 +347,8 @@ def test_against_a_baseline_each_side_is_named():
     base = [20.0, 25, 30, 27, 22]
     scores = {"psnr": {"base": base, "more": [x + 1 for x in base], "less": [x - 1 for x in base]}}
     block = printed(compared(scores, baseline="base"))
-    assert "better: more; worse: less" in block.text
+    assert "more is better than base by 1.00 dB" in block.text
+    assert "less is worse than base by 1.00 dB" in block.text
     assert "+1.00" in block.text
 
 
@@ -379,8 +360,6 @@ def test_over_one_view_nobody_is_better_or_worse_than_the_baseline():
     text = printed(compared(scores, baseline="base")).text
     assert "better" not in text
     assert "worse" not in text
-    assert re.search(r"psnr, .*base: .*more, less", text)
-    assert re.search(r"psi: 1 unknown.*1 equal", text)
 
 
 LONG = "sucre,pairing=depth,solver=exact,physical=true,footprints=false,neighbours=40"
