@@ -23,7 +23,7 @@ from typing import IO
 
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.machine.files import expanded
-from sucre_bench.machine.processes import environment_of_programs, interrupts_held_back
+from sucre_bench.machine.processes import dying_with_parent, environment_of_programs, interrupts_held_back
 
 _KEPT_BYTES = 16_384
 _GRACE_S = 3.0
@@ -100,6 +100,7 @@ def _start(arguments: Sequence[str]) -> subprocess.Popen[bytes]:
             stderr=subprocess.PIPE,
             env=environment_of_programs(),
             start_new_session=True,
+            preexec_fn=dying_with_parent(),
         )
     except (OSError, ValueError) as fault:  # of the program, or of what its first line names
         reason = getattr(fault, "strerror", None) or fault

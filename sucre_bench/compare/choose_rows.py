@@ -47,7 +47,7 @@ def load(folders: Iterable[str | Path]) -> DataFrame:
             tables.append(rows.assign(_folder=str(folder)))
     rows = pd.concat(tables, ignore_index=True)
     if len(tables) > 1:
-        coded = rows.assign(_code=rows["code"].str.split(".").str[0])
+        coded = rows.assign(_code=_code_of_method(rows))
         of_method, of_scene = ["dataset", "method"], ["dataset", "scene"]
         for group, column, fault in (
             (of_scene, "data_id", "the data differ between these runs"),
@@ -119,7 +119,13 @@ def refusals(rows: DataFrame, metrics: Sequence[str] = (), common: bool = False)
         if len(scenes) > 1 and len(sets := sorted(scenes & set(named_sets()))) > 1:
             remedy = "run each again with a dataset.label of its own, or compare folders of one set"
             yield str(dataset), f"rows are of the test sets {names_of(sets)}; {remedy}"
-        reasons = (*_images(of_dataset, common), *_variants(scored), *_versions(ok), *_normalisations(of_dataset))
+        reasons = (
+            *_images(of_dataset, common),
+            *_variants(scored),
+            *_versions(ok),
+            *_codes(of_dataset),
+            *_normalisations(of_dataset),
+        )
         yield from ((str(dataset), reason) for reason in reasons)
 
 
@@ -186,6 +192,24 @@ def _versions(rows: DataFrame) -> Iterator[str]:
             f"{names_of(names[1])}; give the run command of {names_of(names[0])} again, "
             "what is out of date is done anew"
         )
+
+
+def _codes(rows: DataFrame) -> Iterator[str]:
+    """Views of one method from different versions of its code; the newest is taken as right."""
+    restored = restorations(rows).sort_values("time", kind="stable")
+    for method, of_method in restored.groupby("method", sort=False):
+        made_by = _code_of_method(of_method)
+        if older := list(of_method["view"][made_by != made_by.iloc[-1]].unique()):
+            more = f" and {len(older) - 3} more" if len(older) > 3 else ""
+            yield (
+                f"{method}: {', '.join(older[:3])}{more} restored by another version of its code than "
+                f"{of_method['view'].iloc[-1]}; give their run command again, what is out of date is done anew"
+            )
+
+
+def _code_of_method(rows: DataFrame) -> Series:
+    """The hash of the code that restored, 12 digits of `code`, without those of charts and of the metric."""
+    return rows["code"].str.split(".").str[0].str[:12]
 
 
 def _normalisations(rows: DataFrame) -> Iterator[str]:

@@ -23,7 +23,7 @@ from sucre_bench import plugins, results
 from sucre_bench.arrays import Array, DataFrame, Mask
 from sucre_bench.engine.common_pixels import Source
 from sucre_bench.engine.preflight import Planned, Task, open_scenes, tasks
-from sucre_bench.engine.score import Scorer, kept_reason, row_without_value, score_code, scorers
+from sucre_bench.engine.score import Scorer, check_regions, kept_reason, row_without_value, score_code, scorers
 from sucre_bench.errors import MissingFileError, NotApplicableError, one_line
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
@@ -226,6 +226,7 @@ class _Tally:
                 f"metric '{metric}' on views '{names[0]}' and '{names[1]}' by method '{base.method}'", self.limit_s
             ):
                 scores = list(self.scorer.metric.score_pair(pair, self.variant))
+                check_regions(score.region for score in scores)
         except NotApplicableError as reason:
             self.reasons.update(dict.fromkeys(names, one_line(reason)))
             return

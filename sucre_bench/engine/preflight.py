@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame, evenly
@@ -132,6 +132,9 @@ def _open(dataset: Choice) -> list[Scene]:
             raise PluginError(
                 f"dataset '{dataset.label}': yields {type(scene).__name__}; scenes() yields Scene objects"
             )
+        for kind, name in (("scene", scene.name), *(("view", view.name) for view in scene.views)):
+            if not PurePosixPath(name).name:
+                raise PluginError(f"dataset '{dataset.label}': a {kind} is called '{name}'; give it a name")
         name, times = Counter(view.name for view in scene.views).most_common(1)[0] if scene.views else ("", 0)
         if times > 1:
             raise PluginError(f"dataset '{dataset.label}': {times} views are called '{name}'; names must be unique")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import math
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,7 +19,7 @@ import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured, locked
-from sucre_bench.errors import NotApplicableError, one_line, raise_if_stop
+from sucre_bench.errors import NotApplicableError, PluginError, one_line, raise_if_stop
 from sucre_bench.imaging.chart_kinds import kind_id
 from sucre_bench.imaging.colour_profiles import view_in_srgb
 from sucre_bench.imaging.resizing import Form, changed_picture, changed_restoration, split_variant
@@ -163,10 +164,17 @@ def variant_rows(metric: Metric, scored: Scored, base: Row, log: Path | None, li
                 )
                 for s in metric.score(of.restoration, of.shown, of.view, variant)
             ]
+            check_regions(row.region for row in rows)
     except BaseException as fault:
         return [row_of_fault(base, fault, log)]
     rows = [row_without_value(row, "skipped", Reason.NO_VALUE.value) if math.isnan(row.value) else row for row in rows]
     return rows or [row_without_value(base, "skipped", Reason.NOTHING_TO_SCORE.value)]
+
+
+def check_regions(regions: Iterable[str]) -> None:
+    """Raise PluginError if a metric gives a region two scores in one variant, of which a table can hold one."""
+    if regions_twice := [region for region, n in Counter(regions).items() if n > 1]:
+        raise PluginError(f"two scores of region '{regions_twice[0]}'", remedy="yield one score for each region")
 
 
 def needs_unrounded(scorer: Scorer, picture: Restoration, view: View, limit_s: float | None = None) -> bool:

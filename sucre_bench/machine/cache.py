@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 import shutil
+import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -54,17 +55,26 @@ def waited_lock(path: Path, patience_s: float = -1, silent_s: float = _SILENT_S)
             except TimeoutError:
                 raise InputError(f"{lock.lock_file}: {held}") from None
 
-    path.touch()  # where no file can be made, FileLock would wait
-    try:
-        lock = acquire(FileLock(path))
-    except OSError as fault:
-        if fault.errno not in _NO_LOCKS:
-            raise
-        lock = acquire(SoftFileLock(f"{path}.held"))
+    lock = acquire(FileLock(path) if _has_locks(path) else SoftFileLock(f"{path}.held"))
     try:
         yield
     finally:
         lock.release()
+
+
+def _has_locks(path: Path) -> bool:
+    """Whether files can be locked where a path is. Makes the file, or raises OSError: FileLock would wait for ever."""
+    with path.open("a") as file:
+        if sys.platform != "win32":
+            import fcntl
+
+            try:
+                fcntl.flock(file, fcntl.LOCK_UN)
+            except OSError as fault:
+                if fault.errno not in _NO_LOCKS:
+                    raise
+                return False
+    return True
 
 
 def get_or_make(

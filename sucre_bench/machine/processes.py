@@ -11,6 +11,7 @@ import io
 import os
 import pickle
 import signal
+import stat
 import struct
 import sys
 import threading
@@ -34,22 +35,41 @@ Work = Callable[[Send, Callable[[], Any]], Any]
 # -- signals -----------------------------------------------------------------------------------------------
 
 
+# What ends a command beside Ctrl-C: SIGHUP says that its terminal was closed, or the connection to it.
+_ENDS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
 @contextmanager
 def terminated_as_interrupt() -> Iterator[None]:
-    """Let SIGTERM end this block like Ctrl-C, so that finished work is kept and merged."""
+    """Let SIGTERM and SIGHUP end this block like Ctrl-C, so that finished work is kept and merged.
+
+    A signal that is ignored, as by `nohup`, stays so.
+    """
     if threading.current_thread() is not threading.main_thread():  # it alone may set handlers
         yield
         return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+    def interrupt(number: int, _: object) -> None:
+        if number != signal.SIGTERM:
+            for descriptor in (1, 2):
+                with suppress(OSError):
+                    if stat.S_ISCHR(os.fstat(descriptor).st_mode):  # writing to a closed terminal would fail
+                        os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
+        raise KeyboardInterrupt
+
+    before = {end: signal.getsignal(end) for end in _ENDS if signal.getsignal(end) is not signal.SIG_IGN}
     try:
+        for end in before:
+            signal.signal(end, interrupt)
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for end, handler in before.items():
+            signal.signal(end, handler or signal.SIG_DFL)
 
 
 @contextmanager
 def interrupts_held_back() -> Iterator[list[int]]:
-    """Hold Ctrl-C and SIGTERM back in this block, which must be short: they take effect at its end.
+    """Hold Ctrl-C, SIGTERM and SIGHUP back in this block, which must be short: they take effect at its end.
 
     Yields the list of the signals that came. So nothing that the block starts or creates is left without somebody who
     ends or removes it.
@@ -58,7 +78,7 @@ def interrupts_held_back() -> Iterator[list[int]]:
     if threading.current_thread() is not threading.main_thread():  # signals interrupt the main thread alone
         yield held
         return
-    stops = (signal.SIGINT, signal.SIGTERM)
+    stops = (signal.SIGINT, *_ENDS)
     before = {stop: signal.signal(stop, lambda number, _: held.append(number)) for stop in stops}
     try:
         yield held
@@ -72,6 +92,7 @@ def interrupts_held_back() -> Iterator[list[int]]:
 # -- what child processes import ---------------------------------------------------------------------------
 
 _SAFE_PATH = "PYTHONSAFEPATH"
+_DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 _OURS = "sucre-bench"  # any word switches it on; this one says who did
 
 
@@ -100,10 +121,20 @@ def environment_of_programs() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if (name, value) != (_SAFE_PATH, _OURS)}
 
 
+def dying_with_parent(number: int = signal.SIGTERM) -> Callable[[], None] | None:
+    """Return what a new process calls so that a signal ends it when its parent ends; None on other systems than Linux.
+
+    The parent is the thread that made the process.
+    """
+    if sys.platform != "linux":
+        return None
+    prctl = ctypes.CDLL(None).prctl  # found before the fork
+    return lambda: prctl(_DIE_WITH_PARENT, number)
+
+
 # -- forked processes --------------------------------------------------------------------------------------
 
 _GRACE_S = 5.0  # for a child that is asked to stop: a program that it runs gets three of them
-_DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 _HEAD = struct.Struct("!i")  # of a message of multiprocessing's pipes: its length
 _MOST_BYTES = 1 << 28  # of a message; text that a plugin writes into the pipe reads as a longer one
 
@@ -160,7 +191,7 @@ class Forked:
         self._lines: set[str] = set()  # of progress that are not finished
         self._received = bytearray()
         self.messages, sending = Pipe()
-        given = (work, faults, self.messages, sending, os.getpid(), ctypes.CDLL(None))
+        given = (work, faults, self.messages, sending, os.getpid(), dying_with_parent(signal.SIGKILL))
         self._process = get_context("fork").Process(target=_work_in_child, args=given)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # idle threads of BLAS count as threads
@@ -304,7 +335,7 @@ def _work_in_child(
     of_parent: Connection,
     messages: Connection,
     parent: int,
-    libc: ctypes.CDLL,
+    die_with_parent: Callable[[], None],
 ) -> None:
     global _reporting
     lock, own = threading.Lock(), os.getpid()  # for what threads print
@@ -315,7 +346,7 @@ def _work_in_child(
                 messages.send(message)
 
     os.register_at_fork(after_in_child=messages.close)  # what lives longer than this process must not hold it
-    libc.prctl(_DIE_WITH_PARENT, signal.SIGKILL)
+    die_with_parent()
     try:
         if os.getppid() != parent:
             os._exit(1)

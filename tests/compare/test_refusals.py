@@ -99,6 +99,14 @@ def test_scores_of_different_versions_or_options_of_a_metric_are_refused(one: st
     compare.refuse(frame([*run_of("a", code="r.one"), *run_of("b", code="s.one")]))
 
 
+def test_views_from_different_versions_of_a_methods_code_are_refused():
+    old, new = f"{'0' * 12}.m", f"{'1' * 12}.m"
+    rows = [*run_of("a", "ab", code=old, time="2026-01-01"), *run_of("a", "cd", code=new, time="2026-01-02")]
+    refused([*rows, *run_of("b", code=old)], "another version of its code", r"^sea: a: a\.png, b\.png .* d\.png; ")
+    charts = [*run_of("a", "ab", code=old), *run_of("a", "cd", scene="wall", code=f"{'0' * 12}{'c' * 12}.m")]
+    compare.refuse(frame(charts))
+
+
 def test_metrics_that_are_not_asked_for_refuse_nothing():
     rows = [*run_of("a", code="r.one", time="2026-01-01"), *run_of("b", code="s.two", time="2026-01-02")]
     rows += [replace(row, metric="ssim", code="r.one") for row in rows if row.metric == "psnr"]

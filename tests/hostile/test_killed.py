@@ -5,18 +5,23 @@ Each is killed before some of its changes of files, drawn at random; `make fuzz`
 
 import hashlib
 import os
+import pty
 import random
+import select
 import shutil
 import signal
 import sqlite3
+import sys
+import time
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
-from support.command_line import Started, but_times, run_here
+from support.command_line import PROGRAM, Started, but_times, run_here
 from support.photographed_valley import POSES, photograph, write
 from support.places import TOYS
 
@@ -133,3 +138,31 @@ def test_what_a_killed_process_was_writing_is_no_result_and_goes_after_a_day(bef
     shutil.copytree(tmp_path / "results", tmp_path / "later" / "results")  # a folder that this process has not seen
     assert run_here(tmp_path / "later", *RUN, "overwrite=always").returncode == 1
     assert not [path for path in (tmp_path / "later").rglob(".writing-*") if path.parent.name != "report"]
+
+
+SLEEPING = "import os, pathlib, sys, time; pathlib.Path(sys.argv[1]).write_text(str(os.getpid())); time.sleep(600)"
+
+
+@pytest.mark.parametrize("end", ["the terminal closes", "the command is killed"])
+def test_no_program_of_a_method_lives_longer_than_the_command(tmp_path: Path, end: str):
+    (tmp_path / "sleeping.py").write_text(SLEEPING)
+    told = tmp_path / "pid"
+    program = f"method.run='{sys.executable} -S {tmp_path}/sleeping.py {told} {{input}} {{output}}'"
+    started, terminal = pty.fork()
+    if not started:
+        os.chdir(tmp_path)
+        words = ["run", "--plugin", str(TOYS), "dataset=acts", "method=command", program, "metrics=[coverage]"]
+        os.execv(PROGRAM, [PROGRAM, *words, "tracking.uri=off", "report=false"])
+    try:
+        deadline = time.monotonic() + 300
+        while not (told.exists() and told.read_text()) and time.monotonic() < deadline:
+            if select.select([terminal], [], [], 0.02)[0]:
+                os.read(terminal, 1 << 16)
+        of_method = psutil.Process(int(told.read_text()))
+        if end == "the command is killed":
+            os.kill(started, signal.SIGKILL)
+    finally:
+        os.close(terminal)
+    _, status = os.waitpid(started, 0)
+    assert os.waitstatus_to_exitcode(status) == (130 if end == "the terminal closes" else -signal.SIGKILL)
+    of_method.wait(300)

@@ -171,3 +171,26 @@ def test_a_score_at_which_the_process_dies_fails_alone(tmp_path: Path):
     assert rows.loc[("critic", "fine.png"), "value"] == 0.5
     assert set(rows.loc[["coverage", "seconds"], "status"]) == {"ok"}
     assert done.returncode == 1
+
+
+@pytest.mark.parametrize("region", ["image", "patch 7"])
+def test_two_scores_of_one_region_are_none(tmp_path: Path, region: str):
+    done = run_here(
+        tmp_path, *words("fine", "method=actor", "metrics=[coverage,twice]", f"metrics.twice.region={region}")
+    )
+    rows = results.read(tmp_path / "results").set_index("metric")
+    assert set(rows.loc["twice", "status"]) == {"failed"}
+    assert f"'{region}'" in rows.loc["twice", "reason"].iloc[0]
+    assert set(rows.loc["coverage", "status"]) == {"ok"}
+    assert done.returncode == 1
+
+
+@pytest.mark.parametrize("kind", ["view", "scene"])
+@pytest.mark.parametrize("name", ["''", ".", "/", "./"])
+def test_a_view_or_scene_without_a_name_is_one_line_that_names_the_dataset(tmp_path: Path, kind: str, name: str):
+    called = ["dataset=called", f"dataset.{kind}={name}", "method=gray_world", "tracking.uri=off", "report=false"]
+    done = run_here(tmp_path, "run", "--plugin", PLUGINS, *called, "out=results")
+    assert done.returncode == 2
+    (line,) = done.errors
+    assert "dataset 'called'" in line
+    assert kind in line

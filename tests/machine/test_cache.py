@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import runpy
 import subprocess
@@ -15,8 +16,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sucre_bench.errors import InputError
 from sucre_bench.machine import provenance
-from sucre_bench.machine.cache import ArrayStore
+from sucre_bench.machine.cache import ArrayStore, waited_lock
 from sucre_bench.machine.compute import compiled
 
 pytestmark = pytest.mark.short
@@ -75,6 +77,21 @@ def test_without_a_place_to_write_to_arrays_are_made(tmp_path: Path):
     (tmp_path / "file").write_text("in the way")
     make = _Maker(4)
     assert (ArrayStore(tmp_path / "file", 1e9).get("a", make) == 4).all()
+
+
+@pytest.mark.parametrize("code", [errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP], ids=errno.errorcode.get)
+def test_one_process_at_a_time_holds_a_lock_where_the_file_system_has_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
+):
+    def refuse(*_: object) -> None:
+        raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr("fcntl.flock", refuse)
+    held = {"patience_s": 0.0, "silent_s": 0.1}
+    for _ in range(2):
+        first, second = (waited_lock(tmp_path / "lock", **held) for _ in range(2))
+        with first, pytest.raises(InputError, match="lock"), second:
+            pass
 
 
 _SCRIPT = """

@@ -460,6 +460,33 @@ class Named:
         return Restoration(view.rgb * 0.5 + 0.1 * noise, info={"device": str(os.getpid())})
 
 
+@dataset()
+@dataclass(frozen=True)
+class Called:
+    """A view of this name, or a scene."""
+
+    view: str = "a.png"
+    """Its name."""
+    scene: str = "stage"
+    """Its scene's name."""
+
+    def scenes(self) -> Iterator[Scene]:
+        yield Scene(self.scene, [View(self.view, Arrays(np.full((8, 8, 3), 0.5, np.float32)))], frozenset())
+
+
+@metric(variants={"only": ""}, unit="", better="higher", range=(0, 1))
+@dataclass(frozen=True)
+class Twice:
+    """Gives a region two scores."""
+
+    region: str = "image"
+    """The region."""
+
+    def score(self, restored: Restoration, shown: np.ndarray, view: View, variant: str) -> Iterator[Score]:
+        yield Score(0.1, region=self.region)
+        yield Score(0.9, region=self.region)
+
+
 @metric(variants={"only": ""}, unit="", better="higher", range=(0, 1))
 @dataclass(frozen=True)
 class Critic:
