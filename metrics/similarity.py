@@ -142,6 +142,7 @@ _GRAY = Resizing(256)
         "luma": "as masked, of luma (.299, .587, .114), in 8 bits",
         "gray": "luma of both pictures brought to 256x256 in 8 bits (Pillow's bicubic), all pixels, holes as black, as"
         " in xahidbuffon/FUnIE-GAN",
+        "wrapped": "all pixels, of bytes whose differences and squares are taken modulo 256: a mistake of many programs",
     },
 )
 @dataclass(frozen=True)
@@ -159,6 +160,10 @@ class Psnr:
         image, reference = _pair(restored.image if raw else shown, view, encode=not raw)
         is_masked = variant in ("masked", "raw", "luma")
         mask = known_in_both(image, reference, view) if is_masked else coloured_pixels(reference)
+        if variant == "wrapped":
+            off = to_8bit(image) - to_8bit(reference)
+            yield _score(psnr_of(float((off * off).mean()) / 255**2), mask)
+            return
         if variant in ("luma", "gray"):
             levels = [to_8bit(x) for x in (image, reference)]
             if variant == "gray":

@@ -6,6 +6,7 @@ folder are never used.
 """
 
 import os
+import re
 import string
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -179,7 +180,7 @@ def without_suffix(name: str) -> str:
 
 
 def bare_stems(names: Iterable[str]) -> dict[str, str]:
-    """Return the stem of each file in small letters, without what all begin or end with: "1" of "1_ours.png".
+    """Return the stem of each file in small letters, without what all begin or end with: "1" of "001_ours.png".
 
     Letters and digits beside what differs stay: "img10" and "img11" are whole words.
     """
@@ -188,7 +189,14 @@ def bare_stems(names: Iterable[str]) -> dict[str, str]:
         return stems
     start = _common_start(stems.values())
     end = _common_start([stem[len(start) :][::-1] for stem in stems.values()])
-    return {name: stem[len(start) : len(stem) - len(end)] for name, stem in stems.items()}
+    bare = {name: stem[len(start) : len(stem) - len(end)] for name, stem in stems.items()}
+    short = {name: without_zeros(stem) for name, stem in bare.items()}
+    return short if len({*short.values()}) == len({*bare.values()}) else bare
+
+
+def without_zeros(stem: str) -> str:
+    """Return a name without zeros before its numbers: "img1" of "img001"."""
+    return re.sub(r"(?<!\d)0+(?=\d)", "", stem)
 
 
 def _common_start(words: Iterable[str]) -> str:

@@ -1,8 +1,9 @@
 """Finds the public variant that gives the numbers of a published table: `sucre-bench score IMAGES --like TABLE.csv`.
 
-A table has a row an image, or a row a folder of images of which it gives means, and a column a metric. "psnr=26.36" is
-a table of one mean. Every variant of these metrics is computed on the images, also of the images at 256x256, and
-compared with the table. Where none fits, also of cropped pictures, of Y, and of other ranges.
+A table, CSV or Markdown, has a row an image, or a row a folder of images of which it gives means, and a column a
+metric; or rows and columns the other way round. A header "PSNR/SSIM" has two numbers a cell. "psnr=26.36" is a table of
+one mean. Every variant of these metrics is computed on the images, also of the images at 256x256, and compared with the
+table. Where none fits, also of cropped pictures, of Y, and of other ranges.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -22,13 +24,14 @@ from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.resizing import Form, split_variant
-from sucre_bench.loading.find_folders import bare_stems, without_suffix
+from sucre_bench.loading.find_folders import bare_stems, without_suffix, without_zeros
 from sucre_bench.loading.named_sets import Found
 from sucre_bench.machine.files import reading, regular
 from sucre_bench.machine.text_formats import counted, first_few
 
 # Words that a column is headed by whose cells name images, or folders of them.
 _OF_IMAGES = frozenset(["image", "img", "images", "file", "filename", "picture", "view"])
+_MSE = "mse"
 _NAMES = _OF_IMAGES | {"name", "method", "folder", "model"}
 _SHOWN = 3  # names in a warning
 _SIDE = 256  # at which papers score
@@ -36,7 +39,7 @@ _FILTERS = ("", "-bilinear", "-nearest")  # see `imaging.resizing`
 _FURTHER = ("@y", "@crop4", "@crop4@y", "@range2", "@minmax")  # forms to try where none of the usual ones fits
 # DNnet's program takes 255 x 250 as the square of PSNR's peak, and so gives this much less than any other, dB.
 _PEAK, _PEAK_LESS = "@peak250", 10 * math.log10(255 / 250)
-_RARE = (*_FURTHER, _PEAK)
+_RARE = (*_FURTHER, _PEAK, "wrapped")
 
 # A variant gives the published numbers if 95 % of them agree to the printed digits or to 2 in 10,000, and all to 1 %:
 # rounding inside a program moves single pictures.
@@ -58,11 +61,14 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """The published numbers of one metric. header: as the table has it."""
+    """The published numbers of one metric. header: as the table has it; white: the square of white, where they are the
+    mean squared errors (MSE) that PSNR is made of; else 0.
+    """
 
     metric: str
     header: str
     cells: tuple[Cell, ...]
+    white: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +109,7 @@ def read_table(table: str, root: Path, images: Mapping[str, Path], has_reference
     """
     rows = _rows(table)
     metrics, warnings = _metrics(table, list(rows[0]), has_reference)
-    naming = _Naming(rows, [header for header in rows[0] if header not in metrics], root, images)
+    naming = _Naming(rows, [header for header in rows[0] if not _named(header)], root, images)
     of = [(naming.label(row), naming.images(row), row) for row in rows]
     if not any(found for _, found, _ in of):
         raise InputError(
@@ -122,8 +128,11 @@ def read_table(table: str, root: Path, images: Mapping[str, Path], has_reference
     if left := [name for name in images if not any(name in found for _, found, _ in of)]:
         warnings.append(f"{table}: {counted(len(left), 'image')} without a row: {first_few(left, _SHOWN)}")
     columns = []
-    for header, metric in metrics.items():
-        numbers = [(label, found, _number(row[header])) for label, found, row in of if found]
+    for header, name, place, n in metrics:
+        metric, is_mse = ("psnr", True) if name == _MSE else (name, False)
+        numbers = [(label, found, _number(_part(row[header], place, n))) for label, found, row in of if found]
+        if is_mse and re.search(r"10\s*\^?\s*[3³]|10³|1000", header):
+            numbers = [(label, found, n and (1000 * n[0], 1000 * n[1])) for label, found, n in numbers]
         top, values = plugins.usable("metric")[metric].range[1], [number[0] for *_, number in numbers if number]
         if values and math.isfinite(top) and top < min(values) and max(values) <= 100 * top:
             warnings.append(f"{table}: column '{header}' is read as percent; divide it by 100 if you copy it")
@@ -133,7 +142,8 @@ def read_table(table: str, root: Path, images: Mapping[str, Path], has_reference
                 f"{table}: column '{header}' has no number in {counted(len(blank), 'row')}: {first_few(blank, _SHOWN)}"
             )
         if cells := tuple(Cell(label, found, *number) for label, found, number in numbers if number):
-            columns.append(Column(metric, header, cells))
+            is_of_bytes = is_mse and max(cell.value for cell in cells) > 1
+            columns.append(Column(metric, header, cells, (255.0**2 if is_of_bytes else 1.0) if is_mse else 0.0))
     if not columns:
         raise InputError(f"{table}: holds no number for the images in {root}; give the scores as plain numbers")
     return PublishedTable(tuple(columns), tuple(warnings))
@@ -143,26 +153,64 @@ def _rows(table: str) -> list[dict[str, str]]:
     if "=" in table and not Path(table).exists():
         pairs = [word.partition("=") for word in re.split(r"[,;\s]\s*(?=[a-zA-Z])", table.strip())]
         return [{name.strip(): value.strip() for name, _, value in pairs}]
-    with reading(Path(table), "give a CSV file of published numbers, in UTF-8"):
-        lines = [line for line in regular(Path(table)).read_text(encoding="utf-8-sig").splitlines() if line.strip()]
-        delimiter = max(",;\t", key=lines[0].count) if lines else ","
-        reader = csv.DictReader(lines, delimiter=delimiter, restkey="", restval="")
-        rows = [{key.strip(): row[key].strip() for key in row if key.strip()} for row in reader]
-    if not rows:
+    with reading(Path(table), "give a table of published numbers, CSV or Markdown, in UTF-8"):
+        text = regular(Path(table)).read_text(encoding="utf-8-sig")
+        lines = [line.strip() for line in text.splitlines() if line.strip()]
+        blocks = [[*block] for is_block, block in groupby(lines, key=lambda line: line.startswith("|")) if is_block]
+        delimiter = "|" if blocks else max(",;\t", key=lines[0].count) if lines else ","
+        tables = [_read(block, delimiter) for block in blocks or [lines]]
+    forms = [form for rows in tables if rows for form in (rows, _turned(rows))]
+    if not forms:
         raise InputError(f"{table}: has no rows; give a line of headers, then a line an image")
-    return rows
+    return next((rows for rows in forms if any(_number(row[h]) for row in rows for h in row if _named(h))), forms[0])
 
 
-def _metrics(table: str, headers: Sequence[str], has_reference: bool) -> tuple[dict[str, str], list[str]]:
-    """Return the metric of each column that is one of images, by header, and warnings about the others."""
+def _read(lines: Sequence[str], delimiter: str) -> list[dict[str, str]]:
+    """The rows of a table, with their cells by header. Of Markdown's, the line below the headers is left out."""
+    if delimiter == "|":
+        lines = [line.strip("|") for line in lines if set(line) - set("|:- ")]
+    reader = csv.DictReader(lines, delimiter=delimiter, restkey="", restval="")
+    return [{key.strip(" *`"): row[key].strip(" *`") for key in row if key.strip()} for row in reader]
+
+
+def _turned(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
+    """A table with rows and columns exchanged: the first column's cells become the headers."""
+    first, *others = rows[0]
+    return [{first: header} | {row[first]: row[header] for row in rows} for header in others]
+
+
+def _named(header: str) -> list[str]:
+    """The metrics that a header names, in order: whole words, or their parts between "_"; MSE for PSNR's error."""
+    known = {*plugins.usable("metric"), _MSE}
+    words = re.findall(r"[a-z0-9_]+", header.lower())
+    return list(
+        dict.fromkeys(one for word in words for one in ([word] if word in known else word.split("_")) if one in known)
+    )
+
+
+def _part(cell: str, place: int, n: int) -> str:
+    """One of the n numbers of a cell, "23.1/0.87" or "23.1 (0.87)"; empty if it has another number of them."""
+    if n == 1:
+        return cell
+    cell = re.sub(r"(±|\+/?-)\s*[\d.,]+", "", cell).strip()
+    for separator in (r"[/|;(&]", r",\s+|\s+|,(?=\d*\.)"):
+        if len(parts := re.split(separator, cell)) == n:
+            return parts[place].strip()
+    return ""
+
+
+def _metrics(
+    table: str, headers: Sequence[str], has_reference: bool
+) -> tuple[list[tuple[str, str, int, int]], list[str]]:
+    """Return what can be compared: header, metric, and the place of its number among those of a cell; and warnings."""
     known = plugins.usable("metric")
-    metrics: dict[str, str] = {}
+    metrics = list[tuple[str, str, int, int]]()
     warnings = []
     for header in headers:
-        for name in set(re.findall(r"[a-z0-9_]+", header.lower())) & set(known):
-            lacking = known[name].needs - ({"reference"} if has_reference else set())
+        for place, name in enumerate(named := _named(header)):
+            lacking = known["psnr" if name == _MSE else name].needs - ({"reference"} if has_reference else set())
             if not lacking:
-                metrics[header] = name
+                metrics.append((header, name, place, len(named)))
                 continue
             remedy = "give --reference" if lacking == {"reference"} else "images alone do not have it"
             warnings.append(f"{table}: column '{header}' needs {' and '.join(sorted(lacking))}; {remedy}")
@@ -201,6 +249,7 @@ class _Naming:
             self._files[name.casefold()].add(name)
             for called in (name, path.name, f"{root.resolve().name}/{name}", bare[name]):
                 self._files[_key(called)].add(name)
+            self._files[without_zeros(bare[name])].add(name)
             for folder in (*path.parent.parts, str(path.parent), root.resolve().name):
                 self._folders[folder.casefold()].add(name)
         known = {*self._files, *self._folders}
@@ -234,8 +283,9 @@ def _key(name: str) -> str:
     return f"{folder}{slash}{without_suffix(last) if last else ''}".casefold()
 
 
-def _keys(cell: str) -> tuple[str, str, str]:
-    return cell.casefold(), _key(cell), _key(cell).rpartition("/")[2]
+def _keys(cell: str) -> tuple[str, ...]:
+    last = _key(cell).rpartition("/")[2]
+    return cell.casefold(), _key(cell), last, without_zeros(last)
 
 
 # -- the comparison ----------------------------------------------------------------------------------------------
@@ -312,7 +362,9 @@ def compare(column: Column, scores: DataFrame) -> list[Candidate]:
     known = [cell for cell in of_scored if cell.images]
     candidates = []
     forms = [(str(variant), rows["view"], rows["value"]) for variant, rows in ok.groupby("variant", sort=False)]
-    if column.metric == "psnr":
+    if column.white:
+        forms = [(variant, views, column.white * 10 ** (-values / 10)) for variant, views, values in forms]
+    elif column.metric == "psnr":
         forms += [(f"{variant}{_PEAK}", views, values - _PEAK_LESS) for variant, views, values in forms]
     for variant, views, of_views in forms:
         values = dict(zip(views, of_views, strict=True))
@@ -345,17 +397,22 @@ def answer(column: Column, found: Sequence[Candidate], sets: Sequence[Found], si
         return f"{column.metric}: no variant has a score of these images."
     numbers = [cell.value for cell in column.cells]
     # Among many forms one may give one or two numbers by chance.
-    usual = [one for one in found if not (one.fits and one.variant.endswith(_RARE))]
+    usual = [one for one in found if not (one.fits and any(form in one.variant for form in _RARE))]
     by_chance = bool(usual) and found[0] not in usual and len(numbers) < 3
     best = usual[0] if by_chance else found[0]
     digits = max(0, -math.floor(math.log10(2 * column.cells[0].rounding)))
     yours = (
         f"Your {numbers[0]:.{digits}f}" if len(numbers) == 1 else f"Your {len(numbers)} numbers of '{column.header}'"
     )
-    what = in_words(column.metric, best.variant, size)
+
+    def words_of(one: Candidate) -> str:
+        name = in_words(column.metric, one.variant, size)
+        return name.replace("PSNR", "MSE", 1) if column.white else name
+
+    what = words_of(best)
     where = f"on {sets[0].place()}" if sets else "on pictures of no named set"
     if best.fits:
-        either = dict.fromkeys(in_words(column.metric, one.variant, size) for one in found if one.fits)
+        either = dict.fromkeys(words_of(one) for one in found if one.fits)
         either.pop(what)
         more = f" (or {', or '.join(list(either)[:2])})" if either else ""
         text = f"{yours} {'is' if len(numbers) == 1 else 'are'} {what}{more} {where}"
@@ -365,7 +422,7 @@ def answer(column: Column, found: Sequence[Candidate], sets: Sequence[Found], si
             off = f"{best.mean:.2g} away on average, and {best.largest:.2g} at most"
         text = f"{yours} fit{'s' if len(numbers) == 1 else ''} no public form; the nearest is {what} {where}: {off}"
     if by_chance:
-        text += f" ({in_words(column.metric, found[0].variant, size)} gives it{' too' * best.fits}, perhaps by chance)"
+        text += f" ({words_of(found[0])} gives it{' too' * best.fits}, perhaps by chance)"
     base, *words = best.variant.removesuffix(_PEAK).split("@")
     # The variant "gray" resizes by itself. Y has the form of colours.
     forms = ["@256", ""] if base == "gray" and not words else ["".join(f"@{word}" for word in words if word != "y")]
@@ -384,6 +441,7 @@ def in_words(metric: str, variant: str, size: tuple[int, int] | None) -> str:
     if metric in ("psnr", "ssim"):
         colours = "gray" if kind in ("gray", "luma") else "Y of YCbCr," if form.change == "y" else "RGB"
         window = {"gaussian": ", Gaussian window", "uniform7": ", uniform 7x7 window"}.get(kind, "")
+        window = " of bytes that wrap around," if kind == "wrapped" else window
         name = f"{colours} {name}{window}"
     else:
         name = f"{name} in the form '{base}'"

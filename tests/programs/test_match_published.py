@@ -134,6 +134,50 @@ def test_u45s_table_is_that_of_matlab_and_its_first_output(bench: Bench) -> None
     assert all(one["fits"] for one in best.values())
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "image,PSNR/SSIM\n0001,{0:.3f}/0.5\n0002,{1:.3f}/0.5\n",
+        "image;avg_psnr (dB);ssim_value\n1;{0:.3f} ± 0.1;0.5\n2;{1:.3f} ± 0.1;0.5\n",
+        "# Results\nAll images.\n\n| Name | PSNR ↑ (SSIM ↑) |\n|:--|--:|\n| 01 | **{0:.3f}** (0.5) |\n| 02 | {1:.3f} (0.5) |\n",
+        "| Metric | 1.png | 2.png |\n|---|---|---|\n| PSNR | {0:.3f} | {1:.3f} |\n| SSIM | 0.5 | 0.5 |\n",
+        "image,MSE,SSIM\n1,{2:.2f},0.5\n2,{3:.2f},0.5\n",
+    ],
+)
+def test_tables_of_other_shapes_are_read(bench: Bench, tmp_path: Path, text: str) -> None:
+    """The first number of a cell is that of the first metric, whatever Python's hash seed is."""
+    rng, values = np.random.default_rng(3), []
+    for n in (1, 2):
+        truth = rng.integers(0, 200, (20, 30, 3)).astype(np.uint8)
+        picture = truth + rng.integers(0, 50, truth.shape).astype(np.uint8)
+        for name, image in (("out", picture), ("truth", truth)):
+            (tmp_path / name).mkdir(exist_ok=True)
+            cv2.imwrite(str(tmp_path / name / f"{n}.png"), image)
+        values.append(np.mean((truth.astype(float) - picture) ** 2))
+    psnr = [10 * np.log10(255**2 / value) for value in values]
+    (tmp_path / "t.md").write_text(text.format(*psnr, *values))
+    words = ("score", str(tmp_path / "out"), "--reference", str(tmp_path / "truth"), "--like", str(tmp_path / "t.md"))
+    done = bench(*words, "--json")
+    assert done.returncode == 0, done.stderr
+    best = {}
+    for record in json.loads(done.stdout):
+        best.setdefault(record["metric"], record)
+    assert (best["psnr"]["variant"], best["psnr"]["fits"], best["psnr"]["compared"]) == ("unmasked", True, 2)
+    assert not best["ssim"]["fits"]
+    assert best["ssim"]["compared"] == 2
+
+
+def test_bytes_that_wrap_around_are_a_form(bench: Bench, pairs: tuple[str, str]) -> None:
+    total = 0.0
+    for n in range(4):
+        reference = cv2.resize(cv2.imread(f"{pairs[1]}/{n}.jpg"), (64, 64))
+        picture = cv2.imread(f"{pairs[0]}/{n}_ours.png")
+        total += 20 * np.log10(255 / np.sqrt(np.mean((picture - reference) ** 2))) / 4  # of uint8, as many programs do
+    done = bench("score", pairs[0], "--reference", pairs[1], "--like", f"psnr={total:.4f}", "--json")
+    assert done.returncode == 0, done.stderr
+    assert matches(done)["psnr"][0]["variant"] == "wrapped@64-bilinear"
+
+
 # -- bad input ---------------------------------------------------------------------------------------------------
 
 
