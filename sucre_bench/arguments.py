@@ -129,14 +129,17 @@ def _wording(hint: Any) -> str:
 def array_of(place: str, value: Any, shape: tuple[int | str, ...], finite: bool = False, kinds: str = "f") -> Any:
     """Return a value as a NumPy array of numbers of this shape. Letters stand for any length but 0: ("H", "W", 3).
 
-    kinds: of numbers, as `numpy.dtype.kind`. Raises InputError for another shape, other numbers, and if finite is True
-    for NaN and infinity. place: as the user typed it.
+    kinds: of numbers, as `numpy.dtype.kind`. A masked value is NaN. Raises InputError for another shape, other numbers,
+    and if finite is True for NaN and infinity. place: as the user typed it.
     """
     import numpy as np
 
     lengths = ", ".join(map(str, shape)) + "," * (len(shape) == 1)
     remedy = f"pass {'finite ' if finite else ''}floats of shape ({lengths})"
     try:
+        if isinstance(value, np.ma.MaskedArray):
+            masked: Any = value if value.dtype.kind == "f" else value.astype(np.float64)
+            value = masked.filled(np.nan)
         array = np.asarray(value)
     except Exception as fault:  # of a list of lists of other lengths, or another library's array on a GPU
         raise InputError(f"is a {type(value).__name__} that is no array", place, remedy) from fault

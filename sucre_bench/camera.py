@@ -18,6 +18,11 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, check_number
 
 _MOST = 1e9  # pixels, of a focal length
+_NORMALISED = 2.0  # K of which no value is larger is in units of the image's size, not pixels
+_FAR_OFF = 100.0  # image sides, of a principal point from the image's middle
+
+
+_REMEDY = "pass [[f, 0, cx], [0, f, cy], [0, 0, 1]] in pixels"
 
 
 def pixel_rays(camera: Camera) -> Array:
@@ -105,10 +110,19 @@ class Camera:
     def __post_init__(self) -> None:
         object.__setattr__(self, "K", array_of("Camera.K", self.K, (3, 3), finite=True, kinds="fiu"))
         if np.abs(self.K).max() > _MOST or not np.linalg.det(self.K):
-            remedy = "pass [[f, 0, cx], [0, f, cy], [0, 0, 1]] in pixels"
-            raise InputError("has no inverse, or values above 1e9", "Camera.K", remedy)
+            raise InputError("has no inverse, or values above 1e9", "Camera.K", _REMEDY)
         check_number("Camera.width", self.width, "[1, 1e6]")
         check_number("Camera.height", self.height, "[1, 1e6]")
+        size, (focal_x, focal_y), centre = (self.width, self.height), np.diag(self.K)[:2], self.K[:2, 2]
+        faults = {
+            "has another last row than 0 0 1": not np.allclose(self.K[2], (0, 0, 1)),
+            f"has focal lengths of {focal_x:g} and {focal_y:g}": min(focal_x, focal_y) <= 0,
+            "is not in pixels": min(size) > 4 * _NORMALISED and np.abs(self.K[:2]).max() <= _NORMALISED,
+            "has its principal point far off the image": np.abs(centre).max() > _FAR_OFF * max(size),
+        }
+        for fault, is_so in faults.items():
+            if is_so:
+                raise InputError(fault, "Camera.K", _REMEDY)
 
 
 def is_rigid(transform: Array, tolerance: float = 1e-3) -> bool:

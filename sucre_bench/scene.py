@@ -116,6 +116,8 @@ class Pixels(Protocol):
 
 # Restored images may exceed 1, in places by far; their typical values stay below this. Those of 0 to 255 do not.
 _MOST_TYPICAL = 16.0
+_DOUBLE = 2.0  # of white: the median of a photograph is not above this
+_NOISE, _STRAY = 0.05, 0.01  # below black, and share of the pixels of a photograph that may be lower
 
 # Rows and columns of an image that tell its range.
 _LOOKED_AT = 48
@@ -123,8 +125,8 @@ _LOOKED_AT = 48
 _MOST_SHOWN = 4  # views of a scene, in a notebook
 
 
-def _intensities(given: object, place: str) -> Array:
-    """Return an image as (H, W, 3) floats with 1 for white. place: its name.
+def _intensities(given: object, place: str, is_input: bool = False) -> Array:
+    """Return an image as (H, W, 3) floats with 1 for white. place: its name; is_input: it is of a photograph.
 
     Raises InputError for another shape, and for an image of 0 to 255 or 0 to 65535, by its type or a sample of its
     values.
@@ -133,15 +135,20 @@ def _intensities(given: object, place: str) -> Array:
     white = np.iinfo(np.uint16).max
     sample = image[:: max(1, image.shape[0] // _LOOKED_AT), :: max(1, image.shape[1] // _LOOKED_AT)]
     sample = sample[np.isfinite(sample)]
-    top = sample.max(initial=0)
+    top, low = sample.max(initial=0), sample.min(initial=0)
+    is_whole = bool((sample == np.rint(sample)).all()) and np.unique(sample).size > 2  # a dark image of 0 to 255
     if image.dtype.kind in "iu":
         fault = f"is {image.dtype}"
-    elif sample.min(initial=0) < 0:  # no file has such values, but a strong restoration
+    elif low < 0 and not is_input:  # no file has such values, but a strong restoration
         return image
-    elif _MOST_TYPICAL < top <= white and (np.median(sample) > _MOST_TYPICAL or (sample == np.rint(sample)).all()):
+    elif is_input and (np.median(sample) > _DOUBLE or (sample < -_NOISE).mean() > _STRAY or top > white):
+        fault = f"has values from {low:g} to {top:g}"
+    elif top <= white and ((top > 1 and is_whole) or (top > _MOST_TYPICAL and np.median(sample) > _MOST_TYPICAL)):
         fault = f"has values up to {top:g}"
     else:
         return image
+    if low < 0:
+        raise InputError(fault, place, "pass intensities: floats with 0 for black and 1 for white")
     remedy = f"divide by {255 if top <= 255 else white}: intensities are floats with 1 for white"
     raise InputError(fault, place, remedy)
 
@@ -166,13 +173,13 @@ class Arrays:
     reference: Array | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "rgb", _intensities(self.rgb, "Arrays.rgb"))
+        object.__setattr__(self, "rgb", _intensities(self.rgb, "Arrays.rgb", True))
         size = self.rgb.shape[:2]
         if self.depth is not None:
             object.__setattr__(self, "depth", array_of("Arrays.depth", self.depth, size, kinds="fiu"))
         if self.reference is not None:
             array_of("Arrays.reference", self.reference, (*size, 3), kinds="fiu")
-            object.__setattr__(self, "reference", _intensities(self.reference, "Arrays.reference"))
+            object.__setattr__(self, "reference", _intensities(self.reference, "Arrays.reference", True))
 
     def load(self, plane: Plane) -> Array | None:
         values: Array | None = getattr(self, plane)
@@ -231,7 +238,7 @@ class View:
         rgb = _plane(self.pixels, "rgb")
         if rgb is None:
             raise InputError(f"{self.name}: the view has no image; every view needs one")
-        return rgb
+        return self._of_camera(rgb)
 
     @property
     def levels(self) -> npt.NDArray[np.uint8] | None:
@@ -258,7 +265,14 @@ class View:
         depth = _plane(self.pixels, "depth")
         if depth is None:
             raise InputError(f"{self.name}: the view has no depth map; this needs one")
-        return depth
+        return self._of_camera(depth)
+
+    def _of_camera(self, plane: Array) -> Array:
+        height, width = plane.shape[:2]
+        if self.camera is not None and (width, height) != (self.camera.width, self.camera.height):
+            fault = f"is {width}x{height}, its camera {self.camera.width}x{self.camera.height}"
+            raise InputError(fault, self.name, "give it the camera of this image")
+        return plane
 
     @property
     def distance(self) -> Array:
@@ -285,8 +299,7 @@ class View:
     @property
     def valid(self) -> Mask:
         """(H, W) bool, the pixels with depth; all pixels if the view has no depth map."""
-        depth = _plane(self.pixels, "depth")
-        return np.ones(self.rgb.shape[:2], dtype=bool) if depth is None else np.asarray(depth > 0)
+        return np.asarray(self.depth > 0) if self.has_depth else np.ones(self.rgb.shape[:2], dtype=bool)
 
 
 def _pictures(views: Sequence[View]) -> dict[str, Array]:
@@ -298,12 +311,31 @@ def _pictures(views: Sequence[View]) -> dict[str, Array]:
     return pictures
 
 
+class _Same:
+    """A key that is equal to one of the same object only, whatever that is equal to."""
+
+    def __init__(self, thing: object) -> None:
+        self._thing = thing  # kept, so that no other gets its id
+
+    def __hash__(self) -> int:
+        return id(self._thing)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self._thing is other._thing
+
+
 @cached(
     LRUCache(_KEPT_BYTES, getsizeof=lambda plane: max(0 if plane is None else plane.nbytes, _LEAST_KEPT_BYTES)),
+    key=lambda pixels, plane: (_Same(pixels), plane),
     lock=threading.Lock(),
 )
 def _plane(pixels: Pixels, plane: Plane) -> Array | None:
     values = pixels.load(plane)
+    if values is not None:
+        place = f"{type(pixels).__name__}.load('{plane}')"
+        of_image = plane != "depth"
+        values = _intensities(values, place) if of_image else array_of(place, values, ("H", "W"), kinds="fiu")
+        values = values.astype(np.float32, copy=False).view()  # its owner may go on writing into it
     # What is no distance is unknown. Shared pixels are so already, and a copy of them would not be shared.
     if values is not None and plane == "depth" and not hasattr(pixels, "levels"):
         values = np.where(np.isfinite(values) & (values > 0), values, 0).astype(np.float32)

@@ -176,6 +176,10 @@ def restore(method: str | Any, scene: Scene, view: View | str | int, **options: 
     if is_of_scene(how):
         raise InputError(f"display '{how}': needs all views; leave out @scene, or use `sucre-bench run ... save=full`")
     view = view if isinstance(view, View) else scene[view]
+    if not any(one is view or (one.name == view.name and one.pixels is view.pixels) for one in scene.views):
+        raise InputError(
+            f"'{view.name}' is a view of another scene", scene.name, "pass a view of this one, or its name"
+        )
     if repr(method) not in _ready:
         make_ready(method)
         _ready.add(repr(method))

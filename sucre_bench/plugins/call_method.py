@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import Array, coloured
-from sucre_bench.errors import PluginError, SucreBenchError, is_utf8
+from sucre_bench.errors import InputError, PluginError, SucreBenchError, is_utf8
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.scene import Encoding, Pixels, Plane, Restoration, Scene, View, Water
 
@@ -64,6 +64,9 @@ def checked_restore(method: Any, scene: Scene, view: View, word: str = "method")
     A method that assumes encoded intensities gets those of a linear view, and its image is decoded again. Raises
     PluginError when the result is not what a method must return, and what the method raises.
     """
+    if "depth" in method.__plugin__.needs and view.has_depth and view.depth.shape != view.rgb.shape[:2]:
+        sizes = f"its depth has shape {view.depth.shape}, its image {view.rgb.shape[:2]}"
+        raise InputError(sizes, view.name, "load both in one size")
     converts = method.__plugin__.encoding == "gamma" and view.encoding == "linear"
     given = replace(view, pixels=_Encoded(view.pixels, view.is_jpeg), encoding="gamma") if converts else view
     try:

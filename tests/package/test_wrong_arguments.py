@@ -208,3 +208,89 @@ def test_a_wrong_argument_is_one_line_that_says_what_to_pass(
     if isinstance(call, type):
         with pytest.raises(sb.InputError, match=r"\A[^\n]+'no_such'; [^\n]+\Z"):
             call(**good, no_such=1)
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [K.T, K * [[1], [1], [2]], K * [[-1], [-1], [1]], K / [[16], [12], [1]], K + [[0, 0, 1e6], [0, 0, 0], [0, 0, 0]]],
+    ids=["transposed", "last row", "negative", "normalised", "far off"],
+)
+def test_a_matrix_that_is_no_camera_in_pixels_is_refused(matrix: np.ndarray) -> None:
+    with pytest.raises(sb.InputError, match=r"Camera\.K: .*pixels"):
+        sb.Camera(matrix, 16, 12)
+
+
+def test_an_image_of_another_size_than_its_camera_is_named_with_both() -> None:
+    view = sb.View("a.png", sb.Arrays(RGB, DEPTH), sb.Camera(K, 640, 480), np.eye(4))
+    for work in (lambda: view.rgb, lambda: view.distance, lambda: sb.restore("gray_world", one_of(view), view)):
+        with pytest.raises(sb.SucreBenchError, match=r"a\.png.* 16x12.*640x480"):
+            work()
+
+
+def one_of(view: sb.View) -> sb.Scene:
+    return sb.Scene("one", [view], frozenset({"depth"}))
+
+
+def test_a_view_of_another_scene_is_not_restored_in_this_one() -> None:
+    other = sb.View("a.png", sb.Arrays(RGB, DEPTH))
+    with pytest.raises(sb.InputError, match="another scene"):
+        sb.restore("gray_world", SCENE, other)
+
+
+@dataclass
+class Level:
+    """Pixels as somebody may write them: equal, and without a hash."""
+
+    planes: Any
+
+    def load(self, plane: str) -> Any:
+        return self.planes.get(plane)
+
+    def __eq__(self, other: object) -> bool:
+        return True
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def test_each_source_of_pixels_keeps_its_own_even_if_all_are_equal() -> None:
+    mine = RGB * np.float32(0.4)
+    first, second = (sb.View("a.png", Level({"rgb": rgb})) for rgb in (mine, RGB))
+    assert (first.rgb.mean(), second.rgb.mean()) == pytest.approx((0.2, 0.5))
+    mine[0] = 0  # what load returned is still its owner's
+    with pytest.raises(ValueError, match="read-only"):
+        first.rgb[0] = 0
+
+
+@pytest.mark.parametrize(
+    "planes",
+    [
+        *({"rgb": wrong} for wrong in (RGB[..., 0], "text", np.full((12, 16, 3), 200, np.uint8), [[1, 2], [3]])),
+        *({"rgb": RGB, "depth": wrong} for wrong in (DEPTH[:5], RGB, "text")),
+    ],
+    ids=["2-d", "text", "uint8", "ragged", "depth of another size", "3-d depth", "depth as text"],
+)
+def test_what_load_returns_is_checked_before_a_method_has_it(planes: dict[str, Any]) -> None:
+    view = sb.View("a.png", Level(planes))
+    with pytest.raises(sb.InputError, match=r"a\.png|load"):
+        sb.restore("seathru", one_of(view), view)
+
+
+def test_a_list_of_numbers_is_an_image() -> None:
+    assert sb.View("a.png", Level({"rgb": RGB.tolist()})).rgb.dtype == np.float32
+
+
+def test_masked_pixels_are_unknown() -> None:
+    masked = np.ma.masked_array(DEPTH, mask=np.eye(12, 16, dtype=bool))
+    assert (sb.View("a.png", sb.Arrays(RGB, masked)).depth == 1 - np.eye(12, 16)).all()
+    image = np.ma.masked_array(RGB, mask=np.repeat(np.eye(12, 16, dtype=bool)[..., None], 3, 2))
+    assert sb.Restoration(image).valid.sum() == 12 * 16 - 12
+
+
+@pytest.mark.parametrize(
+    "rgb",
+    [np.arange(12 * 16 * 3).reshape(12, 16, 3) % 15 * 1.0, RGB * 2 - 2, RGB + 1e30, RGB * 200.5],
+    ids=["dark 8-bit", "-1 to 1", "1e30", "of 0 to 255"],
+)
+def test_a_photograph_in_another_range_is_refused(rgb: np.ndarray) -> None:
+    with pytest.raises(sb.InputError, match=r"Arrays\.rgb"):
+        sb.Arrays(rgb)

@@ -8,8 +8,7 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from sucre_bench.arrays import Array, evenly
-from sucre_bench.camera import Camera
+from sucre_bench.arrays import evenly
 from sucre_bench.engine.preflight import open_scenes
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.imaging.chart_kinds import chart_kind
@@ -95,8 +94,10 @@ def geometry_is_sound(subject: Subject) -> Iterator[str]:
     """Gives sound cameras, poses and charts."""
     for where, view in _views(subject, 30):
         camera, pose = view.camera, view.cam_from_world
-        if camera is not None and (fault := _camera_fault(camera)):
-            yield f"{where}: {fault}"
+        if camera is not None and not ((camera.K[:2, 2] > 0) & (camera.K[:2, 2] < (camera.width, camera.height))).all():
+            x, y = camera.K[:2, 2]
+            at = f"the principal point ({x:g}, {y:g}) is not in the image of {camera.width}x{camera.height}"
+            yield f"{where}: {at}; give K in pixels"
         if pose is not None and pose.dtype != np.float64:
             yield f"{where}: cam_from_world is {pose.dtype}; give float64"
         if pose is not None and camera is None:
@@ -106,21 +107,6 @@ def geometry_is_sound(subject: Subject) -> Iterator[str]:
         for chart in view.charts:
             chart_kind(chart.kind)
             check_corners(chart.name, np.asarray(chart.corners, dtype=np.float64))
-    for where, view in _views(subject, 3):
-        if view.camera is not None and (view.camera.height, view.camera.width) != view.rgb.shape[:2]:
-            yield f"{where}: the camera is of another size than the image; scale K with it"
-
-
-def _camera_fault(camera: Camera) -> str:
-    K: Array = np.asarray(camera.K)
-    if K.shape != (3, 3) or not np.isfinite(K).all() or not np.allclose(K[[1, 2, 2, 2], [0, 0, 1, 2]], (0, 0, 0, 1)):
-        return f"K is {K.tolist()}; give ((fx, s, cx), (0, fy, cy), (0, 0, 1)) in pixels"
-    if not (K[0, 0] > 0 and K[1, 1] > 0):
-        return f"the focal lengths are {K[0, 0]:g} and {K[1, 1]:g}; they are above 0, in pixels"
-    if not (0 < K[0, 2] < camera.width and 0 < K[1, 2] < camera.height):
-        at = f"({K[0, 2]:g}, {K[1, 2]:g})"
-        return f"the principal point {at} is not in the image of {camera.width}x{camera.height}; give K in pixels"
-    return ""
 
 
 def has_what_it_says(subject: Subject) -> Iterator[str]:

@@ -17,7 +17,6 @@ import numpy.typing as npt
 from sucre_bench.arrays import Array
 from sucre_bench.camera import moved, pixel_rays, unproject
 from sucre_bench.errors import InputError
-from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.provenance import load
 from sucre_bench.programs.prepare.shots import Shot
@@ -112,7 +111,11 @@ def fused(shots: Sequence[Shot], depth_of: Callable[[int], Array], widest: float
     level = int(np.clip(np.ceil(np.log2(side / (_VOXEL_PX * footprint))), *_LEVELS))
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
-            cloud, depth=level, scale=1.05, linear_fit=True, n_threads=usable_cores()
+            cloud,
+            depth=level,
+            scale=1.05,
+            linear_fit=True,
+            n_threads=1,  # several threads make another surface each time
         )
     vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
     gaps = cKDTree(np.asarray(cloud.points)).query(vertices)[0]
