@@ -134,7 +134,7 @@ def _intensities(given: object, place: str, is_input: bool = False) -> Array:
     image: Array = array_of(place, given, ("H", "W", 3), kinds="fiu")
     white = np.iinfo(np.uint16).max
     sample = image[:: max(1, image.shape[0] // _LOOKED_AT), :: max(1, image.shape[1] // _LOOKED_AT)]
-    sample = sample[np.isfinite(sample)]
+    sample = sample[np.isfinite(sample)] if np.isfinite(sample).any() else np.zeros(1, image.dtype)
     top, low = sample.max(initial=0), sample.min(initial=0)
     is_whole = bool((sample == np.rint(sample)).all()) and np.unique(sample).size > 2  # a dark image of 0 to 255
     if image.dtype.kind in "iu":

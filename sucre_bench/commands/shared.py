@@ -104,20 +104,21 @@ def echo_wrapped(text: str, indent: int = 2) -> None:
 
 
 def say_whether_measurable(planned: Sequence[Planned]) -> None:
-    """Say whether the selected views show their scene's water, where methods of several views are to restore it.
+    """Say whether units and poses fit, or else whether the selected views show their scene's water, where methods of
+    several views are to restore it.
 
     Depth maps are decoded in a process of its own: workers are forked from one without threads.
     """
     from sucre_bench.errors import ANY_FAULT
     from sucre_bench.machine import processes, progress
-    from sucre_bench.programs.describe.facts import spread_of
+    from sucre_bench.programs.describe.faults import first_look
 
     measuring = (plan for plan in planned if {"poses", "depth"} <= plan.job.method.plugin.needs)
     scenes = {(plan.job.dataset.label, task.scene.name): task.scene for plan in measuring for task in plan.todo}
     for (dataset, name), scene in list(scenes.items())[:_MOST_SCENES]:
         with contextlib.suppress(*ANY_FAULT):  # the run says what is wrong with the data
-            if spread := processes.call(partial(spread_of, scene.views), "leave out the view that ends it"):
-                progress.say(f"{dataset}, {name}: {spread.sentence('')}")
+            if said := processes.call(partial(first_look, scene.views), "leave out the view that ends it"):
+                progress.say(f"{dataset}, {name}: {said}")
 
 
 def say_what_views_show(planned: Sequence[Planned]) -> None:

@@ -212,7 +212,13 @@ def test_a_wrong_argument_is_one_line_that_says_what_to_pass(
 
 @pytest.mark.parametrize(
     "matrix",
-    [K.T, K * [[1], [1], [2]], K * [[-1], [-1], [1]], K / [[16], [12], [1]], K + [[0, 0, 1e6], [0, 0, 0], [0, 0, 0]]],
+    [
+        K.T,
+        K * [[1], [1], [2]],
+        K * [[-1], [-1], [1]],
+        K / [[16], [12], [1]],
+        np.add(K, [[0, 0, 1e6], [0] * 3, [0] * 3]),
+    ],
     ids=["transposed", "last row", "negative", "normalised", "far off"],
 )
 def test_a_matrix_that_is_no_camera_in_pixels_is_refused(matrix: np.ndarray) -> None:

@@ -17,7 +17,7 @@ from sucre_bench.imaging.drawing import contact_sheet, depth_colours, save_marke
 from sucre_bench.loading.named_sets import Found, Member, Picture, recognised_sets, set_table
 from sucre_bench.machine.files import expanded, regular
 from sucre_bench.machine.progress import track
-from sucre_bench.programs.describe.facts import Look, Overlap, Spread, ViewFacts, look_at, overlaps, spread_of
+from sucre_bench.programs.describe.facts import Look, Overlap, Spread, ViewFacts, look_at, overlaps, placed, spread_of
 from sucre_bench.programs.describe.faults import Fault, find_faults
 from sucre_bench.scene import Water
 
@@ -140,7 +140,7 @@ def described(selection: Selection, most: int) -> Described:
     unit = "m" if scale is None or scale["is_metric"] else "units"
     chosen = [selection.views[k] for k in evenly(len(selection.views), most)]
     looks = [look_at(view, "reference" in scene.has) for view in track(chosen, "looking at views")]
-    between, values, edges, shares = overlaps(looks), _distances(looks), [], []
+    between, values, edges, shares = overlaps(placed(looks)), _distances(looks), [], []
     pictures = {look.facts.name: Picture((look.facts.width, look.facts.height), look.print) for look in looks}
     sets, shared = recognised_sets(pictures)
     if values.size:

@@ -8,6 +8,7 @@ Two views overlap if a point of one projects to a pixel of the other at depth Z,
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,7 +48,8 @@ class ViewFacts:
     """A view.
 
     image_fault, depth_fault: the reason if a plane cannot be read, or empty; focal: (fx, fy) in pixels; position: of
-    the camera in the world, metres; mean, spread: of each channel, as stored, and its standard deviation; saturated:
+    the camera in the world, metres; mean: of each channel, as stored; spread: its standard deviation, gamma-encoded, in
+    which linear light of dark pictures has as much to see as it has for eyes; saturated:
     share of pixels with a full channel; coverage: share of pixels with depth; distances: percentiles 1, 50 and 99 in
     metres.
     """
@@ -133,7 +135,9 @@ def look_at(view: View, reference: bool) -> Look:
         focal=None if camera is None else _floats(camera.K[[0, 1], [0, 1]]),
         position=None if pose is None else _floats(np.linalg.inv(pose)[:3, 3]),
         mean=() if rgb is None else _floats(rgb.mean(axis=(0, 1), dtype=np.float64)),
-        spread=() if rgb is None else _floats(rgb.std(axis=(0, 1), dtype=np.float64)),
+        spread=()
+        if rgb is None
+        else _floats(converted(rgb, view.encoding, "gamma").std(axis=(0, 1), dtype=np.float64)),
         saturated=0.0 if rgb is None else float((rgb >= _FULL).any(axis=-1).mean()),
         coverage=known.size / distance.size if distance is not None and distance.size else 0.0,
         distances=_floats(np.percentile(known, [1, 50, 99])) if known.size else None,
@@ -191,9 +195,20 @@ def placed(looks: Sequence[Look]) -> list[View]:
     ]
 
 
-def overlaps(looks: Sequence[Look]) -> list[Overlap]:
+def reduced(view: View) -> View:
+    """Return a view with camera, pose and depth as `placed` does. Raises InputError if its depth cannot be read."""
+    import cv2
+
+    camera, pose = view.placed
+    shrink = min(1.0, _LONG_SIDE / max(camera.width, camera.height))
+    camera = scaled_camera(camera, (camera.width, camera.height), shrink)
+    depth = cv2.resize(view.depth, (camera.width, camera.height), interpolation=cv2.INTER_NEAREST_EXACT)
+    black = np.zeros((*depth.shape, 3), np.float32)
+    return View(view.name, Arrays(black, np.asarray(depth)), camera, pose)
+
+
+def overlaps(views: Sequence[View]) -> list[Overlap]:
     """Return the overlap of up to 40 views, evenly chosen, with all others; views need pose and depth."""
-    views = placed(looks)
     between = []
     for view in track([views[k] for k in evenly(len(views), MOST_TARGETS)], "overlaps"):
         *_, points = some_points(view, MOST_POINTS)
@@ -267,26 +282,29 @@ class Spread:
         return f"The views show each place from unlike distances ({apart}): SUCRe can measure the water."
 
 
+def usable(views: Sequence[View]) -> list[View]:
+    """Return up to 12 views, evenly chosen, and the next of each, that have camera, pose and readable depth."""
+    chosen = sorted({k for n in evenly(len(views), _VIEWS) for k in (n, n + 1) if k < len(views)})
+    found = []
+    for view in (views[k] for k in chosen):
+        with suppress(InputError):  # the run says what is wrong with it
+            if view.camera is not None and view.cam_from_world is not None and view.has_depth:
+                found.append(view)
+    return found
+
+
 def spread_of(views: Sequence[View]) -> Spread | None:
     """Return the spread of distances of views with poses and depth; None if fewer than two can be read.
 
-    Looks at up to 12 views, evenly chosen, and at the next of each.
+    Looks at those that `usable` takes.
     """
-    chosen = sorted({k for n in evenly(len(views), _VIEWS) for k in (n, n + 1) if k < len(views)})
-    usable = []
-    for view in (views[k] for k in chosen):
-        try:
-            if view.camera is not None and view.cam_from_world is not None and view.has_depth:
-                usable.append(view)
-        except InputError:  # the run says what is wrong with it
-            continue
-    if len(usable) < 2:
+    if len(views := usable(views)) < 2:
         return None
     nearest, farthest = [], []
-    for view in usable:
+    for view in views:
         *_, points = some_points(view, _POINTS)
         near = far = np.linalg.norm(points, axis=-1)
-        for other in usable:
+        for other in views:
             if other is view:
                 continue
             there, _, z, d = seen_from(other, view, points)

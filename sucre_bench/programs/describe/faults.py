@@ -1,12 +1,14 @@
 """Finds faults in a scene's data, each with its remedy.
 
-If depth maps of views disagree, the usual mistakes are undone one by one. They are distances in place of depth, depth
-in another unit than the poses, inverted poses. A mistake whose undoing makes far more points agree is named.
+If depth maps of views disagree, the usual mistakes are undone one by one. They are distances or inverse depth in place
+of depth, another unit than that of the poses, turned or shifted maps, and poses in other axes or inverted. A mistake is
+named if a third of the points agree without it, see docs/scene.md for what true and false ones reach.
 """
 
+import itertools
 import re
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,9 +21,13 @@ from sucre_bench.programs.describe.facts import (
     Look,
     Overlap,
     ViewFacts,
+    overlaps,
     placed,
+    reduced,
     seen_from,
     some_points,
+    spread_of,
+    usable,
 )
 from sucre_bench.scene import Arrays, View
 
@@ -29,8 +35,11 @@ _PREPARE = "`sucre-bench prepare PHOTOS dive/` makes"
 _BLACK, _FLAT = 0.02, 0.004  # of full scale: an image with a lower mean or standard deviation shows nothing
 _SATURATED, _COVERED = 0.05, 0.5  # shares of pixels
 _DISAGREES, _DOUBTFUL = 0.03, 0.01  # median relative disagreement of depth; photogrammetry that fits is at .0005 to .01
+_NOTHING = "nothing in common"
 _SAME = 0.5  # 8-bit levels: mean difference of reduced pictures
 _FIRM, _LOOSE = 0.01, 0.06  # relative tolerance in the search for mistakes: of one, and of scales on a coarse grid
+_NAMED = 1 / 3  # share of the points that agree without a mistake that is named
+_AXES = np.diag([1.0, -1.0, -1.0, 1.0])  # between OpenCV's axes and OpenGL's
 _SCALES = (0.001, 0.01, *(float(s) for s in np.geomspace(0.1, 10, 41)), 100.0, 1000.0)
 
 
@@ -48,7 +57,7 @@ class Fault:
         return f"{which + ': ' if which else ''}{self.what}; {self.remedy}"
 
 
-def find_faults(looks: Sequence[Look], overlaps: Sequence[Overlap], is_prepared: bool = False) -> list[Fault]:
+def find_faults(looks: Sequence[Look], between: Sequence[Overlap], is_prepared: bool = False) -> list[Fault]:
     """Return the faults of single views and of views compared with each other, the gravest kinds first.
 
     is_prepared: whether `sucre-bench prepare` made the scene, so that it cannot help.
@@ -63,7 +72,7 @@ def find_faults(looks: Sequence[Look], overlaps: Sequence[Overlap], is_prepared:
     ]
     return [
         *_files(facts),
-        *(_geometry(looks, overlaps) if len(overlaps) > 1 else ()),
+        *(_geometry(placed(looks), between) if len(between) > 1 else ()),
         *_contents(facts, is_prepared),
         *_twins(looks),
         *charts,
@@ -97,19 +106,31 @@ def _files(facts: Sequence[ViewFacts]) -> list[Fault]:
     return faults
 
 
-def _geometry(looks: Sequence[Look], overlaps: Sequence[Overlap]) -> list[Fault]:
+def first_look(views: Sequence[View]) -> str:
+    """Return what is wrong with units and poses, or else whether the water can be measured; empty if unknown.
+
+    Looks at the views that `usable` takes.
+    """
+    some = [reduced(view) for view in usable(views)]
+    found = _geometry(some, overlaps(some)) if len(some) > 1 else []
+    wrong = next((fault for fault in found if not fault.views and fault.kind != _NOTHING), None)
+    spread = None if wrong else spread_of(some)
+    return str(wrong or (spread.sentence("") if spread else ""))
+
+
+def _geometry(views: Sequence[View], between: Sequence[Overlap]) -> list[Fault]:
     """Faults for views whose depth disagrees, or that no other view overlaps."""
     faults = []
-    known = [o for o in overlaps if o.disagreement is not None]
+    known = [o for o in between if o.disagreement is not None]
     typical = float(np.median([o.disagreement for o in known])) if known else np.inf
-    lonely = [o for o in overlaps if not o.partners]
-    mistake = _mistake(placed(looks)) if typical > _DOUBTFUL or len(lonely) > len(overlaps) / 2 else None
+    lonely = [o for o in between if not o.partners]
+    mistake = _mistake(views) if typical > _DOUBTFUL or len(lonely) > len(between) / 2 else None
     if mistake is not None:
         faults.append(mistake)
     elif typical > _DISAGREES:
         differs = f"depth differs by {typical:.1%} (median) where views overlap"
         remedy = "check that depth maps and poses are of one reconstruction, and their scale"
-        seen = ("depth differs", differs) if known else ("nothing in common", "views see nothing in common")
+        seen = ("depth differs", differs) if known else (_NOTHING, "views see nothing in common")
         faults.append(Fault(*seen, remedy))
     worse = [o for o in known if (o.disagreement or 0) > max(_DISAGREES, 3 * typical)]
     if worse:
@@ -126,50 +147,65 @@ def _geometry(looks: Sequence[Look], overlaps: Sequence[Overlap]) -> list[Fault]
 def _mistake(views: Sequence[View]) -> Fault | None:
     """The mistake that best explains why depth maps of views disagree; None if no known one does.
 
-    Without it at least half as many points more must agree, and at least a tenth of all.
+    Without it at least half as many points more must agree, and at least a third of all.
     """
     targets = evenly(len(views), MOST_TARGETS)
     targets = targets[:: max(1, len(targets) // 8)]
     pairs = [(k, j) for k in targets for j in range(max(0, k - 2), min(len(views), k + 3)) if j != k]
-    as_is = _agreeing(views, pairs)
-    coarse = max(_SCALES, key=lambda scale: _agreeing(views, pairs, _LOOSE, scale))
-    scale = max((coarse * (1 + k / 100) for k in range(-6, 7)), key=lambda s: _agreeing(views, pairs, _FIRM, s))
-
-    def scaled(view: View, factor: float | Array) -> View:
-        return replace(view, pixels=Arrays(view.rgb, view.depth * factor))
-
-    tried: list[tuple[str, str, str, Callable[[View], View]]] = [  # kind, what it is, remedy, and what undoes it
-        (
-            "distance for depth",
-            "depth is distance",
-            "divide each pixel by the length of its ray, K^-1 (u + .5, v + .5, 1)",
-            lambda view: scaled(view, 1 / np.linalg.norm(pixel_rays(view.placed[0]), axis=-1)),
-        ),
-        (
-            "inverted poses",
-            "poses are inverted",
-            "give cam_from_world, the inverse of the camera's place in the world",
-            lambda view: replace(view, cam_from_world=np.linalg.inv(view.placed[1])),
-        ),
-        (
-            "OpenGL poses",
-            "cameras look along -z",
-            "turn poses by 180 degrees about the camera's x axis, as from OpenGL",
-            lambda view: replace(view, cam_from_world=np.diag([1.0, -1.0, -1.0, 1.0]) @ view.placed[1]),
-        ),
-        (
-            "unit of depth",
-            f"depth is {1 / scale:.3g} times that of the poses",
-            f"multiply depth by {scale:.3g}, or divide positions",
-            lambda view: scaled(view, scale),
-        ),
-    ]
-    shares = [_agreeing([change(view) for view in views], pairs) for *_, change in tried]
-    kind, what, remedy, _ = tried[int(np.argmax(shares))]
-    if max(shares) <= max(1.5 * as_is, 0.1):
+    if 1.5 * (as_is := _agreeing(views, pairs)) >= 1:
         return None
-    agreeing = f"{as_is:.0%} of points agree between views, {max(shares):.0%} without that mistake"
-    return Fault(kind, f"{what}: {agreeing}", remedy)
+    inverse = [
+        _with_depth(view, np.divide(1, view.depth, out=np.zeros_like(view.depth), where=view.depth > 0))
+        for view in views
+    ]
+    scale, of_inverse = _best_scale(views, pairs), _best_scale(inverse, pairs)
+    rays = "divide each pixel by the length of its ray, K^-1 (u + .5, v + .5, 1)"
+    lengths = [np.linalg.norm(pixel_rays(view.placed[0]), axis=-1) for view in views]
+    per_m = f"depth is {1 / scale:.3g} times that of the poses", f"multiply depth by {scale:.3g}, or divide positions"
+    maps = {  # the depth maps without a mistake, by its kind, what it is, and the remedy
+        ("distance for depth", "depth is distance", rays): [v.depth / n for v, n in zip(views, lengths, strict=True)],
+        ("unit of depth", *per_m): [view.depth * scale for view in views],
+        ("inverse depth", "depth is 1 / depth", f"write {of_inverse:.3g} / value"): [
+            view.depth * of_inverse for view in inverse
+        ],
+    }
+    for how, rows, columns in (("upside down", -1, 1), ("mirrored", 1, -1), ("turned by 180 degrees", -1, -1)):
+        fault = "turned depth maps", f"depth maps are {how}", "write them as the images are"
+        maps[fault] = [view.depth[::rows, ::columns] for view in views]
+    for step, whose in ((1, "after"), (-1, "before")):
+        fault = "shifted depth maps", f"each image has the depth map of the one {whose} it", "name maps as their images"
+        maps[fault] = [views[(k - step) % len(views)].depth for k in range(len(views))]
+    without = {fault: [*map(_with_depth, views, depths)] for fault, depths in maps.items()}
+    turned = "turn poses by 180 degrees about the camera's x axis, as from OpenGL"
+    opengl = [replace(view, cam_from_world=_AXES @ view.placed[1]) for view in views]
+    without["OpenGL poses", "cameras look along -z", turned] = opengl
+    shares = {fault: _agreeing(changed, pairs) for fault, changed in without.items()}
+    for fault, changed in without.items():
+        # Maps that are alike agree at any scale that makes the cameras' shifts tiny: these say nothing of the scale.
+        if fault[0] in ("unit of depth", "inverse depth") and 1.5 * _agreeing(changed, pairs, scale=10) > shares[fault]:
+            shares[fault] = 0.0
+    for before, after in itertools.product((np.eye(4), _AXES), repeat=2):
+        axes = "" if (before == after).all() and before[1, 1] > 0 else ", in OpenGL's axes"
+        remedy = "give cam_from_world, the inverse of the camera's place in the world"
+        undone = [replace(view, cam_from_world=before @ np.linalg.inv(view.placed[1]) @ after) for view in views]
+        fault = "inverted poses", f"poses are inverted{axes}", remedy
+        shares[fault] = max(shares.get(fault, 0.0), _agreeing(undone, pairs))
+    (kind, what, remedy), share = max(shares.items(), key=lambda item: item[1])
+    if share <= max(1.5 * as_is, _NAMED):
+        return None
+    return Fault(kind, f"{what}: {as_is:.0%} of points agree between views, {share:.0%} without that mistake", remedy)
+
+
+def _with_depth(view: View, depth: Array) -> View:
+    """The view with another depth map; with its own if that has another shape."""
+    depth = depth if depth.shape == view.depth.shape else view.depth
+    return replace(view, pixels=Arrays(view.rgb, np.ascontiguousarray(depth)))
+
+
+def _best_scale(views: Sequence[View], pairs: Sequence[tuple[int, int]]) -> float:
+    """The factor of all depth maps with which most points agree."""
+    coarse = max(_SCALES, key=lambda scale: _agreeing(views, pairs, _LOOSE, scale))
+    return max((coarse * (1 + k / 100) for k in range(-6, 7)), key=lambda s: _agreeing(views, pairs, _FIRM, s))
 
 
 def _agreeing(

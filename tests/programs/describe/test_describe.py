@@ -22,14 +22,16 @@ from sucre_bench.camera import pixel_rays
 from sucre_bench.commands.data import describe
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_kinds import chart_kind
-from sucre_bench.programs.describe.facts import Spread, look_at, overlaps, spread_of
-from sucre_bench.programs.describe.faults import Fault, find_faults
+from sucre_bench.programs.describe.facts import Spread, look_at, overlaps, placed, spread_of
+from sucre_bench.programs.describe.faults import Fault, find_faults, first_look
 from sucre_bench.scene import Arrays, Chart, View
+
+FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # from OpenCV axes to those of OpenGL
 
 
 def found(views: Sequence[View]) -> list[Fault]:
     looks = [look_at(view, False) for view in views]
-    return find_faults(looks, overlaps(looks))
+    return find_faults(looks, overlaps(placed(looks)))
 
 
 def kinds(views: Sequence[View]) -> list[tuple[str, ...]]:
@@ -52,7 +54,7 @@ def test_a_consistent_scene_has_no_faults_and_its_facts_are_true() -> None:
     known = target.distance[target.depth > 0]
     assert facts[1].distances == pytest.approx(np.percentile(known, [1, 50, 99]), rel=1e-5)
     assert facts[3].position == pytest.approx((-0.3, 0.1, -2.4))
-    between = overlaps(looks)
+    between = overlaps(placed(looks))
     assert [o.partners for o in between] == [3, 3, 3, 3]
     assert [o.seen for o in between[:2]] == [1, 1]
     assert between[2].seen < 0.7, "the side view looks past the others"
@@ -67,11 +69,23 @@ def test_a_consistent_scene_has_no_faults_and_its_facts_are_true() -> None:
         (lambda v: with_planes(v, depth=v.depth * 2.5), "unit of depth"),
         (lambda v: with_planes(v, depth=v.depth / 1000), "unit of depth"),
         (lambda v: with_planes(v, depth=v.depth * np.linalg.norm(pixel_rays(v.camera), axis=-1)), "distance for depth"),
+        (lambda v: with_planes(v, depth=3 / np.where(v.depth > 0, v.depth, np.inf)), "inverse depth"),
+        (lambda v: with_planes(v, depth=v.depth[::-1].copy()), "turned depth maps"),
+        (lambda v: with_planes(v, depth=v.depth[:, ::-1].copy()), "turned depth maps"),
+        (lambda v: replace(v, cam_from_world=FLIP @ np.linalg.inv(v.cam_from_world) @ FLIP), "inverted poses"),
+        (lambda v: replace(v, cam_from_world=FLIP @ np.linalg.inv(v.cam_from_world)), "inverted poses"),
     ],
-    ids=["inverted", "opengl", "scale", "millimetres", "distance"],
+    ids=[
+        *("inverted", "opengl", "scale", "millimetres", "distance", "inverse", "upside down", "mirrored"),
+        *("inverted in opengl", "inverted from opengl"),
+    ],
 )
 def test_what_makes_depth_and_poses_disagree_is_named(spoil: Callable[[View], View], kind: str) -> None:
-    assert kind in [fault.kind for fault in found([spoil(view) for view in make_scene().views])]
+    views = [spoil(view) for view in make_scene().views]
+    assert kind in [fault.kind for fault in found(views)]
+    (fault,) = [fault for fault in found(views) if fault.kind == kind]
+    assert first_look(views) == str(fault), "before a run, too"
+    assert "measure" in first_look(make_scene().views)
 
 
 def test_one_view_with_a_wrong_pose_is_named_among_good_ones() -> None:
