@@ -142,7 +142,7 @@ _GRAY = Resizing(256)
         "luma": "as masked, of luma (.299, .587, .114), in 8 bits",
         "gray": "luma of both pictures brought to 256x256 in 8 bits (Pillow's bicubic), all pixels, holes as black, as"
         " in xahidbuffon/FUnIE-GAN",
-        "wrapped": "all pixels, of bytes whose differences and squares are taken modulo 256: a mistake of many programs",
+        "wrapped": "all pixels, of bytes whose differences and squares wrap around at 256: a mistake of many programs",
     },
 )
 @dataclass(frozen=True)
