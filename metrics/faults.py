@@ -11,13 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench.arrays import Array, Mask, coloured_pixels, once
-from sucre_bench.imaging.cielab import to_lab
 from sucre_bench.imaging.display import display
-from sucre_bench.imaging.image_formation import reduced
+from sucre_bench.imaging.visible_faults import LIMITS, Look, look_at, on_screen
 from sucre_bench.plugins.plugin import Fault, metric
 from sucre_bench.scene import Restoration, Score, View
-
-_SIDE = 480
 
 # Where each hue of CIE Lab ends, degrees. The brown of mud is a dark orange; pinks lie on both sides of 0.
 _HUES = (
@@ -30,25 +27,32 @@ _HUES = (
     (295, "blue"),
     (325, "violet"),
 )
-_TURNED_DEG, _STRONGER = 60.0, 10.0  # a cast of another hue than the photograph's; a stronger one, in chroma
-
-_RED_DEG, _RED_CHROMA, _WAS_RED_CHROMA = (310.0, 50.0), 40.0, 15.0  # hues from red-violet to red-orange
-
 FAULTS = {
     "holes": Fault(0.1, "{share} of it is black", "share of the picture without a colour, be it computed or guessed"),
     "guessed": Fault(0.25, "{share} of it is guessed", "share of the picture that `fill` guessed"),
-    "below": Fault(0.1, "{share} of its colours are below zero", "share of colours with a negative channel"),
+    "below": Fault(LIMITS["below"], "{share} of a channel is below zero", "share of the worst channel below zero"),
     "above": Fault(0.1, "{share} of its colours are above one", "share of colours with a channel above 1"),
     "clipped": Fault(0.25, "{share} of it is clipped", "share of pixels at 0 or 1 that the photograph has elsewhere"),
     "cast": Fault(
-        20,
+        LIMITS["cast"],
         "{hue} cast",
-        "C*ab of the median colour; 0 if neither its hue is 60 degrees from the photograph's nor its C*ab 10 larger",
+        "a*b* distance of a third of the ground, near to far, from what a white balance of the photograph can give",
     ),
     "red": Fault(
-        0.05,
+        LIMITS["red"],
         "{share} of it is a red that the photograph lacks",
-        "share of pixels with C*ab above 40 and a hue from violet-red to orange-red that are not red in the photograph",
+        "share of pixels with a hue within 15 degrees of red, saturation above .5 and value above .15 of HSV that "
+        "are not red in the photograph",
+    ),
+    "rims": Fault(
+        LIMITS["rims"],
+        "coloured rims",
+        "share of pixels at steps of depth whose a*b* distance from the ground beside is 15 above the photograph's",
+    ),
+    "flat": Fault(
+        LIMITS["flat"],
+        "{share} of it is flat paint",
+        "share of pixels with less than a quarter of the texture that the photograph has there",
     ),
     "noise": Fault(
         0.045,
@@ -70,7 +74,7 @@ FAULTS = {
 )
 @dataclass(frozen=True)
 class Faults:
-    """Faults of a picture: holes, guessed pixels, impossible colours, clipping, a colour cast, red, noise.
+    """Faults of a picture: holes, guesses, impossible colours, clipping, a cast, red, coloured rims, flat paint, noise.
 
     They tell what is wrong with a picture, not which picture is best.
     """
@@ -84,54 +88,29 @@ class Faults:
             yield Score(guessed if variant == "guessed" else 1 - coverage - guessed, n_pixels=valid.size)
         elif variant in ("below", "above"):
             colours = restored.image[valid]
-            is_out = (colours < 0) if variant == "below" else (colours > 1)
-            yield Score(float(is_out.any(axis=-1).mean()) if n else np.nan, n_pixels=n, coverage=coverage)
-        else:
-            picture, photograph = _on_screen(shown), _on_screen(display(view.rgb, "none", view.encoding))
-            seen = coloured_pixels(picture) & coloured_pixels(photograph)
-            value, hue = np.nan, ""
-            if variant == "cast" and seen.any():
-                value, hue = _cast(picture, photograph, seen)
-            elif seen.any():
-                value = {"clipped": _clipped, "red": _red, "noise": _noise}[variant](picture, photograph, seen)
-            yield Score(value, n_pixels=n, coverage=coverage)
-            if hue and value:
+            is_out = (colours < 0) if variant == "below" else (colours > 1).any(axis=-1, keepdims=True)
+            yield Score(float(is_out.mean(axis=0).max()) if n else np.nan, n_pixels=n, coverage=coverage)
+        elif variant in LIMITS:
+            look = _look(shown, view)
+            yield Score(value := float(getattr(look, variant)), n_pixels=n, coverage=coverage)
+            if variant == "cast" and value > 0:
+                hue = next((name for end, name in _HUES if look.hue_deg < end), "pink")
                 yield Score(value, f"image/{hue}", n_pixels=n, coverage=coverage)
+        else:
+            picture, photograph = on_screen(shown), on_screen(display(view.rgb, "none", view.encoding))
+            seen = coloured_pixels(picture) & coloured_pixels(photograph)
+            measure = {"clipped": _clipped, "noise": _noise}[variant]
+            yield Score(measure(picture, photograph, seen) if seen.any() else np.nan, n_pixels=n, coverage=coverage)
 
 
 @once
-def _on_screen(picture: Array) -> Array:
-    """Return a picture (H, W, 3) in [0, 1] with at most `_SIDE` pixels on a side; NaN where a part has no colour."""
-    return reduced(picture.astype(np.float32), _SIDE)
-
-
-def _cast(picture: Array, photograph: Array, seen: Mask) -> tuple[float, str]:
-    """Return the chroma of a cast, 0 without one, and its hue."""
-    chromas, hues = [], []
-    for image in (picture, photograph):
-        lab = to_lab(np.nan_to_num(image))[seen]
-        bright = lab[(lab[:, 0] > 15) & (lab[:, 0] < 95)]
-        _, a, b = np.median(bright if len(bright) else lab, axis=0)
-        chromas.append(float(np.hypot(a, b)))
-        hues.append(float(np.degrees(np.arctan2(b, a)) % 360))
-    turned = abs((hues[0] - hues[1] + 180) % 360 - 180)
-    if turned <= _TURNED_DEG and chromas[0] <= chromas[1] + _STRONGER:
-        return 0.0, ""
-    return chromas[0], next((name for end, name in _HUES if hues[0] < end), "pink")
+def _look(shown: Array, view: View) -> Look:
+    return look_at(shown, display(view.rgb, "none", view.encoding), view.distance if view.has_depth else None)
 
 
 def _clipped(picture: Array, photograph: Array, seen: Mask) -> float:
     at_end, was_at_end = (((x[seen] > 1 - 1 / 255) | (x[seen] < 1 / 255)).any(axis=-1) for x in (picture, photograph))
     return float(np.mean(at_end & ~was_at_end))
-
-
-def _red(picture: Array, photograph: Array, seen: Mask) -> float:
-    is_red = []
-    for image, least in ((picture, _RED_CHROMA), (photograph, _WAS_RED_CHROMA)):
-        _, a, b = np.moveaxis(to_lab(np.nan_to_num(image)), -1, 0)
-        hue = np.degrees(np.arctan2(b, a)) % 360
-        is_red.append(((hue > _RED_DEG[0]) | (hue < _RED_DEG[1])) & (np.hypot(a, b) > least))
-    return float((is_red[0] & ~is_red[1])[seen].mean())
 
 
 def _noise(picture: Array, photograph: Array, seen: Mask) -> float:

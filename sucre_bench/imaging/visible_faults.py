@@ -1,13 +1,12 @@
-"""What the eye sees wrong in restored pictures, from the pictures and their photographs alone.
+"""What the eye sees wrong in a restored picture beside its photograph, and in the pictures of a dive together.
 
-`look_at` measures one picture beside its photograph; `faults_of_dive` compares the looks of a dive with the limits.
-Pictures are looked at with at most 480 pixels on a side, as on a screen. docs/metric-evidence.md has how often each
-fault is named rightly. A cast and a turning hue are those of the nearest third of the ground: there the water has
-changed least, so a photograph, with its brightest ground made white, shows nearly the right colours.
+`look_at` measures one picture; `faults_of_dive` compares the pictures of a dive with `LIMITS`. Both look at pictures
+with at most 480 pixels on a side, as on a screen. docs/metric-evidence.md has how often the faults are named rightly.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,18 +15,26 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Mask, coloured, once
 from sucre_bench.imaging.cielab import to_lab
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.image_formation import reduced
 
 LIMITS = {
-    "cast": 22.0,  # a*b* distance of the nearest third from the photograph's whose brightest quarter is made gray
-    "red": 0.08,  # share of saturated reds of HSV, dark ones too, that are not red in the photograph
-    "rims": 0.25,  # share of pixels at edges of depth with another hue than around, in the picture only
-    "turning": 20.0,  # a*b* distance of the nearest third from that of the other pictures, beyond the photographs'
+    "cast": 15.4,  # a*b* distance of a third of the ground from all that a white balance makes of the photograph
+    "red": 0.045,  # share of saturated reds, dark ones too, that are no red in the photograph
+    "rims": 0.12,  # share of pixels at steps of depth whose colour differs from the ground beside, in the picture only
+    "flat": 0.03,  # share of pixels without texture where the photograph has some
+    "turning": 6.0,  # a*b* distance of the brightest ground from that of other views, beyond the photographs'
     "below": 1 / 3,  # share of a channel below zero
 }
 
 _SIDE = 480
-_FEWEST = 50  # pixels that a median is taken of
+_FEWEST = 50  # pixels of which a median is taken
+_MORE_SATURATED = 2.0  # a restored colour may have so much of the chroma that white balance gives it
+_UNSURE = 0.2  # the error of a white balance, as a share of the chroma that it removes from the brightest ground
+_STEP, _LEAST_EDGES = 1.25, 0.005  # ratio of distances at an edge; share of the picture that edges must have
+_BESIDE_PX, _STANDS_OUT = 31, 15.0  # side of the square around an edge pixel; a*b* distance of a rim
+_TEXTURE, _LESS = 0.008, 0.25  # least standard deviation that is texture; share of it that is none
+_WAS_RED_HUE_DEG, _RED_HUE_DEG = 25, 15
 
 
 @dataclass(frozen=True)
@@ -41,61 +48,73 @@ class VisibleFault:
 
 @dataclass(frozen=True)
 class Look:
-    """One picture beside its photograph, in numbers; NaN where they are not known.
+    """One picture beside its photograph in numbers, NaN where one is not known.
 
-    cast, red, rims, below: see `LIMITS`; near, was_near: (a*, b*) of the nearest third in picture and photograph.
+    cast, red, rims, flat, below: see `LIMITS`; light, was_light: a* and b* of the brightest ground, in the picture and
+    in the photograph.
     """
 
-    cast: float
-    red: float
-    rims: float
-    below: float
-    near: tuple[float, float]
-    was_near: tuple[float, float]
+    cast: float = math.nan
+    red: float = math.nan
+    rims: float = math.nan
+    flat: float = math.nan
+    below: float = math.nan
+    light: tuple[float, float] = (math.nan, math.nan)
+    was_light: tuple[float, float] = (math.nan, math.nan)
+    hue_deg: float = math.nan  # of the third with the strongest cast, in CIE Lab
 
 
 def look_at(picture: Array, photograph: Array, distance: Array | None = None, below: float = math.nan) -> Look:
     """Measure a picture beside its photograph.
 
-    picture, photograph: (H, W, 3) in [0, 1], gamma-encoded, NaN where a pixel has no colour or is only guessed;
-    distance: (H, W) metres, 0 where unknown; without one all ground counts as near, and rims are not known; below:
-    share of the worst channel below zero before display, if known.
+    picture, photograph: (H, W, 3) in [0, 1], gamma-encoded, NaN where a pixel has no colour; distance: (H, W) metres,
+    0 where unknown. Only pixels with a distance count as ground; without distances all pixels do. below: share of the
+    worst channel that is below zero before display, if known.
     """
     import cv2
 
     small, was = on_screen(picture), on_screen(photograph)
     seen = coloured(small) & coloured(was)
     if np.count_nonzero(seen) < _FEWEST:
-        return Look(math.nan, math.nan, math.nan, below, (math.nan, math.nan), (math.nan, math.nan))
-    near, rims = seen, math.nan
-    lab, lab_was = to_lab(np.nan_to_num(small)), to_lab(np.nan_to_num(was))
+        return Look(below=below)
+    small, was = np.nan_to_num(small), np.nan_to_num(was)
+    metres: Array = np.ones(seen.shape, np.float32)
     if distance is not None:
         size = seen.shape[::-1]
-        metres = cv2.resize(distance.astype(np.float32), size, interpolation=cv2.INTER_NEAREST_EXACT)
-        known = seen & (metres > 0)
-        if np.count_nonzero(known) >= _FEWEST:
-            near = known & (metres <= np.quantile(metres[known], 1 / 3))
-    ground, ground_was = np.median(lab[near], axis=0)[1:], np.median(lab_was[near], axis=0)[1:]
-    light = lab_was[near][:, 0]
-    white = np.median(lab_was[near][light >= np.quantile(light, 0.75)], axis=0)[1:]
-    cast = float(np.hypot(*(ground - (ground_was - white))))
-    red = float((_is_red(small, 0.5) & ~_is_red(was, 0.25))[seen].mean())
-    (a, b), (a_was, b_was) = ground.tolist(), ground_was.tolist()
-    return Look(cast, red, rims, below, (a, b), (a_was, b_was))
+        metres = np.asarray(cv2.resize(distance.astype(np.float32), size, interpolation=cv2.INTER_NEAREST_EXACT))
+    ground = seen & (metres > 0)
+    if np.count_nonzero(ground) < _FEWEST:
+        metres, ground = np.ones_like(metres), seen
+    labs = to_lab(small), to_lab(was)
+    is_bright = _parts(labs[1][ground][:, 0])[-1]
+    (a, b), (a_was, b_was) = (np.median(lab[ground][is_bright], axis=0)[1:].tolist() for lab in labs)
+    cast, hue_deg = _cast(labs, was, metres, ground)
+    red = _is_red(small, _RED_HUE_DEG, 0.5) & ~_is_red(was, _WAS_RED_HUE_DEG, 0.25)
+    rims, flat = _rims(labs, metres, ground), _flat(small, was, seen)
+    return Look(cast, float(red[seen].mean()), rims, flat, below, (a, b), (a_was, b_was), hue_deg)
 
 
 def faults_of_dive(looks: Sequence[Look]) -> list[tuple[VisibleFault, ...]]:
-    """Return the faults of each picture of a dive; looks: of all its views, in any order."""
-    near, was = (np.array([getattr(one, name) for one in looks]).reshape(-1, 2) for name in ("near", "was_near"))
-    turned = np.zeros(len(looks))
-    if np.isfinite(near).all(axis=-1).any():
-        away, was_away = (np.hypot(*(one - np.nanmedian(one, axis=0)).T) for one in (near, was))
-        turned = away - was_away
+    """Return the faults of each picture of a dive; looks: of its views, in any order."""
     found = []
-    for look, turning in zip(looks, turned.tolist(), strict=True):
-        values = {"cast": look.cast, "red": look.red, "rims": look.rims, "turning": turning, "below": look.below}
-        found.append(tuple(VisibleFault(k, v, LIMITS[k]) for k, v in values.items() if v > LIMITS[k]))
+    for look, turning in zip(looks, turning_of(looks), strict=True):
+        values = {"turning": turning} | {kind: getattr(look, kind) for kind in LIMITS if kind != "turning"}
+        found.append(tuple(VisibleFault(k, values[k], limit) for k, limit in LIMITS.items() if values[k] > limit))
     return found
+
+
+def turning_of(looks: Sequence[Look]) -> list[float]:
+    """Return by how much more the brightest ground of each picture differs from the dive's than in the photographs.
+
+    The dive's is the median over its views; differences are distances in a* and b*.
+    """
+    apart = []
+    for name in ("light", "was_light"):
+        lights = np.array([getattr(look, name) for look in looks]).reshape(-1, 2)
+        known = lights[np.isfinite(lights).all(axis=-1)]
+        middle = np.median(known, axis=0) if len(known) else np.zeros(2)
+        apart.append(np.hypot(*(lights - middle).T))
+    return (apart[0] - apart[1]).tolist()
 
 
 @once
@@ -104,9 +123,85 @@ def on_screen(picture: Array) -> Array:
     return reduced(picture.astype(np.float32), _SIDE)
 
 
-def _is_red(picture: Array, saturation: float) -> Mask:
-    """Whether the hue of HSV is within 25 degrees of red, at this saturation or more, and a value of 0.1 or more."""
+def _parts(lightness: Array) -> list[Mask]:
+    """The darkest quarter of the pixels, the middle half, and the brightest quarter."""
+    low, high = np.quantile(lightness, [0.25, 0.75])
+    return [lightness <= low, (lightness > low) & (lightness < high), lightness >= high]
+
+
+def _cast(labs: tuple[Array, Array], was: Array, metres: Array, ground: Mask) -> tuple[float, float]:
+    """Return the largest cast of the nearest, middle and farthest third of the ground, and its hue in degrees.
+
+    A third of the photograph whose brightest quarter is made gray shows nearly the right hues. A restored colour lies
+    between the photograph's and that one, or is more saturated than that one. The cast is the root mean square distance
+    of the median a* and b* from there, over the darkest quarter, the middle half and the brightest quarter, less the
+    error of the white balance.
+    """
+    limits = np.quantile(metres[ground], [0, 1 / 3, 2 / 3, 1])
+    found = [(math.nan, math.nan)]
+    for near, far in itertools.pairwise(limits):
+        third = ground & (metres >= near) & (metres <= far)
+        if np.count_nonzero(third) < _FEWEST:
+            continue
+        lab, lab_was = (one[third] for one in labs)
+        parts = _parts(lab_was[:, 0])
+        linear = srgb_decode(was[third])
+        white = np.median(linear[parts[-1]], axis=0)
+        balanced = to_lab(srgb_encode(linear * white.mean() / np.maximum(white, 1e-4))[None])[0]
+        apart, shifts, chroma = [], [], float(np.hypot(*np.median(lab_was[parts[-1]], axis=0)[1:]))
+        for part in (part for part in parts if part.any()):
+            now, before, right = (np.median(one[part], axis=0)[1:] for one in (lab, lab_was, balanced))
+            apart.append(min(_from_line(now, before, right), _from_line(now, right, _MORE_SATURATED * right)))
+            shifts.append(now)
+        a, b = np.mean(shifts, axis=0)
+        cast = float(np.sqrt(np.mean(np.square(apart)))) - _UNSURE * chroma
+        found.append((max(0.0, cast), float(np.degrees(np.arctan2(b, a)) % 360)))
+    return max(found, key=lambda one: -1 if math.isnan(one[0]) else one[0])
+
+
+def _from_line(point: Array, start: Array, end: Array) -> float:
+    """The distance of a point from the line between two others."""
+    way = end - start
+    share = np.clip((point - start) @ way / max(float(way @ way), 1e-9), 0, 1)
+    return float(np.hypot(*(point - start - share * way)))
+
+
+def _is_red(picture: Array, hue_deg: float, saturation: float) -> Mask:
+    """Whether the hue of HSV is so near to red, the saturation above this share, and the value above .15."""
     red, green, blue = np.moveaxis(picture, -1, 0)
     chroma = red - np.minimum(green, blue)
-    is_hue = (red >= green) & (red >= blue) & (np.abs(green - blue) * 60 <= 25 * chroma)
-    return np.asarray(is_hue & (red > 0.1) & (chroma > saturation * red))
+    is_hue = (red >= green) & (red >= blue) & (np.abs(green - blue) * 60 <= hue_deg * chroma)
+    return np.asarray(is_hue & (red > 0.15) & (chroma > saturation * red))
+
+
+def _rims(labs: tuple[Array, Array], metres: Array, ground: Mask) -> float:
+    """The share of pixels at steps of depth whose hue stands out; NaN where the ground has few such steps."""
+    import cv2
+
+    log = np.log(np.maximum(metres, 1e-6))
+    square = np.ones((5, 5), np.uint8)
+    near, far = cv2.erode(np.where(ground, log, 99), square), cv2.dilate(np.where(ground, log, -99), square)
+    edge = ground & (far - near > math.log(_STEP))
+    if edge.mean() < _LEAST_EDGES:
+        return math.nan
+    beside = (ground & ~edge).astype(np.float32)
+    n = cv2.blur(beside, (_BESIDE_PX, _BESIDE_PX))
+    apart = []
+    for lab in labs:
+        around = cv2.blur(lab[..., 1:] * beside[..., None], (_BESIDE_PX, _BESIDE_PX)) / np.maximum(n, 1e-3)[..., None]
+        apart.append(np.hypot(*np.moveaxis(lab[..., 1:] - around, -1, 0)))
+    return float((apart[0] > apart[1] + _STANDS_OUT)[edge].mean())
+
+
+def _flat(picture: Array, photograph: Array, seen: Mask) -> float:
+    """The share of pixels whose surroundings have texture in the photograph, and no quarter of it in the picture."""
+    import cv2
+
+    inside = cv2.erode(seen.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+    if not inside.any():
+        return math.nan
+    rough = []
+    for image in (picture, photograph):
+        gray = image.mean(axis=-1)
+        rough.append(np.sqrt(np.maximum(cv2.blur(gray * gray, (7, 7)) - cv2.blur(gray, (7, 7)) ** 2, 0)))
+    return float(((rough[0] < _LESS * rough[1]) & (rough[1] > _TEXTURE))[inside].mean())

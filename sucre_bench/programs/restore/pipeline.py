@@ -34,7 +34,7 @@ from sucre_bench.results.rows import tuples
 
 # What a method gets that has these options: whole pictures, one water for the dive so that mosaics have no steps, and
 # the fit that no real dive has broken: single pixels, with one gain for each view and a lens.
-_FOR_A_DIVE = {"fill": "true", "water": "shared", "footprint": "false", "light": "exposure+lens"}
+FOR_A_DIVE = {"fill": "true", "water": "shared", "footprint": "false", "light": "exposure+lens"}
 
 # Words of `run` that say where the work is done.
 _WHERE = re.compile(r"(workers|shard\.count|hydra[./][\w.]+)=")
@@ -144,7 +144,7 @@ def restore(
             dataset = [word for word in options.words if word.startswith("dataset.")]
             source = replace(source, dataset=(*source.dataset, *dataset))
             display, known = method_choice(options.method, {}).display, option_names("method", options.method)
-            values = {name: value for name, value in _FOR_A_DIVE.items() if name in known}
+            values = {name: value for name, value in FOR_A_DIVE.items() if name in known}
             if display != "none" and not is_of_scene(display):
                 values["display"] = f"{display}@scene"  # over all views
             given = [word for word in options.words if word not in dataset]
