@@ -8,10 +8,11 @@ import sys
 from importlib import import_module
 
 import click
+from click.utils import PacifyFlushWrapper
 
 from sucre_bench.errors import SucreBenchError, did_you_mean, escaped_breaks, is_utf8, shortened
 from sucre_bench.machine.processes import isolated_children
-from sucre_bench.machine.terminal import escaped_output, say
+from sucre_bench.machine.terminal import say
 
 _BROKEN_PIPE = 141  # what a shell says of a process that SIGPIPE ended
 _MEMORY = "there is not enough memory; end other programs, or give smaller images (dataset.image_scale)"
@@ -48,9 +49,11 @@ def _status() -> int:
     if (path := os.environ.get("PYTHONPATH")) and "" in path.split(os.pathsep):
         say("note: PYTHONPATH has an empty part: Python imports from the current folder; remove that part", "yellow")
     try:
-        with isolated_children(), escaped_output():
+        with isolated_children():
             cli(prog_name="sucre-bench", standalone_mode=False)
     except SystemExit as ended:
+        if isinstance(sys.stdout, PacifyFlushWrapper):  # click found that the reader of the pipe has gone
+            return _BROKEN_PIPE
         return ended.code if isinstance(ended.code, int) else int(ended.code is not None)
     except click.exceptions.NoArgsIsHelpError as fault:
         click.echo(fault.format_message())

@@ -91,7 +91,7 @@ def describe(
         sheets = [] if no_sheet else [sheet] if sheet and len(sheets) == 1 else sheets
         inputs = [file for selection in selections for view in selection.views for file in source_files(view)]
         for path in sheets:
-            check_output(path, "contact sheet", inputs, force)
+            check_output(path, "contact sheet", inputs, force or sheet is None)
         described = [description.described(selection, most) for selection in selections]
     if as_json:
         shared.print_json([one.as_object() for one in described])

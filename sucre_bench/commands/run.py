@@ -138,7 +138,7 @@ def lineup(folder: Path, out: Path | None, force: bool) -> None:
 
     file = folder / "lineup.yaml" if out is None else out
     is_printed = str(file) == "-"
-    if not is_printed:
+    if out is not None and not is_printed:
         check_output(file, "line-up", force=force)
     line_up, notes = line_up_of(folder, Path() if is_printed else file.parent)
     for note in notes:

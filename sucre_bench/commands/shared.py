@@ -74,7 +74,7 @@ def _load_plugins(context: click.Context, _: click.Parameter, files: Sequence[st
 # For programs: the command prints one JSON value on stdout and nothing else there.
 json_option = flag("--json", "as_json", help="Print one JSON object on stdout and nothing else, for programs.")
 # The parameter force of `check_output`.
-force_option = flag("--force", help="Write over a file that sucre-bench did not write.")
+force_option = flag("--force", help="Write over a file that exists.")
 _PLUGIN: Any = {"multiple": True, "of": _Path(), "metavar": "FILE"}
 _PLUGIN |= {"help": "Load the plugins of this .py file; may be repeated."}
 # Plugin files that the command loads: the parameter plugin_files.

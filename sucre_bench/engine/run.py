@@ -24,7 +24,7 @@ from sucre_bench.jobs.job import CONFIG, Job, config_text
 from sucre_bench.jobs.lineup import record_line_up
 from sucre_bench.jobs.run_options import Slurm
 from sucre_bench.machine import progress, provenance
-from sucre_bench.machine.files import check_results_folder, write_atomically
+from sucre_bench.machine.files import RESULTS_MARK, check_results_folder, write_atomically
 from sucre_bench.machine.processes import terminated_as_interrupt
 from sucre_bench.machine.text_formats import keep_traceback, masked
 from sucre_bench.results.common_scores import read_common
@@ -146,7 +146,7 @@ def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
         data.setdefault(plan.job.dataset.label, set()).update(task.base.data_id for task in plan.tasks)
     words = ["sucre-bench", "run", *(["-m"] if command.is_sweep else []), *command.words]
     ids = {label: ",".join(sorted(ids)) for label, ids in data.items()}
-    provenance.write(first.out / "environment.json", provenance.environment(words, first.seed, ids))
+    provenance.write(first.out / RESULTS_MARK, provenance.environment(words, first.seed, ids))
     text = config_text(command.jobs, command.words, command.is_sweep)
     write_atomically(first.out / CONFIG, masked(text).encode())
     record_line_up(command.jobs)

@@ -2,15 +2,13 @@
 
 NO_COLOR removes colours. TERM=dumb or a pipe removes every escape code. FORCE_COLOR brings colours, but no bars, to a
 pipe, such as the log of a CI. A file's name may hold an escape sequence that clears the screen, or forges the lines of
-a command: ESC becomes "\\x1b" in all that is printed.
+a command: ESC becomes "\\x1b" in all that rich prints.
 """
 
 import io
 import re
 import sys
-from collections.abc import Collection, Iterable, Iterator
-from contextlib import contextmanager
-from typing import IO, Any, TextIO
+from collections.abc import Collection, Iterable
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
@@ -32,48 +30,15 @@ def escaped(text: str) -> str:
     return _UNSAFE.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
-class _Escaped:
-    """A stream that writes out control characters. rich, whose colours are our own, writes past it."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self.rich_proxied_file = stream
-
-    def write(self, text: str) -> int:
-        return self.rich_proxied_file.write(escaped(text))
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.rich_proxied_file, name)
-
-
-@contextmanager
-def escaped_output() -> Iterator[None]:
-    """Write out control characters of all that is printed in this block, but for what rich styles."""
-    before = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = (_Escaped(stream) for stream in before)
-    try:
-        yield
-    finally:
-        sys.stdout, sys.stderr = before
-
-
 class _Console(Console):
     """A console that writes out control characters of names and texts; styles are its own."""
-
-    @property
-    def file(self) -> IO[str]:
-        """The terminal itself: below the streams that write out control characters, and rich's own while it draws."""
-        file = super().file
-        while (inner := getattr(file, "rich_proxied_file", None)) is not None:
-            file = inner
-        return file
-
-    @file.setter
-    def file(self, new_file: IO[str]) -> None:
-        self._file = new_file
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         for text, style, control in super().render(renderable, options):
             yield Segment(text if control else escaped(text), style, control)
+
+    def on_broken_pipe(self) -> None:
+        raise BrokenPipeError
 
 
 out = _Console(highlight=False, soft_wrap=not sys.stdout.isatty())

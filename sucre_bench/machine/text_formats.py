@@ -1,4 +1,4 @@
-"""Texts of files and messages: YAML, JSON, HTML pages, times that never go back, text without passwords, tracebacks."""
+"""Texts of files and messages: YAML, JSON, HTML pages, times, text without passwords, tracebacks."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ import functools
 import hashlib
 import json
 import re
-import threading
 import traceback
 from collections.abc import Sequence
 from contextlib import suppress
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,14 +20,12 @@ from sucre_bench.errors import in_words
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-_DEEPEST = 50  # levels; the time to parse grows with the square of the depth
-
 
 def read_yaml(text: str) -> Any:
     """Return the value of a YAML text; dates stay text.
 
     Raises yaml.YAMLError, and MarkedYAMLError where a line can be named. Also for an alias (with merge keys, 400 bytes
-    of them stand for gigabytes), for a key that stands twice, and for more than 50 levels.
+    of them stand for gigabytes), and for a key that stands twice.
     """
     import yaml
 
@@ -43,18 +40,11 @@ def _loader() -> type[Any]:
     import yaml
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc]
-        depth = 0
-
         def compose_node(self, parent: Any, index: Any) -> Any:
             event = self.peek_event()
             if isinstance(event, yaml.AliasEvent):
                 raise yaml.MarkedYAMLError(problem=f"*{event.anchor} is an alias", problem_mark=event.start_mark)
-            if self.depth == _DEEPEST and isinstance(event, yaml.CollectionStartEvent):
-                raise yaml.MarkedYAMLError(problem=f"more than {_DEEPEST} levels", problem_mark=event.start_mark)
-            self.depth += 1
-            node = super().compose_node(parent, index)
-            self.depth -= 1
-            return node
+            return super().compose_node(parent, index)
 
     def mapping(loader: Any, node: Any) -> dict[Any, Any]:
         keys = set()
@@ -119,28 +109,10 @@ def policy_hash(text: str) -> str:
 
 # -- rows, messages and logs -------------------------------------------------------------------------------
 
-_lock = threading.Lock()
-_latest = datetime.min.replace(tzinfo=UTC)
-
 
 def now() -> str:
-    """Return the time as rows have it: UTC, ISO 8601, microseconds.
-
-    Each call of a process returns a later time than the one before. It is also later than every time given to
-    `not_before`, even if the computer's clock was set back in between.
-    """
-    global _latest
-    with _lock:
-        _latest = max(datetime.now(UTC), _latest + timedelta(microseconds=1))
-        return _latest.isoformat(timespec="microseconds")
-
-
-def not_before(time: str) -> None:
-    """Let `now` return only times later than this one, in its format; anything else changes nothing."""
-    global _latest
-    with suppress(ValueError), _lock:
-        given = datetime.fromisoformat(time)
-        _latest = max(_latest, given if given.tzinfo else given.replace(tzinfo=UTC))
+    """Return the time as rows have it: UTC, ISO 8601, microseconds."""
+    return datetime.now(UTC).isoformat(timespec="microseconds")
 
 
 # An address, up to a blank, a bracket or a quote. A password before the last "@" may hold those, and "/", "?" and "#".

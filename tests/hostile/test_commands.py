@@ -68,7 +68,7 @@ CASES: dict[str, tuple[str, int, str]] = {
     "a link to itself": ("restore loop out", 2, r"/loop: links to itself; "),
     "a name of six lines": ("compare 'a\r\v\f\x85\u2028b'", 2, r"^error: a\\r\\x0b\\x0c\\x85\\u2028b: .*; .*\n$"),
     "a pipe as plugin": ("run --plugin pipe.py method=x", 2, r"pipe\.py: .*; "),
-    "a deep line-up": ("run deep.yaml", 2, r"deep\.yaml: line 1: .*levels; "),
+    "a deep line-up": ("run deep.yaml", 2, r"deep\.yaml: cannot be read, .*depth.*; "),
     "a long path to run": (f"run dataset=colmap dataset.root={LONG} method=gray_world", 2, LONG),
     "a long results folder": (f"{RUN} out={LONG}", 2, rf"{LONG}.*; "),
     "a long path to score": (f"score {LONG}", 2, rf"{LONG}.*; "),

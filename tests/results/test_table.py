@@ -7,7 +7,6 @@ import re
 import threading
 from collections.abc import Callable
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -150,21 +149,6 @@ def test_a_long_job_writes_each_row_a_few_times_into_few_files(tmp_path: Path, m
     assert sum(written) <= 200 * 4
     assert len(list((tmp_path / "parts").iterdir())) <= 3 * 8
     assert sorted(results.merge(tmp_path)["value"]) == list(range(200))
-
-
-def test_a_clock_that_was_set_back_leaves_the_last_row_the_newest(tmp_path: Path):
-    """Ten days back: what a rerun mended must not stay failed."""
-    future = (datetime.now(UTC) + timedelta(days=10)).isoformat(timespec="microseconds")
-    same = {"dataset": "d", "scene": "s", "view": "a.png", "method": "m"}
-    for row in (
-        lambda: results.Row(**same, status="failed", reason="cut", time=future),
-        lambda: results.Row(**same, value=1.0),
-    ):
-        part = results.Part(tmp_path, "job")
-        part.add([row()])
-        part.flush()
-        rows = results.merge(tmp_path)
-    assert rows["status"].tolist() == ["ok"]
 
 
 def test_tuples_are_what_pandas_gives():

@@ -199,7 +199,7 @@ def test_a_mistake_made_in_many_files_is_one_line(tmp_path: Path) -> None:
 
 def test_an_arbitrary_scale_that_prepare_noted_is_not_called_metres(tmp_path: Path) -> None:
     root = write_dive(tmp_path / "dive")
-    words = ("colmap", f"dataset.root={root}", "--sheet", str(tmp_path / "sheet.jpg"))
+    words = ("colmap", f"dataset.root={root}", "--sheet", str(tmp_path / "sheet.jpg"), "--force")
     assert "m (1, 50, 99 %)" in run(*words)[1]
     (root / "prepare.json").write_text(json.dumps({"scale": {"is_metric": False, "note": "arbitrary: of 3"}}))
     said = run(*words)[1]
