@@ -8,7 +8,6 @@ import sys
 from importlib import import_module
 
 import click
-from click.utils import PacifyFlushWrapper
 
 from sucre_bench.errors import SucreBenchError, did_you_mean, escaped_breaks, is_utf8, shortened
 from sucre_bench.machine.processes import isolated_children
@@ -48,11 +47,12 @@ def _status() -> int:
         return _fault(f"{wrong[0]}: is no UTF-8; rename the file or folder", 2)
     if (path := os.environ.get("PYTHONPATH")) and "" in path.split(os.pathsep):
         say("note: PYTHONPATH has an empty part: Python imports from the current folder; remove that part", "yellow")
+    stdout = sys.stdout
     try:
         with isolated_children():
             cli(prog_name="sucre-bench", standalone_mode=False)
     except SystemExit as ended:
-        if isinstance(sys.stdout, PacifyFlushWrapper):  # click found that the reader of the pipe has gone
+        if sys.stdout is not stdout:  # click put another there, for it found that the reader of the pipe has gone
             return _BROKEN_PIPE
         return ended.code if isinstance(ended.code, int) else int(ended.code is not None)
     except click.exceptions.NoArgsIsHelpError as fault:
