@@ -39,12 +39,8 @@ def main() -> None:
 
 def _status() -> int:
     """Run the command line and return its exit code."""
-    try:
-        os.getcwd()  # noqa: PTH109 - numerous libraries ask for it
-    except OSError as fault:
-        return _fault(f"the current folder: {fault.strerror}; go to another one, for example `cd ~`", 2)
-    if wrong := [word for word in sys.argv if not is_utf8(word)]:
-        return _fault(f"{wrong[0]}: is no UTF-8; rename the file or folder", 2)
+    if wrong := _unusable():
+        return _fault(wrong, 2)
     if (path := os.environ.get("PYTHONPATH")) and "" in path.split(os.pathsep):
         say("note: PYTHONPATH has an empty part: Python imports from the current folder; remove that part", "yellow")
     stdout = sys.stdout
@@ -99,6 +95,16 @@ def _status() -> int:
         reason = fault.strerror or type(fault).__name__  # of a path that no file system has, say
         return _fault(f"{escaped_breaks(path)}: {reason}; give another path, or make this one usable", 2)
     return 0
+
+
+def _unusable() -> str:
+    """What is wrong with the current folder, or with a word of the command; empty if nothing is."""
+    try:
+        os.getcwd()  # noqa: PTH109 - numerous libraries ask for it
+    except OSError as fault:
+        return f"the current folder: {fault.strerror}; go to another one, for example `cd ~`"
+    wrong = [word for word in sys.argv if not is_utf8(word)]
+    return f"{wrong[0]}: is no UTF-8; rename the file or folder" if wrong else ""
 
 
 def _keys_of_run(context: click.Context | None) -> set[str]:
