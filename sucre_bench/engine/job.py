@@ -51,7 +51,7 @@ def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> No
             make_ready(method)
             by_scene = is_of_scene(job.method.display) or bool(getattr(method, "sees_whole_scene", False))
     except BaseException as fault:
-        send("unfit", row_of_fault(base_row(job), fault, log_path(job.out), is_said=True))
+        send("unfit", row_of_fault(base_row(job), fault, log_path(job.out)))
         return
     send("ready", by_scene)
     with ExitStack() as block:

@@ -119,15 +119,15 @@ class _Job:
     """A job in the process of the command, which gives its views out and writes their rows.
 
     left: groups of views that no worker has, as places in `planned.todo`; faults: of steps that workers leave out;
-    is_ready: whether a worker has made its method; is_given_up: whether its results cannot be written; after_view:
-    called when a view is done.
+    n_ready: how many workers have made its method; is_full: whether no more can; is_given_up: whether its results
+    cannot be written; after_view: called when a view is done.
     """
 
     def __init__(self, planned: Planned) -> None:
         self.planned, self.name = planned, planned.name
         self.left: deque[tuple[int, ...]] = deque((k,) for k in range(len(planned.todo)))
         self.faults: dict[str, Exception] = {}
-        self.is_ready = self.is_given_up = self._by_scene = False
+        self.n_ready, self.is_full, self.is_given_up, self._by_scene = 0, False, False, False
         self.after_view: list[Callable[[], None]] = []
         job = planned.job
         self._part = Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"), _FLUSH_S)
@@ -155,13 +155,17 @@ class _Job:
     def note(self, given: list[int], kind: str, *values: Any) -> None:
         """Do what a worker's message says. given: the views that it has; those that are done are removed."""
         if kind == "ready":
-            if values[0] and not self.is_ready:
+            if values[0] and not self._by_scene:
                 self._by_scene = True
                 todo = self.planned.todo
                 places = sorted((place for group in self.left for place in group), key=lambda k: todo[k].base.scene)
                 self.left = deque(tuple(of) for _, of in groupby(places, key=lambda k: todo[k].base.scene))
-            self.is_ready = True
-        elif kind == "unfit":  # the method cannot be made
+            self.n_ready += 1
+        elif kind == "unfit" and self.n_ready:  # for want of memory, say: the other workers do its share
+            self.is_full = True
+        elif kind == "unfit":
+            if values[0].status == "failed":
+                progress.say(f"failed  {self.name}: {values[0].reason}", is_fault=True)
             for place in (place for group in self.left for place in group):
                 self._keep_fault(place, values[0])
             self.left.clear()
@@ -220,7 +224,7 @@ class _Worker:
 
     def __init__(self, job: _Job) -> None:
         self.job, self.given, self.leaves_out = job, list[int](), frozenset(job.faults)
-        self._takes_views = False
+        self._is_ready = self._is_last = False
         self.process = Forked(partial(serve, job.planned), dict(job.faults))
 
     def go_on(self, n_workers: int) -> bool:
@@ -230,6 +234,7 @@ class _Worker:
         if process.has_ended or process.is_late:
             step, fault = process.step, _fault_of(process, job.name)
             self._note(process.stop())
+            job.n_ready -= self._is_ready
             if fault and step in self.leaves_out:
                 if not self.given and job.left:
                     self.given += job.left.popleft()
@@ -239,9 +244,9 @@ class _Worker:
                 job.faults[step] = fault
             job.give_back(self.given)
             return False
-        if self._takes_views and not self.given:
+        if self._is_ready and not self.given and not self._is_last:
             self.given = job.take(n_workers)
-            self._takes_views = bool(self.given)
+            self._is_last = not self.given
             process.give(self.given.copy())
         return True
 
@@ -251,7 +256,7 @@ class _Worker:
 
     def _note(self, messages: Iterable[tuple[Any, ...]]) -> None:
         for message in messages:
-            self._takes_views |= message[0] == "ready"
+            self._is_ready |= message[0] == "ready"
             self.job.note(self.given, *message)
 
 
@@ -297,7 +302,8 @@ def _next(jobs: Sequence[_Job], workers: Sequence[_Worker]) -> _Job | None:
     served = {worker.job for worker in workers}
     waiting = [job for job in jobs if job.left]
     first = next((job for job in waiting if job not in served), None)
-    return first or max((job for job in waiting if job.is_ready), key=lambda job: len(job.left), default=None)
+    may_be_helped = (job for job in waiting if job.n_ready and not job.is_full)
+    return first or max(may_be_helped, key=lambda job: len(job.left), default=None)
 
 
 def _run_here(job: _Job) -> None:
@@ -311,6 +317,7 @@ def _run_here(job: _Job) -> None:
         try:
             job.begin()
             while job.left:
+                job.n_ready = 0
                 serve(job.planned, partial(job.note, given), take)
                 job.give_back(given)
         finally:

@@ -39,3 +39,9 @@ def test_one_worker_does_all_views_of_a_scene_for_a_method_that_sees_them_togeth
     rows = rows_of(tmp_path, "method=named", "named.sees_whole_scene=true", "workers=4")
     assert rows.groupby("scene")["device"].nunique().to_dict() == {"left": 1, "right": 1}
     assert rows["view"].nunique() == 8
+
+
+def test_where_no_second_worker_can_make_the_method_the_first_does_all_views(tmp_path: Path):
+    rows = rows_of(tmp_path, "method=named", "named.fits_once=true", "workers=3")
+    assert rows["device"].nunique() == 1
+    assert rows["view"].nunique() == 8

@@ -451,8 +451,14 @@ class Named:
 
     sees_whole_scene: bool = False
     """Whether it says that views of a scene belong together."""
+    fits_once: bool = False
+    """Whether one process can make it, and no other beside it."""
     seed: int = 0
     """Of its noise."""
+
+    def warm_up(self) -> None:
+        if self.fits_once:
+            Path("taken").touch(exist_ok=False)
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         time.sleep(0.3)
