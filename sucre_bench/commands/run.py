@@ -7,14 +7,19 @@ from __future__ import annotations
 
 import contextlib
 import sys
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from sucre_bench.commands import completion, shared
 from sucre_bench.machine.files import check_output, write_atomically
 from sucre_bench.machine.terminal import say
+
+if TYPE_CHECKING:
+    from sucre_bench.engine.preflight import Planned
 
 
 @click.command()
@@ -94,8 +99,14 @@ def run(
     from sucre_bench.commands import run_summary
     from sucre_bench.engine.run import run as run_jobs
 
+    floor = []
+
+    def before(planned: Sequence[Planned]) -> None:
+        shared.say_what_views_show(planned)
+        floor.append(shared.floor_of_psi(planned))
+
     with printed:
-        outcome = run_jobs(overrides, multirun, shared.say_what_views_show)
+        outcome = run_jobs(overrides, multirun, before)
         comparisons = run_summary.compared(outcome)
         summary = run_summary.as_object(outcome, comparisons) if as_json else None
     try:
@@ -104,6 +115,8 @@ def run(
         else:
             run_summary.show(outcome, comparisons)
         sys.stdout.flush()
+        for note in filter(None, floor):
+            say(note, "yellow")
     finally:  # also when whoever reads our output has gone
         if not outcome.interrupted:  # who stops a run wants the shell back; the same command logs all of it
             with contextlib.redirect_stdout(sys.stderr):

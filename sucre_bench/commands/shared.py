@@ -121,6 +121,16 @@ def say_whether_measurable(planned: Sequence[Planned]) -> None:
                 progress.say(f"{dataset}, {name}: {said}")
 
 
+def floor_of_psi(planned: Sequence[Planned]) -> str:
+    """Return what psi cannot fall below, if it is scored on charts of linear camera data with an sRGB list."""
+    tasks = (task for plan in planned if "psi" in {one.plugin.name for one in plan.job.metrics} for task in plan.tasks)
+    kinds = {chart.kind for task in tasks if task.view.encoding == "linear" for chart in task.view.charts}
+    if not any(not (Path(kind).is_file() and "# camera" in Path(kind).read_text(errors="replace")) for kind in kinds):
+        return ""
+    floor = "psi of a camera's linear values has a floor of about 8 to 9 degrees with the sRGB list of a chart"
+    return f"{floor}; spectra and `# camera:` in a CSV of the chart lower it to about 1 (docs/charts.md)"
+
+
 def say_what_views_show(planned: Sequence[Planned]) -> None:
     """Say whether the water can be measured, and of which scenes only neighbours are selected, half of it at most."""
     from sucre_bench.machine import progress
