@@ -95,7 +95,7 @@ def make_ready(method: Any) -> None:
         load(f"method '{method.__plugin__.name}'", package)
 
 
-def measured_restore(method: Any, scene: Scene, view: View, word: str = "method") -> Measured:
+def measured_restore(method: Any, scene: Scene, view: View, word: str = "method", in_srgb: bool = True) -> Measured:
     """Restore a view and measure it. PluginError when the result is not what a method must return.
 
     word: see `checked_restore`. The view's own planes are decoded before the clock starts: reading the target is not
@@ -109,7 +109,8 @@ def measured_restore(method: Any, scene: Scene, view: View, word: str = "method"
         seconds = time.perf_counter() - started
     info = restoration.info
     took = (float(info.get(name, measured)) for name, measured in (("seconds", seconds), ("peak_mb", memory.peak_mb)))
-    return Measured(with_truth(restoration_in_srgb(restoration, view), scene, view), *took)
+    restoration = restoration_in_srgb(restoration, view) if in_srgb else restoration
+    return Measured(with_truth(restoration, scene, view), *took)
 
 
 def _restored_and_scored(
@@ -156,7 +157,7 @@ def _stored_or_restored(job: Job, method: Any, task: Task, afresh: bool, is_stor
     at = f"method '{job.method.label}' on view '{name}'"
     try:
         with step(at, job.view_timeout_s), shown_with(job.method.display, in_full=is_stored):
-            measured = measured_restore(method, scene, view, job.method.word)
+            measured = measured_restore(method, scene, view, job.method.word, job.colours == "srgb")
     except OutputError as fault:  # of its own files, in a full TMPDIR for example: results can still be written
         raise InputError(fault.fault, fault.place, fault.remedy) from fault
     if is_stored:

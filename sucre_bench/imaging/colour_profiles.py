@@ -48,35 +48,28 @@ _GRID = np.linspace(0, 1, 4097)
 @dataclass(frozen=True, eq=False)
 class Profile:
     """name: as the file has it; matrix: (3, 3), to linear light of sRGB's primaries; curves: (3, 4097) linear light of
-    equally spaced values from 0 to 1, in red, green and blue; is_gray: whether it is of gray, not of colours.
+    equally spaced values from 0 to 1, in red, green and blue.
     """
 
     name: str
     matrix: Array
     curves: Array
-    is_gray: bool = False
 
     def to_srgb(self, image: Array, encoding: Encoding = "gamma") -> Array:
         """Return an image (H, W, 3), in the same encoding, as sRGB: float32, beyond [0, 1] what that cannot show."""
-        light = image if encoding == "linear" else self._through_curves(image)
+        light = image if encoding == "linear" else self._linear(image)
         light = light @ self.matrix.T
         return np.asarray(light if encoding == "linear" else srgb_encode(light), np.float32)
 
-    def from_srgb(self, picture: Array) -> Array:
-        """Return a picture (H, W, 3) in sRGB in these colours, float32 in [0, 1]; itself if they are gray."""
-        if self.is_gray:
-            return picture
-        light = srgb_decode(picture.astype(np.float64)) @ np.linalg.inv(self.matrix).T
-        return self._through_curves(light.clip(0, 1), is_inverse=True)
-
-    def _through_curves(self, image: Array, is_inverse: bool = False) -> Array:
-        made = np.empty(image.shape, np.float32)
+    def _linear(self, image: Array) -> Array:
+        light = np.empty(image.shape, np.float32)
         for channel, curve in enumerate(self.curves):
             slopes = np.diff(curve)[[0, -1]] / _GRID[1]
-            ends = [-_BEYOND, *_GRID, 1 + _BEYOND]
-            known = ends, [curve[0] - _BEYOND * slopes[0], *curve, curve[-1] + _BEYOND * slopes[1]]
-            made[..., channel] = np.interp(image[..., channel], *(known[::-1] if is_inverse else known))
-        return made
+            ends = curve[0] - _BEYOND * slopes[0], curve[-1] + _BEYOND * slopes[1]
+            light[..., channel] = np.interp(
+                image[..., channel], [-_BEYOND, *_GRID, 1 + _BEYOND], [ends[0], *curve, ends[1]]
+            )
+        return light
 
 
 def profile_of(path: Path) -> Profile | None:
@@ -200,7 +193,7 @@ def of_icc(content: bytes) -> Profile | None:
         entries = [struct.unpack_from(">4sII", content, 132 + 12 * k) for k in range(n)]
         tags = {tag: content[start : start + size] for tag, start, size in entries}
         if content[16:20] == b"GRAY":
-            return _unless_srgb(Profile(name, np.eye(3), np.stack([_curve(tags[b"kTRC"])] * 3), True))
+            return _unless_srgb(Profile(name, np.eye(3), np.stack([_curve(tags[b"kTRC"])] * 3)))
         matrix = np.stack([_numbers(tags[f"{c}XYZ".encode()], 8, 3) for c in "rgb"], axis=1)
         curves = np.stack([_curve(tags[f"{c}TRC".encode()]) for c in "rgb"])
     except ANY_FAULT as fault:

@@ -131,6 +131,7 @@ class Tracking:
 OPTION_GROUPS: dict[str, type[Any]] = {"degrade": Degradation, "shard": Shard, "tracking": Tracking}
 
 Overwrite = Literal["missing", "failed", "always", "never"]
+Colours = Literal["srgb", "stored"]
 Save = Literal["display", "full"]
 
 
@@ -163,6 +164,8 @@ class RunConfig:
     """display: write restored images; full: also J, B, beta and gamma (.npz), for metrics that you add later."""
     bits: int = 8
     """Bits a channel of restored images, 8 or 16."""
+    colours: Colours = "srgb"
+    """Of restored images. srgb: converted from the photographs' colour profile; stored: in that profile."""
     seed: int = 0
     """Seed of datasets and methods that draw random numbers."""
     report: bool = True

@@ -110,11 +110,14 @@ class _Display:
     def __init__(self, bars: Any) -> None:
         self._bars, self._drawn = bars, 0.0
         self._tasks: dict[str, Any] = {}
+        self._said: set[tuple[Any, ...]] = set()
 
     def __call__(self, event: str, *values: Any) -> None:
         now, is_plain = time.monotonic(), self._bars.disable
         if event == "said":
-            terminal.say(values[0], "red" if values[1] else "")
+            if values not in self._said:  # by another process, too
+                terminal.say(values[0], "red" if values[1] else "")
+            self._said.add(values)
         elif event == "started":
             number, what, total = values
             added = self._bars.add_task("  " * len(self._tasks) + what, total=total, left="", what=what, told=now)

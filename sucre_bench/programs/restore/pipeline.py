@@ -206,7 +206,14 @@ def _run(
     """
     folder = out / "work" / "results"
     bits = 16 if any(bits_of(path) == 16 for path in source.photographs.values()) else 8
-    settings = [f"out={quoted(str(folder))}", f"bits={bits}", "metrics=[coverage]", "report=false", "tracking.uri=off"]
+    settings = [
+        f"out={quoted(str(folder))}",
+        f"bits={bits}",
+        "colours=stored",
+        "metrics=[coverage]",
+        "report=false",
+        "tracking.uri=off",
+    ]
     with progress.live():
         scenes = [selection.scene for selection in select(source.dataset)]
     given = dict(word.split("=", 1) for word in where)

@@ -14,7 +14,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array, evenly
 from sucre_bench.errors import ANY_FAULT, InputError, OutputError, one_line
-from sucre_bench.imaging.colour_profiles import profile_of, read_srgb
+from sucre_bench.imaging.colour_profiles import read_srgb
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.drawing import contact_sheet
 from sucre_bench.imaging.encoding import to_8bit, to_levels
@@ -101,7 +101,6 @@ def _picture(one: Restored, original_geometry: bool) -> Array:
     import cv2
 
     picture, mask = read_rgb(one.image), read_mask(one.image)
-    picture = profile.from_srgb(picture) if (profile := profile_of(one.photograph)) else picture
     measured = np.ones(picture.shape[:2], np.bool_) if mask is None else mask
     # Where the water is known, the method has coloured pixels without depth, too.
     known = measured | picture.any(axis=-1) if one.is_water_known else measured
