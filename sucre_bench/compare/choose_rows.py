@@ -123,7 +123,7 @@ def refusals(rows: DataFrame, metrics: Sequence[str] = (), common: bool = False)
             *_images(of_dataset, common),
             *_variants(scored),
             *_versions(ok),
-            *_codes(of_dataset),
+            *(f"{method}: {why}" for method, why in mixed_codes(of_dataset)),
             *_normalisations(of_dataset),
         )
         yield from ((str(dataset), reason) for reason in reasons)
@@ -194,16 +194,19 @@ def _versions(rows: DataFrame) -> Iterator[str]:
         )
 
 
-def _codes(rows: DataFrame) -> Iterator[str]:
-    """Views of one method from different versions of its code; the newest is taken as right."""
-    restored = restorations(rows).sort_values("time", kind="stable")
+def mixed_codes(rows: DataFrame) -> Iterator[tuple[str, str]]:
+    """Yield each method of a dataset's rows that several versions of its code restored, and of which views the newest
+    version would make others.
+    """
+    restored = restorations(rows[is_fresh(rows)]).sort_values("time", kind="stable")
     for method, of_method in restored.groupby("method", sort=False):
         made_by = _code_of_method(of_method)
         if older := list(of_method["view"][made_by != made_by.iloc[-1]].unique()):
             more = f" and {len(older) - 3} more" if len(older) > 3 else ""
             yield (
-                f"{method}: {', '.join(older[:3])}{more} restored by another version of its code than "
-                f"{of_method['view'].iloc[-1]}; give their run command again, what is out of date is done anew"
+                str(method),
+                f"{', '.join(older[:3])}{more} restored by another version of its code than "
+                f"{of_method['view'].iloc[-1]}; give their run command again, what is out of date is done anew",
             )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame
-from sucre_bench.compare.choose_rows import metrics_of_faults, options_of, scores_of_pixels
+from sucre_bench.compare.choose_rows import metrics_of_faults, mixed_codes, options_of, scores_of_pixels
 from sucre_bench.compare.model import FILLED, Column, Note, says_filled
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.common_scores import LEAST_DIFFERENCE, LEAST_FILLED
@@ -22,8 +22,8 @@ from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, resto
 class About:
     """The methods of a dataset.
 
-    notes: what each was trained on, and which are this project's; photographs: those that return the photograph
-    itself; is_track: whether views lie along a track: views without poses have no order.
+    notes: what each was trained on, which are this project's, and which changed between views; photographs: those that
+    return the photograph itself; is_track: whether views lie along a track: views without poses have no order.
     """
 
     notes: tuple[Note, ...]
@@ -37,7 +37,7 @@ def about(rows: DataFrame) -> About:
     method = {name: plugins.installed("method", told.get("name", "")) for name, told in options.items()}
     data = [plugins.installed("dataset", told.get("dataset", {}).get("name", "")) for told in options.values()]
     return About(
-        tuple(_notes(options, method)),
+        (*_notes(options, method), *(Note("mixed codes", (name,), reasons=why) for name, why in mixed_codes(rows))),
         frozenset(name for name, plugin in method.items() if plugin and plugin.is_photograph),
         any(plugin is None or "poses" in plugin.has for plugin in data),
     )

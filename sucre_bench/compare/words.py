@@ -176,6 +176,7 @@ NOTES = {
     "own pixels": "{metrics}{in_some} on each method's own pixels, which differ{why}",
     "no shared pixels": "no score in {note.n} of {note.total} images, because they have no pixel that all methods fill",
     "by us": "{names}: {note.reasons}",
+    "mixed codes": "{names}: {note.reasons}",
     "trained on": "{names} was trained on: {note.reasons}",
     "older data": "left out, because they ran on other data: {names}",
     "no baseline": "{names} was not run here: there is nothing to compare with",

@@ -103,6 +103,8 @@ def test_views_from_different_versions_of_a_methods_code_are_refused():
     old, new = f"{'0' * 12}.m", f"{'1' * 12}.m"
     rows = [*run_of("a", "ab", code=old, time="2026-01-01"), *run_of("a", "cd", code=new, time="2026-01-02")]
     refused([*rows, *run_of("b", code=old)], "another version of its code", r"^sea: a: a\.png, b\.png .* d\.png; ")
+    (table,) = compare.compare(frame(rows))
+    assert [note.methods for note in table.notes if note.kind == "mixed codes"] == [("a",)]
     charts = [*run_of("a", "ab", code=old), *run_of("a", "cd", scene="wall", code=f"{'0' * 12}{'c' * 12}.m")]
     compare.refuse(frame(charts))
 
