@@ -46,3 +46,4 @@ check: setup
 	@$(bin)/ruff format --check .
 	@$(bin)/mypy
 	@$(bin)/lint-imports
+	@$(bin)/python scripts/packed.py

@@ -20,7 +20,8 @@ _WORDS |= {Mapping: "a dict", Path: "a path"}
 def checked(call: Callable[P, T]) -> Callable[P, T]:
     """Decorate a public function or dataclass: what does not fit is an InputError, see `check_argument`."""
     function: Callable[P, T] = call.__init__ if isinstance(call, type) else call  # type: ignore[misc]
-    signature, name = inspect.signature(function), call.__qualname__
+    signature = inspect.signature(function)
+    name = call.__qualname__
 
     @functools.cache
     def hints() -> dict[str, Any]:
@@ -76,7 +77,7 @@ def check_argument(place: str, value: Any, hint: Any) -> Any:
         raise InputError(f"raises {one_line(fault)}", place, f"pass {_wording(hint)}") from fault
     if not is_taken:
         is_whole = isinstance(value, Integral) and not isinstance(value, bool)
-        below = " below 2^63" * (is_whole and hint is int)
+        below = " below 2^63" if is_whole and hint is int else ""
         raise InputError(f"is {shown_value(value)}", place, f"pass {_wording(hint)}{below}")
     return value
 
@@ -134,7 +135,7 @@ def array_of(place: str, value: Any, shape: tuple[int | str, ...], finite: bool 
     """
     import numpy as np
 
-    lengths = ", ".join(map(str, shape)) + "," * (len(shape) == 1)
+    lengths = f"{shape[0]}," if len(shape) == 1 else ", ".join(map(str, shape))
     remedy = f"pass {'finite ' if finite else ''}floats of shape ({lengths})"
     try:
         if isinstance(value, np.ma.MaskedArray):

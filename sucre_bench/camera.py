@@ -41,7 +41,8 @@ def distance_map(camera: Camera, depth: Array) -> Array:
 def _slopes(camera: Camera) -> tuple[Array, Array]:
     """Return x / z and y / z of the ray through every pixel, as arrays that broadcast to (H, W)."""
     K_inv = np.linalg.inv(camera.K)
-    u, v = np.arange(camera.width) + 0.5, (np.arange(camera.height) + 0.5)[:, None]
+    u = np.arange(camera.width) + 0.5
+    v = (np.arange(camera.height) + 0.5)[:, None]
     if not K_inv[0, 1] and not K_inv[1, 0]:  # without skew, columns tell x and rows y
         return K_inv[0, 0] * u + K_inv[0, 2], K_inv[1, 1] * v + K_inv[1, 2]
     return K_inv[0, 0] * u + K_inv[0, 1] * v + K_inv[0, 2], K_inv[1, 0] * u + K_inv[1, 1] * v + K_inv[1, 2]
@@ -113,7 +114,9 @@ class Camera:
             raise InputError("has no inverse, or values above 1e9", "Camera.K", _REMEDY)
         check_number("Camera.width", self.width, "[1, 1e6]")
         check_number("Camera.height", self.height, "[1, 1e6]")
-        size, (focal_x, focal_y), centre = (self.width, self.height), np.diag(self.K)[:2], self.K[:2, 2]
+        size = (self.width, self.height)
+        (focal_x, focal_y) = np.diag(self.K)[:2]
+        centre = self.K[:2, 2]
         faults = {
             "has another last row than 0 0 1": not np.allclose(self.K[2], (0, 0, 1)),
             f"has focal lengths of {focal_x:g} and {focal_y:g}": min(focal_x, focal_y) <= 0,

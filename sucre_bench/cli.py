@@ -39,9 +39,11 @@ def main() -> None:
 
 def _status() -> int:
     """Run the command line and return its exit code."""
-    if wrong := _unusable():
+    wrong = _unusable()
+    if wrong:
         return _fault(wrong, 2)
-    if (path := os.environ.get("PYTHONPATH")) and "" in path.split(os.pathsep):
+    python_path = os.environ.get("PYTHONPATH")
+    if python_path and "" in python_path.split(os.pathsep):
         say("note: PYTHONPATH has an empty part: Python imports from the current folder; remove that part", "yellow")
     stdout = sys.stdout
     try:

@@ -24,7 +24,9 @@ class SucreBenchError(Exception):
     """
 
     def __init__(self, fault: str = "", place: object = "", remedy: str = "") -> None:
-        self.fault, self.place, self.remedy = fault, str(place), remedy
+        self.fault = fault
+        self.place = str(place)
+        self.remedy = remedy
         self.text = f"{fault}; {remedy}" if remedy else fault
         super().__init__(self._at_place(self.text))
 

@@ -97,7 +97,8 @@ class RestoredPair:
         return first, second
 
     def _means(self, image: Array, pixels: Indices, patch: Indices) -> Array:
-        n, colours = len(self.points), image.reshape(-1, 3)[pixels]
+        n = len(self.points)
+        colours = image.reshape(-1, 3)[pixels]
         known = np.isfinite(colours).all(axis=1)
         patches = patch[known]
         counted = np.bincount(patches, minlength=n)

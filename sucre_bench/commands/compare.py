@@ -111,7 +111,8 @@ def compare(
         remedy = "mend that, and run again" if notes else "run methods into it first"
         raise InputError(notes or "no score there", ", ".join(map(str, folders)), remedy)
     verdicts = compare.gated(rows, gates, baseline) if gates else []
-    how, width = "json" if as_json else how, terminal.out.width
+    how = "json" if as_json else how
+    width = terminal.out.width
     if how != "terminal":
         from sucre_bench.compare.documents import as_text, without_costs
 

@@ -79,7 +79,8 @@ def describe(
     with progress.live():
         selections = select(overrides)
     if write_set is not None:
-        chosen, whole = [len(one.views) for one in selections], len(selections[0].scene)
+        chosen = [len(one.views) for one in selections]
+        whole = len(selections[0].scene)
         if chosen != [whole] or whole > most:
             remedy = f"choose one scene, all its views, and --most {whole}"
             raise InputError(f"takes one whole scene, and {sum(chosen)} views are chosen", "--write-set", remedy)
@@ -88,7 +89,10 @@ def describe(
         ends = f"-sheet{sheet.suffix if sheet else '.png'}"
         names = [f"{file_name(selection.scene.name)}{ends}" for selection in selections]
         sheets = [sheet.with_name(name) if sheet else Path(name) for name in names]
-        sheets = [] if no_sheet else [sheet] if sheet and len(sheets) == 1 else sheets
+        if no_sheet:
+            sheets = []
+        elif sheet and len(sheets) == 1:
+            sheets = [sheet]
         inputs = [file for selection in selections for view in selection.views for file in source_files(view)]
         for path in sheets:
             check_output(path, "contact sheet", inputs, force or sheet is None)

@@ -99,7 +99,8 @@ def _as_text(what: str, items: Sequence[_Item]) -> str:
 def _entry(plugin: Plugin | Broken) -> str:
     if isinstance(plugin, Broken):
         return click.style(f"{plugin.name}  cannot be used: {plugin.reason}", fg="red")
-    about, lines = entry(plugin), [click.style(plugin.name, bold=True)]
+    about = entry(plugin)
+    lines = [click.style(plugin.name, bold=True)]
     if about["install"]:
         lines[0] += click.style(f"  not installed: {about['install']}", fg="red")
     lines += _wrapped("", plugin.summary)

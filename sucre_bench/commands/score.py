@@ -79,7 +79,8 @@ def score(
     if file:
         check_output(file, "table", [Path(like)] if like else (), force)
     names = [name.strip() for name in metrics.split(",") if name.strip()]
-    published, sizes = None, set[tuple[int, int] | None]()
+    published = None
+    sizes = set[tuple[int, int] | None]()
     if like:
         files = score_folder.images_in(images)
         published = match_published.read_table(like, images, files, reference is not None)

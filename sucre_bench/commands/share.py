@@ -91,7 +91,8 @@ def _line_up(folder: Path, has_code: bool) -> dict[str, str]:
         for path in (folder / name for name in given if has_code):
             if not plugins.is_loaded(path):
                 raise InputError("is not in the bundle", path, f"add --plugin {path} if it is the run's plugin file")
-            if (name := f"plugins/{path.name}") in files:
+            name = f"plugins/{path.name}"
+            if name in files:
                 raise InputError("is not in the bundle", path, "another plugin file has its name; rename it, run again")
             files[name] = regular(path).read_text(encoding="utf-8")
     except (OSError, InputError, ValueError) as fault:

@@ -99,7 +99,8 @@ def labels_of(text: str) -> list[str]:
 
 def echo_wrapped(text: str, indent: int = 2) -> None:
     """Print a line on stdout, broken between words where the terminal ends. indent: of the lines that follow."""
-    width, rest = terminal.out.width, " " * indent
+    width = terminal.out.width
+    rest = " " * indent
     click.echo(textwrap.fill(text, width, subsequent_indent=rest, break_long_words=False, break_on_hyphens=False))
 
 

@@ -82,7 +82,8 @@ def study(
         key, parts, left_out = design.whole_parts(folder, key) if pixels == "common" else (key, {}, [])
         with progress.live():
             design.write_page(out, folder, key, question or design.QUESTION, pairs, width, parts)
-        path, n_views = design.write_key(folder, key), len(key.pictures) // len(key.methods)
+        path = design.write_key(folder, key)
+        n_views = len(key.pictures) // len(key.methods)
         click.echo(f"page     {out}, {out.stat().st_size / 1e6:.1f} MB: {len(key.methods)} methods on {n_views} views")
         if parts:
             share = sum(part.share for part in parts.values()) / len(parts)

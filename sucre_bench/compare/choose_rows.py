@@ -138,7 +138,10 @@ def _images(rows: DataFrame, common: bool) -> Iterator[str]:
         str(name): frozenset((*split[scene], view) for scene, view in values_of(of_method, "scene", "view"))
         for name, of_method in per_view.groupby("method", sort=False)
     }
-    if len(_alike(images)) < 2 or ((shared := frozenset.intersection(*images.values())) and common):
+    if len(_alike(images)) < 2:
+        return
+    shared = frozenset.intersection(*images.values())
+    if shared and common:
         return
     n = len({(scene, view) for scene, _, view in shared})
     share = f", or --common compares them on the {n} images they share" if n else ", for they share none"
@@ -342,7 +345,8 @@ def _views(whole: DataFrame, common: DataFrame) -> DataFrame:
     """
     said = common[common["metric"] == COMMON_PIXELS].drop_duplicates(_VIEW, keep="last").set_index(_VIEW)
     said = said[["variant", "pixels", "value", "reason", "methods", "time"]]
-    said.columns = [*(state := ["_kind", "_mask", "_share", "_why"]), "_methods", "_time"]
+    state = ["_kind", "_mask", "_share", "_why"]
+    said.columns = [*state, "_methods", "_time"]
     coverage = ("coverage", "min"), ("coverage", "max")
     views = whole.groupby(_VIEW).agg(low=coverage[0], high=coverage[1], by=("method", set), last=("time", "max"))
     views = views[(views["low"] < 1) & (views["by"].map(len) > 1)].join(said)

@@ -67,7 +67,8 @@ def compare(
         several = rows.groupby("dataset")["scene"].nunique().max() > 1
         groups += ["scene", by] if several else [by]
     is_named_fault = rows["region"].str.contains("/", regex=False)
-    measured, tables = _by_table(rows[~is_named_fault], groups), []
+    measured = _by_table(rows[~is_named_fault], groups)
+    tables = []
     for key, of_table in rows.groupby(groups, sort=False):
         if by == "region":
             of_table = _with_reasons(of_table, rows[(rows[groups[:-1]] == list(key[:-1])).all(axis=1)])
@@ -236,9 +237,14 @@ def _column(found: _Measured) -> tuple[Column, DataFrame, DataFrame]:
         shared = repeated[~holes.any(axis=1)].groupby(level=_UNIT).mean()
         means = repeated.groupby(level=_UNIT).mean().mask(holes.groupby(level=_UNIT).any())
         values = shared.reindex(means.index).fillna(means)
-    units, is_whole = values.index.tolist(), ~np.isnan(values.to_numpy()).any(axis=1)
+    units = values.index.tolist()
+    is_whole = ~np.isnan(values.to_numpy()).any(axis=1)
     left, plugin = list(itertools.compress(units, is_whole)), plugins.installed("metric", metric)
     of_unknown = (0 if metric in (*COSTS, FILLED) else -math.inf, 1 if metric == FILLED else math.inf)
+    if plugin:
+        knows = plugin.knows(variant)
+    else:
+        knows = "truth" if metric in (*COSTS, FILLED, PREFERENCE) else "taste"
     column = Column(
         metric=metric,
         variant=variant,
@@ -251,7 +257,7 @@ def _column(found: _Measured) -> tuple[Column, DataFrame, DataFrame]:
         n_scenes=len({scene for scene, *_ in left}),
         missing=len(units) - len(left),
         pixels="common" if is_common else "own",
-        knows=plugin.knows(variant) if plugin else "truth" if metric in (*COSTS, FILLED, PREFERENCE) else "taste",
+        knows=knows,
     )
     return column, repeated, values
 
@@ -266,7 +272,8 @@ def _scores(column: Column, complete: DataFrame, is_track: bool) -> ColumnScores
     """The numbers of a column. complete: units x methods, both sorted, without holes; is_track: of their views."""
     per_view = complete if column.n_views == len(complete) else complete.groupby(level=_UNIT[:2]).mean()
     places = [(scene, view) for scene, view, *_ in per_view.index]
-    views, scenes = per_view.to_numpy(), [*Counter(scene for scene, _ in places).values()]
+    views = per_view.to_numpy()
+    scenes = [*Counter(scene for scene, _ in places).values()]
     is_of_pairs = len(scenes) == 1 and column.plugin is not None and column.plugin.is_of_pairs
     units = None
     if column.metric != FILLED and len(views) > (2 if is_of_pairs else 1):

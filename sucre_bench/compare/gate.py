@@ -97,7 +97,8 @@ def _judged(table: Comparison, gate: Gate, method: str, column: Column) -> Gated
     if math.isnan(gain) or math.isnan(high):
         outcome = "no score" if math.isnan(gain) else "unknown"
     elif gain < gate.limit and high < 0:
-        outcome, scores = "failed", table.measured[column]
+        outcome = "failed"
+        scores = table.measured[column]
         mine, base = (scores.views[:, scores.methods.index(name)] for name in (method, table.baseline))
         gains = (mine - base) * (-1 if column.better == "lower" else 1)
         names = [f"{scene} · {view}" if column.n_scenes > 1 else view for scene, view in scores.places]

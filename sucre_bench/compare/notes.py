@@ -78,7 +78,8 @@ def notes(
     anywhere = set().union(*restored.values()) or {view for _, view in why.tried}
     everywhere = anywhere.intersection(*(restored[name] for name in some))
     for name in methods:
-        if lost := anywhere - restored.get(name, set()):
+        lost = anywhere - restored.get(name, set())
+        if lost:
             reasons = _counted(why(name, view) for view in lost)
             note = Note("no result", (name,), reasons=reasons)
             if name in some:
@@ -159,10 +160,13 @@ def _scores_lost(name: str, lost: set[_View], scores: _Tables, repetitions: _Tab
             continue
         has_any = repetitions[column][name].dropna().index.droplevel(["region", "_replicate"])
         partly = (views & set(has_any)) - set(there)
-        concerned, unit = list[_View](views), column.of if views & set(there) else "image"  # some charts of a view
+        # some charts of a view
+        concerned = list[_View](views)
+        unit = column.of if views & set(there) else "image"
         counts = (len(views), len(values.index.droplevel("region").unique()), column.n_views)
         if views & set(there):
-            concerned, counts = [*missing], (len(missing), len(values), column.n_units)
+            concerned = [*missing]
+            counts = (len(missing), len(values), column.n_units)
         reasons = _counted("no repetition that all have" if v in partly else why(name, v, column) for v in concerned)
         alike.setdefault(Note("images lost", (name,), (), *counts, unit=unit, reasons=reasons), []).append(column)
     yield from (replace(note, columns=tuple(columns)) for note, columns in alike.items())
@@ -177,7 +181,8 @@ def _repeats_lost(rows: DataFrame, repetitions: _Tables) -> Iterator[Note]:
     ok = (whole["status"] == "ok").groupby([whole[name] for name in (*REPETITION, "method")]).any()
     has: dict[Column | None, DataFrame] = {None: ok.unstack("method", fill_value=False)}
     has |= {column: values.notna() for column, values in repetitions.items() if column.metric not in COSTS}
-    noted, alike = ~has[None] & False, dict[tuple[Note, bool], list[Column]]()
+    noted = ~has[None] & False
+    alike = dict[tuple[Note, bool], list[Column]]()
     noted = noted.droplevel("region")
     for column, there in has.items():
         partly = ~there & there.groupby(level=REPETITION[:3]).transform("any")
@@ -201,7 +206,8 @@ def filled_rows(rows: DataFrame) -> DataFrame:
 
     rows: of one table, with `_asked`. No rows if the metric of coverage is among them.
     """
-    asked, whole = rows[rows["_asked"]], restorations(rows)
+    asked = rows[rows["_asked"]]
+    whole = restorations(rows)
     if not (whole["coverage"] < 1 - LEAST_DIFFERENCE).any() or not scores_of_pixels(asked).any():
         return whole.iloc[:0]
     if any(says_filled(*pair) for pair in set(values_of(asked, "metric", "variant"))):
@@ -215,7 +221,8 @@ def pixel_notes(rows: DataFrame, columns: Iterable[Column]) -> Iterator[Note]:
 
     rows: of one table, with `_asked` and the columns of `on_pixels`; columns: of the table.
     """
-    whole, scores = restorations(rows), rows[rows["_asked"] & scores_of_pixels(rows)]
+    whole = restorations(rows)
+    scores = rows[rows["_asked"] & scores_of_pixels(rows)]
 
     def note(kind: str, concerned: DataFrame, **more: Any) -> Note:
         pairs = set(values_of(concerned, "metric", "variant"))
@@ -256,7 +263,11 @@ def fault_notes(rows: DataFrame) -> Iterator[Note]:
         for (metric, variant), values in of_method.groupby(["metric", "variant"], sort=False):
             fault = metrics[str(metric)].get(str(variant))
             whole = values[values["region"] == "image"]
-            if fault is None or not (n := (is_bad := whole["value"] > fault.limit).sum()) > _FEW * len(whole):
+            if fault is None:
+                continue
+            is_bad = whole["value"] > fault.limit
+            n = is_bad.sum()
+            if n <= _FEW * len(whole):
                 continue
             bad = set(values_of(whole[is_bad], "scene", "view"))
             parts = values[[place in bad for place in values_of(values, "scene", "view")]]

@@ -103,7 +103,9 @@ class Units:
         are worth as much as n. Units of unequal size: the moments of the error if views vary alike (Satterthwaite 1946;
         Bell and McCaffrey 2002).
         """
-        n, sizes, r = len(self.sizes), self.sizes, self.alike
+        n = len(self.sizes)
+        sizes = self.sizes
+        r = self.alike
         if r > 0:
             f = n / self.worth
             return f * (n - 1) / (n - f), max((n - 1) / f, _LEAST_FREEDOM)
@@ -117,7 +119,8 @@ class Units:
     @property
     def worth(self) -> float:
         """How many independent units the differences between methods are worth: the variance of a mean is theirs."""
-        n, r = len(self.sizes), self.alike
+        n = len(self.sizes)
+        r = self.alike
         return n / ((1 + r) / (1 - r) - 2 * r * (1 - r**n) / (n * (1 - r) ** 2))
 
     @functools.cached_property
@@ -165,7 +168,8 @@ def mean_intervals(units: Units) -> tuple[Array, Array]:
     """
     from scipy.special import ndtri, stdtrit  # quantiles of the normal law and of Student's
 
-    n, tails = len(units.sizes), (1 - _LEVEL) / 2
+    n = len(units.sizes)
+    tails = (1 - _LEVEL) / 2
     deviations = np.concatenate([counts @ units.residuals / views for counts, views in _resamples(units.sizes)])
     widening = stdtrit(n - 1, 1 - tails) / ndtri(1 - tails) * np.sqrt(n / (n - 1))
     low, high = np.quantile(deviations, [tails, 1 - tails], axis=0)
@@ -187,7 +191,8 @@ def differences(units: Units, pairs: Sequence[Pair]) -> Array:
     from scipy.special import stdtrit
 
     i, j = np.transpose(pairs)
-    n, spread = len(units.sizes), units.residuals[:, i] - units.residuals[:, j]
+    n = len(units.sizes)
+    spread = units.residuals[:, i] - units.residuals[:, j]
     errors = np.sqrt((spread**2).sum(axis=0) * n / (n - 1)) / units.sizes.sum()
     varying = errors > _EXACT * np.nanmax(np.abs(units.sums), initial=0)
     count = int(varying.sum())
@@ -227,7 +232,9 @@ def _greatest_t(units: Units, i: npt.NDArray[Any], j: npt.NDArray[Any]) -> Array
     With r a unit's residual, s its size, c how often it is drawn, and N = sum c s: the deviation of the mean is
     d = sum c r / N, its squared standard error n / (n - 1) sum c (r - d s)^2 / N^2.
     """
-    r, s, n = units.residuals, units.sizes, len(units.sizes)
+    r = units.residuals
+    s = units.sizes
+    n = len(units.sizes)
     made = []
     for counts, views in _resamples(s, _FEWEST):
         deviation, mixed = counts @ r / views, counts @ (r * s[:, None])
@@ -246,7 +253,8 @@ def _greatest_t(units: Units, i: npt.NDArray[Any], j: npt.NDArray[Any]) -> Array
 
 def _resamples(sizes: Array, most: int = _RESAMPLES) -> Iterator[tuple[Array, Array]]:
     """Yield how often each unit is drawn (B, S), and how many views that are (B, 1), some resamples at a time."""
-    draws, step = _draws(len(sizes))[:most], max(1, _AT_ONCE // len(sizes))
+    draws = _draws(len(sizes))[:most]
+    step = max(1, _AT_ONCE // len(sizes))
     for start in range(0, len(draws), step):
         counts = draws[start : start + step].astype(np.float64)
         yield counts, counts @ sizes[:, None]

@@ -91,7 +91,8 @@ def blocks(widths: Sequence[int], room: int) -> list[slice]:
 
     A column wider than `room` stands alone.
     """
-    ends, left = [0], room
+    ends = [0]
+    left = room
     for n, width in enumerate(widths):
         if n > ends[-1] and width + 2 > left:
             ends.append(n)

@@ -16,7 +16,8 @@ from sucre_bench.results.rows import PREFERENCE, RESTORATION
 
 # How numbers are rounded: decimals from what size on, the largest first; figures of smaller ones, and from what size on
 # these are written as 1.2e-05.
-_DECIMALS, _FIGURES = ((100, 0), (10, 1), (1, 2), (0.1, 3)), 2
+_DECIMALS = ((100, 0), (10, 1), (1, 2), (0.1, 3))
+_FIGURES = 2
 NUMBERS = {"decimals": _DECIMALS, "figures": _FIGURES, "scientific_below": 1e-4}
 
 ARROW = {"higher": "↑", "lower": "↓", "none": ""}
@@ -28,7 +29,9 @@ _ALIKE = 0.75  # of the views: if they are worth fewer independent ones, a table
 def number(value: float) -> str:
     """Return three figures, two below 0.1 (see `NUMBERS`); "-" for NaN."""
     if not math.isfinite(value):
-        return "-" if math.isnan(value) else "inf" if value > 0 else "-inf"
+        if math.isnan(value):
+            return "-"
+        return "inf" if value > 0 else "-inf"
     size = abs(value)
     for least, decimals in _DECIMALS:
         if size >= least:
@@ -86,14 +89,20 @@ def shown(comparison: Comparison, method: str, column: Column, spread: bool = Fa
         is_sure = column.ranked and math.isfinite(low) and not is_chance
         is_better = (change > 0) == (column.better == "higher")
         mark = "≈" if change and is_chance and column.knows != "taste" else ""
-        look: Literal["", "better", "worse"] = "" if not is_sure else "better" if is_better else "worse"
+        look: Literal["", "better", "worse"] = ""
+        if is_sure:
+            look = "better" if is_better else "worse"
         return Shown(mark, signed(change), _interval(low, high, signed), holes, look)
     value = number(cell.mean) + (f" ± {number(cell.std)}" if spread and not math.isnan(cell.std) else "")
     if comparison.baseline or not column.ranked:
         return Shown("", value, _interval(cell.low, cell.high), holes, "")
     differ = any(c.place > 1 for c in comparison.of(column).values())  # else there is no best
-    place: Literal["", "best", "second"] = "best" if cell.place == 1 else "second" if cell.place == 2 else ""
-    return Shown("≈" if cell.tie else "", value, _interval(cell.low, cell.high), holes, place if differ else "")
+    place: Literal["", "best", "second"] = ""
+    if differ and cell.place == 1:
+        place = "best"
+    elif differ and cell.place == 2:
+        place = "second"
+    return Shown("≈" if cell.tie else "", value, _interval(cell.low, cell.high), holes, place)
 
 
 def _interval(low: float, high: float, word: Callable[[float], str] = number) -> str:
@@ -225,11 +234,14 @@ def verdict_text(comparison: Comparison, verdict: Verdict, interval: bool = True
     name = by_score(column, f"{column.metric} ({column.variant})" if several else column.metric)
     if baseline and not verdict.difference:
         return f"{name}: {verdict.leader} equals {verdict.second}"
-    lead, wins = f"{verdict.leader} {'leads' if verdict.is_lead else 'is ahead of'} {verdict.second}", "best"
+    lead = f"{verdict.leader} {'leads' if verdict.is_lead else 'is ahead of'} {verdict.second}"
+    wins = "best"
     if baseline == verdict.leader:
-        lead, wins = f"{verdict.second} is worse than {baseline}", "worse"
+        lead = f"{verdict.second} is worse than {baseline}"
+        wins = "worse"
     elif baseline:
-        lead, wins = f"{verdict.leader} is better than {baseline}", "better"
+        lead = f"{verdict.leader} is better than {baseline}"
+        wins = "better"
     ends = _interval(*verdict.interval) if interval else ""
     by = f"{with_unit(verdict.difference, column)} {ends}".rstrip()
     if views < 2:
@@ -295,7 +307,9 @@ def deciding(comparison: Comparison, every: bool = False) -> Deciding:
     take their place, in this order. If there is room, scores of several views and those without a role follow: those of
     a plugin under test, say.
     """
-    scores, filled, seconds = comparison.columns, None, None
+    scores = comparison.columns
+    filled = None
+    seconds = None
     if not every:
         once: dict[str, Column] = {}  # the default variant of each metric, or the first that was scored
         for column in scores:
@@ -371,9 +385,11 @@ def _differences_from_baseline(comparison: Comparison, column: Column) -> Iterat
         if not math.isfinite(change):
             continue
         interval = (low, high) if change > 0 else (-high, -low)
-        pair, wins = (name, baseline), cell.wins
+        pair = (name, baseline)
+        wins = cell.wins
         if change and (change > 0) != (column.better == "higher"):
-            pair, wins = (baseline, name), column.n_views - cell.wins
+            pair = (baseline, name)
+            wins = column.n_views - cell.wins
         yield Verdict(column, *pair, abs(change), interval, wins, abs(cell.effect), may_be_chance(cell.change))
 
 

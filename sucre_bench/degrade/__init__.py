@@ -68,9 +68,12 @@ def degraded_whole(scene: Scene, degradation: Degradation) -> Scene:
     for option, needed in degradation.needs():
         if needed not in scene.has:
             raise InputError(f"scene '{scene.name}' has no {needed}", f"degrade.{option}", "leave it out")
-    d, views = degradation, []
+    d = degradation
+    views = []
     for view in scene.views:
-        camera, charts, pose = view.camera, list(view.charts), view.cam_from_world
+        camera = view.camera
+        charts = list(view.charts)
+        pose = view.cam_from_world
         if d.scale != 1 and camera is not None:
             size = (camera.width, camera.height)
             camera = scaled_camera(camera, size, d.scale)
@@ -121,7 +124,8 @@ class _Degraded:
         """Return a degraded plane. Raises InputError if there is no image to add water to."""
         d, source = self.degradation, self.view.pixels
         if plane == "rgb" and d.water:
-            depth, camera = source.load("depth"), self.view.camera
+            depth = source.load("depth")
+            camera = self.view.camera
             if depth is None or not (depth > 0).any():
                 raise InputError("has no depth, which added water needs", self.view.name, "leave the view out")
             if (d.water.encoding or self.view.encoding) != self.view.encoding:

@@ -25,14 +25,16 @@ def read_water(given: Any, place: str = _PLACE) -> Water:
 
     Raises InputError for a file without these numbers, or for values out of range: B in [0, 1], beta and gamma >= 0.
     """
-    parts, encoding = given, None
+    parts = given
+    encoding = None
     if isinstance(given, Water):
         encoding = given.encoding
         parts = [given.veiling_light, given.attenuation, given.backscatter]
     elif isinstance(given, (str, Path)):
         from sucre_bench.results import water_file
 
-        path, remedy = expanded(given), 'write {"B": [r, g, b], "beta": ..., "gamma": ...}'
+        path = expanded(given)
+        remedy = 'write {"B": [r, g, b], "beta": ..., "gamma": ...}'
         try:
             water = water_file.read_water(path)
         except FileNotFoundError:

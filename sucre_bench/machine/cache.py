@@ -90,11 +90,13 @@ def get_or_make(
     it is given, which is moved into place. If it writes nothing, nothing is stored.
     Raises OSError if the folder cannot be written, and what `make` raises.
     """
-    if (found := read(path)) is not None:
+    found = read(path)
+    if found is not None:
         return found
     path.parent.mkdir(parents=True, exist_ok=True)
     with waited_lock(lock or Path(f"{path}.lock"), silent_s=silent_s):
-        if (found := read(path)) is not None:  # another process or thread has made it
+        found = read(path)
+        if found is not None:  # another process or thread has made it
             return found
         work = Path(f"{path}.part")
         _remove(work)  # left by a process that was killed

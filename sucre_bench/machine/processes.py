@@ -187,7 +187,8 @@ class Forked:
         self.result: Any = None
         self.fault: BaseException | None = None
         self.limit_s: float | None = None
-        self._started, self._stop_at = 0.0, float("inf")
+        self._started = 0.0
+        self._stop_at = float("inf")
         self._lines: set[str] = set()  # of progress that are not finished
         self._received = bytearray()
         self.messages, sending = Pipe()
@@ -294,7 +295,8 @@ class Forked:
         """Kill the child and what it has left running."""
         if self.has_ended:
             return
-        self.has_ended, self.how = True, how
+        self.has_ended = True
+        self.how = how
         assert self._process.pid
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self._process.pid, signal.SIGKILL)
@@ -378,7 +380,10 @@ class _ToParent(io.RawIOBase):
     """Sends what is written to the parent, which may be drawing in the same terminal."""
 
     def __init__(self, send: Send, number: int, name: str) -> None:
-        self._send, self._number, self._name, self._own = send, number, name, os.getpid()
+        self._send = send
+        self._number = number
+        self._name = name
+        self._own = os.getpid()
 
     def writable(self) -> bool:
         return True

@@ -108,12 +108,14 @@ class _Display:
     """A watcher that draws rich's bars, those of inner work below those of outer work. Disabled bars become lines."""
 
     def __init__(self, bars: Any) -> None:
-        self._bars, self._drawn = bars, 0.0
+        self._bars = bars
+        self._drawn = 0.0
         self._tasks: dict[str, Any] = {}
         self._said: set[tuple[Any, ...]] = set()
 
     def __call__(self, event: str, *values: Any) -> None:
-        now, is_plain = time.monotonic(), self._bars.disable
+        now = time.monotonic()
+        is_plain = self._bars.disable
         if event == "said":
             if values not in self._said:  # by another process, too
                 terminal.say(values[0], "red" if values[1] else "")

@@ -89,7 +89,8 @@ def checked_restore(method: Any, scene: Scene, view: View, word: str = "method")
     if "device" in info and not is_utf8(device := str(info["device"])):
         raise PluginError(f"the method returned the device {device!r}; it must be text in UTF-8")
     if converts:
-        image, info["converted"] = srgb_decode(image), "encoded (sRGB) for the method, its result decoded"
+        image = srgb_decode(image)
+        info["converted"] = "encoded (sRGB) for the method, its result decoded"
     confidence, filled = restoration.confidence, restoration.filled
     if filled is not None:
         if np.shape(filled) != image.shape:

@@ -113,7 +113,8 @@ def checked_options(cls: Any, given: Mapping[str, Any], place: str = "") -> dict
     plugin: Plugin | None = getattr(cls, "__plugin__", None)
     place = plugin.name if plugin else place
     remedy = f"see `sucre-bench list {plugin.kind}s`" if plugin else "see `sucre-bench run --help`"
-    known, values = {option.name: option for option in options_of(cls)}, {}
+    known = {option.name: option for option in options_of(cls)}
+    values = {}
     for name, value in given.items():
         where = f"{place}.{name}" if place else name
         if name not in known:
@@ -148,7 +149,8 @@ def typed(annotation: Any, value: Any) -> Any:
     if isinstance(value, (list, tuple)):  # of "a word, or a list of words" the list
         kinds = (annotation, *get_args(annotation))
         annotation = next((kind for kind in kinds if get_origin(kind) in (tuple, list, Sequence)), annotation)
-    origin, kinds = get_origin(annotation), (annotation, *get_args(annotation))
+    origin = get_origin(annotation)
+    kinds = (annotation, *get_args(annotation))
     if origin in (tuple, list) or origin is Sequence:
         if not isinstance(value, (list, tuple)):
             return value
@@ -182,15 +184,19 @@ def check_ranges(options: Any, place: str | None = None, /, **ranges: str) -> No
     """
     types = {option.name: option.type for option in options_of(type(options))}
     for option, interval in ranges.items():
-        value, kinds = getattr(options, option), (types[option], *get_args(types[option]))
+        value = getattr(options, option)
+        kinds = (types[option], *get_args(types[option]))
         is_whole, is_many, is_optional = float not in kinds, get_origin(kinds[0]) is tuple, type(None) in kinds
         each = value if is_many and isinstance(value, (tuple, list)) else [value]
         if is_many != (each is value) or not all(is_number_in(interval, one, is_whole) for one in each):
             if value is None and is_optional:
                 continue
             before = type(options).__plugin__.name if place is None else place
-            noun = ("" if is_many else "a ") + ("whole number" if is_whole else "number") + "s" * is_many
-            fault, remedy = shown_value(value), f"give {noun} in {interval}{' or none' * is_optional}"
+            noun = "whole number" if is_whole else "number"
+            noun = f"{noun}s" if is_many else f"a {noun}"
+            or_none = " or none" if is_optional else ""
+            fault = shown_value(value)
+            remedy = f"give {noun} in {interval}{or_none}"
             raise InputError(fault, f"{before}.{option}" if before else option, remedy)
 
 
@@ -295,7 +301,7 @@ def create(plugin: Plugin, values: Mapping[str, Any], out: Path | None = None) -
         is_ours = out is not None and Path(os.path.abspath(path)).is_relative_to(os.path.abspath(out))  # noqa: PTH100
         may_come = not os.path.lexists(path) and (is_ours or stored_record(path))
         if not may_come and (fault := fault_of(path)) and not path.is_dir():
-            words = f", or one of {', '.join(option.choices)}" * bool(option.choices)
+            words = f", or one of {', '.join(option.choices)}" if option.choices else ""
             raise InputError(fault, path, f"give a path that exists in {plugin.kind}.{option.name}{words}")
     return made
 

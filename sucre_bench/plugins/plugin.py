@@ -227,7 +227,8 @@ _C = TypeVar("_C", bound=type[Any])
 
 
 def _decorator(kind: Kind, name: str, needs: Iterable[str], **about: Any) -> Callable[[_C], _C]:
-    needs, known = frozenset(needs), NEEDS if kind == "metric" else NEEDS - {"restoration", "restored_views"}
+    needs = frozenset(needs)
+    known = NEEDS if kind == "metric" else NEEDS - {"restoration", "restored_views"}
     if needs - known:
         raise PluginError(f"unknown needs {sorted(needs - known)}", kind, did_you_mean(min(needs - known), known))
 
@@ -342,7 +343,9 @@ def dataset(
     >>> GreenTank.__plugin__.name
     'green_tank'
     """
-    if unknown := (has := frozenset(has)) - HAS:
+    has = frozenset(has)
+    unknown = has - HAS
+    if unknown:
         raise PluginError(f"unknown has {sorted(unknown)}", "dataset", did_you_mean(min(unknown), HAS))
     about: dict[str, Any] = {"source": source, "proven": proven, "has": has, "charts_file": charts_file}
     about["signs"] = tuple(signs)

@@ -116,7 +116,8 @@ class Section:
         scores = [column for column in self._columns if column.directed and seconds]
         costs = [(column, plots.cost(self.table, column, seconds[0], self.places)) for column in scores]
         lines = answer(self.table, self._deciding)
-        said, commands = verdicts(self.table), []
+        said = verdicts(self.table)
+        commands = []
         for name, place in methods.items():
             rerun = self._rerun(name)
             views = sorted(set(self.rows.loc[self.rows["method"] == name, "view"].unique()) - {""})
@@ -223,7 +224,9 @@ class Section:
         scores: dict[Any, dict[str, tuple[float, float]]] = defaultdict(dict)
         for (*place_and_method, metric, variant), value, coverage in means.itertuples(name=None):
             scores[tuple(place_and_method)][f"{metric}:{variant}"] = (value, coverage)
-        share, picture, made = self.gallery.share, self.gallery.picture, []
+        share = self.gallery.share
+        picture = self.gallery.picture
+        made = []
         for n, ((scene, view), name) in enumerate(self._names.items()):
             kept = int((n + 1) * share) > int(n * share)
             place = layout.find(self.table.title, scene, view, self.out)
@@ -275,7 +278,9 @@ class Section:
 
     def _waters(self) -> list[Choice]:
         """A choice for each method that estimates the water; the first has the numbers of all below."""
-        names, views, rows = self.table.methods, self._views, []
+        names = self.table.methods
+        views = self._views
+        rows = []
         for view in views:
             waters = [view["truth"], *(result.get("water") for result in view["results"])]
             for name, water in zip(("true", *names), waters, strict=True):

@@ -125,7 +125,8 @@ def cost(table: Comparison, column: Column, seconds: Column, places: Mapping[str
 
 def over_datasets(tables: Sequence[Comparison], columns: Sequence[Column | None], names: Mapping[str, int]) -> Figure:
     """Return a score over datasets, a line a method. columns: the score's in each table; names: see `look`."""
-    lines, titles = [], [text(table.title) for table in tables]
+    lines = []
+    titles = [text(table.title) for table in tables]
     for name, place in names.items():
         cells = [
             table.cells.get((name, column)) if column else None for table, column in zip(tables, columns, strict=True)
@@ -174,7 +175,8 @@ def waters(views: Sequence[Mapping[str, Any]], method: int) -> list[Figure]:
                 dotted = {"color": colour, "width": 1.7, "dash": "dot"}
                 traces.append({"name": "true", "x": names, "y": truth, "mode": "lines", "line": dotted})
         x = {"type": "category", "showticklabels": False, "title": {"text": "views in order", "standoff": 6}}
-        label, margin = f"{words}, {unit}" if unit else words, {"l": 46, "r": 12, "t": 30, "b": 40}
+        label = f"{words}, {unit}" if unit else words
+        margin = {"l": 46, "r": 12, "t": 30, "b": 40}
         made.append(figure(traces, x, {"rangemode": "tozero"}, 280, title=heading(label), margin=margin))
     return made
 
@@ -227,7 +229,9 @@ def chart_content(
     ):
         name, _, patch = region.partition("/")
         scores[*of_view, name][patch][f"{metric}:{variant}"][method] = value if math.isfinite(value) else None
-    order, known, charts = {view: n for n, view in enumerate(names)}, roles(), []
+    order = {view: n for n, view in enumerate(names)}
+    known = roles()
+    charts = []
     for scene, view, name in sorted(scores, key=lambda key: order[key[:2]]):
         patches = scores[scene, view, name]
         whole = patches.pop("", {})
@@ -282,7 +286,8 @@ def _distances(
     charts: Sequence[Chart], near_first: Sequence[Chart], column: Column, methods: Mapping[str, int]
 ) -> Choice:
     """A score of charts over their distance, as plot and in numbers."""
-    key, lines = key_of(column), []
+    key = key_of(column)
+    lines = []
     for name, place in methods.items():
         known = [(chart, value) for chart in near_first if (value := _at(chart.whole, key, name)) is not None]
         words = [text(f"{chart.view} · {chart.name}") for chart, _ in known]

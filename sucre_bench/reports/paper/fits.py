@@ -61,7 +61,8 @@ def residuals(results: StudyResults) -> Iterator[Drawn]:
         recorded = [(view, record) for view, record in recorded if record.get("residuals", {}).get("tracks")]
         recorded.sort(key=lambda each: -each[1].get("n_observations", 0))
         for view, record in recorded[:_VIEWS]:
-            is_drawn, title = True, f"{view} of {dataset}, {method}"
+            is_drawn = True
+            title = f"{view} of {dataset}, {method}"
             words = file_name(f"{dataset}-{method}-{Path(view).stem}")
             count = f"residuals of {record['residuals']['observations']:,} observations"
             for kind, about, x, y, draw in (
@@ -84,10 +85,12 @@ def residuals(results: StudyResults) -> Iterator[Drawn]:
 
 def _histogram(panel: Axes, record: Mapping[str, Any], channel: int, colour: str) -> None:
     left = record["residuals"]
-    counts, width = np.array(left["histogram"]["counts"][channel]), left["histogram"]["width"]
+    counts = np.array(left["histogram"]["counts"][channel])
+    width = left["histogram"]["width"]
     edges = (np.arange(len(counts) + 1) - len(counts) / 2) * width
     total = counts.sum() + left["histogram"]["beyond"][channel]
-    mean, std = left["mean"][channel], max(left["std"][channel], width / 10)
+    mean = left["mean"][channel]
+    std = max(left["std"][channel], width / 10)
     panel.stairs(counts / (total * width), edges, fill=True, color=colour, alpha=0.5)
     at = np.linspace(-_REACH * std, _REACH * std, 201)
     normal = np.exp(-(((at - mean) / std) ** 2) / 2) / (std * np.sqrt(2 * np.pi))
@@ -160,7 +163,9 @@ def scaling(results: StudyResults) -> Iterator[Drawn]:
     looks = style.looks(table["method"])
     for panel, (stage, title) in zip(axes[0], shown.items(), strict=True):
         for method, of_method in table[table[stage] > 0].groupby("method", sort=False):
-            n, seconds, look = of_method["n"].to_numpy(), of_method[stage].to_numpy(), looks[str(method)]
+            n = of_method["n"].to_numpy()
+            seconds = of_method[stage].to_numpy()
+            look = looks[str(method)]
             label = str(method)
             if len(n) >= _FEWEST and n.max() > _SPREAD * n.min():
                 a, b, error = line(n, seconds)
@@ -187,7 +192,8 @@ def line(n: Array, seconds: Array) -> tuple[float, float, float]:
     """
     from scipy.optimize import nnls
 
-    design, expected = np.stack([np.ones(len(n)), n], axis=1), seconds
+    design = np.stack([np.ones(len(n)), n], axis=1)
+    expected = seconds
     for _ in range(_ROUNDS):
         scaled = design / expected[:, None]
         fitted, misfit = nnls(scaled, seconds / expected)

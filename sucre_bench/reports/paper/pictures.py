@@ -35,7 +35,8 @@ _VIEWS, _METHODS = 2, 5
 _WINDOW, _SHAPE, _TOP = 0.22, 0.75, 0.25
 
 # A picture is another one where so much of it differs from the photograph by more than its JPEG file does.
-_DIFFERS, _PART = 8 / 255, 0.05
+_DIFFERS = 8 / 255
+_PART = 0.05
 
 
 def pictures(results: StudyResults) -> Iterator[Drawn]:
@@ -45,7 +46,9 @@ def pictures(results: StudyResults) -> Iterator[Drawn]:
     figures. All pictures are cropped to the shape of the first, about their middle. Pixels without a colour are black,
     as in the methods' files. Yields a figure per dataset and page.
     """
-    rows, out, is_drawn = results.rows, results.out, False
+    rows = results.rows
+    out = results.out
+    is_drawn = False
     for suffix, of_dataset in style.each_dataset(rows):
         names = of_dataset.loc[of_dataset["view"] != "", ["dataset", "scene", "view"]].drop_duplicates()
         several = names["scene"].nunique() > 1
@@ -117,7 +120,8 @@ def seams(results: StudyResults) -> Iterator[Drawn]:
     kept with results: steps are looked for at all distances here, and without accounting for those. Scores are the
     metric's.
     """
-    scores, is_drawn = scores_of(results.rows, "seams"), False
+    scores = scores_of(results.rows, "seams")
+    is_drawn = False
     scores = scores[scores["variant"].isin(scores["variant"].iloc[:1])]  # of several, the first
     for _, of_dataset in scores.groupby("dataset", sort=False):
         views = of_dataset.groupby(["dataset", "scene", "view"], sort=False)

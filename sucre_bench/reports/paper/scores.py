@@ -78,7 +78,8 @@ def against(results: StudyResults) -> Iterator[Drawn]:
     if not results.study.along:
         raise NotApplicableError("nothing to draw scores against; give study.along=degrade.NAME, say")
     for followed in results.followed:
-        suffix, columns = followed.title if len(results.followed) > 1 else "", _telling(followed.scores, results.study)
+        suffix = followed.title if len(results.followed) > 1 else ""
+        columns = _telling(followed.scores, results.study)
         if len(followed.values) < 2:
             reason = f"{followed.title} has one value of {followed.option}; sweep over more"
             yield (suffix,), NotApplicableError(reason)

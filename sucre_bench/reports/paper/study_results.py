@@ -170,7 +170,8 @@ def along(rows: DataFrame, study: Study) -> list[Along]:
     rows = rows[rows["_value"].notna()]
     if group == "dataset" and (rows.groupby("_value", sort=False)["scene"].nunique() == 1).all():
         rows = rows.assign(scene="")  # a scene may be called after the value: views are told apart by name
-    wanted, followed = {metric.partition(":")[0] for metric in study.metrics}, []
+    wanted = {metric.partition(":")[0] for metric in study.metrics}
+    followed = []
     for title, of_dataset in rows.groupby("dataset", sort=False):
         scored = {*of_dataset.loc[of_dataset["status"] == "ok", "metric"]}
         if scored and wanted <= scored:
@@ -185,7 +186,8 @@ def _value_in(part: dict[str, Any], group: str, name: str) -> Value | None:
 
     That number is in 1/m. What a degradation does not say has its default.
     """
-    value, is_given = part.get(name), part.get(name) is not None
+    value = part.get(name)
+    is_given = part.get(name) is not None
     if group == "degrade" and not is_given:
         value = next(f.default for f in fields(Degradation) if f.name == name)
     elif name not in part:

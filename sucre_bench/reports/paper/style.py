@@ -68,7 +68,8 @@ def looks(methods: Iterable[str]) -> dict[str, Look]:
         if own_look(method).colour not in {look.colour for look in found.values()}:
             found[method] = own_look(method)
     for method in sorted(set(methods) - set(found)):
-        own, used = own_look(method), [*found.values()]
+        own = own_look(method)
+        used = [*found.values()]
         colour = min(_from(PALETTE, own.colour), key=[look.colour for look in used].count)
         taken = [look.marker for look in used if look.colour == colour]
         found[method] = Look(colour, min(_from(MARKERS, own.marker), key=taken.count))

@@ -68,7 +68,8 @@ def write(
     if not (rows["status"] == "ok").any():
         notes.append(f"{study.name}: nothing was restored, so there is nothing to show")
     else:
-        named, study = study.metrics, _applicable(study, rows, notes)
+        named = study.metrics
+        study = _applicable(study, rows, notes)
         results = StudyResults(study, rows.reset_index(drop=True), out, tuple(comparisons))
         with _noting(f"{study.name}: tables", out, notes):
             if named and not study.metrics:

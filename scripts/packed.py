@@ -1,0 +1,135 @@
+"""Counts constructions that pack several things into one line; `make check` fails if a room has more than its limit.
+
+A limit is what the room had when it was last unpacked: lower it whenever you unpack, and never raise it. The rules:
+
+assigned      an assignment inside a call, a condition or a comprehension that is used after that statement
+parallel      several names on the left and as many unlike expressions on the right (`a, b = f(x), {}`)
+text times    text or a list times a condition (`["x"] * bool(y)`)
+nested if     a conditional expression within another one
+three joined  three or more parts of one `and` or `or`, unless all are plain names and comparisons of them
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+ROOMS = ("sucre_bench", "methods", "datasets", "metrics")
+LIMITS: dict[str, dict[str, int]] = {
+    "datasets": {"assigned": 4, "parallel": 26, "three joined": 20},
+    "methods": {"assigned": 11, "nested if": 7, "parallel": 89, "text times": 5, "three joined": 16},
+    "metrics": {"assigned": 4, "nested if": 4, "parallel": 17},
+    "sucre_bench": {"nested if": 4, "three joined": 12},
+    "sucre_bench/commands": {"parallel": 6, "three joined": 2},
+    "sucre_bench/compare": {"three joined": 10},
+    "sucre_bench/degrade": {"three joined": 4},
+    "sucre_bench/engine": {"assigned": 11, "parallel": 30, "three joined": 10},
+    "sucre_bench/imaging": {"assigned": 4, "nested if": 5, "parallel": 16, "three joined": 7},
+    "sucre_bench/jobs": {"assigned": 4, "parallel": 14, "three joined": 13},
+    "sucre_bench/loading": {"assigned": 7, "nested if": 4, "parallel": 15, "text times": 4, "three joined": 13},
+    "sucre_bench/machine": {"three joined": 6},
+    "sucre_bench/multiview": {"assigned": 4, "parallel": 10, "three joined": 8},
+    "sucre_bench/plugins": {"three joined": 6},
+    "sucre_bench/programs": {"assigned": 24, "nested if": 8, "parallel": 90, "three joined": 25},
+    "sucre_bench/reports": {"assigned": 7, "nested if": 1, "parallel": 3, "text times": 2, "three joined": 4},
+    "sucre_bench/results": {"assigned": 6, "nested if": 4, "parallel": 13, "three joined": 4},
+}
+
+
+def packed(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Yield the line and the rule of each packed construction."""
+    for function in ast.walk(tree):
+        if isinstance(function, ast.FunctionDef):
+            yield from _assigned(function)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign) and _is_parallel(node):
+            yield node.lineno, "parallel"
+        elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult) and _is_text_times(node):
+            yield node.lineno, "text times"
+        elif isinstance(node, ast.IfExp) and any(isinstance(part, ast.IfExp) for part in (node.body, node.orelse)):
+            yield node.lineno, "nested if"
+        elif isinstance(node, ast.BoolOp) and len(node.values) > 2 and not all(map(_is_plain, node.values)):
+            yield node.lineno, "three joined"
+
+
+def _assigned(function: ast.FunctionDef) -> Iterator[tuple[int, str]]:
+    """Assignment expressions whose name is read after the statement that has them."""
+    statements = [node for node in ast.walk(function) if isinstance(node, ast.stmt) and node is not function]
+    reads = [(node.id, node.lineno) for node in ast.walk(function) if isinstance(node, ast.Name)]
+    seen = set[int]()
+    for statement in sorted(statements, key=lambda node: (node.end_lineno or 0) - node.lineno):
+        for node in ast.walk(statement):
+            if not isinstance(node, ast.NamedExpr) or id(node) in seen:
+                continue
+            seen.add(id(node))
+            last = statement.end_lineno or statement.lineno
+            if any(name == node.target.id and line > last for name, line in reads):
+                yield node.lineno, "assigned"
+
+
+def _is_parallel(node: ast.Assign) -> bool:
+    target, value = node.targets[0], node.value
+    if not isinstance(target, ast.Tuple) or not isinstance(value, ast.Tuple):
+        return False
+    return len({type(part) for part in value.elts}) > 1
+
+
+def _is_text_times(node: ast.BinOp) -> bool:
+    for one, other in ((node.left, node.right), (node.right, node.left)):
+        is_sequence = isinstance(one, ast.List | ast.JoinedStr) or (
+            isinstance(one, ast.Constant) and type(one.value) is str
+        )
+        is_condition = isinstance(other, ast.Compare | ast.BoolOp) or _calls_bool(other)
+        if is_sequence and is_condition:
+            return True
+    return False
+
+
+def _calls_bool(node: ast.expr) -> bool:
+    return isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("bool", "any", "all")
+
+
+def _is_plain(node: ast.expr) -> bool:
+    if isinstance(node, ast.UnaryOp):
+        return _is_plain(node.operand)
+    if isinstance(node, ast.Compare):
+        return all(map(_is_plain, (node.left, *node.comparators)))
+    return isinstance(node, ast.Name | ast.Attribute | ast.Constant)
+
+
+def main() -> int:
+    """Print each room that has more than its limit, with the lines; return how many there are."""
+    found: dict[str, list[tuple[str, str]]] = {}
+    for top in ROOMS:
+        for path in sorted((ROOT / top).rglob("*.py")):
+            below = path.relative_to(ROOT)
+            if below.parts[0] == "sucre_bench" and below.parts[1] in ROOMS:
+                continue  # a link to a folder of its own
+            room = (
+                "/".join(below.parts[:2])
+                if below.parts[0] == "sucre_bench" and len(below.parts) > 2
+                else below.parts[0]
+            )
+            for line, rule in packed(ast.parse(path.read_text(encoding="utf-8"))):
+                found.setdefault(room, []).append((f"{below}:{line}", rule))
+    if "--limits" in sys.argv:
+        for room in sorted(found):
+            print(f"    {room!r}: {dict(sorted(Counter(rule for _, rule in found[room]).items()))},")
+        return 0
+    failures = 0
+    for room, places in sorted(found.items()):
+        for rule, n in sorted(Counter(rule for _, rule in places).items()):
+            most = LIMITS.get(room, {}).get(rule, 0)
+            if n > most:
+                failures += 1
+                print(f"{room}: {n} of rule '{rule}', at most {most} are left there; unpack one of")
+                print("\n".join(f"  {place}" for place, its in places if its == rule))
+    return failures
+
+
+if __name__ == "__main__":
+    sys.exit(bool(main()))
