@@ -28,6 +28,7 @@ _HOME = {
         "score",
     ),
     "sucre_bench.engine.compare_methods": ("Compared", "compare_methods"),
+    "sucre_bench.engine.run_config": ("run_config",),
     "sucre_bench.results.rows": ("wide",),
     "sucre_bench.degrade": ("Degradation", "degraded"),
     "sucre_bench.errors": ("InputError", "NotApplicableError", "PluginError", "SolveError", "SucreBenchError"),
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
         restore as restore,
         score as score,
     )
+    from sucre_bench.engine.run_config import run_config as run_config
     from sucre_bench.errors import (
         InputError as InputError,
         NotApplicableError as NotApplicableError,

@@ -138,7 +138,6 @@ SECTIONS: dict[str, dict[str, tuple[str, str]]] = {
     "Which method is better, by how much, is it chance?": {
         "run": ("run", "Restore views of a dataset with methods, and score them."),
         "compare": ("compare", "Compare methods: one table, and who leads."),
-        "lineup": ("run", "Write the line-up of a results folder, to run it again."),
         "report": ("look", "Write the page of a results folder: tables, pictures."),
         "charts": ("data", "Mark colour charts on a page in your browser."),
         "study": ("study", "Ask people which restored images they prefer."),

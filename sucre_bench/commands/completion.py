@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import click
 from click.shell_completion import CompletionItem, get_completion_class, split_arg_string
 
-from sucre_bench.errors import SucreBenchError
 from sucre_bench.machine.files import expanded
 
 if TYPE_CHECKING:
@@ -59,18 +58,14 @@ def completion(shell: str) -> None:
 # -- the words of run, describe, charts, check, score and compare ----------------------------------------------
 
 _Found = Iterator[tuple[str, str]]  # words, each with what it is
-# Words of `sucre-bench run` whose values are these alone; booleans are known by their type.
-_VALUES = {"hydra/launcher": ("joblib", "slurm")}
+_GROUPS = ("dataset", "method", "metrics", "experiment")
 
 
 def complete_words(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:
-    """Complete an override, its key or its value, given the words before it; or the path of a line-up or an image."""
-    before = ctx.params.get(param.name or "") or ()
-    given = dict(word.partition("=")[::2] for word in before if "=" in word)
-    line_up = [word for word in before if "=" not in word]
-    found = [*_overrides(incomplete, given | ({"": line_up[0]} if line_up else {}))]
-    found += places(incomplete) if incomplete and "=" not in incomplete and not found else ()
-    return _items(incomplete, found)
+    """Complete an override, its key or its value, given the words before it; or the path of an experiment or image."""
+    given = dict(word.partition("=")[::2] for word in ctx.params.get(param.name or "") or () if "=" in word)
+    found = [*(_values(incomplete, given) if "=" in incomplete else _starting(incomplete, _keys(incomplete, given)))]
+    return _items(incomplete, found or (places(incomplete) if incomplete and "=" not in incomplete else ()))
 
 
 def complete_datasets(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:
@@ -82,7 +77,7 @@ def complete_datasets(ctx: click.Context, param: click.Parameter, incomplete: st
 def complete_metrics(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:
     """Complete the last of several metrics parted by commas: its name, or its variant behind a colon."""
     before, comma, last = incomplete.rpartition(",")
-    return _items(incomplete, _starting(last, _metrics(last), before + comma))
+    return _items(incomplete, _starting(last, _names("metrics", last), before + comma))
 
 
 def _items(typed: str, found: Iterable[tuple[str, str]]) -> list[CompletionItem[str]]:
@@ -94,106 +89,81 @@ def _items(typed: str, found: Iterable[tuple[str, str]]) -> list[CompletionItem[
     return [CompletionItem(word.removeprefix(head).translate(escaped), help=said) for word, said in found]
 
 
-def _overrides(typed: str, given: Mapping[str, str]) -> _Found:
-    """The overrides that a word may become. given: the values of the words before by key, a line-up's by ""."""
-    from sucre_bench.jobs.lineup import KINDS
-    from sucre_bench.jobs.run_options import RunConfig
-
-    key, equals, value = typed.partition("=")
-    group, _, name = key.rpartition(".")
-    if not equals and group:
-        yield from _starting(typed, ((f"{group}.{option.name}=", option.help) for option in _options(group, given)))
-        return
-    if not equals:
-        groups = ["dataset", "method", "metrics", "degrade", "shard", "tracking"]
-        groups += [name for kind in KINDS if kind in given or "" in given for name in _chosen(kind, given)]
-        plain = (f.name for f in fields(RunConfig) if f.name not in (*groups, "study"))
-        keys = [f"{name}=" for name in ("dataset", "method", "metrics", "experiment", *plain, *_VALUES)]
-        yield from _starting(typed, ((word, "") for word in (*keys, *(f"{name}." for name in groups))))
-        return
-    bracket = value[: value.startswith("[")]  # of several values, the last is completed
-    others, comma, last = value[len(bracket) :].rpartition(",")
-    head, is_list = f"{key}={bracket}{others}{comma}", key == "metrics"
-    if key in ("dataset", "method", "experiment", "metrics") and not last.startswith(("/", ".")):
-        known = _metrics(last) if is_list else _names(key)
-        opens = is_list and not bracket and ":" not in last  # bash completes only what follows the colon
-        names = ((name, said) for name, said in known if name not in others.split(","))
-        head = f"{key}=[{others}{comma}" if opens else head
-        yield from _starting(last, names, head, "]" if opens or bracket else "")
-        return
-    option = next((option for option in _options(group, given) if option.name == name), None)
-    words, kinds = [*_VALUES.get(key, ())], tuple[Any, ...]()
-    if option is not None:
-        kinds = (option.type, *get_args(option.type))
-        words += [*option.choices, *(("true", "false") if bool in kinds else ())]
-        words += ["null"] if type(None) in kinds else []
-    words += _chosen("method", given) if key == "baseline" else ()
-    yield from _starting(last, ((word, "") for word in words), head)
-    if key in ("out", "views", "dataset") or Path in kinds:
-        yield from places(value, f"{key}=")
-
-
-def _metrics(start: str) -> _Found:
-    """The metrics with what they are; behind a colon the variants of one, with what sets each apart."""
-    from sucre_bench.jobs.catalogue import plugin_of
-
-    name, colon, _ = start.partition(":")
-    if not colon:
-        yield from _names("metrics")
-    elif plugin := plugin_of("metric", name):
-        variants = {**plugin.variants, "all": "every variant"}
-        yield from ((f"{name}:{variant}", said) for variant, said in variants.items())
-
-
 def _starting(start: str, words: Iterable[tuple[str, str]], before: str = "", after: str = "") -> _Found:
     return ((f"{before}{word}{after}", said) for word, said in words if word.startswith(start))
 
 
-def _names(group: str) -> _Found:
-    """Plugins and presets, or experiments, with what they are."""
+def _keys(typed: str, given: Mapping[str, str]) -> _Found:
+    """The keys that a word may begin with; behind a dot the options of what stands before it."""
+    from sucre_bench.jobs.run_options import OPTION_GROUPS, RunConfig
+
+    group, dot, _ = typed.rpartition(".")
+    if dot:
+        yield from ((f"{group}.{option.name}=", option.help) for option in _options(group, given))
+        return
+    plain = [field.name for field in fields(RunConfig) if field.name not in (*OPTION_GROUPS, *_GROUPS, "study")]
+    chosen = (name for kind in ("dataset", "method") for name in given.get(kind, "").split(",") if name)
+    yield from ((f"{name}=", "") for name in (*_GROUPS, *plain, "hydra/launcher", "hydra/sweeper"))
+    yield from ((f"{name}.", "") for name in ("dataset", "method", "metrics", *OPTION_GROUPS, *chosen))
+
+
+def _values(typed: str, given: Mapping[str, str]) -> _Found:
+    """The overrides that a word with a key may become; of several values the last is completed."""
+    key, _, value = typed.partition("=")
+    bracket = value[: value.startswith("[")]
+    others, comma, last = value[len(bracket) :].rpartition(",")
+    opens = key == "metrics" and not bracket and ":" not in last  # bash completes only what follows the colon
+    head = f"{key}={'[' if opens else bracket}{others}{comma}"
+    group, _, name = key.rpartition(".")
+    option = next((option for option in _options(group, given) if option.name == name), None)
+    kinds = () if option is None else (option.type, *get_args(option.type))
+    if key in _GROUPS or key.startswith("hydra/"):
+        names = ((name, said) for name, said in _names(key, last) if name not in others.split(","))
+        yield from _starting(last, names, head, "]" if opens or bracket else "")
+    elif option is not None:
+        words = [*option.choices, *(("true", "false") if bool in kinds else ())]
+        words += ["null"] if type(None) in kinds else []
+        words += given.get("method", "").split(",") if key == "baseline" else []
+        yield from _starting(last, ((word, "") for word in words if word), head)
+    if key in ("out", "views", "dataset") or Path in kinds:
+        yield from places(value, f"{key}=")
+
+
+def _names(group: str, start: str = "") -> _Found:
+    """What Hydra lists of a group, with what it is; behind a colon the variants of a metric."""
     from sucre_bench import plugins
-    from sucre_bench.jobs.catalogue import GROUPS, presets
+    from sucre_bench.jobs import catalogue, configs
 
-    for kind in (kind for kind, folder in GROUPS.items() if folder == group):
+    kind = next((kind for kind, folder in catalogue.GROUPS.items() if folder == group), None)
+    name, colon, _ = start.partition(":")
+    plugin = catalogue.plugin_of(kind, name) if kind and colon else None
+    if plugin:
+        yield from ((f"{name}:{variant}", said) for variant, said in {**plugin.variants, "all": "every one"}.items())
+    elif kind:
         yield from ((name, plugin.summary) for name, plugin in plugins.usable(kind).items())
-    for preset in presets(group):
-        yield preset.name, preset.description
-
-
-def _chosen(kind: Literal["dataset", "method"], given: Mapping[str, str]) -> dict[str, str]:
-    """What words or a line-up choose, else what runs by default: names, and labels of a line-up, each with its name."""
-    from sucre_bench.jobs.catalogue import default_choice
-    from sucre_bench.jobs.lineup import line_up_in
-
-    if kind in given:
-        return {name: name for name in given[kind].split(",")}
-    entries = {}
-    if "" in given:
-        with contextlib.suppress(SucreBenchError):
-            line_up = line_up_in(Path(given[""])).entries(kind)
-            entries = {name: entry.name for entry in line_up for name in (entry.name, entry.label) if name}
-    return entries or {default_choice(kind): default_choice(kind)}
+    yield from (
+        configs.descriptions(group).items()
+        if not group.startswith("hydra/")
+        else ((name, "") for name in configs.hydra_app().config_loader.get_group_options(group))
+    )
 
 
 def _options(group: str, given: Mapping[str, str]) -> tuple[Option, ...]:
     """The options of chosen methods or datasets, of all or of the one that is named; of a metric, or of the engine."""
-    from sucre_bench.degrade import Degradation
     from sucre_bench.jobs.catalogue import plugin_of
-    from sucre_bench.jobs.lineup import KINDS
-    from sucre_bench.jobs.run_options import RunConfig, Shard, Tracking
+    from sucre_bench.jobs.configs import default_choices
+    from sucre_bench.jobs.run_options import OPTION_GROUPS, RunConfig
     from sucre_bench.plugins.options import options_of
 
-    engine = {"": RunConfig, "degrade": Degradation, "shard": Shard, "tracking": Tracking}
-    if group in engine:
-        return options_of(engine[group])
+    engine: dict[str, type[Any]] = {"": RunConfig, **OPTION_GROUPS}
+    classes = [engine[group]] if group in engine else []
     kind, _, name = group.partition(".")
-    if kind == "metrics":
-        owners = [plugin_of("metric", name)]
-    elif kind in KINDS:
-        owners = [plugin_of(kind, chosen) for chosen in _chosen(kind, given).values()]
-    else:
-        owners = [plugin_of(kind, name) for kind in KINDS if (name := _chosen(kind, given).get(group, ""))]
-    every = (option for plugin in owners if plugin for option in options_of(plugin.cls))
+    owners = [plugin_of("metric", name)] if kind == "metrics" else []
+    kinds: tuple[Literal["dataset", "method"], ...] = ("dataset", "method")
+    for each in kinds:
+        chosen = (given.get(each) or default_choices()[each]).split(",") if not classes and kind != "metrics" else []
+        owners += [plugin_of(each, one) for one in chosen if group in (each, one)]
+    every = (option for cls in (*classes, *(plugin.cls for plugin in owners if plugin)) for option in options_of(cls))
     return tuple({option.name: option for option in every}.values())
 
 

@@ -1,7 +1,4 @@
-"""`sucre-bench run` and `lineup`: restore a dataset with methods, and write what made a results folder.
-
-`engine.run.run` does the work; --cfg and --dry-run stop before it.
-"""
+"""`sucre-bench run`: restore a dataset with methods. It is a program of Hydra: `engine.hydra_run` does the work."""
 
 from __future__ import annotations
 
@@ -10,12 +7,11 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from sucre_bench.commands import completion, shared
-from sucre_bench.machine.files import check_output, write_atomically
 from sucre_bench.machine.terminal import say
 
 if TYPE_CHECKING:
@@ -23,14 +19,27 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@shared.words_argument("overrides", "[LINE-UP.yaml] [KEY=VALUE]...", completion.complete_words)
+@shared.words_argument("overrides", "[EXPERIMENT.yaml] [KEY=VALUE]...", completion.complete_words)
 @shared.flag("-m", "--multirun", help="Run every combination of comma-separated values.")
 @shared.plugin_files_option
-@shared.flag("--cfg", help="Print the configuration of all jobs and stop.")
+@shared.option("--config-dir", "-cd", of=shared.PATH, help="A folder of yours with configs: method/, experiment/ ...")
+@shared.option("--config-name", "-cn", default="config", help="The configuration to begin with, of your folder.")
+@shared.flag("--cfg", help="Print the configuration and stop; --cfg hydra: Hydra's own, --cfg all: both.")
+@shared.option("--package", "-p", default="", help="Print this part of the configuration, for example method.")
+@shared.flag("--resolve", help="Print the configuration with each ${...} filled in.")
+@shared.flag("--info", help="Print what Hydra composes of: --info config, defaults, searchpath, plugins or all.")
+@shared.flag("--hydra-help", help="Print Hydra's own help and stop.")
 @shared.flag("--dry-run", help="Print jobs, views, and the expected time, and stop.")
 @shared.json_option
 def run(
-    overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...], cfg: bool, dry_run: bool, as_json: bool
+    overrides: tuple[str, ...],
+    multirun: bool,
+    plugin_files: tuple[str, ...],
+    config_dir: Path | None,
+    config_name: str,
+    dry_run: bool,
+    as_json: bool,
+    **shown: Any,
 ) -> None:
     """Restore views of a dataset with a method, and score them.
 
@@ -40,15 +49,19 @@ def run(
     sucre-bench run -m method=underwater,gray_world,sucre every=4 out=results
     sucre-bench run -m method.pairing=mutual,depth workers=2
     sucre-bench run -m method=sucre,onnx sucre.physical=true onnx.model=net.onnx
-    sucre-bench run lineup.yaml out=results
     sucre-bench run experiment=table1
+    sucre-bench run my_experiment.yaml out=results
+    sucre-bench run results/experiment.yaml out=again
+    sucre-bench run --config-dir mine method=my_preset
+    sucre-bench run -m hydra/launcher=slurm experiment=table1
     sucre-bench run --dry-run -m method=gray_world,sucre
     sucre-bench run --json dataset=demo method=gray_world | jq .table
 
     Every word is key=value. dataset=, method= and metrics=[a,b] choose plugins (`sucre-bench list`). An option of a
     plugin follows a dot: method.pairing=depth. With -m, the command runs every combination of the values with commas
-    between them. An option after a method's name is for that method alone. A line-up is a file with all of this; a word
-    of the command replaces the same key of the file.
+    between them. An option after a method's name is for that method alone. An experiment is a file of Hydra with all of
+    this; a word of the command replaces the same key of the file. Everything of Hydra works: its grammar, launchers,
+    sweepers and callbacks.
 
     \b
     out=FOLDER              write results there; the same folder again adds to it
@@ -72,18 +85,26 @@ def run(
     Exit codes: 0, everything finished (skipped views are allowed); 1, a view or a score failed, or nothing was restored
     or scored; 2, the command has a mistake; 130, stopped by Ctrl-C.
     """
+    from sucre_bench.jobs import configs
     from sucre_bench.jobs.words import value_of
-    from sucre_bench.machine.provenance import absent
+    from sucre_bench.machine.files import check_folder
 
     if plugin_files:
         overrides = (*overrides, f"plugins={value_of([str(Path(file).resolve()) for file in plugin_files])}")
-    if cfg:
-        from sucre_bench.jobs.compose_jobs import jobs
-        from sucre_bench.jobs.job import config_text
+    if config_dir is not None:
+        check_folder(config_dir, "give the folder that holds method/, experiment/ and others")
+    places = () if config_dir is None else (f"file://{config_dir.resolve()}",)
+    with configs.searching(*places, config=config_name):
+        if any(shown[name] for name in ("cfg", "info", "hydra_help")):
+            _show(overrides, multirun, **shown)
+            return
+        _run(overrides, multirun, dry_run, as_json)
 
-        command = jobs([word for word in overrides if word != "job"], multirun)  # Hydra's own is `--cfg job`
-        click.echo(config_text(command.jobs, command.words, command.is_sweep), nl=False)
-        return
+
+def _run(overrides: Sequence[str], multirun: bool, dry_run: bool, as_json: bool) -> None:
+    """Run the jobs and show what became of them, or with dry_run what they would be."""
+    from sucre_bench.machine.provenance import absent
+
     if old := absent("numpy", "pandas", "pyarrow", "scipy", "numba"):
         say(f"packages: {old}", "yellow")
     # What a plugin prints is no part of a JSON object.
@@ -97,7 +118,7 @@ def run(
         shared.print_json([asdict(one) for one in found]) if as_json else run_forecast.show(found)
         return
     from sucre_bench.commands import run_summary
-    from sucre_bench.engine.run import run as run_jobs
+    from sucre_bench.engine.hydra_run import run_words
 
     floor = []
 
@@ -106,7 +127,7 @@ def run(
         floor.append(shared.floor_of_psi(planned))
 
     with printed:
-        outcome = run_jobs(overrides, multirun, before)
+        outcome = run_words(overrides, multirun, before)
         comparisons = run_summary.compared(outcome)
         summary = run_summary.as_object(outcome, comparisons) if as_json else None
     try:
@@ -124,45 +145,37 @@ def run(
     sys.exit(outcome.exit_code)
 
 
-@click.command()
-@shared.argument("folder", metavar="RESULTS")
-@shared.option(
-    "--out",
-    of=click.Path(path_type=Path, allow_dash=True),
-    metavar="FILE",
-    help="Where to write the line-up; - prints it. [default: RESULTS/lineup.yaml]",
-)
-@shared.plugin_option
-@shared.force_option
-def lineup(folder: Path, out: Path | None, force: bool) -> None:
-    """Write the line-up of a results folder: one file with its datasets, configurations, metrics and settings.
+def _show(
+    words: Sequence[str], multirun: bool, cfg: bool, info: bool, hydra_help: bool, package: str, resolve: bool
+) -> None:
+    """Print what Hydra composes of the words of a command: as `--cfg`, `--info` and `--hydra-help` of its programs."""
+    from hydra._internal.utils import get_args_parser
+    from omegaconf import OmegaConf
 
-    \b
-    sucre-bench lineup results/
-    sucre-bench lineup results/ --out paper.yaml
-    sucre-bench run paper.yaml out=again
+    from sucre_bench.errors import InputError
+    from sucre_bench.jobs import compose_jobs, configs
 
-    The file has every configuration of the score table, with its label and options. Other settings, for example views
-    and study, are those of the last command. Paths in the file are relative to its folder.
-    """
-    from sucre_bench.jobs.job import load_them
-    from sucre_bench.jobs.lineup import line_up_of
-    from sucre_bench.jobs.words import shell
-
-    file = folder / "lineup.yaml" if out is None else out
-    is_printed = str(file) == "-"
-    if out is not None and not is_printed:
-        check_output(file, "line-up", force=force)
-    line_up, notes = line_up_of(folder, Path() if is_printed else file.parent)
-    for note in notes:
-        say(f"note: {note}", "yellow")
-    if remedy := load_them(str(file.parent / path) for path in line_up.settings.get("plugins", [])):
-        say(f"note: plugin files that the folder names are not loaded; {remedy}", "yellow")
-    text = line_up.as_yaml(
-        f"The line-up that made {folder}. To run it: sucre-bench run {'FILE' if is_printed else file.name}"
-    )
-    if is_printed:
-        click.echo(text, nl=False)
+    app = configs.hydra_app()
+    kinds = ("job", "hydra", "all") if cfg else ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
+    kind = next((word for word in words if word in kinds), kinds[0])
+    words = [word for word in words if word != kind]
+    if hydra_help:
+        parser = get_args_parser()
+        app.hydra_help(config_name=configs.config_name(), args_parser=parser, args=parser.parse_args([]))
         return
-    write_atomically(file, text.encode())
-    click.echo(f"{file}  run it: {shell(['sucre-bench', 'run', str(file), 'out=again'])}")
+    with compose_jobs.reading_experiment(words) as words:
+        asked = compose_jobs.read(words, multirun)
+        is_sweep = asked.config is not None
+        command = compose_jobs.sweep(asked) if is_sweep else compose_jobs.single(asked)
+        lines = compose_jobs.lines_of(asked)
+        if info:
+            app.show_info(kind, config_name=configs.config_name(), overrides=lines)
+            return
+        config = configs.composed(lines, is_sweep=True) if is_sweep else command.config
+    with configs.current(config):
+        whole = app.get_sanitized_cfg(config, kind)
+        shown: Any = OmegaConf.select(whole, package) if package else whole
+        if shown is None:
+            raise InputError(f"no part is called '{package}'", "--package", "--cfg shows the parts")
+        text = OmegaConf.to_yaml(shown, resolve=resolve) if OmegaConf.is_config(shown) else f"{shown}\n"
+    click.echo(text, nl=False)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import shlex
 import sys
 from collections.abc import Collection, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +38,7 @@ _MOST = 20  # scores that are listed
     help="restored: put the restored images in; all: also views and references, if you may publish them.",
 )
 @shared.option("--by", default="", metavar="TEXT", help='Who publishes the bundle, for example "Reef Lab".')
-@shared.flag("--code", help="Put the files of --plugin in, so that others can run lineup.yaml.")
+@shared.flag("--code", help="Put the files of --plugin in, so that others can run experiment.yaml.")
 @shared.plugin_option
 @shared.force_option
 def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool, force: bool) -> None:
@@ -56,7 +57,7 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool, force: 
     check_output(file, "bundle", force=force)
     check_links(folder)
     with progress.live():
-        made = bundle_results(folder, file, pictures, by, _line_up(folder, code))
+        made = bundle_results(folder, file, pictures, by, _experiment(folder, code))
     size = file.stat().st_size
     click.echo(f"bundle   {file}, {f'{size / 1e6:.1f} MB' if size >= 1e6 else f'{size / 1e3:.0f} kB'}")
     click.echo(f"id       {made.id}")
@@ -69,26 +70,30 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool, force: 
         say(f"the bundle names folders of this machine: {', '.join(made.local_paths)}", "yellow")
 
 
-def _line_up(folder: Path, has_code: bool) -> dict[str, str]:
-    """Return the line-up file that runs these results again. If it cannot be made, say why and return none.
+def _experiment(folder: Path, has_code: bool) -> dict[str, str]:
+    """Return the experiment's file that runs these results again. If there is none, say why and return none.
 
     has_code: return also the run's plugin files, by their name in the bundle, or none if one of them cannot be. The
     results folder names them, so each must have been loaded: else it may be any file of this machine.
     """
     from sucre_bench import plugins, results
-    from sucre_bench.jobs.lineup import line_up_of
+    from sucre_bench.jobs.experiment_file import EXPERIMENT, read_recorded
 
     results.read(folder)  # a folder without results is an error of its own
     try:
-        line_up, _ = line_up_of(folder, folder)
+        content = read_recorded(folder)
+        if not content:
+            remedy = "repeat the run's command, which computes nothing again"
+            raise InputError("is not there", folder / EXPERIMENT, remedy)
     except SucreBenchError as fault:
-        say(f"no lineup.yaml in the bundle: {fault}", "yellow")
+        say(f"no experiment.yaml in the bundle: {fault}", "yellow")
         return {}
-    given = line_up.settings.get("plugins", [])
+    text = (folder / EXPERIMENT).read_text(encoding="utf-8")
+    given = [str(name) for name in content.get("plugins", [])]
     files: dict[str, str] = {}
     path = folder
     try:
-        for path in (folder / name for name in given if has_code):
+        for path in (Path(name) for name in given if has_code):
             if not plugins.is_loaded(path):
                 raise InputError("is not in the bundle", path, f"add --plugin {path} if it is the run's plugin file")
             name = f"plugins/{path.name}"
@@ -96,16 +101,15 @@ def _line_up(folder: Path, has_code: bool) -> dict[str, str]:
                 raise InputError("is not in the bundle", path, "another plugin file has its name; rename it, run again")
             files[name] = regular(path).read_text(encoding="utf-8")
     except (OSError, InputError, ValueError) as fault:
-        text = f"{path}: cannot be read, {fault}; publish it beside the bundle"
-        say(str(fault) if isinstance(fault, InputError) else text, "yellow")
+        reason = f"{path}: cannot be read, {fault}; publish it beside the bundle"
+        say(str(fault) if isinstance(fault, InputError) else reason, "yellow")
         files = {}
     if files:
-        line_up = replace(line_up, settings={**line_up.settings, "plugins": list(files)})
+        text = re.sub(r"^plugins: .*$", f"plugins: [{', '.join(files)}]", text, flags=re.MULTILINE)
     elif given:
         code = "--plugin FILE --code puts that code into the bundle"
-        say(f"note: lineup.yaml needs {', '.join(given)}; {code}", "yellow")
-    text = line_up.as_yaml("The line-up that made these results. To run it: sucre-bench run lineup.yaml")
-    return {"lineup.yaml": text, **files}
+        say(f"note: experiment.yaml needs {', '.join(given)}; {code}", "yellow")
+    return {EXPERIMENT: text, **files}
 
 
 # -- verify ------------------------------------------------------------------------------------------------

@@ -32,7 +32,7 @@ from sucre_bench.errors import (
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.drawing import captioned
 from sucre_bench.imaging.encoding import to_8bit
-from sucre_bench.jobs.catalogue import method_choice, metric_choices, presets
+from sucre_bench.jobs.catalogue import method_choice, metric_choices
 from sucre_bench.machine import progress, terminal
 from sucre_bench.plugins.options import Choice
 from sucre_bench.results.rows import wide
@@ -175,7 +175,7 @@ def compare_methods(
     chosen = [view if isinstance(view, View) else scene[view] for view in (scene if views is None else views)]
     # By default, the metrics of a `run` that names none.
     metrics = [metrics] if isinstance(metrics, str) else list(metrics)
-    metrics = metrics or [n for p in presets("metrics") if p.name == "default" for n in p.builds_on]
+    metrics = metrics or ["default"]
     metric_choices(metrics)  # raises for a mistyped name, before any view is restored
     tables, held = [results.frame([])], dict[tuple[str, str], Source]()
     is_shown = sys.stderr.isatty() if show_progress is None else show_progress

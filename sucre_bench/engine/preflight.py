@@ -30,10 +30,9 @@ from sucre_bench.errors import (
 from sucre_bench.imaging.display import is_of_scene
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.run_options import Joblib, Shard
+from sucre_bench.jobs.run_options import Shard
 from sucre_bench.loading.passed_over import say_passed_over
 from sucre_bench.loading.view_files import source_files, with_shared_pixels
-from sucre_bench.machine.compute import usable_cores
 from sucre_bench.machine.files import expanded, is_want_of_room, not_writable
 from sucre_bench.machine.provenance import require
 from sucre_bench.plugins.call_method import with_name
@@ -417,11 +416,3 @@ def _label_option(chosen: Collection[Choice], one: Choice) -> str:
         return f"{one.plugin.kind}.label=..."
     called = [label for label, name in labels.items() if one.label in (label, name)]
     return f"{one.label}.label=..." if len(called) == 1 and one.label.isidentifier() else "out=..."
-
-
-def workers_at_once(command: Command) -> int:
-    """Return how many processes share the views on this machine; 0: this one alone."""
-    workers, launcher = command.jobs[0].workers, command.launcher
-    if not (workers and isinstance(launcher, Joblib)):
-        return workers
-    return max(1, launcher.n_jobs if launcher.n_jobs >= 0 else usable_cores() + 1 + launcher.n_jobs)

@@ -15,20 +15,19 @@ from sucre_bench import compare, results
 from sucre_bench.arrays import DataFrame, evenly
 from sucre_bench.engine.across_views import score_across_views
 from sucre_bench.engine.common_pixels import score_on_common_pixels
-from sucre_bench.engine.preflight import Planned, check, opening_once, workers_at_once
+from sucre_bench.engine.preflight import Planned, base_row, check, opening_once
+from sucre_bench.engine.score import row_without_value
 from sucre_bench.engine.workers import run_alone, run_jobs
 from sucre_bench.errors import DiskFullError, InputError, SucreBenchError, one_line
-from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.compose_jobs import Command
+from sucre_bench.jobs.experiment_file import record_experiment
 from sucre_bench.jobs.job import CONFIG, Job, config_text
-from sucre_bench.jobs.lineup import record_line_up
-from sucre_bench.jobs.run_options import Slurm
 from sucre_bench.machine import progress, provenance
 from sucre_bench.machine.files import RESULTS_MARK, check_results_folder, write_atomically
 from sucre_bench.machine.processes import terminated_as_interrupt
 from sucre_bench.machine.text_formats import keep_traceback, masked
 from sucre_bench.results.common_scores import read_common
-from sucre_bench.results.layout import decoded_path, log_path, pairs_path
+from sucre_bench.results.layout import decoded_path, file_name, log_path, pairs_path
 from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import restoration_rows, row_objects, values_of
 
@@ -102,16 +101,21 @@ class Outcome:
         return 1 if has_fault or not self.ok or self.nothing_scored else 0
 
 
+# Runs jobs, each of the overrides that Hydra composes it of; returns why each was lost, empty for one that ended.
+Launch = Callable[[Sequence[tuple[str, ...]]], Sequence[str]]
+
+
 def run(
-    overrides: Sequence[str], multirun: bool, before: Callable[[Sequence[Planned]], None] = lambda _: None
+    command: Command, before: Callable[[Sequence[Planned]], None] = lambda _: None, launch: Launch | None = None
 ) -> Outcome:
-    """Run what the overrides ask for. before: called with all that is planned, before any work.
+    """Run the checked jobs of a command. before: called with all that is planned, before any work.
+
+    launch: runs the jobs elsewhere; by default they run in worker processes of this machine.
 
     Raises ProblemsError before any work when something selected does not exist, cannot be opened or is not installed;
     OutputError when results cannot be written.
     """
     with progress.live(), opening_once():
-        command = compose_jobs.jobs(overrides, multirun)
         check_results_folder(command.jobs[0].out)
         planned, first = check(command), command.jobs[0]
         _write_provenance(command, planned)
@@ -120,7 +124,7 @@ def run(
         n_alone = min(1, first.workers)  # what metrics do after all jobs has one worker, too
         try:
             with terminated_as_interrupt():
-                crashed = not _run_jobs(command, planned)
+                crashed = not _run_jobs(command, planned, launch)
                 if not crashed:
                     if any(metric.plugin.is_of_pairs for plan in planned for metric in plan.job.metrics):
                         run_alone("pairs of views", partial(score_across_views, planned), n_alone)
@@ -139,7 +143,7 @@ def run(
 
 
 def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
-    """Write environment.json, config.yaml and lineup.yaml."""
+    """Write environment.json, config.yaml and experiment.yaml."""
     first = command.jobs[0]
     data: dict[str, set[str]] = {}
     for plan in planned:
@@ -149,22 +153,20 @@ def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
     provenance.write(first.out / RESULTS_MARK, provenance.environment(words, first.seed, ids))
     text = config_text(command.jobs, command.words, command.is_sweep)
     write_atomically(first.out / CONFIG, masked(text).encode())
-    record_line_up(command.jobs)
+    record_experiment(command.jobs)
 
 
-def _run_jobs(command: Command, planned: Sequence[Planned]) -> bool:
-    """Run the jobs where the command says, and return whether that went well; their rows say what became of them.
+def _run_jobs(command: Command, planned: Sequence[Planned], launch: Launch | None) -> bool:
+    """Run the jobs, and return whether that went well; their rows say what became of them.
 
     Raises DiskFullError, without the jobs that are left: none could write.
     """
-    launcher = command.launcher
-    if not isinstance(launcher, Slurm):
-        run_jobs(planned, workers_at_once(command))
+    if launch is None:
+        run_jobs(planned, command.jobs[0].workers)
         return True
-    from sucre_bench.engine.slurm import launch
-
+    waiting = [(plan.job, words) for plan, words in zip(planned, command.overrides, strict=True) if plan.todo]
     try:
-        launch([plan.job for plan in planned if plan.todo], launcher)
+        reasons = launch([words for _, words in waiting]) if waiting else ()
     except DiskFullError:
         raise
     except Exception as fault:
@@ -172,6 +174,15 @@ def _run_jobs(command: Command, planned: Sequence[Planned]) -> bool:
         reason = one_line(fault) if isinstance(fault, SucreBenchError) else one_line(fault)[:160]
         progress.say(f"failed  the launcher: {reason}", is_fault=True)
         return False
+    lost: dict[tuple[str, str], list[tuple[Job, str]]] = {}
+    for (job, _), reason in zip(waiting, reasons, strict=True):
+        if reason:
+            lost.setdefault((job.dataset.label, job.method.label), []).append((job, reason))
+    for (dataset, method), ((job, reason), *others) in lost.items():
+        more = f"; and {len(others)} more of its jobs" if others else ""
+        progress.say(f"failed  {dataset} / {method}: {reason}{more}", is_fault=True)
+        row = row_without_value(base_row(job), "failed", reason + more)
+        results.write_rows(job.out, file_name(f"{dataset}-{method}"), [row])
     return True
 
 
@@ -239,6 +250,35 @@ def _outcome(rows: DataFrame, planned: Sequence[Planned], interrupted: bool, cra
         crashed=crashed,
         nothing_scored=any(metrics.values()) and not (of_request["status"] == "ok").any(),
         hints=tuple(_hints(planned, restored, first.out)),
+    )
+
+
+def outcome_of(job: Job, rows: DataFrame, fresh: DataFrame) -> Outcome:
+    """Return the outcome of jobs that another sweeper chose. rows: the table after them; fresh: the rows of them."""
+    restored = restoration_rows(fresh)
+    faults: dict[str, tuple[Fault, ...]] = {
+        status: tuple(
+            Fault(f"{row.dataset} / {row.method}", row.view, row.reason)
+            for row in restored[restored["status"] == status].itertuples()
+        )
+        for status in ("failed", "skipped")
+    }
+    scores = compare.on_pixels(rows, partial(read_common, job.out))
+    return Outcome(
+        rows=scores,
+        stored=rows,
+        requested=frozenset(values_of(restored, "dataset", "method", "scene", "view")),
+        datasets=tuple(dict.fromkeys(restored["dataset"])),
+        methods=tuple(dict.fromkeys(restored["method"])),
+        job=job,
+        ok=int((restored["status"] == "ok").sum()),
+        cached=0,
+        **faults,
+        scores_failed=(),
+        interrupted=False,
+        crashed=False,
+        nothing_scored=not (fresh["status"] == "ok").any(),
+        hints=(),
     )
 
 

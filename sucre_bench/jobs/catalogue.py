@@ -3,28 +3,30 @@
 A folder stands for the dataset that recognises it by its files.
 """
 
-import functools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import MISSING, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from sucre_bench import plugins
 from sucre_bench.errors import InputError, MissingFileError, UnknownPluginError, unknown_name
 from sucre_bench.imaging.resizing import split_variant
-from sucre_bench.jobs.run_options import CONF_FOLDER
+from sucre_bench.jobs import configs
 from sucre_bench.jobs.words import quoted
 from sucre_bench.loading.image_folder import no_image
 from sucre_bench.machine import progress
 from sucre_bench.machine.files import frames_of
 from sucre_bench.machine.provenance import absent
-from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import Choice, Option, options_of, plain_value, plugin_choice
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 
 # What the bench adds to the options of a plugin.
-_ADDED: dict[Kind, tuple[str, ...]] = {"dataset": ("label",), "method": ("label", "display"), "metric": ("variants",)}
+_ADDED: dict[Kind, tuple[str, ...]] = {
+    "dataset": ("label",),
+    "method": ("label", "display"),
+    "metric": ("variants", "named"),
+}
 # The folder of conf/ with presets for a kind, and the word that chooses some.
 GROUPS: dict[Kind, str] = {"dataset": "dataset", "method": "method", "metric": "metrics"}
 _MOST_FOLDERS = 100  # that are looked into for a hint
@@ -46,40 +48,17 @@ _GONE_OPTIONS = {
 }
 
 
-@dataclass(frozen=True)
-class Preset:
-    """A file of conf/: its name, what its first comment says, the names in its defaults list, and what it sets."""
-
-    name: str
-    description: str
-    builds_on: tuple[str, ...]
-    sets: Mapping[str, Any]
-
-
-@functools.cache  # the files do not change while a command runs
-def presets(group: str) -> tuple[Preset, ...]:
-    """Return the presets of a folder of conf/, "experiment" or "method" say, by name."""
-    made = []
-    for path in sorted((CONF_FOLDER / group).glob("*.yaml")):
-        text = path.read_text(encoding="utf-8")
-        comments = [line[1:].strip() for line in text.splitlines() if line.startswith("#")]
-        sets = read_yaml(text) or {}
-        builds_on = (entry for entry in sets.pop("defaults", ()) if isinstance(entry, str) and entry != "_self_")
-        made.append(Preset(path.stem, comments[0] if comments else "", tuple(builds_on), sets))
-    return tuple(made)
-
-
-def preset_of(kind: Kind, name: str) -> Preset | None:
-    """Return the preset of this name, unless a plugin has it; None where there is none."""
-    known = presets(GROUPS[kind]) if plugins.get(kind, name) is None else ()
-    return next((preset for preset in known if preset.name == name), None)
+def preset_of(kind: Kind, name: str) -> dict[str, Any] | None:
+    """Return the options of a preset, a file of conf/ or of the user; None where a plugin or nothing has the name."""
+    return configs.preset(GROUPS[kind], name) if plugins.get(kind, name) is None else None
 
 
 def plugin_of(kind: Kind, name: str) -> Plugin | None:
     """Return the plugin of this name, or that a preset of this name is of; None where there is none."""
+    if plugin := plugins.installed(kind, name):
+        return plugin
     preset = preset_of(kind, name)
-    bases = preset.builds_on if preset else (name,)
-    return next((plugin for base in bases if (plugin := plugins.installed(kind, base))), None)
+    return plugins.installed(kind, str(preset.get("name"))) if preset else None
 
 
 def named(kind: Kind, name: str) -> Plugin:
@@ -99,24 +78,31 @@ def named(kind: Kind, name: str) -> Plugin:
         raise UnknownPluginError(fault, kind, f"write {remedy}")
     if name in _GONE:
         raise UnknownPluginError(f"'{name}' was replaced by {_GONE[name]}", kind, f"write {kind}={_GONE[name]}")
-    raise plugins.unknown(kind, name, {*plugins.discover(kind), *(preset.name for preset in presets(GROUPS[kind]))})
+    raise plugins.unknown(kind, name, {*plugins.discover(kind), *configs.preset_names(GROUPS[kind])})
 
 
-@functools.cache
-def default_choice(group: str) -> str:
-    """Return the method, dataset or metrics that a command takes which chooses none."""
-    entries = read_yaml((CONF_FOLDER / "config.yaml").read_text(encoding="utf-8"))["defaults"]
-    return next(str(entry[group]) for entry in entries if group in entry)
+def is_choice(kind: Kind, name: str) -> bool:
+    """Whether a name is a plugin's, or the path of a folder of data, or for a metric "name:variant"."""
+    is_data = kind == "dataset" and is_path(name)
+    return is_data or plugins.get(kind, name.partition(":")[0] if kind == "metric" else name) is not None
 
 
 def configuration(kind: Kind, name: str) -> dict[str, Any]:
-    """Return what a plugin or preset starts from: its name, what the bench adds, and each option that has a default."""
-    plugin, preset = named(kind, name), preset_of(kind, name)
-    added: dict[str, Any] = {"label": None, "display": plugin.display, "variants": list(plugin.default)}
-    options = {o.name: plain_value(o.default) for o in options_of(plugin.cls) if o.default is not MISSING}
-    seed = {"seed": SEED} if "seed" in options else {}
-    sets = preset.sets if preset else {}
-    return {"name": plugin.name, **{name: added[name] for name in _ADDED[kind]}, **options, **seed, **sets}
+    """Return what a plugin starts from: its name, what the bench adds, and each option; ??? for one without a default.
+
+    name: for a dataset also a folder, for a metric also "name:variant". Raises InputError for an unknown name.
+    """
+    root = {}
+    if kind == "dataset" and is_path(name):
+        name, root = recognised(Path(name)), {"root": name}
+    name, _, variant = name.partition(":") if kind == "metric" else (name, "", "")
+    plugin = plugins.find(kind, name)
+    variants = [variant] if variant else plugin.default
+    added: dict[str, Any] = {"label": None, "display": plugin.display}
+    added |= {"variants": None, "named": dict.fromkeys(variants, True)}  # keys: Hydra joins those of several choices
+    values = {o.name: "???" if o.default is MISSING else plain_value(o.default) for o in options_of(plugin.cls)}
+    seed = {"seed": SEED} if "seed" in values else {}
+    return {"name": plugin.name, **{name: added[name] for name in _ADDED[kind]}, **values, **seed, **root}
 
 
 def method_choice(name: str, options: Mapping[str, Any]) -> Choice:
@@ -125,7 +111,7 @@ def method_choice(name: str, options: Mapping[str, Any]) -> Choice:
     for option in options:
         if option not in known:
             raise unknown_option(f"{plugin.name}.{option}", option, [name], known)
-    values = preset.sets if preset else {}
+    values = {name: value for name, value in (preset or {}).items() if value not in (SEED, "???")}
     return plugin_choice("method", {"display": plugin.display, **values, **options, "name": plugin.name})
 
 
@@ -149,41 +135,23 @@ def unknown_option(place: str, option: str, names: Iterable[str], known: Iterabl
     return unknown_name(place, option, known)
 
 
-def moved_paths(kind: Kind, name: str, values: Mapping[str, Any], seen: Callable[[str], str]) -> dict[str, str]:
-    """Return those of a method's or dataset's given options that are paths, each as `seen` has it.
-
-    An option is one by its type, as a file that the plugin `reads`, or where its function `moved` says so.
-    """
-    plugin = plugin_of(kind, name)
-    paths = {}
-    for option in options_of(plugin.cls) if plugin else ():
-        value = values.get(option.name)
-        is_typed = Path in (option.type, *get_args(option.type))
-        is_read = plugin is not None and option.name in plugin.reads and plugin_of("method", str(value)) is None
-        if isinstance(value, str) and value not in ("", *option.choices) and (is_typed or is_read):
-            paths[option.name] = seen(value)
-    moved = getattr(plugin.cls, "moved", None) if plugin else None
-    return {**paths, **(moved(values, seen) if moved else {})}
-
-
 # -- metrics: "name", "name:variant" or "name:all" -----------------------------------------------------------
 
 
 def metrics_of(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     """Return the configuration of metrics given as "name", "name:variant", "name:all" or a preset of several.
 
-    A bare name means the metric's default variants. A metric that is named itself has no others from a preset.
+    A bare name means the metric's default variants.
     """
-    chosen: dict[str, list[str]] = {}
+    made: dict[str, dict[str, Any]] = {}
     for text in names:
-        name, _, variant = text.partition(":")
-        preset = preset_of("metric", name)
-        for base in preset.builds_on if preset else ():
-            chosen.setdefault(base, [])
-        if not preset:
-            chosen.setdefault(name, []).extend([variant] if variant else named("metric", name).default)
-    made = {name: configuration("metric", name) for name in chosen}
-    return {name: {**made[name], "variants": variants or made[name]["variants"]} for name, variants in chosen.items()}
+        preset = preset_of("metric", text)
+        if preset is None:
+            name = named("metric", text.partition(":")[0]).name
+            preset = {name: configuration("metric", text)}
+        for name, values in preset.items():
+            made[name] = {**values, "named": {**made.get(name, {}).get("named", {}), **values["named"]}}
+    return made
 
 
 def metric_choices(names: Sequence[str]) -> tuple[Choice, ...]:
@@ -195,9 +163,10 @@ def chosen_metrics(values: Mapping[str, Any]) -> tuple[Choice, ...]:
     """Return the metrics and variants of a configuration's `metrics`. Raises InputError if there are none."""
     chosen = []
     for given in values.values():
-        choice = plugin_choice("metric", {k: v for k, v in given.items() if k != "variants"})
+        choice = plugin_choice("metric", {k: v for k, v in given.items() if k not in _ADDED["metric"]})
         plugin, variants = choice.plugin, []
-        for text in [given["variants"]] if isinstance(given["variants"], str) else given["variants"]:
+        wanted = given.get("named", ()) if given["variants"] is None else given["variants"]
+        for text in [wanted] if isinstance(wanted, str) else wanted:
             name, form, _ = text.partition("@")
             if form:
                 split_variant(text)  # raises for a form that there is not
@@ -309,11 +278,11 @@ def option_entry(option: Option) -> dict[str, Any]:
 
 
 def preset_entries(group: str) -> list[dict[str, Any]]:
-    """Return name and description of each preset of a folder of conf/, "experiment" say."""
-    return [{"name": preset.name, "description": preset.description} for preset in presets(group)]
+    """Return name and description of each file of a folder of conf/, "experiment" say."""
+    return [{"name": name, "description": text} for name, text in configs.descriptions(group).items()]
 
 
 def configured_entries(kind: Kind) -> list[dict[str, Any]]:
     """Return what is known of the presets of conf/ for a kind: as of their plugin, with their own description."""
-    found = ((preset, plugin_of(kind, preset.name)) for preset in presets(kind))
-    return [entry(p) | {"name": preset.name, "description": preset.description} for preset, p in found if p]
+    found = ((preset, plugin_of(kind, preset["name"])) for preset in preset_entries(GROUPS[kind]))
+    return [entry(plugin) | preset for preset, plugin in found if plugin]

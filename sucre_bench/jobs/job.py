@@ -66,7 +66,9 @@ class Job(RunConfig):
             plain[kind] = {**values[kind], "label": label, **choice.record}
         dataset = replace(dataset, label=run.degrade.labelled(dataset.label), replicate=run.replicate)
         made: dict[str, Any] = {"dataset": dataset, "method": replace(method, replicate=run.replicate)}
-        made |= {"metrics": chosen_metrics(run.metrics), "views": _view_names(run.views), "values": _plain(plain)}
+        metrics = chosen_metrics(run.metrics)
+        plain["metrics"] = {one.plugin.name: {**one.record, "variants": one.variants} for one in metrics}
+        made |= {"metrics": metrics, "views": _view_names(run.views), "values": _plain(plain)}
         made["study"] = run.study and replace(run.study, baseline=run.study.baseline or run.baseline)
         return cls(**{**vars(run), **made})
 

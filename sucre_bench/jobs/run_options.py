@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
 
 from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
-from sucre_bench.errors import InputError, did_you_mean, unknown_name
+from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.resizing import split_variant
-from sucre_bench.jobs.words import Word
-from sucre_bench.machine.progress import say
 from sucre_bench.plugins.options import check_ranges, checked_options, options_of, plain_value
 from sucre_bench.plugins.plugin import fits
 from sucre_bench.results.layout import file_name
@@ -190,6 +187,8 @@ class RunConfig:
     """The tables and figures that an experiment makes of its rows."""
     baseline: str = ""
     """Label of the method that the others are compared with; empty: the best method."""
+    objective: str = ""
+    """What a sweeper such as optuna optimises: the mean of a metric, METRIC.VARIANT; empty: nothing."""
 
     def __post_init__(self) -> None:
         check_ranges(self, "", every="[1, inf)", first="[1, inf)", replicate="[0, inf)", pairs_gb="[0, inf)")
@@ -213,84 +212,10 @@ class RunConfig:
         options = checked_options(cls, values)
         for name, group in OPTION_GROUPS.items():
             if name in options:
+                if not isinstance(options[name], Mapping):
+                    known = ", ".join(option.name for option in options_of(group))
+                    raise InputError("is a group of options", name, f"set one of them: {known}")
                 options[name] = group(**checked_options(group, options[name], name))
         if options.get("study") is not None:
             options["study"] = None if options["study"] == Study.defaults() else Study.of(options["study"])
         return cls(**options)
-
-
-# -- the launcher of a sweep, ``hydra/launcher=NAME``, and its options, ``hydra.launcher.*``, named as Hydra has them --
-
-
-@dataclass(frozen=True)
-class Launcher:
-    """Runs the jobs of a sweep on this machine, in `workers` processes."""
-
-
-@dataclass(frozen=True)
-class Joblib(Launcher):
-    """Runs the jobs of a sweep on this machine, in n_jobs processes; -1: as many as there are processors."""
-
-    n_jobs: int = 1
-
-
-@dataclass(frozen=True)
-class Slurm(Launcher):
-    """Runs jobs on a SLURM cluster.
-
-    timeout_min: time limit of a job; cpus_per_task: processors of a job, and so its threads; mem_gb: memory of a job,
-    default the cluster's; array_parallelism: most jobs at work at once; setup: shell lines before the job;
-    additional_parameters: any other parameter of sbatch, by its long name; signal_delay_s: how many seconds before its
-    time limit a job gets the signal to stop (at most a quarter of the limit); latency_s: most seconds until a result is
-    visible through a shared file system. A job that has ended and has no visible result after that time is lost. The
-    others are sbatch's.
-    """
-
-    timeout_min: int = 60
-    cpus_per_task: int = 1
-    mem_gb: float | None = None
-    partition: str | None = None
-    account: str | None = None
-    qos: str | None = None
-    constraint: str | None = None
-    exclude: str | None = None
-    gres: str | None = None
-    gpus_per_node: int | None = None
-    mem_per_cpu: str | None = None
-    comment: str | None = None
-    name: str = "sucre_bench"
-    array_parallelism: int = 256
-    setup: list[str] = field(default_factory=list)
-    additional_parameters: dict[str, Any] = field(default_factory=dict)
-    signal_delay_s: int = 120
-    latency_s: float = 30.0
-    submitit_folder: str = "${out}/logs/slurm"
-
-
-_LAUNCHERS = {"basic": Launcher, "joblib": Joblib, "slurm": Slurm, "submitit_slurm": Slurm}
-
-
-# Hydra's own folders and logs, which this program does not write.
-_WITHOUT_EFFECT = re.compile(r"hydra[./](run|sweep|output_subdir|verbose|job_logging|hydra_logging)\b.*")
-
-
-def launcher_of(words: Iterable[Word]) -> Launcher:
-    """Return the launcher that words choose, with its options. Raises InputError for words that are not followed."""
-    name, options = "basic", dict[str, Any]()
-    for word in words:
-        value, (option, _, inner) = word.values[0], word.key.removeprefix("hydra.launcher.").partition(".")
-        if word.is_swept:
-            raise InputError("several values", word.text, "one launcher runs all jobs: give one value")
-        if word.key == "hydra/launcher":
-            name = str(value)
-        elif word.key.startswith("hydra.launcher."):
-            before = options.get(option)
-            options[option] = {**(before if isinstance(before, dict) else {}), inner: value} if inner else value
-        elif _WITHOUT_EFFECT.fullmatch(word.key):
-            say(f"{word.text}: has no effect; only out= says where files are written")
-        else:
-            remedy = "leave it out: of Hydra's own, hydra/launcher=NAME and hydra.launcher.OPTION=VALUE are followed"
-            raise InputError("is not followed here", word.text, remedy)
-    if name not in _LAUNCHERS:
-        raise InputError(f"no hydra/launcher is called '{name}'", remedy=did_you_mean(name, _LAUNCHERS))
-    return _LAUNCHERS[name](**checked_options(_LAUNCHERS[name], options, "hydra.launcher"))

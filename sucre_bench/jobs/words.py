@@ -7,7 +7,7 @@ import re
 import shlex
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
@@ -15,21 +15,28 @@ from sucre_bench.errors import InputError
 from sucre_bench.plugins.options import options_of, plain_value
 from sucre_bench.plugins.plugin import Kind
 
+if TYPE_CHECKING:
+    from hydra.core.config_loader import ConfigLoader
+
 # Words that Hydra does not read as text, in any case.
 _NO_TEXT = frozenset({"true", "false", "null", "nan", "inf"})
 
 
 @dataclass(frozen=True)
 class Word:
-    """A setting, typed or of a line-up.
+    """A setting, typed or of an experiment.
 
-    key: as given; values: of which each job has one; text: the whole word; is_swept: whether labels name its value.
+    key: as given; values: of which each job has one, none of an interval or an empty range;
+    text: the whole word; is_swept: whether labels name its value;
+    is_deleted: the key is taken out (~key); line: the word as Hydra is to read it.
     """
 
     key: str
     values: tuple[Any, ...]
     text: str
     is_swept: bool = False
+    is_deleted: bool = False
+    line: str = ""
 
     @property
     def head(self) -> str:
@@ -37,18 +44,17 @@ class Word:
         return self.key.partition(".")[0]
 
     @classmethod
-    def written(cls, key: str, *values: Any) -> Word:
-        """Return a line-up's setting, of whose text nothing is interpolated."""
-        text = f"{key}={','.join(map(value_of, values))}"
-        return cls(key, tuple(map(_literal, values)), text, is_swept=len(values) > 1)
+    def written(cls, key: str, value: Any) -> Word:
+        """Return the setting of an option to a value."""
+        return cls(key, (value,), f"{key}={value_of(value)}")
 
 
-def _literal(value: Any) -> Any:
-    """A value in which OmegaConf finds nothing to interpolate."""
-    if isinstance(value, list):
-        return [_literal(one) for one in value]
+def literal(value: Any) -> Any:
+    """Return a value in which OmegaConf finds nothing to interpolate."""
+    if isinstance(value, (list, tuple)):
+        return [literal(one) for one in value]
     if isinstance(value, Mapping):
-        return {key: _literal(one) for key, one in value.items()}
+        return {key: literal(one) for key, one in value.items()}
     return re.sub(r"(\\*)\$\{", r"\1\1\\${", value) if isinstance(value, str) else value
 
 
@@ -61,8 +67,10 @@ _NAMES = (".out", ".label", ".root")
 _SPACED = re.compile(r"""[ \t]+[^][{}(),:'"$]+|[^][{}(),:'"$]+[ \t]+""")
 
 
-def parse(texts: Iterable[str]) -> list[Word]:
+def parse(texts: Iterable[str], loader: ConfigLoader | None = None) -> list[Word]:
     """Read overrides. Raises InputError for one that Hydra's grammar does not have, with how to write it.
+
+    loader: knows the names that glob() may mean.
 
     A number that Hydra would write in another way stays text, for it may be a name: 2026_11_22, not 20261122. The type
     of its option tells whether it is a number.
@@ -70,28 +78,25 @@ def parse(texts: Iterable[str]) -> list[Word]:
     from hydra.core.override_parser.overrides_parser import OverridesParser
     from hydra.errors import HydraException
 
-    parser, words = OverridesParser.create(), []
+    parser, words = OverridesParser.create(loader), []
     for text in texts:
         key, equals, typed = text.partition("=")
-        literal = typed if "(" in typed else _VALUE.sub(_literal_number, typed)
+        readable = typed if "(" in typed else _VALUE.sub(_literal_number, typed)
         if f".{key}".endswith(_NAMES) and _SPACED.fullmatch(typed):
-            literal = f"'{typed}'"
+            readable = f"'{typed}'"
         try:
-            override = parser.parse_override(f"{key}{equals}{literal}")
+            (override,) = parser.parse_overrides([f"{key}{equals}{readable}"])
             values: list[Any] = [override.value()]
             if is_swept := override.is_sweep_override():
                 each = override.sweep_string_iterator() if override.is_discrete_sweep() else ()
                 values = [parser.parse_override(f"{key}={one}").value() for one in each]
-                if not values:  # also of range(0)
-                    raise InputError("no list of values", text, "list them, or write range(start,stop,step)")
         except HydraException as fault:
             if equals and key and typed and (typed[0] not in "'\"[{$" or "}" in typed[1:-1]):
                 remedy = f'write "{key}={quoted(typed)}", both kinds'
                 raise InputError("special characters need quotes", text, remedy) from fault
             raise InputError(first_line(fault), text, "an override reads key=value") from fault
-        if override.is_delete():
-            raise InputError("cannot be left out", text, "give it another value")
-        words.append(Word(override.get_key_element().lstrip("+"), tuple(values), text, is_swept))
+        name = override.get_key_element().lstrip("+~")
+        words.append(Word(name, tuple(values), text, is_swept, override.is_delete(), f"{key}{equals}{readable}"))
     return words
 
 

@@ -230,7 +230,6 @@ def not_writable(path: Path, fault: OSError) -> OutputError:
 ENDINGS: Mapping[str, tuple[str, ...]] = {
     "bundle": (".zip",),
     "contact sheet": (".png", ".jpg", ".jpeg"),
-    "line-up": (".yaml", ".yml"),
     "page": (".html", ".htm"),
     "picture": (".png",),
     "table": (".csv",),
@@ -287,7 +286,7 @@ def check_results_folder(folder: Path) -> None:
     mark = folder / RESULTS_MARK
     if is_file(mark) and b"sucre_bench" in mark.read_bytes():
         return
-    for name in (RESULTS_MARK, "config.yaml", "lineup.yaml"):
+    for name in (RESULTS_MARK, "config.yaml", "experiment.yaml"):
         if (folder / name).exists():
             raise InputError("is there, in a folder without results", folder / name, "give another folder, out=results")
 

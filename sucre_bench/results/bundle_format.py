@@ -3,7 +3,7 @@
     bundle.json        what the bundle says of itself, and the SHA-256 of every file inside and of pictures outside
     scores.csv         the score table
     common.csv         scores on common pixels, if methods fill different ones
-    config.yaml, environment.json, lineup.yaml                 as far as the folder has them
+    config.yaml, environment.json, experiment.yaml             as far as the folder has them
     restored/<dataset>/<method label>/.../<view stem>.json     what each method told, its estimated water say
     restored/<dataset>/<method label>/.../<view stem>.png      the restored images, if they were asked for
 

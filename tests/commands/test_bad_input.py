@@ -177,7 +177,6 @@ def test_a_score_that_cannot_be_stored_fails_alone(bench, dive: Path, tmp_path: 
 GOLDEN = Path(__file__).with_name("golden_errors")
 MISTAKES = {
     "run": ["method=grey_world"],
-    "lineup": ["nowhere"],
     "compare": ["nowhere"],
     "score": [".", "--metrics", "uicqe"],
     "prepare": ["nowhere", "out"],

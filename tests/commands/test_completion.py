@@ -58,7 +58,6 @@ def offered(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
         ("sucre-bench run -m method=gray_world,sucre method.pairing=d", ["method.pairing=depth"]),
         ("sucre-bench run -m method=gray_world,sucre baseline=gr", ["baseline=gray_world"]),
         ("sucre-bench run 'metrics=[psnr,uciqe:mat", ["metrics=[psnr,uciqe:matlab]"]),
-        ("sucre-bench line", ["lineup"]),
         ("sucre-bench describe colm", ["colmap"]),
         ("sucre-bench describe colmap dataset.roo", ["dataset.root="]),
         ("sucre-bench score x --metrics psi,psn", ["psi,psnr"]),
@@ -96,15 +95,12 @@ def test_paths_are_completed_also_behind_an_equals_sign(offered, tmp_path: Path,
     assert offered("sucre-bench run out=nowhere/") == []
 
 
-def test_line_ups_and_folders_of_data_are_completed(offered, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_experiments_and_folders_of_data_are_completed(offered, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "paper").mkdir()
-    (tmp_path / "paper.yaml").write_text("methods: [gray_world, {name: sucre, label: mine}]\n")
+    (tmp_path / "paper.yaml").write_text("every: 4\n")
     assert offered("sucre-bench run pap") == ["paper/", "paper.yaml"]
     assert offered("sucre-bench run ./pap") == ["./paper/", "./paper.yaml"]
-    assert offered("sucre-bench run paper.yaml min") == ["mine."]
-    assert offered("sucre-bench run paper.yaml mine.phys") == ["mine.physical="]
-    assert offered("sucre-bench run paper.yaml sucre.phys") == ["sucre.physical="]
     assert offered("sucre-bench run dataset=./pap") == ["dataset=./paper/", "dataset=./paper.yaml"]
 
 

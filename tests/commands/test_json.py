@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 from support.colmap_folder import write_dive
 from support.command_line import commands
-from support.places import write_line_ups
+from support.places import write_experiments
 
 from sucre_bench.cli import SECTIONS, cli
 from sucre_bench.jobs import compose_jobs as config
@@ -53,7 +53,7 @@ def test_json_is_asked_for_alike(bench, toys: str):
 def examples_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the files that the examples name."""
     folder = tmp_path_factory.mktemp("examples")
-    write_line_ups(folder)
+    write_experiments(folder)
     write_dive(folder / "dive")
     return folder
 

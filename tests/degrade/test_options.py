@@ -16,7 +16,8 @@ from sucre_bench import Camera, InputError, Scene, View, plugins
 from sucre_bench.arrays import Array
 from sucre_bench.degrade import Degradation, degraded
 from sucre_bench.engine import preflight
-from sucre_bench.engine.run import Outcome, run as run_jobs
+from sucre_bench.engine.hydra_run import run_words as run_jobs
+from sucre_bench.engine.run import Outcome
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.scene import Plane
 

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from support.colmap_folder import write_dive
 from support.command_line import commands as commands_by_name, hide
-from support.places import ROOT, write_line_ups
+from support.places import ROOT, write_experiments
 
 from sucre_bench import plugins
 from sucre_bench.jobs import compose_jobs as config
@@ -89,7 +89,7 @@ def documented() -> list[list[str]]:
 def test_a_documented_command_exists_with_its_options(
     words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    write_line_ups(tmp_path)
+    write_experiments(tmp_path)
     write_dive(tmp_path / "dive")
     monkeypatch.chdir(tmp_path)
     if words[0] == "run":

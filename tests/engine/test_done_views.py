@@ -8,7 +8,8 @@ from support.colmap_folder import write_dive
 from support.command_line import Started, but_times, run_here
 
 from sucre_bench import results
-from sucre_bench.engine.run import Outcome, run
+from sucre_bench.engine.hydra_run import run_words as run
+from sucre_bench.engine.run import Outcome
 
 
 def test_the_same_command_twice_gives_the_same_table_but_for_times(tmp_path: Path, small_demo: list[str]):

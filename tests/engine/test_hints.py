@@ -47,10 +47,9 @@ def test_a_reason_names_an_option_as_the_command_takes_it(tmp_path: Path, bench:
         "        return", '        raise SolveError("all is dark; use method.gain=2")\n        return'
     )
     (tmp_path / "dim.py").write_text(broken)
-    line_up = "methods: [{name: dim, label: bright}]\nmetrics: [psnr]\n"
-    (tmp_path / "lineup.yaml").write_text(line_up)
+    (tmp_path / "mine.yaml").write_text("hydra: {mode: MULTIRUN, sweeper: {methods: [{method: dim, label: bright}]}}\n")
     words = ("first=1", "tracking.uri=off", "out=results", "workers=0", "--plugin", "dim.py")
-    bench("run", "lineup.yaml", *DEMO, *words)
+    bench("run", "mine.yaml", "metrics=[psnr]", *DEMO, *words)
     (reason,) = set(pd.read_parquet(tmp_path / "results/scores.parquet").reason)
     assert "bright.gain=2" in reason
 

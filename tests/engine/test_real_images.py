@@ -9,7 +9,8 @@ import pytest
 from support.places import DATA
 
 import sucre_bench as sb
-from sucre_bench.engine.run import Outcome, run as run_jobs
+from sucre_bench.engine.hydra_run import run_words as run_jobs
+from sucre_bench.engine.run import Outcome
 from sucre_bench.imaging.chart_patches import measure
 
 # psi-bar of the unrestored photographs, degrees, by chart from near to far.

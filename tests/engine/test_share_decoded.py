@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sucre_bench import results
-from sucre_bench.engine.run import run
+from sucre_bench.engine.hydra_run import run_words as run
 from sucre_bench.loading.view_files import Files
 
 WORDS = ["dataset=photos", "method=underwater,gray_world", "metrics=[negative]", "tracking.uri=off", "report=false"]

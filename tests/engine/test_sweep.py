@@ -17,7 +17,7 @@ from support.messages import names
 import sucre_bench as sb
 from sucre_bench import plugins, results
 from sucre_bench.engine import job as job_, preflight
-from sucre_bench.engine.run import run as run_jobs
+from sucre_bench.engine.hydra_run import run_words as run_jobs
 from sucre_bench.errors import DiskFullError, Lack, SucreBenchError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.machine.files import not_writable

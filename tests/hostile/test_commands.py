@@ -63,12 +63,12 @@ CASES: dict[str, tuple[str, int, str]] = {
     "a reference to nothing": (f"{RUN} baseline='${{nope}}'", 2, r"baseline: .*'nope'.*; "),
     "an image whose name is no UTF-8": ("score latin", 2, r"^error: latin/\\udce9\.png: .*UTF-8; rename"),
     "a folder whose name is no UTF-8": ("compare '\udce9'", 2, r"^error: \\udce9: .*UTF-8; rename"),
-    "a method twice in a line-up": ("run twice.yaml", 2, r"twice\.yaml: methods: 2 .*'clahe'; "),
+    "a method twice in an experiment": ("run twice.yaml", 2, r"two jobs .* are the same, .*clahe"),
     "a pixel at infinity": ("prepare dive/images out --length a.png inf 1 2 2 1", 2, r"--length: inf; "),
     "a link to itself": ("restore loop out", 2, r"/loop: links to itself; "),
     "a name of six lines": ("compare 'a\r\v\f\x85\u2028b'", 2, r"^error: a\\r\\x0b\\x0c\\x85\\u2028b: .*; .*\n$"),
     "a pipe as plugin": ("run --plugin pipe.py method=x", 2, r"pipe\.py: .*; "),
-    "a deep line-up": ("run deep.yaml", 2, r"deep\.yaml: cannot be read, .*depth.*; "),
+    "a deep experiment": ("run deep.yaml", 2, r"deep\.yaml: cannot be read, .*depth.*; "),
     "a long path to run": (f"run dataset=colmap dataset.root={LONG} method=gray_world", 2, LONG),
     "a long results folder": (f"{RUN} out={LONG}", 2, rf"{LONG}.*; "),
     "a long path to score": (f"score {LONG}", 2, rf"{LONG}.*; "),
@@ -82,7 +82,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_dive(folder / "dive", ("a.png", "b.png"))
     (folder / "deep.yaml").write_text("[" * 100_000)
     (folder / "empty.json").write_text("{}")
-    (folder / "twice.yaml").write_text("methods: [clahe, clahe]")
+    (folder / "twice.yaml").write_text("hydra: {sweeper: {methods: [clahe, clahe]}}")
     (folder / "latin").mkdir()
     (folder / "latin/\udce9.png").touch()
     (folder / "loop").symlink_to("loop")

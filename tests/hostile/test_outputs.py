@@ -42,11 +42,6 @@ CASES: dict[str, tuple[str, str, str]] = {
         "dive/images/a.png",
         "input.*another file",
     ),
-    "a line-up over the configuration": (
-        "lineup results --out results/config.yaml",
-        "results/config.yaml",
-        "exists.*--force",
-    ),
     "scores over a table of others": (
         "score dive/images --metrics uciqe --csv theirs.csv",
         "theirs.csv",
@@ -57,7 +52,6 @@ CASES: dict[str, tuple[str, str, str]] = {
         "theirs.html",
         "exists.*--force",
     ),
-    "a line-up over a file of others": ("lineup results --out theirs.yaml", "theirs.yaml", "exists"),
     "a contact sheet over a photograph of others": (
         "describe colmap dataset.root=dive --sheet theirs.png",
         "theirs.png",

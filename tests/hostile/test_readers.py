@@ -24,7 +24,7 @@ from support.colmap_folder import to_binary, write_dive
 from sucre_bench import results
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.imaging.image_files import image_size, read_array, read_rgb
-from sucre_bench.jobs.lineup import read_line_up
+from sucre_bench.jobs.compose_jobs import jobs
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.depth_maps import read_depth
@@ -71,7 +71,7 @@ FORMATS: dict[str, tuple[bytes, Callable[[Path], Any]]] = {
     ),
     "water.json": (b'{"B": [1, 2, 3], "beta": [0.1, 0.2, 0.3]}', read_water),
     "water.npz": (through(lambda file: np.savez(file, B=np.ones(3), beta=np.ones(3))), read_water),
-    "lineup.yaml": (b"datasets: [demo]\nmethods: [gray_world]\nmetrics: [psnr]\n", read_line_up),
+    "mine.yaml": (b"every: 4\nhydra: {sweeper: {methods: [gray_world]}}\n", lambda path: jobs([str(path)], True)),
 }
 
 

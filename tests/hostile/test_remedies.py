@@ -36,10 +36,6 @@ def small_restorations(folder: Path) -> None:
         write_image(folder / "restored" / name, np.full((15, 20, 3), 99, np.uint8))
 
 
-def line_up(text: str) -> Callable[[Path], object]:
-    return lambda folder: (folder / "mine.yaml").write_text(text)
-
-
 def damaged_table(folder: Path) -> None:
     (folder / "done" / "scores.parquet").write_bytes(b"x")
 
@@ -85,17 +81,6 @@ CASES = {
     ),
     "restorations of another size": Case(
         PRECOMPUTED, r"or give (precomputed\.resize=true)", (f"{PRECOMPUTED} {{1}}",), small_restorations, 1
-    ),
-    "a line-up that is none": Case(
-        "run mine.yaml out=again",
-        r"write (methods: \[)NAME",
-        ("lineup done", "run done/lineup.yaml out=again tracking.uri=off report=false"),
-        line_up("hello"),
-    ),
-    "a line-up that is nowhere": Case(
-        "run nowhere.yaml out=again",
-        r"`sucre-bench (lineup) RESULTS` writes one",
-        ("{1} done", "run done/lineup.yaml out=again tracking.uri=off report=false"),
     ),
     "a damaged table": Case("compare done", r"; .*delete", (f"{RUN} {GRAY} out=fresh", "compare fresh"), damaged_table),
     "no results to compare": Case("compare results", RESULTS, (f"{RUN} {GRAY} {{1}}results", "compare results")),

@@ -12,7 +12,7 @@ from support.command_line import run_here
 
 from sucre_bench import results
 from sucre_bench.errors import InputError
-from sucre_bench.jobs.lineup import read_line_up
+from sucre_bench.jobs import compose_jobs
 from sucre_bench.loading.lens import read_kalibr
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.results.bundle_format import write_bundle
@@ -31,7 +31,6 @@ class Evil:
         return Restoration(view.rgb)
 """
 COMMANDS = {
-    "lineup": "lineup theirs",
     "bundle": "bundle theirs out.zip",
     "bundle with code": "bundle theirs out.zip --code",
     "compare": "compare theirs mine",
@@ -39,7 +38,7 @@ COMMANDS = {
     "study": "study theirs --methods evil,clahe --out out.html",
     "track": "track theirs --uri sqlite:///mlflow.db",
 }
-OF_CONFIG = ("lineup", "bundle", "bundle with code", "compare")
+OF_CONFIG = ("bundle", "bundle with code", "compare")
 
 # 10 levels of merge keys or aliases, each twice the one before: 400 bytes that stand for a thousand values, and with 30
 # levels for more than fits into any machine.
@@ -67,8 +66,9 @@ def place(made: Path, tmp_path: Path) -> Path:
     """The folders where another user gets them; config.yaml names the plugin file there."""
     folder = tmp_path / "here"
     shutil.copytree(made, folder)
-    config = folder / "theirs/config.yaml"
-    config.write_text(config.read_text().replace(str(made), str(folder)))
+    for name in ("config.yaml", "experiment.yaml"):
+        file = folder / "theirs" / name
+        file.write_text(file.read_text().replace(str(made), str(folder)))
     (folder / "ran").unlink()
     return folder
 
@@ -92,8 +92,8 @@ def test_the_option_plugin_loads_it(place: Path, name: str):
 def test_a_bundle_takes_no_file_as_code_that_was_not_loaded(place: Path):
     """A results folder may name any file of this machine as its plugin."""
     (place / "secret.txt").write_text("a secret")
-    with (place / "mine/lineup.yaml").open("a") as line_up:
-        line_up.write(f"plugins: [{place / 'secret.txt'}]\n")
+    with (place / "mine/experiment.yaml").open("a") as experiment:
+        experiment.write(f"plugins: [{place / 'secret.txt'}]\n")
     done = run_here(place, "bundle", "mine", "out.zip", "--code")
     assert done.returncode == 0
     assert "secret.txt" in done.stderr
@@ -130,14 +130,14 @@ def test_yaml_that_stands_for_more_than_it_is_long_is_refused_by_each_reader(pla
         read_yaml(BOMB)
     (place / "bomb.yaml").write_text(BOMB)
     with pytest.raises(InputError, match=r"bomb\.yaml: .*alias"):
-        read_line_up(place / "bomb.yaml")
+        compose_jobs.jobs([str(place / "bomb.yaml")], True)
     with pytest.raises(InputError, match=r"bomb\.yaml: .*alias"):
         read_kalibr(place / "bomb.yaml", (64, 48))
     (place / "mine/config.yaml").write_text(BOMB)
-    (place / "mine/lineup.yaml").write_text(BOMB)
-    done = run_here(place, "lineup", "mine", "--out", "-")
-    assert done.returncode == 2
-    assert "lineup.yaml: line 2: is no plain YAML, *a is an alias" in done.stderr
+    (place / "mine/experiment.yaml").write_text(BOMB)
+    done = run_here(place, "bundle", "mine", "out.zip")
+    assert done.returncode == 0
+    assert "experiment.yaml" in done.stderr
     assert run_here(place, "report", "mine").returncode == 0
 
 

@@ -14,7 +14,8 @@ from support.places import TOYS
 
 from sucre_bench import compare, plugins, results
 from sucre_bench.commands.run_summary import compared, track
-from sucre_bench.engine.run import Outcome, run as run_jobs
+from sucre_bench.engine.hydra_run import run_words as run_jobs
+from sucre_bench.engine.run import Outcome
 from sucre_bench.errors import InputError, OutputError
 from sucre_bench.reports import mlflow
 from sucre_bench.reports.paper import style

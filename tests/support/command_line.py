@@ -241,7 +241,7 @@ def _discovered(*files: Path) -> Registry:
 
 def run(out: Path, *overrides: str, multirun: bool = False) -> Outcome:
     """Run the toy plugins in this process, methods and metrics too: another test may have started threads in it."""
-    from sucre_bench.engine.run import run as run_jobs
+    from sucre_bench.engine.hydra_run import run_words as run_jobs
 
     base = ["dataset=toy", "method=gain", "metrics=[psnr,redness]", "tracking.uri=off", "workers=0", f"out={out}"]
     return run_jobs([*base, *overrides], multirun)

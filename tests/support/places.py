@@ -24,11 +24,12 @@ def _data() -> Path:
 DATA = _data()
 
 
-def write_line_ups(folder: Path) -> None:
-    """Write the first documented line-up by the names that examples give it."""
+def write_experiments(folder: Path) -> None:
+    """Write the first documented experiment by the names that examples give it."""
     text = (ROOT / "docs" / "run.md").read_text(encoding="utf-8")
     shown, *_ = re.findall(r"^```yaml\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
-    for name in ("lineup.yaml", "paper.yaml"):
+    for name in ("my_experiment.yaml", "results/experiment.yaml", "mine/experiment/NAME.yaml"):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(shown, encoding="utf-8")
 
 

@@ -1,6 +1,6 @@
 """A SLURM of one node on this machine, for the tests: the daemons of Debian's packages in a folder of their own.
 
-It has no accounting: `sacct` does not work, as on many a small cluster.
+It has no accounting: a small `sacct` of our own answers what submitit asks, from the controller.
 """
 
 import os
@@ -55,6 +55,13 @@ NodeName={host} NodeAddr=127.0.0.1 CPUs={cores} RealMemory=500 State=UNKNOWN
 PartitionName=tests Nodes=ALL Default=YES MaxTime=INFINITE State=UP
 """
 
+_SACCT = r"""#!/bin/sh
+echo 'JobID|State|NodeList'
+scontrol -o show job | sed -nE \
+  -e 's/^.*ArrayJobId=([0-9]+) ArrayTaskId=([0-9]+) .*JobState=([A-Z_]+) .*$/\1_\2|\3|node/p' \
+  -e '/ArrayTaskId/!s/^JobId=([0-9]+) .*JobState=([A-Z_]+) .*$/\1|\2|node/p'
+"""
+
 
 def what_is_missing() -> str:
     """Return why no cluster can be started here, and what to do; empty when one can."""
@@ -84,7 +91,10 @@ def slurm(max_array: int = 1001) -> Iterator[dict[str, str]]:
         key.write_bytes(os.urandom(128))
         key.chmod(0o400)
         folder.chmod(0o755)  # munge refuses folders that others may write to
-        there = {"SLURM_CONF": str(conf), "PATH": f"{os.environ['PATH']}:/usr/sbin:/sbin"}
+        (folder / "bin").mkdir()
+        (folder / "bin" / "sacct").write_text(_SACCT)
+        (folder / "bin" / "sacct").chmod(0o755)
+        there = {"SLURM_CONF": str(conf), "PATH": f"{folder / 'bin'}:{os.environ['PATH']}:/usr/sbin:/sbin"}
         files = [f"--{name}-file={folder}/munge.{name}" for name in ("key", "pid", "log", "seed")]
         _start(stack, folder, there, "munged", "--foreground", f"--socket={folder}/munge.socket", *files)
         _wait_for(folder / "munge.socket")

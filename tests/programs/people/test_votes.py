@@ -70,7 +70,6 @@ def test_votes_become_a_metric_that_a_run_keeps(bench: Bench, study: dict[str, A
     assert means["bright"] == pytest.approx(-means["dark"])
     assert means["bright"] > 0.5
     assert "preference" in bench("compare", "results", "--metric", "preference").stdout
-    assert "preference" not in bench("lineup", "results", "--out", "-").stdout, "no run computes it"
 
 
 def test_rows_of_pictures_that_are_made_anew_go(bench: Bench, study: dict[str, Any], tmp_path: Path):

@@ -386,13 +386,13 @@ def test_odd_records_are_faults_and_no_crash(bench, bundles: Path, record: bytes
 
 
 def test_a_bundle_with_code_can_be_unpacked_and_run(bench, folder: Path, tmp_path: Path):
-    """It is data to `verify`; whoever unpacks it runs the line-up as it is."""
+    """It is data to `verify`; whoever unpacks it runs the experiment as it is."""
     words = ("code.zip", "--pictures", "restored", "--plugin", str(folder / "half.py"), "--code")
     assert bench("bundle", str(folder / "results"), *words).returncode == 0
     with zipfile.ZipFile(tmp_path / "code.zip") as archive:
         archive.extractall(tmp_path / "unpacked")
     assert verified(bench, "code.zip")[0] == 0
-    run = run_here(tmp_path / "unpacked", "run", "lineup.yaml", "out=again", "dataset=demo", "first=1", *QUIET)
+    run = run_here(tmp_path / "unpacked", "run", "experiment.yaml", "out=again", "dataset=demo", "first=1", *QUIET)
     assert run.returncode == 0, run.stderr
     assert "half" in run.stdout
 

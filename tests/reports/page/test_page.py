@@ -18,7 +18,7 @@ from support.made_results import DE00, ESTIMATE, PSNR, TRUTH, made_results
 
 from sucre_bench import plugins, results
 from sucre_bench.compare import compare
-from sucre_bench.engine.run import run
+from sucre_bench.engine.hydra_run import run_words as run
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.words import Rerun
 from sucre_bench.reports import page as report

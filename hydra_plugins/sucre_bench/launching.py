@@ -1,0 +1,56 @@
+"""The sweeper and the launcher of `sucre-bench run -m`.
+
+Hydra imports this module in each of its programs, so the package is imported where it is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from hydra._internal.core_plugins.basic_launcher import BasicLauncher
+from hydra.core.plugins import Plugins
+from hydra.core.utils import JobReturn, JobStatus
+from hydra.plugins.sweeper import Sweeper
+from hydra.types import HydraContext, TaskFunction
+from omegaconf import DictConfig
+
+
+class WorkersLauncher(BasicLauncher):
+    """All jobs on this machine, `workers` at a time. Under another sweeper, one job after the other."""
+
+
+class PairSweeper(Sweeper):
+    """Every dataset with every method: all jobs are checked before the first one runs."""
+
+    before: Callable[[Any], None] | None = None
+
+    def __init__(self, **listed: Any) -> None:
+        self.listed = listed  # in the configuration, where composing finds them
+
+    def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
+        """Take the configuration that all jobs share."""
+        self.config = config
+        self.launcher: Any = Plugins.instance().instantiate_launcher(
+            hydra_context=hydra_context, task_function=task_function, config=config
+        )
+
+    def sweep(self, arguments: list[str]) -> Any:
+        """Run the jobs of the words of a command, and return the outcome of all."""
+        from sucre_bench.engine.run import run
+        from sucre_bench.jobs import compose_jobs
+
+        command = compose_jobs.sweep(compose_jobs.read(arguments, True, self.config))
+        launch = None if isinstance(self.launcher, WorkersLauncher) else self._launch
+        return run(command, self.before or (lambda _: None), launch)
+
+    def _launch(self, overrides: Sequence[tuple[str, ...]]) -> list[str]:
+        """Let a launcher run jobs, and return why each was lost, empty for one that was not."""
+        returns: Sequence[JobReturn] = self.launcher.launch([[*words] for words in overrides], initial_job_idx=0)
+        return [_reason(one) for one in returns]
+
+
+def _reason(returned: JobReturn) -> str:
+    from sucre_bench.errors import one_line
+
+    return "" if returned.status == JobStatus.COMPLETED else one_line(returned._return_value)[:160]  # noqa: SLF001

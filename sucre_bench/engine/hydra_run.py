@@ -1,0 +1,94 @@
+"""`sucre-bench run` as a program of Hydra: its configuration, callbacks, sweeper and launcher."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from sucre_bench import results
+from sucre_bench.engine.preflight import Planned
+from sucre_bench.engine.run import Outcome, outcome_of, run
+from sucre_bench.engine.run_config import run_launched
+from sucre_bench.jobs import compose_jobs, configs
+from sucre_bench.jobs.compose_jobs import Command
+from sucre_bench.jobs.words import parse
+from sucre_bench.machine.text_formats import now
+
+if TYPE_CHECKING:
+    from hydra._internal.callbacks import Callbacks
+    from hydra.types import HydraContext
+    from omegaconf import DictConfig
+
+
+def run_words(
+    words: Sequence[str], multirun: bool, before: Callable[[Sequence[Planned]], None] = lambda _: None
+) -> Outcome:
+    """Run what the words of a command ask for. before: called with all that is planned, before any work.
+
+    Raises InputError for a mistake in the words, and what `engine.run.run` raises.
+    """
+    from hydra.core.plugins import Plugins
+    from hydra.core.utils import configure_log
+    from omegaconf import open_dict
+
+    with compose_jobs.reading_experiment(words) as words:
+        asked = compose_jobs.read(words, multirun)
+        if asked.config is None:
+            return _run_single(compose_jobs.single(asked), before)
+        is_ours = asked.config.hydra.runtime.choices["hydra/sweeper"] == "pairs"
+        lines = [word.line for word in asked.typed] if is_ours else compose_jobs.lines_of(asked)
+        config = asked.config if is_ours else configs.composed(lines, is_sweep=True)
+        swept = [*words] if is_ours else [word.line for word in parse(lines) if word.is_swept]
+        if not is_ours:  # what all jobs share is not among what tells them apart
+            with open_dict(config):
+                config.hydra.overrides.hydra = [line for line in lines if line not in swept]
+                config.hydra.overrides.task = swept
+        configure_log(config.hydra.hydra_logging, config.hydra.verbose)
+        context, callbacks = _context(config)
+        callbacks.on_multirun_start(config=config, config_name=configs.config_name())
+        with configs.faults_of_hydra(lines):
+            sweeper: Any = Plugins.instance().instantiate_sweeper(
+                config=config, hydra_context=context, task_function=run_launched
+            )
+            started = now()
+            sweeper.before = before
+            outcome = sweeper.sweep(arguments=swept)
+        callbacks.on_multirun_end(config=config, config_name=configs.config_name())
+        return outcome if isinstance(outcome, Outcome) else _outcome_since(started, config)
+
+
+def _context(config: DictConfig) -> tuple[HydraContext, Callbacks]:
+    from hydra._internal.callbacks import Callbacks
+    from hydra.types import HydraContext
+
+    callbacks = Callbacks(config)
+    return HydraContext(config_loader=configs.hydra_app().config_loader, callbacks=callbacks), callbacks
+
+
+def _run_single(command: Command, before: Callable[[Sequence[Planned]], None]) -> Outcome:
+    """Run the job of a command that is no sweep, as `hydra.main` does."""
+    from hydra.core.utils import JobStatus, run_job
+
+    config = command.config
+    context, callbacks = _context(config)
+    callbacks.on_run_start(config=config, config_name=configs.config_name())
+    returned = run_job(
+        task_function=lambda _: run(command, before),
+        config=config,
+        job_dir_key="hydra.run.dir",
+        job_subdir_key=None,
+        hydra_context=context,
+    )
+    callbacks.on_run_end(config=config, config_name=configs.config_name(), job_return=returned)
+    outcome = returned._return_value  # noqa: SLF001 - its property prints what is said in one line here
+    if returned.status != JobStatus.COMPLETED:
+        raise outcome
+    assert isinstance(outcome, Outcome)
+    return outcome
+
+
+def _outcome_since(started: str, config: DictConfig) -> Outcome:
+    """The outcome of another sweeper's jobs: what the score table has since then."""
+    job = compose_jobs.job_of(config)
+    rows = results.merge(job.out)
+    return outcome_of(job, rows, rows[rows["time"] >= started])

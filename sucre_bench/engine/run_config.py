@@ -1,0 +1,62 @@
+"""A configuration that Hydra composed, as a job: run from Python, or by a launcher of Hydra."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING, Any
+
+from sucre_bench import plugins, results
+from sucre_bench.arrays import DataFrame
+from sucre_bench.engine.preflight import check
+from sucre_bench.engine.run import run
+from sucre_bench.engine.workers import run_jobs
+from sucre_bench.errors import InputError
+from sucre_bench.jobs.compose_jobs import Command, job_of
+from sucre_bench.jobs.job import Job
+from sucre_bench.machine import progress
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
+
+def run_config(config: DictConfig) -> DataFrame:
+    """Restore and score what a configuration of Hydra chooses, and return the rows of it.
+
+    - config: what `hydra.compose("config", [...])` returns, with `sucre_bench.conf` as Hydra's config module.
+
+    The results folder is `out`, as of `sucre-bench run`; what is stored there is not computed again.
+
+    Raises InputError for a value that does not fit, ProblemsError for data that are not as expected.
+    """
+    with contextlib.nullcontext() if progress.is_watched() else progress.live():
+        return run(Command((job_of(config),), (), False, config, ((),))).requested_rows
+
+
+def run_launched(config: DictConfig) -> float | None:
+    """Run one job of a sweep where a launcher of Hydra wants it, and return its objective, if it has one.
+
+    Its rows are written as parts of the score table; the command that launched it merges them.
+    """
+    from hydra.core.hydra_config import HydraConfig
+
+    for file in config.plugins:
+        plugins.load_file(str(file))
+    words = list(HydraConfig.get().overrides.task)
+    keys = [word.lstrip("+").partition("=")[0] for word in words]
+    # Our sweeper gives labels. Jobs of other sweepers are told apart by what was set.
+    swept = () if "method.label" in keys else [key for key in keys if "." in key]
+    job = job_of(config, swept)
+    with contextlib.nullcontext() if progress.is_watched() else progress.live(plain=True):
+        run_jobs(check(Command((job,), (), True, config, ((),))), job.workers)
+    return _objective(job) if job.objective else None
+
+
+def _objective(job: Job) -> float:
+    """The mean of the job's objective over its views. InputError if it has none."""
+    metric, _, variant = job.objective.replace(":", ".", 1).partition(".")
+    rows: Any = results.read(job.out, dataset=job.dataset.label, method=job.method.label)
+    rows = rows[(rows["metric"] == metric) & (rows["status"] == "ok") & (rows["region"] == "image")]
+    values = rows[rows["variant"] == variant]["value"] if variant else rows["value"]
+    if values.empty:
+        raise InputError("has no value", f"objective={job.objective}", "give METRIC.VARIANT of metrics=[...]")
+    return float(values.mean())

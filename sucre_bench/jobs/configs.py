@@ -1,0 +1,203 @@
+"""What Hydra composes: configurations of conf/, of a user's own folders, and of the plugins.
+
+A Hydra file may name code (`_target_`). So of a user's folders only those that a command names are read.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sucre_bench import plugins
+from sucre_bench.errors import InputError, did_you_mean, unknown_name
+from sucre_bench.jobs.words import first_line
+
+if TYPE_CHECKING:
+    from hydra._internal.hydra import Hydra
+    from omegaconf import DictConfig
+
+CONFIGS = "pkg://sucre_bench.conf"
+_places: ContextVar[tuple[str, ...]] = ContextVar("places of configs", default=())
+
+
+_config_name: ContextVar[str] = ContextVar("name of the primary config", default="config")
+
+
+@contextmanager
+def searching(*places: str, config: str = "") -> Iterator[None]:
+    """Search these places, "file://FOLDER" or "experiment://FILE.yaml", before conf/ in this block.
+
+    config: the name of the configuration to begin with.
+    """
+    tokens = _places.set((*places, *_places.get())), _config_name.set(config or _config_name.get())
+    try:
+        yield
+    finally:
+        _places.reset(tokens[0])
+        _config_name.reset(tokens[1])
+
+
+def config_name() -> str:
+    """Return the name of the configuration to begin with."""
+    return _config_name.get()
+
+
+def hydra_app() -> Hydra:
+    """Return Hydra as its own programs have it, with the search path of this command."""
+    return _hydra_app(_places.get())
+
+
+@functools.cache
+def _hydra_app(places: tuple[str, ...]) -> Hydra:
+    from hydra import version
+    from hydra._internal.config_loader_impl import ConfigLoaderImpl
+    from hydra._internal.config_search_path_impl import ConfigSearchPathImpl
+    from hydra._internal.hydra import Hydra
+    from hydra._internal.utils import create_config_search_path
+
+    version.setbase("1.3")
+    path = create_config_search_path(CONFIGS)
+    assert isinstance(path, ConfigSearchPathImpl)
+    for place in reversed(places):
+        path.prepend("command-line", place, "main")
+    return Hydra(task_name="sucre_bench", config_loader=ConfigLoaderImpl(path))
+
+
+def composed(overrides: Sequence[str], is_sweep: bool = False, config: str = "") -> DictConfig:
+    """Return what Hydra composes of overrides. is_sweep: leave out the words with several values.
+
+    Raises InputError for what Hydra refuses, with the nearest names where it knows them.
+    """
+    from hydra.types import RunMode
+
+    mode = RunMode.MULTIRUN if is_sweep else RunMode.RUN
+    with faults_of_hydra(overrides):
+        return hydra_app().config_loader.load_configuration(config or config_name(), [*overrides], mode)
+
+
+# Launchers and sweepers of others, and what installs them.
+_INSTALLS = {
+    "joblib": "sucre-bench[joblib]",
+    "slurm": "sucre-bench[slurm]",
+    "submitit_local": "sucre-bench[slurm]",
+    "submitit_slurm": "sucre-bench[slurm]",
+    "optuna": "hydra-optuna-sweeper",
+    "ray": "hydra-ray-launcher",
+}
+
+
+@contextmanager
+def faults_of_hydra(overrides: Sequence[str]) -> Iterator[None]:
+    """Raise what Hydra refuses in this block as one InputError: an unknown name with the nearest."""
+    import yaml
+    from hydra.errors import HydraException
+
+    try:
+        yield
+    except yaml.YAMLError as fault:
+        mark = getattr(fault, "problem_mark", None)
+        line = f"line {mark.line + 1}: is no plain YAML" if mark else "cannot be read"
+        reason = getattr(fault, "problem", None) or first_line(fault)
+        raise InputError(f"{line}, {reason}", "", "mend it") from fault
+    except HydraException as fault:
+        raise _explained(fault, overrides) from fault
+
+
+def _explained(fault: Exception, overrides: Sequence[str]) -> InputError:
+    """A fault of Hydra as one line."""
+    from hydra.errors import MissingConfigException
+
+    if isinstance(fault, MissingConfigException) and fault.missing_cfg_file:
+        group, _, name = str(fault.missing_cfg_file).rpartition("/")
+        if group.startswith("hydra") and name in _INSTALLS:
+            return InputError(f"{group}={name} is not installed", remedy=f"pip install '{_INSTALLS[name]}'")
+        kinds: dict[str, plugins.Kind] = {"metrics": "metric", "method": "method", "dataset": "dataset"}
+        if kind := kinds.get(group):
+            return plugins.unknown(kind, name.partition(":")[0], {*plugins.discover(kind), *preset_names(group)})
+        options = fault.options or preset_names(group)
+        return InputError(f"no {group} is called '{name}'", remedy=did_you_mean(name, options))
+    is_vague = not str(fault) or str(fault).startswith("Error merging override")
+    text = first_line(fault.__cause__ or fault) if is_vague else first_line(fault)
+    key = text.partition("'")[2].partition("'")[0]
+    if text.startswith("Could not override '") and "." in key:
+        group, _, name = key.rpartition(".")
+        others = [word for word in overrides if not word.lstrip("+").startswith(f"{key}=")]
+        if len(others) < len(overrides) and (known := selected(composed(others, is_sweep=True), group)):
+            return unknown_name(key, name, known)
+    place = next((word for word in overrides if key and key in word), "")
+    return InputError(text, place, "`sucre-bench run --cfg all` shows what there is")
+
+
+def selected(config: DictConfig, key: str) -> Any:
+    """Return what stands at a key, "hydra.launcher" for example, as plain data; None where nothing does."""
+    from omegaconf import OmegaConf
+
+    value = OmegaConf.select(config, key, throw_on_missing=False)
+    return OmegaConf.to_container(value, resolve=True) if OmegaConf.is_config(value) else value
+
+
+def plain(config: DictConfig) -> dict[str, Any]:
+    """Return a job's part of a configuration, without Hydra's, as plain data; nothing in it is resolved."""
+    from omegaconf import OmegaConf
+
+    values = OmegaConf.to_container(config, resolve=False)
+    assert isinstance(values, dict)
+    return {str(key): value for key, value in values.items() if key not in ("hydra", "experiment")}
+
+
+@contextmanager
+def current(config: DictConfig) -> Iterator[None]:
+    """Let ${hydra:...} mean this configuration in this block."""
+    from hydra.core.hydra_config import HydraConfig
+
+    known, before = HydraConfig.instance(), HydraConfig.instance().cfg
+    known.set_config(config)
+    try:
+        yield
+    finally:
+        known.cfg = before
+
+
+def default_choices() -> dict[str, str]:
+    """Return what conf/config.yaml chooses of each group."""
+    loader: Any = hydra_app().config_loader
+    found = loader.repository.load_config(config_name())
+    return {one.group: one.value for one in found.defaults_list if hasattr(one, "group")}
+
+
+def preset(group: str, name: str) -> dict[str, Any] | None:
+    """Return what a file of a group, `method/sucre_exact` for example, comes to; None where there is no such file."""
+    return _preset(_places.get(), group, name)
+
+
+@functools.cache
+def _preset(_: tuple[str, ...], group: str, name: str) -> dict[str, Any] | None:
+    from omegaconf import OmegaConf
+
+    if not name or name not in preset_names(group):
+        return None
+    values = OmegaConf.to_container(composed([], config=f"{group}/{name}"), resolve=False)
+    assert isinstance(values, dict)
+    return values.get(group)
+
+
+def preset_names(group: str) -> list[str]:
+    """Return the names of the files of a group, of conf/ and of the user's own folders."""
+    from hydra.core.object_type import ObjectType
+
+    sources = hydra_app().config_loader.get_sources()
+    found = (one for one in sources if one.scheme() not in ("plugins", "structured") and one.is_group(group))
+    return sorted({name for one in found for name in one.list(group, ObjectType.CONFIG)})
+
+
+@functools.cache
+def descriptions(group: str) -> dict[str, str]:
+    """Return the files of a folder of conf/ by name, with the first comment of each."""
+    files = sorted((Path(__file__).parent.parent / "conf" / group).glob("*.yaml"))
+    texts = {file.stem: file.read_text(encoding="utf-8").splitlines() for file in files}
+    comments = {name: [line[2:] for line in lines if line.startswith("# ")] for name, lines in texts.items()}
+    return {name: next((one for one in found if not one.startswith("@")), "") for name, found in comments.items()}
