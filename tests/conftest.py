@@ -53,6 +53,7 @@ SLOW = (
     "methods/sucre/test_light.py",
     "methods/sucre/test_exact.py",
     "reports/test_mlflow.py",
+    "methods/sucre/test_real_dives.py",
     "engine/test_real_images.py",
     "hostile/test_current_folder.py",
     "methods/sucre/test_footprint.py",

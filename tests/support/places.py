@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,9 @@ TOYS = Path(__file__).with_name("toy_plugins.py")
 
 
 def _data() -> Path:
-    """The folder shared/data in the checkout, beside it, or beside a folder above it."""
+    """The folder that SUCRE_BENCH_DATA names, or shared/data in the checkout, beside it or beside a folder above it."""
+    if named := os.environ.get("SUCRE_BENCH_DATA"):
+        return Path(named)
     beside = [folder / "shared" / "data" for folder in (ROOT, *ROOT.parents)]
     return next((folder for folder in beside if folder.is_dir()), beside[1])
 
@@ -37,7 +40,7 @@ def published(name: str) -> Path:
     """The folder `name` of shared/data, or a skipped test."""
     if (DATA / name).exists():
         return DATA / name
-    pytest.skip(f"needs shared/data/{name} beside the checkout")
+    pytest.skip(f"needs {name} in the folder that SUCRE_BENCH_DATA names, or in shared/data beside the checkout")
 
 
 def read(file: Path) -> np.ndarray:
