@@ -285,7 +285,10 @@ def sweep(asked: Asked) -> Command:
     assert asked.config is not None
     keys: dict[str, str] = {}  # how the user typed a key that a plugin knows by another name
     with _faults(asked, keys):
-        params = [word for key, text in dict(asked.sweeper("params")).items() for word in parse([f"{key}={text}"])]
+        swept = asked.sweeper("params") or {}
+        if not isinstance(swept, Mapping):
+            raise InputError("is no mapping", "hydra.sweeper.params", 'write params: {OPTION: "VALUE,VALUE"}')
+        params = [word for key, text in swept.items() for word in parse([f"{key}={text}"])]
         entries = {kind: _entries(kind, asked, params) for kind in KINDS}
         listed = {kind: _listed(kind, asked) for kind in KINDS}
         replaced = {word.key for word in asked.typed}

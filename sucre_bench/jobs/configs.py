@@ -76,7 +76,10 @@ def composed(overrides: Sequence[str], is_sweep: bool = False, config: str = "")
 
     mode = RunMode.MULTIRUN if is_sweep else RunMode.RUN
     with faults_of_hydra(overrides):
-        return hydra_app().config_loader.load_configuration(config or config_name(), [*overrides], mode)
+        try:
+            return hydra_app().config_loader.load_configuration(config or config_name(), [*overrides], mode)
+        except (AssertionError, AttributeError, LookupError, TypeError, ValueError) as fault:  # of words of odd types
+            raise InputError(first_line(fault), "", "`sucre-bench run --cfg all` shows what there is") from fault
 
 
 # Launchers and sweepers of others, and what installs them.
