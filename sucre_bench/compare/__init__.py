@@ -10,7 +10,6 @@ from sucre_bench.compare.choose_rows import (
     Pixels as Pixels,
     leaves_holes as leaves_holes,
     load as load,
-    mixed_codes as mixed_codes,
     on_pixels as on_pixels,
     refusals as refusals,
     refuse as refuse,

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sucre_bench import compare, plugins, results
+from sucre_bench import plugins, results
 from sucre_bench.engine.score import needs_unrounded, scorers
 from sucre_bench.errors import ANY_FAULT, InputError, PluginError
 from sucre_bench.jobs.catalogue import metric_choices
@@ -60,9 +60,6 @@ def bundle_results(
     Raises InputError if the folder holds no results, or a picture is gone; OutputError if the bundle cannot be written.
     """
     rows = results.read(folder)
-    for dataset, of_dataset in rows.groupby("dataset", sort=False):
-        for method, why in compare.mixed_codes(of_dataset):
-            raise InputError(f"{dataset} / {method}: {why}", folder)
     found: dict[str, bytes | Path] = {name: folder / name for name in _TEXTS if is_file(folder / name)}
     for row in restorations(rows).itertuples():
         place = layout.find(row.dataset, row.scene, row.view, folder)
