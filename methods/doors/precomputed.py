@@ -25,8 +25,8 @@ from sucre_bench.imaging.image_files import decode, read_array, read_tiff, same_
 from sucre_bench.imaging.orientation import lying_as
 from sucre_bench.imaging.reference_images import psnr_of
 from sucre_bench.loading.view_files import source_files
-from sucre_bench.machine.cache import record_of
 from sucre_bench.machine.files import check_folder, reading, regular
+from sucre_bench.machine.records import record_of
 from sucre_bench.results.water_file import read_water
 from sucre_bench.scene import Encoding
 

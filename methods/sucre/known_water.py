@@ -16,9 +16,9 @@ import numpy as np
 from sucre_bench import plugins
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, MissingFileError
-from sucre_bench.machine.cache import RECORDS, records_above, stored_record
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.provenance import require
+from sucre_bench.machine.records import RECORDS, records_above, stored_record
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.plugins.call_method import checked_restore
 from sucre_bench.plugins.options import create

@@ -22,9 +22,9 @@ from sucre_bench.engine.preflight import Planned, base_row, plan
 from sucre_bench.engine.score import row_of_fault
 from sucre_bench.errors import DiedError, DiskFullError, OutputError, PluginError, SucreBenchError, raise_if_stop
 from sucre_bench.machine import progress
-from sucre_bench.machine.cache import shorten_records
 from sucre_bench.machine.compute import start_compiler
 from sucre_bench.machine.processes import Forked, can_fork
+from sucre_bench.machine.records import shorten_records
 from sucre_bench.results.layout import file_name, log_path, restored_path
 from sucre_bench.results.rows import Row
 from sucre_bench.results.table import Part

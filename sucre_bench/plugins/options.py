@@ -22,9 +22,9 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 from sucre_bench.arguments import check_argument
 from sucre_bench.errors import InputError, did_you_mean, is_number_in, shown_value, unknown_name
 from sucre_bench.imaging.display import normalisation
-from sucre_bench.machine.cache import records_above, stored_record
 from sucre_bench.machine.files import expanded, fault_of
 from sucre_bench.machine.provenance import hash_of, require
+from sucre_bench.machine.records import records_above, stored_record
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin, fits
 from sucre_bench.plugins.registry import find, get
 

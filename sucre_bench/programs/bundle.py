@@ -14,9 +14,9 @@ from sucre_bench.engine.score import needs_unrounded, scorers
 from sucre_bench.errors import ANY_FAULT, InputError, PluginError
 from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.machine import processes, progress
-from sucre_bench.machine.cache import record_of
 from sucre_bench.machine.files import fault_of, is_file
 from sucre_bench.machine.provenance import version_of
+from sucre_bench.machine.records import record_of
 from sucre_bench.results import layout
 from sucre_bench.results.bundle_format import COMMON, hash_of, write_bundle
 from sucre_bench.results.common_scores import read_common

@@ -25,8 +25,8 @@ from sucre_bench.errors import ANY_FAULT, DamagedFileError, InputError, NotAppli
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit, to_levels
 from sucre_bench.imaging.image_files import PNG_HEADER, check_pixels, decode, png_chunk, write_image, write_png
-from sucre_bench.machine.cache import add_record, record_of
 from sucre_bench.machine.files import reading, regular, write_atomically
+from sucre_bench.machine.records import add_record, record_of
 from sucre_bench.results import layout
 from sucre_bench.results.layout import Place
 from sucre_bench.results.reasons import Reason

@@ -18,8 +18,8 @@ import numpy as np
 
 from sucre_bench.errors import InputError, is_number_in
 from sucre_bench.imaging.image_files import read_array
-from sucre_bench.machine.cache import record_of, stored_record
 from sucre_bench.machine.files import regular
+from sucre_bench.machine.records import record_of, stored_record
 from sucre_bench.scene import Encoding, Water
 
 

@@ -25,7 +25,7 @@ from sucre_bench.errors import InputError, MissingFileError, did_you_mean
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.machine import progress
 from sucre_bench.machine.files import read_json, reading, write_atomically
-from sucre_bench.machine.text_formats import filled_in
+from sucre_bench.machine.pages import filled_in
 from sucre_bench.results import layout
 from sucre_bench.results.common_scores import common_pixels, filled_restorations
 from sucre_bench.results.restorations import stored_mask

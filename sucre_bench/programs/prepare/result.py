@@ -16,8 +16,8 @@ from sucre_bench.camera import depth_at
 from sucre_bench.imaging.drawing import depth_colours
 from sucre_bench.imaging.image_files import decode, write_png
 from sucre_bench.machine.files import reading, write_atomically
+from sucre_bench.machine.pages import filled_in
 from sucre_bench.machine.progress import track
-from sucre_bench.machine.text_formats import filled_in
 from sucre_bench.programs.prepare.depth_maps import INTERPOLATED, MEASURED, DepthMap, DepthMaps, nearest, write_depth
 from sucre_bench.programs.prepare.mapping import Mapped
 from sucre_bench.programs.prepare.scale import Known, Scale

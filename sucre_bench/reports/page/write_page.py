@@ -22,7 +22,8 @@ from sucre_bench.jobs.job import plugin_files
 from sucre_bench.jobs.words import shell
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.text_formats import filled_in, masked, policy_hash, source
+from sucre_bench.machine.pages import filled_in, policy_hash, source
+from sucre_bench.machine.text_formats import masked
 from sucre_bench.reports.page import plots
 from sucre_bench.reports.page.dataset_content import Section, cells
 from sucre_bench.reports.page.gallery import WIDTHS, Gallery, Widths

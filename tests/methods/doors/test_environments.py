@@ -13,7 +13,7 @@ import pytest
 from support.messages import names, refused
 from support.restoring_programs import restored
 
-from sucre_bench.machine.cache import record_of
+from sucre_bench.machine.records import record_of
 from sucre_bench.methods.doors import Command
 
 RUN = "python restore.py {input} {output}"

@@ -13,7 +13,7 @@ from support.messages import names, refused
 
 from sucre_bench import Arrays, InputError, Restoration, Scene, SolveError, Water, load_scenes
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
-from sucre_bench.machine.cache import add_record
+from sucre_bench.machine.records import add_record
 from sucre_bench.methods.sucre import Sucre, SucrePlus
 from sucre_bench.methods.sucre.refine_noise import prior_of, specks_of
 from sucre_bench.methods.sucre.solution import Dive
