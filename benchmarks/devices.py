@@ -18,8 +18,8 @@ from solvers import fastest
 import sucre_bench as sb
 from sucre_bench.errors import InputError
 from sucre_bench.machine.compute import usable_cores
+from sucre_bench.methods.sucre.models import fit_water
 from sucre_bench.methods.sucre.paper import SucrePaper, solve_adam, start_of
-from sucre_bench.methods.sucre.policy import fit_water
 from sucre_bench.methods.sucre.solution import Solution
 from sucre_bench.multiview.observe import observe
 from sucre_bench.scene import Scene

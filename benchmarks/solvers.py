@@ -15,8 +15,8 @@ import numpy as np
 
 import sucre_bench as sb
 from sucre_bench.methods.sucre.exact import fit
+from sucre_bench.methods.sucre.models import fit_water
 from sucre_bench.methods.sucre.paper import SucrePaper, solve_adam
-from sucre_bench.methods.sucre.policy import fit_water
 from sucre_bench.methods.sucre.solution import Solution
 from sucre_bench.multiview.observe import observe
 

@@ -50,6 +50,7 @@ SLOW = (
     "reports/page/test_in_browser.py",
     "programs/contract/test_built_in.py",
     "programs/prepare/test_prepare.py",
+    "methods/sucre/test_judge.py",
     "methods/sucre/test_light.py",
     "methods/sucre/test_exact.py",
     "reports/test_mlflow.py",

@@ -131,38 +131,47 @@ def fit(
     one_coefficient: bool = False,
     growth: Array | float = 1.0,
     near: WaterParameters | None = None,
+    free: WaterParameters | None = None,
 ) -> WaterFit:
     """Find the one water that explains observations best.
 
     physical: hold colours above zero, up to the noise of the free fit. sharp: where the observations are blurred, those
     whose colours are held, each pixel by its first observation. one_coefficient: gamma is beta, the paper's eq. 1.
     growth: (3,) how many times larger errors are than those of independent observations, which weak priors count by.
-    near: a minimum of almost the same observations without `physical`, the only start then.
+    near: a minimum of almost the same observations, the only start then. free: the minimum without `physical`.
     Raises NotApplicableError when no pixel is seen twice, or all from one distance each.
     """
-    if not observations.n_repeated:
-        raise NotApplicableError(_HOPELESS.format("no pixel is seen in two views"))
+    check_pairs(observations)
     few = sampled(observations, SAMPLE, singles=physical, seed=seed)
-    nearest, farthest = few.distance_range()
-    if not (farthest > nearest * (1 + _SAME)).any():  # then any water fits
-        raise NotApplicableError(_HOPELESS.format("every pixel is seen from one distance only"))
     distance = float(np.median(few.distance))
-    search, margin = _Search(distance, backend, device, one_coefficient, growth), None
+    search = _Search(distance, backend, device, one_coefficient, growth)
+    margin, dark = None, [] if sharp is None or not physical else [first_slot(sharp)]
     with search.over([sampled(few, _SCREEN, singles=False, seed=seed)]) as evaluate:
         starts = _promising(evaluate, distance)
-        tried = [] if near else [search.descended(evaluate, at, tolerance=_SCREENED, max_steps=15) for at in starts]
-    dark = [] if sharp is None or not physical else [first_slot(sharp)]
+        is_searched = near is None and free is None
+        tried = [
+            search.descended(evaluate, at, tolerance=_SCREENED, max_steps=15) for at in (starts if is_searched else [])
+        ]
     if near is not None:
         found = [near.by_channel(), *(() if near.by_channel().all() else starts[:2])]  # nothing leads away from 0
+        margin = _margin(few, sharp, near) if physical else None
     else:
-        ends = search.ends([few], None, _distinct(tried))
+        found = [free.by_channel()] if free else _distinct(search.ends([few], None, _distinct(tried)), _UNDECIDED)
         if physical:
-            margin = _margin(few, sharp, WaterParameters.of_channels(_distinct(ends)[0]))
-            ends = search.ends([few, *dark], margin, [*_distinct(ends), *starts])
-        found = _distinct(ends, _UNDECIDED)
+            margin = _margin(few, sharp, WaterParameters.of_channels(found[0]))
+            found = _distinct(search.ends([few, *dark], margin, [*found, *starts]), _UNDECIDED)
     lowest, highest = few.colour.min(axis=1) * few.scale, few.colour.max(axis=1) * few.scale
     dead = np.asarray(highest - lowest < _FLAT)  # black or saturated everywhere, without information
     return search.refined(observations, dark, margin, found, starts[:2], dead)
+
+
+def check_pairs(observations: Observations) -> None:
+    """Raise NotApplicableError if observations tell nothing of a water: it needs pixels at unlike distances."""
+    if not observations.n_repeated:
+        raise NotApplicableError(_HOPELESS.format("no pixel is seen in two views"))
+    nearest, farthest = observations.distance_range()
+    if not (farthest > nearest * (1 + _SAME)).any():  # then any water fits
+        raise NotApplicableError(_HOPELESS.format("every pixel is seen from one distance only"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,15 +2,14 @@
 
     I = l (J a + b)
 
-a and b as in model.py, or in the light of a strobe. All that multiplies light is one family: log l is a sum
-of known terms with unknown coefficients.
+a and b as in model.py. All that multiplies light is one family: log l is a sum of known terms with unknown
+coefficients.
 
 | part | what it adds | what it stands for |
 |---|---|---|
 | exposure | to log l one number for each view but the target | a camera that exposes automatically |
 | white_balance | the same for each channel | a camera that also balances white automatically |
 | lens | to log l six terms of the place in the image, the same in all views | vignetting |
-| strobe | another a and b | a strobe or lamp beside the camera |
 
 Colours are eliminated as in model.py. Levenberg-Marquardt then fits the water and the coefficients together. l is 1 in
 the middle of the target.
@@ -19,17 +18,7 @@ Distances separate light from water only in part, and what a simple model leaves
 coefficients of exposure, of white balance and of the lens each have a normal prior. The observations tell its spread s:
 with prior precision C / s^2 and posterior covariance V, s^2 = u^T C u / (rank C - tr(C V) / s^2) is iterated (MacKay
 1992, "Bayesian Interpolation"). A part with less spread than .01 is left out. The noise counts what neighbours share
-(`_shared`). A strobe has weak priors, worth one observation each.
-
-A strobe beside the camera makes
-
-    I = J S exp(-beta (z + d))  +  B gamma int_0^z S exp(-gamma t - beta d) dt
-
-S = (r / d)^2 exp(lobe): the strobe's light on a point, d its distance from the strobe and r a distance that only sets
-the scale. The inverse square has no coefficient. The strobe has a position, its lobe six terms of the direction. The
-strobe is the only light. The integral is over the points along the ray, at distances t from the camera: light that is
-scattered once. Most of it is scattered near the camera, so this veil does not grow with the distance as daylight's
-does.
+(`_shared`).
 """
 
 from __future__ import annotations
@@ -55,95 +44,8 @@ from sucre_bench.methods.sucre.model import (
 )
 from sucre_bench.multiview.observations import Observations
 
-# Unknowns: position and lobe.
+# Terms of the lens.
 TERMS = 6
-UNKNOWNS = 3 + TERMS
-
-# Points along a ray: at z s^2 with Gauss-Legendre's s, since light changes fastest near the camera. With ten points
-# beta of the demo's deep sea was 13 to 57 % off, with sixteen 1 to 6 %.
-_ALONG = 16
-
-# Size of a strobe, metres: nearer than this its light does not grow.
-_SIZE = 0.02
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Strobe:
-    """position: (3,) metres in the camera's frame; lobe: (6,) of the terms; r: metres."""
-
-    position: Array
-    lobe: Array
-    r: float
-
-    def on(self, ray: Array, z: Array, *, slopes: bool = False) -> tuple[Array, Array, Array, Array]:
-        """Return log S, d, and their derivatives by position and lobe, (9, ...) each if asked for.
-
-        ray: (2, ...) x / z and y / z in the camera's frame; z: (...) metres.
-        """
-        Y = points(ray, z) - self.position.reshape(3, *[1] * z.ndim)
-        square = (Y * Y).sum(axis=0)
-        d = np.sqrt(square).clip(1e-6)
-        at = Y[:2] / d
-        known = terms(at)
-        log_S = np.tensordot(self.lobe, known, 1) - np.log((square + _SIZE**2) / self.r**2)
-        if not slopes:
-            return log_S, d, log_S, d
-        (x, y), zero, one = at, np.zeros_like(d), np.ones_like(d)
-        of_r = 4 * (x * x + y * y)
-        by_place = np.stack([[one, zero, 2 * x, y, zero, of_r * x], [zero, one, zero, x, 2 * y, of_r * y]])
-        slope = np.tensordot(by_place, self.lobe, ((1,), (0,)))
-        turned = np.concatenate([slope, 0 * slope[:1]]) - (slope * at).sum(axis=0) * Y / d
-        by_position = 2 * Y / (square + _SIZE**2) - turned / d
-        ways = np.concatenate([-Y / d, np.zeros((TERMS, *d.shape))])
-        return log_S, d, np.concatenate([by_position, known]), ways
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Lit:
-    """What the strobe does to observations: at their points, and at points t along their rays with weights dt."""
-
-    z: Array
-    on_ground: tuple[Array, Array, Array, Array]
-    t: Array
-    dt: Array
-    along: tuple[Array, Array, Array, Array]
-
-    @staticmethod
-    def of(strobe: Strobe, ray: Array, z: Array, *, slopes: bool = False) -> Lit:
-        s, weight = (
-            (one + shift) / 2 for one, shift in zip(np.polynomial.legendre.leggauss(_ALONG), (1, 0), strict=True)
-        )
-        s, weight = s.reshape(-1, *[1] * z.ndim), weight.reshape(-1, *[1] * z.ndim)
-        t = z * s**2
-        ground, along = strobe.on(ray, z, slopes=slopes), strobe.on(ray[:, None], t, slopes=slopes)
-        return Lit(z, ground, t, 2 * z * s * weight, along)
-
-    def eq_6(self, water: tuple[float, float, float]) -> tuple[Array, Array, Array]:
-        """Return a and b (...) of a channel, and the veil from along the ray over B gamma; water: B, beta, gamma."""
-        B, beta, gamma = water
-        (log_S, d, *_), (log_along, d_along, *_) = self.on_ground, self.along
-        e = self.dt * np.exp(log_along - beta * d_along - gamma * self.t)
-        return np.exp(log_S - beta * (self.z + d)), B * gamma * e.sum(axis=0), e
-
-    def derivatives(self, water: tuple[float, float, float]) -> tuple[Array, Array, Array, Array]:
-        """Return a and b (...) of I = J a + b, and their derivatives by B, beta, gamma and the unknowns, (12, ...)."""
-        B, beta, gamma = water
-        a, b, e = self.eq_6(water)
-        _, d, by_log_S, by_d = self.on_ground
-        none = np.zeros((1, *a.shape))
-        of_a = np.concatenate([none, -a[None] * (self.z + d), none, a * (by_log_S - beta * by_d)])
-        _, d, by_log_S, by_d = self.along
-        sums = e.sum(axis=0)
-        by_water = [gamma * sums, -B * gamma * (d * e).sum(axis=0), B * (sums - gamma * (self.t * e).sum(axis=0))]
-        of_b = np.concatenate([by_water, B * gamma * ((by_log_S - beta * by_d) * e).sum(axis=1)])
-        return a, b, of_a, of_b
-
-
-def points(ray: Array, z: Array) -> Array:
-    """Return the points (3, ...) that are seen along rays (2, ...) at distances z, metres in the camera's frame."""
-    x, y = ray
-    along = z / np.sqrt(x * x + y * y + 1)
-    return np.asarray(np.stack([x * along, y * along, along]))
 
 
 def terms(at: Array) -> Array:
@@ -153,13 +55,13 @@ def terms(at: Array) -> Array:
     return np.stack([x, y, x * x, x * y, y * y, r * r])
 
 
-# Standard deviations of coefficients beforehand: logarithms of light, the most, and metres of a strobe's position; the
-# noise of the one observation that a weak prior is worth.
-_WEAK, _ASIDE, _NOISE = 0.7, 0.5, 0.01
+# Standard deviation of coefficients beforehand, logarithms of light, the most; the noise of the one observation that a
+# weak prior is worth.
+_WEAK, _NOISE = 0.7, 0.01
 
 # The least spread of coefficients, the least whose changes matter, rounds that find the spreads, the change of their
-# squares that ends them, and the fewest coefficients that tell one. A part with less spread than the last is none.
-_LEAST, _SMALL, _ROUNDS, _SETTLED, _TOLD, _NONE = 1e-3, 3e-3, 15, 0.1, 0.01, 0.01
+# squares that ends them, and the fewest coefficients that tell one.
+_LEAST, _SMALL, _ROUNDS, _SETTLED, _TOLD = 1e-3, 3e-3, 15, 0.1, 0.01
 
 # Tiles along each side of the target in which errors are alike.
 TILES = 6
@@ -167,18 +69,14 @@ TILES = 6
 # Starts of beta and gamma, as optical depths over the median distance, besides the water fitted without light.
 _STARTS = ((0.1, 0.3), (0.7, 0.7))
 
-# Pixels that the starts are tried on, those of a strobe and of other light, and pixels that a strobe is fitted to.
-_SCREEN_STROBE, _SCREEN, _STROBE = 100, 300, 300
+# Pixels that the starts are tried on.
+_SCREEN = 300
 
 # Tolerance of the starts and of the last descent; most steps.
 _ROUGHLY, _TOLERANCE, _STEPS = 1e-4, 1e-6, 40
 
-# Largest logarithm of a coefficient, metres of a position, and optical depth over the median distance.
-_MOST, _FARTHEST, _DEEPEST = 3.0, 1.5, 30.0
-
-# A strobe starts so far beside and above the camera, over the median distance, or on the other side. From a start in
-# the camera it does not leave: there all sides are alike, and the veil is endless.
-_BESIDE = 0.07
+# Largest logarithm of a coefficient, and optical depth over the median distance.
+_MOST, _DEEPEST = 3.0, 30.0
 
 _PART = 1 << 16  # observations at a time
 
@@ -189,29 +87,30 @@ class Parts:
 
     gains: int = 0
     lens: bool = False
-    strobe: bool = False
 
     @property
     def words(self) -> list[str]:
-        has = (self.gains == 1, self.gains == 3, self.lens, self.strobe)
+        has = (self.gains == 1, self.gains == 3, self.lens)
         return [word for word, one in zip(_WORDS, has, strict=True) if one]
 
 
+EVEN_LIGHT = Parts()
+
 AUTO, EVEN = "auto", "even"
-_WORDS = {"exposure": Parts(1), "white_balance": Parts(3), "lens": Parts(lens=True), "strobe": Parts(strobe=True)}
+_WORDS = {"exposure": Parts(1), "white_balance": Parts(3), "lens": Parts(lens=True)}
 
 
 def parts_of(words: str, place: str) -> Parts | None:
     """Return the parts that a user chose, "exposure+lens"; None for auto. InputError, naming the place, for others."""
     if words == AUTO:
         return None
-    parts = Parts()
+    parts = EVEN_LIGHT
     for word in words.split("+") if words != EVEN else []:
         if word not in _WORDS:
             known = (AUTO, EVEN, *_WORDS)
             raise InputError(f"{place}: '{word}' is not a choice; use one of {', '.join(known)}, or parts joined by +")
         one = _WORDS[word]
-        parts = Parts(max(parts.gains, one.gains), parts.lens or one.lens, parts.strobe or one.strobe)
+        parts = Parts(max(parts.gains, one.gains), parts.lens or one.lens)
     return parts
 
 
@@ -262,7 +161,7 @@ class Sample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Light:
-    """Light, and the water it was fitted with, which a strobe's veil depends on.
+    """Light, and the water it was fitted with.
 
     gains: (V, 3) logarithms, 0 for the target, NaN for a view that the fit did not see; lens: (6,); extent: largest
     |x / z| or |y / z| of the sample.
@@ -274,11 +173,10 @@ class Light:
     gains: Array
     lens: Array
     extent: float
-    strobe: Strobe | None = None
 
     @staticmethod
     def even(water: WaterParameters, views: tuple[str, ...]) -> Light:
-        return Light(Parts(), water, views, np.zeros((len(views), 3)), np.zeros(TERMS), 1.0)
+        return Light(EVEN_LIGHT, water, views, np.zeros((len(views), 3)), np.zeros(TERMS), 1.0)
 
     @staticmethod
     def of_gains(gains: Mapping[str, Any], water: WaterParameters) -> Light:
@@ -286,15 +184,16 @@ class Light:
         known = np.stack([np.broadcast_to(np.asarray(gain, dtype=np.float64), 3) for gain in gains.values()])
         return Light(Parts(3), water, tuple(gains), np.log(known), np.zeros(TERMS), 1.0)
 
-    @property
-    def falls_off(self) -> bool:
-        """Whether the light differs across an image."""
-        return self.parts.lens or self.parts.strobe
-
     def is_known_of(self, view: str) -> bool:
         """Whether the light of a view is known: all have the same, or its gains were fitted."""
         known = [name for name, gains in zip(self.views, self.gains, strict=True) if np.isfinite(gains).all()]
         return not self.parts.gains or view in known
+
+    def over(self, views: tuple[str, ...]) -> Light:
+        """Return the light of some views, NaN for gains of those that the fit did not see."""
+        unknown = np.full((1, 3), np.nan if self.parts.gains else 0)
+        place = [self.views.index(name) if name in self.views else -1 for name in views]
+        return replace(self, views=views, gains=np.concatenate([self.gains, unknown])[place])
 
     def with_typical(self, view: str) -> Light:
         """Return the light with gains of a view that are the median of those of the others."""
@@ -302,16 +201,12 @@ class Light:
         gains, views = self.gains[others], [self.views[k] for k in others]
         return replace(self, views=(*views, view), gains=np.vstack([gains, np.nanmedian(gains, axis=0)]))
 
-    @property
-    def is_far_off(self) -> bool:
-        """Whether a strobe's fit ended at the farthest place that one may have: nothing holds it there."""
-        return self.strobe is not None and bool((np.abs(self.strobe.position) >= _FARTHEST - 1e-3).any())
-
-    @property
-    def least(self) -> float:
-        """The least light of the lens at the middle and the corners of a square of the sample, over the largest."""
-        light = np.exp(self.lens @ terms(np.array([[0, 1, 1, -1, -1], [0, 1, -1, 1, -1]]) * 0.7))
-        return float(light.min() / light.max())
+    def least_on(self, observations: Observations) -> float:
+        """Return the least light of the lens on observations with `ray`, over the largest: percentiles 1 and 99."""
+        assert observations.ray is not None
+        log = np.tensordot(self.lens, terms(observations.ray.astype(np.float64) / self.extent), 1)
+        low, high = np.quantile(log, (0.01, 0.99))
+        return float(np.exp(low - high))
 
     def falling(self, ray: Array, view: Indices | int) -> Array:
         """Return l (3, ...) of rays (2, ...); view: index into `views` of each, or of all."""
@@ -319,24 +214,17 @@ class Light:
         gains = np.moveaxis(self.gains[np.broadcast_to(view, log.shape)], -1, 0)
         return np.asarray(np.exp(log + gains))
 
-    def eq_6(self, ray: Array, z: Array) -> tuple[Array, Array]:
-        """Return a and b (3, ...) of I = l (J a + b); ray: (2, ...); z: (...) metres."""
-        lit = None if self.strobe is None else Lit.of(self.strobe, ray, z)
-        waters = [self.water.channel(c) for c in range(3)]
-        both = [lit.eq_6(water) if lit else _eq_6(z, water) for water in waters]
+    def eq_6(self, z: Array) -> tuple[Array, Array]:
+        """Return a and b (3, ...) of I = l (J a + b); z: (...) metres."""
+        both = [_eq_6(z, self.water.channel(c)) for c in range(3)]
         return np.stack([a for a, *_ in both]), np.stack([b for _, b, *_ in both])
 
-    def evened(self, I: Array, ray: Array, z: Array, view: Indices | int) -> tuple[Array, Array]:  # noqa: E741
-        """Return intensities (3, ...) as even light would show them, may exceed 1, and what I was divided by.
-
-        NaN where the light is not known. A strobe's veil is subtracted: its form is not eq. 6's.
-        """
-        falling = self.falling(ray, view)
-        if self.strobe is None:
-            return I / falling, falling
-        a, b = self.eq_6(ray, z)
-        on_ground = a / transmission(z, self.water.beta.reshape(3, *[1] * z.ndim))
-        return I / (falling * on_ground) - b / on_ground, falling * on_ground
+    def on(self, observations: Observations, part: slice = slice(None)) -> Array:
+        """Return l (3, n) of observations with `view` and `ray`; NaN where the gain of a view is not known."""
+        assert observations.view is not None
+        assert observations.ray is not None
+        light = self.over(observations.views)
+        return light.falling(observations.ray[:, part].astype(np.float64), observations.view[part])
 
     def removed(self, observations: Observations) -> Observations:
         """Return the observations as they would be in even light (float32), weights multiplied by l^2.
@@ -344,16 +232,11 @@ class Light:
         observations: with `view` and `ray`. The least squares of I / l = J a + b with these weights are those of
         I = l (J a + b). Those of views that the fit did not see have weight 0. Pixels without any weight are left out.
         """
-        assert observations.view is not None
-        assert observations.ray is not None
-        place = np.array([self.views.index(name) if name in self.views else -1 for name in observations.views])
-        light = replace(self, gains=np.concatenate([self.gains, np.full((1, 3), np.nan)]))
         colour, weight = np.empty((2, 3, len(observations)), dtype=np.float32)
         for start in range(0, len(observations), _PART):
             part = slice(start, min(start + _PART, len(observations)))
-            ray, z = observations.ray[:, part].astype(np.float64), observations.distance[part].astype(np.float64)
-            view = place[observations.view[part]]
-            colour[:, part], weight[:, part] = light.evened(observations.intensity(part), ray, z, view)
+            weight[:, part] = self.on(observations, part)
+            colour[:, part] = observations.intensity(part) / weight[:, part]
         weight = np.nan_to_num(weight) ** 2 * (1 if observations.weight is None else observations.weight)
         even = replace(observations, colour=np.nan_to_num(colour), weight=weight)
         known = np.zeros(len(even.pixels), dtype=bool)
@@ -374,8 +257,8 @@ def _eq_6(z: Array, water: tuple[float, float, float]) -> tuple[Array, Array, Ar
 class Problem:
     """Water and light over a sample.
 
-    Unknowns: nine of the water (B, beta, gamma of each channel); those of a strobe; terms of the lens; logarithms of
-    the gains of all views, or of each channel and view. precision: (n, n) of the unknowns beforehand, times the
+    Unknowns: nine of the water (B, beta, gamma of each channel); terms of the lens; logarithms of the gains of all
+    views, or of each channel and view. precision: (n, n) of the unknowns beforehand, times the
     variance of the noise; None for weak priors.
     """
 
@@ -399,8 +282,8 @@ class Problem:
 
     @cached_property
     def sizes(self) -> list[int]:
-        """Numbers of unknowns: water, strobe, lens, gains."""
-        return [9, UNKNOWNS * self.parts.strobe, TERMS * self.parts.lens, self.parts.gains * len(self.sample.views)]
+        """Numbers of unknowns: water, lens, gains."""
+        return [9, TERMS * self.parts.lens, self.parts.gains * len(self.sample.views)]
 
     @property
     def size(self) -> int:
@@ -413,7 +296,6 @@ class Problem:
             return self.precision
         prior = np.full(self.size, (_NOISE / _WEAK) ** 2)
         prior[:9] = 0
-        prior[9 : 9 + 3 * self.parts.strobe] = (_NOISE / _ASIDE) ** 2
         return np.diag(prior)
 
     @cached_property
@@ -430,14 +312,13 @@ class Problem:
         kinds = [(mean, free), (np.eye(3) - 3 * mean, 2 * free)] if gains == 3 else [(mean, free)] * gains
         found = [(self.size - gains * views, np.kron(channels, centred), rank) for channels, rank in kinds if rank > 0]
         if self.parts.lens:
-            found.insert(0, (sum(self.sizes[:2]), np.eye(TERMS), TERMS))
+            found.insert(0, (9, np.eye(TERMS), TERMS))
         forms = [np.pad(form, (start, self.size - start - len(form))) for start, form, _ in found]
         return np.reshape(forms, (-1, self.size, self.size)), np.array([rank for *_, rank in found])
 
     @property
     def bounds(self) -> Bounds:
         most = np.full(self.size, _MOST)
-        most[9 : 9 + 3 * self.parts.strobe] = _FARTHEST
         least = -most
         least[:9], most[:9] = 0, np.tile([1.0, _DEEPEST / self.distance, _DEEPEST / self.distance], 3)
         damped = np.ones(len(most), dtype=bool)
@@ -446,14 +327,13 @@ class Problem:
 
     def unknowns(self, light: Light) -> Array:
         """Return the unknowns of a light with fewer parts; the others are 0."""
-        strobe = np.zeros(UNKNOWNS) if light.strobe is None else np.r_[light.strobe.position, light.strobe.lobe]
         gains = np.nan_to_num(light.gains).T[: self.parts.gains]
-        kinds = zip((light.water.by_channel().ravel(), strobe, light.lens, gains.ravel()), self.sizes, strict=True)
+        kinds = zip((light.water.by_channel().ravel(), light.lens, gains.ravel()), self.sizes, strict=True)
         return np.concatenate([kind[:n] for kind, n in kinds])
 
     def light(self, u: Array) -> Light:
         """Return the light of unknowns."""
-        water, strobe, lens, gains = np.split(u, np.cumsum(self.sizes)[:-1])
+        water, lens, gains = np.split(u, np.cumsum(self.sizes)[:-1])
         views = len(self.sample.views)
         return Light(
             self.parts,
@@ -462,7 +342,6 @@ class Problem:
             np.broadcast_to(gains.reshape(-1, views).T, (views, 3)) if self.parts.gains else np.zeros((views, 3)),
             lens if self.parts.lens else np.zeros(TERMS),
             self.extent,
-            Strobe(strobe[:3], strobe[3:], self.distance) if self.parts.strobe else None,
         )
 
     def system(self, u: Array) -> ReducedSystem:
@@ -475,12 +354,11 @@ class Problem:
         sample, views, parts = self.sample, len(self.sample.views), self.parts
         light = self.light(u)
         l = light.falling(sample.ray, np.arange(views))  # noqa: E741
-        lit = None if light.strobe is None else Lit.of(light.strobe, sample.ray, sample.z, slopes=True)
-        n, shared = len(u), np.arange(9, sum(self.sizes[:3]))
+        n, shared = len(u), np.arange(9, sum(self.sizes[:2]))
         H, g, cost = self.prior.copy(), -self.prior @ u, float(u @ self.prior @ u)
         for c in range(3):
             s, water = np.sqrt(sample.weight[c]), light.water.channel(c)
-            a, b, of_a, of_b = _eq_6(sample.z, water) if lit is None else lit.derivatives(water)
+            a, b, of_a, of_b = _eq_6(sample.z, water)
             sl = s * l[c]
             x = sl * a
             A, J, r = eliminated(x, s * sample.I[c] - sl * b, 1)
@@ -511,52 +389,38 @@ class Problem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LightFit:
-    """light; error: (3 channels, 3) standard errors of B, beta and gamma, the light being unknown too.
-
-    needed: the parts with a visible spread.
-    """
+    """light; error: (3 channels, 3) standard errors of B, beta and gamma, the light being unknown too."""
 
     light: Light
     error: Array
-    needed: Parts
 
 
 def fit_light(sample: Sample, parts: Parts, light: Light) -> LightFit:
-    """Fit water and light to a sample; light: fitted with fewer parts, or with the same, where it is the only start."""
-    if parts.strobe:
-        sample = sample.take(slice(None, None, -(-len(sample.z) // _STROBE)))
-    screen = _SCREEN_STROBE if parts.strobe else _SCREEN
-    problem = Problem(sample.take(slice(None, None, max(1, len(sample.z) // screen))), parts)
+    """Fit water and light to a sample; light: even, or with the same parts: the only start then."""
+    problem = Problem(sample.take(slice(None, None, max(1, len(sample.z) // _SCREEN))), parts)
     start, far = light.water.by_channel(), problem.distance
-    more = () if light.parts == parts else _STARTS
-    rows = [start, *(np.c_[start[:, 0], np.full(3, beta / far), np.full(3, gamma / far)] for beta, gamma in more)]
-    others = [problem.unknowns(light)[9:]]
-    if parts.strobe and more:  # its light crosses the water twice, and the water is not that of a fit without
-        rows = [row * (0.1, 0.5, 1) for row in rows]
-        beside = np.zeros_like(others[0])
-        beside[:2] = _BESIDE * far, -_BESIDE * far
-        others = [others[0] + beside, others[0] - beside]
-    ends = [problem.descend(np.r_[row.ravel(), other], _ROUGHLY) for other in others for row in rows]
+    others = _STARTS if light.parts == EVEN_LIGHT else ()
+    rows = [start, *(np.c_[start[:, 0], np.full(3, beta / far), np.full(3, gamma / far)] for beta, gamma in others)]
+    other = problem.unknowns(light)[9:]
+    ends = [problem.descend(np.r_[row.ravel(), other], _ROUGHLY) for row in rows]
     problem = Problem(sample, parts)
     at, system = problem.descend(min(ends, key=lambda end: float(end[1].cost[0]))[0], _TOLERANCE)
     n_excess = 3 * (np.count_nonzero(sample.shown) - len(sample.z)) - len(at)
     noise = system.cost[0] / max(n_excess, 1) * _shared(sample, problem.light(at))
-    at, covariance, spreads = _with_spreads(problem, at, noise)
+    at, covariance = _with_spreads(problem, at, noise)
     light, error = problem.light(at), np.sqrt(np.diag(covariance)[:9].clip(min=0)).reshape(3, 3)
     light = replace(light, gains=np.where(sample.shown.any(0, keepdims=True).T, light.gains, np.nan))
-    of_gains = spreads[int(parts.lens) :] > _NONE
-    gains = 3 if of_gains[1:].any() else int(of_gains.any())
-    return LightFit(light, error, replace(parts, gains=gains, lens=parts.lens and bool(spreads[0] > _NONE)))
+    return LightFit(light, error)
 
 
-def _with_spreads(problem: Problem, at: Array, noise: float) -> tuple[Array, Array, Array]:
-    """Return the unknowns with the spreads that the sample tells, their covariance, and the spread of each family.
+def _with_spreads(problem: Problem, at: Array, noise: float) -> tuple[Array, Array]:
+    """Return the unknowns with the spreads that the sample tells, and their covariance.
 
     at: the unknowns with weak priors; noise: variance of an observation.
     """
     forms, ranks = problem.families
     weak = problem.prior.copy()
-    weak[sum(problem.sizes[:2]) :] = 0
+    weak[9:] = 0
     squares = (np.einsum("i,fij,j->f", at, forms, at) / ranks).clip(_LEAST**2, _WEAK**2)
     for _ in range(_ROUNDS):
         before, problem = squares, replace(problem, precision=np.tensordot(noise / squares, forms, 1) + weak)
@@ -570,7 +434,7 @@ def _with_spreads(problem: Problem, at: Array, noise: float) -> tuple[Array, Arr
         squares = (np.einsum("i,fij,j->f", at, forms, at) / told.clip(min=_TOLD)).clip(_LEAST**2, _WEAK**2)
         if (np.abs(np.log(squares.clip(_SMALL**2) / before.clip(_SMALL**2))) < _SETTLED).all():
             break
-    return at, covariance, np.sqrt(squares)
+    return at, covariance
 
 
 def _shared(sample: Sample, light: Light) -> float:
@@ -578,17 +442,16 @@ def _shared(sample: Sample, light: Light) -> float:
 
     Texture, caustics and poses differ more between tiles of the target than within.
     """
-    r, shown, _ = residuals_in(sample, light)
+    r, shown = residuals_in(sample, light)
     of_tiles = np.zeros((TILES, TILES, 3, len(sample.views)))
     np.add.at(of_tiles, tuple(sample.tile), np.moveaxis(r * shown, 1, 0))
     return max(1.0, float((of_tiles**2).sum() / max(((r * shown) ** 2).sum(), 1e-30)))
 
 
-def residuals_in(sample: Sample, light: Light) -> tuple[Array, Array, Array]:
-    """Return residuals (3, P, V) and what the fit shows, both times square roots of weights, and leverages."""
+def residuals_in(sample: Sample, light: Light) -> tuple[Array, Array]:
+    """Return residuals (3, P, V) and what the fit shows, both times square roots of weights."""
     l = light.falling(sample.ray, np.arange(len(sample.views)))  # noqa: E741
-    a, b = light.eq_6(sample.ray, sample.z)
+    a, b = light.eq_6(sample.z)
     s = np.sqrt(sample.weight)
-    x = s * l * a
-    A, _, r = eliminated(x, s * (sample.I - l * b), 2)
-    return r, s * sample.I - r, x * x / A.clip(min=LEAST)
+    _, _, r = eliminated(s * l * a, s * (sample.I - l * b), 2)
+    return r, s * sample.I - r

@@ -37,6 +37,9 @@ from sucre_bench.scene import Encoding, Restoration, View, Water
 # The share of an image's colours from which on a fault is reported.
 _MANY = 0.1
 
+# The quantile of distances that counts as far ground.
+_FAR_GROUND = 0.95
+
 # What a limit has that a user can act on.
 _TYPED = re.compile(r"\b(method|\w+\.\w+)=\w|out of the dataset")
 
@@ -97,18 +100,17 @@ def restoration(
     confidence: (H, W) standard deviation of J, root mean square over channels. info: cost, sum of squares of each
     channel; negative_share of J in each channel (negative colours are not physical); n_specks, pixels whose colour is
     too bright for a surface; condition and standard_error of the water, noise of each channel, limits in words; hints:
-    what a user can do; veil_known: whether no weak prior decides the water of most channels; steps,
+    what a user can do; veil_known: whether no weak prior decides the water of most channels; assumed: channels that one
+    decides; far_error: of each channel's colours on far ground, a share; steps,
     n_observations, n_repeated pixels, n_views, unreadable, device.
     """
     uncertainty = solution.uncertainty
     deviation = solution.deviation if solution.growth is None else solution.deviation * solution.growth
     negative = (solution.J < 0).mean(axis=1)
     unknown = (solution.deviation > 1).mean(axis=1)
+    far = float(np.quantile(observations.distance, _FAR_GROUND))
     name = type(options).__plugin__.name
-    limits = [
-        with_name(limit, name)
-        for limit in (*uncertainty.limits, *faults_of_colours(negative, unknown, options, solution.is_under_strobe))
-    ]
+    limits = [with_name(limit, name) for limit in (*uncertainty.limits, *faults_of_colours(negative, unknown, options))]
     info = {
         "cost": solution.cost,
         "negative_share": negative,
@@ -123,6 +125,8 @@ def restoration(
         "limits": limits,
         "hints": hints(limits, uncertainty),
         "veil_known": is_determined(uncertainty),
+        "assumed": [name for name, is_weak in zip(CHANNELS, uncertainty.is_weak, strict=True) if is_weak],
+        "far_error": dict(zip(CHANNELS, uncertainty.standard_error.beta * far, strict=True)),
         **plain(solution.course),
         "stage_seconds": stage_seconds,
     }
@@ -150,12 +154,12 @@ def hints(limits: Sequence[str], uncertainty: WaterUncertainty) -> list[str]:
     return [*(() if is_determined(uncertainty) else (UNDETERMINED,)), *filter(_TYPED.search, limits)]
 
 
-def faults_of_colours(negative: Array, unknown: Array, options: Any, is_under_strobe: bool = False) -> list[str]:
+def faults_of_colours(negative: Array, unknown: Array, options: Any) -> list[str]:
     """Describe faults of the colours, and the word that mends each with these options of a method.
 
     negative: (3,) share below zero; unknown: (3,) share with a standard deviation above 1.
     """
-    doubts, fits_water = [], getattr(options, "water", "own") in ("own", "shared") and not is_under_strobe
+    doubts, fits_water = [], getattr(options, "water", "own") in ("own", "shared")
     for colour, below, lost in zip(CHANNELS, negative, unknown, strict=True):
         for share, fault, option, effect, helps in (
             (below, "darker than black, and show as black", "physical", "keeps them above zero", fits_water),
@@ -163,7 +167,7 @@ def faults_of_colours(negative: Array, unknown: Array, options: Any, is_under_st
         ):
             if share > _MANY:
                 word = f"method.{option}=true" if hasattr(options, option) else "method=sucre_plus"
-                remedy = f"; {word} {effect}" if helps and not getattr(options, option, False) else ""
+                remedy = f"; {word} {effect}" if helps and getattr(options, option, False) is not True else ""
                 doubts.append(f"{colour}: {share:.0%} of the colours are {fault}{remedy}")
     return doubts
 

@@ -64,7 +64,6 @@ import numpy as np
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.methods.sucre.model import transmission
-from sucre_bench.methods.sucre.robust import trusted
 from sucre_bench.methods.sucre.solution import information_of, residuals_of
 from sucre_bench.multiview.observations import Observations
 
@@ -152,25 +151,11 @@ def calibrated(observations: Observations, solution: Solution) -> Solution:
     return replace(solution, deviation=deviation.astype(np.float32))
 
 
-def balanced(observations: Observations, solution: Solution) -> Observations:
-    """Return the observations weighted for noise that grows with the light of the ground, as under caustics.
-
-    An observation has the variance sigma^2 + (tau J a)^2. Without such weights least squares finds too much
-    attenuation: colours then follow near observations, and hide their noise. solution: their colours and water.
-    """
-    a = transmission(observations.distance, solution.water.columns()[1])
-    strength = information_of(observations, a, slice(None)) * solution.J[:, observations.place] ** 2
-    sigma, tau = noise_parts(observations, solution, of_light=True)[:, :, None]
-    weight = 1 / (sigma**2 + tau**2 * strength)
-    return trusted(observations, (weight / weight.mean(axis=1, keepdims=True)).astype(np.float32))
-
-
-def noise_parts(observations: Observations, solution: Solution, *, of_light: bool = False) -> Array:
+def noise_parts(observations: Observations, solution: Solution) -> Array:
     """Return sigma and tau of each channel, (2, 3), from a sample of the pixels seen more than once.
 
     They explain the mean squares of the studentised residuals in classes of transmission, by least squares without
-    negative parts. In a channel with too few residuals, sigma is the common standard deviation. of_light: tau belongs
-    to J a in place of a.
+    negative parts. In a channel with too few residuals, sigma is the common standard deviation.
     """
     from scipy.optimize import nnls
 
@@ -179,7 +164,6 @@ def noise_parts(observations: Observations, solution: Solution, *, of_light: boo
     trusted = replace(observations, weight=_trust(observations, solution)).take(places).weight
     counted, J = np.broadcast_to(np.asarray(trusted), few.colour.shape), solution.J[:, places]
     r, h, strength, _ = residuals_of(few, J, solution.water, counted)
-    strength = strength * J[:, few.place] ** 2 if of_light else strength
     parts = np.zeros((3, 2))
     for c in range(3):
         known = (h[c] < _ALONE) & (h[c] > 0)

@@ -213,20 +213,9 @@ def _deviation(e: Array, a: Array, distance: Array, known: Mask) -> Array:
 
 # -- all of it ----------------------------------------------------------------------
 
-# Colours that are darker than the black of a channel, as a share.
-_BLACK = 0.005
 
-DARKEST_AS_VEIL = (
-    "the veil is not determined; the darkest colours of each channel were taken for it, so true black may be lighter"
-)
-
-
-def refined(seen: Observed, solution: Solution, *, takes_darkest: bool) -> tuple[Solution, ImagePrior | None]:
-    """Return colours without specks and, with refine=true, with less noise and without gaps; and what shrank them.
-
-    takes_darkest: whether the darkest colours of each channel are taken for a veil, an offset at one distance. The
-    prior keeps brightness, so that black is subtracted first.
-    """
+def refined(seen: Observed, solution: Solution) -> tuple[Solution, ImagePrior | None]:
+    """Return colours without specks and, with refine=true, with less noise and without gaps; and what shrank them."""
     options, linear, prior = seen.options, seen.encoding == "linear", None
     if not solution.is_photograph:
         if options.colours == "multi_view" and (solution.trust is not None or options.refine):
@@ -237,9 +226,6 @@ def refined(seen: Observed, solution: Solution, *, takes_darkest: bool) -> tuple
             J = solution.J if options.refine else np.where(is_speck, np.float32(np.nan), solution.J)
             unknown = np.float32(np.inf if options.refine else np.nan)
             solution = replace(solution, J=J, deviation=np.where(is_speck, unknown, solution.deviation))
-    if takes_darkest:
-        black = np.nanquantile(solution.J, _BLACK, axis=1).astype(np.float32)
-        solution = replace(solution.with_limits([DARKEST_AS_VEIL]), J=solution.J - black[:, None]).decided(black=black)
     if options.refine and not solution.is_photograph:
         prior = prior_of(solution.J, solution.deviation, SPREAD_LINEAR if linear else SPREAD)
     if prior is not None:
@@ -271,14 +257,11 @@ def _of_many_views(seen: Observed, solution: Solution) -> Solution:
 _AROUND = 9
 
 
-def fill_pixels_without_depth(
-    restoration: Restoration, view: View, prior: ImagePrior | None = None, black: Array | None = None
-) -> Restoration:
+def fill_pixels_without_depth(restoration: Restoration, view: View, prior: ImagePrior | None = None) -> Restoration:
     """Return a restoration with colours for the pixels without depth, and their confidence, the standard deviation.
 
     Specks get the mean of the colours around. Any other pixel has a distance from its surroundings, the fitted water
-    and its own intensity. black: (3,), is subtracted from these colours too; prior: shrinks them, by the error that
-    their guessed distance makes.
+    and its own intensity. prior: shrinks them, by the error that their guessed distance makes.
     """
     import cv2
 
@@ -288,8 +271,6 @@ def fill_pixels_without_depth(
         return restoration
     J = filled_by_water(view, water, z)[holes].T  # (3, P)
     deviation = deviation_of_guess(J, water, z[holes])
-    if black is not None:
-        J = J - black[:, None]
     if prior is not None:
         J, deviation = prior.posterior(J, deviation)
     filled = np.full(view.rgb.shape, np.nan, dtype=np.float32)

@@ -12,11 +12,7 @@ the same misfit, so such a pixel counts less as a whole and its colour stays the
 
 Weights help where a few observations are wrong and the model explains the others. They harm where the model explains
 nothing well, as in photographs with unknown tone curves and coarse depth maps: misfits are then everywhere, and a water
-that leaves out the inconvenient ones is no better. `is_better` tells the two apart:
-
-- an animal, or a view that is paired wrongly, spoils whole patches of single views: most observations that do not fit
-  lie in patches where many do not fit, and few lie elsewhere;
-- marine snow is everywhere, but noise explains all other observations.
+that leaves out the inconvenient ones is no better. judge.py tells the two apart.
 """
 
 from __future__ import annotations
@@ -28,7 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sucre_bench.arrays import Array, Mask
+from sucre_bench.arrays import Array
 from sucre_bench.machine.compute import usable_cores
 from sucre_bench.methods.sucre.model import LEAST, WaterParameters, eliminated, transmission, veil
 from sucre_bench.methods.sucre.passes import Block, blocks, fill
@@ -41,19 +37,12 @@ if TYPE_CHECKING:
 # colours lose .1 dB to the weights; a third of it would lose .6 dB.
 C2 = 30.0
 
-# An observation is wrong if its weight is below this: s^2 > c^2, which noise makes in one of 700,000. It is doubtful
-# below the other: s^2 > c^2 / 3, as noise makes in one of 50.
-WRONG, _DOUBTFUL = 1 / 4, 9 / 16
+# An observation is wrong if its weight is below this: s^2 > c^2, which noise makes in one of 700,000.
+WRONG = 1 / 4
 
-# Patches of a view: the parts of the target, down and across. In a spoilt one more than this share is wrong. Fewer
+# A view of another place, mirrored, or with another depth map has more than this share of wrong observations; fewer
 # observations tell nothing.
-_PATCHES, _SPOILT, _TOLD = (6, 8), 0.3, 10
-
-# Weights help if spoilt patches hold this share of the wrong observations, or if at most this share is doubtful.
-_IN_PATCHES, _NOISE = 0.5, 0.07
-
-# A view of another place, mirrored, or with another depth map has more than this share of wrong observations.
-_ELSEWHERE = 0.8
+_ELSEWHERE, _TOLD = 0.8, 10
 
 # Light below this share tells no colour; dividing by it would overflow.
 _FAINTEST = 1e-20
@@ -95,30 +84,6 @@ def fit_robustly(
         if np.abs(_effect(found.water, z) - _effect(before, z)).max() <= tolerance:
             break
     return found, weighted
-
-
-def is_better(observations: Observations, plain: WaterParameters, robust: WaterParameters, v: Array) -> bool:
-    """Return whether the water that was fitted with robust weights serves better than that of the plain fit.
-
-    observations: without robust weights; v: their `trust` in the robust water. A water that scatters far more than it
-    attenuates, where the plain fit does not, is never better: weights can leave out what speaks against it.
-    """
-    if (robust.is_implausible & ~plain.is_implausible).any():
-        return False
-    doubtful = (v < _DOUBTFUL) & (v >= WRONG)
-    return bool(doubtful.mean() < _NOISE or lies_in_patches(observations, v < WRONG))
-
-
-def lies_in_patches(observations: Observations, wrong: Mask) -> bool:
-    """Return whether most of the wrong observations (N,) lie in spoilt patches of views; False without `view`."""
-    if observations.view is None:
-        return False
-    y, x = np.divmod(observations.pixels[observations.place], observations.shape[1])
-    (rows, columns), (height, width) = _PATCHES, observations.shape
-    rows *= observations.stacked
-    patch = (observations.view.astype(np.int64) * rows + y * rows // height) * columns + x * columns // width
-    n, spoilt = np.bincount(patch), np.bincount(patch, wrong)
-    return bool(spoilt[(n >= _TOLD) & (spoilt > _SPOILT * n)].sum() > _IN_PATCHES * spoilt.sum())
 
 
 def contradicted_views(observations: Observations, v: Array) -> list[str]:

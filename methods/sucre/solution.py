@@ -20,7 +20,6 @@ from sucre_bench.arrays import Array, Indices, Mask, evenly
 from sucre_bench.camera import pixel_rays
 from sucre_bench.errors import InputError, SolveError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
-from sucre_bench.imaging.fill import fill_distances
 from sucre_bench.machine.compute import Device
 from sucre_bench.machine.progress import say, track
 from sucre_bench.methods.sucre.model import TIED, ReducedSystem, WaterParameters, transmission, veil
@@ -243,22 +242,26 @@ SAMPLE, _FEWEST_MATCHED = 20_000, 200
 
 
 @dataclass(frozen=True, slots=True)
-class Tried:
-    """A model of light that was judged: its parts, and its gain as a share of the cost, and in standard errors."""
-
-    parts: list[str]
-    gain: float
-    sigmas: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LightRecord:
-    """What the light was taken for: parts, the models that were judged, the least light in a corner, and a strobe."""
+    """What the light was taken for: its parts, and the least light of a lens where pixels tell it."""
 
     parts: Sequence[str] = ()
-    tried: Sequence[Tried] = ()
     least: float | None = None
-    strobe: dict[str, Array] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judged:
+    """A model that was fitted to half of a dive's views and judged on the others; see judge.py.
+
+    held_out: its error in views that it has not seen, over that of no water; negative: (3,) share of colours below
+    zero; drift: of colours from near to far ground, in a* b*, and that of the photograph.
+    """
+
+    model: str
+    held_out: float
+    negative: Sequence[float]
+    drift: float
+    drift_of_photograph: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -268,8 +271,9 @@ class Course:
     solver: exact; adam; given, the water is from elsewhere; none, the photograph without a water. steps: passes over
     all observations; initial_cost: (3,) of Adam's start. footprint: whether the water was fitted to equal footprints;
     unexplained: their mean noise in it, an intensity; robust: "wrong", the share of observations that weights leave
-    out; physical: whether colours were held above zero. gains: of views by name, a number or three each; black:
-    (3,), what was subtracted from the colours; residuals: their statistics.
+    out; physical: whether colours were held above zero. model: what was fitted; judged: the models it was chosen from,
+    the chosen one first. gains: of views by name, a number or three each; residuals: their
+    statistics.
     """
 
     solver: Literal["exact", "adam", "given", "none"]
@@ -281,9 +285,10 @@ class Course:
     unexplained: float | None = None
     robust: Mapping[str, float] | None = None
     physical: bool | None = None
+    model: str | None = None
+    judged: Sequence[Judged] | None = None
     light: LightRecord | None = None
     gains: Mapping[str, Any] | None = None
-    black: Array | None = None
     residuals: Mapping[str, Any] | None = None
 
 
@@ -310,10 +315,6 @@ class Solution:
     @property
     def is_photograph(self) -> bool:
         return self.course.solver == "none"
-
-    @property
-    def is_under_strobe(self) -> bool:
-        return self.light is not None and self.light.strobe is not None
 
     def with_limits(self, limits: Iterable[str]) -> Solution:
         """Return the solution with more limits."""
@@ -353,14 +354,14 @@ class Observed:
         found = self.matched_at(self.observations.pixels[chosen])
         return found if found.n_repeated >= _FEWEST_MATCHED else None
 
-    def matched_at(self, pixels: Indices, wider: float = 1.0) -> Observations:
-        """Return observations of pixels (flat indices) with equal footprints, so many times wider than they need be."""
+    def matched_at(self, pixels: Indices) -> Observations:
+        """Return observations of pixels (flat indices) with equal footprints."""
         from sucre_bench.multiview.footprints import matched_footprints
 
         shown = set(self.observations.views)
         views = [other for other in self.scene.views if other.name in shown]
         how = self.options.pairing_with(with_view=True, with_ray=True)
-        return matched_footprints(self.view, views, pixels, **how, wider=wider)
+        return matched_footprints(self.view, views, pixels, **how)
 
     def alone(self) -> Observed:
         """Return the view with its own observations alone."""
@@ -384,24 +385,30 @@ class Observed:
         """The view's intensities (H, W, 3) in the encoding that is fitted."""
         return srgb_decode(self.view.rgb) if self.is_decoded else self.view.rgb
 
-    def evened(self, light: Light) -> Observed:
-        """Return the view and its observations as even light would show them.
+    def first_colours(self, few: Observations) -> Array:
+        """Return the colours (3, P) that the paper starts from: the view's own, or another's where not finite."""
+        own = self.intensities.reshape(-1, 3)[few.pixels].swapaxes(0, 1)
+        return np.where(np.isfinite(own), own, few.intensity(slice(0, len(few.pixels))))
 
-        Intensities may exceed 1. A strobe's light needs depth; elsewhere the view is NaN, or with fill=true of the
-        distances that its surroundings tell.
-        """
+    def with_rays(self) -> Observed:
+        """Return the view with observations that have rays."""
+        if self.observations.ray is not None:
+            return self
+        observations = self.options.observe(self.scene, self.recorded or self.view, with_view=True, with_ray=True)
+        return replace(self, observations=observations)
+
+    def evened(self, light: Light) -> Observed:
+        """Return the view and its observations as even light would show them. Intensities may exceed 1."""
         assert self.view.camera is not None
         rays = np.moveaxis(pixel_rays(self.view.camera), -1, 0)[:2]
-        unknown = 1.0 if not light.parts.strobe else fill_distances(self.view) if self.options.fill else np.nan
-        z = np.where(self.view.depth > 0, self.view.distance, unknown).astype(np.float64)
         recorded = np.moveaxis(self.intensities, -1, 0)
         own = light.gains[[light.views.index(self.view.name)]] if self.view.name in light.views else np.zeros((1, 3))
         alone = replace(light, views=(self.view.name,), gains=np.nan_to_num(own))
-        even = np.moveaxis(alone.evened(recorded, rays, z, 0)[0], 0, -1)
+        even = np.moveaxis(recorded / alone.falling(rays, 0), 0, -1)
         rgb = (srgb_encode(even) if self.is_decoded else even).astype(np.float32)
         view = replace(self.view, pixels=Arrays(rgb, self.view.depth, self.view.reference))
-        observations = self.options.observe(self.scene, self.view, with_view=True, with_ray=True)
-        return replace(self, view=view, observations=light.removed(observations), light=alone, recorded=self.view)
+        observations = light.removed(self.with_rays().observations)
+        return replace(self, view=view, observations=observations, light=alone, recorded=self.view)
 
     def coloured(self, water: WaterParameters, uncertainty: WaterUncertainty | None = None) -> Solution:
         """Return the colours in a water: see `colours_for_water`."""
@@ -409,8 +416,12 @@ class Observed:
         return colours_for_water(self.observations, water, uncertainty, options.backend, options.device)
 
 
-# Targets of a dive, spread evenly over the scene, and views whose light is fitted together at most: that takes minutes.
-_TARGETS, TOGETHER = 40, 512
+# Targets of a dive, spread evenly over the scene; fewer serve where only its model is judged; and views whose light is
+# fitted together at most: that takes minutes.
+_TARGETS, JUDGED_TARGETS, TOGETHER = 40, 8, 512
+
+# Pixels of all targets of a dive that is judged.
+_JUDGED = 6_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -424,27 +435,29 @@ class Dive(Observed):
     targets: Sequence[Observed] = ()
 
     @staticmethod
-    def spread(options: Sucre, scene: Scene) -> Dive:
-        """Return targets spread over the scene, and more, so that all views are shown and linked by common views.
+    def spread(options: Sucre, scene: Scene, most: int = _TARGETS) -> Dive:
+        """Return targets spread over the scene, and with `_TARGETS` more, so that common views link all views.
 
         Views without a pose or depth, or with a damaged file, are left out. SolveError when none is left.
         """
         targets, linked, last = list[Observed](), list[set[str]](), "no view shares a pixel with another"
-        spread = evenly(len(scene), _TARGETS)
-        others = sorted(set(range(len(scene))) - set(spread)) if len(scene) <= TOGETHER else []
-        for k in track([*spread, *others], "shared water"):
+        spread = evenly(len(scene), most)
+        is_linked = most == _TARGETS and len(scene) <= TOGETHER
+        others = sorted(set(range(len(scene))) - set(spread)) if is_linked else []
+        n = max(2 * SAMPLE // _TARGETS, SAMPLE // len(spread)) if most == _TARGETS else _JUDGED // len(spread)
+        for k in track([*spread, *others], "shared water" if most == _TARGETS else "judging models"):
             view, names = scene.views[k], {one.name for one in scene.views[k : k + 2]}
             if k in others and any(names <= group for group in linked):  # it links nothing to the next view
                 continue
             try:
-                found = options.observe(scene, view, with_view=True)
+                found = options.observe(scene, view, with_view=True, with_ray=True)
             except (InputError, SolveError) as fault:
                 last = str(fault)
-                say(f"shared water skips {view.name}: {fault}")
+                if most == _TARGETS:
+                    say(f"shared water skips {view.name}: {fault}")
                 continue
             if found.n_repeated:
-                few = sampled(found, 2 * SAMPLE // _TARGETS, singles=options.physical, seed=0)
-                targets.append(Observed(options, scene, view, few))
+                targets.append(Observed(options, scene, view, sampled(found, n, singles=True, seed=0)))
                 new = set(() if (matched := targets[-1].matched) is None else matched.views)
                 apart = [group for group in linked if not group & new]
                 linked = [*apart, new.union(*(group for group in linked if group & new))]
@@ -458,13 +471,43 @@ class Dive(Observed):
         found = [few for one in self.targets if (few := one.matched) is not None]
         return _pooled(self.scene, found) if found else None
 
+    def half(self, names: frozenset[str]) -> Half:
+        """Return the dive as some views show it."""
+
+        def of_half(observations: Observations) -> Observations:
+            return observations.in_views(np.array([name in names for name in observations.views]))
+
+        matched = None if self.matched is None else of_half(self.matched)
+        if matched is not None:
+            matched = matched.take(np.arange(matched.n_repeated))
+        observations = of_half(self.observations)
+        return Half(self.options, self.scene, self.view, observations, targets=self.targets, footprints=matched)
+
+    def first_colours(self, few: Observations) -> Array:
+        names = np.array([few.views.index(one.view.name) if one.view.name in few.views else -1 for one in self.targets])
+        own = names[few.pixels // (few.shape[0] // few.stacked * few.shape[1])]
+        first = few.intensity(slice(0, len(few.pixels)))
+        assert few.view is not None
+        for n, part in few.slots():
+            is_own = few.view[part] == own[:n]
+            first[:, :n][:, is_own] = few.intensity(part)[:, is_own]
+        return first
+
     def evened(self, light: Light) -> Observed:
         """Return the samples as even light would show them."""
-        again = []
-        for one in self.targets:
-            whole = self.options.observe(self.scene, one.view, with_view=True, with_ray=True)
-            again.append(whole.take(np.flatnonzero(np.isin(whole.pixels, one.observations.pixels))))
-        return replace(self, observations=light.removed(_pooled(self.scene, again)))
+        return replace(self, observations=light.removed(self.observations))
+
+
+@dataclass(frozen=True, eq=False)
+class Half(Dive):
+    """A dive as half of its views show it; footprints: those of the dive in these views."""
+
+    footprints: Observations | None = None
+
+    @cached_property
+    def matched(self) -> Observations | None:
+        enough = self.footprints is not None and self.footprints.n_repeated >= _FEWEST_MATCHED
+        return self.footprints if enough else None
 
 
 def _pooled(scene: Scene, parts: Sequence[Observations]) -> Observations:

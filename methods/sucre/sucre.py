@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -44,38 +44,34 @@ class Sucre(FillOption):
     weak priors are this project's.
     """
 
-    solver: Literal["exact"] | str = "exact"
-    """exact: least squares to the minimum, the only choice; the paper's Adam is the method sucre_paper."""
+    footprint: bool | Literal["auto"] = "auto"
+    """true: fit the water to observations that average the same ground as the farthest view; false: to single pixels,
+    which makes attenuation too high where poses and depth are right; auto: what predicts views that the fit has not
+    seen. Colours stay sharp. Needs water=own or shared."""
 
-    footprint: bool = True
-    """Fit the water to observations that average the same ground as the farthest view; colours stay sharp. false: fit
-    single pixels, which makes attenuation too high. Needs water=own or shared."""
-
-    physical: bool = False
-    """Keep colours above zero, up to noise; a veil brighter than the darkest pixels raises the cost.
-    With footprint=true, only if the observations are then explained nearly as well."""
+    physical: bool | Literal["auto"] = "auto"
+    """true: keep colours above zero, up to noise; a veil brighter than the darkest pixels raises the cost; auto: as
+    footprint=auto."""
 
     one_coefficient: bool = False
     """Fit the paper's eq. 1, in which backscatter has the coefficient of attenuation: gamma = beta (water=own or
-    shared, without a strobe)."""
+    shared)."""
 
     robust: bool | Literal["auto"] = "auto"
     """true: give less weight to observations that do not fit, such as animals that move and pixels paired wrongly;
-    auto: only if these lie together in single views, or if noise explains the others; false: never. A colour that is
-    too bright for a surface stays unknown, except with false; refine=true guesses it."""
+    auto: as footprint=auto; false: never. A colour that is too bright for a surface stays unknown, except with false;
+    refine=true guesses it."""
 
     light: str = "auto"
     """What differs in the light of the views, fitted with the water: exposure (a gain for each view),
-    white_balance (three), lens (vignetting), strobe (the only light, beside the camera), or some joined by +; even:
-    nothing; auto: what explains pixels that the fit has not seen (footprint=true)."""
+    white_balance (three), lens (vignetting), or some joined by +; even: nothing; auto: as footprint=auto."""
 
     pairing: Literal["mutual", "depth"] = "mutual"
     """mutual: the paper's rule, pixels that project onto each other; depth: points whose depths agree within 3 %, with
     interpolated colours, and more observations if views differ in scale."""
 
-    encoding: Literal["auto", "view", "linear"] = "auto"
-    """view: fit intensities as stored, as the paper does; linear: fit linear light, decoded from sRGB; auto: linear
-    light only if it leaves less than 95 % of the residuals, with a gain for each view too (water=own)."""
+    encoding: Literal["view", "linear"] = "view"
+    """view: fit intensities as stored, as the paper does; linear: fit linear light, decoded from sRGB."""
 
     water: Literal["own", "shared", "truth"] | str = "own"
     """own: fit each image; shared: fit many images of the scene together; truth: the dataset's true water; METHOD: the
@@ -131,47 +127,35 @@ class Sucre(FillOption):
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return J, NaN where the view has no depth and at specks, the water, and the standard deviation of J.
 
-        info: see `record.restoration`; seconds of each stage; chosen_encoding: by encoding=auto, and the ratio why.
+        info: see `record.restoration`; seconds of each stage.
         Raises NotApplicableError when no pixel has depth or none is seen twice, SolveError when the fit fails,
         InputError for a water that cannot be read.
         """
-        from sucre_bench.methods.sucre.policy import Veil, nearer_encoding, solved, veil_of
+        from sucre_bench.methods.sucre.policy import Veil, solved, veil_of
         from sucre_bench.methods.sucre.record import UNKNOWN_VEIL, named, restoration, with_residuals
         from sucre_bench.methods.sucre.refine_views import fill_pixels_without_depth, refined
         from sucre_bench.methods.sucre.solution import Observed
 
-        seen, nearer = Observed.of(self, scene, view), None
+        seen = Observed.of(self, scene, view)
         started = time.perf_counter()
         with named(view):
-            if self.encoding == "auto":
-                nearer = nearer_encoding(seen)
-                options = replace(self, encoding=nearer.encoding)
-                paused = time.perf_counter()
-                seen = Observed.of(options, scene, view) if nearer.encoding == "linear" else seen
-                started += time.perf_counter() - paused  # pairing is no part of the fit
             stages = {"read": seen.observations.read_s, "pair": seen.observations.pair_s}
             seen, solution = solved(seen)
-            veil = veil_of(solution, self)
-            if veil is Veil.SAID:
+            if veil_of(solution, self) is Veil.SAID:
                 solution = solution.with_limits([UNKNOWN_VEIL])
             solution = with_residuals(seen.observations, solution)
             if self.colours == "single_view":
                 seen = seen.alone()
                 alone = seen.coloured(solution.water, solution.uncertainty)
                 solution = replace(alone, course=solution.course, light=solution.light)
-            solution, prior = refined(seen, solution, takes_darkest=veil is Veil.DARKEST)
+            solution, prior = refined(seen, solution)
             if seen.is_decoded:  # the curve continues below 0 and above 1
                 J = srgb_encode(solution.J)
                 deviation = np.abs(srgb_encode(solution.J + solution.deviation) - J)
                 solution = replace(solution, J=J, deviation=deviation)
             stages["solve"] = time.perf_counter() - started
             restored = restoration(seen.observations, solution, stages, self, seen.encoding)
-            if self.fill:
-                restored = fill_pixels_without_depth(restored, seen.view, prior, solution.course.black)
-            if solution.course.black is not None and restored.water is not None:  # the water tells no veil
-                unknown = np.full(3, np.nan)
-                restored = replace(restored, water=replace(restored.water, veiling_light=unknown, backscatter=unknown))
-        return replace(restored, info=restored.info | ({"chosen_encoding": asdict(nearer)} if nearer else {}))
+            return fill_pixels_without_depth(restored, seen.view, prior) if self.fill else restored
 
     def observe(self, scene: Scene, view: View, *, with_view: bool = False, with_ray: bool = False) -> Observations:
         """Return the observations of a view; with their views and rays in any case, if asked for."""
@@ -193,12 +177,6 @@ class Sucre(FillOption):
         """Options that every fit has."""
         return {"backend": self.backend, "device": self.device}
 
-    @property
-    def fitting(self) -> dict[str, Any]:
-        """Options of `policy.fit_water`."""
-        chosen = {"physical": self.physical, "one_coefficient": self.one_coefficient, "robust": self.robust}
-        return self.compute | chosen
-
 
 @method(
     needs={"depth", "poses"},
@@ -210,7 +188,7 @@ class Sucre(FillOption):
 )
 @dataclass(frozen=True)
 class SucrePlus(Sucre):
-    """This project's method on SUCRe's model, for pictures: like `sucre`, with colours above zero and less noise.
+    """This project's method on SUCRe's model, for pictures: like `sucre`, with less noise.
 
     Dots are removed, edges follow the image, and all channels have one black. SUCRe's authors have not seen it. Pixels
     without depth have no colour, unless fill=true guesses them.
@@ -220,7 +198,6 @@ class SucrePlus(Sucre):
     is a gain of each channel.
     """
 
-    physical: bool = True
     refine: bool = True
 
 
@@ -230,19 +207,16 @@ def check(options: Any, method: str) -> None:
     With another water than own there is nothing to weigh. physical may stay, with an effect for water=shared.
     """
     water = f"{method}.water={options.water}"
-    if options.solver != "exact":
-        raise InputError(f"{method}.solver: '{options.solver}' is not a choice; use exact, or the method sucre_paper")
     check_source(options.water)
-    if options.robust != "auto" and not isinstance(options.robust, bool):
-        raise InputError(f"{method}.robust: '{options.robust}' is not a choice; use true, false or auto")
+    for name in ("footprint", "physical", "robust"):
+        if (value := getattr(options, name)) != "auto" and not isinstance(value, bool):
+            raise InputError(f"{method}.{name}: '{value}' is not a choice; use true, false or auto")
     parts = parts_of(options.light, f"{method}.light")
     if options.one_coefficient and options.water not in ("own", "shared"):
         raise InputError(f"{water}: has both coefficients; give {method}.one_coefficient=false")
     found_with_own = "robust" if options.robust is True else "light" if parts not in (None, Parts()) else ""
     if options.water not in ("own", "shared") and found_with_own:
         raise InputError(f"{method}.{found_with_own}: is found with the water; leave out {water}")
-    if parts is not None and parts.strobe and options.one_coefficient:
-        raise InputError(f"{method}.light: the veil of a strobe is not eq. 1; give {method}.one_coefficient=false")
     for name, value in (("backend", "torch"), ("backend", "jax"), ("device", "cuda")):
         if getattr(options, name) == value:
             library = "jax" if options.backend == "jax" else "torch"

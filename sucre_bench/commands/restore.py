@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,8 +18,11 @@ from sucre_bench.machine.text_formats import counted
 
 if TYPE_CHECKING:
     from sucre_bench.programs.restore.pipeline import Options, Source
+    from sucre_bench.programs.restore.trust import Assessed
+    from sucre_bench.programs.restore.write import Restored
 
 _MOST_NAMED = 5
+_MOST_LINES = 40  # pictures that get a line
 
 
 @click.command()
@@ -68,8 +72,8 @@ def restore(
     another program with depth maps. KEY=VALUE are options of the dataset or the method, as for `sucre-bench run`; and
     for surveys workers=4, shard.count=50 and hydra/launcher=slurm.
 
-    OUT gets pictures/, contact-sheet.jpg, and work/, from which the same command continues if you stop it. Photographs
-    are never changed.
+    OUT gets pictures/, contact-sheet.jpg, pictures.csv with how far each can be trusted, and work/, from which the same
+    command continues if you stop it. Photographs are never changed.
 
     Exit codes: 0, every photograph has a picture; 1, some have none, or --single-view replaced a --method that failed;
     2, the command has a mistake; 130, stopped.
@@ -82,7 +86,7 @@ def restore(
         raise InputError("lies in the folder of the photographs", out, "name a folder elsewhere")
     options = pipeline.Options(method, single_view, quality, original_geometry, *pipeline.sorted_words(words, method))
     found, options, unplaced = _prepared(pipeline.source_of(source, photos), source, out, options, focal)
-    done = pipeline.restore(found, out, options, shared.say_whether_measurable)
+    done = pipeline.restore(found, out, options)
     for name, why in list(done.faults.items())[:_MOST_NAMED]:
         click.echo(f"no picture of {name}: {why}")
     if len(done.faults) > _MOST_NAMED:
@@ -95,15 +99,13 @@ def restore(
     for limit, n in Counter(limit for one in done.together for limit in one.limits).items():
         if 2 * n > len(done.together):  # what fewer pictures have stays in their records
             click.echo(f"the dive: {limit}")
+    for line in _lines(done.assessed):
+        click.echo(line)
     trust = "Nothing measured the water: these are balanced colours, not true ones."
     if unplaced:
         trust = f"Each is restored alone, by {options.single_view}, because {unplaced}. {trust}"
     if together := len(done.together):
-        has_water = any(one.has_water for one in done.together)
-        trust = "The water was measured" if has_water else "The method balances colours and measures no water"
-        if unknown := sum(not one.is_water_known for one in done.together):
-            pictures = counted(unknown, "picture")
-            trust = f"The views do not determine all of the water of {pictures}, so colours there may be wrong"
+        trust = _of_water(done.together)
         share = f"{sum(one.measured for one in done.together) / together:.0%} of the pixels have a measured distance"
         alone = len(done.names) - together - len(done.instead)
         rest = f"; {counted(alone, 'photograph')} without a place in the dive got balanced colours" if alone else ""
@@ -111,6 +113,31 @@ def restore(
     n, sheet = len(done.names) + len(done.faults), out / "contact-sheet.jpg"
     click.echo(f"{len(done.names)} of {n} pictures are in {out / 'pictures'}, and {sheet} shows them. {trust}")
     sys.exit(1 if done.faults or done.has_failed else 0)
+
+
+def _lines(assessed: Sequence[Assessed]) -> Iterator[str]:
+    """Yield a line a picture; of many pictures, those that are not good."""
+    from sucre_bench.programs.restore.trust import Trust
+
+    shown = [one for one in assessed if one.trust is not Trust.GOOD or len(assessed) <= _MOST_LINES]
+    for one in shown[:_MOST_LINES]:
+        why = f": {'; '.join(one.reasons)}" if one.reasons else ""
+        yield f"{one.trust.value:10s}  {one.name}{why}"
+    if len(assessed) > _MOST_LINES:
+        counts = ", ".join(f"{n} {trust.value}" for trust, n in Counter(one.trust for one in assessed).items())
+        yield f"{counts}; pictures.csv has a line for each picture"
+
+
+def _of_water(together: Sequence[Restored]) -> str:
+    """Return whether the water of a dive was measured, and if not, why."""
+    from sucre_bench.programs.restore.trust import why_not_measured
+
+    reasons = Counter(why_not_measured(one.record) for one in together)
+    reason, n = max(reasons.items(), key=lambda pair: (pair[0] != "", pair[1]))
+    if not reason:
+        return "The water was measured"
+    pictures = "" if n == len(together) else f" of {counted(n, 'picture')}"
+    return f"The water{pictures} was not measured: {reason}"
 
 
 def _prepared(

@@ -35,10 +35,11 @@ SEED = "${seed}"  # of the run: what a plugin's seed is unless it is given
 _GONE = {"sucre_single_pixels": "sucre_exact", "sucre_photo": "sucre_plus"}
 _GONE_OPTIONS = {
     **dict.fromkeys(("exposure", "apply_gains"), "method.light=exposure"),
-    "lamp": "method.light=strobe",
+    "lamp": "method.light=lens, which evens the light that all images have; no strobe is fitted",
     "falloff": "method.light=lens",
     **dict.fromkeys(("prior", "edges", "even"), "method.refine=true"),
     **dict.fromkeys(("steps", "lr"), "method=sucre_paper, which has it"),
+    "solver": "method=sucre_exact for the exact minimum, method=sucre_paper for Adam",
     "water_from": "method.water=METHOD",
     "shared_views": "method.water=shared, which takes up to 40 views",
     "tolerance": "method.pairing=depth, which takes 0.03 of the depth",

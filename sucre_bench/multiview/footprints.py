@@ -82,13 +82,12 @@ def matched_footprints(
     encoding: Kept = "view",
     with_view: bool = False,
     with_ray: bool = False,
-    wider: float = 1.0,
 ) -> Observations:
     """Return observations of some pixels of a target, with colours that average the same ground in every view.
 
     views: those that show the target, itself among them; of more than 32 some are chosen evenly. pixels: flat indices
     into the target, with depth. rule, tolerance, encoding, with_view, with_ray: see `observe`; colours are
-    float32. wider: how many times wider than needed the common Gaussian is.
+    float32.
     Views without a pose or depth, and files that cannot be read, are left out. Pixels at outlines, at the border of an
     image, or seen in one view only are left out, so that the result may be empty.
     """
@@ -96,7 +95,7 @@ def matched_footprints(
     chosen = [views[k] for k in evenly(len(views), _VIEWS)]
     if all(view.name != target.name for view in chosen):
         chosen = [target, *chosen]
-    k = wider * (_K_JPEG if any(view.is_jpeg for view in chosen) else _K)
+    k = _K_JPEG if any(view.is_jpeg for view in chosen) else _K
     steps = _steps_on_planes(target, surface)
     place = np.full(surface.camera.width * surface.camera.height, -1, dtype=np.int32)
     place[surface.pixels] = np.arange(len(surface.pixels))

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Indices, locked
+from sucre_bench.arrays import Array, Indices, Mask, locked
 from sucre_bench.machine.compute import compiled, usable_cores
 
 
@@ -115,11 +115,34 @@ class Observations:
         sizes = (counts[:, None] > np.arange(counts[0])).sum(axis=0) if len(places) else np.empty(0, dtype=np.int64)
         at = np.concatenate([self.starts[k] + places[:n] for k, n in enumerate(sizes)]) if len(places) else places
         starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+        return replace(self, pixels=self.pixels[places], counts=counts, starts=starts, **self._at(at))
+
+    def in_views(self, kept: Mask) -> Observations:
+        """Return the observations in some views, (V,) bool; pixels that none of them shows are left out."""
+        assert self.view is not None
+        stays = kept[self.view]
+        counts = np.zeros(len(self.pixels), dtype=np.int32)
+        slot = np.empty(len(self), dtype=np.int64)
+        for n, part in self.slots():
+            slot[part] = counts[:n]
+            counts[:n] += stays[part]
+        order = np.argsort(-counts, kind="stable")[: np.count_nonzero(counts)]
+        rank = np.empty(len(counts), dtype=np.int64)
+        rank[order] = np.arange(len(order))
+        at = np.flatnonzero(stays)
+        at = at[np.lexsort((rank[self.place[at]], slot[at]))]
+        return replace(
+            self,
+            pixels=self.pixels[order],
+            counts=counts[order],
+            starts=np.concatenate([[0], np.cumsum(np.bincount(slot[at]))]).astype(np.int64),
+            **self._at(at),
+        )
+
+    def _at(self, at: Indices) -> dict[str, Any]:
+        """Return the fields with one value an observation, at some of them."""
         per_observation = ("distance", "colour", "weight", "view", "ray")
-        parts: dict[str, Any] = {
-            name: values[..., at] for name in per_observation if (values := getattr(self, name)) is not None
-        }
-        return replace(self, pixels=self.pixels[places], counts=counts, starts=starts, **parts)
+        return {name: values[..., at] for name in per_observation if (values := getattr(self, name)) is not None}
 
 
 def pooled(parts: Sequence[Observations], views: Sequence[str]) -> Observations:

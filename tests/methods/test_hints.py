@@ -88,7 +88,8 @@ def test_every_advised_word_can_be_typed(tmp_path: Path):
     [
         (SucrePaper, {}, ("method=sucre_plus keeps", "method=sucre_plus draws")),
         (Sucre, {}, ("method.physical=true keeps", "method.refine=true draws")),
-        (SucrePlus, {}, ("", "")),
+        (SucrePlus, {}, ("method.physical=true keeps", "")),
+        (SucrePlus, {"physical": True}, ("", "")),
         (Sucre, {"water": "truth"}, ("", "method.refine=true draws")),
     ],
 )

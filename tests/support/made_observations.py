@@ -6,7 +6,7 @@ import numpy as np
 
 from sucre_bench import Water
 from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.methods.sucre.policy import fit_water
+from sucre_bench.methods.sucre.models import fit_water
 from sucre_bench.methods.sucre.solution import Solution
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 from support.forward_model import in_water

@@ -27,14 +27,14 @@ from sucre_bench.loading.view_files import source_files
 from sucre_bench.machine import progress
 from sucre_bench.machine.files import check_folder, read_json, reading, write_atomically
 from sucre_bench.programs.restore.picture_file import bits_of
+from sucre_bench.programs.restore.trust import Assessed, assess
 from sucre_bench.programs.restore.write import Restored, write_pictures
 from sucre_bench.results import layout, restoration_rows, with_remedy
 from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import tuples
 
-# What a method gets that has these options: whole pictures, one water for the dive so that mosaics have no steps, and
-# the fit that no real dive has broken: single pixels, with one gain for each view and a lens.
-FOR_A_DIVE = {"fill": "true", "water": "shared", "footprint": "false", "light": "exposure+lens"}
+# What a method gets that has this option: one water for the dive, so that mosaics have no steps.
+FOR_A_DIVE = {"water": "shared"}
 
 # Words of `run` that say where the work is done.
 _WHERE = re.compile(r"(workers|shard\.count|hydra[./][\w.]+)=")
@@ -95,13 +95,15 @@ class Source:
 class Done:
     """The outcome. names: of the pictures; faults: why a photograph has none; instead: of the pictures by the method of
     single views, why the method of the dive could not make them; has_failed: whether that was its failure, and not
-    depth that they lack; together: those that the method of the dive restored."""
+    depth that they lack; together: those that the method of the dive restored; assessed: how far each
+    picture can be trusted."""
 
     names: tuple[str, ...]
     faults: Mapping[str, str]
     instead: Mapping[str, str]
     has_failed: bool
     together: Sequence[Restored]
+    assessed: Sequence[Assessed]
 
 
 def source_of(folder: Path, photographs: Path | None = None) -> Source:
@@ -165,10 +167,11 @@ def restore(
     if source.photographs:
         others = (path.relative_to(source.folder).as_posix() for path in other_photographs(source.folder))
         faults |= dict.fromkeys(others, f"its format is not read; {EXPORT}")
+        assessed = assess([one for one in restored if one.name not in faults], out, options.original_geometry)
     written = tuple(one.name for one in restored if one.name not in faults)
     faults |= {name: alone.faults.get(name, "") for name in names if name not in {*written, *faults}}
     instead = {name: why for name, why in dive.faults.items() if name in written}
-    return Done(written, faults, instead, dive.has_failed, dive.restored)
+    return Done(written, faults, instead, dive.has_failed, dive.restored, assessed)
 
 
 def noted(source: Source, out: Path, options: Options, again: bool = True) -> Path:
@@ -243,9 +246,12 @@ def _run(
         lens = source.prepared.lens_of(view.camera) if source.prepared else getattr(view.pixels, "lens", None)
         image, record = place.restored(folder, row.method), read_record(row, folder)
         origin = origins and origins / PurePosixPath(view.name).with_suffix(".png")
-        trust = row.coverage, "beta" in record, bool(record.get("veil_known", True))
         limits = [str(limit) for limit in said] if isinstance(said := record.get("limits"), list) else []
-        restored.append(Restored(name, photograph, view, image, lens, origin, row.method, *trust, limits))
+        restored.append(
+            Restored(
+                name, photograph, view, image, lens, origin, row.method, row.coverage, limits, record, source.is_dive
+            )
+        )
     missing = (*outcome.failed, *outcome.skipped)
     faults = {named.get(fault.view, fault.view): with_remedy(fault.reason) for fault in missing}
     return _Run(restored, faults, bool(outcome.failed) or not restored)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -41,9 +42,8 @@ class Restored:
 
     name: path of its picture below the folder of pictures; photograph: its file; view: what was restored; image: the
     restored image; lens: of the photograph, if the view is its pinhole image; origin: where `prepare` says how each
-    pixel got its depth, if it does; method: its label; measured: share of pixels with a measured distance; has_water:
-    whether a water was estimated; is_water_known: whether the views determine it, so that colours that the method
-    guessed for holes are used; limits: what the method says of its result, in words.
+    pixel got its depth, if it does; method: its label; measured: share of pixels with a measured distance; limits: what
+    the method says of its result, in words; record: all of it; is_of_dive: whether it was restored with others.
     """
 
     name: str
@@ -54,9 +54,9 @@ class Restored:
     origin: Path | None
     method: str
     measured: float
-    has_water: bool
-    is_water_known: bool
     limits: Sequence[str]
+    record: Mapping[str, Any]
+    is_of_dive: bool
 
 
 def write_pictures(
@@ -102,14 +102,13 @@ def _picture(one: Restored, original_geometry: bool) -> Array:
 
     picture, mask = read_rgb(one.image), read_mask(one.image)
     measured = np.ones(picture.shape[:2], np.bool_) if mask is None else mask
-    # Where the water is known, the method has coloured pixels without depth, too.
-    known = measured | picture.any(axis=-1) if one.is_water_known else measured
+    coloured = measured
     if one.origin and one.origin.is_file():
         origin = cv2.resize(decode(one.origin, 0), measured.shape[::-1], interpolation=cv2.INTER_NEAREST_EXACT)
         measured = measured & (origin != _INTERPOLATED)
-    if not (known.all() and measured.all()):
+    if not measured.all():
         beside = display(one.view.rgb, "none", one.view.encoding)
-        picture = with_open_water(whole(picture, known, beside), measured, beside)
+        picture = with_open_water(whole(picture, coloured, beside), measured, beside)
     if not original_geometry or one.lens is None:
         return picture
     lens, beside = one.lens, display(read_rgb(one.photograph), "none", one.view.encoding)

@@ -16,8 +16,8 @@ from sucre_bench import Arrays, Restoration, Scene, View, Water
 from sucre_bench.degrade import degraded
 from sucre_bench.methods.sucre import Sucre
 
-# To choose encoding and light takes several fits, to look for animals half a one; all have tests of their own.
-sucre = partial(Sucre, encoding="view", light="even", robust=False)
+# One model; the judge has tests of its own.
+sucre = partial(Sucre, footprint=True, physical=False, robust=False, light="even")
 GROUND = {"width": 160, "height": 120, "heights_m": (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5)}
 
 

@@ -5,27 +5,23 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from support.command_line import registry
-from support.made_ground import WATERS, make_ground, make_survey
+from support.made_ground import WATERS, make_ground
 
 from sucre_bench import Arrays, InputError, Restoration, Scene, Water
-from sucre_bench.imaging.display import display
-from sucre_bench.methods.sucre import Sucre, SucrePlus
-from sucre_bench.methods.sucre.light import Light, Lit, Parts, Problem, Sample, Strobe
+from sucre_bench.methods.sucre import Sucre
+from sucre_bench.methods.sucre.light import Light, Parts, Problem, Sample
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.passes import opened
-from sucre_bench.methods.sucre.policy import choose, nearer_encoding
 from sucre_bench.methods.sucre.solution import Observed, sampled
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
 from sucre_bench.plugins.registry import using
 
-# To choose the encoding takes twice as long as a fit, to look for animals half as long; both have tests of their own.
-sucre = partial(Sucre, encoding="view", robust=False)
-sucre_plus = partial(SucrePlus, encoding="view", robust=False)
+# One model at a time; the judge has tests of its own.
+sucre = partial(Sucre, footprint=True, physical=False, robust=False)
 GAINS = (0.75, 1.2, 0.9, 1.0, 1.3, 0.7, 1.1)
 GROUND = {"width": 160, "height": 120, "heights_m": (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5), "tilt_deg": 30.0, "seed": 3}
 
@@ -62,13 +58,13 @@ def exposed() -> Scene:
 
 @pytest.fixture(scope="module")
 def by_itself(exposed: Scene) -> Restoration:
-    return sucre(robust="auto").restore(exposed, exposed["3.png"])
+    return Sucre().restore(exposed, exposed["3.png"])
 
 
 def test_gains_are_found_with_the_water(exposed: Scene, by_itself: Restoration) -> None:
     even = sucre(light="even").restore(exposed, exposed["3.png"])
     assert np.abs(rates(even, WATERS["green"])).max() > 0.2
-    assert parts(by_itself) == ["exposure"]
+    assert parts(by_itself) == ["exposure", "lens"]
     assert np.abs(rates(by_itself, WATERS["green"])).max() < 0.03
     assert by_itself.info["gains"]["3.png"] == 1
     for name, gain in by_itself.info["gains"].items():
@@ -80,7 +76,7 @@ def test_shared_water_has_the_light_of_all_views_and_one_exposure_of_pictures(ex
     shared = [sucre(water="shared").restore(exposed, exposed[f"{k}.png"]) for k in (2, 5)]
     first = GAINS[0]  # the first view's light counts as 1
     for result, name in zip(shared, ("2.png", "5.png"), strict=True):
-        assert parts(result) == ["exposure"]
+        assert parts(result) == ["exposure", "lens"]
         assert np.abs(rates(result, WATERS["green"])).max() < 0.03
         assert np.nanmedian(result.image / plain[name].reference) == pytest.approx(first, rel=0.02)
 
@@ -89,7 +85,7 @@ def test_white_balance_is_found_with_the_water(plain: Scene) -> None:
     balance = np.exp(0.05 * np.random.default_rng(0).normal(size=(7, 1, 1, 3)))
     scene = with_light(plain, balance / balance[3])
     result = sucre().restore(scene, scene["3.png"])
-    assert parts(result) == ["white_balance"]
+    assert parts(result) == ["white_balance", "lens"]
     assert np.abs(rates(result, WATERS["green"])[0]).max() < 0.05  # .39 in even light
     for name, gains in result.info["gains"].items():
         np.testing.assert_allclose(gains, (balance / balance[3])[int(name[0]), 0, 0], rtol=0.05)
@@ -105,31 +101,10 @@ def test_vignetting_is_found_with_the_water(plain: Scene) -> None:
     truth = scene["3.png"].reference
     errors = [np.sqrt(np.nanmean((one.image - truth) ** 2)) for one in (even, result)]
     assert errors[1] < 0.7 * errors[0]
-    matched = Observed.of(sucre(), scene, scene["3.png"]).matched
-    chosen = choose(matched, "3.png", None, may_be_strobe=False)
-    assert chosen.fit.light.parts == Parts(lens=True)
-
-
-def test_exposure_that_follows_the_distance_is_not_taken_for_linear_light() -> None:
-    """In even light, residuals of linear light are .94 of those of stored intensities; with gains 1.55."""
-    gains = tuple((np.array(GROUND["heights_m"]) / GROUND["heights_m"][3]) ** 0.35)
-    scene = make_ground(WATERS["blue ocean"], gains=gains, **GROUND)
-    assert nearer_encoding(Observed.of(sucre(), scene, scene["3.png"])).encoding == "view"
-
-
-def test_blur_that_grows_with_the_distance_is_said_and_sharp_images_get_no_such_word(plain: Scene) -> None:
-    views = []
-    for view in plain.views:  # forward scatter: half a pixel a metre
-        rgb = cv2.GaussianBlur(view.rgb, (0, 0), 0.5 * float(np.median(view.depth)))
-        views.append(replace(view, pixels=Arrays(rgb, view.depth, view.reference)))
-    for scene, is_said in ((replace(plain, views=views), True), (plain, False)):
-        result = sucre(light="even").restore(scene, scene["3.png"])
-        assert any("blurred" in limit for limit in result.info["limits"]) == is_said
-        assert (rates(result, WATERS["green"])[0].max() > 0.15) == is_said
 
 
 def test_even_light_is_left_as_it_is(plain: Scene) -> None:
-    auto, even = (sucre_plus(light=light).restore(plain, plain["3.png"]) for light in ("auto", "even"))
+    auto, even = (Sucre(light=light).restore(plain, plain["3.png"]) for light in ("auto", "even"))
     assert "light" not in auto.info
     np.testing.assert_allclose(auto.image, even.image, atol=1e-6)
 
@@ -148,59 +123,6 @@ def test_photographs_in_air_whose_exposure_varies_get_no_water() -> None:
     assert found.water.attenuation.max() < 5e-3  # 1/m, at a median distance of 3 m
 
 
-# -- a strobe ------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def survey() -> Scene:
-    return make_survey(WATERS["coast"], width=64, height=48)
-
-
-@pytest.fixture(scope="module")
-def under_a_strobe(survey: Scene) -> Restoration:
-    return sucre_plus(light="strobe").restore(survey, survey["4.png"])
-
-
-def test_the_light_of_a_strobe_is_removed_from_the_picture(survey: Scene, under_a_strobe: Restoration) -> None:
-    view = survey["4.png"]
-    errors = [
-        float(np.sqrt(np.nanmean((display(image, "black-0.5-white-99") - view.reference) ** 2)))
-        for image in (view.rgb, under_a_strobe.image)
-    ]
-    assert errors[1] < 0.7 * errors[0]
-    assert under_a_strobe.valid.mean() > 0.99
-
-
-def test_the_place_of_a_strobe_is_found_and_over_flat_ground_its_water_is_doubted(under_a_strobe: Restoration) -> None:
-    np.testing.assert_allclose(under_a_strobe.info["light"]["strobe"]["position"], (0.7, 0, 0), atol=0.15)
-    assert any("do not separate" in limit for limit in under_a_strobe.info["limits"])
-    assert not under_a_strobe.info["veil_known"]
-
-
-def test_the_strobe_of_a_scene_that_has_none_is_doubted(plain: Scene) -> None:
-    result = sucre_plus(light="strobe").restore(plain, plain["4.png"])
-    assert any("do not separate" in limit for limit in result.info["limits"])
-    assert not result.info["veil_known"]
-
-
-def test_a_strobes_veil_is_its_light_scattered_once() -> None:
-    """Against a fine sum along one ray, written out again."""
-    strobe, z, (B, beta, gamma) = (
-        Strobe(np.array([0.3, -0.2, 0.1]), np.array([0.1, 0, -1, 0, -1.2, 0]), 2.0),
-        3.0,
-        (0.3, 0.2, 0.4),
-    )
-    ray = np.array([[0.2], [-0.1]])
-    t = (np.arange(20_000) + 0.5) / 20_000 * z
-    X = np.array([0.2, -0.1, 1])[:, None] / np.linalg.norm([0.2, -0.1, 1]) * t
-    Y = X - np.array([[0.3], [-0.2], [0.1]])
-    d = np.linalg.norm(Y, axis=0)
-    x, y = Y[:2] / d
-    light = (2 / d) ** 2 * np.exp(0.1 * x - x * x - 1.2 * y * y) * np.exp(-beta * d - gamma * t)
-    expected = B * gamma * light.mean() * z
-    assert Lit.of(strobe, ray, np.array([z])).eq_6((B, beta, gamma))[1][0] == pytest.approx(expected, rel=0.01)
-
-
 # -- the fit -------------------------------------------------------------------------------------------------
 
 
@@ -211,7 +133,7 @@ def matched(exposed: Scene) -> Observations:
     return found
 
 
-@pytest.mark.parametrize("which", [Parts(1, lens=True), Parts(3), Parts(1, strobe=True)])
+@pytest.mark.parametrize("which", [Parts(1, lens=True), Parts(3)])
 def test_gradient_is_that_of_finite_differences(matched: Observations, which: Parts) -> None:
     problem = Problem(Sample.of(sampled(matched, 60, singles=False, seed=0), "3.png"), which)
     rng = np.random.default_rng(0)
@@ -223,16 +145,14 @@ def test_gradient_is_that_of_finite_differences(matched: Observations, which: Pa
     np.testing.assert_allclose(system.g[0][free], np.array(numeric)[free], rtol=1e-4, atol=1e-6)
 
 
-@pytest.mark.parametrize("strobe", [False, True])
-def test_removed_light_has_the_least_squares_of_the_recorded_one(matched: Observations, strobe: bool) -> None:
+@pytest.mark.parametrize("which", [Parts(1), Parts(3, lens=True)])
+def test_removed_light_has_the_least_squares_of_the_recorded_one(matched: Observations, which: Parts) -> None:
     few = sampled(matched, 200, singles=False, seed=0)
-    problem = Problem(Sample.of(few, "3.png"), Parts(1, strobe=strobe))
+    problem = Problem(Sample.of(few, "3.png"), which)
     u = np.concatenate([np.tile([0.3, 0.2, 0.3], 3), np.random.default_rng(0).normal(0, 0.1, problem.size - 9)])
     light, recorded = problem.light(u), problem.system(u).cost[0] - problem.prior @ (u * u)
-    none = np.zeros(3)
-    water = WaterParameters(none, light.water.beta, none) if strobe else light.water
     with opened(light.removed(few), "numpy", "cpu") as kernel:
-        assert kernel.system(water).cost.sum() == pytest.approx(recorded, rel=1e-3)
+        assert kernel.system(light.water).cost.sum() == pytest.approx(recorded, rel=1e-3)
 
 
 def test_a_view_whose_light_is_not_known_takes_no_part(exposed: Scene) -> None:
@@ -259,7 +179,7 @@ def test_water_that_was_fitted_with_gains_is_used_with_them(exposed: Scene, by_i
     file = tmp_path / "3.json"
     file.write_text(json.dumps(record))
     for name in ("3.png", "1.png"):
-        own = by_itself if name == "3.png" else sucre(light="exposure").restore(exposed, exposed[name])
+        own = by_itself if name == "3.png" else sucre(light="exposure+lens").restore(exposed, exposed[name])
         given = sucre(water=str(file)).restore(exposed, exposed[name])
         assert np.sqrt(np.nanmean((given.image - own.image) ** 2)) < 0.02
     file.write_text(json.dumps(record | {"gains": {"1.png": 1.0}}))
@@ -303,12 +223,7 @@ def test_gains_of_views_that_are_no_positive_numbers_are_refused(plain: Scene, t
 
 @pytest.mark.parametrize(
     "options",
-    [
-        {"light": "lens", "water": "truth"},
-        {"light": "strobe", "one_coefficient": True},
-        {"light": "lamp"},
-        {"light": "lens+"},
-    ],
+    [{"light": "lens", "water": "truth"}, {"light": "strobe"}, {"light": "lamp"}, {"light": "lens+"}],
 )
 def test_options_that_do_not_go_with_light_are_refused(options: dict[str, object]) -> None:
     with pytest.raises(InputError, match="light"):

@@ -314,7 +314,7 @@ def test_sums_in_trees_as_on_a_gpu_are_those_of_a_matrix_product() -> None:
 
 def test_every_backend_restores_alike() -> None:
     scene = make_ground(WATERS["milky"], width=80, height=60)
-    sucre: Any = partial(Sucre, encoding="view", light="even", robust=False)
+    sucre: Any = partial(Sucre, light="even", footprint=True, physical=False, robust=False)
     reference, *others = (sucre(backend=name).restore(scene, scene["3.png"]) for name in BACKENDS)
     for result in others:
         assert result.info["footprint"] is True

@@ -98,7 +98,7 @@ def test_animals_without_weight_do_not_come_back_into_the_gaps() -> None:
     scene = Scene(clean.name, views, clean.has, clean.water)
 
     def error(**options: bool) -> float:
-        method, view = Sucre(robust=True, encoding="view", light="even", **options), scene["3.png"]
+        method, view = Sucre(robust=True, light="even", footprint=True, physical=False, **options), scene["3.png"]
         return float(np.sqrt(np.nanmean((method.restore(scene, view).image - view.reference) ** 2)))
 
     assert error(refine=True) < 1.05 * error()

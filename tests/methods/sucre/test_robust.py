@@ -47,24 +47,16 @@ def animal(observations: Observations) -> np.ndarray:
     return (observations.view == 2) & (row < 30) & (column < 40)
 
 
-@pytest.mark.parametrize("what", ["animal", "snow", "misfits everywhere", "nothing"])
-def test_auto_leaves_out_what_is_wrong_and_nothing_where_the_model_explains_little(what: str) -> None:
+@pytest.mark.parametrize("what", ["animal", "snow"])
+def test_an_animal_in_one_view_and_marine_snow_in_all_leave_the_water_right(what: str) -> None:
     observations, _ = made(4800, distances_m=(1, 6), noise=NOISE, shape=(60, 80))
-    rng = np.random.default_rng(3)
     colour = observations.colour.copy()
-    if what == "misfits everywhere":  # far more large ones than noise makes
-        colour += 0.02 * rng.standard_t(2, colour.shape).astype(np.float32)
-    elif what != "nothing":
-        colour[:, animal(observations) if what == "animal" else rng.random(len(observations)) < 0.01] = 0.6
+    rng = np.random.default_rng(3)
+    colour[:, animal(observations) if what == "animal" else rng.random(len(observations)) < 0.01] = 0.6
     observations = replace(observations, colour=colour)
-    plain, auto = (solve_exact(observations, robust=robust) for robust in (False, "auto"))
-    is_left_out = what in ("animal", "snow")
-    assert (auto.trust is not None) is is_left_out is (auto.course.robust is not None)
-    if is_left_out:
-        before, after = (np.abs(table(one.water) / table(TRUE) - 1).max() for one in (plain, auto))
-        assert after < 0.03 < before
-    else:
-        np.testing.assert_array_equal(auto.J, plain.J)
+    plain, robust = (solve_exact(observations, robust=robust) for robust in (False, True))
+    before, after = (np.abs(table(one.water) / table(TRUE) - 1).max() for one in (plain, robust))
+    assert after < 0.03 < before
 
 
 def test_a_view_of_another_place_is_named_and_one_with_an_animal_is_not() -> None:
@@ -72,23 +64,8 @@ def test_a_view_of_another_place_is_named_and_one_with_an_animal_is_not() -> Non
     for wrong, is_named in ((observations.view == 2, True), (animal(observations), False)):
         colour = observations.colour.copy()
         colour[:, wrong] = np.random.default_rng(0).permuted(colour[:, wrong], axis=1)
-        limits = " ".join(solve_exact(replace(observations, colour=colour), robust="auto").uncertainty.limits)
+        limits = " ".join(solve_exact(replace(observations, colour=colour), robust=True).uncertainty.limits)
         assert (f"{observations.views[2]} shows other things" in limits) == is_named
-
-
-@pytest.mark.parametrize("flicker", [0.0, 0.2])
-def test_flickering_light_is_not_taken_for_attenuation(flicker: float) -> None:
-    """Light that differs by 20 % between observations is noise in proportion to what the ground sends."""
-    even, _ = made(6000, distances_m=(2, 8), noise=NOISE, shape=(75, 80))
-    b = TRUE.B[:, None] * -np.expm1(-TRUE.gamma[:, None] * even.distance)
-    light = 1 + flicker * np.random.default_rng(8).standard_normal(len(even))
-    observations = replace(even, colour=(b + (even.colour - b) * light).astype(np.float32))
-    plain, found = fit(observations).water, solve_exact(observations, matched=observations).water
-    assert np.abs(found.beta / TRUE.beta - 1).max() < 0.03
-    if flicker:
-        assert np.abs(plain.beta / TRUE.beta - 1).max() > 0.05
-    else:
-        np.testing.assert_allclose(found.beta, plain.beta, rtol=1e-6)
 
 
 def test_clean_observations_lose_next_to_nothing() -> None:

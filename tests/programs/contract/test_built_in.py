@@ -35,8 +35,8 @@ TABLES = {"given.py", "catalogue.py", "match_published.py"}
 QUICK: dict[str, dict[str, Any]] = {
     "sucre_paper": {"steps": 3},
     # To choose them takes several times as long as all the rest, and has tests of its own.
-    "sucre": {"light": "even", "encoding": "view"},
-    "sucre_plus": {"light": "even", "encoding": "view", "physical": False},
+    "sucre": {"light": "even", "footprint": True, "physical": False, "robust": False},
+    "sucre_plus": {"light": "even", "footprint": True, "physical": False, "robust": False},
     "command": {"run": "cp {input} {output}"},
 }
 

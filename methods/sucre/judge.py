@@ -1,0 +1,330 @@
+"""Chooses the model of a dive by what it predicts in views that it has not seen.
+
+Every second view of the dive is one half. Each model is fitted to one half, and predicts the other, for some targets:
+
+- *held-out error*: the median of |predicted - observed| over means of tiles of the target, in each view of the other
+  half, over that of no water, where a colour is the mean of its observations. One gain for each view and channel is
+  fitted to predicted means alike, so that no model gains by an exposure that nobody could foresee. Means over a tile do
+  not see blur, nor poses and depth that are pixels off.
+- *negative*: the share of colours below zero in a channel. A veil and colours that share an offset explain views
+  alike: residuals cannot see it, but it makes many colours negative.
+- *drift*: how far, in a* b*, the median shown colour of the farthest third of the target lies from that of the nearest
+  third. Water that is removed too much turns far ground.
+
+A model is admissible if at most 5 % of the colours in each channel are negative, and its drift is not more than the
+photograph's. The admissible model of the least held-out error is chosen; of those within 5 %, the one that stands
+first in `_candidates`: footprints before pixels, since these are right where poses and depth are, and fewer parts of
+light. If none is 5 % better than no water, the first steps of the paper's Adam are tried, then the photograph stays.
+Each measure is the median over the targets. docs/sucre-measured.md has the table of real dives behind this rule.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from sucre_bench.arrays import Array, Indices, Mask, evenly
+from sucre_bench.errors import NotApplicableError, SolveError
+from sucre_bench.imaging.cielab import to_lab
+from sucre_bench.imaging.display import display
+from sucre_bench.machine.provenance import absent
+from sucre_bench.methods.sucre.light import EVEN, EVEN_LIGHT, Light, LightFit, Parts, parts_of
+from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
+from sucre_bench.methods.sucre.models import Fit, Fitted, Model, fit_model, is_in_air, light_of
+from sucre_bench.methods.sucre.robust import trust, trusted
+from sucre_bench.methods.sucre.solution import JUDGED_TARGETS, Dive, Judged, sampled
+from sucre_bench.multiview.observations import Observations
+from sucre_bench.scene import Scene
+
+# Targets and pixels of each that models are judged on; tiles along the longer side; fewest pixels of a tile's mean, and
+# fewest means that tell anything.
+_TARGETS, _PIXELS, _TILES, _FEWEST, _ENOUGH = 3, 10_000, 30, 8, 30
+
+# Views of a longer scene that take part, neighbours in its middle.
+_VIEWS = 64
+
+# Lights that tell whether any differs: without a gain from one of them, no other is tried.
+_TELLING = (Parts(lens=True), Parts(3, lens=True))
+
+# The rule: see above.
+MOST_NEGATIVE, BETTER, _TIE = 0.05, 0.95, 1.05
+
+# The display that drift is measured in.
+_SHOWN = "black-0.5-white-99"
+
+NONE = WaterParameters.of_channels(np.zeros((3, 3)))
+NO_WATER = Model(Fit.NOTHING)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verdict:
+    """The chosen model.
+
+    judged: those it was chosen from, the chosen one first; is_unjudged: whether there was a choice that no views could
+    make; is_in_air: whether nothing dims the images.
+    """
+
+    model: Model
+    judged: tuple[Judged, ...] = ()
+    is_unjudged: bool = False
+    is_in_air: bool = False
+
+
+def judging(options: Any) -> Any:
+    """Return the options of a method that decide its model and the common water."""
+    return replace(options, water="own", colours="multi_view", refine=False, fill=False)
+
+
+@functools.lru_cache(maxsize=4)  # every view of the scene asks for it
+def chosen_model(scene: Scene, options: Any) -> Verdict:
+    """Return the model of a dive, of those that the options allow.
+
+    Without two halves that overlap it is the first steps of the paper, or what the options say.
+    """
+    allowed = list(_candidates(options))
+    if len(allowed) == 1:
+        return Verdict(allowed[0])
+    middle = max(0, (len(scene) - _VIEWS) // 2)
+    part = replace(scene, views=scene.views[middle : middle + _VIEWS]) if len(scene) > _VIEWS else scene
+    try:
+        court = _Court.of(Dive.spread(options, part, JUDGED_TARGETS))
+    except (SolveError, NotApplicableError):
+        court = None
+    early = list(_early(options))
+    found = court and court.verdict(allowed, early)
+    return found or Verdict([*early, *allowed][0], is_unjudged=True)
+
+
+def _candidates(options: Any) -> Iterator[Model]:
+    """Yield the models that options allow, the preferred ones first."""
+    given = parts_of(options.light, "method.light")
+    lights = [EVEN_LIGHT, Parts(lens=True), Parts(1, lens=True), Parts(3, lens=True)] if given is None else [given]
+    for light in lights:
+        for fit in (Fit.FOOTPRINTS, Fit.PIXELS):
+            for is_robust in (False, True):
+                for is_physical in (False, True):
+                    model = Model(fit, is_physical, is_robust, options.one_coefficient, light)
+                    if _allows(options.footprint, fit is Fit.FOOTPRINTS) and (
+                        _allows(options.physical, is_physical) and _allows(options.robust, is_robust)
+                    ):
+                        yield model
+
+
+def _early(options: Any) -> Iterator[Model]:
+    """Yield the models of the paper's first steps that options allow."""
+    is_plain = options.light in ("auto", EVEN) and options.footprint is not True
+    if is_plain and options.physical is not True and options.robust is not True and absent("torch") is None:
+        for one_coefficient in (True,) if options.one_coefficient else (False, True):
+            yield Model(Fit.EARLY, one_coefficient=one_coefficient)
+
+
+def _allows(option: Any, value: bool) -> bool:
+    return option == "auto" or option is value
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """Some pixels of a target, which models are judged on; observations: with `view` and `ray`; distance: (P,) m."""
+
+    observations: Observations
+    distance: Array
+
+    @cached_property
+    def intensity(self) -> Array:
+        return self.observations.intensity(slice(None)).astype(np.float64)
+
+    @cached_property
+    def place(self) -> Indices:
+        return self.observations.place
+
+    @cached_property
+    def tile(self) -> Indices:
+        """The tile of each pixel, (P,)."""
+        height, width = self.observations.shape
+        side = max(height, width) / _TILES
+        y, x = np.divmod(self.observations.pixels, width)
+        return (y // side).astype(np.int64) * _TILES + (x // side).astype(np.int64)
+
+    def seen_in(self, names: frozenset[str]) -> Mask:
+        """Return whether each observation (N,) is of one of these views."""
+        assert self.observations.view is not None
+        is_named = np.array([name in names for name in self.observations.views])
+        return np.asarray(is_named[self.observations.view])
+
+    def colours(self, fit: Fitted | None, used: Mask) -> tuple[Array, Array, Array]:
+        """Return the colours J (3, P) of the used observations (N,) bool, and what a and b are times l (3, N).
+
+        fit: None for no water. Observations count less where the fit has robust weights.
+        """
+        z, n = self.observations.distance.astype(np.float64), len(self.observations.pixels)
+        water = NONE if fit is None else fit.water
+        l: Array = np.ones((3, len(z)))  # noqa: E741
+        weight: Array = used.astype(np.float64)
+        even = self.observations
+        if fit is not None and fit.light is not None:
+            light = _typical(fit.light, even)
+            l, even = light.on(even), light.removed(even)  # noqa: E741
+        if fit is not None and fit.noise is not None:
+            weight = used * trust(trusted(even, used.astype(np.float32)), water, fit.noise)
+        a = l * transmission(z, water.beta[:, None])
+        b = l * veil(z, water.B[:, None], water.gamma[:, None])
+        seen, information = (
+            np.stack([np.bincount(self.place, channel * weight, n) for channel in values]).astype(np.float64)
+            for values in (a * (self.intensity - b), a * a)
+        )
+        return np.divide(seen, information, out=np.full((3, n), np.nan), where=information > 0), a, b
+
+    def errors(self, fit: Fitted | None, half: frozenset[str]) -> Array:
+        """Return the errors (3, M) of tile means in views outside a half, by a fit to the half: shares of the scale."""
+        assert self.observations.view is not None
+        used = self.seen_in(half)
+        J, a, b = self.colours(fit, used)
+        judged = ~used & np.isfinite(J[0, self.place])
+        predicted = (J[:, self.place] * a + b)[:, judged]
+        of = self.tile[self.place[judged]] * len(self.observations.views) + self.observations.view[judged]
+        tiles, which, n = np.unique(of, return_inverse=True, return_counts=True)
+        means = [
+            np.stack([np.bincount(which, channel, len(tiles)) for channel in values])[:, n >= _FEWEST] / n[n >= _FEWEST]
+            for values in (predicted, self.intensity[:, judged])
+        ]
+        view = tiles[n >= _FEWEST] % len(self.observations.views)
+        errors = np.empty_like(means[0])
+        for k in np.unique(view):
+            guess, true = (mean[:, view == k] for mean in means)
+            gain = np.median(true / guess.clip(min=1e-3), axis=1, keepdims=True)
+            errors[:, view == k] = np.abs(gain * guess - true)
+        return errors
+
+    def drift(self, J: Array) -> float:
+        """Return the drift of colours (3, P), as they are shown."""
+        known = np.isfinite(J).all(axis=0)
+        z = self.distance[known]
+        near, far = np.quantile(z, (1 / 3, 2 / 3))
+        shown = to_lab(display(np.ascontiguousarray(J[:, known].T[:, None], np.float32), _SHOWN))[:, 0]
+        between = np.median(shown[z >= far], axis=0) - np.median(shown[z <= near], axis=0)
+        return float(np.hypot(*between[1:]))
+
+
+def _typical(light: Light, observations: Observations) -> Light:
+    """Return the light of all views of observations, with the median of the gains where a gain is not known."""
+    gains = light.over(observations.views).gains
+    typical = np.nan_to_num(np.nanmedian(light.gains, axis=0))
+    return replace(light, views=observations.views, gains=np.where(np.isfinite(gains), gains, typical))
+
+
+@dataclass(frozen=True, eq=False)
+class _Court:
+    """A dive whose models are judged.
+
+    halves: names of views that models are fitted to; parts: the dive as these show it, and whole; targets: with the
+    medians of no water's errors; lights: of the parts, by parts of light, and whether they were fitted robustly.
+    """
+
+    halves: list[frozenset[str]]
+    parts: list[Dive]
+    targets: list[tuple[Target, float]]
+    lights: dict[tuple[Parts, bool], list[LightFit]] = field(default_factory=dict)
+
+    @staticmethod
+    def of(dive: Dive) -> _Court | None:
+        """Return the court of a dive; None if its halves share too little."""
+        names = [view.name for view in dive.scene.views]
+        halves = [frozenset(half) for half in (names[::2], names[1::2]) if len(half) > 1]
+        if not halves:
+            return None
+        targets = []
+        for k in evenly(len(dive.targets), _TARGETS):
+            view = dive.targets[k].view
+            whole = dive.options.observe(dive.scene, view, with_view=True, with_ray=True)
+            few = sampled(whole, _PIXELS, singles=False, seed=0)
+            target = Target(few, view.distance.ravel()[few.pixels])
+            plain = np.concatenate([target.errors(None, half).ravel() for half in halves])
+            if len(plain) >= 3 * _ENOUGH and np.median(plain) > 0:
+                targets.append((target, float(np.median(plain))))
+        if not targets:
+            return None
+        return _Court(halves, [*map(dive.half, halves), dive], targets)
+
+    def fits(self, model: Model) -> list[Fitted]:
+        """Return the fits of a model to the parts: to the halves from where the fit to all views ended."""
+        *halves, dive = self.parts
+        key = model.light, model.is_robust
+        if model.light != EVEN_LIGHT and key not in self.lights:
+            of_all = light_of(model, dive)
+            self.lights[key] = [*(light_of(model, half, of_all) for half in halves), of_all]
+        lights = self.lights.get(key, [None] * len(self.parts))
+        whole = fit_model(model, dive, lights[-1])
+        of_halves = [fit_model(model, half, light, whole) for half, light in zip(halves, lights[:-1], strict=True)]
+        return [*of_halves, whole]
+
+    def judged(self, model: Model) -> Judged | None:
+        """Return the measures of a model; None if it cannot be fitted."""
+        try:
+            fits = self.fits(model)
+        except (SolveError, NotApplicableError):
+            return None
+        held_out, negative, drift, of_photograph = [], [], [], []
+        for target, plain in self.targets:
+            errors = [target.errors(fit, half).ravel() for fit, half in zip(fits[:-1], self.halves, strict=True)]
+            held_out.append(float(np.median(np.concatenate(errors))) / plain)
+            every = np.ones(len(target.observations), dtype=bool)
+            J, *_ = target.colours(fits[-1], every)
+            negative.append((J < 0).mean(axis=1))
+            drift.append(target.drift(J))
+            of_photograph.append(target.drift(target.colours(None, every)[0]))
+        return Judged(
+            model=model.words,
+            held_out=float(np.median(held_out)),
+            negative=np.median(negative, axis=0).tolist(),
+            drift=float(np.median(drift)),
+            drift_of_photograph=float(np.median(of_photograph)),
+        )
+
+    def verdict(self, allowed: list[Model], early: list[Model]) -> Verdict | None:
+        """Return the choice among the allowed models and the paper's first steps; None if no half can be fitted."""
+        known: dict[Model, Judged] = {}
+
+        def judge(models: list[Model]) -> None:
+            for model in models:
+                if model not in known and (one := self.judged(model)) is not None:
+                    known[model] = one
+
+        def best() -> list[Model]:
+            admissible = [model for model in known if is_admissible(known[model])]
+            least = min((known[model].held_out for model in admissible), default=np.inf)
+            close = [model for model in admissible if known[model].held_out <= _TIE * least]
+            return sorted(close, key=[*allowed, *early].index)
+
+        if self.parts[-1].matched is None:
+            allowed = [model for model in allowed if model.fit is Fit.PIXELS] or allowed
+        first = [m for m in allowed if m.is_physical == allowed[-1].is_physical and m.is_robust == allowed[0].is_robust]
+        simplest = first[0].light
+        judge([model for model in first if model.light == simplest])
+        judge([model for model in first if model.fit == first[0].fit and model.light in _TELLING])
+        of_simplest = min((known[model].held_out for model in known if model.light == simplest), default=np.inf)
+        if min((one.held_out for one in known.values()), default=np.inf) < BETTER * of_simplest:  # light differs
+            judge(first)
+        if leading := best() or sorted(known, key=lambda model: known[model].held_out)[:1]:
+            judge([model for model in allowed if (model.fit, model.light) == (leading[0].fit, leading[0].light)])
+        if not any(known[model].held_out <= BETTER for model in best()):
+            judge(early)
+        chosen = best()[0] if best() and known[best()[0]].held_out <= BETTER else NO_WATER
+        if not known:
+            return None
+        even = next((model for model in known if model.light == EVEN_LIGHT), None)
+        is_clear = (
+            chosen == NO_WATER and even is not None and is_in_air(self.parts[-1].observations, self.fits(even)[-1])
+        )
+        others = sorted(known.values(), key=lambda one: one.held_out)
+        in_order = tuple(sorted(others, key=lambda one: one.model != chosen.words))
+        return Verdict(chosen, in_order, is_in_air=is_clear)
+
+
+def is_admissible(judged: Judged) -> bool:
+    """Return whether colours are above zero, and those of far ground no more turned than the photograph's."""
+    return max(judged.negative) <= MOST_NEGATIVE and judged.drift <= judged.drift_of_photograph

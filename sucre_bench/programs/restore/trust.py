@@ -1,0 +1,121 @@
+"""How far restored pictures can be trusted: what their records say of the water, and what the eye sees in them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sucre_bench.errors import ANY_FAULT
+from sucre_bench.imaging.display import display
+from sucre_bench.imaging.image_files import read_rgb
+from sucre_bench.imaging.visible_faults import Look, VisibleFault, faults_of_dive, look_at
+from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.progress import track
+from sucre_bench.programs.restore.write import Restored
+
+# A water is measured if no channel was assumed, far colours are wrong by less than this share, unseen views are
+# predicted at least so much better than without a water, and at most this share of a channel is below zero.
+_FAR, _BETTER, _NEGATIVE = 0.3, 0.95, 0.05
+
+_AT_ONCE = 4  # pictures that are looked at
+
+_SEEN = {
+    "cast": "its near ground has another cast than the photograph's",
+    "red": "dark or saturated red covers {value:.0%} of it",
+    "rims": "coloured rims lie along edges",
+    "turning": "its hue differs from the other pictures', and the photographs' do not",
+    "below": "{value:.0%} of a channel is darker than black",
+}
+# Faults that make a picture useless; others may lie where nobody looks.
+_RUINING = {"cast", "turning", "below"}
+
+
+class Trust(Enum):
+    """Whether a picture can be used."""
+
+    GOOD = "good"
+    LOOK = "look"
+    DO_NOT_USE = "do not use"
+
+
+@dataclass(frozen=True)
+class Assessed:
+    """A picture's name, whether it can be used, and why not."""
+
+    name: str
+    trust: Trust
+    reasons: tuple[str, ...] = ()
+
+
+def why_not_measured(record: Mapping[str, Any]) -> str:
+    """Return why the water of a restoration's record was not measured; "" if it was."""
+    if "beta" not in record:
+        return "the method balances colours and measures no water"
+    if record.get("solver") == "none":
+        return "no water explains the views better than none, so it shows the photograph's colours, balanced"
+    if assumed := record.get("assumed"):
+        return f"the water of {' and '.join(assumed)} was assumed"
+    far = {name: error for name, error in (record.get("far_error") or {}).items() if error and error > _FAR}
+    if far:
+        return "far ground may be wrong by " + ", ".join(f"{name} {error:.0%}" for name, error in far.items())
+    if not (judged := record.get("judged")):
+        return "no views were left to judge the water on"
+    if judged[0]["held_out"] > _BETTER:
+        return f"other views are predicted with {judged[0]['held_out']:.0%} of the error of no water"
+    if (below := max(record["negative_share"])) > _NEGATIVE:
+        return f"{below:.0%} of a channel is darker than black"
+    return ""
+
+
+def assess(restored: Sequence[Restored], out: Path, original_geometry: bool) -> list[Assessed]:
+    """Return how far each picture below OUT/pictures can be trusted, and write it to OUT/pictures.csv."""
+
+    def look(one: Restored) -> Look:
+        below = max(one.record.get("negative_share") or [math.nan])
+        if not one.is_of_dive:
+            below = math.nan
+        try:
+            picture = read_rgb(out / "pictures" / one.name)
+            bent = original_geometry and one.lens is not None
+            beside = read_rgb(one.photograph) if bent else display(one.view.rgb, "none", one.view.encoding)
+            distance = one.view.distance if one.is_of_dive and not bent else None
+            return look_at(picture, beside, distance, below)
+        except ANY_FAULT:  # the picture stays; it is not looked at
+            return look_at(*np.full((2, 1, 1, 3), np.nan, dtype=np.float32))
+
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        looks = list(track(pool.map(look, restored), "looking at pictures", len(restored)))
+    together = [k for k, one in enumerate(restored) if one.is_of_dive]
+    faults: list[tuple[VisibleFault, ...]] = [() for _ in restored]
+    for k, found in zip(together, faults_of_dive([looks[k] for k in together]), strict=True):
+        faults[k] = found
+    assessed = [_assessed(one, found) for one, found in zip(restored, faults, strict=True)]
+    _write(assessed, out / "pictures.csv")
+    return assessed
+
+
+def _assessed(one: Restored, faults: Sequence[VisibleFault]) -> Assessed:
+    reasons = [_SEEN[fault.kind].format(value=fault.value) for fault in faults]
+    if unmeasured := why_not_measured(one.record):
+        reasons.append(unmeasured)
+    trust = Trust.LOOK if reasons else Trust.GOOD
+    if any(fault.kind in _RUINING for fault in faults):
+        trust = Trust.DO_NOT_USE
+    return Assessed(one.name, trust, tuple(reasons))
+
+
+def _write(assessed: Sequence[Assessed], path: Path) -> None:
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["picture", "trust", "why"])
+    rows.writerows([one.name, one.trust.value, "; ".join(one.reasons)] for one in assessed)
+    write_atomically(path, text.getvalue().encode())

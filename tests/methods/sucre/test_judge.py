@@ -1,0 +1,120 @@
+"""The model of a dive, chosen by what it predicts in unseen views: on made ground whose water and light are known."""
+
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+from support.made_ground import WATERS, make_ground
+
+from sucre_bench import Arrays, Scene, View
+from sucre_bench.methods.sucre import Sucre
+from sucre_bench.methods.sucre.judge import Verdict, chosen_model, is_admissible, judging
+from sucre_bench.methods.sucre.light import EVEN_LIGHT, Parts
+from sucre_bench.methods.sucre.models import Fit
+from sucre_bench.methods.sucre.solution import Judged
+
+GROUND = {"width": 160, "height": 120, "heights_m": (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5), "tilt_deg": 30.0, "seed": 3}
+# As few candidates as a question needs: each takes three fits.
+even = partial(Sucre, light="even", footprint=True, robust=False, physical=False)
+
+
+def verdict(scene: Scene, options: Sucre) -> Verdict:
+    return chosen_model(scene, judging(options))
+
+
+def with_pictures(scene: Scene, change: Any) -> Scene:
+    """The scene with the picture change(k, rgb) of each view, as 8-bit images."""
+    views = []
+    for k, view in enumerate(scene.views):
+        stored = np.rint(change(k, np.array(view.rgb)).clip(0, 1) * 255) / 255
+        views.append(replace(view, pixels=Arrays(stored, view.depth, view.reference)))
+    return replace(scene, views=views)
+
+
+def error_of_beta(scene: Scene, view: View, options: Sucre) -> float:
+    """The largest of the channels, as a share."""
+    found = options.restore(scene, view).water
+    assert found is not None
+    assert scene.water is not None
+    return float(np.abs(found.attenuation / scene.water.attenuation - 1).max())
+
+
+@pytest.fixture(scope="module")
+def plain() -> Scene:
+    return make_ground(WATERS["green"], **GROUND)
+
+
+def test_footprints_in_even_light_are_kept_where_nothing_else_is_needed(plain: Scene) -> None:
+    found = verdict(plain, Sucre())
+    assert (found.model.fit, found.model.light, found.is_unjudged) == (Fit.FOOTPRINTS, EVEN_LIGHT, False)
+    assert found.judged[0].held_out < 0.95
+    assert error_of_beta(plain, plain["3.png"], Sucre()) < 0.03
+
+
+@pytest.mark.parametrize("what", ["white balance", "vignetting"])
+def test_light_that_differs_is_found(plain: Scene, what: str) -> None:
+    balance = np.exp(0.05 * np.random.default_rng(0).normal(size=(7, 3)))
+    y, x = np.mgrid[-1:1:120j, -1:1:160j]
+    falloff = 1 - 0.125 * (x * x + y * y)[..., None]
+    scene = with_pictures(plain, lambda k, rgb: rgb * (balance[k] if what == "white balance" else falloff))
+    options = Sucre(footprint=True, robust=False, physical=False)
+    assert verdict(scene, options).model.light == (Parts(3, lens=True) if what == "white balance" else Parts(lens=True))
+    assert error_of_beta(scene, scene["3.png"], options) < 0.05 < error_of_beta(scene, scene["3.png"], even())
+
+
+def test_fish_in_two_views_get_no_weight(plain: Scene) -> None:
+    def with_fish(k: int, rgb: np.ndarray) -> np.ndarray:
+        if k in (1, 4):
+            rgb[30:60, 40:80] = 0.55, 0.5, 0.35
+        return rgb
+
+    scene = with_pictures(plain, with_fish)
+    assert verdict(scene, even(robust="auto")).model.is_robust
+    without, error = (error_of_beta(scene, scene["3.png"], even(robust=one)) for one in (False, "auto"))
+    assert error < 0.03 < without
+
+
+def test_pictures_that_no_water_explains_stay_photographs(plain: Scene) -> None:
+    """Each view shows noise of its own."""
+    rng = np.random.default_rng(0)
+    scene = with_pictures(plain, lambda _, rgb: rng.uniform(0.2, 0.8, rgb.shape))
+    result = even(physical="auto").restore(scene, scene["3.png"])
+    assert result.info["solver"] == "none"
+    np.testing.assert_array_equal(result.image[result.valid], scene["3.png"].rgb[result.valid])
+
+
+@pytest.mark.parametrize(
+    ("negative", "drift", "is_right"),
+    [((0.01, 0.0, 0.04), 3.0, True), ((0.0, 0.0, 0.33), 3.0, False), ((0.0, 0.0, 0.0), 8.0, False)],
+)
+def test_a_model_that_ruins_a_channel_or_far_ground_is_refused(
+    negative: tuple[float, ...], drift: float, is_right: bool
+) -> None:
+    model = Judged(model="", held_out=0.1, negative=negative, drift=drift, drift_of_photograph=5.0)
+    assert is_admissible(model) == is_right
+
+
+@pytest.mark.parametrize("views", [(2, 4), (0, 1, 2, 3)])
+def test_views_without_two_halves_that_overlap_are_not_judged_and_take_the_papers_steps(
+    plain: Scene, views: tuple[int, ...]
+) -> None:
+    """Two views; or four, of which each half is of another place."""
+    chosen = [plain.views[k] for k in views]
+    if len(views) == 4:
+        away = np.eye(4)
+        away[0, 3] = 1000.0
+        chosen[1], chosen[3] = (replace(v, cam_from_world=v.cam_from_world @ away) for v in (chosen[1], chosen[3]))
+    scene = replace(plain, views=chosen)
+    found = verdict(scene, Sucre())
+    assert (found.is_unjudged, found.model.fit, found.judged) == (True, Fit.EARLY, ())
+    result = Sucre().restore(scene, chosen[0])
+    assert (result.info["solver"], result.info["steps"]) == ("adam", 200)
+    assert any("judge" in limit for limit in result.info["limits"])
+
+
+def test_one_model_needs_no_judge(plain: Scene) -> None:
+    result = even().restore(replace(plain, views=plain.views[2:4]), plain.views[2])
+    assert result.info["solver"] == "exact"
+    assert not any("judge" in limit for limit in result.info["limits"])
