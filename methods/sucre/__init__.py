@@ -11,9 +11,11 @@ one water and one colour a pixel.
 | `exact.py` | the minimum: starts, choice between minima, weak priors |
 | `solution.py` | a view with its observations, its solution, and how uncertain that is |
 | `known_water.py` | water from elsewhere, or shared by a scene |
-| `policy.py` | every decision, with a typed result |
+| `models.py` | what can be fitted to a view or a dive, and the fit of it |
+| `judge.py` | which of these a dive gets, by views that a fit has not seen |
+| `policy.py` | what becomes of a view: its water, or the photograph, and what is said |
 | `robust.py` | weights of observations that do not fit |
-| `light.py` | light that differs between observations, a strobe's too, fitted with the water |
+| `light.py` | light that differs between observations, fitted with the water |
 | `refine_noise.py`, `refine_views.py` | noise after the fit; gaps of views, edges, and pixels without depth |
 | `record.py` | the restoration and its record |
 """

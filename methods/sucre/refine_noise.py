@@ -62,7 +62,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sucre_bench.arrays import Array, Mask
-from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.methods.sucre.model import transmission
 from sucre_bench.methods.sucre.solution import information_of, residuals_of
 from sucre_bench.multiview.observations import Observations
@@ -75,9 +74,6 @@ _SAMPLE, _FEWEST, _CLASSES = 30_000, 200, 12
 
 # The least noise: rounding to 8 bits has a standard deviation of .0011.
 _LEAST_NOISE = 1e-3
-
-# Half the difference of intensities that the slope of the curve is taken over.
-_STEP = 0.5 / 255
 
 # The least mean slope of the influence, as a share of the mean weight.
 _LEAST_SLOPE = 0.25
@@ -182,12 +178,6 @@ def noise_parts(observations: Observations, solution: Solution) -> Array:
 
 def _trust(observations: Observations, solution: Solution) -> Array:
     return np.ones(len(observations), dtype=np.float32) if solution.trust is None else solution.trust
-
-
-def decoding_slope(linear: Array) -> Array:
-    """Return how much linear light changes with the stored intensity, for linear intensities, float32."""
-    stored = srgb_encode(linear)
-    return np.asarray((srgb_decode(stored + _STEP) - srgb_decode(stored - _STEP)) / (2 * _STEP), dtype=np.float32)
 
 
 # -- two channels follow the third ---------------------------------------------------------------------------

@@ -152,7 +152,10 @@ def test_a_sample_is_used_and_the_same_every_time() -> None:
     assert one == same
 
 
-@pytest.mark.parametrize(("method", "fast"), [("sucre", {"encoding": "view"}), ("sucre_paper", {"steps": 5})])
+ONE_MODEL = {"light": "even", "footprint": True, "physical": False, "robust": False}
+
+
+@pytest.mark.parametrize(("method", "fast"), [("sucre", ONE_MODEL), ("sucre_paper", {"steps": 5})])
 def test_methods_record_residuals(method: str, fast: dict[str, Any]) -> None:
     scene = make_scene()
     info = sb.restore(method, scene, scene["a.png"], **fast).info
@@ -164,7 +167,5 @@ def test_residuals_are_those_of_the_fit_not_of_the_refined_colours() -> None:
     scene = make_scene()
     told = []
     for refine in (False, True):
-        told.append(
-            sb.restore("sucre", scene, scene["a.png"], refine=refine, encoding="view", light="even").info["residuals"]
-        )
+        told.append(sb.restore("sucre", scene, scene["a.png"], refine=refine, **ONE_MODEL).info["residuals"])
     assert told[0] == told[1]
