@@ -188,12 +188,12 @@ def test_contributing_has_the_floors_of_the_import_contract():
 
 
 def test_the_readmes_commands_run_as_they_stand(bench: Callable[..., Any], tmp_path: Path, small_demo: list[str]):
-    """All but `restore`, which other tests run; the scores last, of pictures that `run` made."""
+    """All but `restore`, which other tests run; scores are of pictures that `run` made."""
     lines = [line for code in blocks(ROOT / "README.md", "sh") for line in code.splitlines()]
     lines = [line for line in lines if line.startswith("sucre-bench ")]
-    assert [line.split()[1] for line in lines] == ["score", "score", "restore", "run", "compare"]
+    assert [line.split()[1] for line in lines] == ["run", "compare", "score", "score", "restore"]
     (tmp_path / "published.csv").write_text("image,UCIQE\nview_000.png,0.5\n")
-    for line in (*lines[3:], *lines[:2]):
+    for line in lines[:4]:
         extra = [*small_demo, "tracking.uri=off"] if line.split()[1] == "run" else []
         done = bench(*line.split()[1:], *extra)
         assert done.returncode == 0, f"{line}: {done.stdout} {done.stderr}"
