@@ -164,10 +164,10 @@ def restore(
     with progress.live():
         restored = [*dive.restored, *alone.restored]
         faults = write_pictures(restored, out, options.quality, options.original_geometry, note.stat().st_mtime_ns)
+        assessed = assess([one for one in restored if one.name not in faults], out, options.original_geometry)
     if source.photographs:
         others = (path.relative_to(source.folder).as_posix() for path in other_photographs(source.folder))
         faults |= dict.fromkeys(others, f"its format is not read; {EXPORT}")
-        assessed = assess([one for one in restored if one.name not in faults], out, options.original_geometry)
     written = tuple(one.name for one in restored if one.name not in faults)
     faults |= {name: alone.faults.get(name, "") for name in names if name not in {*written, *faults}}
     instead = {name: why for name, why in dive.faults.items() if name in written}
