@@ -64,7 +64,8 @@ def test_a_program_is_given_the_encoding_it_asks_for_and_its_answer_is_taken_bac
     scene = scene_of("a.png", encoding="linear")
     seen = restored("cp {input} {output}", scene, encoding="gamma", bits=16).image
     np.testing.assert_allclose(seen, RGB, atol=1e-4)
-    raw = restore("command", scene_of("a.png"), scene_of("a.png").views[0], run="cp {input} {output}", bits=16)
+    stored = scene_of("a.png")
+    raw = restore("command", stored, stored.views[0], run="cp {input} {output}", bits=16)
     linear = restored("cp {input} {output}", scene, bits=16).image
     np.testing.assert_array_equal(raw.image, linear)
     as_gamma = np.rint(srgb_encode(RGB) * 255) / 255  # 8 bits of encoded light, decoded again
