@@ -28,6 +28,20 @@ def _parts(config_path: str) -> tuple[str, str]:
 class PluginSource(ConfigSource):
     """`method/NAME`, `dataset/NAME` or a folder, `metrics/NAME` or `NAME:VARIANT`, and `run`, the options of a run."""
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a launcher's process needs: also the plugin files that were loaded here."""
+        from sucre_bench import plugins
+
+        return {**vars(self), "files": [*plugins.current().files]}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Load the plugin files in a launcher's process, before it composes a job."""
+        from sucre_bench import plugins
+
+        for file in state.pop("files"):
+            plugins.load_file(file)
+        vars(self).update(state)
+
     @staticmethod
     def scheme() -> str:
         """Return the word before ://."""

@@ -36,7 +36,7 @@ from sucre_bench.jobs.catalogue import (
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.run_options import RunConfig
 from sucre_bench.jobs.words import QUOTED, Word, first_line, literal, parse, quoted, value_of
-from sucre_bench.machine.files import expanded, fault_of
+from sucre_bench.machine.files import check_folder, expanded, fault_of
 from sucre_bench.machine.progress import say
 from sucre_bench.machine.provenance import absent
 from sucre_bench.plugins.options import options_of
@@ -156,7 +156,20 @@ def reading_experiment(words: Sequence[str]) -> Iterator[list[str]]:
             if fault := fault_of(expanded(file)):
                 raise InputError(fault, file, "give an experiment, `sucre-bench list experiments` shows those by name")
             block.enter_context(configs.searching(f"experiment://{expanded(file).resolve()}"))
+        block.enter_context(configs.searching(*_search_path(words)))
         yield words
+
+
+def _search_path(words: Sequence[str]) -> Iterator[str]:
+    """Yield the places of `hydra.searchpath`, which Hydra reads where it composes; presets are looked for before."""
+    given = parse(word for word in words if word.lstrip("+").startswith("hydra.searchpath="))
+    lists = [value for word in given for value in word.values if isinstance(value, list)]  # Hydra refuses others
+    for place in itertools.chain(*lists):
+        folder = str(place).removeprefix("file://")
+        if "://" not in folder:
+            check_folder(expanded(folder), "give a folder that holds method/, experiment/ and others")
+            folder = f"file://{expanded(folder).resolve()}"
+        yield folder
 
 
 def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None) -> Asked:
@@ -187,7 +200,7 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
     is_sweep = multirun or bool(experiment) or any(word.key == "hydra.mode" for word in groups)
     if is_sweep and config is None:
         try:
-            config = configs.composed(of_hydra, is_sweep=True)
+            config = configs.composed([*of_hydra, *_shared(typed)], is_sweep=True)
         except SucreBenchError as fault:
             raise (fault.within(files[0]) if files else fault) from fault
         if (not multirun and config.hydra.mode is None) or (config.hydra.mode and config.hydra.mode.name == "RUN"):
@@ -201,6 +214,15 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
 
 
 FILE = "file"  # the name by which Hydra knows an experiment that is given by path
+
+
+def _shared(words: Sequence[Word]) -> Iterator[str]:
+    """Yield the options of the run that all jobs have, as Hydra reads them: its own keys may refer to ${out}."""
+    defaults = RunConfig.defaults()
+    for word in words:
+        is_option = word.key in defaults or isinstance(defaults.get(word.head), dict)
+        if is_option and word.head not in (*KINDS, "metrics") and not word.is_swept and not word.is_deleted:
+            yield f"++{word.key}={word.line.partition('=')[2]}"
 
 
 def _is_of_hydra(word: Word) -> bool:
