@@ -24,6 +24,14 @@ def run_config(config: DictConfig) -> DataFrame:
 
     - config: what `hydra.compose("config", [...])` returns, with `sucre_bench.conf` as Hydra's config module.
 
+    >>> import hydra
+    >>> with hydra.initialize_config_module("sucre_bench.conf", version_base=None):
+    ...     words = ["dataset=demo", "dataset.views=2", "method=gray_world", "metrics=[psnr]", "tracking.uri=off"]
+    ...     config = hydra.compose("config", words)
+    >>> rows = sb.run_config(config)
+    >>> rows["method"].unique().tolist()
+    ['gray_world']
+
     The results folder is `out`, as of `sucre-bench run`; what is stored there is not computed again.
 
     Raises InputError for a value that does not fit, ProblemsError for data that are not as expected.

@@ -93,6 +93,8 @@ def test_a_documented_command_exists_with_its_options(
     write_dive(tmp_path / "dive")
     monkeypatch.chdir(tmp_path)
     if words[0] == "run":
+        if "--config-dir" in words:  # a folder of the reader's
+            pytest.skip("names files of one's own")
         overrides = [word for word in words[1:] if not word.startswith("-")]
         assert config.jobs(overrides, multirun="-m" in words).jobs
     else:

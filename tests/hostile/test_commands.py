@@ -59,7 +59,6 @@ CASES: dict[str, tuple[str, int, str]] = {
     "an empty plugin to run": (f"{RUN} --plugin ''", 2, r"--plugin.*: is empty; "),
     "a seed of 77 bits": (f"{RUN} seed=99999999999999999999999", 2, r"seed: 9+ .*; "),
     "a list as label": (f"{RUN} method.label=[1]", 2, r"method\.label: .*\[1\]; .*text"),
-    "a number as group of options": (f"{RUN} hydra.launcher=1e999", 2, r"hydra\.launcher=1e999: .*; "),
     "a reference to nothing": (f"{RUN} baseline='${{nope}}'", 2, r"baseline: .*'nope'.*; "),
     "an image whose name is no UTF-8": ("score latin", 2, r"^error: latin/\\udce9\.png: .*UTF-8; rename"),
     "a folder whose name is no UTF-8": ("compare '\udce9'", 2, r"^error: \\udce9: .*UTF-8; rename"),

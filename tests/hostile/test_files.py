@@ -149,7 +149,7 @@ DEPTHS: dict[str, tuple[str, Callable[[Path], None], str]] = {
     "a cut TIFF": (".tif", written(cut_tiff()), "cannot be read"),
     "a PNG of a forged size": (".png", written(png_of_size(30000, 30000)), "is 30000x30000"),
     "a TIFF of a forged size": (".tif", written(tiff_of_size(40000, 30000)), "megapixels"),
-    "one pixel": (".png", written(one_pixel(".png")), "1x1"),
+    "one pixel": (".png", written(one_pixel(".png")), "uint8"),
     "an archive": (".npy", written(npz_of_shape((30000, 40000))), "cannot be read"),
     "a device": (".png", device, "is a device"),
     "a pipe": (".tif", pipe, "is a named pipe"),

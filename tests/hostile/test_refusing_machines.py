@@ -81,7 +81,7 @@ FORBIDDEN: dict[str, tuple[str, int, str, str]] = {
         "run dataset=photos dataset.root=dive/images method=gray_world out=x",
         r"dive/images: .*Permission denied; ",
     ),
-    "enter a folder of photos": ("dive/images", 0o600, "prepare dive/images x", r"\ba\.png .*Permission"),
+    "enter a folder of photos": ("dive/images", 0o600, "prepare dive/images x", r"\ba\.png: .*Permission"),
     "read a score table": ("results/scores.parquet", 0o200, "compare results", r"parquet: .*Permission denied; let"),
     "read the score table of a run": ("results/scores.parquet", 0o200, RESULTS, r"parquet: .*Permission denied; let"),
     "enter a results folder": ("results", 0o600, "compare results", r"results/.*Permission denied; let"),

@@ -36,7 +36,7 @@ def test_a_view_is_given_by_object_name_or_place(scene: sb.Scene):
 def test_a_preset_and_a_display_are_given_as_on_the_command_line():
     scene = next(sb.load_scenes("demo", views=2, width=96, height=72))
     preset = sb.restore("sucre_exact", scene, 0, display="white-99")
-    plain = {"footprint": False, "robust": False, "light": "even"}
+    plain = {"footprint": False, "physical": False, "robust": False, "light": "even"}
     same = sb.restore("sucre", scene, 0, display="white-99", **plain)
     assert np.allclose(preset.shown, same.shown, atol=1e-5, equal_nan=True)
     assert preset.display == "white-99" != sb.restore("sucre_exact", scene, 0).display

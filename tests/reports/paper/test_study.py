@@ -52,8 +52,10 @@ def test_every_experiment_has_a_study_that_can_be_made(path: Path):
     computed = {metric.partition(":")[0] for metric in experiment.get("metrics", [])}
     assert not computed or {metric.partition(":")[0] for metric in study.metrics} <= {*computed, *COSTS}
     assert path.stem == study.name == Path(experiment["out"]).name
-    assert not study.baseline or study.baseline in experiment["methods"]
-    assert not study.along or study.along in experiment["sweep"]
+    sweeper = experiment["hydra"]["sweeper"]
+    methods = [one["label"] if isinstance(one, dict) else one for one in sweeper.get("methods", [])]
+    assert not study.baseline or study.baseline in methods
+    assert not study.along or study.along in sweeper["params"]
 
 
 def test_what_an_experiment_sweeps_over_may_be_given():
