@@ -28,7 +28,7 @@ def run_config(config: DictConfig) -> DataFrame:
     >>> with hydra.initialize_config_module("sucre_bench.conf", version_base=None):
     ...     words = ["dataset=demo", "dataset.views=2", "method=gray_world", "metrics=[psnr]", "tracking.uri=off"]
     ...     config = hydra.compose("config", words)
-    >>> rows = sb.run_config(config)
+    >>> rows = run_config(config)
     >>> rows["method"].unique().tolist()
     ['gray_world']
 

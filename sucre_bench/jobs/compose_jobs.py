@@ -203,7 +203,10 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
             config = configs.composed([*of_hydra, *_shared(typed)], is_sweep=True)
         except SucreBenchError as fault:
             raise (fault.within(files[0]) if files else fault) from fault
-        if (not multirun and config.hydra.mode is None) or (config.hydra.mode and config.hydra.mode.name == "RUN"):
+        sweeper = config.hydra.sweeper
+        has_sweep = any(sweeper.get(key) for key in ("methods", "datasets", "params"))
+        is_one_job = config.hydra.mode is None and not multirun and not has_sweep
+        if is_one_job or (config.hydra.mode and config.hydra.mode.name == "RUN"):
             config = None if not multirun else config
     rest = tuple(word for word in typed if word not in groups)
     if config is not None:

@@ -161,7 +161,11 @@ def test_a_wrong_note_of_a_restoration_is_named(info: dict[str, object], remedy:
 def test_the_table_has_every_public_name():
     errors = {name for name in sb.__all__ if name.endswith("Error")}
     lists = {name for name in sb.__all__ if name.startswith("list_")}
-    assert {name.partition(".")[0] for name in TAKES} == set(sb.__all__) - errors - lists - {"Pixels", "__version__", "run_config"}
+    assert {name.partition(".")[0] for name in TAKES} == set(sb.__all__) - errors - lists - {
+        "Pixels",
+        "__version__",
+        "run_config",
+    }
 
 
 class Textless:
