@@ -151,7 +151,8 @@ class Browser:
         return left, top, width, height
 
     def click(self, selector: str, alt: bool = False) -> None:
-        """Click in an element's middle."""
+        """Click in an element's middle, once the page has drawn what came before: on a busy machine it still moves."""
+        self.ask("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn(true))))")
         left, top, width, height = self.place(selector)
         if alt:
             self._page.keyboard.down("Alt")
