@@ -296,7 +296,6 @@ def test_the_photograph_is_one_picture_and_stands_below_the_methods(page: Browse
     write_page(tmp_path, rows)
     opened(page, tmp_path)
     assert methods(page) == ["plain", "broken", "clever"]  # though its psnr is the best
-    assert any("beats clever" in line for line in texts(page, ".verdicts li"))
     assert [state(page, "before"), state(page, "method")] == ["clever", "plain"]
     tiles = page.ask("[...document.querySelectorAll('#grid .tile')].map((e) => e.dataset.which)")
     assert tiles == ["*reference", "plain", "clever", "broken"]
