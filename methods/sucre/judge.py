@@ -221,13 +221,14 @@ def _typical(light: Light, observations: Observations) -> Light:
 class _Court:
     """A dive whose models are judged.
 
-    halves: names of views that models are fitted to; parts: the dive as these show it, and whole; targets: with the
-    medians of no water's errors; lights: of the parts, by parts of light, and whether they were fitted robustly.
+    halves: names of views that models are fitted to; parts: the dive as these show it, and whole; targets: each with
+    the median of no water's errors, and the photograph's drift; lights: of the parts, by parts of light, and whether
+    they were fitted robustly.
     """
 
     halves: list[frozenset[str]]
     parts: list[Dive]
-    targets: list[tuple[Target, float]]
+    targets: list[tuple[Target, float, float]]
     lights: dict[tuple[Parts, bool], list[LightFit]] = field(default_factory=dict)
 
     @staticmethod
@@ -245,7 +246,8 @@ class _Court:
             target = Target(few, view.distance.ravel()[few.pixels])
             plain = np.concatenate([target.errors(None, half).ravel() for half in halves])
             if len(plain) >= 3 * _ENOUGH and np.median(plain) > 0:
-                targets.append((target, float(np.median(plain))))
+                J, *_ = target.colours(None, np.ones(len(few), dtype=bool))
+                targets.append((target, float(np.median(plain)), target.drift(J)))
         if not targets:
             return None
         return _Court(halves, [*map(dive.half, halves), dive], targets)
@@ -268,21 +270,20 @@ class _Court:
             fits = self.fits(model)
         except (SolveError, NotApplicableError):
             return None
-        held_out, negative, drift, of_photograph = [], [], [], []
-        for target, plain in self.targets:
+        held_out, negative, drift = [], [], []
+        for target, plain, _ in self.targets:
             errors = [target.errors(fit, half).ravel() for fit, half in zip(fits[:-1], self.halves, strict=True)]
             held_out.append(float(np.median(np.concatenate(errors))) / plain)
             every = np.ones(len(target.observations), dtype=bool)
             J, *_ = target.colours(fits[-1], every)
             negative.append((J < 0).mean(axis=1))
             drift.append(target.drift(J))
-            of_photograph.append(target.drift(target.colours(None, every)[0]))
         return Judged(
             model=model.words,
             held_out=float(np.median(held_out)),
             negative=np.median(negative, axis=0).tolist(),
             drift=float(np.median(drift)),
-            drift_of_photograph=float(np.median(of_photograph)),
+            drift_of_photograph=float(np.median([of_photograph for *_, of_photograph in self.targets])),
         )
 
     def verdict(self, allowed: list[Model], early: list[Model]) -> Verdict | None:

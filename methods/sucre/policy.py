@@ -1,9 +1,9 @@
-"""What becomes of a view: the water that its options name, the photograph without one, and what is said of both.
+"""Restores a view with the water that its options name, or shows the photograph, and says why.
 
 | decision | function | result |
 |---|---|---|
 | the model that is fitted | `chosen_model` in judge.py | `Verdict` |
-| the water of the view or of the dive | `_fitted` | `Fitted` |
+| the water of the view or of the dive | `fit_model` in models.py | `Fitted` |
 | whether nothing dims the images | `is_in_air` | bool |
 | the photograph where the water is a guess | `is_guess` | bool |
 | what becomes of a veil that is not determined | `veil_of` | `Veil` |

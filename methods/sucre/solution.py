@@ -387,8 +387,9 @@ class Observed:
 
     def first_colours(self, few: Observations) -> Array:
         """Return the colours (3, P) that the paper starts from: the view's own, or another's where not finite."""
-        own = self.intensities.reshape(-1, 3)[few.pixels].swapaxes(0, 1)
-        return np.where(np.isfinite(own), own, few.intensity(slice(0, len(few.pixels))))
+        from sucre_bench.methods.sucre.paper import start_of
+
+        return start_of(few, self.intensities.reshape(-1, 3))
 
     def with_rays(self) -> Observed:
         """Return the view with observations that have rays."""

@@ -29,9 +29,10 @@ _FAR, _BETTER, _NEGATIVE = 0.3, 0.95, 0.05
 _AT_ONCE = 4  # pictures that are looked at
 
 _SEEN = {
-    "cast": "its near ground has another cast than the photograph's",
+    "cast": "its ground has another cast than the photograph's",
     "red": "dark or saturated red covers {value:.0%} of it",
     "rims": "coloured rims lie along edges",
+    "flat": "patches of it have one flat colour",
     "turning": "its hue differs from the other pictures', and the photographs' do not",
     "below": "{value:.0%} of a channel is darker than black",
 }
@@ -80,9 +81,7 @@ def assess(restored: Sequence[Restored], out: Path, original_geometry: bool) -> 
     """Return how far each picture below OUT/pictures can be trusted, and write it to OUT/pictures.csv."""
 
     def look(one: Restored) -> Look:
-        below = max(one.record.get("negative_share") or [math.nan])
-        if not one.is_of_dive:
-            below = math.nan
+        below = max(one.record.get("negative_share") or [math.nan]) if one.is_of_dive else math.nan
         try:
             picture = read_rgb(out / "pictures" / one.name)
             bent = original_geometry and one.lens is not None
