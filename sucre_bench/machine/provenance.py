@@ -40,6 +40,7 @@ _PACKAGE = {
     "skimage": "scikit-image",
     "colour": "colour-science",
     "hydra": "hydra-core",
+    "hydra_plugins.hydra_submitit_launcher": "hydra-submitit-launcher",
     "PIL": "Pillow",
     "matio": "mat-io",
 }

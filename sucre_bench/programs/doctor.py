@@ -114,7 +114,8 @@ def examine(out: Path = Path()) -> Examined:
     tries: list[Callable[[], Feature]] = [partial(_packages, name, *imports) for name, imports in _REQUIRED.items()]
     tries += [partial(_gpu, gpu), _open3d]
     tries += [partial(_packages, name, package, lacking="missing") for name, package in _OPTIONAL.items()]
-    tries += [] if no_program else [partial(_packages, cluster, "submitit")]
+    if not no_program:
+        tries.append(partial(_packages, cluster, "hydra_plugins.hydra_submitit_launcher", lacking="missing"))
     with ThreadPoolExecutor(usable_cores()) as pool:  # each waits for a process that imports
         done = pool.map(lambda examined: examined(), tries)
         features = list(progress.track(done, "importing packages", len(tries)))

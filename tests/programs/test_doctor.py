@@ -51,6 +51,14 @@ def test_doctor_counts_a_missing_dependency_but_no_extra(monkeypatch: pytest.Mon
     assert states(found)["a cluster, by SLURM"].state == "absent"
 
 
+def test_doctor_on_a_cluster_names_the_extra_that_starts_jobs_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    hide(monkeypatch, "hydra_plugins.hydra_submitit_launcher")
+    monkeypatch.setattr(doctor.shutil, "which", lambda program: f"/usr/bin/{program}")
+    other_pythons_end(monkeypatch, 0)
+    cluster = states(doctor.examine(tmp_path))["a cluster, by SLURM"]
+    assert (cluster.state, cluster.remedy.split("-m ")[1]) == ("missing", "pip install 'sucre-bench[slurm]'")
+
+
 def test_doctor_goes_on_after_an_import_that_does_not_end(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     hide(monkeypatch)
 
