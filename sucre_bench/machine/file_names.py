@@ -1,7 +1,6 @@
 """Makes names of files that any system takes, and says which names are one on some systems."""
 
 import hashlib
-import os
 import re
 import unicodedata
 
@@ -18,11 +17,16 @@ def portable_name(text: str, unlike: str = "") -> str:
     """
     name = _REFUSED.sub("_", text).rstrip(". ") or "_"
     name = f"_{name}" if _DEVICES.match(name) else name
-    content = os.fsencode(name)
+    content = _bytes(name)
     if not unlike and len(content) <= _MOST_BYTES:
         return name
     cut = content[: _MOST_BYTES - 20].decode(errors="ignore")
-    return f"{cut}-{hashlib.blake2b(os.fsencode(unlike or text), digest_size=6).hexdigest()}"
+    return f"{cut}-{hashlib.blake2b(_bytes(unlike or text), digest_size=6).hexdigest()}"
+
+
+def _bytes(text: str) -> bytes:
+    """A name as file systems have it, whatever the locale."""
+    return text.encode(errors="surrogateescape")
 
 
 def folded(name: object) -> str:

@@ -1,6 +1,7 @@
 """Files of views and labels have names that Linux, macOS and Windows can hold side by side."""
 
 import re
+import sys
 import unicodedata
 from pathlib import Path
 from types import SimpleNamespace
@@ -32,10 +33,15 @@ def test_no_two_views_share_a_file_on_any_system_and_each_is_found_again(tmp_pat
         assert not re.search(r'[\x00-\x1f<>:"\\|?*]', part)
         assert not part.endswith((".", " "))
         assert part.split(".")[0].strip().lower() not in ("con", "nul", "aux", "com1")
-    for place in places.values():
+    can_be_written = {
+        names: place
+        for names, place in places.items()
+        if sys.getfilesystemencoding() == "utf-8" or paths[names].isascii()
+    }
+    for place in can_be_written.values():
         place.restored(tmp_path, "m").parent.mkdir(parents=True, exist_ok=True)
         place.restored(tmp_path, "m").touch()
-    for names, place in places.items():
+    for names, place in can_be_written.items():
         assert layout.find("dive", *names, tmp_path) == place
 
 
