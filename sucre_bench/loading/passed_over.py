@@ -17,7 +17,7 @@ OTHER_FORMATS = (
 )
 EXPORT = "export the photographs as .jpg, .png or .tif"
 _NOTES = (
-    *(".cfg", ".csv", ".db", ".htm", ".html", ".ini", ".json", ".log", ".md", ".pdf", ".py", ".sh", ".txt", ".xml"),
+    *(".cfg", ".csv", ".db", ".htm", ".html", ".ini", ".json", ".jsonl", ".log", ".md", ".pdf", ".py", ".sh", ".txt", ".xml"),
     *(".xmp", ".yaml", ".yml"),
 )
 _MODEL = {"images.bin", "images.txt"}
