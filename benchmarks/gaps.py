@@ -1,4 +1,4 @@
-"""Dots where a view misses pixels, with refine=false and refine=true: for "Gaps" in docs/solver.md.
+"""Dots where a view misses pixels, with refine=false and refine=true: for "Refinement" in docs/supplement.md.
 
 Run: python benchmarks/gaps.py [--size 640x480]
 

@@ -15,7 +15,7 @@ A model is admissible if at most 5 % of the colours in each channel are negative
 photograph's. The admissible model of the least held-out error is chosen; of those within 5 %, the one that stands
 first in `_candidates`: footprints before pixels, since these are right where poses and depth are, and fewer parts of
 light. If none is 5 % better than no water, the first steps of the paper's Adam are tried, then the photograph stays.
-Each measure is the median over the targets. docs/sucre-measured.md has the table of real dives behind this rule.
+Each measure is the median over the targets. docs/supplement.md has the table of real dives behind this rule.
 """
 
 from __future__ import annotations

@@ -79,7 +79,7 @@ def test_it_is_searched_from_disk(chrome: Browser, site: Path):
     chrome.write("variable projectio")
     chrome.press("n")  # the search listens to keys
     found = "[...document.querySelectorAll('.md-search-result__item a')].map(link => link.href)"
-    chrome.until(f"{found}.some(address => address.includes('solver.html'))")
+    chrome.until(f"{found}.some(address => address.includes('supplement.html'))")
     assert not chrome.complaints
 
 
