@@ -25,7 +25,7 @@ def report(folder: Path) -> None:
     """
     from sucre_bench import compare, results
     from sucre_bench.reports import page
-    from sucre_bench.results.common_scores import read_common
+    from sucre_bench.results.table import read_common
 
     check_links(folder)
     rows = compare.on_pixels(results.read(folder), lambda: read_common(folder))
@@ -51,7 +51,7 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
     from sucre_bench.machine.provenance import require
     from sucre_bench.machine.text_formats import masked
     from sucre_bench.reports import mlflow
-    from sucre_bench.results.common_scores import read_common
+    from sucre_bench.results.table import read_common
 
     require("track", "mlflow")
     uri = uri or mlflow.default_uri(folder)

@@ -22,9 +22,15 @@ from sucre_bench.loading.named_sets import named_sets
 from sucre_bench.machine import progress
 from sucre_bench.plugins.plugin import Fault
 from sucre_bench.results.bundle_format import open_bundle
-from sucre_bench.results.common_scores import COMMON_PIXELS, LEAST_DIFFERENCE, LEAST_FILLED
+from sucre_bench.results.common_scores import (
+    COMMON_PIXELS,
+    LEAST_DIFFERENCE,
+    LEAST_FILLED,
+    kind_of,
+    methods_of,
+)
 from sucre_bench.results.reasons import Reason
-from sucre_bench.results.rows import COSTS, KEYS, restorations, values_of
+from sucre_bench.results.rows import COMMON, COSTS, KEYS, restorations, values_of
 from sucre_bench.results.table import is_bundle, is_fresh
 
 _NAMED = ["dataset", "method", "metric", "variant", "scene", "view", "region"]  # what names a score
@@ -316,7 +322,9 @@ def on_pixels(rows: DataFrame, read: Callable[[], DataFrame]) -> DataFrame:
     scored = scored[~is_lost].join(_views(enough, common), on=_VIEW, how="inner")
     if scored.empty:
         return rows
-    found = common[common["metric"] != COMMON_PIXELS].rename(columns={"pixels": "_mask"})
+    found = common[common["metric"] != COMMON_PIXELS]
+    codes = found["code"].str.rsplit(".", n=1).str
+    found = found.assign(variant=found["variant"].str.removesuffix(COMMON), code=codes[0], _mask=codes[-1])
     found = found[[*_KEY, *_RESULT]].drop_duplicates(_KEY, keep="last")
     new = scored[_KEY].merge(found, on=_KEY, how="left").set_axis(scored.index)
     # No score is on common pixels that are not known, whatever a bundle says: `verify` does not compute it again.
@@ -344,13 +352,15 @@ def _views(whole: DataFrame, common: DataFrame) -> DataFrame:
     only if it covers all methods and their newest results.
     """
     said = common[common["metric"] == COMMON_PIXELS].drop_duplicates(_VIEW, keep="last").set_index(_VIEW)
-    said = said[["variant", "pixels", "value", "reason", "methods", "time"]]
+    said = said[["status", "code", "value", "reason", "options", "time"]]
     state = ["_kind", "_mask", "_share", "_why"]
     said.columns = [*state, "_methods", "_time"]
+    kinds = [kind_of(*values) for values in values_of(said, "_kind", "_mask")]
+    said["_kind"] = np.array(kinds, dtype=object)
     coverage = ("coverage", "min"), ("coverage", "max")
     views = whole.groupby(_VIEW).agg(low=coverage[0], high=coverage[1], by=("method", set), last=("time", "max"))
     views = views[(views["low"] < 1) & (views["by"].map(len) > 1)].join(said)
-    names = views["_methods"].fillna("[]").map(json.loads).map(set)
+    names = views["_methods"].fillna("{}").map(methods_of)
     is_known = np.array([by <= of for by, of in zip(views["by"], names, strict=True)], dtype=bool)
     is_known &= (views["last"] <= views["_time"].fillna("")).to_numpy()
     views.loc[~is_known, state] = ["unknown", "", math.nan, NOT_SCORED]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -21,7 +20,7 @@ from sucre_bench import results
 from sucre_bench.arrays import Array, DataFrame, Mask, Picture, locked
 from sucre_bench.engine.preflight import Planned, Task, open_scenes, opening_once, tasks
 from sucre_bench.engine.score import Scored, Scorer, scorers, variant_rows
-from sucre_bench.errors import DamagedFileError, InputError, SucreBenchError, one_line, raise_if_stop
+from sucre_bench.errors import InputError, SucreBenchError, one_line, raise_if_stop
 from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.jobs.job import CONFIG, Job, read_config
 from sucre_bench.machine import progress
@@ -29,27 +28,19 @@ from sucre_bench.machine.text_formats import keep_traceback, now
 from sucre_bench.plugins.options import Choice
 from sucre_bench.results.common_scores import (
     COMMON_PIXELS,
-    COMMON_TABLE,
-    CommonRow,
-    Kind,
     ViewKey,
-    common_frame,
     common_pixels,
-    common_rows,
     differing_views,
     filled_restorations,
-    read_common,
-    write_common,
+    kind_of,
+    methods_of,
 )
 from sucre_bench.results.layout import Place, log_path
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.restorations import PictureOnly, masked, stored_mask, stored_picture, stored_restoration
-from sucre_bench.results.rows import KEYS, RESTORATION, Row, restorations, row_objects, values_of
-from sucre_bench.results.table import is_bundle, is_fresh, locked as locked_table
+from sucre_bench.results.rows import COMMON, KEYS, RESTORATION, Row, restorations, row_objects, values_of
+from sucre_bench.results.table import is_bundle, is_fresh, read_common
 from sucre_bench.scene import Restoration, View
-
-_FLUSH_S = 30.0
-_VIEW = ("dataset", "scene", "view")
 
 _Score = tuple[str, str, str, str]  # method, metric, variant, code
 
@@ -110,7 +101,7 @@ class CommonView:
 
     base: a row with its dataset, scene and view; whole, sources: by method, the row of the restoration, and what reads
     it; own_rows: the scores on own pixels; before: the stored row of its common pixels; scores: the stored scores on
-    common pixels, without those of other restorations than in `whole`.
+    common pixels by the score on own pixels, without those of other restorations than in `whole`.
     """
 
     base: Row
@@ -119,8 +110,8 @@ class CommonView:
     whole: dict[str, Row] = field(default_factory=dict)
     sources: dict[str, Source] = field(default_factory=dict)
     own_rows: list[Row] = field(default_factory=list)
-    before: CommonRow | None = None
-    scores: dict[_Score, CommonRow] = field(default_factory=dict)
+    before: Row | None = None
+    scores: dict[_Score, Row] = field(default_factory=dict)
 
     @property
     def is_due(self) -> bool:
@@ -130,16 +121,17 @@ class CommonView:
         if len(self.whole) < 2 or all(whole.coverage == 1 for whole in self.whole.values()):
             return False
         row = self.before
-        if row is None or row.status == "failed" or json.loads(row.methods) != sorted(self.whole):
+        if row is None or row.status == "failed" or methods_of(row.options) != self.whole.keys():
             return True
         is_older = any(whole.time > row.time for whole in self.whole.values())
-        return is_older or (row.variant == "common" and any(_score(own) not in self.scores for own in self.own_rows))
+        has_scores = kind_of(row.status, row.code) == "common"
+        return is_older or (has_scores and any(_score(own) not in self.scores for own in self.own_rows))
 
-    def rows(self) -> list[CommonRow]:
+    def rows(self) -> list[Row]:
         """Score the view on its common pixels; the first row stands for the view. A fault becomes that row."""
         base = replace(
-            self.base, method="", options="{}", options_id="", metric=COMMON_PIXELS, unit="share", better="none",
-            code="", value=math.nan, time=now(),
+            self.base, method="", options=json.dumps({"methods": sorted(self.whole)}), options_id="",
+            metric=COMMON_PIXELS, variant=COMMON, unit="share", better="none", code="", value=math.nan, time=now(),
         )  # fmt: skip
         try:
             return self._scored(base)
@@ -147,21 +139,17 @@ class CommonView:
             raise_if_stop(fault)
             if not isinstance(fault, InputError):
                 keep_traceback(self.metrics.log, f"{base.dataset} / {base.scene} / {base.view} / common pixels")
-            unknown: Kind = "unknown"
-            failed = replace(base, variant=unknown, status="failed", reason=one_line(fault))
-            return [CommonRow.of(failed, "", list(self.whole))]
+            return [replace(base, status="failed", reason=one_line(fault))]
 
-    def _scored(self, base: Row) -> list[CommonRow]:
+    def _scored(self, base: Row) -> list[Row]:
         common = common_pixels({name: source.mask() for name, source in self.sources.items()})
-        reason = Reason.NO_SHARED_PIXELS.value if common.kind == "none" else ""
-        n_pixels = int(common.mask.sum())
-        base = replace(
-            base, value=common.share, coverage=common.share, n_pixels=n_pixels, variant=common.kind, reason=reason
-        )
-        rows = [CommonRow.of(base, common.id, list(self.whole))]
+        base = replace(base, value=common.share, coverage=common.share, n_pixels=int(common.mask.sum()), code=common.id)
+        if common.kind == "none":
+            base = replace(base, status="skipped", reason=Reason.NO_SHARED_PIXELS.value)
+        rows = [base]
         if common.kind != "common":
             return rows
-        known = self.scores if self.before is not None and self.before.pixels == common.id else {}
+        known = self.scores if self.before is not None and self.before.code == common.id else {}
         for method, source in self.sources.items():
             rows += [row for key, row in known.items() if key[0] == method]  # also by metrics not asked for now
             todo = [row for row in self.own_rows if row.method == method and _score(row) not in known]
@@ -172,7 +160,7 @@ class CommonView:
                 for own, scorer in ((own, self.metrics.scorer(own)) for own in todo):
                     if scorer:  # makes the score on own pixels again, on these
                         made = variant_rows(scorer.metric, scored, replace(own, time=started), *limits)
-                        rows += [CommonRow.of(row, common.id) for row in made if row.region == "image"]
+                        rows += [_on_common(row, common.id) for row in made if row.region == "image"]
         return rows
 
 
@@ -182,6 +170,16 @@ def _key(row: Row) -> ViewKey:
 
 def _score(row: Row) -> _Score:
     return row.method, row.metric, row.variant, row.code
+
+
+def _on_common(row: Row, mask: str) -> Row:
+    """A score as the table has it; mask: hash of the common pixels."""
+    return replace(row, variant=f"{row.variant}{COMMON}", code=f"{row.code}.{mask}")
+
+
+def _on_own(row: Row) -> _Score:
+    """The score on own pixels that a stored score on common pixels goes with."""
+    return row.method, row.metric, row.variant.removesuffix(COMMON), row.code.rpartition(".")[0]
 
 
 def _common_views(
@@ -205,20 +203,20 @@ def _common_views(
     for row in row_objects(scores):
         if (view := made.get(_key(row))) and row.method in view.whole and metrics.scorer(row):
             view.own_rows.append(row)
-    for stored in common_rows(before) if before is not None else ():
+    for stored in row_objects(before) if before is not None else ():
         if not (view := made.get(_key(stored))):
             continue
         if stored.metric == COMMON_PIXELS:
             view.before = stored
         elif (whole := view.whole.get(stored.method)) and stored.time >= whole.time and stored.status != "failed":
-            view.scores[_score(stored)] = stored
+            view.scores[_on_own(stored)] = stored
     return made
 
 
 def score_in_memory(
     views: Sequence[View], rows: DataFrame, held: Mapping[tuple[str, str], Source], metrics: Sequence[str]
 ) -> DataFrame:
-    """Return scores on common pixels of the views that methods fill differently, as `results.read_common` has them.
+    """Return scores on common pixels of the views that methods fill differently, as `read_common` has them.
 
     rows: all scores of one scene; held: restorations by view and label; metrics: those of the rows, by name.
     """
@@ -226,63 +224,41 @@ def score_in_memory(
     differing = differing_views(whole)
     chosen = {_key(row): (row, by_name[row.view]) for row in row_objects(whole) if _key(row) in differing}
     made = _common_views(chosen, rows, _Metrics.of(metric_choices(metrics)), lambda row: held[row.view, row.method])
-    return common_frame(row for view in made.values() for row in view.rows())
+    return results.frame(row for view in made.values() for row in view.rows())
 
 
-def score_on_common_pixels(planned: Sequence[Planned], rows: DataFrame, out: Path) -> None:
+def score_on_common_pixels(planned: Sequence[Planned], out: Path) -> None:
     """Bring the scores on common pixels up to date for the views of a run's jobs.
 
     All methods of the folder that restored a view take part, also those of earlier runs. A method that failed or fills
     less than 1 % of the image does not. Scores in the table stay, unless the common mask has changed.
 
-    rows: of the results folder `out`. Raises OutputError if the table cannot be written. A fault in a view becomes its
-    row.
+    out: the results folder. Raises OutputError if the rows cannot be written. A fault in a view becomes its row.
     """
+    rows = results.read(out)
     every = {_key(task.base): task for plan in planned for task in plan.tasks}
-    if not every.keys() & differing_views(filled_restorations(rows)):
+    differing = differing_views(filled_restorations(rows))
+    chosen = {key: (task.base, task.view) for key, task in every.items() if key in differing}
+    if not chosen:
         return
-    with locked_table(out, COMMON_TABLE):
-        rows = results.read(out)  # other commands may have added to it
-        try:
-            before = read_common(out)
-        except DamagedFileError:
-            progress.say(f"{out / COMMON_TABLE}: is damaged, and is made again")
-            before = common_frame([])
-        differing = differing_views(filled_restorations(rows))
-        chosen = {key: (task.base, task.view) for key, task in every.items() if key in differing}
-        limit_s = planned[0].job.view_timeout_s
-        metrics = _Metrics.of((metric for plan in planned for metric in plan.job.metrics), log_path(out), limit_s)
+    limit_s = planned[0].job.view_timeout_s
+    metrics = _Metrics.of((metric for plan in planned for metric in plan.job.metrics), log_path(out), limit_s)
 
-        def source(row: Row) -> Source | None:
-            task = every[_key(row)]
-            return Source.stored(out, task.place, row) if row.data_id == task.base.data_id else None
+    def source(row: Row) -> Source | None:
+        task = every[_key(row)]
+        return Source.stored(out, task.place, row) if row.data_id == task.base.data_id else None
 
-        views = _common_views(chosen, rows, metrics, source, before)
-        due = [key for key, view in views.items() if view.is_due]
-        made: dict[ViewKey, list[CommonRow]] = {}
-        written = time.monotonic()
-        try:
-            for key in progress.track(due, "common pixels"):
-                made[key] = views[key].rows()
-                if time.monotonic() - written > _FLUSH_S:
-                    write_common(out, _replaced(before, made))
-                    written = time.monotonic()
-        finally:
-            if made:
-                write_common(out, _replaced(before, made))
-
-
-def _replaced(before: DataFrame, made: Mapping[ViewKey, Sequence[CommonRow]]) -> DataFrame:
-    """The table with the new rows of some views."""
-    import pandas as pd
-
-    kept = before.loc[[key not in made for key in values_of(before, *_VIEW)]]
-    new = common_frame(row for rows in made.values() for row in rows)
-    return pd.concat([table for table in (kept, new) if len(table)] or [new], ignore_index=True)
+    views = _common_views(chosen, rows, metrics, source, read_common(out))
+    part = results.Part(out, "common-pixels")
+    try:
+        for view in progress.track([view for view in views.values() if view.is_due], "common pixels"):
+            part.add(view.rows())
+    finally:
+        part.flush()
 
 
 def score_folders(folders: Sequence[Path], rows: DataFrame) -> DataFrame:
-    """Return scores on common pixels, as `results.read_common` has them, of views with restorations in several folders.
+    """Return scores on common pixels, as `read_common` has them, of views with restorations in several folders.
 
     Nothing is written. rows: of all folders, as `compare.load` reads them. A view has no scores if its data do not open
     any more, or if one of its restorations lies in a bundle.
@@ -290,7 +266,7 @@ def score_folders(folders: Sequence[Path], rows: DataFrame) -> DataFrame:
     rows = rows[is_fresh(rows)]
     whole = filled_restorations(rows)
     if not (differing := differing_views(whole)):
-        return common_frame([])
+        return results.frame([])
     places = [folder for folder in folders if not is_bundle(folder)]
     tables = ((folder, restorations(results.read(folder, metric=RESTORATION))) for folder in places)
     folder_of = {which: folder for folder, table in tables for which in values_of(table, *KEYS, "time")}
@@ -316,4 +292,4 @@ def score_folders(folders: Sequence[Path], rows: DataFrame) -> DataFrame:
     metrics = _Metrics.of(metric for job in jobs for metric in job.metrics)
     views = _common_views({key: (task.base, task.view) for key, task in opened.items()}, rows, metrics, source)
     complete = [view for key, view in views.items() if len(view.whole) == len(of_view[key])]
-    return common_frame(row for view in progress.track(complete, "common pixels") for row in view.rows())
+    return results.frame(row for view in progress.track(complete, "common pixels") for row in view.rows())

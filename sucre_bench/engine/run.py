@@ -26,10 +26,10 @@ from sucre_bench.machine import progress, provenance
 from sucre_bench.machine.files import RESULTS_MARK, check_results_folder, write_atomically
 from sucre_bench.machine.processes import terminated_as_interrupt
 from sucre_bench.machine.text_formats import keep_traceback, masked
-from sucre_bench.results.common_scores import read_common
 from sucre_bench.results.layout import decoded_path, file_name, log_path, pairs_path
 from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import restoration_rows, row_objects, values_of
+from sucre_bench.results.table import read_common
 
 _MOST_VIEWS = 50  # whose records are read, evenly chosen
 _NUMBER = re.compile(r"\d+(\.\d+)?")
@@ -120,7 +120,7 @@ def run(
         planned, first = check(command), command.jobs[0]
         _write_provenance(command, planned)
         before(planned)
-        rows, interrupted, crashed = None, False, False
+        interrupted = crashed = False
         n_alone = min(1, first.workers)  # what metrics do after all jobs has one worker, too
         try:
             with terminated_as_interrupt():
@@ -128,17 +128,15 @@ def run(
                 if not crashed:
                     if any(metric.plugin.is_of_pairs for plan in planned for metric in plan.job.metrics):
                         run_alone("pairs of views", partial(score_across_views, planned), n_alone)
-                    rows = results.merge(first.out)
-                    if compare.leaves_holes(rows):  # else all methods fill the same pixels
-                        on_common_pixels = partial(score_on_common_pixels, planned, rows, first.out)
+                    if compare.leaves_holes(results.merge(first.out)):  # else all methods fill the same pixels
+                        on_common_pixels = partial(score_on_common_pixels, planned, first.out)
                         run_alone("common pixels", on_common_pixels, n_alone)
         except KeyboardInterrupt:
             interrupted = True
         finally:
             if not crashed:  # else jobs may still be at work on a cluster
                 _remove_shared(command)
-            if rows is None:
-                rows = results.merge(first.out)
+            rows = results.merge(first.out)
     return _outcome(rows, planned, interrupted, crashed)
 
 

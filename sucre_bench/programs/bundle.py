@@ -18,9 +18,9 @@ from sucre_bench.machine.files import fault_of, is_file
 from sucre_bench.machine.provenance import version_of
 from sucre_bench.machine.records import record_of
 from sucre_bench.results import layout
-from sucre_bench.results.bundle_format import COMMON, hash_of, write_bundle
-from sucre_bench.results.common_scores import read_common
-from sucre_bench.results.rows import COSTS, csv_text, restorations
+from sucre_bench.results.bundle_format import hash_of, write_bundle
+from sucre_bench.results.rows import COSTS, restorations
+from sucre_bench.results.table import read_common
 from sucre_bench.scene import Arrays, Restoration, View
 
 # "restored": the restored images; "all": also the views and references, which may not be yours to publish.
@@ -59,6 +59,8 @@ def bundle_results(
 
     Raises InputError if the folder holds no results, or a picture is gone; OutputError if the bundle cannot be written.
     """
+    import pandas as pd
+
     rows = results.read(folder)
     found: dict[str, bytes | Path] = {name: folder / name for name in _TEXTS if is_file(folder / name)}
     for row in restorations(rows).itertuples():
@@ -77,10 +79,9 @@ def bundle_results(
     files = {n: file for n, file in found.items() if n in _TEXTS or n.endswith(".json") or n.startswith(inside)}
     outside = {n: hash_of(found[n]) for n in progress.track(sorted(found.keys() - files.keys()), "hashing pictures")}
     n_inside = len(files.keys() - set(_TEXTS))
-    if len(common := read_common(folder)):
-        files[COMMON] = csv_text(common).encode()
     files |= {name: text.encode() for name, text in (texts or {}).items()}
-    made = write_bundle(path, rows, files, outside, by, version_of("sucre-bench") or "")
+    every = pd.concat([rows, read_common(folder)])
+    made = write_bundle(path, every, files, outside, by, version_of("sucre-bench") or "")
     scores = rows[(rows["status"] == "ok") & ~rows["metric"].isin(COSTS)]
     counts = scores.groupby(["metric", "variant"], sort=False, observed=True).size() if pictures != "none" else {}
     lost = {f"{m}:{v}": int(n) for (m, v), n in counts.items() if _needs_unrounded(str(m), str(v))}

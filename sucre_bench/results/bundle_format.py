@@ -2,7 +2,6 @@
 
     bundle.json        what the bundle says of itself, and the SHA-256 of every file inside and of pictures outside
     scores.csv         the score table
-    common.csv         scores on common pixels, if methods fill different ones
     config.yaml, environment.json, experiment.yaml             as far as the folder has them
     restored/<dataset>/<method label>/.../<view stem>.json     what each method told, its estimated water say
     restored/<dataset>/<method label>/.../<view stem>.png      the restored images, if they were asked for
@@ -27,10 +26,10 @@ from pathlib import Path
 from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import InputError, NotAFileError
 from sucre_bench.machine.files import open_atomically, reading, regular
-from sucre_bench.results.rows import COLUMNS, NUMBERS, csv_text, frame
+from sucre_bench.results.rows import COLUMNS, NUMBERS, csv_text, frame, is_of_common_pixels
 from sucre_bench.results.table import check_values
 
-MANIFEST, SCORES, COMMON = "bundle.json", "scores.csv", "common.csv"
+MANIFEST, SCORES = "bundle.json", "scores.csv"
 _FORMAT, _VERSION = "sucre_bench bundle", 1
 _DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that ZIP knows
 _STORED = (".png", ".jpg")  # what is compressed already
@@ -119,14 +118,16 @@ class Bundle:
     @cached_property
     def rows(self) -> DataFrame:
         """The score table, as `results.read` returns it. Raises InputError if it is none."""
-        return _table(self.path / SCORES, self.read(SCORES), COLUMNS)
+        return self._table[~is_of_common_pixels(self._table)].reset_index(drop=True)
 
     @cached_property
-    def common(self) -> DataFrame | None:
-        """The scores on common pixels, as `read_common` returns them; None if it has none. InputError if damaged."""
-        if COMMON not in self.entries:
-            return None
-        return _table(self.path / COMMON, self.read(COMMON), (*COLUMNS, *_OF_COMMON))
+    def common(self) -> DataFrame:
+        """The rows about common pixels, as `read_common` returns them. Raises InputError if the table is none."""
+        return self._table[is_of_common_pixels(self._table)].reset_index(drop=True)
+
+    @cached_property
+    def _table(self) -> DataFrame:
+        return _table(self.path / SCORES, self.read(SCORES))
 
 
 def hash_of(content: bytes | Path) -> FileHash:
@@ -242,21 +243,15 @@ def _described(bundle: Bundle, manifest: bytes) -> Bundle:
     return replace(bundle, id=_id(manifest), by=by, version=version, inside=hashes[0], outside=hashes[1])
 
 
-def _table(path: Path, content: bytes, columns: Sequence[str]) -> DataFrame:
+def _table(path: Path, content: bytes) -> DataFrame:
     """Read a table of rows: text as it stands, numbers as numbers. path: for errors."""
     import pandas as pd
     from pyarrow import Table
 
     with reading(path, "bundle again"):
-        read = pd.read_csv(io.BytesIO(content), dtype="str", keep_default_na=False, usecols=list(columns))
+        read = pd.read_csv(io.BytesIO(content), dtype="str", keep_default_na=False, usecols=list(COLUMNS))
         # Not by pandas: some of its versions lose the last digits of a number.
-        numbers = {name: [float(text or "nan") for text in read[name]] for name in columns if name in NUMBERS}
+        numbers = {name: [float(text or "nan") for text in read[name]] for name in NUMBERS}
         rows = read.assign(**numbers).astype(frame([]).dtypes.to_dict())
-        for text in rows["methods"].unique() if "methods" in columns else ():
-            if not (isinstance(names := json.loads(text), list) and all(isinstance(name, str) for name in names)):
-                raise ValueError("column 'methods' is no list of labels")
     check_values(path, Table.from_pandas(rows, preserve_index=False))
     return rows
-
-
-_OF_COMMON = ("pixels", "methods")  # columns that only scores on common pixels have

@@ -1,17 +1,17 @@
-"""The table of scores on common pixels, ``common.parquet``: of each view, scores on the pixels that all methods fill.
+"""Scores on common pixels: of each view, the pixels that all methods fill.
 
-It stands beside the score table, where every score is on a method's own pixels. Its columns are those of `Row`, and
-pixels: a hash of the common mask, "" where there is none; methods: those it is common to, as JSON.
+They are rows of the score table whose variant ends in `rows.COMMON`, beside those on each method's own pixels. The
+`code` of a score is that of the score on own pixels, with the hash of the common mask at its end.
 
-A row of metric "common_pixels" stands for a view; its variant is a `Kind`, its value the share of the image.
+A row of metric "common_pixels" and no method stands for a view: its value is the share of the image that all methods
+fill, its `code` the hash of the mask, "" where there is none, and its `options` name the methods.
 """
 
 from __future__ import annotations
 
-import io
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -19,13 +19,10 @@ import numpy as np
 
 from sucre_bench.arrays import DataFrame, Mask
 from sucre_bench.errors import InputError
-from sucre_bench.machine.files import write_atomically
+from sucre_bench.results import table
 from sucre_bench.results.bundle_format import open_bundle
 from sucre_bench.results.restorations import mask_id
-from sucre_bench.results.rows import COLUMNS, Row, restorations, values_of
-from sucre_bench.results.table import is_bundle, read_file
-
-COMMON_TABLE = "common.parquet"
+from sucre_bench.results.rows import frame, restorations
 
 # The metric of the row that stands for a view.
 COMMON_PIXELS = "common_pixels"
@@ -42,20 +39,18 @@ LEAST_FILLED = 0.01
 
 ViewKey = tuple[str, str, str]  # dataset, scene, view
 
-_COLUMNS = (*COLUMNS, "pixels", "methods")
+
+def kind_of(status: str, code: str) -> Kind:
+    """Return what the row that stands for a view says of its common pixels."""
+    if status == "ok":
+        return "common" if code else "equal"
+    return "none" if status == "skipped" else "unknown"
 
 
-@dataclass(frozen=True, slots=True)
-class CommonRow(Row):
-    """A score on common pixels, or what is known of a view's common pixels."""
-
-    pixels: str = ""
-    methods: str = "[]"
-
-    @classmethod
-    def of(cls, row: Row, pixels: str, methods: Sequence[str] = ()) -> CommonRow:
-        """Return a row with the hash of its mask, and the methods this is common to."""
-        return cls(**{name: getattr(row, name) for name in COLUMNS}, pixels=pixels, methods=json.dumps(sorted(methods)))
+def methods_of(options: str) -> set[str]:
+    """Return the methods that the row that stands for a view names; none if it does not name them in a list."""
+    names = json.loads(options).get("methods")
+    return {*map(str, names)} if isinstance(names, list) else set()
 
 
 def filled_restorations(rows: DataFrame) -> DataFrame:
@@ -105,38 +100,18 @@ def common_pixels(masks: Mapping[str, Mask | None]) -> CommonPixels:
     return CommonPixels(common, share, kind, mask_id(common) if kind == "common" else "")
 
 
-def common_frame(rows: Iterable[CommonRow]) -> DataFrame:
-    """Return rows as a table."""
-    import pandas as pd
-
-    return pd.DataFrame([asdict(row) for row in rows], columns=list(_COLUMNS))
-
-
-def common_rows(table: DataFrame) -> Iterator[CommonRow]:
-    """Yield each row of a table as a `CommonRow`."""
-    return (CommonRow(*values) for values in values_of(table, *_COLUMNS))
-
-
 def read_common(*folders: Path) -> DataFrame:
-    """Return the scores on common pixels of results folders and bundles; no rows if none were needed.
+    """Return the rows about common pixels in results folders and bundles; no rows if none were needed.
 
     Raises FileError if a table cannot be read, DamagedFileError if its content is none.
     """
     import pandas as pd
 
-    tables = list[DataFrame | None]()
+    tables = [frame([])]
     for folder in folders:
-        if is_bundle(folder):
+        if table.is_bundle(folder):
             with open_bundle(folder) as bundle:
                 tables.append(bundle.common)
-        elif (rows := read_file(folder / COMMON_TABLE, columns=_COLUMNS)) is not None:
-            tables.append(rows.to_pandas(use_threads=False))
-    some = [table for table in tables if table is not None and len(table)]
-    return pd.concat(some or [common_frame([])], ignore_index=True)
-
-
-def write_common(out: Path, rows: DataFrame) -> None:
-    """Write the table of a results folder as a whole. Raises OutputError if it cannot be written."""
-    buffer = io.BytesIO()
-    rows.to_parquet(buffer, index=False, write_page_checksum=True)
-    write_atomically(out / COMMON_TABLE, buffer.getvalue())
+        else:
+            tables.append(table.read_common(folder))
+    return pd.concat([one for one in tables if len(one)] or tables, ignore_index=True)

@@ -12,7 +12,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Literal
 
 from sucre_bench.arguments import checked
-from sucre_bench.arrays import DataFrame
+from sucre_bench.arrays import DataFrame, Series
 from sucre_bench.errors import InputError
 from sucre_bench.machine.text_formats import now
 
@@ -23,6 +23,9 @@ Status = Literal["ok", "failed", "skipped"]
 
 # The metric of the row that stands for a restoration.
 RESTORATION = "seconds"
+
+# Ends the variant of a score on common pixels: see `results.common_scores`.
+COMMON = "@common"
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +146,11 @@ def restoration_rows(rows: DataFrame) -> DataFrame:
 def restorations(rows: DataFrame) -> DataFrame:
     """Return the rows that stand for restorations that ended well: one a view and method, see `Row`."""
     return rows[(rows["metric"] == RESTORATION) & (rows["status"] == "ok") & (rows["view"] != "")]
+
+
+def is_of_common_pixels(rows: DataFrame) -> Series:
+    """Return which rows of a stored table are about common pixels."""
+    return rows["variant"].isin([variant for variant in rows["variant"].unique() if variant.endswith(COMMON)])
 
 
 By = Literal["method", "view", "region"]

@@ -6,6 +6,8 @@ written.
 
 Of two rows for one score the one with the later `time` counts. Reading moves this process's clock beyond the newest row
 (`machine.text_formats.now`), so a computer whose clock was set back still writes rows that count.
+
+The table also has scores on common pixels, which `read_common` returns and `read` leaves out.
 """
 
 from __future__ import annotations
@@ -33,7 +35,17 @@ from sucre_bench.errors import (
 )
 from sucre_bench.machine.cache import waited_lock
 from sucre_bench.machine.files import not_writable, regular, write_atomically
-from sucre_bench.results.rows import COLUMNS, KEYS, NUMBERS, RESTORATION, Row, Status, as_arrow, frame
+from sucre_bench.results.rows import (
+    COLUMNS,
+    KEYS,
+    NUMBERS,
+    RESTORATION,
+    Row,
+    Status,
+    as_arrow,
+    frame,
+    is_of_common_pixels,
+)
 
 if TYPE_CHECKING:
     import pyarrow
@@ -49,7 +61,7 @@ _ATTEMPTS = 5  # at reading or writing parts while another process merges them
 
 
 def read(out: str | Path, **labels: str) -> DataFrame:
-    """Return every row under `out`, table and parts, the newest of each score.
+    """Return every row under `out`, table and parts, the newest of each score, each on its method's own pixels.
 
     labels: a column and its text, for example method= or metric=, for these rows alone, which is quicker.
     Ordered by dataset, method, scene and view, whichever job was first; a view's scores as its metrics were run.
@@ -59,7 +71,16 @@ def read(out: str | Path, **labels: str) -> DataFrame:
     files, rows = _files(Path(out), labels)
     if not files:
         raise MissingFileError(f"no {TABLE} here", out, "give the folder that `sucre-bench run out=...` wrote")
-    return rows
+    return _newest(rows[~is_of_common_pixels(rows)])
+
+
+def read_common(out: Path) -> DataFrame:
+    """Return the rows about common pixels under `out`, see `results.common_scores`; it may have none.
+
+    Raises DamagedFileError if a file is damaged, ForbiddenFileError if this user may not read one.
+    """
+    rows = _files(out, {})[1]
+    return _newest_common(rows[is_of_common_pixels(rows)])
 
 
 def is_bundle(path: Path) -> bool:
@@ -68,7 +89,7 @@ def is_bundle(path: Path) -> bool:
 
 
 def _files(out: Path, labels: Mapping[str, str]) -> tuple[list[Path], DataFrame]:
-    """The files of rows, parts first, and their rows as `read` returns them."""
+    """The files of rows, parts first, and all their rows."""
     import pyarrow
 
     found: dict[Path, pyarrow.Table] = {}
@@ -82,20 +103,17 @@ def _files(out: Path, labels: Mapping[str, str]) -> tuple[list[Path], DataFrame]
         except OSError as fault:  # rows must not be left out without a word
             raise file_error(out / PARTS, fault, "let this user read it") from fault
         paths.append(out / TABLE)  # last: a merge writes the table before it removes the parts
-        found = {path: rows for path in paths if (rows := read_file(path, labels)) is not None}
+        found = {path: rows for path in paths if (rows := _rows_of_file(path, labels)) is not None}
         if all(path in found for path in paths[:-1]):  # else a merge or a job has joined a part just now
             break
     if not found:
         return [], frame([])
     # Not threaded: where no thread can start, pyarrow waits for ever.
-    rows = pyarrow.concat_tables(found.values()).to_pandas(use_threads=False)
-    return [*found], _newest(rows)
+    return [*found], pyarrow.concat_tables(found.values()).to_pandas(use_threads=False)
 
 
-def read_file(
-    path: Path, labels: Mapping[str, str] | None = None, columns: Sequence[str] = COLUMNS
-) -> pyarrow.Table | None:
-    """Return the rows of a file, checked; None if it is not there. Other columns are ignored. labels: as for `read`."""
+def _rows_of_file(path: Path, labels: Mapping[str, str]) -> pyarrow.Table | None:
+    """The rows of a file, checked; None if it is not there. Other columns are ignored. labels: as for `read`."""
     import pyarrow
     from pyarrow import compute
     from pyarrow.parquet import ParquetFile
@@ -106,7 +124,7 @@ def read_file(
         held = ParquetFile(io.BytesIO(content), page_checksum_verification=True).read(use_threads=False)
         held.validate(full=True)  # text that is no text, and numbers that point to none
         read = {}
-        for name in columns:
+        for name in COLUMNS:
             column = f"column '{name}'"
             if name not in held.column_names:
                 raise ValueError("is missing")
@@ -121,7 +139,7 @@ def read_file(
         raise _damaged(path, f"{column}: {in_words(fault)}") from fault
     rows = pyarrow.table(read)
     check_values(path, rows)
-    for name, label in (labels or {}).items():
+    for name, label in labels.items():
         rows = rows.filter(compute.equal(rows[name], label))
     return rows
 
@@ -189,6 +207,11 @@ def _newest(rows: DataFrame) -> DataFrame:
     rows = rows[rows["time"] == rows.groupby(score, sort=False)["time"].transform("last")]
     rows = rows.drop_duplicates([*score, "region"]).sort_index()
     return rows.sort_values(["dataset", "method", "scene", "view"], kind="stable", ignore_index=True)
+
+
+def _newest_common(rows: DataFrame) -> DataFrame:
+    """Keep the newest row of each score on common pixels."""
+    return rows.sort_values("time", kind="stable").drop_duplicates([*KEYS, "metric", "variant"], keep="last")
 
 
 def is_fresh(rows: DataFrame) -> Series:
@@ -271,33 +294,37 @@ def _write(path: Path, rows: pyarrow.Table) -> None:
 
 
 def merge(out: Path) -> DataFrame:
-    """Join the parts into the table, and return it.
+    """Join the parts into the table, and return what `read` returns.
 
     Safe beside jobs at work, whose files never change, and beside other processes that do the same.
     """
+    import pandas as pd
     import pyarrow
 
     if not out.is_dir():
         return frame([])
-    with locked(out, TABLE):
+    with _locked(out):
         files, rows = _files(out, {})
+        is_common = is_of_common_pixels(rows)
+        own = _newest(rows[~is_common])
         parts = [path for path in files if path != out / TABLE]
         if parts:
-            _write(out / TABLE, pyarrow.Table.from_pandas(rows, preserve_index=False))
+            every = pd.concat([own, _newest_common(rows[is_common])]) if is_common.any() else own
+            _write(out / TABLE, pyarrow.Table.from_pandas(every, preserve_index=False))
             for part in parts:
                 part.unlink(missing_ok=True)
             with suppress(OSError):  # a job has written a new part
                 (out / PARTS).rmdir()
-        return rows
+        return own
 
 
 @contextlib.contextmanager
-def locked(out: Path, table: str) -> Iterator[None]:
-    """Keep other processes from changing a table of a results folder at the same time."""
+def _locked(out: Path) -> Iterator[None]:
+    """Keep other processes from changing the table of a results folder at the same time."""
     with contextlib.ExitStack() as held:
         try:
             out.mkdir(parents=True, exist_ok=True)
-            held.enter_context(waited_lock(out / f".{table}.lock"))
+            held.enter_context(waited_lock(out / f".{TABLE}.lock"))
         except OSError as fault:
             raise not_writable(out, fault) from fault
         yield

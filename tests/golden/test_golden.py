@@ -93,4 +93,6 @@ def test_every_method_has_these_scores(tmp_path: Path) -> None:
 
 
 if __name__ == "__main__":
-    table(pd.read_parquet(Path(sys.argv[1]) / "scores.parquet")).to_csv(HERE / "scores.csv")
+    from sucre_bench import results
+
+    table(results.read(sys.argv[1])).to_csv(HERE / "scores.csv")

@@ -26,12 +26,12 @@ from sucre_bench.plugins.call_method import with_truth
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.programs.verify import TOLERANCE
 from sucre_bench.programs.verify.score_again import Pictured, Scenes, metrics_of, open_data
-from sucre_bench.results.bundle_format import COMMON, LIMITS, SCORES, Bundle
-from sucre_bench.results.common_scores import COMMON_PIXELS, common_frame, common_pixels, filled_restorations
+from sucre_bench.results.bundle_format import LIMITS, SCORES, Bundle
+from sucre_bench.results.common_scores import COMMON_PIXELS, common_pixels, filled_restorations, kind_of, methods_of
 from sucre_bench.results.layout import possible_places
 from sucre_bench.results.reasons import Reason, brief
 from sucre_bench.results.restorations import mask_in, masked
-from sucre_bench.results.rows import COSTS, KEYS, RESTORATION, tuples
+from sucre_bench.results.rows import COMMON, COSTS, KEYS, RESTORATION, tuples
 from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Arrays, Restoration, View
 
@@ -102,16 +102,14 @@ def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: fl
 
     Raises InputError if the bundle has no score table.
     """
-    rows, common = bundle.rows, common_frame([])
+    rows = bundle.rows
     names = sorted(set(bundle.inside) | set(bundle.entries) - {"bundle.json"})
     faults = {name: fault for name in progress.track(names, "hashes") if (fault := bundle.fault_of(name))}
-    try:
-        common = common if bundle.common is None else bundle.common
-    except InputError as fault:
-        faults.setdefault(COMMON, fault.beside(bundle.path / COMMON))
     scenes, data_faults = open_data(rows, data or {})
     outcome = Outcome(bundle.id, bundle.by, len(names), [f"{name}: {fault}" for name, fault in faults.items()])
-    outcome.faults += [*data_faults, *_wrong_meaning(SCORES, rows), *_wrong_meaning(COMMON, common)]
+    outcome.faults += [*data_faults, *_wrong_meaning(SCORES, rows)]
+    if rows.empty:
+        outcome.faults.append(f"{SCORES}: has no rows")
     check = _Check(bundle, scenes, tolerance, outcome)
     is_whole = (rows["metric"] == RESTORATION) & (rows["view"] != "")
     is_wanted = (rows["status"] == "ok") & (is_whole | ~rows["metric"].isin(COSTS))
@@ -120,10 +118,11 @@ def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: fl
     for of_restoration in progress.track(groups.values(), "scoring again", len(groups)):
         check.restoration(of_restoration)
     n_own = outcome.n_agree
+    common = bundle.common.assign(variant=bundle.common["variant"].str.removesuffix(COMMON), pixels="common")
     is_view = common["metric"] == COMMON_PIXELS
     scores = _grouped(common[~is_view & (common["status"] == "ok")], *_VIEW)
     for view in progress.track(list(tuples(common[is_view])), "scoring common pixels again"):
-        if view.variant != "unknown":
+        if kind_of(view.status, view.code) != "unknown":
             check.view(view, scores.get((view.dataset, view.scene, view.view), []))
     outcome.n_common = outcome.n_agree - n_own
     outcome.unchecked = dict(sorted(outcome.unchecked.items(), key=lambda item: -item[1]))
@@ -251,8 +250,8 @@ class _Check:
         """Find the common pixels of a view again, and score all methods on them again. said: the view's row."""
         whole = self._whole.get((said.dataset, said.scene, said.view), {})
         scores = [score for score in scores if score.method in whole]
-        with self._faults(f"{COMMON}: {said.dataset} / {said.view}", scores, "the common pixels cannot be found again"):
-            if {*json.loads(said.methods)} != whole.keys():
+        with self._faults(f"{SCORES}: {said.dataset} / {said.view}", scores, "the common pixels cannot be found again"):
+            if methods_of(said.options) != whole.keys():
                 self._outcome.unchecked["common to other methods than the bundle has"] += len(scores)
                 return
             if any(row.time > said.time for row in whole.values()):
@@ -283,10 +282,11 @@ class _Check:
         """Return the pixels (H, W) that all methods fill. Raises InputError if the bundle says others."""
         common = common_pixels({method: opened.restoration.valid for method, opened in found.items()})
         is_of_share = math.isclose(common.share, said.value, abs_tol=1e-6)  # it is written as text
-        if (common.kind, common.id) != (said.variant, said.pixels) or not is_of_share:
+        kind = kind_of(said.status, said.code)
+        if (common.kind, common.id) != (kind, said.code) or not is_of_share:
             there, here = (
-                "methods fill the same pixels" if kind == "equal" else f"methods have {100 * of:.6g} % in common"
-                for kind, of in ((said.variant, said.value), (common.kind, common.share))
+                "methods fill the same pixels" if one == "equal" else f"methods have {100 * of:.6g} % in common"
+                for one, of in ((kind, said.value), (common.kind, common.share))
             )
             raise InputError(f"{there}, in the pictures {here}")
         return common.mask

@@ -87,13 +87,13 @@ def rewritten(path: Path, change: Callable[[dict[str, bytes]], None]) -> None:
             archive.writestr(name, data)
 
 
-def with_table(change: Callable[[pd.DataFrame], Any], table: str = "scores.csv") -> Callable[[dict[str, bytes]], None]:
+def with_table(change: Callable[[pd.DataFrame], Any]) -> Callable[[dict[str, bytes]], None]:
     """change: alters the table, or returns another."""
 
     def of(files: dict[str, bytes]) -> None:
-        rows = pd.read_csv(io.BytesIO(files[table]), keep_default_na=False)
+        rows = pd.read_csv(io.BytesIO(files["scores.csv"]), keep_default_na=False)
         changed = change(rows)
-        files[table] = (rows if changed is None else changed).to_csv(index=False).encode()
+        files["scores.csv"] = (rows if changed is None else changed).to_csv(index=False).encode()
 
     return of
 
@@ -266,11 +266,12 @@ def test_the_published_id_tells_bundles_apart(bench, bundles: Path):
     assert verified(bench, "restored.zip", "--id", found["id"])[0] == 1
 
 
-def scaled(metric: str, method: str, factor: float) -> Callable[[pd.DataFrame], None]:
-    """A change of the scores of a method by a metric."""
+def scaled(metric: str, method: str, factor: float, is_common: bool = False) -> Callable[[pd.DataFrame], None]:
+    """A change of the scores of a method by a metric, on own pixels or on common ones."""
 
     def of(rows: pd.DataFrame) -> None:
         wanted = (rows["metric"] == metric) & (rows["method"] == method)
+        wanted &= rows["variant"].str.endswith("@common") == is_common
         rows["value"] = pd.to_numeric(rows["value"]).where(~wanted, pd.to_numeric(rows["value"]) * factor)
 
     return of
@@ -287,7 +288,7 @@ def more_holes(rows: pd.DataFrame) -> None:
 
 
 def other_pixels(rows: pd.DataFrame) -> None:
-    rows.loc[rows["metric"] == "common_pixels", "pixels"] = "0123456789abcdef"
+    rows.loc[rows["metric"] == "common_pixels", "code"] = "0123456789abcdef"
 
 
 # What a forger changes -> fields of the scores that differ, and their values; or a word of the fault.
@@ -296,10 +297,10 @@ FORGERIES: dict[str, tuple[Callable[[dict[str, bytes]], None], str, tuple[str, .
         with_table(scaled("uciqe", "gray_world", 1.002)), "pixels metric method", ("own", "uciqe", "gray_world")
     ),
     "a score on common pixels": (
-        with_table(scaled("psnr", "half", 1.002), "common.csv"), "pixels metric method", ("common", "psnr", "half")
+        with_table(scaled("psnr", "half", 1.002, is_common=True)), "pixels metric method", ("common", "psnr", "half")
     ),
     "a picture": (brighter, "method view", ("gray_world", "view_000.png")),
-    "common pixels": (with_table(other_pixels, "common.csv"), "", ("common.csv",)),
+    "common pixels": (with_table(other_pixels), "", ("common",)),
     "the better direction": (with_table(lambda rows: rows.replace({"better": {"higher": "lower"}})), "", ("psnr",)),
     "fewer holes than the picture has": (with_table(more_holes), "", ("half",)),
 }  # fmt: skip
