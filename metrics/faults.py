@@ -5,6 +5,7 @@ fault, and tables say so in words (`FAULTS`). docs/metric-evidence.md has how of
 at with at most 480 pixels on a side, as on a screen.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -80,7 +81,10 @@ class Faults:
     """
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
-        """Yield one score, NaN without any colour; a cast's hue is the region of a second score, "image/orange"."""
+        """Yield one score, NaN without any colour, none where a fault cannot be.
+
+        A cast's hue is the region of a second score, "image/orange".
+        """
         valid = coloured_pixels(restored.image)
         n, coverage = int(np.count_nonzero(valid)), float(valid.mean())
         if variant in ("holes", "guessed"):
@@ -92,7 +96,10 @@ class Faults:
             yield Score(float(is_out.mean(axis=0).max()) if n else np.nan, n_pixels=n, coverage=coverage)
         elif variant in LIMITS:
             look = _look(shown, view)
-            yield Score(value := float(getattr(look, variant)), n_pixels=n, coverage=coverage)
+            value = float(getattr(look, variant))
+            if n and math.isnan(value):  # no step of depth has rims, no near ground a cast
+                return
+            yield Score(value, n_pixels=n, coverage=coverage)
             if variant == "cast" and value > 0:
                 hue = next((name for end, name in _HUES if look.hue_deg < end), "pink")
                 yield Score(value, f"image/{hue}", n_pixels=n, coverage=coverage)
