@@ -25,7 +25,15 @@ def _parts(config_path: str) -> tuple[str, str]:
     return group, name
 
 
-class PluginSource(ConfigSource):
+class _Source(ConfigSource):
+    """A source that can always be read."""
+
+    def available(self) -> bool:
+        """Return whether it can be read."""
+        return True
+
+
+class PluginSource(_Source):
     """`method/NAME`, `dataset/NAME` or a folder, `metrics/NAME` or `NAME:VARIANT`, and `run`, the options of a run."""
 
     def __getstate__(self) -> dict[str, Any]:
@@ -46,10 +54,6 @@ class PluginSource(ConfigSource):
     def scheme() -> str:
         """Return the word before ://."""
         return "plugins"
-
-    def available(self) -> bool:
-        """Return whether it can be read: always."""
-        return True
 
     def is_group(self, config_path: str) -> bool:
         """Return whether a path is a group of configs."""
@@ -98,17 +102,13 @@ class PluginSearchPath(SearchPathPlugin):
             search_path.append("sucre_bench", "plugins://")
 
 
-class ExperimentFile(ConfigSource):
+class ExperimentFile(_Source):
     """One file as the config `experiment/file`, wherever it lies; its keys are those of a run."""
 
     @staticmethod
     def scheme() -> str:
         """Return the word before ://."""
         return "experiment"
-
-    def available(self) -> bool:
-        """Return whether it can be read."""
-        return True
 
     def is_group(self, config_path: str) -> bool:
         """Return whether a path is a group of configs."""

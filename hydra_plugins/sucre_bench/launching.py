@@ -38,9 +38,9 @@ class PairSweeper(Sweeper):
     def sweep(self, arguments: list[str]) -> Any:
         """Run the jobs of the words of a command, and return the outcome of all."""
         from sucre_bench.engine.run import run
-        from sucre_bench.jobs import compose_jobs
+        from sucre_bench.jobs import asked, compose_jobs
 
-        command = compose_jobs.sweep(compose_jobs.read(arguments, True, self.config))
+        command = compose_jobs.sweep(asked.read(arguments, True, self.config))
         launch = None if isinstance(self.launcher, WorkersLauncher) else self._launch
         return run(command, self.before or (lambda _: None), launch)
 

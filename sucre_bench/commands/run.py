@@ -154,6 +154,7 @@ def _show(
 
     from sucre_bench.errors import InputError
     from sucre_bench.jobs import compose_jobs, configs
+    from sucre_bench.jobs.asked import read, reading_experiment
 
     app = configs.hydra_app()
     kinds = ("job", "hydra", "all") if cfg else ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
@@ -163,8 +164,8 @@ def _show(
         parser = get_args_parser()
         app.hydra_help(config_name=configs.config_name(), args_parser=parser, args=parser.parse_args([]))
         return
-    with compose_jobs.reading_experiment(words) as words:
-        asked = compose_jobs.read(words, multirun)
+    with reading_experiment(words) as words:
+        asked = read(words, multirun)
         is_sweep = asked.config is not None
         command = compose_jobs.sweep(asked) if is_sweep else compose_jobs.single(asked)
         lines = compose_jobs.lines_of(asked)

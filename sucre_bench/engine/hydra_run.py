@@ -10,6 +10,7 @@ from sucre_bench.engine.preflight import Planned
 from sucre_bench.engine.run import Outcome, outcome_of, run
 from sucre_bench.engine.run_config import run_launched
 from sucre_bench.jobs import compose_jobs, configs
+from sucre_bench.jobs.asked import read, reading_experiment
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.words import parse
 from sucre_bench.machine.text_formats import now
@@ -31,8 +32,8 @@ def run_words(
     from hydra.core.utils import configure_log
     from omegaconf import open_dict
 
-    with compose_jobs.reading_experiment(words) as words:
-        asked = compose_jobs.read(words, multirun)
+    with reading_experiment(words) as words:
+        asked = read(words, multirun)
         if asked.config is None:
             return _run_single(compose_jobs.single(asked), before)
         is_ours = asked.config.hydra.runtime.choices["hydra/sweeper"] == "pairs"

@@ -31,22 +31,6 @@ _ADDED: dict[Kind, tuple[str, ...]] = {
 GROUPS: dict[Kind, str] = {"dataset": "dataset", "method": "method", "metric": "metrics"}
 _MOST_FOLDERS = 100  # that are looked into for a hint
 SEED = "${seed}"  # of the run: what a plugin's seed is unless it is given
-# Presets, and options of `sucre` and `sucre_plus`, that are gone, and what to write instead.
-_GONE = {"sucre_single_pixels": "sucre_exact", "sucre_photo": "sucre_plus"}
-_GONE_OPTIONS = {
-    **dict.fromkeys(("exposure", "apply_gains"), "method.light=exposure"),
-    "lamp": "method.light=lens, which evens the light that all images have; no strobe is fitted",
-    "falloff": "method.light=lens",
-    **dict.fromkeys(("prior", "edges", "even"), "method.refine=true"),
-    **dict.fromkeys(("steps", "lr"), "method=sucre_paper, which has it"),
-    "solver": "method=sucre_exact for the exact minimum, method=sucre_paper for Adam",
-    "water_from": "method.water=METHOD",
-    "shared_views": "method.water=shared, which takes up to 40 views",
-    "tolerance": "method.pairing=depth, which takes 0.03 of the depth",
-    "residuals": "save=full",
-    "seed": "seed=NUMBER, the run's",
-    "pairs": "nothing instead: every run stores its pairs",
-}
 
 
 def preset_of(kind: Kind, name: str) -> dict[str, Any] | None:
@@ -77,8 +61,6 @@ def named(kind: Kind, name: str) -> Plugin:
         remedy = f"sucre-bench run {name}" if Path(name).is_file() else f"dataset=./{name}"
         fault = f"no dataset is called '{name}', but there is a path of this name"
         raise UnknownPluginError(fault, kind, f"write {remedy}")
-    if name in _GONE:
-        raise UnknownPluginError(f"'{name}' was replaced by {_GONE[name]}", kind, f"write {kind}={_GONE[name]}")
     raise plugins.unknown(kind, name, {*plugins.discover(kind), *configs.preset_names(GROUPS[kind])})
 
 
@@ -111,7 +93,7 @@ def method_choice(name: str, options: Mapping[str, Any]) -> Choice:
     plugin, preset, known = named("method", name), preset_of("method", name), option_names("method", name)
     for option in options:
         if option not in known:
-            raise unknown_option(f"{plugin.name}.{option}", option, [name], known)
+            raise unknown_name(f"{plugin.name}.{option}", option, known)
     values = {name: value for name, value in (preset or {}).items() if value not in (SEED, "???")}
     return plugin_choice("method", {"display": plugin.display, **values, **options, "name": plugin.name})
 
@@ -123,17 +105,6 @@ def option_names(kind: Kind, name: str) -> list[str]:
     """
     plugin = plugin_of(kind, name)
     return [*(option.name for option in options_of(plugin.cls)), *_ADDED[kind]] if plugin else []
-
-
-def unknown_option(place: str, option: str, names: Iterable[str], known: Iterable[str]) -> InputError:
-    """Return the error for an option that plugins or presets of these names lack; it says what replaced the option.
-
-    place: as the user typed it; known: the options that they have.
-    """
-    owners = {plugin.name for name in names if (plugin := plugin_of("method", name))}
-    if option in _GONE_OPTIONS and owners & {"sucre", "sucre_plus"}:
-        return InputError("is gone", place, f"write {_GONE_OPTIONS[option]}")
-    return unknown_name(place, option, known)
 
 
 # -- metrics: "name", "name:variant" or "name:all" -----------------------------------------------------------

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from sucre_bench.errors import InputError
-from sucre_bench.jobs.compose_jobs import KINDS
+from sucre_bench.jobs.asked import KINDS
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.run_options import Study
 from sucre_bench.jobs.words import given, literal, undegraded_label, value_of
