@@ -81,9 +81,8 @@ _PLUGIN |= {"help": "Load the plugins of this .py file; may be repeated."}
 plugin_files_option = option("--plugin", "plugin_files", **_PLUGIN)
 # Plugin files that are loaded before the command runs; PluginError then if one does not exist or does not import.
 plugin_option = option("--plugin", expose_value=False, callback=_load_plugins, **_PLUGIN)
-# The choice of one dataset, and of one scene of it, in a results folder.
+# The choice of one dataset in a results folder.
 dataset_option = option("--dataset", default="", metavar="LABEL", help="Needed if the results have several datasets.")
-scene_option = option("--scene", default="", metavar="NAME", help="Needed if the dataset has several scenes.")
 
 
 def labels_of(text: str) -> list[str]:

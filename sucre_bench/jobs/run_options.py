@@ -18,8 +18,6 @@ from sucre_bench.results.rows import COSTS, By
 
 T = TypeVar("T")
 
-CONF_FOLDER = Path(__file__).parent.parent / "conf"
-
 
 @dataclass
 class Shard:
