@@ -17,8 +17,8 @@ OTHER_FORMATS = (
 )
 EXPORT = "export the photographs as .jpg, .png or .tif"
 _NOTES = (
-    *(".cfg", ".csv", ".db", ".htm", ".html", ".ini", ".json", ".jsonl", ".log", ".md", ".pdf", ".py", ".sh", ".txt", ".xml"),
-    *(".xmp", ".yaml", ".yml"),
+    *(".cfg", ".csv", ".db", ".htm", ".html", ".ini", ".json", ".jsonl", ".log", ".md", ".pdf", ".py", ".sh", ".txt"),
+    *(".xml", ".xmp", ".yaml", ".yml"),
 )
 _MODEL = {"images.bin", "images.txt"}
 _OURS = "depth_origin"  # a folder that `prepare` writes
