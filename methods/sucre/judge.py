@@ -37,7 +37,7 @@ from sucre_bench.methods.sucre.light import EVEN, EVEN_LIGHT, Light, LightFit, P
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.methods.sucre.models import Fit, Fitted, Model, fit_model, is_in_air, light_of
 from sucre_bench.methods.sucre.robust import trust, trusted
-from sucre_bench.methods.sucre.solution import JUDGED_TARGETS, Dive, Judged, sampled
+from sucre_bench.methods.sucre.solution import JUDGED_TARGETS, MOST_NEGATIVE, Dive, Judged, sampled
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Scene
 
@@ -52,7 +52,7 @@ _VIEWS = 64
 _TELLING = (Parts(lens=True), Parts(3, lens=True))
 
 # The rule: see above.
-MOST_NEGATIVE, BETTER, _TIE = 0.05, 0.95, 1.05
+BETTER, _TIE = 0.95, 1.05
 
 # The display that drift is measured in.
 _SHOWN = "black-0.5-white-99"
@@ -223,13 +223,14 @@ class _Court:
 
     halves: names of views that models are fitted to; parts: the dive as these show it, and whole; targets: each with
     the median of no water's errors, and the photograph's drift; lights: of the parts, by parts of light, and whether
-    they were fitted robustly.
+    they were fitted robustly; waters: of the dive, by model.
     """
 
     halves: list[frozenset[str]]
     parts: list[Dive]
     targets: list[tuple[Target, float, float]]
     lights: dict[tuple[Parts, bool], list[LightFit]] = field(default_factory=dict)
+    waters: dict[Model, Fitted] = field(default_factory=dict)
 
     @staticmethod
     def of(dive: Dive) -> _Court | None:
@@ -260,7 +261,7 @@ class _Court:
             of_all = light_of(model, dive)
             self.lights[key] = [*(light_of(model, half, of_all) for half in halves), of_all]
         lights = self.lights.get(key, [None] * len(self.parts))
-        whole = fit_model(model, dive, lights[-1])
+        self.waters[model] = whole = fit_model(model, dive, lights[-1])
         of_halves = [fit_model(model, half, light, whole) for half, light in zip(halves, lights[:-1], strict=True)]
         return [*of_halves, whole]
 
@@ -318,9 +319,7 @@ class _Court:
         if not known:
             return None
         even = next((model for model in known if model.light == EVEN_LIGHT), None)
-        is_clear = (
-            chosen == NO_WATER and even is not None and is_in_air(self.parts[-1].observations, self.fits(even)[-1])
-        )
+        is_clear = chosen == NO_WATER and even is not None and is_in_air(self.parts[-1].observations, self.waters[even])
         others = sorted(known.values(), key=lambda one: one.held_out)
         in_order = tuple(sorted(others, key=lambda one: one.model != chosen.words))
         return Verdict(chosen, in_order, is_in_air=is_clear)

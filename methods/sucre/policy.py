@@ -23,12 +23,13 @@ import numpy as np
 from sucre_bench.errors import SolveError
 from sucre_bench.imaging.display import normalisation
 from sucre_bench.methods.sucre.exact import check_pairs
-from sucre_bench.methods.sucre.judge import MOST_NEGATIVE, NO_WATER, NONE, Verdict, chosen_model, judging
+from sucre_bench.methods.sucre.judge import NO_WATER, NONE, Verdict, chosen_model, judging
 from sucre_bench.methods.sucre.known_water import water_of
 from sucre_bench.methods.sucre.light import EVEN, Light
 from sucre_bench.methods.sucre.models import Fitted, Model, fit_model, is_in_air
 from sucre_bench.methods.sucre.solution import (
     CHANNELS,
+    MOST_NEGATIVE,
     TOGETHER,
     Course,
     Dive,

@@ -29,7 +29,14 @@ import numpy as np
 from sucre_bench.arrays import Array, Indices, evenly
 from sucre_bench.errors import SolveError
 from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.methods.sucre.solution import CHANNELS, Solution, WaterUncertainty, is_determined, residuals_of
+from sucre_bench.methods.sucre.solution import (
+    CHANNELS,
+    MOST_NEGATIVE,
+    Solution,
+    WaterUncertainty,
+    is_determined,
+    residuals_of,
+)
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.plugins.call_method import is_stored_in_full, with_name
 from sucre_bench.scene import Encoding, Restoration, View, Water
@@ -98,7 +105,8 @@ def restoration(
     options: of the method, which limits name; encoding: of the fitted intensities, where it is not the view's.
 
     confidence: (H, W) standard deviation of J, root mean square over channels. info: cost, sum of squares of each
-    channel; negative_share of J in each channel (negative colours are not physical); n_specks, pixels whose colour is
+    channel; negative_share of J in each channel (negative colours are not physical); below_zero: channels where it is
+    more than the judge admits; n_specks, pixels whose colour is
     too bright for a surface; condition and standard_error of the water, noise of each channel, limits in words; hints:
     what a user can do; veil_known: whether no weak prior decides the water of most channels; assumed: channels that one
     decides; far_error: of each channel's colours on far ground, a share; steps,
@@ -114,6 +122,7 @@ def restoration(
     info = {
         "cost": solution.cost,
         "negative_share": negative,
+        "below_zero": [name for name, share in zip(CHANNELS, negative, strict=True) if share > MOST_NEGATIVE],
         "n_specks": int(np.isnan(solution.J).any(axis=0).sum()),
         "n_observations": len(observations),
         "n_repeated": observations.n_repeated,

@@ -249,6 +249,10 @@ class LightRecord:
     least: float | None = None
 
 
+# The judge admits a model, and a picture counts as measured, with at most this share of a channel below zero.
+MOST_NEGATIVE = 0.05
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judged:
     """A model that was fitted to half of a dive's views and judged on the others; see judge.py.

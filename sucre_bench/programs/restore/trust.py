@@ -22,9 +22,9 @@ from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import track
 from sucre_bench.programs.restore.write import Restored
 
-# A water is measured if no channel was assumed, far colours are wrong by less than this share, unseen views are
-# predicted at least so much better than without a water, and at most this share of a channel is below zero.
-_FAR, _BETTER, _NEGATIVE = 0.3, 0.95, 0.05
+# A water is measured if the method's judge admitted it, no channel was assumed, and far colours are wrong by less than
+# this share.
+_FAR = 0.3
 
 _AT_ONCE = 4  # pictures that are looked at
 
@@ -68,12 +68,10 @@ def why_not_measured(record: Mapping[str, Any]) -> str:
     far = {name: error for name, error in (record.get("far_error") or {}).items() if error and error > _FAR}
     if far:
         return "far ground may be wrong by " + ", ".join(f"{name} {error:.0%}" for name, error in far.items())
-    if not (judged := record.get("judged")):
+    if not record.get("judged"):  # the judge chooses no water that predicts unseen views no better than none
         return "no views were left to judge the water on"
-    if judged[0]["held_out"] > _BETTER:
-        return f"other views are predicted with {judged[0]['held_out']:.0%} of the error of no water"
-    if (below := max(record["negative_share"])) > _NEGATIVE:
-        return f"{below:.0%} of a channel is darker than black"
+    if below := record.get("below_zero"):
+        return f"{' and '.join(below)}: too many colours are darker than black"
     return ""
 
 

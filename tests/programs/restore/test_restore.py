@@ -18,11 +18,15 @@ from support.colmap_folder import picture, write_dive, write_image
 from support.command_line import Done
 from support.photographed_valley import NAMES, POSES, photograph
 
+from sucre_bench import Arrays, View
 from sucre_bench.camera import Camera
 from sucre_bench.imaging.image_files import read_rgb
+from sucre_bench.imaging.visible_faults import LIMITS, VisibleFault
 from sucre_bench.loading.lens import Lens
+from sucre_bench.programs.restore import trust
 from sucre_bench.programs.restore.picture_file import bits_of, encoded
 from sucre_bench.programs.restore.whole import as_photographed, whole, with_open_water
+from sucre_bench.programs.restore.write import Restored
 
 Bench = Callable[..., Done]
 
@@ -323,6 +327,36 @@ def test_open_water_stays_as_photographed_and_holes_in_the_ground_do_not() -> No
     assert (made[measured] == picture[measured]).mean() > 0.98  # a cell of the rim may be mostly water
     np.testing.assert_allclose(made[:80], photograph[:80], atol=0.02)
     np.testing.assert_allclose(made[140:], picture[140:], atol=0.02)
+
+
+def test_murk_above_the_ground_does_not_take_its_change() -> None:
+    rng = np.random.default_rng(0)
+    is_ground = np.mgrid[:300, :400][0] > 120
+    ground = [0.3, 0.4, 0.4] + 0.1 * rng.standard_normal((300, 400, 1))
+    photograph = np.where(is_ground[..., None], ground, [0.4, 0.45, 0.45])  # more red than ground has
+    photograph = cv2.GaussianBlur(photograph.astype(np.float32), (0, 0), 1.5).clip(0, 1)
+    change = np.array([0.3, -0.1, -0.2], np.float32)
+    made = with_open_water(photograph + change, is_ground, photograph)
+    np.testing.assert_allclose(made[140:], photograph[140:] + change, atol=0.02)
+    assert np.abs(made[:60] - photograph[:60]).max() < 0.03
+
+
+@pytest.mark.parametrize("kind", LIMITS)
+def test_every_fault_that_the_eye_sees_stands_beside_its_picture(
+    tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fault = VisibleFault(kind, 0.5, LIMITS[kind])
+    monkeypatch.setattr(trust, "faults_of_dive", lambda looks: [(fault,) for _ in looks])
+    view = View("a.png", Arrays(np.full((8, 9, 3), 0.3, np.float32)))
+    image = tmp_path / "pictures" / "a.png"
+    image.parent.mkdir()
+    Image.new("RGB", (9, 8)).save(image)
+    measured = {"beta": [0.1] * 3, "solver": "exact", "judged": [{"held_out": 0.5}], "below_zero": []}
+    one = Restored("a.png", image, view, image, None, None, "sucre_plus", 1.0, (), measured, is_of_dive=True)
+    (assessed,) = trust.assess([one], tmp_path, original_geometry=False)
+    assert assessed.trust is not trust.Trust.GOOD
+    assert len(assessed.reasons) == 1
+    assert assessed.reasons[0] in (tmp_path / "pictures.csv").read_text()
 
 
 def test_a_picture_comes_back_as_the_camera_saw_it() -> None:
