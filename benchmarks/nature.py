@@ -1,4 +1,4 @@
-"""How methods do in natural conditions: made scenes with known water and colours, one row a condition.
+"""How methods do in natural conditions: scenes of `dataset=nature` with exact poses and depth, one row a condition.
 
 Run: python benchmarks/nature.py --methods sucre,sucre_plus,sucre_paper --cache /tmp/nature. A case is
 CONDITION/WATER/GEOMETRY; water and geometry may be left out (coastal, approach). `--conditions` takes cases, separated
@@ -27,57 +27,55 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import yaml
-from nature_scenes import CONDITIONS, WATERS, make
-from nature_seabed import Array
 
 import sucre_bench as sb
+from sucre_bench.arrays import Array
+from sucre_bench.datasets.nature import Nature
+from sucre_bench.datasets.nature.conditions import CONDITIONS
+from sucre_bench.datasets.nature.render import WATERS
 
 # Conditions that also depend on water or geometry, and where they are tried; all others once, in "coastal/approach".
 ELSEWHERE = {
     "plain": "coastal/approach clear/approach deep/approach green/approach blue/approach haze/approach "
     "coastal/approach_rough coastal/forward clear/forward haze/forward coastal/survey coastal/survey_flat clear/survey "
-    "coastal/survey2 coastal/survey2_flat coastal/survey_varying blue/orbit coastal/one_point coastal/one_view",
-    "fish in 1 view": "coastal/approach coastal/survey",
-    "fish in 2 views": "coastal/approach coastal/forward",
-    "caustics 25 %": "coastal/approach coastal/survey coastal/survey_flat coastal/forward",
-    "caustics 10 %": "coastal/approach coastal/survey coastal/survey_flat coastal/forward",
-    "white balance 3 %": "coastal/approach coastal/survey coastal/forward",
-    "JPEG 95": "coastal/approach coastal/forward",
-    "JPEG 75": "coastal/approach coastal/forward clear/approach",
-    "exposure 15 %": "coastal/approach coastal/survey clear/forward",
-    "exposure 30 %": "deep/approach",
-    "auto exposure": "coastal/approach coastal/forward coastal/survey2_flat blue/orbit",
-    "vignette 35 %": "coastal/approach coastal/survey",
-    "strobe": "coastal/survey_varying coastal/approach coastal/forward coastal/survey_flat coastal/survey2 "
+    "coastal/survey_two_heights coastal/survey_two_heights_flat coastal/survey_varying blue/orbit",
+    "fish": "coastal/approach coastal/survey",
+    "fish_2": "coastal/approach coastal/forward",
+    "caustics_25": "coastal/approach coastal/survey coastal/survey_flat coastal/forward",
+    "caustics_10": "coastal/approach coastal/survey coastal/survey_flat coastal/forward",
+    "white_balance_3": "coastal/approach coastal/survey coastal/forward",
+    "jpeg_95": "coastal/approach coastal/forward",
+    "jpeg_75": "coastal/approach coastal/forward clear/approach",
+    "exposure_15": "coastal/approach coastal/survey clear/forward",
+    "exposure_30": "deep/approach",
+    "auto_exposure": "coastal/approach coastal/forward coastal/survey_two_heights_flat blue/orbit",
+    "vignette_35": "coastal/approach coastal/survey",
+    "strobe": "coastal/survey_varying coastal/approach coastal/forward coastal/survey_flat coastal/survey_two_heights "
     "coastal/orbit",
-    "strobe narrow": "coastal/survey2",
-    "strobe, day .3": "coastal/survey_varying coastal/survey_flat",
-    "strobe, day 1": "coastal/survey_varying coastal/approach",
-    "strobe, auto exposure": "coastal/survey_varying",
-    "all mild": "coastal/approach coastal/forward coastal/survey",
-    "pose 1 px": "coastal/approach coastal/forward",
-    "linear light as sRGB": "coastal/approach coastal/forward",
-    "veil by direction": "coastal/approach coastal/forward",
-    "shading": "coastal/approach coastal/survey",
-    "ripples": "coastal/approach coastal/survey",
-    "forward scatter": "coastal/approach coastal/forward coastal/survey clear/approach",
-    "forward scatter .2": "coastal/approach coastal/forward",
-    "clipping 2.2": "clear/approach",
-    "low contrast": "coastal/approach haze/survey",
+    "strobe_narrow": "coastal/survey_two_heights",
+    "strobe_daylight": "coastal/survey_varying coastal/survey_flat",
+    "strobe_auto_exposure": "coastal/survey_varying",
+    "all_mild": "coastal/approach coastal/forward coastal/survey",
+    "pose_1": "coastal/approach coastal/forward",
+    "linear_light": "coastal/approach coastal/forward",
+    "scatter": "coastal/approach coastal/forward coastal/survey clear/approach",
+    "scatter_weak": "coastal/approach coastal/forward",
+    "clipping": "clear/approach",
+    "low_contrast": "coastal/approach haze/survey",
 }
 # The model holds in these, and light is even: nothing is to be said.
 QUIET = [
     *("plain/coastal/approach", "plain/clear/forward", "plain/haze/approach", "plain/deep/approach"),
-    *("plain/green/approach", "plain/blue/orbit", "noise .012/coastal/approach", "shading/coastal/approach"),
-    *("ripples/coastal/approach", "dark .3/coastal/approach"),
+    *("plain/green/approach", "plain/blue/orbit", "noise_1/coastal/approach"),
+    *("low_contrast/coastal/approach", "noise_3/coastal/approach"),
 ]
 TABLE = [
-    *QUIET, "fish in 1 view", "fish in 2 views", "fish in 2 views/coastal/forward", "snow .5 %", "caustics 10 %",
-    "caustics 10 %/coastal/forward", "caustics 25 %", "caustics 25 %/coastal/forward",
-    "caustics 25 %/coastal/survey_flat", "white balance 3 %", "white balance 10 %", "exposure 5 %",
-    "exposure 30 %/deep/approach", "auto exposure", "vignette 15 %", "vignette 35 %", "vignette 35 %/coastal/survey",
-    "JPEG 90", "JPEG 75", "JPEG 75/coastal/forward", "all mild", "all mild/coastal/forward", "all mild/coastal/survey",
-    "all mild/coastal/survey_flat", "forward scatter", "strobe/coastal/survey_varying", "strobe",
+    *QUIET, "fish", "fish_2", "fish_2/coastal/forward", "snow", "caustics_10",
+    "caustics_10/coastal/forward", "caustics_25", "caustics_25/coastal/forward",
+    "caustics_25/coastal/survey_flat", "white_balance_3", "white_balance_10", "exposure_5",
+    "exposure_30/deep/approach", "auto_exposure", "vignette_15", "vignette_35", "vignette_35/coastal/survey",
+    "jpeg_90", "jpeg_75", "jpeg_75/coastal/forward", "all_mild", "all_mild/coastal/forward", "all_mild/coastal/survey",
+    "all_mild/coastal/survey_flat", "scatter", "strobe/coastal/survey_varying", "strobe",
     "strobe/coastal/forward", "strobe/coastal/survey_flat",
 ]  # fmt: skip
 LIMIT_BETA = 20  # % from which on a water is called wrong
@@ -118,26 +116,36 @@ def scores_of(result: sb.Restored, water: sb.Water, J: Array) -> dict[str, Any]:
     return row | {"limits": len(limits) > 0, "limits_text": " | ".join(limits), "about": str(about)[:500]}
 
 
+def nature_of(case: str, seed: int, size: tuple[int, int], cache: Path | None) -> Nature:
+    """Return the dataset of a case "condition/water/geometry"; a geometry is a path, or survey_flat."""
+    condition, water, geometry = case.rsplit("/", 2)
+    options: dict[str, Any] = {"condition": condition, "water": water, "path": geometry}
+    for relief in ("flat", "rough"):
+        if geometry.endswith(f"_{relief}"):
+            options |= {"path": geometry.removesuffix(f"_{relief}"), "relief": relief}
+    return Nature(**options, errors="none", width=size[0], height=size[1], seed=seed, root=cache)
+
+
 def run_case(
     case: str, seed: int, methods: Sequence[str], size: tuple[int, int], cache: Path | None
 ) -> list[dict[str, Any]]:
     """Return a row for each method and target of a case "condition/water/geometry"."""
-    condition, water, geometry = case.rsplit("/", 2)
-    made = make(condition, water, geometry, size, seed, cache=cache)
+    nature = nature_of(case, seed, size, cache)
+    (scene,), waters = nature.scenes(), nature.arrays()["water"]
     rows = []
     for method in methods:
         name, *options = method.split(":")
         chosen = {key: yaml.safe_load(value) for key, value in (option.split("=", 1) for option in options)}
-        for target in made.targets:
-            row = {"case": case, "seed": seed, "method": method, "target": target, "error": ""}
+        for target in (nature.views // 6, 2 * nature.views // 3):
+            row = {"case": case, "seed": seed, "method": method, "target": scene[target].name, "error": ""}
             started = time.perf_counter()
             try:
-                result = sb.restore(name, made.scene, target, **chosen)
+                result = sb.restore(name, scene, target, **chosen)
             except sb.SucreBenchError as fault:
                 rows.append(row | {"error": str(fault)})
                 continue
             row["s"] = time.perf_counter() - started
-            rows.append(row | scores_of(result, *made.truth[target]))
+            rows.append(row | scores_of(result, sb.Water(*waters[target]), scene[target].reference))
     return rows
 
 
@@ -183,7 +191,7 @@ def summary_of(rows: pd.DataFrame, methods: Sequence[str]) -> str:
 
 
 def cases_of(words: str) -> list[str]:
-    """Return full names of cases: "all", "table", or "fish in 1 view,plain/clear/forward"."""
+    """Return full names of cases: "all", "table", or "fish,plain/clear/forward"."""
     if words == "all":
         return [f"{name}/{place}" for name in CONDITIONS for place in ELSEWHERE.get(name, "coastal/approach").split()]
     cases = []

@@ -13,24 +13,25 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from nature_scenes import make
 
 import sucre_bench as sb
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.programs.prepare.pipeline import prepare
 
 CASES = (
-    ("approach", "plain", "coastal"),
-    ("survey_varying", "all mild", "green"),
-    ("orbit_rough", "JPEG 95", "clear"),
+    {"path": "approach", "condition": "plain", "water": "coastal"},
+    {"path": "survey_varying", "condition": "all_mild", "water": "green"},
+    {"path": "orbit", "relief": "rough", "condition": "jpeg_95", "water": "clear"},
 )
 ORIGINS = {0: "all", 1: "measured", 2: "in others", 3: "between"}
 
 
 def main(folder: Path) -> None:
     print("photographs     placed  seconds  origin     share  median error    90 %   over 5 %")
-    for geometry, condition, water in CASES:
-        made = make(condition, water, geometry, (640, 480), 1, cache=folder / "made").scene
+    for case in CASES:
+        size = {"width": 640, "height": 480, "seed": 1}
+        made = sb.load_scene("nature", errors="none", root=folder / "made", **size, **case)
+        geometry = "-".join([case["path"], *([case["relief"]] if "relief" in case else [])])
         photos, out = folder / geometry / "photos", folder / geometry / "out"
         photos.mkdir(parents=True, exist_ok=True)
         for view in made:

@@ -20,7 +20,7 @@ from sucre_bench.jobs import compose_jobs as config
 from sucre_bench.plugins.plugin import Plugin
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-PLUGINS_OF_EXAMPLES = ("halve_blue", "benchmarks/nature_dataset")  # of pages that make them, or of a benchmark
+PLUGINS_OF_EXAMPLES = ("halve_blue",)  # of pages that make them
 ROOT_KEY = re.compile(r"^dataset\.root=.*")  # any path will do
 FREE = re.compile(r"^(out|every)=|^-m$")  # commands that differ in these alone are alike
 

@@ -1,20 +1,16 @@
-"""A made seabed for benchmarks/nature.py: ground, texture, and the rays that meet it.
+"""A made seabed: ground, texture, and the rays that meet it.
 
 World coordinates are in metres, z up. The ground is a height field of several octaves with boulders and a ledge, so it
 has depth edges. Its texture has nine octaves, from metres down to less than a pixel. Nothing here is shared with the
-demo dataset of sucre_bench, so an error of one does not hide in the other.
+demo dataset, so an error of one does not hide in the other.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import Any
 
-import numba
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[Any]
+from sucre_bench.arrays import Array
+from sucre_bench.machine.compute import compile_loop
 
 RAYS = 3  # on a side of a pixel; the middle one passes through the pixel's centre
 FAR_M = 25.0  # no ground is seen beyond
@@ -24,7 +20,7 @@ TEXTURE_M, TEXTURE_OCTAVES, TEXTURE_FALL = 2.2, 9, 0.78
 _LATTICE = 256
 
 
-@numba.njit(cache=True)
+@compile_loop
 def _noise(lattice: Array, x: float, y: float) -> float:
     """Return smooth noise of period 1: values of a lattice, interpolated with continuous second derivatives."""
     i, j = int(np.floor(x)), int(np.floor(y))
@@ -36,7 +32,7 @@ def _noise(lattice: Array, x: float, y: float) -> float:
     return low + v * (high - low)
 
 
-@numba.njit(cache=True)
+@compile_loop
 def octaves(lattice: Array, xy: Array, scale_m: float, count: int, fall: float) -> Array:
     """Return noise (N,) of mean 0 and deviation of about 1 at places (N, 2): octaves of which each is turned."""
     values = np.zeros(len(xy))
@@ -52,7 +48,7 @@ def octaves(lattice: Array, xy: Array, scale_m: float, count: int, fall: float) 
     return values
 
 
-@numba.njit(cache=True)
+@compile_loop
 def _height(heights: Array, x: float, y: float) -> float:
     x, y = x / CELL_M, y / CELL_M
     i, j = int(np.floor(x)), int(np.floor(y))
@@ -63,7 +59,7 @@ def _height(heights: Array, x: float, y: float) -> float:
     return low + v * (high - low)
 
 
-@numba.njit(cache=True)
+@compile_loop
 def _meet(heights: Array, top: float, origin: Array, ray: Array) -> float:
     """Return the distance at which a ray, a unit vector, meets the ground; -1 if it does not within FAR_M."""
     t = 0.05
@@ -88,13 +84,14 @@ def _meet(heights: Array, top: float, origin: Array, ray: Array) -> float:
     return -1.0
 
 
-@numba.njit(cache=True)
-def _cast(heights: Array, top: float, origin: Array, turn: Array, K: Array, size: tuple[int, int]) -> tuple[Any, Any]:
-    width, height = size
-    distance = np.empty((height * width, RAYS * RAYS))
-    points = np.zeros((height * width, RAYS * RAYS, 3))
+@compile_loop
+def _cast(
+    heights: Array, top: float, origin: Array, turn: Array, K: Array, width: int, first: int, last: int
+) -> tuple[Array, Array]:
+    distance = np.empty((last - first, RAYS * RAYS))
+    points = np.zeros((last - first, RAYS * RAYS, 3))
     ray = np.empty(3)
-    for pixel in range(height * width):
+    for pixel in range(first, last):
         for k in range(RAYS * RAYS):
             x = (pixel % width + (k % RAYS + 0.5) / RAYS - K[0, 2]) / K[0, 0]
             y = (pixel // width + (k // RAYS + 0.5) / RAYS - K[1, 2]) / K[1, 1]
@@ -102,9 +99,9 @@ def _cast(heights: Array, top: float, origin: Array, turn: Array, K: Array, size
             for a in range(3):
                 ray[a] = (turn[0, a] * x + turn[1, a] * y + turn[2, a]) / length
             t = _meet(heights, top, origin, ray)
-            distance[pixel, k] = t
+            distance[pixel - first, k] = t
             for a in range(3):
-                points[pixel, k, a] = origin[a] + t * ray[a]
+                points[pixel - first, k, a] = origin[a] + t * ray[a]
     return distance, points
 
 
@@ -115,10 +112,11 @@ class Seabed:
     heights: Array
     lattices: Array
 
-    def cast(self, K: Array, pose: Array, size: tuple[int, int]) -> tuple[Array, Array]:
-        """Return distance (P, 9), -1 for open water, and points (P, 9, 3) of all rays of a view's pixels."""
-        origin = -pose[:3, :3].T @ pose[:3, 3]
-        return _cast(self.heights, self.heights.max(), origin, np.ascontiguousarray(pose[:3, :3]), K, size)
+    def cast(self, K: Array, pose: Array, width: int, first: int, last: int) -> tuple[Array, Array]:
+        """Return distance (P, 9), -1 for open water, and points (P, 9, 3) of all rays of pixels first to last."""
+        turn = np.ascontiguousarray(pose[:3, :3])
+        distance, points = _cast(self.heights, self.heights.max(), -turn.T @ pose[:3, 3], turn, K, width, first, last)
+        return distance, points
 
     def albedo(self, points: Array) -> Array:
         """Return colours (..., 3) from 0.05 to 0.9 of points (..., 3); the channels are partly independent."""
@@ -127,27 +125,14 @@ class Seabed:
         mixed = 0.9 * gray[:, None] + 0.4 * np.stack(own, axis=1) + np.array([-0.7, -0.9, -1.2])
         return (0.05 + 0.85 / (1 + np.exp(-0.5 * mixed))).reshape(points.shape)
 
-    def shading(self, points: Array) -> Array:
-        """Return the cosine (...,) between the ground's normal and a slanting sun."""
-        xy = points[..., :2]
-        i, j = (np.floor(xy[..., a] / CELL_M).astype(int) % CELLS for a in (0, 1))
-        here = self.heights[j, i]
-        along_x = (self.heights[j, (i + 1) % CELLS] - here) / CELL_M
-        along_y = (self.heights[(j + 1) % CELLS, i] - here) / CELL_M
-        return np.clip((-0.5 * along_x - 0.3 * along_y + 0.81) / np.sqrt(along_x**2 + along_y**2 + 1), 0, 1)
 
-
-def make_seabed(rng: np.random.Generator, relief_m: float, ripples_m: float = 0) -> Seabed:
-    """Return a seabed whose heights vary by about relief_m, with boulders and a ledge in proportion to it.
-
-    ripples_m: height of parallel sand ripples, 0.25 m apart.
-    """
+def make_seabed(rng: np.random.Generator, relief_m: float) -> Seabed:
+    """Return a seabed whose heights vary by about relief_m, with boulders and a ledge in proportion to it."""
     lattices = rng.uniform(-1, 1, (5, _LATTICE, _LATTICE))
     x, y = np.meshgrid(*[np.arange(CELLS) * CELL_M] * 2)
     xy = np.stack([x.ravel(), y.ravel()], axis=1)
     heights = relief_m / 4 * octaves(lattices[4], xy, 3.0, 5, 0.45).reshape(x.shape)
     heights += 0.3 * relief_m / (1 + np.exp(-(x + 0.3 * y - 1.1) / 0.02))  # a ledge
-    heights += ripples_m / 2 * np.sin(2 * np.pi * (x + 0.2 * np.sin(y)) / 0.25)
     if relief_m > 0.05:
         for _ in range(60):
             (left, low), radius = rng.uniform((-6, -4), (6, 14)), rng.uniform(0.12, 0.45)

@@ -1,0 +1,174 @@
+"""Scenes of nature are what they say: formation, truth, and what each condition does, recomputed from outside."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+
+from sucre_bench.arrays import Array
+from sucre_bench.camera import distance_map
+from sucre_bench.datasets.nature import Nature
+from sucre_bench.datasets.nature.conditions import CONDITIONS, Name
+from sucre_bench.errors import InputError
+from sucre_bench.plugins.options import create
+from sucre_bench.plugins.registry import find
+from sucre_bench.scene import Scene
+
+SMALL: dict[str, Any] = {"width": 64, "height": 48, "views": 4}
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("nature")
+
+
+@pytest.fixture
+def exact(root: Path) -> Nature:
+    return Nature(root=root, errors="none", condition="ideal", **SMALL)
+
+
+def scene_of(nature: Nature) -> Scene:
+    (scene,) = nature.scenes()
+    return scene
+
+
+def test_the_photograph_is_the_reference_in_the_stated_water(exact: Nature):
+    """I = J exp(-beta z) + B (1 - exp(-gamma z)), up to what the mean over a pixel's rays does at depth edges."""
+    scene = scene_of(exact)
+    water = scene.water
+    assert water is not None
+    for view in scene:
+        z = np.asarray(view.distance)[..., None]
+        made = view.reference * np.exp(-water.attenuation * z)
+        made = made + water.veiling_light * (1 - np.exp(-water.backscatter * z))
+        off = np.abs(made - view.rgb)[view.valid]
+        assert np.median(off) < 1e-3
+        assert np.quantile(off, 0.95) < 0.02
+    assert np.ptp(scene[0].distance[scene[0].valid]) > 1
+
+
+def test_points_of_one_view_lie_where_another_sees_them(exact: Nature):
+    """Depth and poses agree: a point's distance from the next camera is what that view's depth map has."""
+    first, second = scene_of(exact).views[1:3]
+    inverse = np.linalg.inv(first.camera.K)
+    v, u = np.mgrid[: first.camera.height, : first.camera.width] + 0.5
+    rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ inverse.T
+    in_first = (rays * first.depth[..., None])[first.valid]
+    to_second = second.cam_from_world @ np.linalg.inv(first.cam_from_world)
+    there = in_first @ to_second[:3, :3].T + to_second[:3, 3]
+    x, y = (there @ second.camera.K.T)[:, :2].T / there[:, 2]
+    inside = (x > 0) & (y > 0) & (x < second.camera.width) & (y < second.camera.height)
+    assert inside.sum() > 300
+    found = second.depth[y[inside].astype(int), x[inside].astype(int)]
+    assert np.median(np.abs(found / there[inside, 2] - 1)) < 0.02
+
+
+def test_equal_options_make_equal_scenes_and_a_stored_scene_is_read(root: Path, tmp_path: Path):
+    nature = Nature(root=root, condition="all_mild", **SMALL)
+    first = nature.arrays()
+    again = replace(nature, root=tmp_path).arrays()
+    assert all((first[name] == again[name]).all() for name in first)
+    (file,) = tmp_path.glob("*/rgb.npy")
+    time = file.stat().st_mtime_ns
+    replace(nature, root=tmp_path).arrays()
+    assert file.stat().st_mtime_ns == time
+    file.write_bytes(b"damaged")
+    assert (replace(nature, root=tmp_path).arrays()["rgb"] == first["rgb"]).all()
+    other = replace(nature, seed=1)
+    assert other.data_id != nature.data_id
+    assert not (other.arrays()["depth"] == first["depth"]).all()
+
+
+def relative_error(nature: Nature) -> Array:
+    """The relative error of depth (V, H, W); the ground and the true poses are those of the exact scene."""
+    true = replace(nature, condition="ideal", errors="none").arrays()["depth"]
+    given = nature.arrays()["depth"]
+    return np.where(true > 0, given / np.maximum(true, 1e-6) - 1, np.nan)
+
+
+@pytest.mark.parametrize(("condition", "errors", "rms"), [("depth_3", "none", 0.03), ("plain", "mild", 0.005)])
+def test_depth_is_wrong_in_patches_by_what_is_said(exact: Nature, condition: Any, errors: Any, rms: float):
+    error = relative_error(replace(exact, condition=condition, errors=errors))
+    assert np.sqrt(np.nanmean(error**2)) == pytest.approx(rms, rel=0.1)
+    neighbours = np.nanmean(error[:, :, 1:] * error[:, :, :-1]) / np.nanmean(error**2)
+    far = np.nanmean(error[:, :, 24:] * error[:, :, :-24]) / np.nanmean(error**2)
+    assert neighbours > 0.9
+    assert abs(far) < 0.4
+
+
+@pytest.mark.parametrize(("condition", "errors", "px"), [("pose_2", "none", 2.0), ("plain", "mild", 0.5)])
+def test_poses_drift_by_the_pixels_that_are_said(exact: Nature, condition: Any, errors: Any, px: float):
+    """A point in the middle of each image, projected by the true and by the given pose."""
+    wrong = replace(exact, condition=condition, errors=errors, views=12)
+    true, given = replace(exact, views=12).arrays(), scene_of(wrong)
+    moves = []
+    for pose, depth, view in zip(true["pose"], true["depth"], given, strict=True):
+        z = np.median(depth[depth > 0])
+        in_camera = np.linalg.inv(view.camera.K) @ (32, 24, 1) * z
+        world = pose[:3, :3].T @ (in_camera - pose[:3, 3])
+        there = view.camera.K @ (view.cam_from_world[:3, :3] @ world + view.cam_from_world[:3, 3])
+        moves.append(there[:2] / there[2] - (32, 24))
+    move = np.array(moves)
+    assert np.sqrt((move**2).sum(axis=1).mean()) == pytest.approx(px, rel=0.1)
+    steps = np.diff(move, axis=0)
+    assert (steps**2).mean() < (move**2).mean()  # a drift, not a jitter: neighbours are off alike
+
+
+def test_conditions_do_what_they_say(exact: Nature):
+    plain = exact.arrays()["rgb"]
+
+    def made(condition: Any, **options: Any) -> Array:
+        return replace(exact, condition=condition, **options).arrays()["rgb"]
+
+    assert (made("noise_3") - plain).std() == pytest.approx(0.03, rel=0.1)
+    with_fish = (np.abs(made("fish") - plain) > 0.03).any(axis=-1).mean(axis=(1, 2))
+    assert (with_fish > 0.05).sum() == 1
+    lens = made("vignette_35")
+    corner, middle = np.s_[:, 0, 0], np.s_[:, 23:25, 31:33]
+    assert np.median(lens[corner] / plain[corner]) == pytest.approx(0.65, abs=0.05)
+    assert np.median(lens[middle] / plain[middle]) == pytest.approx(1, abs=0.02)
+    assert made("auto_exposure").mean(axis=(1, 2, 3)) == pytest.approx(np.full(4, 0.4), abs=0.02)
+    balanced, unbalanced = (images.mean(axis=(1, 2)) for images in (made("auto_white_balance"), plain))
+    assert (np.ptp(balanced, axis=1) < 0.7 * np.ptp(unbalanced, axis=1)).all()
+    air = scene_of(replace(exact, condition="air"))
+    assert np.abs(air[0].rgb - air[0].reference)[air[0].valid].mean() < 0.01
+    assert distance_map(air[0].camera, air[0].depth).max() > 3
+
+
+@pytest.mark.parametrize("condition", get_args(Name))
+def test_every_condition_loads(root: Path, condition: Any):
+    scene = scene_of(Nature(root=root, condition=condition, width=64, height=48, views=2))
+    assert len(scene) == 2
+    for view in scene:
+        assert np.isfinite(view.rgb).all()
+        assert np.isfinite(view.reference).all()
+        assert (view.depth > 0).mean() > 0.5
+
+
+def test_all_names_have_a_condition_and_the_water_is_told_only_where_it_holds(root: Path):
+    assert set(CONDITIONS) == set(get_args(Name))
+    assert len(CONDITIONS) >= 20
+    told = {"plain": True, "strobe": False, "camera": False, "exposure_30": False, "patchy_water": False}
+    for condition, is_told in told.items():
+        name: Any = condition
+        scene = scene_of(Nature(root=root, condition=name, **SMALL))
+        assert ("truth" in scene.has) is is_told
+        assert (scene.water is not None) is is_told
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "words"),
+    [
+        ("condition", "caustic_10", "caustics_10"),
+        ("water", "costal", "coastal"),
+        ("path", "aproach", "approach"),
+        ("width", 8, "width"),
+        ("views", 1, "views"),
+    ],
+)
+def test_an_unknown_word_is_refused_with_the_nearest_name(option: str, value: Any, words: str):
+    with pytest.raises(InputError) as fault:
+        create(find("dataset", "nature"), {option: value})
+    assert words in str(fault.value)
