@@ -17,16 +17,19 @@ from sucre_bench.compare.terminal_table import as_blocks
 from sucre_bench.engine.run import Outcome
 from sucre_bench.engine.training_pictures import seen_in_training
 from sucre_bench.errors import SucreBenchError, escaped_breaks
+from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.machine import progress, terminal
 from sucre_bench.machine.provenance import absent
 from sucre_bench.machine.text_formats import counted, masked
 from sucre_bench.results import with_remedy
 from sucre_bench.results.layout import log_path
 from sucre_bench.results.reasons import unscored, without_view
+from sucre_bench.results.rows import RESTORATION
 
 if TYPE_CHECKING:
     from sucre_bench.compare import Comparison
     from sucre_bench.engine.run import Fault
+    from sucre_bench.jobs.job import Job
 
 _EVERYTHING = ("--intervals", "--all-metrics")
 
@@ -64,7 +67,9 @@ def as_object(outcome: Outcome, comparisons: Sequence[Comparison]) -> dict[str, 
 def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
     """Print the tables, write the study's files and the page, print what failed and why, and where everything is."""
     if (outcome.rows["status"] == "ok").any():
-        for block in as_blocks(comparisons, terminal.out.width):
+        named = _named_metrics(outcome.job)
+        shown = [compare.only(table, [*named, RESTORATION]) for table in comparisons] if named else comparisons
+        for block in as_blocks(shown, terminal.out.width, bool(named)):
             terminal.out.print(block)
             click.echo()
         against = ("--baseline", comparisons[0].baseline) if comparisons and comparisons[0].baseline else ()
@@ -101,6 +106,16 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
         click.echo(f"{folder.name:9}{f'{folder}{os.sep} ({1 + len(others)} files)' if others else first}")
     if page is not None:
         click.echo(f"page     {page}")
+
+
+def _named_metrics(job: Job) -> Sequence[str]:
+    """The metrics that the command or its study names; none if the command takes those of every run."""
+    if job.study is not None and job.study.metrics:
+        return job.study.metrics
+    usual = {metric.plugin.name for metric in metric_choices(["default"])}
+    if usual <= {metric.plugin.name for metric in job.metrics}:
+        return ()
+    return [f"{metric.plugin.name}:{variant}" for metric in job.metrics for variant in metric.variants]
 
 
 def _written(outcome: Outcome, comparisons: Sequence[Comparison]) -> tuple[Sequence[Path], Sequence[str], Path | None]:

@@ -124,16 +124,17 @@ def as_table(comparison: Comparison, width: int, spread: bool = False, intervals
 def as_blocks(comparisons: Sequence[Comparison], width: int, every: bool = False) -> list[Group]:
     """Return what rich prints for each comparison; one table for all those of many datasets with the same main score.
 
-    every: with all columns, each comparison by itself.
+    every: all columns, not only those that decide; of many datasets a table a column.
     """
     by_first: dict[tuple[str, str], list[Comparison]] = {}
     for comparison in comparisons:
-        first = deciding(comparison).first
+        first = deciding(comparison, every).first
         by_first.setdefault((first.metric, first.variant) if first else ("", ""), []).append(comparison)
     made: list[Group] = []
-    for (metric, _), group in by_first.items():
-        if metric and len(group) > _MOST_BLOCKS and not every:
-            made.append(_overview(group, width))
+    for main, group in by_first.items():
+        if main[0] and len(group) > _MOST_BLOCKS:
+            columns = [(column.metric, column.variant) for one in group for column in one.columns]
+            made += [_overview(group, *column, width) for column in (dict.fromkeys(columns) if every else [main])]
         else:
             made += [_block(one, width, every) for one in group]
     return made
@@ -154,8 +155,10 @@ def _block(comparison: Comparison, width: int, every: bool) -> Group:
     methods = best_first(comparison, chosen.main)
     block = replace(comparison, methods=methods, columns=chosen.columns, notes=tuple(notes))
     laid_out = []
+    metrics = [column.metric for column in block.columns]
     for column in block.columns:
-        head = (f"{column.metric} {words.ARROW[column.better]}".rstrip(), column.unit)
+        unit = f"{column.variant} {column.unit}".rstrip() if metrics.count(column.metric) > 1 else column.unit
+        head = (f"{column.metric} {words.ARROW[column.better]}".rstrip(), unit)
         if column == chosen.filled:
             head = ("filled", "%")
         elif column == chosen.seconds:
@@ -169,19 +172,20 @@ def _block(comparison: Comparison, width: int, every: bool) -> Group:
     over = [f"means {over}" if n == 0 else over for n, over in enumerate(words.over_views(block.columns))]
     dim = [_signs(block, laid_out, over), *words.left_out(block)]
     tables = _tables(methods, laid_out, width, comparison.photographs)
-    return _joined(_head(block, chosen), tables, dim, answer(block, chosen), width)
+    return _joined(_head(block, chosen), tables, dim, answer(block, deciding(block)), width)
 
 
-def _overview(comparisons: Sequence[Comparison], width: int) -> Group:
-    """The main score of every dataset: a line a method, a column a dataset."""
-    chosen = [deciding(one) for one in comparisons]
-    mains = [each.first for each in chosen if each.first]
+def _overview(comparisons: Sequence[Comparison], metric: str, variant: str, width: int) -> Group:
+    """One score of every dataset that has it: a line a method, a column a dataset."""
+    found = [(one, column) for one in comparisons for column in one.columns]
+    found = [(one, column) for one, column in found if (column.metric, column.variant) == (metric, variant)]
+    comparisons, mains = [one for one, _ in found], [column for _, column in found]
+    blind = [one for one in comparisons if not deciding(one).knows_colours]
     places = defaultdict[str, list[int]](list)
-    for one, each in zip(comparisons, chosen, strict=True):
-        for place, name in enumerate(best_first(one, each.main)):
+    for one, column in found:
+        for place, name in enumerate(best_first(one, column if column.ranked and not blind else None)):
             places[name].append(place)
     apart = {name for one in comparisons if one.restorers for name in one.photographs}
-    blind = [one for one, each in zip(comparisons, chosen, strict=True) if not each.knows_colours]
     methods = [*places] if blind else sorted(places, key=lambda name: (name in apart, fmean(places[name])))
     titles = [one.title for one in comparisons]
     letters = itertools.takewhile(lambda signs: len({*signs}) == 1, zip(*titles, strict=False))
@@ -198,7 +202,7 @@ def _overview(comparisons: Sequence[Comparison], width: int) -> Group:
         if some := sum(kind in of_table for of_table in kinds):
             dim.append(f"in {some} of {len(titles)} tables methods fill different pixels; scores are {where}")
     said = [text for one in blind[:1] for text in (one.blind, one.advice)]
-    head = f"{words.title(mains[0])} of {len(titles)} tables{': ' + prefix if prefix else ''}"
+    head = f"{words.title(mains[0])} ({variant}) of {len(titles)} tables{': ' + prefix if prefix else ''}"
     return _joined(head, _tables(methods, laid_out, width, apart), dim, said, width)
 
 

@@ -326,6 +326,9 @@ def test_many_datasets_are_one_block_with_the_main_score_of_each():
     )
     assert block.heads == ["0", "0.01", "0.02", "0.05"]
     assert len(block.lines) < 8
+    tables = compared({key: {"a": [1.0, 2], "b": [3.0, 4]} for key in ("psnr", "ssim", "water")}, datasets=titles)
+    named = printed([compare.only(table, ["water", "psnr"]) for table in tables], every=True).text
+    assert re.findall(r"(\w+) [↑↓][^:]*? of 4 tables", named) == ["water", "psnr"]
 
 
 def test_many_datasets_say_on_which_pixels_their_scores_are():
