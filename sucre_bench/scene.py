@@ -281,7 +281,7 @@ class View:
         Raises InputError if the view has no camera or no depth map.
         """
         if self.camera is None:
-            raise InputError(f"{self.name}: the view has no camera; distance needs one")
+            raise InputError(f"{self.name}: the view has no camera; distance needs one: write needs of depth and poses")
         return distance_map(self.camera, self.depth)
 
     @property
@@ -354,7 +354,8 @@ class Scene:
     - has: what at least one view has: "depth", "poses", "reference", "charts", "truth";
     - water: the true water, or None if unknown;
     - data_id: a short hash of the data. Equal data have equal ids, other data other ids;
-    - dataset: the name of the dataset that it was loaded from, "" for a scene made in Python.
+    - dataset: the name of the dataset that it was loaded from, "" for a scene made in Python;
+    - degraded: what `degraded` did to it, "depth_noise=0.05" for example.
 
     Index a scene by the place or the name of a view:
 
@@ -373,6 +374,7 @@ class Scene:
     water: Water | None = None
     data_id: str = ""
     dataset: str = ""
+    degraded: str = ""
 
     def __post_init__(self) -> None:
         if unknown := sorted(set(self.has) - HAS):
@@ -386,6 +388,8 @@ class Scene:
         span = f", {names[0]} to {names[-1]}" if len(names) > 1 else f", {names[0]}" if names else ""
         lines = [f"Scene '{self.name}': {counted(len(names), 'view')}{span}"]
         lines.append(f"  has {', '.join(sorted(self.has)) or 'only images'}")
+        if self.degraded:
+            lines.append(f"  degraded: {self.degraded}")
         return "\n".join(lines + ([repr(self.water)] if self.water else []))
 
     def _repr_html_(self) -> str:

@@ -108,6 +108,8 @@ def export(weights: Path, target: Path, network: str, options: Mapping[str, Any]
         )
     except Exception as fault:  # of torch, onnx and others' code
         remedy = "give a size that it takes as at=HEIGHTxWIDTH"
+        if type(fault).__name__ == "UnsupportedOperatorError":  # no size helps
+            remedy = "it cannot become ONNX; run its own program by method=command"
         raise InputError(f"cannot be exported, {one_line(fault)}", network, remedy) from fault
     write_atomically(target, content.getvalue())
 

@@ -49,7 +49,10 @@ def degraded(scene: Scene, degradation: Degradation | None = None, target: str =
     if degradation is not None and options:
         raise InputError(f"options {', '.join(options)} beside a Degradation", "degraded", "give them when making it")
     degradation = Degradation.of(options) if degradation is None else degradation
+    words = degradation.labelled(scene.degraded).removeprefix(",")
     whole = degraded_whole(scene, degradation)
+    if degradation.identity():
+        whole = dataclasses.replace(whole, degraded=words)
     if target:
         return around(whole, whole[target], degradation)
     if degradation.chooses_views:

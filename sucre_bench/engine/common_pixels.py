@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -214,7 +215,7 @@ def _common_views(
 
 
 def score_in_memory(
-    views: Sequence[View], rows: DataFrame, held: Mapping[tuple[str, str], Source], metrics: Sequence[str]
+    views: Sequence[View], rows: DataFrame, held: Mapping[tuple[str, str], Source], metrics: Sequence[Any]
 ) -> DataFrame:
     """Return scores on common pixels of the views that methods fill differently, as `read_common` has them.
 

@@ -14,7 +14,7 @@ from sucre_bench import compare, plugins, results
 from sucre_bench.arguments import checked
 from sucre_bench.arrays import DataFrame, Picture
 from sucre_bench.compare import Comparison
-from sucre_bench.compare.documents import as_text, without_costs
+from sucre_bench.compare.documents import Format, as_text, without_costs
 from sucre_bench.compare.terminal_table import as_table
 from sucre_bench.compare.words import deciding, number
 from sucre_bench.engine.common_pixels import Source, score_in_memory
@@ -86,13 +86,24 @@ class Compared:
         rows = self.rows if common is None else compare.on_pixels(self.rows, lambda: common)
         return next(iter(compare.compare(rows, order=self.labels)), None)
 
+    def markdown(self) -> str:
+        """Return the table of means with 95 % intervals in Markdown."""
+        return self._as_text("md")
+
+    def latex(self) -> str:
+        """Return the table of means with 95 % intervals in LaTeX. It needs the package booktabs."""
+        return self._as_text("latex")
+
+    def _as_text(self, how: Format) -> str:
+        found = self.comparison
+        return as_text([without_costs(found)], how) if found else "no scores"
+
     def __repr__(self) -> str:
         found = self.comparison
         return terminal.plain(as_table(without_costs(found), _WIDTH), _WIDTH) if found else "no scores"
 
     def _repr_html_(self) -> str:
-        found = self.comparison
-        return as_text([without_costs(found)], "html") if found else "no scores"
+        return self._as_text("html")
 
     @checked
     def plot(self, view: str | int = 0, labels: Sequence[str] = (), metric: str = "", height: int = 360) -> Image:
@@ -142,7 +153,7 @@ class Compared:
 def compare_methods(
     scene: Scene,
     methods: Methods,
-    metrics: str | Sequence[str] = (),
+    metrics: str | Sequence[Any] = (),
     views: Iterable[str | int | View] | None = None,
     show_progress: bool | None = None,
     pixels: compare.Pixels = "common",
@@ -207,7 +218,7 @@ def _made(methods: Methods) -> dict[str, Any]:
     return made
 
 
-def _one(scene: Scene, view: View, label: str, method: Any, metrics: Sequence[str]) -> tuple[DataFrame, Source | None]:
+def _one(scene: Scene, view: View, label: str, method: Any, metrics: Sequence[Any]) -> tuple[DataFrame, Source | None]:
     """Restore and score one view: its rows, and its picture and mask if there are any."""
     try:
         result = restore(method, scene, view)

@@ -203,13 +203,14 @@ def restore(method: str | Any, scene: Scene, view: View | str | int, **options: 
 
 @checked
 def score(
-    result: Restoration, view: View, metrics: str | Sequence[str], how: str | None = None, dataset: str = ""
+    result: Restoration, view: View, metrics: str | Sequence[Any] = (), how: str | None = None, dataset: str = ""
 ) -> DataFrame:
     """Score a restoration. Return a table with one row for each score (columns: `sucre_bench.results.rows.Row`).
 
     - result: what `restore` returned;
     - view: the restored view;
-    - metrics: "name", "name:variant" or "name:all", or a list of these;
+    - metrics: "name", "name:variant" or "name:all", or a list of these and of metric objects; default those of
+      `sucre-bench run`;
     - how: the display normalisation; default the method's own;
     - dataset: the dataset's name in the rows; default that of the scene.
 
@@ -248,7 +249,7 @@ def score(
         seconds=info.get("seconds", float("nan")),
         peak_mb=info.get("peak_mb", float("nan")),
     )
-    rows = score_rows(result, shown, view, scorers(metric_choices(metrics)), base)
+    rows = score_rows(result, shown, view, scorers(metric_choices(metrics or ["default"])), base)
     return results.frame(sorted(rows, key=lambda row: row.metric in COSTS))
 
 

@@ -4,7 +4,8 @@ A folder stands for the dataset that recognises it by its files.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+import sys
+from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, replace
 from pathlib import Path
 from typing import Any
@@ -61,6 +62,11 @@ def named(kind: Kind, name: str) -> Plugin:
         remedy = f"sucre-bench run {name}" if Path(name).is_file() else f"dataset=./{name}"
         fault = f"no dataset is called '{name}', but there is a path of this name"
         raise UnknownPluginError(fault, kind, f"write {remedy}")
+    for made in vars(sys.modules["__main__"]).copy().values():  # a class of a notebook's cell
+        plugin = getattr(made, "__plugin__", None)
+        if isinstance(plugin, Plugin) and (plugin.kind, plugin.name) == (kind, name):
+            fault = f"'{name}' is a class of this session, and has no name outside it"
+            raise UnknownPluginError(fault, kind, f"pass an object: {plugin.cls.__name__}(...)")
     raise plugins.unknown(kind, name, {*plugins.discover(kind), *configs.preset_names(GROUPS[kind])})
 
 
@@ -126,9 +132,14 @@ def metrics_of(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     return made
 
 
-def metric_choices(names: Sequence[str]) -> tuple[Choice, ...]:
-    """Return metrics and their variants, named as `metrics_of` takes them."""
-    return chosen_metrics(metrics_of(names))
+def metric_choices(metrics: Iterable[Any]) -> tuple[Choice, ...]:
+    """Return metrics and their variants: those named as `metrics_of` takes them, then metric objects."""
+    metrics = list(metrics)
+    made = [metric for metric in metrics if not isinstance(metric, str)]
+    plugins_of = [(plugins.plugin_of(metric), vars(metric)) for metric in made]
+    objects = tuple(Choice(plugin, plugin.name, options, variants=plugin.default) for plugin, options in plugins_of)
+    names = [metric for metric in metrics if isinstance(metric, str)]
+    return (*(chosen_metrics(metrics_of(names)) if names or not objects else ()), *objects)
 
 
 def chosen_metrics(values: Mapping[str, Any]) -> tuple[Choice, ...]:

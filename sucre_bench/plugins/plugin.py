@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, is_dataclass
 from pathlib import Path
-from types import UnionType
+from types import MappingProxyType, UnionType
 from typing import Any, Literal, Protocol, TypeVar, Union, get_args, get_origin
 
 from sucre_bench.arguments import checked
@@ -355,8 +355,8 @@ def dataset(
 @checked
 def metric(
     *,
-    variants: Mapping[str, str],
-    unit: str,
+    variants: Mapping[str, str] = MappingProxyType({"own": "the only one"}),
+    unit: str = "",
     better: Better,
     range: tuple[float, float],
     name: str = "",
@@ -374,8 +374,8 @@ def metric(
 ) -> Callable[[_C], _C]:
     """Make a metric of a frozen dataclass with ``score(restored, shown, view, variant)``.
 
-    - variants: each variant's name, and what is different about it;
-    - unit: the unit as tables print it;
+    - variants: each variant's name, and what is different about it; default one, "own";
+    - unit: the unit as tables print it; default none;
     - better: "higher", "lower", or "none" for a metric that only describes;
     - range: least and greatest value. (0, 360) with the unit "deg" means angles of a full turn: 0 and 360 are the same;
     - name: the metric's name; default the class name in snake_case;
@@ -398,7 +398,7 @@ def metric(
 
     >>> from dataclasses import dataclass
     >>> import sucre_bench as sb
-    >>> @sb.metric(variants={"mean": "mean of the red channel"}, unit="", better="none", range=(0, 1))
+    >>> @sb.metric(better="none", range=(0, 1))
     ... @dataclass(frozen=True)
     ... class Redness:
     ...     '''How red the restored image is.'''
@@ -406,7 +406,7 @@ def metric(
     ...         red = shown[..., 0][restored.valid]
     ...         yield sb.Score(float(red.mean()), n_pixels=red.size)
     >>> Redness.__plugin__.default
-    ('mean',)
+    ('own',)
     """
     chosen = tuple(default) or tuple(variants)[:1]
     about: dict[str, Any] = {"unit": unit, "better": better, "range": range, "variants": dict(variants)}

@@ -6,6 +6,8 @@ import base64
 import doctest
 import inspect
 import re
+import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -205,3 +207,41 @@ def test_each_public_name_has_an_example_that_runs(name: str):
 
 def test_the_public_names_are_what_completion_offers():
     assert set(sb.__all__) == set(dir(sb))
+
+
+def test_a_notebook_scores_with_objects_of_its_own_and_prints_tables_for_papers(scene: sb.Scene, monkeypatch):
+    @sb.metric(better="lower", range=(0, 1))
+    @dataclass(frozen=True)
+    class Redness:
+        """How red it is."""
+
+        def score(self, restored: sb.Restoration, shown: np.ndarray, view: sb.View, variant: str):
+            yield sb.Score(float(shown[..., 0][restored.valid].mean()), n_pixels=1)
+
+    @sb.method()
+    @dataclass(frozen=True)
+    class Twice:
+        """Twice as bright."""
+
+        def restore(self, scene: sb.Scene, view: sb.View) -> sb.Restoration:
+            return sb.Restoration(view.rgb * 2)
+
+    result = sb.restore("gray_world", scene, 0)
+    assert "redness" in set(sb.score(result, scene[0], metrics=["uciqe", Redness()])["metric"])
+    usual = sb.score(result, scene[0])
+    assert {"uciqe", "coverage"} <= set(usual.loc[usual["status"] == "ok", "metric"])
+    compared = sb.compare_methods(scene, ["gray_world", Twice()], metrics=[Redness()])
+    assert set(compared.table.reset_index()["method"]) == {"gray_world", "twice"}
+    assert "tabular" in compared.latex()
+    assert "| twice |" in compared.markdown()
+    monkeypatch.setattr(sys.modules["__main__"], "Twice", Twice, raising=False)
+    with pytest.raises(sb.InputError, match=r"Twice\(\.\.\.\)"):
+        sb.restore("twice", scene, 0)
+    with pytest.raises(sb.InputError, match=r"better, range"):
+        sb.metric(unit="dB")
+
+
+def test_a_degraded_scene_says_so(scene: sb.Scene):
+    noisy = sb.degraded(sb.degraded(scene, depth_noise=0.05), noise=0.02)
+    assert "depth_noise=0.05,noise=0.02" in repr(noisy)
+    assert "degraded" not in repr(scene)

@@ -135,7 +135,10 @@ def whole_parts(folder: Path, key: Key) -> tuple[Key, dict[tuple[str, str], Part
         filled = {m: sum(1.0 if (mask := of.get(m)) is None else mask.mean() for of in masks.values()) for m in left}
         least = min(left, key=filled.__getitem__)
         left.remove(least)
-        said.append(f"{least}: it fills least, and all methods together fill a rectangle of {100 * share:.0f} %")
+        said.append(
+            f"{least}: it fills least, and all methods together fill a rectangle of {share:.0%};"
+            " --pixels own shows each picture whole"
+        )
     gone = sorted(where for where, part in parts.items() if part.share < _LEAST_OF_VIEW)
     if len(gone) == len(places):
         raise InputError(
