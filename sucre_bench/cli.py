@@ -145,7 +145,7 @@ SECTIONS: dict[str, dict[str, tuple[str, str]]] = {
     "Share results": {
         "bundle": ("share", "Write a results folder as one file, with hashes."),
         "verify": ("share", "Check a bundle: hashes, data, scores."),
-        "track": ("look", "Log a results folder in mlflow, and open its page."),
+        "track": ("look", "Log in mlflow what it lacks of a results folder."),
     },
     "Add methods, metrics and datasets": {
         "list": ("extend", "List plugins, their options, and whether they run here."),

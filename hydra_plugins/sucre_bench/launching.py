@@ -5,7 +5,7 @@ Hydra imports this module in each of its programs, so the package is imported wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from hydra._internal.core_plugins.basic_launcher import BasicLauncher
@@ -23,7 +23,7 @@ class WorkersLauncher(BasicLauncher):
 class PairSweeper(Sweeper):
     """Every dataset with every method: all jobs are checked before the first one runs."""
 
-    before: Callable[[Any], None] | None = None
+    watch: Any = None  # what follows the command
 
     def __init__(self, **listed: Any) -> None:
         self.listed = listed  # in the configuration, where composing finds them
@@ -42,7 +42,7 @@ class PairSweeper(Sweeper):
 
         command = compose_jobs.sweep(asked.read(arguments, True, self.config))
         launch = None if isinstance(self.launcher, WorkersLauncher) else self._launch
-        return run(command, self.before or (lambda _: None), launch)
+        return run(command, self.watch, launch)
 
     def _launch(self, overrides: Sequence[tuple[str, ...]]) -> list[str]:
         """Let a launcher run jobs, and return why each was lost, empty for one that was not."""

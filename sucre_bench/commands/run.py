@@ -78,7 +78,7 @@ def run(
     workers=4               4 views at once; 0: all in this process, to debug
     seed=N                  other random draws
     report=false            write no page
-    tracking.uri=off        no mlflow; tracking.uri=URI: another mlflow
+    tracking=off            no mlflow; tracking.uri=URI: another mlflow
 
     If you stop a run, the same command continues. It does not restore finished views again.
 
@@ -119,29 +119,32 @@ def _run(overrides: Sequence[str], multirun: bool, dry_run: bool, as_json: bool)
         return
     from sucre_bench.commands import run_summary
     from sucre_bench.engine.hydra_run import run_words
+    from sucre_bench.engine.run import Watch
+    from sucre_bench.reports.mlflow.live import Live
 
-    floor = []
+    floor, logged = [], Live()
 
     def before(planned: Sequence[Planned]) -> None:
         shared.say_what_views_show(planned)
         floor.append(shared.floor_of_psi(planned))
+        logged.start(planned)
 
-    with printed:
-        outcome = run_words(overrides, multirun, before)
-        comparisons = run_summary.compared(outcome)
-        summary = run_summary.as_object(outcome, comparisons) if as_json else None
-    try:
-        if as_json:
-            shared.print_json(summary)
-        else:
-            run_summary.show(outcome, comparisons)
-        sys.stdout.flush()
-        for note in filter(None, floor):
-            say(note, "yellow")
-    finally:  # also when whoever reads our output has gone
-        if not outcome.interrupted:  # who stops a run wants the shell back; the same command logs all of it
-            with contextlib.redirect_stdout(sys.stderr):
-                run_summary.track(outcome, comparisons)
+    with logged:
+        with printed:
+            outcome = run_words(overrides, multirun, Watch(before, logged.begins))
+            comparisons = run_summary.compared(outcome)
+            summary = run_summary.as_object(outcome, comparisons) if as_json else None
+        try:
+            if as_json:
+                shared.print_json(summary)
+            else:
+                run_summary.show(outcome, comparisons)
+            sys.stdout.flush()
+            for note in filter(None, floor):
+                say(note, "yellow")
+        finally:  # also when whoever reads our output has gone
+            if not outcome.interrupted:
+                logged.end(outcome.job)
     sys.exit(outcome.exit_code)
 
 

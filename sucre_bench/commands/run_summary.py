@@ -16,11 +16,10 @@ from sucre_bench import compare, results
 from sucre_bench.compare.terminal_table import as_blocks
 from sucre_bench.engine.run import Outcome
 from sucre_bench.engine.training_pictures import seen_in_training
-from sucre_bench.errors import SucreBenchError, escaped_breaks
+from sucre_bench.errors import escaped_breaks
 from sucre_bench.jobs.catalogue import metric_choices
-from sucre_bench.machine import progress, terminal
-from sucre_bench.machine.provenance import absent
-from sucre_bench.machine.text_formats import counted, masked
+from sucre_bench.machine import terminal
+from sucre_bench.machine.text_formats import counted
 from sucre_bench.results import with_remedy
 from sucre_bench.results.layout import log_path
 from sucre_bench.results.reasons import unscored, without_view
@@ -35,7 +34,7 @@ _EVERYTHING = ("--intervals", "--all-metrics")
 
 
 def compared(outcome: Outcome) -> list[Comparison]:
-    """Compare the methods on each dataset of the results folder: once, for terminal, page and mlflow."""
+    """Compare the methods on each dataset of the results folder: once, for terminal and page."""
     if not len(outcome.rows):
         return []
     baseline = outcome.job.baseline if outcome.job.baseline in outcome.methods else ""  # it may not run here
@@ -147,24 +146,3 @@ def _grouped(faults: Sequence[Fault]) -> Iterator[str]:
     for (where, reason), views in by_reason.items():
         which = views[0] if len(views) == 1 else f"{len(views)} views"
         yield escaped_breaks(f"{where} / {which}: {with_remedy(reason)}")
-
-
-def track(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
-    """Log the run in mlflow, where it is installed, unless tracking is off or knows all of it.
-
-    If that fails, print the reason in one line.
-    """
-    uri, experiment = outcome.job.tracking.uri, outcome.job.tracking.experiment
-    if uri == "off" or absent("mlflow"):
-        return
-    from sucre_bench.reports import mlflow
-
-    if mlflow.is_logged(outcome.out, uri, experiment):
-        return
-    with progress.live():
-        progress.say(f"mlflow   logging in {masked(uri)}; all results are written already")
-        try:
-            mlflow.log(outcome.out, outcome.stored, comparisons, uri, experiment)
-        except SucreBenchError as fault:
-            reason = fault.without_remedy
-            progress.say(f"mlflow: not logged ({reason}); the table has everything, `sucre-bench track` tries again")

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench import results
-from sucre_bench.engine.preflight import Planned
-from sucre_bench.engine.run import Outcome, outcome_of, run
+from sucre_bench.engine.run import Outcome, Watch, outcome_of, run
 from sucre_bench.engine.run_config import run_launched
 from sucre_bench.jobs import compose_jobs, configs
 from sucre_bench.jobs.asked import read, reading_experiment
@@ -21,10 +20,8 @@ if TYPE_CHECKING:
     from omegaconf import DictConfig
 
 
-def run_words(
-    words: Sequence[str], multirun: bool, before: Callable[[Sequence[Planned]], None] = lambda _: None
-) -> Outcome:
-    """Run what the words of a command ask for. before: called with all that is planned, before any work.
+def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) -> Outcome:
+    """Run what the words of a command ask for.
 
     Raises InputError for a mistake in the words, and what `engine.run.run` raises.
     """
@@ -35,7 +32,7 @@ def run_words(
     with reading_experiment(words) as words:
         asked = read(words, multirun)
         if asked.config is None:
-            return _run_single(compose_jobs.single(asked), before)
+            return _run_single(compose_jobs.single(asked), watch)
         is_ours = asked.config.hydra.runtime.choices["hydra/sweeper"] == "pairs"
         lines = [word.line for word in asked.typed] if is_ours else compose_jobs.lines_of(asked)
         config = asked.config if is_ours else configs.composed(lines, is_sweep=True)
@@ -52,7 +49,7 @@ def run_words(
                 config=config, hydra_context=context, task_function=run_launched
             )
             started = now()
-            sweeper.before = before
+            sweeper.watch = watch
             outcome = sweeper.sweep(arguments=swept)
         callbacks.on_multirun_end(config=config, config_name=configs.config_name())
         return outcome if isinstance(outcome, Outcome) else _outcome_since(started, config)
@@ -66,7 +63,7 @@ def _context(config: DictConfig) -> tuple[HydraContext, Callbacks]:
     return HydraContext(config_loader=configs.hydra_app().config_loader, callbacks=callbacks), callbacks
 
 
-def _run_single(command: Command, before: Callable[[Sequence[Planned]], None]) -> Outcome:
+def _run_single(command: Command, watch: Watch | None) -> Outcome:
     """Run the job of a command that is no sweep, as `hydra.main` does."""
     from hydra.core.utils import JobStatus, run_job
 
@@ -74,7 +71,7 @@ def _run_single(command: Command, before: Callable[[Sequence[Planned]], None]) -
     context, callbacks = _context(config)
     callbacks.on_run_start(config=config, config_name=configs.config_name())
     returned = run_job(
-        task_function=lambda _: run(command, before),
+        task_function=lambda _: run(command, watch),
         config=config,
         job_dir_key="hydra.run.dir",
         job_subdir_key=None,

@@ -238,7 +238,8 @@ class Planned:
 def check(command: Command) -> list[Planned]:
     """Return what each job will do. Raises ProblemsError with everything that is wrong, a line each."""
     jobs, problems = command.jobs, list[str]()
-    if jobs[0].tracking.uri not in ("off", f"sqlite:///{jobs[0].out}/mlflow.db"):  # the default: where mlflow is there
+    unasked = ("", "off", f"sqlite:///{jobs[0].out}/mlflow.db", os.environ.get("MLFLOW_TRACKING_URI"))
+    if jobs[0].tracking.uri not in unasked:  # the default: where mlflow is there
         require("tracking.uri", "mlflow")
     if len({job.out.resolve() for job in jobs}) > 1:
         problems.append("out: not the same for all jobs of the sweep; give one folder")

@@ -105,26 +105,37 @@ class Outcome:
 Launch = Callable[[Sequence[tuple[str, ...]]], Sequence[str]]
 
 
-def run(
-    command: Command, before: Callable[[Sequence[Planned]], None] = lambda _: None, launch: Launch | None = None
-) -> Outcome:
-    """Run the checked jobs of a command. before: called with all that is planned, before any work.
+@dataclass(frozen=True)
+class Watch:
+    """What follows a command.
+
+    before: called with all that is planned, before any work; begins: called with a job when its work begins on this
+    machine.
+    """
+
+    before: Callable[[Sequence[Planned]], None] = lambda _: None
+    begins: Callable[[Job], None] = lambda _: None
+
+
+def run(command: Command, watch: Watch | None = None, launch: Launch | None = None) -> Outcome:
+    """Run the checked jobs of a command.
 
     launch: runs the jobs elsewhere; by default they run in worker processes of this machine.
 
     Raises ProblemsError before any work when something selected does not exist, cannot be opened or is not installed;
     OutputError when results cannot be written.
     """
+    watch = watch or Watch()
     with progress.live(), opening_once():
         check_results_folder(command.jobs[0].out)
         planned, first = check(command), command.jobs[0]
         _write_provenance(command, planned)
-        before(planned)
+        watch.before(planned)
         interrupted = crashed = False
         n_alone = min(1, first.workers)  # what metrics do after all jobs has one worker, too
         try:
             with terminated_as_interrupt():
-                crashed = not _run_jobs(command, planned, launch)
+                crashed = not _run_jobs(command, planned, launch, watch)
                 if not crashed:
                     if any(metric.plugin.is_of_pairs for plan in planned for metric in plan.job.metrics):
                         run_alone("pairs of views", partial(score_across_views, planned), n_alone)
@@ -154,13 +165,13 @@ def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
     record_experiment(command.jobs)
 
 
-def _run_jobs(command: Command, planned: Sequence[Planned], launch: Launch | None) -> bool:
+def _run_jobs(command: Command, planned: Sequence[Planned], launch: Launch | None, watch: Watch) -> bool:
     """Run the jobs, and return whether that went well; their rows say what became of them.
 
     Raises DiskFullError, without the jobs that are left: none could write.
     """
     if launch is None:
-        run_jobs(planned, command.jobs[0].workers)
+        run_jobs(planned, command.jobs[0].workers, watch.begins)
         return True
     waiting = [(plan.job, words) for plan, words in zip(planned, command.overrides, strict=True) if plan.todo]
     try:

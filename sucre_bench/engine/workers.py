@@ -21,6 +21,7 @@ from sucre_bench.engine.job import serve
 from sucre_bench.engine.preflight import Planned, base_row, plan
 from sucre_bench.engine.score import row_of_fault
 from sucre_bench.errors import DiedError, DiskFullError, OutputError, PluginError, SucreBenchError, raise_if_stop
+from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
 from sucre_bench.machine.compute import start_compiler
 from sucre_bench.machine.processes import Forked, can_fork
@@ -37,13 +38,13 @@ _MOST_GIVEN = 1000  # views that a worker gets at once, so that a message fits i
 _SHARED = ("cv2", "scipy.ndimage", "scipy.optimize", "scipy.sparse.csgraph", "scipy.spatial")
 
 
-def run_jobs(planned: Iterable[Planned], n_workers: int) -> None:
-    """Restore and score the views of all jobs, n_workers at a time; 0: in this process.
+def run_jobs(planned: Iterable[Planned], n_workers: int, begins: Callable[[Job], None] = lambda _: None) -> None:
+    """Restore and score the views of all jobs, n_workers at a time; 0: in this process. begins: called with a job.
 
     A free worker takes the next job. When all have begun, it helps the job with the most views left.
     An OutputError of a job is a line, and the others go on; DiskFullError is raised, for none could write.
     """
-    jobs = [_Job(plan) for plan in planned if plan.todo]
+    jobs = [_Job(plan, begins) for plan in planned if plan.todo]
     n_views = sum(len(job.left) for job in jobs)
     with ExitStack() as block:
         if len(jobs) > 1:
@@ -123,8 +124,9 @@ class _Job:
     cannot be written; after_view: called when a view is done.
     """
 
-    def __init__(self, planned: Planned) -> None:
+    def __init__(self, planned: Planned, begins: Callable[[Job], None]) -> None:
         self.planned, self.name = planned, planned.name
+        self._begins = begins
         self.left: deque[tuple[int, ...]] = deque((k,) for k in range(len(planned.todo)))
         self.faults: dict[str, Exception] = {}
         self.n_ready, self.is_full, self.is_given_up, self._by_scene = 0, False, False, False
@@ -134,7 +136,7 @@ class _Job:
         self._shown = ExitStack()
 
     def begin(self) -> None:
-        """Show the progress."""
+        """Show the progress, and say that it begins."""
         job, tasks = self.planned.job, self.planned.tasks
         if tasks and not tasks[0].base.code.startswith(base_row(job).code):
             shares = self.planned.shares_decoded
@@ -142,6 +144,7 @@ class _Job:
             self.left = deque((k,) for k in range(len(self.planned.todo)))
         line = progress.line(f"{job.method.label} on {job.dataset.label}", len(self.left))
         self.after_view.append(self._shown.enter_context(line))
+        self._begins(job)
 
     def take(self, n_workers: int) -> list[int]:
         """Take views for a worker: about half of its share of what is left, so that all end at the same time."""

@@ -11,7 +11,7 @@ import itertools
 import os
 import re
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -118,7 +118,9 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
     is_sweep = multirun or bool(experiment) or any(word.key == "hydra.mode" for word in groups)
     if is_sweep and config is None:
         try:
-            config = configs.composed([*of_hydra, *_shared(typed)], is_sweep=True)
+            config = configs.composed(
+                [*of_hydra, *_shared(word for word in typed if word not in groups)], is_sweep=True
+            )
         except SucreBenchError as fault:
             raise (fault.within(files[0]) if files else fault) from fault
         sweeper = config.hydra.sweeper
@@ -134,7 +136,7 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
     return asked
 
 
-def _shared(words: Sequence[Word]) -> Iterator[str]:
+def _shared(words: Iterable[Word]) -> Iterator[str]:
     """Yield the options of the run that all jobs have, as Hydra reads them: its own keys may refer to ${out}."""
     defaults = RunConfig.defaults()
     for word in words:

@@ -116,9 +116,9 @@ class Study:
 class Tracking:
     """Where mlflow logs the run."""
 
-    uri: str = "sqlite:///${out}/mlflow.db"
+    uri: str = "${oc.env:MLFLOW_TRACKING_URI,sqlite:///${out}/mlflow.db}"
     """mlflow's tracking URI; the default is a store in the results folder, if mlflow is installed; off: no mlflow."""
-    experiment: str = "sucre_bench"
+    experiment: str = "${oc.env:MLFLOW_EXPERIMENT_NAME,sucre_bench}"
     """Name of the experiment in mlflow."""
 
 

@@ -83,6 +83,13 @@ def read_common(out: Path) -> DataFrame:
     return _newest_common(rows[is_of_common_pixels(rows)])
 
 
+def read_part(path: Path) -> DataFrame:
+    """Return the rows of one part as `read` does; none if another part has them by now."""
+    table = _rows_of_file(path, {})
+    rows = frame([]) if table is None else table.to_pandas(use_threads=False)
+    return rows[~is_of_common_pixels(rows)]
+
+
 def is_bundle(path: Path) -> bool:
     """Whether a path is to be read as a bundle (`results.bundle_format`), not as a results folder."""
     return path.suffix.lower() == ".zip" and not path.is_dir()

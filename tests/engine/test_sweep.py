@@ -377,7 +377,6 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(out: Path, toys: str, t
     wait_until_it_stays_at("v2.png", log)
     stopped.send(how)
     done = stopped.ended()
-    assert not (out / "mlflow.db").exists(), "who stops a run does not wait for mlflow"
     assert done.returncode == 130
     assert "stopped" in done.stdout
     assert "2 ok, 0 failed" in done.stdout

@@ -1,8 +1,6 @@
 """A folder that holds Python files with the names of what sucre_bench imports: no command runs any of them."""
 
 import os
-import signal
-import socket
 import subprocess
 import sys
 from importlib.metadata import packages_distributions
@@ -10,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from support.colmap_folder import write_dive
-from support.command_line import PROGRAM, run_here
+from support.command_line import run_here
 from support.places import ROOT
 
 from sucre_bench.machine.processes import environment_of_programs, isolated_children
@@ -84,23 +82,6 @@ def test_no_command_imports_from_the_current_folder(trapped: Path, done: subproc
     assert "Traceback" not in done.stderr
     made = ("results/report/index.html", "bundles/results.zip")
     assert all((trapped / name).is_file() for name in made), done.stderr
-
-
-@pytest.mark.usefixtures("done")
-def test_the_page_of_mlflow_imports_nothing_from_the_current_folder(trapped: Path):
-    (trapped / "sprung").unlink(missing_ok=True)
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = str(free.getsockname()[1])
-    words = [PROGRAM, "track", "results", "--ui", "--port", port]
-    with subprocess.Popen(words, cwd=trapped, stdout=subprocess.PIPE, text=True) as serving:
-        try:
-            assert serving.stdout
-            opened = any("(Ctrl-C ends it)" in line for line in serving.stdout)
-        finally:
-            serving.send_signal(signal.SIGINT)
-    assert not (trapped / "sprung").exists(), (trapped / "sprung").read_text()
-    assert opened
 
 
 def test_a_note_says_that_python_itself_imports_from_the_current_folder(

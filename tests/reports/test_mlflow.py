@@ -1,21 +1,21 @@
-"""What mlflow is told, and its stores: made once a machine, asked only if there is something new."""
+"""What mlflow is told, while a command runs and later; its stores."""
 
 import json
 import re
-import socket
+import shutil
+import signal
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import pytest
-from support.command_line import Started, registry
+from support.command_line import Started, calls
 from support.places import TOYS
 
-from sucre_bench import compare, plugins, results
-from sucre_bench.commands.run_summary import compared, track
-from sucre_bench.engine.hydra_run import run_words as run_jobs
-from sucre_bench.engine.run import Outcome
+from sucre_bench import compare, results
 from sucre_bench.errors import InputError, OutputError
 from sucre_bench.reports import mlflow
 from sucre_bench.reports.paper import style
@@ -23,13 +23,7 @@ from sucre_bench.results.rows import Row
 
 pytestmark = pytest.mark.usefixtures("toys")
 PASSWORD = "pa55word"
-
-
-def run_and_track(*overrides: str, multirun: bool = False) -> Outcome:
-    """Run and log, as the command line does."""
-    outcome = run_jobs(overrides, multirun)
-    track(outcome, compared(outcome))
-    return outcome
+RUN = ("run", "--plugin", str(TOYS), "dataset=toy", "metrics=[redness]", "report=false")
 
 
 def asked(uri: str) -> Any:
@@ -39,272 +33,170 @@ def asked(uri: str) -> Any:
     return MlflowClient(tracking_uri=uri)
 
 
-def runs(uri: str) -> list:
+def runs(uri: str, experiment: str = "sucre_bench") -> list:
     client = asked(uri)
-    experiments = [e.experiment_id for e in client.search_experiments() if e.name == "sucre_bench"]
+    experiments = [e.experiment_id for e in client.search_experiments() if e.name == experiment]
     return client.search_runs(experiments) if experiments else []
 
 
-@pytest.fixture(scope="module")
-def sweep(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
-    """A sweep of two methods, of which one fails on a view."""
-    out = tmp_path_factory.mktemp("sweep") / "out"
-    with plugins.using(registry(TOYS)):
-        words = ("dataset=toy", "method=gain,faulty", "metrics=[redness]", f"out={out}")
-        return run_and_track(*words, multirun=True)
+def by_method(uri: str) -> dict[str, Any]:
+    """The runs by method; the parent's is "". Each is there once."""
+    found = runs(uri)
+    named = {run.data.tags.get("method", ""): run for run in found}
+    assert len(named) == len(found)
+    return named
 
 
-def test_a_sweep_is_a_parent_run_with_a_child_a_job(sweep: Outcome):
-    outcome, out = sweep, sweep.out
-    logged = runs(f"sqlite:///{out / 'mlflow.db'}")
-    (parent,) = [r for r in logged if "mlflow.parentRunId" not in r.data.tags]
-    children = {r.data.tags["method"]: r for r in logged if r is not parent}
-    assert set(children) == {"gain", "faulty"}
-    assert {r.data.tags["mlflow.parentRunId"] for r in children.values()} == {parent.info.run_id}
-    assert (children["gain"].info.status, children["faulty"].info.status) == ("FINISHED", "FAILED")
-
-    gain = children["gain"]
-    assert json.loads(gain.data.params["method.gain"]) == 1.0
-    assert gain.data.params["dataset.name"] == "toy"
-    rows = outcome.rows[(outcome.rows["method"] == "gain") & (outcome.rows["metric"] == "redness")]
-    assert gain.data.metrics["redness.plain"] == pytest.approx(rows["value"].mean())
-    client = asked(f"sqlite:///{out / 'mlflow.db'}")
-    steps = client.get_metric_history(gain.info.run_id, "views/redness.plain")
-    by_step = [m.value for m in sorted(steps, key=lambda m: m.step)]
-    assert by_step == pytest.approx(rows.sort_values("view")["value"].tolist())
-
-    artifacts = Path(gain.info.artifact_uri.removeprefix("file://"))
-    assert {p.name for p in artifacts.iterdir()} == {"scores.parquet", "restored", "images"}
-    pictures = {p.name for p in (artifacts / "restored").iterdir()}
-    assert pictures == {*(f"v{n}.png" for n in range(3)), "records.jsonl"}
-    kept, restored = (folder / "v0.png" for folder in (artifacts / "restored", out / "restored" / "toy" / "gain"))
-    assert kept.read_bytes() == restored.read_bytes()
-    before = kept.read_bytes()
-    again = ["dataset=toy", "method=gain", "method.gain=2", "overwrite=always", "metrics=[redness]", f"out={out}"]
-    run_jobs(again, False)
-    assert kept.read_bytes() == before != restored.read_bytes()
-    whole = Path(parent.info.artifact_uri.removeprefix("file://")) / "scores.parquet"
-    assert len(pd.read_parquet(whole)) == len(outcome.rows)
+def steps(uri: str, run: Any, name: str = "views/redness.plain") -> dict[int, list[float]]:
+    """The values of each step."""
+    found: dict[int, list[float]] = {}
+    for point in asked(uri).get_metric_history(run.info.run_id, name):
+        found.setdefault(point.step, []).append(point.value)
+    return found
 
 
-def test_what_people_look_for_is_where_mlflow_shows_it(sweep: Outcome):
-    uri = f"sqlite:///{sweep.out / 'mlflow.db'}"
-    client = asked(uri)
-    (experiment,) = [e for e in client.search_experiments() if e.name == "sucre_bench"]
-    assert experiment.tags["mlflow.experimentKind"] == "custom_model_development"  # runs and models, no chats
-    assert experiment.tags["mlflow.note.content"]
-    logged = {r.info.run_name: r for r in runs(uri)}
-    assert set(logged) == {"out", "gain on toy", "faulty on toy"}
-    colours = [logged[name].data.tags["mlflow.runColor"] for name in ("gain on toy", "faulty on toy")]
-    assert colours == [style.own_look("gain").colour, style.own_look("faulty").colour]  # those of the figures
-    faulty = logged["faulty on toy"]
-    assert "boom" in faulty.data.tags["mlflow.note.content"]
-    assert (faulty.data.metrics["views_ok"], faulty.data.metrics["views_failed"]) == (2, 1)
-    found = client.search_runs([experiment.experiment_id], "metrics.views_failed > 0")
-    assert [r.info.run_name for r in found] == ["faulty on toy"]
+def artifacts(run: Any) -> Path:
+    return Path(run.info.artifact_uri.removeprefix("file://"))
 
 
-def test_pictures_have_the_step_of_their_view_in_every_run(sweep: Outcome):
-    """The view that one method failed on leaves a gap; mlflow shows the others beside the right ones."""
-    steps = {}
-    for run in runs(f"sqlite:///{sweep.out / 'mlflow.db'}"):
-        folder = Path(run.info.artifact_uri.removeprefix("file://")) / "images"
-        if folder.is_dir():
-            names = [p.name for p in folder.iterdir() if p.suffix == ".png"]
-            steps[run.data.tags["method"]] = sorted(int(re.findall(r"step\D(\d+)", name)[0]) for name in names)
-    assert steps == {"gain": [0, 1, 2], "faulty": [0, 2]}
-
-
-def test_the_page_opens_on_the_runs(tmp_path: Path):
-    uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
-    first, second = (mlflow.runs_page(uri, name, 5001) for name in ("dives", "others"))
-    assert first == mlflow.runs_page(uri, "dives", 5001) != second
-    assert first.startswith("http://127.0.0.1:5001/#/experiments/")
-
-
-def test_a_folder_is_told_once_and_what_is_new_in_it_later(bench, tmp_path: Path):
-    """As after a run on a cluster, where nothing was logged."""
-
-    words = (
-        "run",
-        "--plugin",
-        str(TOYS),
-        "dataset=toy",
-        "metrics=[redness]",
-        "tracking.uri=off",
-        "out=out",
-        "report=false",
-    )
-    said = []
-    for more in (("method=gain", "views=[v0.png]"), (), ("method=gain2",), ("method=gain",)):
-        if more:
-            bench(*words, *more)
-        said.append(bench("track", "out").stdout)
-    assert [line.split(": ")[-1].strip() for line in said] == ["1 new run", "0 new runs", "1 new run", "1 new run"]
-    told = runs(f"sqlite:///{tmp_path / 'out' / 'mlflow.db'}")
-    latest = [r for r in told if r.data.tags["latest"] == "yes"]
-    views = {r.data.tags.get("method", ""): r.data.metrics.get("views_ok") for r in latest}
-    assert views == {"": None, "gain": 3, "gain2": 3}
-    assert len(latest) == len(views), "one a method, and their newest parent"
-    assert [r.data.metrics["views_ok"] for r in told if r not in latest and "method" in r.data.tags] == [1]
-
-
-def test_runs_that_start_together_on_a_new_store_are_all_kept(tmp_path: Path):
-    uri = f"sqlite:///{tmp_path / 'shared' / 'mlflow.db'}"
-    words = ["run", "--plugin", str(TOYS), "dataset=toy", "method=gain", "metrics=[redness]", "report=false"]
-    started = [Started(tmp_path, *words, f"out={tmp_path / str(n)}", f"tracking.uri={uri}") for n in range(2)]
-    done = [one.ended() for one in started]
-    assert [d.returncode for d in done] == [0] * 2, [d.stderr for d in done]
-    assert not any("mlflow: not logged" in d.stderr for d in done)
-    logged = runs(uri)
-    assert len(logged) == 4  # a parent and a child each
-    assert {r.info.status for r in logged} == {"FINISHED"}
-
-
-def test_a_server_that_is_down_costs_no_result(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch):
-    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
-    arguments = ["dataset=toy", "method=gain", "metrics=[redness]", f"out={tmp_path / 'out'}"]
-    outcome = run_and_track(*arguments, "tracking.uri=http://127.0.0.1:9")
-    assert (outcome.ok, outcome.exit_code) == (3, 0)
-    assert capsys.readouterr().err.count("mlflow: not logged") == 1
-
-
-def test_means_are_those_of_the_table(tmp_path: Path):
-    """Views count alike there, however many charts each has: 10 in one view, 30 in another."""
-    options = json.dumps({"name": "gray_world", "dataset": {"name": "demo"}})
-    base = Row("demo", "reef", method="gray_world", options=options, options_id="o", data_id="d")
-    angles = {"a.png": (10.0,), "b.png": (20.0, 30.0, 40.0)}
-    kind = {"metric": "psi", "variant": "colour", "unit": "deg", "better": "lower"}
-    psi = [
-        replace(base, **kind, view=view, region=f"chart{number}", value=value)
-        for view, values in angles.items()
-        for number, value in enumerate(values)
-    ]
-    rows = results.frame([*(replace(base, view=view, value=1.0) for view in angles), *psi])
-    tables, uri = compare.compare(rows), f"sqlite:///{tmp_path / 'mlflow.db'}"
-    assert mlflow.log(tmp_path, rows, tables, uri, "sucre_bench") == 1
-    (child,) = [r for r in runs(uri) if "method" in r.data.tags]
-    (column,) = [c for c in tables[0].columns if c.metric == "psi"]
-    assert child.data.metrics["psi.colour"] == tables[0].cells["gray_world", column].mean == 20
-
-
-def test_what_is_broken_off_is_told_again_and_leaves_nothing_running(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    out, uri = tmp_path / "out", f"sqlite:///{tmp_path / 'mlflow.db'}"
-    run_jobs(["dataset=toy", "method=gain,gain2", "metrics=[redness]", f"out={out}", "tracking.uri=off"], True)
-    rows = results.read(out)
-    picture = out / "restored/toy/gain/v1.png"
-    picture.write_bytes(picture.read_bytes()[:-20])  # costs no more than itself
-    store = type(asked(uri))
-    set_tag, told = store.set_tag, []
-
-    def breaks(client: Any, run: str, key: str, value: object, *more: object) -> None:
-        told.extend([run] if (key, value) == ("latest", "yes") else [])
-        if len(told) == 3:  # the parent and a child are marked as the latest
-            raise ConnectionError("gone")
-        set_tag(client, run, key, value, *more)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(store, "set_tag", breaks)
-        with pytest.raises(OutputError, match="gone"):
-            mlflow.log(out, rows, compare.compare(rows), uri, "sucre_bench")
-    assert sorted(r.info.status for r in runs(uri)) == ["FINISHED", "KILLED", "KILLED"]
-    assert mlflow.log(out, rows, compare.compare(rows), uri, "sucre_bench") == 1
-    latest = {r.data.tags.get("method", ""): r.info.status for r in runs(uri) if r.data.tags.get("latest") == "yes"}
-    assert latest == {"": "FINISHED", "gain": "FINISHED", "gain2": "FINISHED"}
-
-
-# -- stores ------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="session")
+def empty(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An empty store, which takes mlflow seconds to make."""
+    folder = tmp_path_factory.mktemp("empty")
+    asked(f"sqlite:///{folder / 'mlflow.db'}").search_experiments()
+    return folder / "mlflow.db"
 
 
 @pytest.fixture
-def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A cache of the user's that these tests share, empty at first: an empty store takes seconds to make."""
-    folder = tmp_path_factory.getbasetemp() / "cache"
-    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
-    return folder
-
-
-@pytest.fixture
-def out(bench, tmp_path: Path) -> Path:
-    words = ("dataset=toy", "method=gain", "metrics=[redness]", "report=false", "tracking.uri=off", "out=out")
-    bench("run", "--plugin", str(TOYS), *words)
+def out(tmp_path: Path, empty: Path) -> Path:
+    """A results folder with an empty store."""
+    (tmp_path / "out").mkdir()
+    shutil.copy(empty, tmp_path / "out" / "mlflow.db")
     return tmp_path / "out"
 
 
-def log(out: Path, uri: str = "") -> int:
+@pytest.fixture
+def uri(out: Path) -> str:
+    return f"sqlite:///{out / 'mlflow.db'}"
+
+
+# -- while a command runs ----------------------------------------------------------------------------------
+
+
+def waited_for(look: Callable[[], Any]) -> Any:
+    deadline = time.monotonic() + 300
+    while not (found := look()):
+        assert time.monotonic() < deadline
+        time.sleep(0.3)
+    return found
+
+
+def test_runs_are_there_while_a_view_is_restored_killed_at_ctrl_c_and_go_on_without_doubles(
+    out: Path, uri: str, tmp_path: Path
+):
+    log, method = tmp_path / "log", ("method=gain,gain2", "gain.stays_at=v2.png", f"gain.log={tmp_path / 'log'}")
+    words = ("run", "-m", *RUN[1:], *method, f"out={out}", "degrade.noise=0")
+    stopped = Started(tmp_path, *words)
+    waited_for(lambda: "v2.png" in calls(log))  # where it stays until it is stopped
+    gain = waited_for(lambda: (found := by_method(uri).get("gain")) and len(steps(uri, found)) == 2 and found)
+    at_work = by_method(uri)
+    assert {name: run.info.status for name, run in at_work.items()} == {"": "RUNNING", "gain": "RUNNING"}
+    assert gain.data.tags["mlflow.parentRunId"] == at_work[""].info.run_id
+    assert at_work[""].data.params["degrade.noise"] == gain.data.params["degrade.noise"] == "0"
+    stopped.send(signal.SIGINT)
+    assert stopped.ended().returncode == 130
+    assert {name: run.info.status for name, run in by_method(uri).items()} == {"": "KILLED", "gain": "KILLED"}
+
+    assert Started(tmp_path, *words).ended().returncode == 0
+    done = by_method(uri)
+    assert {name: run.info.status for name, run in done.items()} == dict.fromkeys(["", "gain", "gain2"], "FINISHED")
+    assert {run.data.tags["mlflow.parentRunId"] for name, run in done.items() if name} == {done[""].info.run_id}
     rows = results.read(out)
-    return mlflow.log(out, rows, compare.compare(rows), uri or mlflow.default_uri(out), "sucre_bench")
+    for name in ("gain", "gain2"):
+        values = rows[(rows["method"] == name) & (rows["metric"] == "redness")].sort_values("view")["value"]
+        assert steps(uri, done[name]) == {step: [pytest.approx(value)] for step, value in enumerate(values)}
+    pictures = [path.name for path in (artifacts(done["gain"]) / "images").glob("*.png")]
+    assert len(pictures) == 3
 
 
-def test_later_stores_are_copies_of_the_first_and_keep_nothing_of_where_that_was(cache: Path, tmp_path: Path):
-    for name in ("one", "two"):
-        mlflow.runs_page(f"sqlite:///{tmp_path / name}.db", "dives", 5000)
-        client = asked(f"sqlite:///{tmp_path / name}.db")
-        experiments = client.search_experiments()
-        assert {e.name for e in experiments} == {"Default", "dives"}
-        assert not [e for e in experiments if "sucre_bench-" in e.artifact_location]
-        assert len([*(cache / "sucre_bench").glob("*.db")]) == 1
+@pytest.mark.parametrize("launcher", ["workers", "joblib"])
+def test_a_job_of_any_launcher_has_its_options_scores_data_and_faults(program, out: Path, uri: str, launcher: str):
+    if launcher == "joblib":
+        pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    words = ("run", "-m", *RUN[1:], "method=gain,faulty", f"hydra/launcher={launcher}", f"out={out}")
+    assert program(*words).returncode == 1
+    logged, rows = by_method(uri), results.read(out)
+    assert set(logged) == {"", "gain", "faulty"}
+    parent, gain, faulty = (logged[name] for name in ("", "gain", "faulty"))
+    assert [run.info.status for run in (parent, gain, faulty)] == ["FAILED", "FINISHED", "FAILED"]
+    assert "boom" in faulty.data.tags["reason"]
+    assert (faulty.data.metrics["views_ok"], faulty.data.metrics["views_failed"]) == (2, 1)
+    assert steps(uri, faulty).keys() == {0, 2}, "the view that failed leaves its step out"
+
+    assert gain.data.params.items() >= {"method.gain": "1", "dataset.name": "toy", "degrade.noise": "0"}.items()
+    assert gain.data.params.items() >= {"replicate": "0", "seed": "0", "degrade.seed": "0"}.items()
+    assert parent.data.params.items() >= {"dataset.name": "toy", "degrade.noise": "0"}.items()
+    assert "method.name" not in parent.data.params
+    of_gain = rows[(rows["method"] == "gain") & (rows["metric"] == "redness")]
+    assert gain.data.metrics["redness.plain"] == pytest.approx(of_gain["value"].mean())
+    (data,) = [one.dataset for one in gain.inputs.dataset_inputs]
+    assert (data.name, data.digest) == ("toy", of_gain["data_id"].iloc[0])
+
+    files = artifacts(gain)
+    table = json.loads((files / "scores.json").read_text())
+    assert table["columns"][:3] == ["step", "scene", "view"]
+    assert [row[0] for row in table["data"]] == [0, 1, 2]
+    assert {path.name for path in (files / "restored").iterdir()} == {*(f"v{n}.png" for n in range(3)), "records.jsonl"}
+    pictures = {
+        name: sorted(
+            int(re.findall(r"step\D(\d+)", path.name)[0]) for path in (artifacts(run) / "images").glob("*.png")
+        )
+        for name, run in logged.items()
+        if name
+    }
+    assert pictures == {"gain": [0, 1, 2], "faulty": [0, 2]}
+    assert len(pd.read_parquet(artifacts(parent) / "scores.parquet")) == len(rows)
+    assert "gain" in parent.data.tags["mlflow.note.content"]
+    assert gain.data.tags["mlflow.runColor"] == style.own_look("gain").colour  # that of the figures
 
 
-def test_a_table_that_is_logged_is_known_without_asking_mlflow(cache: Path, out: Path):
-    uri = mlflow.default_uri(out)
-    assert not mlflow.is_logged(out, uri, "sucre_bench")
-    log(out)
-    assert mlflow.is_logged(out, uri, "sucre_bench")
-    assert not mlflow.is_logged(out, uri, "another")
-    table = out / "scores.parquet"
-    whole = table.read_bytes()
-    results.read(out).iloc[:-1].to_parquet(table, index=False)
-    assert not mlflow.is_logged(out, uri, "sucre_bench")
-    table.write_bytes(whole)
-    (out / "mlflow.db").unlink()
-    assert not mlflow.is_logged(out, uri, "sucre_bench")
+def test_environment_variables_of_mlflow_are_the_defaults(bench, tmp_path: Path, empty: Path, monkeypatch):
+    elsewhere = f"sqlite:///{shutil.copy(empty, tmp_path / 'elsewhere.db')}"
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", elsewhere)
+    monkeypatch.setenv("MLFLOW_EXPERIMENT_NAME", "dives")
+    shutil.copytree(empty.parent, tmp_path / "local")
+    for choice, method in (("", "gain"), ("tracking=local", "gain2"), ("tracking=off", "gain")):
+        out = choice.partition("=")[2] or "out"
+        done = bench(*RUN, f"method={method}", f"out={out}", *([choice] if choice else []))
+        assert done.returncode == 0, done.stderr
+    assert {run.data.tags.get("method", "") for run in runs(elsewhere, "dives")} == {"", "gain"}
+    assert {run.data.tags.get("method", "") for run in runs(f"sqlite:///{tmp_path}/local/mlflow.db", "dives")} == {
+        "",
+        "gain2",
+    }
+    assert not list((tmp_path / "off").glob("mlflow*"))
+    assert bench("track", "off").returncode == 0
+    assert len(runs(elsewhere, "dives")) == 4
 
 
-def test_mlflows_first_screen_has_the_columns_that_decide_and_its_pictures_are_no_links(cache: Path, out: Path):
-    picture = out / "restored" / "toy" / "gain" / "v0.png"
-    content = picture.read_bytes()
-    picture.rename(out / "moved.png")
-    picture.symlink_to("../../../moved.png")  # as where a user moved pictures to a larger disk
-    log(out)
-    (kept,) = (out / "mlartifacts").rglob("restored/v0.png")
-    assert (kept.is_symlink(), kept.read_bytes()) == (False, content)
-    client = asked(mlflow.default_uri(out))
-    experiment = client.get_experiment_by_name("sucre_bench")
-    key = mlflow.runs_page(mlflow.default_uri(out), "sucre_bench", 5000).partition("viewStateShareKey=")[2]
-    state = json.loads(experiment.tags[f"mlflow.sharedViewState.{key.partition('&')[0]}"])
-    assert state["selectedColumns"] == ["metrics.`redness.plain`", "metrics.`seconds.wall`"]
-    (run,) = client.search_runs([experiment.experiment_id], state["searchFilter"])
-    assert {column.split("`")[1] for column in state["selectedColumns"]} <= {*run.data.metrics}
-
-
-@pytest.mark.parametrize("content", [b"no database", None])
-def test_a_store_that_cannot_be_used_is_named_with_the_reason(cache: Path, out: Path, content: bytes | None):
-    store = out.parent / "store.db"
-    store.mkdir() if content is None else store.write_bytes(content)
-    with pytest.raises(InputError, match=r"store\.db: mlflow "):
-        log(out, f"sqlite:///{store}")
-
-
-def test_a_port_that_cannot_be_served_is_a_line_before_anything_is_done(bench, out: Path):
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = str(taken.getsockname()[1])
-        for wrong in (port, "0", "70000"):
-            done = bench("track", "out", "--ui", "--port", wrong)
-            assert done.returncode == 2
-            assert len(done.errors) == 1
-            assert wrong in done.stderr
-    assert not (out / "mlflow.db").exists()
+def test_a_server_that_is_down_costs_no_view_and_one_line_and_is_made_up_for(bench, out: Path, uri: str, monkeypatch):
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
+    done = bench(*RUN, "method=gain", f"out={out}", "tracking.uri=http://127.0.0.1:9")
+    assert done.returncode == 0
+    assert done.stderr.count("not logged") == 1
+    assert len(pd.read_parquet(out / "scores.parquet")["view"].unique()) == 3
+    again = bench(*RUN, "method=gain", f"out={out}")
+    assert "3 cached" in again.stdout
+    assert by_method(uri)["gain"].info.status == "FINISHED"
+    assert bench("track", "out").stdout.splitlines()[0].endswith("0 new runs")
+    assert "mlflow" not in bench(*RUN, "method=gain", f"out={out}").stderr, "known without asking"
 
 
 def test_a_password_in_the_address_is_neither_printed_nor_stored(bench, tmp_path: Path, monkeypatch):
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
     uri = f"http://me:{PASSWORD}@127.0.0.1:9"
-    words = ["dataset=toy", "method=gain", "metrics=[redness]", "out=out"]
     said = [
-        bench("run", "--plugin", str(TOYS), *words, f"tracking.uri={uri}"),
+        bench(*RUN, "method=gain", "out=out", f"tracking.uri={uri}"),
         bench("track", "out", "--uri", uri),
         bench("report", "out"),
     ]
@@ -313,3 +205,104 @@ def test_a_password_in_the_address_is_neither_printed_nor_stored(bench, tmp_path
     files = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
     assert len(files) > 5
     assert not [path for path in files if PASSWORD.encode() in path.read_bytes()]
+
+
+def test_runs_that_start_together_on_a_new_store_are_all_kept(tmp_path: Path):
+    uri = f"sqlite:///{tmp_path / 'shared' / 'mlflow.db'}"
+    started = [Started(tmp_path, *RUN, "method=gain", f"out={n}", f"tracking.uri={uri}") for n in range(2)]
+    done = [one.ended() for one in started]
+    assert [d.returncode for d in done] == [0] * 2, [d.stderr for d in done]
+    assert not any("not logged" in d.stderr for d in done)
+    logged = runs(uri)
+    assert len(logged) == 4  # a parent and a child each
+    assert {r.info.status for r in logged} == {"FINISHED"}
+
+
+# -- later -------------------------------------------------------------------------------------------------
+
+
+def test_a_folder_is_logged_once_and_what_is_new_in_it_goes_on_in_its_runs(bench, out: Path, uri: str):
+    """As after a run on a cluster, where nothing was logged."""
+    said = []
+    for more in (("method=gain", "views=[v1.png]"), (), ("method=gain2",), ("method=gain",)):
+        if more:
+            bench(*RUN, *more, "tracking=off", "out=out")
+        said.append(bench("track", "out").stdout.splitlines()[0])
+    assert [line.split(": ")[-1].strip() for line in said] == ["1 new run", "0 new runs", "1 new run", "1 new run"]
+    logged = by_method(uri)
+    views = {name: run.data.metrics["views_ok"] for name, run in logged.items()}
+    assert views == {"": 6, "gain": 3, "gain2": 3}
+    values = results.read(out, method="gain", metric="redness").set_index("view")["value"]
+    assert steps(uri, logged["gain"]) == {k: [pytest.approx(values[f"v{n}.png"])] for k, n in enumerate((1, 0, 2))}
+
+
+def test_another_version_of_a_methods_code_is_another_run(out: Path, uri: str):
+    base = Row(
+        "demo", "reef", view="a.png", method="m", options='{"name": "m"}', options_id="o", data_id="d", value=1.0
+    )
+    for second, code in enumerate(("a" * 12, "b" * 12)):
+        results.write_rows(out, "m", [replace(base, code=code, time=f"2026-01-01T00:00:0{second}")])
+        assert mlflow.log(out, uri, "sucre_bench") == 1
+    latest = {run.data.tags["code"]: run.data.tags["latest"] for run in runs(uri) if "method" in run.data.tags}
+    assert latest == {"a" * 12: "no", "b" * 12: "yes"}
+
+
+def test_means_are_those_of_the_table(out: Path, uri: str):
+    """Views count alike there, however many charts each has: 10 in one view, 30 in another."""
+    options = json.dumps({"name": "gray_world", "dataset": {"name": "demo"}})
+    base = Row("demo", "reef", method="gray_world", options=options, options_id="o", data_id="d", code="c")
+    angles = {"a.png": (10.0,), "b.png": (20.0, 30.0, 40.0)}
+    kind = {"metric": "psi", "variant": "colour", "unit": "deg", "better": "lower"}
+    psi = [
+        replace(base, **kind, view=view, region=f"chart{number}", value=value)
+        for view, values in angles.items()
+        for number, value in enumerate(values)
+    ]
+    results.write_rows(out, "made", [*(replace(base, view=view, value=1.0) for view in angles), *psi])
+    (table,) = compare.compare(results.read(out))
+    assert mlflow.log(out, uri, "sucre_bench") == 1
+    (column,) = [c for c in table.columns if c.metric == "psi"]
+    assert by_method(uri)["gray_world"].data.metrics["psi.colour"] == table.cells["gray_world", column].mean == 20
+
+
+def test_what_is_broken_off_goes_on(bench, out: Path, uri: str, monkeypatch: pytest.MonkeyPatch):
+    bench("run", "-m", *RUN[1:], "method=gain,gain2", f"out={out}", "tracking=off")
+    picture = out / "restored/toy/gain/v1.png"
+    picture.write_bytes(picture.read_bytes()[:-20])  # costs no more than itself
+    store = type(asked(uri))
+    log_artifacts, logged = store.log_artifacts, []
+
+    def breaks(*arguments: Any) -> None:
+        logged.append(arguments)
+        if len(logged) == 2:
+            raise ConnectionError("gone")
+        log_artifacts(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "log_artifacts", breaks)
+        with pytest.raises(OutputError, match="gone"):
+            mlflow.log(out, uri, "sucre_bench")
+    assert mlflow.log(out, uri, "sucre_bench") == 1
+    assert {name: run.info.status for name, run in by_method(uri).items()} == dict.fromkeys(
+        ["", "gain", "gain2"], "FINISHED"
+    )
+
+
+@pytest.mark.parametrize("content", [b"no database", None])
+def test_a_store_that_cannot_be_used_is_named_with_the_reason(bench, tmp_path: Path, content: bytes | None):
+    bench(*RUN, "method=gain", "out=out", "tracking=off")
+    store = tmp_path / "store.db"
+    store.mkdir() if content is None else store.write_bytes(content)
+    with pytest.raises(InputError, match=r"store\.db: mlflow "):
+        mlflow.log(tmp_path / "out", f"sqlite:///{store}", "sucre_bench")
+
+
+def test_pictures_in_mlflow_are_copies(bench, out: Path, uri: str):
+    bench(*RUN, "method=gain", f"out={out}", "tracking=off")
+    picture = out / "restored" / "toy" / "gain" / "v0.png"
+    content = picture.read_bytes()
+    picture.rename(out / "moved.png")
+    picture.symlink_to("../../../moved.png")  # as where a user moved pictures to a larger disk
+    mlflow.log(out, uri, "sucre_bench")
+    kept = artifacts(by_method(uri)["gain"]) / "restored/v0.png"
+    assert (kept.is_symlink(), kept.read_bytes()) == (False, content)

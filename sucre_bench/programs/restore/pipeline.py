@@ -15,6 +15,7 @@ from sucre_bench.arrays import evenly
 from sucre_bench.camera import Camera
 from sucre_bench.engine.hydra_run import run_words
 from sucre_bench.engine.preflight import MOST_SHOWN_OVER, Planned, opening_once, select
+from sucre_bench.engine.run import Watch
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.display import is_of_scene
 from sucre_bench.jobs.catalogue import method_choice, option_names, recognised
@@ -135,7 +136,7 @@ def restore(
 ) -> Done:
     """Restore all photographs of a source and write their pictures below `out`; what is finished is not repeated.
 
-    before: see `engine.run.run`, for the dive.
+    before: see `engine.run.Watch`, for the dive.
     Raises InputError for options that do not exist, OutputError if files cannot be written, KeyboardInterrupt if it is
     stopped. What is wrong with one photograph is a fault, and the others go on.
     """
@@ -227,7 +228,7 @@ def _run(
         deciding = {scene.views[k].name for scene in scenes for k in evenly(len(scene), MOST_SHOWN_OVER)}
         parts.insert(0, [*(w for w in where if not w.startswith("shard")), f"views={value_of(sorted(deciding))}"])
     for part in parts:
-        outcome = run_words([*source.dataset, *words, *settings, *part], bool(where), before)
+        outcome = run_words([*source.dataset, *words, *settings, *part], bool(where), Watch(before))
         if outcome.interrupted:
             raise KeyboardInterrupt("stopped; the same command continues from here")
     views = {(scene.name, view.name): view for scene in scenes for view in scene.views}

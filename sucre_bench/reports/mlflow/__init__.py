@@ -1,10 +1,11 @@
-"""Logs results folders in mlflow, after the work is done; if mlflow fails, the results stay complete.
+"""Logs a command in mlflow while it runs, or a results folder later; if mlflow fails, the results stay complete.
 
-A command is a parent run; each dataset and method in it is a child run with its parameters, scores and pictures. Rows
-that are logged already are not logged again.
+A results folder's command is a parent run; each job, a dataset and a method with their options, is a child run. A job
+that is logged already goes on where it was left.
 """
 
+from sucre_bench.reports.mlflow.live import Live
 from sucre_bench.reports.mlflow.runs import log
-from sucre_bench.reports.mlflow.store import check_port, default_uri, is_logged, open_ui, runs_page
+from sucre_bench.reports.mlflow.store import default_experiment, default_uri, how_to_look
 
-__all__ = ["check_port", "default_uri", "is_logged", "log", "open_ui", "runs_page"]
+__all__ = ["Live", "default_experiment", "default_uri", "how_to_look", "log"]

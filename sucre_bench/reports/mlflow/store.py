@@ -1,42 +1,30 @@
-"""The store of mlflow's runs: made quickly, checked before mlflow opens it, asked only if there is something new.
-
-And mlflow's own page, served on this machine and opened on a table of methods with the columns that decide.
-"""
+"""Where mlflow keeps runs: its store, opened by one process at a time, and what a results folder notes of it."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import logging
 import os
-import socket
+import shlex
 import sqlite3
-import subprocess
-import sys
 import tempfile
-import time
-from collections.abc import Callable, Iterator
+import uuid
+from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from textwrap import shorten
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sucre_bench.errors import InputError, OutputError, SucreBenchError, in_words
-from sucre_bench.machine.cache import get_or_make, waited_lock
-from sucre_bench.machine.files import regular, temporary_folder, user_cache, write_atomically
-from sucre_bench.machine.processes import terminated_as_interrupt
-from sucre_bench.machine.provenance import version_of
+from sucre_bench.machine.cache import waited_lock
+from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.machine.text_formats import masked
 from sucre_bench.results import TABLE
 from sucre_bench.results.rows import fingerprint
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
-
-# mlflow's page reads what it shows first from this tag of the experiment, if its address names the key.
-_VIEW_KEY = "sucre_bench"
-VIEW_TAG = f"mlflow.sharedViewState.{_VIEW_KEY}"
-
-_HOST = "127.0.0.1"
 
 _PATIENCE_S = 600  # for other processes that open the same store
 _SQLITE_PATIENCE_S = 10
@@ -51,19 +39,18 @@ _ABOUT = {
 
 
 def default_uri(out: Path) -> str:
-    """The store in an output folder."""
-    return f"{_SQLITE}{out}/mlflow.db"
+    """Return the store that mlflow's own variable names, or the one in a results folder."""
+    return os.environ.get("MLFLOW_TRACKING_URI") or f"{_SQLITE}{out}/mlflow.db"
 
 
-def resolved(uri: str) -> str:
-    """Return a URI with the path of a sqlite store in full."""
-    path = sqlite_path(uri)
-    return uri if path is None else f"{_SQLITE}{path}"
+def default_experiment() -> str:
+    """Return the experiment that mlflow's own variable names, or ours."""
+    return os.environ.get("MLFLOW_EXPERIMENT_NAME") or "sucre_bench"
 
 
-def sqlite_path(uri: str) -> Path | None:
-    """Return the file of a sqlite store, from where we are; None for any other URI."""
-    return Path(uri.removeprefix(_SQLITE)).absolute() if uri.startswith(_SQLITE) else None
+def how_to_look(uri: str) -> str:
+    """Return the command that shows the runs, or the address of the server that does."""
+    return masked(uri if uri.startswith("http") else f"mlflow ui --backend-store-uri {shlex.quote(uri)}")
 
 
 def connect(uri: str, experiment: str) -> tuple[MlflowClient, str]:
@@ -72,44 +59,39 @@ def connect(uri: str, experiment: str) -> tuple[MlflowClient, str]:
     By one process at a time: several that open a new sqlite store at once break it. Raises InputError for a store that
     mlflow cannot use: it would try for minutes, sqlite says at once why it cannot.
     """
-    path, artifacts = sqlite_path(uri), None
-    uri = resolved(uri)
+    path = Path(uri.removeprefix(_SQLITE)).absolute() if uri.startswith(_SQLITE) else None
+    artifacts = None
     lock = Path(tempfile.gettempdir()) / f"sucre_bench-{fingerprint({'uri': uri})[1]}.lock"
     if path is not None:
-        if awkward := set(uri) & set("?%#"):
+        if awkward := set(str(path)) & set("?%#"):
             fault = f"mlflow cannot keep a store under a path with {' '.join(awkward)}"
             raise InputError(fault, uri, "give another URI")
         path.parent.mkdir(parents=True, exist_ok=True)
-        lock, artifacts = path.with_name(f".{path.name}.lock"), (path.parent / "mlartifacts").as_uri()
+        uri = f"{_SQLITE}{path}"
+        lock = path.with_name(f".{path.name}.lock")
+        artifacts = (path.parent / "mlartifacts").as_uri()
     with waited_lock(lock, _PATIENCE_S):
         if path is not None:
-            if not path.exists() or not path.stat().st_size:
-                with suppress(OSError, sqlite3.Error):  # else mlflow makes its own
-                    kept = user_cache() / f"mlflow-{version_of('mlflow')}.db"
-                    stored = get_or_make(kept, lambda kept: kept.read_bytes() if kept.is_file() else None, _make_store)
-                    write_atomically(path, stored)
-            try:
-                with closing(sqlite3.connect(path, timeout=_SQLITE_PATIENCE_S, isolation_level=None)) as opened:
-                    opened.execute("BEGIN IMMEDIATE")
-                    opened.execute("ROLLBACK")
-            except sqlite3.Error as fault:
-                remedy = "move it away, or give another URI"
-                raise InputError(f"mlflow cannot use this store, {fault}", path, remedy) from None
+            _check(path)
         client = _client(uri)
         there = client.get_experiment_by_name(experiment)
         return client, there.experiment_id if there else client.create_experiment(experiment, artifacts, _ABOUT)
 
 
-@contextmanager
-def one_line_for(uri: str) -> Iterator[None]:
-    """Raise what mlflow raises in this block as OutputError: one line, without passwords."""
+def _check(path: Path) -> None:
+    """Make a sqlite store if there is none: whole, or not at all. InputError for a file that is no database."""
+    if not path.exists() or not path.stat().st_size:
+        made = path.with_name(f".{path.name}.new")
+        made.unlink(missing_ok=True)
+        _client(f"{_SQLITE}{made}").search_experiments()  # mlflow makes it by more than fifty migrations
+        made.replace(path)
     try:
-        yield
-    except SucreBenchError:
-        raise
-    except Exception as fault:
-        reason = shorten(masked(in_words(fault)), 200)
-        raise OutputError(f"cannot log in mlflow, {reason}", masked(uri), "check the URI") from fault
+        with closing(sqlite3.connect(path, timeout=_SQLITE_PATIENCE_S, isolation_level=None)) as opened:
+            opened.execute("BEGIN IMMEDIATE")
+            opened.execute("ROLLBACK")
+    except sqlite3.Error as fault:
+        remedy = "move it away, or give another URI"
+        raise InputError(f"mlflow cannot use this store, {fault}", path, remedy) from None
 
 
 def _client(uri: str) -> MlflowClient:
@@ -126,88 +108,58 @@ def _client(uri: str) -> MlflowClient:
     return MlflowClient(tracking_uri=uri)
 
 
-def _make_store(path: Path) -> bytes:
-    """An empty store. mlflow makes one by more than fifty migrations, which takes seconds: once on a machine."""
-    # Without the experiment whose artifacts would lie where it was made: mlflow makes its own in any store without.
-    _client(f"{_SQLITE}{path}").search_experiments()
-    with closing(sqlite3.connect(path)) as opened:
-        opened.execute("DELETE FROM experiments")
-        opened.commit()
-    return path.read_bytes()
-
-
-# -- what is logged already -------------------------------------------------------------------------------------------
-
-
-def is_logged(out: Path, uri: str, experiment: str) -> bool:
-    """Whether the score table of `out`, as it is now, was logged there. mlflow is not asked."""
-    store = sqlite_path(uri)
-    with suppress(OSError, InputError, ValueError):
-        note, digest = _note(out, uri, experiment)
-        return (store is None or store.is_file()) and regular(note).read_text(encoding="ascii") == digest
-    return False
-
-
-def remember(out: Path, uri: str, experiment: str) -> None:
-    """Note that the score table of `out` is logged there."""
-    with suppress(OSError, OutputError):  # else mlflow is asked again
-        note, digest = _note(out, uri, experiment)
-        write_atomically(note, digest.encode())
-
-
-def _note(out: Path, uri: str, experiment: str) -> tuple[Path, str]:
-    """The file that notes what is logged in a store and an experiment, and the digest of the table as it is now."""
-    place = fingerprint({"uri": uri, "experiment": experiment})[1]  # shows no password
-    with (out / TABLE).open("rb") as table:
-        return out / "logs" / f"mlflow-{place}.txt", hashlib.file_digest(table, "blake2b").hexdigest()
-
-
-# -- mlflow's page ----------------------------------------------------------------------------------------------------
-
-
-def runs_page(uri: str, experiment: str, port: int) -> str:
-    """Return the address of an experiment's runs: on the page that `open_ui` serves, or on the server of the URI."""
-    place = uri.rstrip("/") if uri.startswith(("http://", "https://")) else f"http://{_HOST}:{port}"
-    with one_line_for(uri):
-        runs = f"{place}/#/experiments/{connect(uri, experiment)[1]}/runs"
-    return f"{runs}?viewStateShareKey={_VIEW_KEY}&workflowType=machine_learning"
-
-
-def check_port(port: int) -> None:
-    """Raise InputError if a port of this machine cannot be served."""
+@contextmanager
+def one_line_for(uri: str) -> Iterator[None]:
+    """Raise what mlflow raises in this block as OutputError: one line, without passwords."""
     try:
-        socket.create_server((_HOST, port)).close()
-    except OSError as fault:
-        raise InputError(f"--port {port}: {fault.strerror}; give another, for example --port {port + 1}") from None
+        yield
+    except SucreBenchError:
+        raise
+    except Exception as fault:
+        reason = shorten(masked(in_words(fault)), 200)
+        raise OutputError(f"cannot log in mlflow, {reason}", masked(uri), "check the URI") from fault
 
 
-def open_ui(uri: str, port: int, ready: Callable[[], None]) -> int:
-    """Serve mlflow's page on this machine alone until it is stopped, and return its exit status.
+class Note:
+    """What a results folder notes of its runs, in `logs/mlflow.json`.
 
-    ready: called when the page can be opened.
+    folder: an id, by which its runs are found again, also where the folder was moved; views: scene and view of each
+    step, by dataset; logged: the digest of the score table, by store and experiment.
     """
-    store = resolved(uri) if ":" in uri else str(Path(uri).resolve())  # seen from here, not from the server's folder
-    settings = {
-        "MLFLOW_BACKEND_STORE_URI": store,  # not as arguments, which all users of the machine can read
-        "MLFLOW_REGISTRY_STORE_URI": store,
-        "MLFLOW_DISABLE_TELEMETRY": "true",
-        "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false",
-        "PYTHONWARNINGS": "ignore",
-    }
-    words = [sys.executable, "-m", "mlflow", "ui", "--host", _HOST, "--port", str(port)]
-    words += ["--workers", "1", "--uvicorn-opts", "--log-level warning"]  # each of the usual 4 imports mlflow: 3 s
-    with (
-        temporary_folder() as empty,  # mlflow's server puts the current folder first where it looks for modules
-        subprocess.Popen(words, cwd=empty, env={**os.environ, **settings}, stdout=subprocess.DEVNULL) as server,
-    ):
-        try:
-            with terminated_as_interrupt():
-                while server.poll() is None:
-                    with suppress(OSError), socket.create_connection((_HOST, port), timeout=5):
-                        break
-                    time.sleep(0.2)
-                if server.poll() is None:
-                    ready()
-                return server.wait()
-        finally:  # a kill of ours alone would leave it running
-            server.terminate()
+
+    def __init__(self, out: Path) -> None:
+        self._out = out
+        self._path = out / "logs" / "mlflow.json"
+        content: dict[str, Any] = {}
+        with suppress(OSError, InputError, ValueError):
+            content = json.loads(regular(self._path).read_text(encoding="utf-8"))
+        self.folder: str = content.get("folder", uuid.uuid4().hex)
+        self.views: dict[str, list[list[str]]] = content.get("views", {})
+        self.logged: dict[str, str] = content.get("logged", {})
+
+    def is_logged(self, uri: str, experiment: str) -> bool:
+        """Whether the score table, as it is now, was logged there. mlflow is not asked."""
+        path = Path(uri.removeprefix(_SQLITE))
+        digest = self.logged.get(_place(uri, experiment))
+        return digest == self._digest() and (path.is_file() or not uri.startswith(_SQLITE))
+
+    def remember(self, uri: str, experiment: str) -> None:
+        """Note that the score table is logged there."""
+        self.logged[_place(uri, experiment)] = self._digest()
+        self.write()
+
+    def write(self) -> None:
+        """Write it, if the folder can be written."""
+        content = {"folder": self.folder, "views": self.views, "logged": self.logged}
+        with suppress(OSError, OutputError):  # else mlflow is asked again
+            write_atomically(self._path, json.dumps(content).encode())
+
+    def _digest(self) -> str:
+        with suppress(OSError), (self._out / TABLE).open("rb") as table:
+            return hashlib.file_digest(table, "blake2b").hexdigest()
+        return ""
+
+
+def _place(uri: str, experiment: str) -> str:
+    """A store and an experiment as a hash, which shows no password."""
+    return fingerprint({"uri": uri, "experiment": experiment})[1]
