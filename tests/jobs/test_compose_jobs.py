@@ -63,7 +63,7 @@ def jobs(*overrides: str, multirun: bool = False) -> compose_jobs.Command:
         ("method.gain", {"method.gain", "key=value"}),
         ("shard=3", {"shard", "index", "count"}),
         ("views={a: 1}", {"views", "word", "list", "none"}),
-        ("tracking=null", {"tracking", "uri", "experiment"}),
+        ("tracking=null", {"tracking=null", "local, off, server"}),
     ],
 )
 def test_a_wrong_override_is_one_clear_line(override: str, named: set[str]):
@@ -337,4 +337,4 @@ def test_a_folder_with_the_name_of_a_dataset_is_read(bench, tmp_path: Path):
 def test_every_dataset_of_files_can_be_recognised():
     known = [plugin for plugin in plugins.discover("dataset").values() if isinstance(plugin, Plugin)]
     own = [plugin for plugin in known if plugin.cls.__module__.startswith("sucre_bench.")]
-    assert {plugin.name for plugin in own if not plugin.signs} == {"demo"}
+    assert {plugin.name for plugin in own if not plugin.signs} == {"demo", "nature"}
