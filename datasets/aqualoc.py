@@ -64,7 +64,8 @@ class Aqualoc(ImageScaleOption):
         for folder in folders_below(root, lambda place, _: _SEQUENCE.fullmatch(place.name) is not None, lack):
             match = _SEQUENCE.fullmatch(folder.name)
             assert match is not None
-            site, number = "harbor" if match[1] == "harbor_" else "archaeo", int(match[2])
+            site = "harbor" if match[1] == "harbor_" else "archaeo"
+            number = int(match[2])
             name = f"{site}_{number:02d}"
             if name in found:
                 raise InputError(f"{folder}: sequence {name} is also {found[name]}; keep one of them")

@@ -28,7 +28,7 @@ import numpy as np
 
 from sucre_bench import Camera, dataset
 from sucre_bench.arrays import Array
-from sucre_bench.camera import is_rigid
+from sucre_bench.camera import centred_camera, is_rigid
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.loading.depth_maps import find_depths, read_depth
 from sucre_bench.loading.find_folders import Found, ImageFolder, check_images, chosen, existing, inside, without_suffix
@@ -122,7 +122,8 @@ def _chunk(document: Path, project: Path, entry: Element) -> Chunk:
 
 def _parsed(path: Path) -> Element:
     """Parse a file that is XML itself, or the doc.xml of an archive."""
-    is_xml, large = path.suffix.lower() in (".xml", ".psx"), f"is larger than {_LARGEST >> 20} MiB; {_EXPORT}"
+    is_xml = path.suffix.lower() in (".xml", ".psx")
+    large = f"is larger than {_LARGEST >> 20} MiB; {_EXPORT}"
     with reading(path, _EXPORT if is_xml else f"copy the project with its .files folder, or {_EXPORT}"):
         if is_xml:
             if regular(path).stat().st_size > _LARGEST:
@@ -177,7 +178,8 @@ def read_components(chunk: Chunk, document: Path) -> list[Component]:
             continue
         if sensor not in sensors:
             raise InputError(f"{document}: camera '{camera.get('label')}' has no sensor {sensor}; {_EXPORT}")
-        pose, master = poses[number], poses.get(str(camera.get("master_id")))
+        pose = poses[number]
+        master = poses.get(str(camera.get("master_id")))
         if pose is None and master is not None:
             pose = master @ _offset(sensors[sensor], document)
         if pose is None:
@@ -240,7 +242,8 @@ def _offset(sensor: Element, document: Path) -> Array:
 
 def _world(component: Element | None, chunk: Element) -> tuple[Array, float | None]:
     """The rotation, as (4, 4), and the scale from the chunk's frame to the world; None where there is no scale."""
-    turn, of_component = np.eye(4), component.find("transform") if component is not None else None
+    turn = np.eye(4)
+    of_component = component.find("transform") if component is not None else None
     transform = of_component if of_component is not None else chunk.find("transform")
     if transform is None:
         return turn, None
@@ -320,7 +323,8 @@ class Metashape(ImageScaleOption):
         with reading(document, _EXPORT):
             components = read_components(chunk, document)
         check_folder(images, "put the images there or name their folder with dataset.images=DIR")
-        files, remedy = ImageFolder(images), "keep one, or use the project (.psx), which knows their folders"
+        files = ImageFolder(images)
+        remedy = "keep one, or use the project (.psx), which knows their folders"
         cameras = [camera for component in components for camera in component.cameras]
         named = {camera: files.find_one(camera.named, document.name, remedy) for camera in cameras}
         check_images((f"{document}: camera '{camera.named}'", *of) for camera, of in named.items())
@@ -346,8 +350,7 @@ class Metashape(ImageScaleOption):
     ) -> Photograph:
         lens = camera.lens
         if self.undistorted:  # Undistort Photos makes one focal length, and the principal point the middle
-            (width, height), f = (lens.camera.width, lens.camera.height), lens.camera.K[1, 1]
-            lens = Lens(Camera(np.array([[f, 0, width / 2], [0, f, height / 2], [0, 0, 1]]), width, height))
+            lens = Lens(centred_camera(lens.camera.K[1, 1], *lens.camera.size))
         read = (lambda path: read_depth(path) * scale) if self.depth_units == "chunk" else read_depth
         of_depth = lens if self.depth_camera == "image" else Lens(camera.lens.camera)
         return Photograph(name, folder / name, lens, camera.cam_from_world, depth, read, of_depth, fault=fault)

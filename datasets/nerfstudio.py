@@ -87,7 +87,9 @@ class Nerfstudio(ImageScaleOption):
         """
         root = existing(self.root, "transforms.json")
         found: list[tuple[str, Photograph]] = []  # with the place of its frame
-        units, masks, files = set(), [], _Files(root)
+        units = set()
+        masks = []
+        files = _Files(root)
         for path in self._files(root):
             content = read_json(path, "copy or export it again", of_data=True)
             frames = content.get("frames") if isinstance(content, dict) else None

@@ -69,7 +69,8 @@ class Openmvs(ImageScaleOption):
         paths = sorted(path for path in root.glob(self.dmaps) if path.is_file())
         if not paths:
             raise InputError(f"{root / self.dmaps}: no depth map; run DensifyPointCloud there or set dataset.dmaps=...")
-        images, photographs = ImageFolder(root), []
+        images = ImageFolder(root)
+        photographs = []
         for path in track(paths, "depth maps"):
             header = read_header(path)
             name, fault = images.find_one(header.image, path.name)
@@ -129,9 +130,12 @@ def read_header(path: Path) -> Header:
             raise ValueError(f"{views} views")
         take(f"{views}I")
         numbers = np.array(take("21d"))
-        K, R, C = numbers[:9].reshape(3, 3).copy(), numbers[9:18].reshape(3, 3), numbers[18:]
+        K = numbers[:9].reshape(3, 3).copy()
+        R = numbers[9:18].reshape(3, 3)
+        C = numbers[18:]
         cam_from_world = np.eye(4)
-        cam_from_world[:3, :3], cam_from_world[:3, 3] = R, -R @ C
+        cam_from_world[:3, :3] = R
+        cam_from_world[:3, 3] = -R @ C
         if not (np.isfinite(K).all() and min(K[0, 0], K[1, 1]) > 0 and np.allclose(K[2], (0, 0, 1))):
             raise ValueError("its K is no camera's")
         if not is_rigid(cam_from_world):

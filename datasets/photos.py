@@ -55,7 +55,9 @@ class Lsui(ImageScaleOption, SplitOption):
 
         Reads headers and samples of files. InputError when a folder is missing, or no part has the whole set.
         """
-        root, found, lacking = existing(self.root), False, list[InputError]()
+        root = existing(self.root)
+        found = False
+        lacking = list[InputError]()
         for place, images, references in paired_folders(root, ("input",), ("gt", "reference")):
             try:
                 if references is None:
@@ -127,7 +129,8 @@ class Uieb(ImageScaleOption, SplitOption):
 
     def scenes(self) -> Iterator[Scene]:
         """Yield the subset's scene. Reads headers and samples of files. InputError when a folder is missing."""
-        root, paired = existing(self.root), self.subset == "paired"
+        root = existing(self.root)
+        paired = self.subset == "paired"
         names = _RAW if paired else _CHALLENGING
         found = next(paired_folders(root, names, _REFERENCES), None)
         if found is None:

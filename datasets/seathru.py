@@ -20,8 +20,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sucre_bench import Camera, InputError, dataset, track
+from sucre_bench import InputError, dataset, track
 from sucre_bench.arrays import Array
+from sucre_bench.camera import centred_camera
 from sucre_bench.imaging.chart_patches import scaled_chart
 from sucre_bench.imaging.image_files import SUFFIXES, image_size, read_rgb, same_shape
 from sucre_bench.loading.charts_file import read_charts
@@ -158,12 +159,15 @@ class Seathru(ImageScaleOption):
 
         photographs = []
         for path in paths:
-            size, posed, f = sizes[path.name], model.get(path.name, ()), self.focal_px
+            size = sizes[path.name]
+            posed = model.get(path.name, ())
+            f = self.focal_px
             # Of a known focal length: the axis meets the middle of the image.
-            camera = Camera(np.array([[f, 0, size[0] / 2], [0, f, size[1] / 2], [0, 0, 1]]), *size) if f else None
+            camera = centred_camera(f, *size) if f else None
             pose, fault = None, ""
             if len(posed) == 1:
-                camera, pose = posed[0].camera, scaled_pose(posed[0].cam_from_world, self.metres_per_unit)
+                camera = posed[0].camera
+                pose = scaled_pose(posed[0].cam_from_world, self.metres_per_unit)
             elif posed:
                 fault = f"{path}: may be {posed[0].name} or {posed[1].name} of the model in {sparse}; keep one there"
             photograph = Photograph(

@@ -67,7 +67,9 @@ class SeathruNerf(ImageScaleOption):
             model = read_model(sparse or place / "sparse", images, distorted=True)
             if self.split != "all":
                 model = [posed for i, posed in enumerate(model) if (i % _HELD_OUT == 0) == (self.split == "test")]
-            files, scale, unit = ImageFolder(images), self.image_scale, self.metres_per_unit
+            files = ImageFolder(images)
+            scale = self.image_scale
+            unit = self.metres_per_unit
             fits = {posed.name: files.find(posed.name) for posed in model}  # models are often made of other copies
             paths = {name: images / (same[0] if len(same) == 1 else name) for name, same in fits.items()}
             yield registered_scene(scene_name(place, root), model, paths, depths, scale, self.encoding, unit)

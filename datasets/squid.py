@@ -82,10 +82,7 @@ class Squid(ImageScaleOption):
                 raise MissingFileError("no such file", where, "copy it from the site's download")
             cameras, right_from_left = calibration(files[0])
             paths = [_image(folder, "LFT"), _image(folder, "RGT")]
-            sizes = {
-                path.name: image_size(path) or (camera.width, camera.height)
-                for path, camera in zip(paths, cameras, strict=True)
-            }
+            sizes = {path.name: image_size(path) or camera.size for path, camera in zip(paths, cameras, strict=True)}
             charts = read_charts(folder / expanded(self.charts), sizes)
             maps = folder / "distanceFromCamera.mat"
             photographs = [

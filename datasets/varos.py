@@ -26,6 +26,7 @@ import numpy as np
 
 from sucre_bench import Camera, dataset
 from sucre_bench.arrays import Array
+from sucre_bench.camera import centred_camera
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.find_folders import existing, folders_below, scene_name
@@ -133,8 +134,7 @@ def _camera(path: Path) -> Camera:
         focal = float(stored["focal_length"]) / float(stored["sensor_width"]) * width
         if not (focal > 0 and width > 0 and height > 0):
             raise ValueError(f"focal length {focal:g} px for {width}x{height}")
-        K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]], dtype=np.float64)
-        return Camera(K, int(width), int(height))
+        return centred_camera(focal, int(width), int(height))
 
 
 def _times(path: Path, frames: list[int]) -> dict[int, int]:

@@ -177,7 +177,9 @@ def _slopes(pair: RestoredPair, image: str) -> list[Score]:
     means = pair.means(images[0], images[1])
     is_gamma = image == "shown" or pair.here.view.encoding == "gamma"
     light = [srgb_decode(mean) if is_gamma else mean for mean in means]
-    change, slopes = np.diff(pair.points.distance, axis=0)[0], []  # (P,) metres
+    # (P,) metres
+    change = np.diff(pair.points.distance, axis=0)[0]
+    slopes = []
     for here, there in zip(light[0].T, light[1].T, strict=True):
         known = np.isfinite(here) & np.isfinite(there)
         known[known] &= np.maximum(here[known], there[known]) > _DARKEST  # else there is no light to compare

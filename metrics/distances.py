@@ -33,7 +33,7 @@ class ChartDistance:
         """Yield a score per chart, NaN where no pixel of it has depth. NotApplicableError without a camera."""
         camera = _camera(view)
         for chart in view.charts:
-            inside = chart_mask(chart, (camera.width, camera.height))
+            inside = chart_mask(chart, camera.size)
             v, u = np.nonzero(inside & (view.depth > 0))
             points = unproject(camera, u + 0.5, v + 0.5, view.depth[v, u].astype(np.float64))
             known = np.linalg.norm(points, axis=0)

@@ -68,7 +68,8 @@ class Matches:
             views = (pair.here.view, pair.there.view)
             first, second = (_of_photograph(view.rgb, view.encoding) for view in views)
             _of_photographs[pair.points] = _verified(views, (first, second))
-        before, after = _of_photographs[pair.points], _after(pair)
+        before = _of_photographs[pair.points]
+        after = _after(pair)
         share = float(np.mean([np.isfinite(side.shown).all(axis=-1).mean() for side in (pair.here, pair.there)]))
         if variant == "ratio":
             if not before:

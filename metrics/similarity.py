@@ -98,7 +98,10 @@ def _ssim_of_rows(
                 b = b if b - b == zero else zero
                 s, d = (a + b) - s0, (a - b) - d0
                 i = x - left + RADIUS
-                line[0, i], line[1, i], line[2, i], line[3, i] = s, d, s * s, d * d
+                line[0, i] = s
+                line[1, i] = d
+                line[2, i] = s * s
+                line[3, i] = d * d
             for k in range(4):
                 v, h = line[k], ring[row % 11, k]
                 for i in range(n):
@@ -167,7 +170,8 @@ class Psnr:
         if variant in ("luma", "gray"):
             levels = [to_8bit(x) for x in (image, reference)]
             if variant == "gray":
-                levels, mask = [resized(x, _GRAY) for x in levels], np.ones((_GRAY.side, _GRAY.side), np.bool_)
+                levels = [resized(x, _GRAY) for x in levels]
+                mask = np.ones((_GRAY.side, _GRAY.side), np.bool_)
             # Whole levels of 255, as files hold them.
             image, reference = (np.floor(_luma(x.astype(np.float64)) + 0.5) / 255 for x in levels)
         n = np.count_nonzero(mask) * image.shape[-1]

@@ -88,7 +88,8 @@ def uciqe(shown: npt.NDArray[Any], variant: str = "yang2015") -> float:
     L, a, b = _lab(shown, space)
     if variant == "centred":
         a, b = a - 0.5, b - 0.5
-    c, counts = np.hypot(a, b), palette(shown).counts
+    c = np.hypot(a, b)
+    counts = palette(shown).counts
     sigma = _deviation(c, counts)
     if variant in ("yang2015", "range-contrast", "matlab"):  # the offset that these keep makes c > 0
         sigma = float(np.sqrt(_mean(np.abs(1 - (_mean(c, counts) / c) ** 2), counts)))
@@ -109,7 +110,8 @@ def _of_hsv(colours: Palette, variant: str) -> float:
 
     rgb = np.ascontiguousarray(colours.rgb[:, ::-1] if variant == "hue-bgr" else colours.rgb)
     H, S, V = cv2.cvtColor(rgb.reshape(-1, 1, 3), cv2.COLOR_RGB2HSV).reshape(-1, 3).T
-    value, counts = ValueCounts.of(V, colours.counts), colours.counts
+    value = ValueCounts.of(V, colours.counts)
+    counts = colours.counts
     n = max(value.size // 100, 1)
     if variant == "hsv-bytes":
         return _weigh(_deviation(H, counts), value.mean(value.size - n), _mean(S, counts))
@@ -177,7 +179,8 @@ def _lab(shown: npt.NDArray[Any], space: Space) -> Array:
 
 @once
 def _lightness(shown: npt.NDArray[Any], space: Space) -> ValueCounts:
-    L, counts = _lab(shown, space)[0], palette(shown).counts
+    L = _lab(shown, space)[0]
+    counts = palette(shown).counts
     if space == "cie":
         return ValueCounts.of(L, counts)
     of_level = np.bincount(np.rint(L * 255).astype(np.intp), weights=counts)

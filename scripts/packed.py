@@ -20,21 +20,21 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 ROOMS = ("sucre_bench", "methods", "datasets", "metrics")
 LIMITS: dict[str, dict[str, int]] = {
-    "datasets": {"assigned": 4, "parallel": 26, "three joined": 20},
+    "datasets": {"assigned": 1, "parallel": 8, "three joined": 17},
     "methods": {"assigned": 11, "nested if": 7, "parallel": 89, "text times": 5, "three joined": 16},
-    "metrics": {"assigned": 4, "nested if": 4, "parallel": 17},
+    "metrics": {"nested if": 1},
     "sucre_bench": {"nested if": 4, "three joined": 12},
     "sucre_bench/commands": {"parallel": 6, "three joined": 2},
     "sucre_bench/compare": {"three joined": 10},
     "sucre_bench/degrade": {"three joined": 4},
     "sucre_bench/engine": {"assigned": 11, "parallel": 30, "three joined": 10},
-    "sucre_bench/imaging": {"assigned": 4, "nested if": 5, "parallel": 16, "three joined": 7},
+    "sucre_bench/imaging": {"assigned": 1, "nested if": 2, "parallel": 1, "three joined": 4},
     "sucre_bench/jobs": {"assigned": 4, "parallel": 14, "three joined": 13},
-    "sucre_bench/loading": {"assigned": 7, "nested if": 4, "parallel": 15, "text times": 4, "three joined": 13},
+    "sucre_bench/loading": {"assigned": 4, "nested if": 1, "text times": 1, "three joined": 10},
     "sucre_bench/machine": {"three joined": 6},
-    "sucre_bench/multiview": {"assigned": 4, "parallel": 10, "three joined": 8},
+    "sucre_bench/multiview": {"assigned": 1, "three joined": 5},
     "sucre_bench/plugins": {"three joined": 6},
-    "sucre_bench/programs": {"assigned": 24, "nested if": 8, "parallel": 90, "three joined": 25},
+    "sucre_bench/programs": {"assigned": 21, "nested if": 5, "three joined": 22},
     "sucre_bench/reports": {"assigned": 7, "nested if": 1, "parallel": 3, "text times": 2, "three joined": 4},
     "sucre_bench/results": {"assigned": 6, "nested if": 4, "parallel": 13, "three joined": 4},
 }

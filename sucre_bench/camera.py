@@ -114,18 +114,22 @@ class Camera:
             raise InputError("has no inverse, or values above 1e9", "Camera.K", _REMEDY)
         check_number("Camera.width", self.width, "[1, 1e6]")
         check_number("Camera.height", self.height, "[1, 1e6]")
-        size = (self.width, self.height)
         (focal_x, focal_y) = np.diag(self.K)[:2]
         centre = self.K[:2, 2]
         faults = {
             "has another last row than 0 0 1": not np.allclose(self.K[2], (0, 0, 1)),
             f"has focal lengths of {focal_x:g} and {focal_y:g}": min(focal_x, focal_y) <= 0,
-            "is not in pixels": min(size) > 4 * _NORMALISED and np.abs(self.K[:2]).max() <= _NORMALISED,
-            "has its principal point far off the image": np.abs(centre).max() > _FAR_OFF * max(size),
+            "is not in pixels": min(self.size) > 4 * _NORMALISED and np.abs(self.K[:2]).max() <= _NORMALISED,
+            "has its principal point far off the image": np.abs(centre).max() > _FAR_OFF * max(self.size),
         }
         for fault, is_so in faults.items():
             if is_so:
                 raise InputError(fault, "Camera.K", _REMEDY)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in pixels."""
+        return self.width, self.height
 
 
 def is_rigid(transform: Array, tolerance: float = 1e-3) -> bool:
@@ -137,6 +141,12 @@ def is_rigid(transform: Array, tolerance: float = 1e-3) -> bool:
     with np.errstate(over="ignore", invalid="ignore"):
         is_near = np.abs(transform[3] - (0, 0, 0, 1)).max() <= 1e-6 and np.abs(R @ R.T - np.eye(3)).max() <= tolerance
     return bool(is_near and np.linalg.det(R) > 0)  # False with NaN
+
+
+def centred_camera(focal_px: float, width: int, height: int) -> Camera:
+    """Return the camera of square pixels whose axis meets the middle of the image."""
+    K = np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1]], dtype=np.float64)
+    return Camera(K, width, height)
 
 
 def scaled_camera(camera: Camera, size: tuple[int, int], image_scale: float = 1.0) -> Camera:

@@ -269,7 +269,7 @@ class View:
 
     def _of_camera(self, plane: Array) -> Array:
         height, width = plane.shape[:2]
-        if self.camera is not None and (width, height) != (self.camera.width, self.camera.height):
+        if self.camera is not None and (width, height) != self.camera.size:
             fault = f"is {width}x{height}, its camera {self.camera.width}x{self.camera.height}"
             raise InputError(fault, self.name, "give it the camera of this image")
         return plane

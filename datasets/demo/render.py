@@ -248,7 +248,7 @@ def visible_charts(surfaces: Surfaces, camera: Camera, cam_from_world: Array) ->
     charts, centre = [], -cam_from_world[:3, :3].T @ cam_from_world[:3, 3]
     for board in surfaces.boards:
         corners, _ = project(camera, moved(board.corners, cam_from_world))
-        inside = (corners > 0).all() and (corners < (camera.width, camera.height)).all()
+        inside = (corners > 0).all() and (corners < camera.size).all()
         # Clockwise in the image (y down), as the chart is read; seen from behind it is mirrored.
         (ax, ay), (bx, by) = corners[2] - corners[0], corners[3] - corners[1]
         patches, _ = project(camera, moved(board.patches, cam_from_world))  # (N, 4, 2)

@@ -95,9 +95,11 @@ class Nature:
             View(f"{place:02}.png", _Stored(self._folder, place), camera, pose)
             for place, pose in enumerate(made["pose"])
         ]
-        water, has = None, {"depth", "poses", "reference"}
+        water = None
+        has = {"depth", "poses", "reference"}
         if (made["water"] == made["water"][0]).all():  # NaN, an unknown one, equals nothing
-            water, has = Water(*made["water"][0]), has | {"truth"}
+            water = Water(*made["water"][0])
+            has |= {"truth"}
         relief = "" if self.relief == "normal" else f"-{self.relief}"
         name = f"{self.condition}-{self.water}-{self.path}{relief}-{self.seed}"
         yield Scene(name, views, frozenset(has), water=water, data_id=self.data_id)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from sucre_bench import Arrays, InputError, Restoration, Scene, View, method
-from sucre_bench.camera import Camera
+from sucre_bench.camera import centred_camera
 from sucre_bench.imaging.encoding import srgb_encode
 from sucre_bench.imaging.fill import FillOption
 from sucre_bench.machine.compute import Device
@@ -111,7 +111,7 @@ class Sucre(FillOption):
         from sucre_bench.methods.sucre.solution import Observed
 
         n = 8
-        camera = Camera(np.array([[n, 0, n / 2], [0, n, n / 2], [0, 0, 1.0]]), n, n)
+        camera = centred_camera(n, n, n)
         grey = np.full((n, n, 3), 128 / 255)
         one, same = (View(name, Arrays(grey, np.ones((n, n))), camera, np.eye(4)) for name in ("one", "same"))
         seen = Observed.of(self, Scene("warm up", [one, same], frozenset({"depth", "poses"})), one)

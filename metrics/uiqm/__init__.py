@@ -74,7 +74,9 @@ def uicm(shown: npt.NDArray[Any], form: Colourfulness = Colourfulness()) -> floa
         return float("nan")
     moments = []
     for x in opponents:
-        low, end, scale = int(np.ceil(_ALPHA * x.size)), x.size - int(np.floor(_ALPHA * x.size)), 1.0
+        low = int(np.ceil(_ALPHA * x.size))
+        end = x.size - int(np.floor(_ALPHA * x.size))
+        scale = 1.0
         if form.rounded:
             low, end = (int(np.floor(share * x.size + 0.5)) for share in (_ALPHA, 1 - _ALPHA))
             scale = (end - low) / ((1 - 2 * _ALPHA) * x.size)
@@ -237,7 +239,8 @@ class Uiqm:
 
         NotApplicableError where the program that the variant stands for has no result.
         """
-        form, shown = _FORMS[variant], locked(shown)
+        form = _FORMS[variant]
+        shown = locked(shown)
         parts = uicm(shown, form.colour), uism(shown, form.sharp), _contrast(shown, form, view)
         yield _score(shown, float(np.dot(form.weights, parts)), uism_blocks(shown, form.sharp))
 
@@ -260,7 +263,8 @@ class Uism:
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield one score, NaN where no block is whole."""
-        form, shown = _FORMS[variant].sharp, locked(shown)
+        form = _FORMS[variant].sharp
+        shown = locked(shown)
         yield _score(shown, uism(shown, form), uism_blocks(shown, form))
 
 
@@ -271,7 +275,8 @@ class Uiconm:
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield one score, NaN where no block is whole. NotApplicableError as `uiqm`."""
-        form, shown = _FORMS[variant], locked(shown)
+        form = _FORMS[variant]
+        shown = locked(shown)
         yield _score(shown, _contrast(shown, form, view), uiconm_blocks(shown, form.contrast))
 
 

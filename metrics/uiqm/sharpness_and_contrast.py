@@ -83,7 +83,8 @@ def _weighted_edges(plane: Plane, side: int, least: Array, most: Array) -> None:
     smooth, step = np.empty(width + 2, np.int32), np.empty(width + 2, np.int32)
     low, high = np.empty(width, np.float32), np.empty(width, np.float32)
     for block in range(least.shape[0]):
-        low[:], high[:] = np.inf, -1
+        low[:] = np.inf
+        high[:] = -1
         for y in range(block * side, min((block + 1) * side, height)):
             above, here, below = plane[max(y - 1, 0)], plane[y], plane[min(y + 1, height - 1)]
             for x in range(width):
@@ -108,7 +109,8 @@ def _weighted_levels(
     low, high = np.empty(width, np.int32), np.empty(width, np.int32)
     a, b, c = weights
     for block in range(least.shape[0]):
-        low[:], high[:] = 2**31 - 1, -(2**31)
+        low[:] = 2**31 - 1
+        high[:] = -(2**31)
         for y in range(block * side, min((block + 1) * side, height)):
             red, green, blue = planes[0, y], planes[1, y], planes[2, y]
             for x in range(width):
@@ -187,7 +189,8 @@ def _resized(
     at0, at1, at2, at3 = column_index
     by0, by1, by2, by3 = column_weight
     for block in range(least.shape[0]):
-        low[:], high[:] = np.inf, -np.inf
+        low[:] = np.inf
+        high[:] = -np.inf
         for y in range(block * side, (block + 1) * side):
             w0, w1, w2, w3 = row_weight[:, y]
             i0, i1, i2, i3 = row_index[:, y]

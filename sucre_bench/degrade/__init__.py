@@ -78,9 +78,9 @@ def degraded_whole(scene: Scene, degradation: Degradation) -> Scene:
         charts = list(view.charts)
         pose = view.cam_from_world
         if d.scale != 1 and camera is not None:
-            size = (camera.width, camera.height)
+            size = camera.size
             camera = scaled_camera(camera, size, d.scale)
-            charts = [scaled_chart(chart, size, (camera.width, camera.height)) for chart in charts]
+            charts = [scaled_chart(chart, size, camera.size) for chart in charts]
         elif d.scale != 1:  # the image's size is unknown: right to half a pixel
             charts = [Chart(chart.name, chart.kind, chart.corners * d.scale) for chart in charts]
         if pose is not None and (d.pose_noise_m or d.pose_noise_deg):

@@ -102,7 +102,8 @@ def _parsed(place: str, text: str) -> ChartKind:
             raise InputError(f"{at}: a reflectance is outside of 0 to 1; divide percentages by 100")
         if {"R", "G", "B"} <= row.keys() and not spectral:
             srgb.append([value / 255 for value in _numbers(at, row, ("R", "G", "B"))])
-    expected, measured = np.array(srgb) if srgb else None, None
+    expected = np.array(srgb) if srgb else None
+    measured = None
     try:
         if spectral:
             reflectance = on_grid("reflectances", np.array(spectral, dtype=np.float64), np.array(lab))

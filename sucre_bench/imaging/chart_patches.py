@@ -97,7 +97,9 @@ def are_corners(corners: Array) -> bool:
 def _readings(shown: Array, kind: ChartKind, corners: bytes) -> tuple[PatchReading, ...]:
     """corners: (4, 2) float64. Corners may be off by a tenth of a patch, so its inner half is read."""
     homography = image_from_chart(np.frombuffer(corners).reshape(4, 2))
-    inverse, (height, width), readings = np.linalg.inv(homography), shown.shape[:2], []
+    inverse = np.linalg.inv(homography)
+    height, width = shown.shape[:2]
+    readings = []
     for patch in kind.patches:
         near, far = np.array(patch.box).reshape(2, 2)
         (x0, y0), (x1, y1) = 0.75 * near + 0.25 * far, 0.25 * near + 0.75 * far

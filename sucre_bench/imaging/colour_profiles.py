@@ -39,7 +39,9 @@ _PRIMARIES = {
     9: (0.708, 0.292, 0.17, 0.797, 0.131, 0.046, *_D65),
     12: (0.68, 0.32, 0.265, 0.69, 0.15, 0.06, *_D65),
 }
-_BT709_CURVES, _GAMMAS, _SRGB_CURVE = (1, 6, 14, 15), {4: 2.2, 5: 2.8, 8: 1.0}, 13
+_BT709_CURVES = (1, 6, 14, 15)
+_GAMMAS = {4: 2.2, 5: 2.8, 8: 1.0}
+_SRGB_CURVE = 13
 _NAMES = {1: "BT.709", 9: "BT.2020", 12: "Display P3"}
 
 _GRID = np.linspace(0, 1, 4097)
@@ -117,7 +119,8 @@ def restoration_in_srgb(restoration: Restoration, view: View) -> Restoration:
     profile: Profile | None = getattr(view.pixels, "profile", None)
     if profile is None or PROFILE in restoration.info:
         return restoration
-    image, filled = profile.to_srgb(restoration.image, view.encoding), restoration.filled
+    image = profile.to_srgb(restoration.image, view.encoding)
+    filled = restoration.filled
     filled = None if filled is None else profile.to_srgb(filled, view.encoding)
     return replace(restoration, image=image, filled=filled, info={**restoration.info, PROFILE: profile.name})
 

@@ -108,7 +108,9 @@ def display(
         return image  # nothing to clip, no NaN: no picture of 12 megapixels is copied
     over = image if over is None else over
     if (chosen.is_linear or by_veil) and encoding == "gamma":
-        image, over, encoding = _by_rows(srgb_decode, image), _by_rows(srgb_decode, over), "linear"
+        image = _by_rows(srgb_decode, image)
+        over = _by_rows(srgb_decode, over)
+        encoding = "linear"
     shown = np.empty(image.shape, dtype=np.float32)
     veil = water.veiling_light * water.backscatter if by_veil and water is not None else np.full(3, np.nan)
     has_veil = bool((np.isfinite(veil) & (veil > 0)).all())

@@ -23,7 +23,8 @@ def captioned(picture: Picture, text: str, right: bool = False) -> Picture:
     from PIL import Image, ImageDraw, ImageFont
 
     size = max(11, picture.shape[0] // 30)
-    font, pad = ImageFont.load_default(size), size // 2
+    font = ImageFont.load_default(size)
+    pad = size // 2
     while len(text) > 1 and font.getlength(text) + 2 * pad > picture.shape[1]:
         text = text[:-1]
     wide, high = round(font.getlength(text)) + 2 * pad, size + 2 * pad

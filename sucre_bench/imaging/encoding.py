@@ -35,7 +35,8 @@ def to_8bit(shown: Array) -> np.ndarray:
 
 def to_levels(shown: Array, bits: int) -> np.ndarray:
     """Round a picture in [0, 1] to uint8 or uint16, of 8 or 16 bits; pixels without colour become black."""
-    levels, rows = np.empty(shown.shape, np.uint8 if bits == 8 else np.uint16), 64
+    levels = np.empty(shown.shape, np.uint8 if bits == 8 else np.uint16)
+    rows = 64
     for start in range(0, len(shown), rows):  # pictures of 100 megapixels are 1.2 GB
         band = slice(start, start + rows)
         levels[band] = np.nan_to_num(shown[band], nan=0.0).clip(0, 1) * (2**bits - 1) + 0.5

@@ -133,7 +133,9 @@ def _filtered(guide: Array, plane: Array, radius: int, eps: float) -> Array:
         for i in range(3)
         for j in range(i, 3)
     )
-    (A, B, C), (D, E), F = (d * f - e * e, c * e - b * f, b * e - c * d), (a * f - c * c, b * c - a * e), a * d - b * b
+    A, B, C = (d * f - e * e, c * e - b * f, b * e - c * d)
+    D, E = (a * f - c * c, b * c - a * e)
+    F = a * d - b * b
     determinant = a * A + b * B + c * C
     x, y, z = (covariance[..., k] for k in range(3))
     rows = (A * x + B * y + C * z, B * x + D * y + E * z, C * x + E * y + F * z)
@@ -146,7 +148,8 @@ def box_mean(image: Array, radius: int) -> Array:
     """Return the mean of each pixel's square window, cut at the border; image: (H, W) or (H, W, C) float32."""
     import cv2
 
-    size, outside = (2 * radius + 1, 2 * radius + 1), cv2.BORDER_CONSTANT
+    size = (2 * radius + 1, 2 * radius + 1)
+    outside = cv2.BORDER_CONSTANT
     total = cv2.boxFilter(np.ascontiguousarray(image), cv2.CV_32F, size, normalize=False, borderType=outside)
     places = (np.arange(side) for side in image.shape[:2])
     rows, columns = (

@@ -180,7 +180,8 @@ def _excess(
     steps: _Steps, group: npt.NDArray[np.integer[Any]], coefficients: Array, typical: Array
 ) -> tuple[Array, Array]:
     u = steps.d[:, :3].copy()
-    terms, coefficients = steps.terms, coefficients.astype(np.float32)
+    terms = steps.terms
+    coefficients = coefficients.astype(np.float32)
     for k in range(len(coefficients)):
         members = group == k
         u[members] -= terms[members] @ coefficients[k]

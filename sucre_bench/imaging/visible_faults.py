@@ -84,7 +84,8 @@ def look_at(picture: Array, photograph: Array, distance: Array | None = None, be
         metres = np.asarray(cv2.resize(distance.astype(np.float32), size, interpolation=cv2.INTER_NEAREST_EXACT))
     ground = seen & (metres > 0)
     if np.count_nonzero(ground) < _FEWEST:
-        metres, ground = np.ones_like(metres), seen
+        metres = np.ones_like(metres)
+        ground = seen
     labs = to_lab(small), to_lab(was)
     is_bright = _parts(labs[1][ground][:, 0])[-1]
     (a, b), (a_was, b_was) = (np.median(lab[ground][is_bright], axis=0)[1:].tolist() for lab in labs)
@@ -148,7 +149,9 @@ def _cast(labs: tuple[Array, Array], was: Array, metres: Array, ground: Mask) ->
         linear = srgb_decode(was[third])
         white = np.median(linear[parts[-1]], axis=0)
         balanced = to_lab(srgb_encode(linear * white.mean() / np.maximum(white, 1e-4))[None])[0]
-        apart, shifts, chroma = [], [], float(np.hypot(*np.median(lab_was[parts[-1]], axis=0)[1:]))
+        apart = []
+        shifts = []
+        chroma = float(np.hypot(*np.median(lab_was[parts[-1]], axis=0)[1:]))
         for part in (part for part in parts if part.any()):
             now, before, right = (np.median(one[part], axis=0)[1:] for one in (lab, lab_was, balanced))
             apart.append(min(_from_line(now, before, right), _from_line(now, right, _MORE_SATURATED * right)))

@@ -271,8 +271,7 @@ def registered_scene(
         if name not in no_views
     }
     sizes = {
-        posed.name: (posed.name not in wrong and image_size(paths[posed.name]))
-        or (posed.camera.width, posed.camera.height)
+        posed.name: (posed.name not in wrong and image_size(paths[posed.name])) or posed.camera.size
         for posed in track(model, "image sizes")
     }
     found = find_depths(depths, list(paths))

@@ -129,7 +129,8 @@ class ImageFolder:
     """The images in a folder and its sub-folders, or its files of other suffixes too."""
 
     def __init__(self, folder: Path, suffixes: tuple[str, ...] = SUFFIXES) -> None:
-        self._folder, self._by_stem = folder, defaultdict[str, list[str]](list)
+        self._folder = folder
+        self._by_stem = defaultdict[str, list[str]](list)
         for place, _, names in walk(folder):
             for name in names:
                 if name.lower().endswith(suffixes):

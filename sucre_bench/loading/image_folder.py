@@ -23,7 +23,8 @@ def image_names(folder: Path, subfolders: bool = False, but: Path | None = None)
 
     Raises InputError for a name in another encoding than UTF-8.
     """
-    found, but = [], but and but.resolve()
+    found = []
+    but = but and but.resolve()
     for place, below, names in walk(folder):
         below[:] = [
             name for name in below if subfolders and not name.startswith(".") and (place / name).resolve() != but
@@ -42,7 +43,8 @@ def no_image(folder: Path, fault: str = "", remedy: str = "copy the images there
     """
     for path in sorted(folder.iterdir()):
         if path.suffix.lower() in (*OTHER_FORMATS, *VIDEOS):
-            what, remedy = f"{path.name} is in a format that sucre_bench does not read", frames_of(path) or EXPORT
+            what = f"{path.name} is in a format that sucre_bench does not read"
+            remedy = frames_of(path) or EXPORT
             return InputError(what, place or folder, remedy)
     return InputError(fault or f"holds no image ({' '.join(SUFFIXES)})", place or folder, remedy)
 

@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.camera import Camera
+from sucre_bench.camera import Camera, scaled_camera
 from sucre_bench.errors import InputError
 from sucre_bench.machine.files import reading, regular
 from sucre_bench.machine.text_formats import read_yaml
@@ -81,7 +81,9 @@ class Lens:
         if not ((stretch > 1 / _STRETCH) & (stretch < _STRETCH)).all():
             return "its angle of view is too wide for a pinhole image"
         pinhole = K.copy()
-        pinhole[0, 0], pinhole[1, 1], pinhole[0, 1] = focal_x, focal_y, 0
+        pinhole[0, 0] = focal_x
+        pinhole[1, 1] = focal_y
+        pinhole[0, 1] = 0
         at = self._pixels((u - pinhole[0, 2]) / focal_x, (v - pinhole[1, 2]) / focal_y).reshape(33, 33, 2)
         within = (at >= -_NEAR_PX) & (at <= np.array([width, height]) + _NEAR_PX)
         right_of, below = np.diff(at, axis=1)[:-1], np.diff(at, axis=0)[:, :-1]
@@ -92,11 +94,9 @@ class Lens:
         """Return an image (H, W[, C]) of the distorted camera, at any scale, as a pinhole image of `size`."""
         import cv2
 
-        height, width = image.shape[:2]
-        pinhole = self.pinhole
-        scale = np.diag([width / pinhole.width, height / pinhole.height, 1.0])
-        straight = self.resampled(image, Camera(scale @ pinhole.K, width, height))
-        if (width, height) != size:
+        own_size = (image.shape[1], image.shape[0])
+        straight = self.resampled(image, scaled_camera(self.pinhole, own_size))
+        if own_size != size:
             straight = np.asarray(cv2.resize(straight, size, interpolation=cv2.INTER_AREA))
         return np.asarray(straight, dtype=np.float32)
 
@@ -130,7 +130,8 @@ class Lens:
         beyond it, a cushion's short of it.
         """
         wanted = np.linalg.solve(self.camera.K, np.vstack([pixels.T, np.ones(len(pixels))]))[:2]  # (2, P)
-        at, h = wanted, 1e-6
+        at = wanted
+        h = 1e-6
         moves = [np.array(move)[:, None] for move in ((0, 0), (h, 0), (0, h))]
         with np.errstate(all="ignore"):
             for _ in range(25):
@@ -167,9 +168,9 @@ class Lens:
         """
         import cv2
 
-        K = np.diag([size[0] / self.camera.width, size[1] / self.camera.height, 1.0]) @ self.camera.K
+        K = scaled_camera(self.camera, size).K
         make = cv2.initUndistortRectifyMap if self.model == "perspective" else cv2.fisheye.initUndistortRectifyMap
-        maps = make(_centred(K), self._padded, np.eye(3), _centred(to.K), (to.width, to.height), cv2.CV_32FC1)
+        maps = make(_centred(K), self._padded, np.eye(3), _centred(to.K), to.size, cv2.CV_32FC1)
         return np.asarray(maps[0], dtype=np.float32), np.asarray(maps[1], dtype=np.float32)
 
     @property
@@ -236,11 +237,11 @@ class BrownLens(Lens):
         )
 
     def _sources(self, size: tuple[int, int], to: Camera) -> tuple[Array, Array]:
-        scale = np.diag([size[0] / self.camera.width, size[1] / self.camera.height, 1.0])
-        (fx, skew, cx), (_, fy, cy) = (scale @ self.camera.K)[:2].tolist()  # floats, which leave float32 as it is
+        (fx, skew, cx), (_, fy, cy) = (
+            scaled_camera(self.camera, size).K[:2].tolist()
+        )  # floats, which leave float32 as it is
         u, v = (
-            ((np.arange(side) + 0.5 - to.K[i, 2]) / to.K[i, i]).astype(np.float32)
-            for i, side in enumerate((to.width, to.height))
+            ((np.arange(side) + 0.5 - to.K[i, 2]) / to.K[i, i]).astype(np.float32) for i, side in enumerate(to.size)
         )
         x, y = self.bent(*np.meshgrid(u, v))
         return fx * x + skew * y + (cx - 0.5), fy * y + (cy - 0.5)

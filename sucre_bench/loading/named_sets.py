@@ -241,7 +241,8 @@ def found_of(named: NamedSet, pictures: Mapping[str, Picture], of: Of = "either"
     """Return which pictures are of a set. of: whether pictures are its photographs, its references or either."""
     from scipy.optimize import linear_sum_assignment
 
-    names, members = list(pictures), named.members
+    names = list(pictures)
+    members = named.members
     bits, off = _differences(members, [pictures[name].print for name in names], of)
     # Each picture gets a member of its own: the nearest, of pictures alike in bits that of like colours.
     rows, columns = linear_sum_assignment(np.where(bits <= _ALIKE, bits + off / 256, 1e4))
@@ -302,7 +303,8 @@ def members_in(folder: Path, images: Sequence[str], split: str) -> tuple[str, li
     read. Raises IncompleteSetError if a picture is missing, InputError if one is twice there or changed, and for a
     `split` that is no set.
     """
-    named, by_stem = named_set(split), {_stem(image): image for image in images}
+    named = named_set(split)
+    by_stem = {_stem(image): image for image in images}
     likely = [by_stem[stem] for member in named.members if (stem := _stem(member.name)) in by_stem]
     chosen = images if len(likely) < len(named.members) else likely
     pictures = {}
@@ -341,7 +343,8 @@ def recognised_sets(pictures: Mapping[str, Picture], of: Of = "either") -> tuple
     And a line for the overlap with each other set of the same dataset. Names alone tell a set only if the pictures have
     nine of ten of its names.
     """
-    found, shared = [], list[Found]()
+    found = []
+    shared = list[Found]()
     for named in named_sets().values():
         one = found_of(named, pictures, of)
         whole = len(named.members)

@@ -29,7 +29,8 @@ _said: set[str] = set()
 
 def folders_in(folder: Path, but: Iterable[Path] = ()) -> list[Path]:
     """Return a folder and those below it, without hidden folders and the folders `but`."""
-    found, left_out = [], {place.resolve() for place in but}
+    found = []
+    left_out = {place.resolve() for place in but}
     for place, below, _ in walk(folder):
         below[:] = [name for name in below if not name.startswith(".") and (place / name).resolve() not in left_out]
         found.append(place)
@@ -47,7 +48,8 @@ def say_passed_over(root: Path, folders: Iterable[Path], read: Iterable[Path], b
     folders: without those below them; read: the files that were; beside: look for pictures, videos and depth maps in
     the other folders in `root`, too. Notes of people and programs, and COLMAP's models, are left out.
     """
-    folders, known = dict.fromkeys(map(Path.absolute, folders)), {path.absolute() for path in read}
+    folders = dict.fromkeys(map(Path.absolute, folders))
+    known = {path.absolute() for path in read}
     found = Counter[tuple[Path, str]]()
     for folder in folders:
         files = _files(folder)

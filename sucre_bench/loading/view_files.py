@@ -132,7 +132,7 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
     if lens is not None and distorts and lens.fault:
         raise InputError(f"{lens.fault} (coefficients {lens.coefficients})", image, "undistort the images before")
     straight = None if lens is None else lens.pinhole if distorts else lens.camera
-    undistorted = None if straight is None else (straight.width, straight.height)
+    undistorted = None if straight is None else straight.size
     # If the header cannot be read, decoding gives the reason.
     size = photograph.size or image_size(image) or undistorted or (1, 1)
     try:
@@ -146,7 +146,8 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
     width, height = (max(1, round(side * image_scale)) for side in size)
     camera = None if straight is None else scaled_camera(straight, size, image_scale)
     bent = lens if distorts else None
-    read, depth_lens = photograph.read_depth, photograph.depth_lens if photograph.depth is not None else None
+    read = photograph.read_depth
+    depth_lens = photograph.depth_lens if photograph.depth is not None else None
     if depth_lens is not None and camera is not None:
         read = partial(_resampled, read, depth_lens, camera)
     planes = (image, (width, height), photograph.depth, photograph.reference)
@@ -181,7 +182,7 @@ def _seen(chart: Chart, place: str, size: tuple[int, int], lens: Lens | None, ta
     """Transform a chart from the stored image, of `size` (width, height), to the view, of size `target`."""
     if lens is None:
         return scaled_chart(chart, size, target)
-    undistorted = lens.camera.width, lens.camera.height
+    undistorted = lens.camera.size
     corners = lens.straightened(scaled_chart(chart, size, undistorted).corners)
     if not np.isfinite(corners).all():
         fault = "a corner lies where the lens cannot be undone"
@@ -193,7 +194,7 @@ def _resampled(read: Callable[[Path], Array], lens: Lens, camera: Camera, path: 
     """Read a depth map of one lens as that of another camera with the same pose."""
     metres = read(path)
     height, width = metres.shape
-    if not same_shape((width, height), (lens.camera.width, lens.camera.height)):
+    if not same_shape((width, height), lens.camera.size):
         fault = f"is {width}x{height}, a size that cannot match its camera's {lens.camera.width}x{lens.camera.height}"
         raise InputError(fault, path, "make it again of this camera")
     # Nearest: no depth lies between a diver and the seabed behind.
@@ -326,7 +327,8 @@ def with_shared_pixels(scene: Scene) -> Scene:
     """Return a scene whose files are decoded once a run. One without a data_id cannot be known again, and stays."""
     if not scene.data_id:
         return scene
-    key, views = f"{engine_hash()} {scene.data_id}", list(scene.views)
+    key = f"{engine_hash()} {scene.data_id}"
+    views = list(scene.views)
     for i, view in enumerate(views):
         if isinstance(view.pixels, Files):
             views[i] = replace(view, pixels=SharedPixels(view.pixels, f"{key} {view.name}"))

@@ -48,7 +48,8 @@ _K_JPEG = 3.0
 
 # Intensities from here on are cut off, and so are footprints that hold them. A channel that is mostly cut off does not
 # count, unless all channels are.
-_WHITE, _MOSTLY = 253.5 / 255, 0.5
+_WHITE = 253.5 / 255
+_MOSTLY = 0.5
 
 # The variance of a square pixel, in pixels^2.
 _SQUARE = 1 / 12
@@ -197,7 +198,9 @@ def _seen(landing: _Landing, common: Array, k: float, encoding: Kept, with_ray: 
     S = (k**2 + _SQUARE) * M @ M.swapaxes(1, 2) - _SQUARE * np.eye(2)
     variances = np.linalg.eigvalsh(S)  # (M, 2), rising
     usable = (variances[:, 0] > _LEAST) & (variances[:, 1] < _MOST)
-    landing, S, least = landing.only(usable), S[usable], variances[usable, 0]
+    landing = landing.only(usable)
+    S = S[usable]
+    least = variances[usable, 0]
     view = landing.view
     rgb = srgb_decode(view.rgb) if encoding == "linear" and view.encoding == "gamma" else view.rgb
     colour, share = np.full((len(S), 3), np.nan, dtype=np.float32), np.zeros(len(S), dtype=np.float32)

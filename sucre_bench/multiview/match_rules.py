@@ -49,7 +49,7 @@ def mutual(
     found, others, distance = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(n, np.float32)
     there, back = _rows(camera.K @ to_view[:3]), _rows(target.K @ to_target[:3])
     rays = _rows(np.linalg.inv(camera.K))
-    size = (target.width, target.height)
+    size = target.size
     n = compiled(_pair)(points, pixels, ranges, there, depth, rays, back, size, found, others, distance)
     for values in (found, others, distance):
         values.resize(n, refcheck=False)  # in place: a copy would cost a third of the time
@@ -97,7 +97,8 @@ def _pair(
                 x = np.floor((there[0][0] * X + there[0][1] * Y + there[0][2] * Z + there[0][3]) * s)
                 y = np.floor((there[1][0] * X + there[1][1] * Y + there[1][2] * Z + there[1][3]) * s)
                 is_inside = (w > 0) & (x >= 0) & (x < columns) & (y >= 0) & (y < rows)  # NaN is not
-                u[i], v[i] = x if is_inside else none, y
+                u[i] = x if is_inside else none
+                v[i] = y
             for i in range(m):
                 landed[i] = np.int32(v[i]) * np.int32(depth.shape[1]) + np.int32(u[i]) if u[i] >= 0 else 0
             for i in range(m):
@@ -181,7 +182,8 @@ def _agree(
                 for j in range(4):
                     d = depth[top + j // 2, left + j % 2]
                     agree = agree and d > 0 and abs(Z - d) <= most
-            found[n], others[n] = pixels[i], v * columns + u
+            found[n] = pixels[i]
+            others[n] = v * columns + u
             distance[n] = math.sqrt(X * X + Y * Y + Z * Z)
             at[n, 0], at[n, 1], smooth[n] = x, y, agree
             n += 1

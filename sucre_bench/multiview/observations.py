@@ -153,7 +153,11 @@ def pooled(parts: Sequence[Observations], views: Sequence[str]) -> Observations:
     height, width = np.max([one.shape for one in parts], axis=0).tolist()
     shown = {name for one in parts for name in one.views}
     names = {name: k for k, name in enumerate(name for name in views if name in shown)}
-    pixels, owner, slot, view, first = [], [], [], [], 0
+    pixels = []
+    owner = []
+    slot = []
+    view = []
+    first = 0
     for k, one in enumerate(parts):
         y, x = np.divmod(one.pixels, one.shape[1])
         pixels.append((k * height + y) * width + x)

@@ -93,7 +93,9 @@ def observe(
         views = [target, *views]
     visible = visible_pixels(surface, views)
     chosen = [k for k, view in enumerate(views) if visible[k] > 0 or view.name == target.name]
-    tried, most = [views[k] for k in chosen], np.cumsum(visible[chosen])  # observations of the first k + 1, at most
+    # observations of the first k + 1, at most
+    tried = [views[k] for k in chosen]
+    most = np.cumsum(visible[chosen])
     shape = (surface.camera.height, surface.camera.width)
     how = (rule, tolerance, encoding, with_ray)
     see = partial(_see, surface, target.name, MIN_SHARE * shape[0] * shape[1], how)
@@ -217,7 +219,9 @@ def colours_at(matches: Matches, rgb: npt.NDArray[Any], decode: bool) -> tuple[M
         compiled(_interpolate)(image, matches.others, matches.at, matches.smooth, colours)
     if not np.isfinite(colours).all():
         which = np.asarray(np.isfinite(colours).all(axis=-1))
-        colours, nearest, matches = colours[which], nearest[which], matches.only(which)
+        colours = colours[which]
+        nearest = nearest[which]
+        matches = matches.only(which)
     if decode:
         return matches, _levels(colours, np.uint16)
     if matches.at is None:

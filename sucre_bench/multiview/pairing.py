@@ -160,7 +160,7 @@ def _fields_of_view(surface: Surface, views: Sequence[View]) -> tuple[Array, Ind
     """Intrinsic matrices (V, 3, 3), image sizes (V, 2) and poses (V, 4, 4), from the target's frame to the cameras'."""
     cameras = [view.camera for view in views if view.camera is not None]
     poses = [view.cam_from_world for view in views if view.cam_from_world is not None]
-    sizes = np.array([(camera.width, camera.height) for camera in cameras])
+    sizes = np.array([camera.size for camera in cameras])
     return np.stack([camera.K for camera in cameras]), sizes, relative_pose(np.stack(poses), surface.cam_from_world)
 
 

@@ -110,7 +110,8 @@ def examine(out: Path = Path()) -> Examined:
         "disk": f"{disk.free / 2**30:.0f} of {disk.total / 2**30:.0f} GB free at {out.resolve()}",
         "gpu": gpu or "none found: torch and JAX run on the CPU",
     }
-    cluster, no_program = "a cluster, by SLURM", [name for name in _SLURM if not shutil.which(name)]
+    cluster = "a cluster, by SLURM"
+    no_program = [name for name in _SLURM if not shutil.which(name)]
     tries: list[Callable[[], Feature]] = [partial(_packages, name, *imports) for name, imports in _REQUIRED.items()]
     tries += [partial(_gpu, gpu), _open3d]
     tries += [partial(_packages, name, package, lacking="missing") for name, package in _OPTIONAL.items()]
@@ -154,7 +155,8 @@ def _packages(name: str, *imports: str, lacking: State = "broken") -> Feature:
 
 
 def _gpu(gpu: str | None) -> Feature:
-    name, version = "SUCRe on the GPU", version_of("torch")
+    name = "SUCRe on the GPU"
+    version = version_of("torch")
     if gpu is None:
         return Feature(name, "absent", "no GPU here, or no driver (nvidia-smi)")
     if missing := absent("torch"):

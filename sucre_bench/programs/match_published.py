@@ -38,7 +38,8 @@ _SIDE = 256  # at which papers score
 _FILTERS = ("", "-bilinear", "-nearest")  # see `imaging.resizing`
 _FURTHER = ("@y", "@crop4", "@crop4@y", "@range2", "@minmax")  # forms to try where none of the usual ones fits
 # DNnet's program takes 255 x 250 as the square of PSNR's peak, and so gives this much less than any other, dB.
-_PEAK, _PEAK_LESS = "@peak250", 10 * math.log10(255 / 250)
+_PEAK = "@peak250"
+_PEAK_LESS = 10 * math.log10(255 / 250)
 _RARE = (*_FURTHER, _PEAK, "wrapped")
 
 # A variant gives the published numbers if 95 % of them agree to the printed digits or to 2 in 10,000, and all to 1 %:
@@ -133,7 +134,8 @@ def read_table(table: str, root: Path, images: Mapping[str, Path], has_reference
         numbers = [(label, found, _number(_part(row[header], place, n))) for label, found, row in of if found]
         if is_mse and re.search(r"10\s*\^?\s*[3³]|10³|1000", header):
             numbers = [(label, found, n and (1000 * n[0], 1000 * n[1])) for label, found, n in numbers]
-        top, values = plugins.usable("metric")[metric].range[1], [number[0] for *_, number in numbers if number]
+        top = plugins.usable("metric")[metric].range[1]
+        values = [number[0] for *_, number in numbers if number]
         if values and math.isfinite(top) and top < min(values) and max(values) <= 100 * top:
             warnings.append(f"{table}: column '{header}' is read as percent; divide it by 100 if you copy it")
             numbers = [(label, found, n and (n[0] / 100, n[1] / 100)) for label, found, n in numbers]
@@ -231,7 +233,8 @@ def _number(text: str) -> tuple[float, float] | None:
         return None
     try:
         number = Decimal(found[1].replace(",", ".")).scaleb(-2 if found[2] else 0)
-        value, rounding = float(number), 0.5 * 10.0 ** int(number.as_tuple().exponent)
+        value = float(number)
+        rounding = 0.5 * 10.0 ** int(number.as_tuple().exponent)
     except ArithmeticError:  # of thousands of digits
         return None
     return (value, rounding) if math.isfinite(value) else None
@@ -369,7 +372,12 @@ def compare(column: Column, scores: DataFrame) -> list[Candidate]:
     for variant, views, of_views in forms:
         values = dict(zip(views, of_views, strict=True))
         cells = [cell for cell in known if all(name in values for name in cell.images)]
-        lacking, largest, at, mean, fits, value = len(known) - len(cells), np.inf, "", np.inf, False, np.nan
+        lacking = len(known) - len(cells)
+        largest = np.inf
+        at = ""
+        mean = np.inf
+        fits = False
+        value = np.nan
         if cells:
             computed = np.array([np.mean([values[name] for name in cell.images]) for cell in cells])
             published = np.array([cell.value for cell in cells])
@@ -378,7 +386,9 @@ def compare(column: Column, scores: DataFrame) -> list[Candidate]:
             close = off <= np.maximum([1.01 * cell.rounding for cell in cells], _CLOSE * np.abs(published))
             near = close | (off <= _NEAR * np.abs(published))
             value = float(computed.mean())
-            mean, largest, at = float(off.mean()), float(off.max()), cells[int(off.argmax())].label
+            mean = float(off.mean())
+            largest = float(off.max())
+            at = cells[int(off.argmax())].label
             fits = bool(not lacking and close.mean() >= _MOST and near.all())
         if fits or not variant.endswith(_PEAK):
             candidates.append(Candidate(variant, value, mean, largest, at, len(cells), lacking, fits))
@@ -436,7 +446,8 @@ def answer(column: Column, found: Sequence[Candidate], sets: Sequence[Found], si
 def in_words(metric: str, variant: str, size: tuple[int, int] | None) -> str:
     """Return what a variant is: "gray PSNR at 256x256 (bilinear)". size: of all files, None if they differ."""
     base, form = split_variant(variant.removesuffix(_PEAK))
-    form, kind = form or Form(), base.partition("-")[0]
+    form = form or Form()
+    kind = base.partition("-")[0]
     name = metric.upper()
     if metric in ("psnr", "ssim"):
         colours = "gray" if kind in ("gray", "luma") else "Y of YCbCr," if form.change == "y" else "RGB"

@@ -72,7 +72,10 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str], i
     for folder in (images, reference):
         if folder is not None and folder.is_dir():
             say_passed_over(folder, folders_in(folder), read)
-    label, tables, lossy, pictures = images.resolve().name, [], list[Path](), dict[str, Picture]()
+    label = images.resolve().name
+    tables = []
+    lossy = list[Path]()
+    pictures = dict[str, Picture]()
     for name, path in progress.track(files.items(), f"scoring {label}"):
         try:
             compared_with = reference_of.get(name)
@@ -134,7 +137,8 @@ def _references(images: Path, names: Iterable[str], place: Path) -> dict[str, Pa
         return dict.fromkeys(names, place)
     folder, found = ImageFolder(place), dict[str, list[Path]]()
     for name in names:
-        wanted, files = PurePosixPath(name).parent.parts, [name]
+        wanted = PurePosixPath(name).parent.parts
+        files = [name]
         if not (place / name).is_file():
             folders = {file: PurePosixPath(file).parent.parts for file in folder.find(name)}
             files = [file for file, of in folders.items() if not of or of[len(of) - len(wanted) :] == wanted]

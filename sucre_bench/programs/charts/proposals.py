@@ -57,7 +57,8 @@ def detect(shown: Array, kind: str) -> list[Chart]:
     if not any(detector.process(picture, _MOST) for picture in pictures):
         return []
     boxes = np.array([patch.box for patch in chart_kind(kind).patches])
-    centres, unit = (boxes[:, :2] + boxes[:, 2:]) / 2, np.array([[[0.0, 0], [1, 0], [1, 1], [0, 1]]])
+    centres = (boxes[:, :2] + boxes[:, 2:]) / 2
+    unit = np.array([[[0.0, 0], [1, 0], [1, 1], [0, 1]]])
     charts = []
     for checker in detector.getListColorChecker():
         # The detector's patches, row by row, are wider than the chart's; only their centres are right.
@@ -108,7 +109,7 @@ def corner_points(view: View, chart: Chart) -> Array | None:
     """
     if view.camera is None or view.cam_from_world is None or not _has_depth(view):
         return None
-    v, u = np.nonzero(chart_mask(chart, (view.camera.width, view.camera.height)) & (view.depth > 0))
+    v, u = np.nonzero(chart_mask(chart, view.camera.size) & (view.depth > 0))
     if len(v) < _LEAST_PIXELS:
         return None
     design, depth = np.stack([u + 0.5, v + 0.5, np.ones(len(v))], axis=1), view.depth[v, u].astype(np.float64)
@@ -132,7 +133,7 @@ def _seen_at(view: View, points: Array) -> Array | None:
     if view.camera is None or view.cam_from_world is None:
         return None
     corners, z = project(view.camera, moved(points, view.cam_from_world))
-    is_within = (corners >= 0).all() and (corners <= (view.camera.width, view.camera.height)).all()
+    is_within = (corners >= 0).all() and (corners <= view.camera.size).all()
     is_readable = is_within and _shortest_edge(corners) >= _LEAST_EDGE_PX and are_corners(corners)
     if not ((z > 0).all() and is_readable and _has_depth(view)):
         return None

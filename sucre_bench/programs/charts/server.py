@@ -36,7 +36,8 @@ class PageServer(ThreadingHTTPServer):
             super().__init__(("127.0.0.1", port), _Handler)
         except OSError as fault:
             raise InputError(f"--port {port}: {fault.strerror}; give another, or 0 for any that is free") from fault
-        self.session, self.token = session, secrets.token_urlsafe(16)
+        self.session = session
+        self.token = secrets.token_urlsafe(16)
 
     @property
     def url(self) -> str:
@@ -70,7 +71,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         path, _ = self._asked()
-        session, origin = self.server.session, self.headers.get("Origin")
+        session = self.server.session
+        origin = self.headers.get("Origin")
         length = self.headers.get("Content-Length", "")
         is_short = re.fullmatch("[0-9]{1,7}", length) and int(length) <= _MOST_BYTES
         if path is None or origin not in (None, *(f"http://{host}" for host in self._hosts())):

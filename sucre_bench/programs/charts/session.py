@@ -63,7 +63,8 @@ class Session:
                     progress.say(f"failed  {fault}", is_fault=True)
                     continue
                 # A chart is named as in other views if the geometry identifies it.
-                expected, taken = list(propose(known, [view])), {chart.name for _, chart in known}
+                expected = list(propose(known, [view]))
+                taken = {chart.name for _, chart in known}
                 for chart in found:
                     same = (p.chart.name for p in expected if overlap(chart.corners, p.chart.corners))
                     free = (name for number in itertools.count(1) if (name := f"chart{number}") not in taken)
@@ -217,7 +218,8 @@ def open_session(words: Sequence[str], kind: str, dataset: str) -> Session:
     if len(selections) != 1:
         names = ", ".join(s.scene.name for s in selections)
         raise InputError(f"charts: the views are of {len(selections)} scenes ({names}); choose one scene's")
-    selection, chosen = selections[0], {view.name for view in selections[0].views}
+    selection = selections[0]
+    chosen = {view.name for view in selections[0].views}
     options, plugin = selection.dataset.options, selection.dataset.plugin
     if not plugin.charts_file:
         known = [p.name for p in plugins.usable("dataset").values() if p.charts_file]
@@ -268,7 +270,7 @@ def _in_images(word: str, dataset: str) -> tuple[Path, str]:
 def _size(view: View) -> tuple[int, int]:
     """Return (width, height) of a view, from its camera or file header if possible, else by decoding it."""
     if view.camera is not None:
-        return view.camera.width, view.camera.height
+        return view.camera.size
     if isinstance(view.pixels, Files):
         return view.pixels.size
     height, width = view.rgb.shape[:2]

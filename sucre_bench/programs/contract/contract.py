@@ -98,7 +98,8 @@ class Subject:
 
     def owns(self, filename: str) -> bool:
         """Whether a file belongs to the plugin or lies in its folder."""
-        file, folder = Path(filename).resolve(), self.file.parent
+        file = Path(filename).resolve()
+        folder = self.file.parent
         return file == self.file or ((folder / "__init__.py").exists() and folder in file.parents)
 
 
@@ -166,7 +167,8 @@ def check(subject: Subject, lasting: bool = True) -> Iterator[Outcome]:
     of_kind = {"method": rules_methods, "dataset": rules_datasets, "metric": rules_metrics}[subject.plugin.kind]
     attributed = [] if subject.plugin.kind == "metric" else [is_attributed]
     of_all: list[Rule] = [is_described, *attributed, is_configurable, is_installed, imports_lightly]
-    at_rest, obstacle = (*of_all, rules_datasets.names_what_is_missing), subject.obstacle
+    at_rest = (*of_all, rules_datasets.names_what_is_missing)
+    obstacle = subject.obstacle
     slow = (imports_lightly, rules_methods.restores_a_scene)
     heard = set[str]()
     if of_kind is rules_methods and not obstacle:
@@ -189,11 +191,14 @@ def check(subject: Subject, lasting: bool = True) -> Iterator[Outcome]:
 
 def check_rule(subject: Subject, rule: Rule, obstacle: str = "") -> Outcome:
     """Check a plugin against one rule. obstacle: why the rule cannot be checked, if it cannot."""
-    name, says = getattr(rule, "__name__", ""), (inspect.getdoc(rule) or "").partition("\n")[0]
+    name = getattr(rule, "__name__", "")
+    says = (inspect.getdoc(rule) or "").partition("\n")[0]
     says = says[:1].lower() + says[1:].removesuffix(".")
     if obstacle:
         return Outcome(name, says, (), skipped=obstacle)
-    started, said, skipped = time.perf_counter(), list[str](), ""
+    started = time.perf_counter()
+    said = list[str]()
+    skipped = ""
     with warnings.catch_warnings(record=True) as heard, contextlib.redirect_stdout(sys.stderr):
         warnings.simplefilter("always")
         try:

@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 
 from sucre_bench.arrays import Array, Mask
-from sucre_bench.camera import Camera, scaled_camera
+from sucre_bench.camera import centred_camera, scaled_camera
 from sucre_bench.degrade import Degradation, degraded_whole
 from sucre_bench.imaging.chart_kinds import chart_kind
 from sucre_bench.scene import HAS, Arrays, Chart, Scene, View, Water
@@ -47,8 +47,9 @@ def wall(
     right edge is farther away.
     """
     height, width = rgb.shape[:2]
-    camera = Camera(np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1.0]]), width, height)
-    views, charts = [], tuple(charts)
+    camera = centred_camera(width, width, height)
+    views = []
+    charts = tuple(charts)
     for name, distance in ((TARGET, 3.0), ("near.png", 3.0 - nearer)):
         pose = np.eye(4)
         pose[2, 3] = distance - 3
@@ -88,7 +89,8 @@ def charted() -> Scene:
         Chart("right", "colorchecker24", np.array([[66.0, 50], [126, 50], [126, 90], [66, 90]])),
     )
     for chart in charts:
-        corner, size = chart.corners[0], chart.corners[2] - chart.corners[0]
+        corner = chart.corners[0]
+        size = chart.corners[2] - chart.corners[0]
         for patch in chart_kind(chart.kind).patches:
             (x0, y0), (x1, y1) = (np.round(corner + size * at).astype(int) for at in (patch.box[:2], patch.box[2:]))
             image[y0:y1, x0:x1] = patch.srgb

@@ -54,7 +54,8 @@ def opens_lazily(subject: Subject) -> Iterator[str]:
     started = time.process_time()  # others may be at work on this machine
     scenes = _opened(subject)
     opened = time.process_time()
-    view, views = scenes[0].views[0], sum(map(len, scenes))
+    view = scenes[0].views[0]
+    views = sum(map(len, scenes))
     view.pixels.load("rgb")
     opening, reading = opened - started, time.process_time() - opened
     if isinstance(view.pixels, Arrays):
@@ -94,7 +95,7 @@ def geometry_is_sound(subject: Subject) -> Iterator[str]:
     """Gives sound cameras, poses and charts."""
     for where, view in _views(subject, 30):
         camera, pose = view.camera, view.cam_from_world
-        if camera is not None and not ((camera.K[:2, 2] > 0) & (camera.K[:2, 2] < (camera.width, camera.height))).all():
+        if camera is not None and not ((camera.K[:2, 2] > 0) & (camera.K[:2, 2] < camera.size)).all():
             x, y = camera.K[:2, 2]
             at = f"the principal point ({x:g}, {y:g}) is not in the image of {camera.width}x{camera.height}"
             yield f"{where}: {at}; give K in pixels"

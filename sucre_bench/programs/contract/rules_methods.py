@@ -246,7 +246,8 @@ def restores_a_scene(subject: Subject) -> Iterator[str]:
         raise NotApplicableError(f"{subject.on} has no {' and '.join(sorted(absent))}; name another dataset with --on")
     view = scene.views[len(scene) // 2]
     result = python_api.restore(method, scene, view)
-    seconds, megapixels = result.info["seconds"], view.rgb.shape[0] * view.rgb.shape[1] / 1e6
+    seconds = result.info["seconds"]
+    megapixels = view.rgb.shape[0] * view.rgb.shape[1] / 1e6
     said = f"{seconds:.2g} s, {result.info['peak_mb']:.0f} MB"
     yield Note(f"{said}, {result.valid.mean():.0%} of {megapixels:.1f} megapixels of {subject.on}")
     if seconds > _LASTING:

@@ -185,7 +185,8 @@ def leaves_all_as_it_was(subject: Subject) -> Iterator[str]:
     if subject.plugin.is_of_pairs:
         pair = _pair(submerged())
         planes += [pair.points.here, pair.points.there, pair.points.distance]
-        views, attempts = [pair.here.view], [functools.partial(_pair_scores, metric, pair)] * 2
+        views = [pair.here.view]
+        attempts = [functools.partial(_pair_scores, metric, pair)] * 2
     else:
         views = [charted()[TARGET]]
         image = views[0].rgb.copy()

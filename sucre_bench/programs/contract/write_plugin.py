@@ -54,7 +54,9 @@ def write_new(kind: Kind, name: str, here: Path, package: Path | None = None, de
         cls += kind.capitalize()
     about: dict[str, Any] = {"kind": kind, "name": name, "cls": cls, "depth": depth, "module": name}
     about["is_named"] = plugins.snake_case(cls) != name  # of my_method_2 the class would be called my_method2
-    place, folder, tests = "folder", here, here
+    place = "folder"
+    folder = here
+    tests = here
     commands: list[tuple[str, str]] = []
     files: dict[Path, str] = {}  # and the template of each
     if package:
@@ -65,12 +67,16 @@ def write_new(kind: Kind, name: str, here: Path, package: Path | None = None, de
         _check_module(module, "package")
         distribution = re.sub(r"_+", "-", module).strip("-")
         about |= {"package": module, "module": f"{module}.{name}", "distribution": distribution}
-        place, folder, tests = "package", package / "src" / module, package / "tests"
+        place = "package"
+        folder = package / "src" / module
+        tests = package / "tests"
         files = {package / "pyproject.toml": "pyproject.toml.j2", package / "README.md": "readme.md.j2"}
         files[folder / "__init__.py"] = "init.py.j2"
         commands += [("install", f"pip install -e {shlex.quote(str(package))}"), ("list", f"sucre-bench list {kind}s")]
     elif checkout:
-        place, folder, tests = "house", checkout / f"{kind}s", checkout / "tests" / f"{kind}s"
+        place = "house"
+        folder = checkout / f"{kind}s"
+        tests = checkout / "tests" / f"{kind}s"
     test = tests / f"test_{name}.py"
     files |= {folder / f"{name}.py": f"{kind}.py.j2", test: f"test_{kind}.py.j2"}
     _write(files, about | {"place": place})

@@ -102,7 +102,8 @@ class Described:
             share = f"   depth on {look.facts.coverage:.0%}" if look.facts.has_depth else ""
             captions.append(f"{look.facts.name}{share}"[-80:])
         sheet = contact_sheet(pairs, captions, _WIDE, _HEAD)
-        pen, title = ImageDraw.Draw(sheet), f"{self.dataset}: {self.scene}, {len(self.looks)} of {self.n_views} views"
+        pen = ImageDraw.Draw(sheet)
+        title = f"{self.dataset}: {self.scene}, {len(self.looks)} of {self.n_views} views"
         pen.text((_GAP, _GAP), title, fill="black", font=ImageFont.load_default(18))
         bar = np.tile(np.linspace(low, top, 256), (10, 1))
         sheet.paste(Image.fromarray(depth_colours(bar, low, top, _GRAY)), (_GAP, 34))
@@ -131,7 +132,8 @@ def _distances(looks: list[Look], step: int = 1) -> Array:
 
 def described(selection: Selection, most: int) -> Described:
     """Describe at most `most` of the selected views of a scene, evenly chosen."""
-    scene, root = selection.scene, selection.dataset.options.get("root")
+    scene = selection.scene
+    root = selection.dataset.options.get("root")
     try:
         noted = json.loads(regular(expanded(root) / "prepare.json").read_bytes())["scale"] if root else None
         scale = noted and {"is_metric": bool(noted["is_metric"]), "note": str(noted["note"])}
@@ -140,7 +142,10 @@ def described(selection: Selection, most: int) -> Described:
     unit = "m" if scale is None or scale["is_metric"] else "units"
     chosen = [selection.views[k] for k in evenly(len(selection.views), most)]
     looks = [look_at(view, "reference" in scene.has) for view in track(chosen, "looking at views")]
-    between, values, edges, shares = overlaps(placed(looks)), _distances(looks), [], []
+    between = overlaps(placed(looks))
+    values = _distances(looks)
+    edges = []
+    shares = []
     pictures = {look.facts.name: Picture((look.facts.width, look.facts.height), look.print) for look in looks}
     sets, shared = recognised_sets(pictures)
     if values.size:

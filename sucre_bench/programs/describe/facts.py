@@ -114,7 +114,7 @@ def look_at(view: View, reference: bool) -> Look:
     target = _loaded(view, "reference")[0] if reference else None
     depth, depth_fault = _loaded(view, "depth")
     camera, pose = view.camera, view.cam_from_world
-    of_camera = (camera.width, camera.height) if camera else (0, 0)
+    of_camera = camera.size if camera else (0, 0)
     width, height = next((plane.shape[1::-1] for plane in (rgb, depth) if plane is not None), of_camera)
     if camera and of_camera != (width, height):
         fault = f"the image is {width}x{height}, its camera {camera.width}x{camera.height}"
@@ -147,7 +147,8 @@ def look_at(view: View, reference: bool) -> Look:
     small = max(1, round(width * shrink)), max(1, round(height * shrink))
     corners = np.array([chart.corners for chart in view.charts]).reshape(-1, 4, 2)
     corners = corners * np.divide(small, (max(width, 1), max(height, 1)))
-    camera, picture = camera and scaled_camera(camera, small), None
+    camera = camera and scaled_camera(camera, small)
+    picture = None
     if rgb is not None:
         shrunk: Array = np.asarray(cv2.resize(rgb, small, interpolation=cv2.INTER_AREA))
         picture = to_8bit(display(shrunk, "none", view.encoding))
@@ -200,9 +201,9 @@ def reduced(view: View) -> View:
     import cv2
 
     camera, pose = view.placed
-    shrink = min(1.0, _LONG_SIDE / max(camera.width, camera.height))
-    camera = scaled_camera(camera, (camera.width, camera.height), shrink)
-    depth = cv2.resize(view.depth, (camera.width, camera.height), interpolation=cv2.INTER_NEAREST_EXACT)
+    shrink = min(1.0, _LONG_SIDE / max(camera.size))
+    camera = scaled_camera(camera, camera.size, shrink)
+    depth = cv2.resize(view.depth, camera.size, interpolation=cv2.INTER_NEAREST_EXACT)
     black = np.zeros((*depth.shape, 3), np.float32)
     return View(view.name, Arrays(black, np.asarray(depth)), camera, pose)
 
@@ -212,7 +213,9 @@ def overlaps(views: Sequence[View]) -> list[Overlap]:
     between = []
     for view in track([views[k] for k in evenly(len(views), MOST_TARGETS)], "overlaps"):
         *_, points = some_points(view, MOST_POINTS)
-        seen, partners, off = np.zeros(len(points), bool), 0, []
+        seen = np.zeros(len(points), bool)
+        partners = 0
+        off = []
         for other, most in zip(views, visible_pixels(lift(view), views), strict=True):
             if other is view or not most:
                 continue
@@ -308,7 +311,8 @@ def spread_of(views: Sequence[View]) -> Spread | None:
             if other is view:
                 continue
             there, _, z, d = seen_from(other, view, points)
-            distance, is_seen = np.linalg.norm(there, axis=-1), (d > 0) & (np.abs(d - z) <= _AGREES * z)
+            distance = np.linalg.norm(there, axis=-1)
+            is_seen = (d > 0) & (np.abs(d - z) <= _AGREES * z)
             near = np.where(is_seen, np.minimum(near, distance), near)
             far = np.where(is_seen, np.maximum(far, distance), far)
         nearest.append(near)

@@ -134,7 +134,8 @@ def _geometry(views: Sequence[View], between: Sequence[Overlap]) -> list[Fault]:
         faults.append(Fault(*seen, remedy))
     worse = [o for o in known if (o.disagreement or 0) > max(_DISAGREES, 3 * typical)]
     if worse:
-        names, remedy = tuple(o.view for o in worse), "check their depth maps and poses"
+        names = tuple(o.view for o in worse)
+        remedy = "check their depth maps and poses"
         faults.append(Fault("view disagrees", "depth disagrees with other views'", remedy, names))
     # A view whose points project into others at other depths lacks no views in between.
     alone = tuple(o.view for o in lonely if o not in (worse if typical <= _DISAGREES else known))

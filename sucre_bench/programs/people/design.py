@@ -122,10 +122,12 @@ def whole_parts(folder: Path, key: Key) -> tuple[Key, dict[tuple[str, str], Part
     places = {(one.scene, one.view) for one in key.pictures.values()}
     masks: dict[tuple[str, str], dict[str, Mask | None]] = {}
     for row in row_objects(rows):
-        where, place = (row.scene, row.view), layout.find(key.dataset, row.scene, row.view, folder)
+        where = (row.scene, row.view)
+        place = layout.find(key.dataset, row.scene, row.view, folder)
         if where in places and place is not None:
             masks.setdefault(where, {})[row.method] = stored_mask(folder, place, row)
-    left, said = [*key.methods], list[str]()
+    left = [*key.methods]
+    said = list[str]()
     while True:
         with_holes = {where: {m: of[m] for m in left if m in of} for where, of in masks.items()}
         parts = {where: _part(common_pixels(of).mask) for where, of in with_holes.items() if of}
@@ -156,7 +158,8 @@ def _part(mask: Mask) -> Part:
     rows, columns = (np.arange(0, length, side) for length in mask.shape)
     in_cells = np.add.reduceat(np.add.reduceat(np.stack([mask, np.ones_like(mask)], dtype=int), rows, 1), columns, 2)
     is_filled = in_cells[0] >= _FILLED * in_cells[1]
-    best, area = 0, (slice(0), slice(0))
+    best = 0
+    area = (slice(0), slice(0))
     for top in range(len(is_filled)):
         run = is_filled[top]
         for bottom in range(top, len(is_filled)):

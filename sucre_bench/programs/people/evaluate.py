@@ -72,7 +72,9 @@ def _votes(path: Path, keys: Mapping[str, Key], reasons: Counter[str]) -> Iterat
         if regular(path).stat().st_size > _MOST_BYTES:
             raise ValueError("larger than 16 MB")
         told = read_json(path, remedy, of_data=True)
-        study, observer, given = told["study"], told["observer"], list(told["votes"])
+        study = told["study"]
+        observer = told["observer"]
+        given = list(told["votes"])
         if (told["format"], told["version"]) != _FORMAT or not (isinstance(observer, str) and 1 <= len(observer) <= 64):
             raise ValueError("another format")
     if not isinstance(study, str) or study not in keys:

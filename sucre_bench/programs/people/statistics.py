@@ -51,7 +51,8 @@ class Votes:
 
     def of(self, chosen: Numbers | Mask) -> Votes:
         """Return some of the votes, by number or mask."""
-        pair, won = (self.first[chosen], self.second[chosen]), self.won[chosen]
+        pair = (self.first[chosen], self.second[chosen])
+        won = self.won[chosen]
         return Votes(self.methods, *pair, won, self.view[chosen], self.observer[chosen])
 
     @property
@@ -109,7 +110,8 @@ def preferences(votes: Votes, resamples: int = _RESAMPLES) -> Preferences:
 
     scores, rng = fit(votes), np.random.default_rng(0)
     observers, which = np.unique(votes.observer, return_inverse=True)
-    n, groups = len(observers), [np.flatnonzero(which == one) for one in range(len(observers))]
+    n = len(observers)
+    groups = [np.flatnonzero(which == one) for one in range(len(observers))]
     resampled = np.empty((resamples, votes.methods))
     for r in range(resamples):  # whole observers, whose votes are not independent
         resampled[r] = fit(votes.of(np.concatenate([groups[one] for one in rng.integers(n, size=n)])), scores)
@@ -125,7 +127,8 @@ def preferences(votes: Votes, resamples: int = _RESAMPLES) -> Preferences:
     information = -(wins + wins.T) * chance * (1 - chance)
     information -= np.diag(information.sum(axis=1))
     mean = 1 / votes.methods  # the information knows no mean of all scores, which is 0
-    model, normal = np.linalg.inv(information + mean) - mean, float(stdtrit(math.inf, (1 + _LEVEL) / 2))
+    model = np.linalg.inv(information + mean) - mean
+    normal = float(stdtrit(math.inf, (1 + _LEVEL) / 2))
     variances = np.diag(model)
     of_model = normal * np.sqrt(np.maximum(variances + variances[:, None] - 2 * model, 0))
     half = np.maximum(widening * (resampled[:, :, None] - resampled[:, None]).std(axis=0), of_model)
@@ -211,7 +214,9 @@ def metric_agreement(scores: Array, is_lower_better: bool, votes: Votes, people:
     known = better[np.isfinite(better).all(axis=1)]
     if not len(known):
         return MetricAgreement()
-    rng, low, high = np.random.default_rng(0), np.nan, np.nan
+    rng = np.random.default_rng(0)
+    low = np.nan
+    high = np.nan
     drawn = (known[rng.integers(len(known), size=len(known))].mean(axis=0) for _ in people.resampled)
     taus = [kendall_tau(mean, preferences) for mean, preferences in zip(drawn, people.resampled, strict=True)]
     if np.isfinite(taus).any() and not people.want:

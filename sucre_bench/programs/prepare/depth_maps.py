@@ -68,7 +68,7 @@ def swept(shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longes
         [j for j in best if len(shots[j].points)] if len(shot.points) >= _FEWEST_POINTS else []
         for shot, best in zip(shots, neighbours(shots, _SOURCES), strict=True)
     ]
-    sizes = [(shot.camera.width, shot.camera.height) for shot in shots]
+    sizes = [shot.camera.size for shot in shots]
     small = [
         replace(shot, camera=scaled_camera(shot.camera, size, min(1.0, longest / max(size))))
         for shot, size in zip(shots, sizes, strict=True)
@@ -80,7 +80,7 @@ def swept(shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longes
 
         stored = decode(images / shots[i].name, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
         values = cv2.cvtColor(stored.astype(np.float32), cv2.COLOR_BGR2GRAY) * (255 / np.iinfo(stored.dtype).max)
-        size = (small[i].camera.width, small[i].camera.height)
+        size = small[i].camera.size
         reduced = cv2.resize(values, size, interpolation=cv2.INTER_AREA)
         return masked(np.asarray(reduced, dtype=np.float32) + 1, shots[i], masks)
 
@@ -93,7 +93,8 @@ def swept(shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longes
         return agreeing(small[i], raw(i), [small[j] for j in near[i]], lambda k: raw(near[i][k]))
 
     def sweep_one(i: int) -> None:
-        file, depth = folder / f"{i:06d}.npy", np.zeros((small[i].camera.height, small[i].camera.width), np.float32)
+        file = folder / f"{i:06d}.npy"
+        depth = np.zeros((small[i].camera.height, small[i].camera.width), np.float32)
         with suppress(OSError, ValueError, TypeError, EOFError):  # what NumPy raises for a file that was cut short
             if np.load(file, mmap_mode="r").shape == depth.shape:
                 return

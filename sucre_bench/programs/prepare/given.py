@@ -53,11 +53,13 @@ def mesh_maps(path: Path, shots: Sequence[Shot]) -> DepthMaps:
     """
     from scipy.spatial.transform import Rotation
 
-    mesh, turns = read_mesh(path), [np.eye(3)]
+    mesh = read_mesh(path)
+    turns = [np.eye(3)]
     if path.suffix.lower() == ".glb":
         ups = np.array([0.0, 0, 1]), -np.sum([shot.cam_from_world[1, :3] for shot in shots], axis=0)
         turns += [Rotation.align_vectors(np.array([[0.0, 1, 0]]), up[None])[0].as_matrix() for up in ups]
-    checked, cast = [shot for shot in shots if len(shot.points)][:: -(-len(shots) // _MOST_CHECKED)], mesh.caster()
+    checked = [shot for shot in shots if len(shot.points)][:: -(-len(shots) // _MOST_CHECKED)]
+    cast = mesh.caster()
 
     def off(turn: Array, unit: float) -> Array:
         """How far each sparse point is off the mesh, relative, 1 where the mesh is not."""
@@ -153,7 +155,7 @@ def network_maps(
         raise InputError(best, folder, "give maps of these photos, as depth or disparity")
 
     def depth(shot: Shot) -> DepthMap:
-        size = shot.camera.width, shot.camera.height
+        size = shot.camera.size
         if shot.name not in fitted:
             return DepthMap(np.zeros(size[::-1], np.float32), np.zeros(size[::-1], np.uint8))
         z = form.depth(seen[shot.name][0](), fitted[shot.name])
@@ -172,16 +174,14 @@ def _read_map(path: Path, shot: Shot, lens: Lens | None) -> Array:
     values = stored_map(path).astype(np.float32)
     if values.ndim == 3 and (values == values[..., :1]).all():
         values = values[..., 0]
-    size = shot.camera.width, shot.camera.height
+    size = shot.camera.size
     if values.ndim != 2 or not same_shape(values.shape[::-1], size):
         fault = f"is {'x'.join(map(str, values.shape[::-1]))}, its photo {size[0]}x{size[1]}"
         raise InputError(fault, path, "make the map of the whole photo, with one channel")
     values = np.where(np.isfinite(values), values, 0)
     if lens is None:
         return values
-    scale = np.diag([values.shape[1] / size[0], values.shape[0] / size[1], 1.0])
-    to = replace(shot.camera, K=scale @ shot.camera.K, width=values.shape[1], height=values.shape[0])
-    return lens.resampled(values, to, nearest=True)
+    return lens.resampled(values, scaled_camera(shot.camera, values.shape[::-1]), nearest=True)
 
 
 # -- models ------------------------------------------------------------------------------------------------
@@ -198,14 +198,15 @@ def given_model(model: Path, photos: Sequence[Photo], folder: Path, work: Path, 
     places = (model / "0", model / "sparse", model / "sparse" / "0")
     sparse = next((place for place in (model, *places) if any(place.glob("images.[bt]*"))), None)
     posed = read_model(sparse, folder, distorted=True) if sparse else _posed(model, folder)
-    files, by_name = ImageFolder(folder), {photo.name: photo for photo in photos}
+    files = ImageFolder(folder)
+    by_name = {photo.name: photo for photo in photos}
     found: dict[str, tuple[Posed, Photo]] = {}
     faults: dict[str, str] = {}
     for one in posed:
         photo = next((by_name[name] for name in files.find(one.name) if name in by_name), None)
         if photo is None:
             continue
-        size = one.camera.width, one.camera.height
+        size = one.camera.size
         if same_shape(photo.size, size):
             found[one.name] = one, photo
         else:
@@ -233,7 +234,9 @@ def given_model(model: Path, photos: Sequence[Photo], folder: Path, work: Path, 
 
 def _posed(model: Path, folder: Path) -> list[Posed]:
     """Read the model as a dataset: the largest of its scenes."""
-    kind, named, root = "", dict[str, str](), model
+    kind = ""
+    named = dict[str, str]()
+    root = model
     if model.is_file():
         is_json = model.suffix.lower() == ".json"
         kind, named = ("nerfstudio", {"transforms": model.name}) if is_json else ("metashape", {"document": model.name})

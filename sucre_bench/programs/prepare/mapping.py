@@ -124,7 +124,9 @@ def _attempt(
     folder.mkdir(parents=True, exist_ok=True)
     damaged = write_gray(photos, folder, attempt.longest)
     photos = [photo for photo in photos if photo.name not in damaged]
-    model, models, has_logo = folder / "model", [], False
+    model = folder / "model"
+    models = []
+    has_logo = False
     names: list[str] = []
     matches: dict[str, tuple[int, str]] = {}
     if len(photos) >= 2:
@@ -154,19 +156,23 @@ def _find_features(database: Path, photos: Sequence[Photo], options: Options, at
 
     Features that an earlier command found stay.
     """
-    pycolmap, folder = load_pycolmap(), database.parent
+    pycolmap = load_pycolmap()
+    folder = database.parent
     reader, extraction = pycolmap.ImageReaderOptions(), pycolmap.FeatureExtractionOptions()
     reader.camera_model = options.camera
     if photos[0].mask is not None:
         reader.mask_path = folder / "masks"
-    extraction.use_gpu, extraction.max_image_size, extraction.sift.peak_threshold = False, attempt.longest, attempt.peak
+    extraction.use_gpu = False
+    extraction.max_image_size = attempt.longest
+    extraction.sift.peak_threshold = attempt.peak
 
     groups = defaultdict(list)  # that share a camera; photos of different sizes never do
     for photo in photos:
         parent = str(PurePosixPath(photo.output).parent)
         by = {"single": "", "folder": parent, "image": photo.output}[options.cameras]
         groups[by, photo.size].append(photo)
-    listed, mode = folder / "listed", pycolmap.CameraMode.SINGLE
+    listed = folder / "listed"
+    mode = pycolmap.CameraMode.SINGLE
     if not listed.is_file():  # else photos would be numbered as they finish; other numbers give other models
         for old in folder.glob(f"{database.name}*"):
             old.unlink()
@@ -216,7 +222,8 @@ def _match(database: Path, names: Sequence[str], options: Options, attempt: _Att
     else:
         pairs = list(itertools.combinations(names, 2))
     matching, verification = pycolmap.FeatureMatchingOptions(), pycolmap.TwoViewGeometryOptions()
-    matching.use_gpu, matching.guided_matching = False, attempt.guided and len(pairs) <= _GUIDED_PAIRS
+    matching.use_gpu = False
+    matching.guided_matching = attempt.guided and len(pairs) <= _GUIDED_PAIRS
     matching.num_threads = 1  # with more, one run in a hundred found other matches
     verification.ransac.random_seed = 0
     listed = pycolmap.ImportedPairingOptions()
@@ -229,7 +236,8 @@ def _match(database: Path, names: Sequence[str], options: Options, attempt: _Att
             say("something stands at one place of all photos, as a logo does; its matches are left out")
             opened.clear_two_view_geometries()
     if has_logo:
-        verification.filter_stationary_matches, verification.stationary_matches_max_error = True, _STILL_PX
+        verification.filter_stationary_matches = True
+        verification.stationary_matches_max_error = _STILL_PX
         listed.match_list_path.write_text("".join(f"{one} {other}\n" for one, other in pairs))
         pycolmap.verify_matches(database, listed.match_list_path, verification)
     return has_logo
@@ -238,7 +246,8 @@ def _match(database: Path, names: Sequence[str], options: Options, attempt: _Att
 def _has_logo(opened: Any, pairs: Sequence[tuple[str, str]]) -> bool:
     """Whether most pairs in which much else moves have matches that do not move in the same few cells of the images."""
     images = {image.name: image for image in opened.read_all_images()}
-    count, counts = 0, np.zeros((_CELLS, _CELLS))
+    count = 0
+    counts = np.zeros((_CELLS, _CELLS))
     for one, other in (pairs[k] for k in evenly(len(pairs), _PAIRS_LOOKED_AT)):
         first, second = images[one], images[other]
         matches = opened.read_matches(first.image_id, second.image_id)
@@ -259,7 +268,8 @@ def _has_logo(opened: Any, pairs: Sequence[tuple[str, str]]) -> bool:
 
 def _map(database: Path, count: int, attempt: _Attempt, is_held: bool) -> list[Any]:
     """All models, the one with the most photos first. count: number of photos; is_held: whether the focal length is."""
-    pycolmap, folder = load_pycolmap(), database.parent
+    pycolmap = load_pycolmap()
+    folder = database.parent
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed, options.min_model_size, options.extract_colors = 0, 2, False
     options.num_threads = 1  # with more threads the order of sums, and so the result, differs from run to run
@@ -297,7 +307,8 @@ def _with_cameras(database: Path, given: Mapping[str, Posed]) -> Any:
     model = pycolmap.Reconstruction()
     with pycolmap.Database.open(database) as opened:
         for stored in opened.read_all_images():
-            one, found = given[stored.name], opened.read_camera(stored.camera_id)
+            one = given[stored.name]
+            found = opened.read_camera(stored.camera_id)
             K, lens = one.camera.K, one.lens
             terms = lens.coefficients if lens is not None else ()
             name, count = ("OPENCV_FISHEYE", 4) if lens is not None and lens.model == "fisheye" else ("FULL_OPENCV", 8)
@@ -338,7 +349,8 @@ def _to_photos(model: Any, photos: dict[str, Photo]) -> None:
     factors = {}
     for number in model.reg_image_ids():
         image = model.image(number)
-        camera, photo = model.camera(image.camera_id), photos[image.name]
+        camera = model.camera(image.camera_id)
+        photo = photos[image.name]
         if image.camera_id not in factors:
             factors[image.camera_id] = (photo.size[0] / camera.width, photo.size[1] / camera.height)
             camera.rescale(*photo.size)

@@ -51,7 +51,8 @@ def find_photos(folder: Path, masks: Path | None, max_size: int, leave_out: Path
     photos: list[Photo] = []
     damaged: dict[str, str] = {}
     for name in names:
-        path, pure = folder / name, PurePosixPath(name)
+        path = folder / name
+        pure = PurePosixPath(name)
         size = image_size(path)
         if size is None:
             damaged[name] = _damage(path)

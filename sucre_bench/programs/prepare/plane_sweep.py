@@ -114,7 +114,8 @@ def _motion(shot: Shot, source: Shot) -> float:
     """How fast points move in the source's image, in pixels per unit of inverse depth (95 % of pixels are slower)."""
     xy, depth = shot.seen_points()
     rays = (np.column_stack([xy, np.ones(len(xy))]) @ np.linalg.inv(shot.camera.K).T).T
-    pose, w = relative_pose(source.cam_from_world, shot.cam_from_world), 1 / depth
+    pose = relative_pose(source.cam_from_world, shot.cam_from_world)
+    w = 1 / depth
     change = 1e-4 * np.median(w)
     ends = [project(source.camera, ((pose[:3, :3] @ rays / at) + pose[:3, 3:]).T)[0] for at in (w, w + change)]
     speed = np.linalg.norm(ends[1] - ends[0], axis=1) / change
@@ -158,7 +159,9 @@ def sweep(
     product, square = np.empty_like(gray), np.empty_like(gray)
     compare, decide = compiled(_compare), compiled(_decide)
     half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])  # OpenCV has pixel centres at whole numbers
-    whole, K_inv, size = np.linalg.inv(half), np.linalg.inv(shot.camera.K), (shot.camera.width, shot.camera.height)
+    whole = np.linalg.inv(half)
+    K_inv = np.linalg.inv(shot.camera.K)
+    size = shot.camera.size
     poses = [relative_pose(source.cam_from_world, shot.cam_from_world) for source in sources]
     for k, offset in enumerate(offsets):
         plane = slope + np.array([0, 0, offset])
@@ -251,14 +254,15 @@ def agreeing(shot: Shot, depth: Array, sources: Sequence[Shot], depth_of: Callab
         stored = depth_at(depth_of(place), xy)
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = stored / z
-            seen += ((xy >= 0) & (xy < (source.camera.width, source.camera.height))).all(axis=1)
+            seen += ((xy >= 0) & (xy < source.camera.size)).all(axis=1)
         agrees = (stored > 0) & (np.abs(ratio - 1) < _AGREEMENT)
         confirmed += agrees
         ratios[agrees] += ratio[agrees]
     kept = np.zeros_like(depth)
     enough = (confirmed > 0) & (confirmed >= np.minimum(seen, 2))
     kept[filled] = np.where(enough, depth[filled] * ratios / (1 + confirmed), 0)
-    levels, found = np.full(kept.shape, -32768, np.int16), kept > 0
+    levels = np.full(kept.shape, -32768, np.int16)
+    found = kept > 0
     levels[found] = np.rint(1000 * np.log(kept[found] / kept.max())).clip(-32000)
     cv2.filterSpeckles(levels, -32768, _SPECK, 20)
     return np.where(levels > -32768, kept, 0).astype(np.float32)

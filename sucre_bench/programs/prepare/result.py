@@ -129,7 +129,9 @@ def write_result(
     and options; aside: a folder on the same disk. Model and depth maps are written there and moved together, so that a
     stop in between cannot leave them at two scales.
     """
-    pycolmap, out, factor = load_pycolmap(), made.out, made.scale.metres_per_unit
+    pycolmap = load_pycolmap()
+    out = made.out
+    factor = made.scale.metres_per_unit
     model = pycolmap.Reconstruction(pinhole)
     model.transform(pycolmap.Sim3d(factor, pycolmap.Rotation3d(), np.zeros(3)))
     for folder in _FOLDERS:
@@ -141,7 +143,8 @@ def write_result(
     made_from, maps = surface
     near, far = np.quantile(np.concatenate([shot.seen_points()[1] for shot in shots]), [0.02, 0.98])
     on_page = shots[:: -(-len(shots) // _MOST_SHOWN)]  # all, or evenly chosen ones of a long dive
-    pictures, qualities = {}, []
+    pictures = {}
+    qualities = []
     for shot in track(shots, "depth maps"):
         depth, origin = maps(shot)
         if write_depth(aside / "depths", shot.name, depth * np.float32(factor)):
@@ -177,7 +180,8 @@ def write_result(
         "surface": made_from,
         "scale": made.scale.note,
     }
-    unit, title = "m" if made.scale.is_metric else "no unit", out.resolve().name
+    unit = "m" if made.scale.is_metric else "no unit"
+    title = out.resolve().name
     page = {"title": title, "unit": unit, "made": made, "facts": facts, "pictures": pictures}
     write_atomically(out / "quality.html", filled_in(__package__, "quality.html.j2", **page))
     _write_record(made, asked, facts, cameras)
@@ -227,8 +231,11 @@ def quality_of(shot: Shot, seen: DepthMap, metres_per_unit: float) -> Quality:
     """Return the figures of an image. seen: its depth map in the model's unit, as the shot's points are."""
     depth, origin = seen
     xy, z = shot.seen_points()
-    there, filled, off = depth_at(depth, xy), depth[depth > 0], np.linalg.norm(xy - shot.xy, axis=1)
-    errors, off = np.abs(there[there > 0] / z[there > 0] - 1), off[np.isfinite(off)]
+    there = depth_at(depth, xy)
+    filled = depth[depth > 0]
+    off = np.linalg.norm(xy - shot.xy, axis=1)
+    errors = np.abs(there[there > 0] / z[there > 0] - 1)
+    off = off[np.isfinite(off)]
     px, error = (float(middle(v)) if len(v) else np.nan for middle, v in ((np.mean, off), (np.median, errors)))
     near, far = (float(np.quantile(filled, q)) * metres_per_unit if len(filled) else np.nan for q in (0.01, 0.99))
     coverage, measured, between = (float(m.mean()) for m in (depth > 0, origin == MEASURED, origin == INTERPOLATED))

@@ -127,7 +127,8 @@ def _ratio(units: Sequence[float], metres: Sequence[float], option: str) -> Scal
 
 def _length(name: str, shot: Shot, pixels: Sequence[float], depth_of: Callable[[Shot], Array]) -> float:
     """The distance of two points in the model's unit, by the depth map around their pixels x, y, x, y."""
-    depth, ends = depth_of(shot), []
+    depth = depth_of(shot)
+    ends = []
     for x, y in (pixels[:2], pixels[2:]):
         column, row = int(x), int(y)
         around = depth[max(0, row - 3) : row + 4, max(0, column - 3) : column + 4]

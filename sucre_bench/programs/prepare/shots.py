@@ -56,7 +56,8 @@ def undistort(photos: Mapping[str, Photo], model: Path, images: Path, masks: Pat
     posed = read_model(model, images, distorted=True)
 
     def write(one: Posed) -> None:
-        photo, lens = photos[one.name], one.lens
+        photo = photos[one.name]
+        lens = one.lens
         if (images / one.name).is_file():
             return
         if photo.mask is not None:

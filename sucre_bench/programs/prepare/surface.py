@@ -48,7 +48,8 @@ class Surface:
         Its second argument, (P, 2) pixels x, y, gives these alone: (1, P).
         """
         o3d = load("prepare", "open3d")
-        tensor, scene = o3d.core.Tensor, o3d.t.geometry.RaycastingScene()
+        tensor = o3d.core.Tensor
+        scene = o3d.t.geometry.RaycastingScene()
         middle = np.median(self.vertices, axis=0)  # rays are float32
         around = (self.vertices - middle).astype(np.float32)
         scene.add_triangles(tensor(around), tensor(self.triangles.astype(np.uint32)))
@@ -157,7 +158,8 @@ def _with_normals(shot: Shot, depth: Array) -> tuple[Array, Array]:
 
 def _carved(surface: Surface, shots: Sequence[Shot], depth_of: Callable[[int], Array]) -> Surface:
     """The surface without the triangles that hide what more photos measured behind them than confirm them."""
-    cast, corners = surface.caster(), surface.triangles.T
+    cast = surface.caster()
+    corners = surface.triangles.T
     votes = np.zeros(len(surface.triangles))
     for i, shot in enumerate(shots):
         (depth, triangle), measured = cast(shot), depth_of(i)

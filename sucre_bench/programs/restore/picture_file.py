@@ -79,11 +79,14 @@ def encoded(picture: npt.NDArray[Any], photograph: bytes, quality: int) -> bytes
 def _by_pillow(picture: npt.NDArray[Any], photograph: bytes, quality: int) -> bytes:
     made, file = Image.fromarray(picture), io.BytesIO()
     with Image.open(io.BytesIO(photograph)) as source:
-        kind, info = source.format or "PNG", source.info
-    names, more = {"exif", "xmp", "icc_profile"} if kind == "WEBP" else {"dpi"}, {}
+        kind = source.format or "PNG"
+        info = source.info
+    names = {"exif", "xmp", "icc_profile"} if kind == "WEBP" else {"dpi"}
+    more = {}
     if photograph.startswith(b"\xff\xd8"):  # of all kinds of JPEG
         kept = (_without_preview(segment) for segment in _segments(photograph) if _is_metadata(segment))
-        kind, more = "JPEG", {"subsampling": 0, "extra": b"".join(kept)}
+        kind = "JPEG"
+        more = {"subsampling": 0, "extra": b"".join(kept)}
     made.save(file, kind, quality=quality, **more, **{name: info[name] for name in names & info.keys()})
     return file.getvalue()
 
@@ -158,7 +161,12 @@ def _tiff(picture: npt.NDArray[Any], photograph: bytes) -> bytes:
     pixels = picture.astype(picture.dtype.newbyteorder(order)).tobytes()
     pixels = zlib.compress(pixels, 6) if is_packed else pixels
     tags[_SIDES], tags[_SIDES + 1] = width, height
-    tags[_BITS], tags[_SAMPLES] = (8 * picture.itemsize,) * 3, 3
-    tags[_COMPRESSION], tags[_COLOURS] = _DEFLATE if is_packed else _NO_COMPRESSION, _RGB
-    tags[_ROWS], tags[_COUNTS], tags[_OFFSETS] = height, len(pixels), 0  # 0: Pillow writes where the directories end
+    tags[_BITS] = (8 * picture.itemsize,) * 3
+    tags[_SAMPLES] = 3
+    tags[_COMPRESSION] = _DEFLATE if is_packed else _NO_COMPRESSION
+    tags[_COLOURS] = _RGB
+    # 0: Pillow writes where the directories end
+    tags[_ROWS] = height
+    tags[_COUNTS] = len(pixels)
+    tags[_OFFSETS] = 0
     return tags.tobytes()[len(_EXIF) :] + pixels

@@ -146,7 +146,8 @@ def restore(
         if source.is_dive:
             dataset = [word for word in options.words if word.startswith("dataset.")]
             source = replace(source, dataset=(*source.dataset, *dataset))
-            display, known = method_choice(options.method, {}).display, option_names("method", options.method)
+            display = method_choice(options.method, {}).display
+            known = option_names("method", options.method)
             values = {name: value for name, value in FOR_A_DIVE.items() if name in known}
             if display != "none" and not is_of_scene(display):
                 values["display"] = f"{display}@scene"  # over all views
@@ -274,7 +275,7 @@ class PreparedDive:
         """Return the lens whose pinhole image has this camera; None if the photograph has no distortion."""
         for lens in self.lenses:
             own = lens.pinhole
-            is_same_size = camera is not None and (own.width, own.height) == (camera.width, camera.height)
+            is_same_size = camera is not None and own.size == camera.size
             if camera and is_same_size and np.allclose(own.K, camera.K, rtol=1e-6) and any(lens.coefficients):
                 return lens
         return None
@@ -282,7 +283,8 @@ class PreparedDive:
 
 def read_prepared(dive: Path) -> PreparedDive | None:
     """Return what a dive's prepare.json says; None without one. DamagedFileError if it cannot be read."""
-    file, remedy = dive / "prepare.json", "prepare the dive again"
+    file = dive / "prepare.json"
+    remedy = "prepare the dive again"
     if (record := read_json(file, remedy)) is None:
         return None
     with reading(file, remedy):

@@ -123,7 +123,7 @@ def as_photographed(lens: Lens, picture: Array, known: Mask) -> tuple[Array, Mas
     """
     import cv2
 
-    size = width, height = lens.camera.width, lens.camera.height
+    size = width, height = lens.camera.size
     across, down = (np.linspace(0.5, side - 0.5, max(2, side // _GRID)) for side in size)
     u, v = np.meshgrid(across, down)
     coarse = lens.straightened(np.stack([u.ravel(), v.ravel()], axis=-1)).reshape(*u.shape, 2)

@@ -111,8 +111,9 @@ def _picture(one: Restored, original_geometry: bool) -> Array:
         picture = with_open_water(whole(picture, coloured, beside), measured, beside)
     if not original_geometry or one.lens is None:
         return picture
-    lens, beside = one.lens, display(read_rgb(one.photograph), "none", one.view.encoding)
-    if beside.shape[1::-1] != (lens.camera.width, lens.camera.height):
+    lens = one.lens
+    beside = display(read_rgb(one.photograph), "none", one.view.encoding)
+    if beside.shape[1::-1] != lens.camera.size:
         size = f"{beside.shape[1]}x{beside.shape[0]}"
         fault = f"is {size}, its camera {lens.camera.width}x{lens.camera.height}"
         raise InputError(fault, one.photograph, "leave out --original-geometry")
@@ -134,6 +135,7 @@ def _sheet(restored: Sequence[Restored], folder: Path) -> bytes:
                 picture = picture.rotate(turned, expand=True)
             sides.append(picture)
         pairs.append((sides[0], sides[1]))
-    content, captions = io.BytesIO(), [f"{one.name}   {one.method}"[-90:] for one in restored]
+    content = io.BytesIO()
+    captions = [f"{one.name}   {one.method}"[-90:] for one in restored]
     contact_sheet(pairs, captions, _WIDE).save(content, "JPEG", quality=90)
     return content.getvalue()

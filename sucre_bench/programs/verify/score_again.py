@@ -134,7 +134,8 @@ class Pictured:
 
         size: the median size of the column; it stands for that of a score near zero.
         """
-        row, period = self.rows[key], scorer.plugin.period
+        row = self.rows[key]
+        period = scorer.plugin.period
         if row.status == "ok" and math.isfinite(stored):
             scale = period / 2 if math.isfinite(period) else max(abs(stored), size)
             apart = max(0.0, _difference(stored, row.value, period) - 1e-9)
@@ -161,7 +162,8 @@ class Pictured:
                 scores_of(replace(self.restoration, image=one), one, self.view, [scorer]) for one in shifted
             ]
         around = [rows[key].value for rows in self._corners[key[:2]] if key in rows]
-        known, value = [one for one in around if math.isfinite(one)], self.rows[key].value
+        known = [one for one in around if math.isfinite(one)]
+        value = self.rows[key].value
         if not math.isfinite(value):
             return math.inf if known else 0.0
         return _WITHIN * max((_difference(one, value, scorer.plugin.period) for one in known), default=0.0)
@@ -182,7 +184,8 @@ def open_data(rows: DataFrame, places: Mapping[str, Path]) -> tuple[Scenes, list
     known = rows[(rows["view"] != "") & rows["dataset"].isin(places)]
     # A scene of a dataset is the same for all methods, unless the bundle mixes data: then each is checked.
     for row in known.drop_duplicates(["dataset", "scene", "data_id"]).itertuples():
-        where, root = f"{row.dataset} / {row.scene}", places[row.dataset]
+        where = f"{row.dataset} / {row.scene}"
+        root = places[row.dataset]
         try:
             scene, data_id = _scene(row, root)
         except SucreBenchError as fault:

@@ -199,7 +199,8 @@ def _opened(bundle: Bundle, picture_of: Callable[[str], Array], row: Any) -> _Op
     image = place.restored(Path(), row.method)
     files = (image, image.with_suffix(".json"), place.original(Path()), place.reference(Path()))
     name, record_name, view, reference = (name if (name := file.as_posix()) in bundle.inside else "" for file in files)
-    picture, remedy = picture_of(name), "ask who made the bundle"
+    picture = picture_of(name)
+    remedy = "ask who made the bundle"
     with reading(bundle.path / name, f"{remedy} for another"):
         mask = mask_in(io.BytesIO(bundle.read(name)), bundle.path / name)
     n_coloured = picture[..., 0].size if mask is None else int(mask.sum())
@@ -315,7 +316,8 @@ class _Check:
 
     def _judge(self, score: Any, scorer: Scorer, pictured: Pictured, is_inexact: bool) -> None:
         """Count a score as agreeing, differing or not checked. is_inexact: a difference may be that of the data."""
-        outcome, key = self._outcome, (score.metric, score.variant, score.region)
+        outcome = self._outcome
+        key = (score.metric, score.variant, score.region)
         again, size = pictured.rows.get(key), self._sizes.get(key[:2], 0.0)
         apart = math.inf if again is None else pictured.difference(scorer, key, score.value, size, self._tolerance)
         is_equal = apart <= self._tolerance
@@ -342,7 +344,8 @@ class _Check:
             outcome.n_agree += 1
             outcome.largest = max(outcome.largest, apart)
             return
-        plugin, value = scorer.plugin, again.value if again and again.status == "ok" else math.nan
+        plugin = scorer.plugin
+        value = again.value if again and again.status == "ok" else math.nan
         if plugin.faults or (_is_share(plugin) and abs(value - score.value) <= _MOVED):
             outcome.unchecked[f"{score.metric} needs the restoration before it was rounded"] += 1
             return
