@@ -72,7 +72,8 @@ class Aqualoc(ImageScaleOption):
             found[name] = folder
             frames: dict[int, list[Path]] = defaultdict(list)
             for file in image_names(folder):
-                if digits := re.findall(r"\d+", file):
+                digits = re.findall(r"\d+", file)
+                if digits:
                     frames[int(digits[-1])].append(folder / file)
             if not frames:
                 raise InputError(f"{folder}: holds no image named like frame000001.png; unpack the sequence there")

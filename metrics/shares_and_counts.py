@@ -8,6 +8,7 @@ import numpy as np
 
 from sucre_bench.arrays import CHANNELS, Array, coloured_pixels
 from sucre_bench.imaging.chart_patches import chart_mask
+from sucre_bench.imaging.visible_faults import is_red
 from sucre_bench.plugins.plugin import metric
 from sucre_bench.scene import Restoration, Score, View
 
@@ -86,14 +87,9 @@ class SaturatedRed:
         counted = coloured_pixels(shown).copy()
         for chart in view.charts:
             counted &= ~chart_mask(chart, (shown.shape[1], shown.shape[0]))
-        red, green, blue = shown[counted].T
-        chroma = red - np.minimum(green, blue)
-        # With red as the maximum, the hue of HSV is 60 degrees times (G - B) / (maximum - minimum), and the saturation
-        # is (maximum - minimum) / maximum.
-        is_red = (red >= green) & (red >= blue) & (np.abs(green - blue) * 60 <= _HUE_DEG * chroma)
-        is_saturated = is_red & (red > _VALUE) & (chroma > _SATURATION * red)
-        value = float(is_saturated.mean()) if red.size else np.nan
-        yield Score(value, n_pixels=red.size, coverage=float(counted.mean()))
+        is_saturated = is_red(shown[counted], _HUE_DEG, _SATURATION, _VALUE)
+        value = float(is_saturated.mean()) if is_saturated.size else np.nan
+        yield Score(value, n_pixels=is_saturated.size, coverage=float(counted.mean()))
 
 
 _OBSERVATIONS = {"all": "n_observations", "repeated": "n_repeated", "views": "n_views"}

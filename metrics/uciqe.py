@@ -84,7 +84,9 @@ def uciqe(shown: npt.NDArray[Any], variant: str = "yang2015") -> float:
     """
     if variant in ("hue", "hue-bgr", "hsv-bytes"):
         return _of_hsv(palette(shown), variant)
-    space: Space = "d50" if variant == "matlab" else "bytes" if variant in _IN_BYTES else "cie"
+    space: Space = "bytes" if variant in _IN_BYTES else "cie"
+    if variant == "matlab":
+        space = "d50"
     L, a, b = _lab(shown, space)
     if variant == "centred":
         a, b = a - 0.5, b - 0.5

@@ -105,7 +105,9 @@ class _InSrgb:
     def load(self, plane: Plane) -> Array | None:
         if plane == "rgb":
             return self.profile.to_srgb(self.view.rgb, self.view.encoding).clip(0, 1)
-        return self.view.reference if plane == "reference" else self.view.depth if self.view.has_depth else None
+        if plane == "reference":
+            return self.view.reference
+        return self.view.depth if self.view.has_depth else None
 
 
 def view_in_srgb(view: View) -> View:

@@ -43,9 +43,10 @@ class FillOption:
 
         colours: returns the method's image (H, W, 3), in the view's encoding, at distances (H, W), 0 = not wanted.
         """
-        if not self.fill or not (z := fill_distances(view)).any():
+        if not self.fill:
             return restoration
-        return replace(restoration, filled=colours(z))
+        z = fill_distances(view)
+        return replace(restoration, filled=colours(z)) if z.any() else restoration
 
 
 def completed_distance(z: Array, guide: Array) -> Array:

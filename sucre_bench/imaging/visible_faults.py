@@ -90,7 +90,7 @@ def look_at(picture: Array, photograph: Array, distance: Array | None = None, be
     is_bright = _parts(labs[1][ground][:, 0])[-1]
     (a, b), (a_was, b_was) = (np.median(lab[ground][is_bright], axis=0)[1:].tolist() for lab in labs)
     cast, hue_deg = _cast(labs, was, metres, ground)
-    red = _is_red(small, _RED_HUE_DEG, 0.5) & ~_is_red(was, _WAS_RED_HUE_DEG, 0.25)
+    red = is_red(small, _RED_HUE_DEG, 0.5, 0.15) & ~is_red(was, _WAS_RED_HUE_DEG, 0.25, 0.15)
     rims, flat = _rims(labs, metres, ground), _flat(small, was, seen)
     return Look(cast, float(red[seen].mean()), rims, flat, below, (a, b), (a_was, b_was), hue_deg)
 
@@ -169,12 +169,16 @@ def _from_line(point: Array, start: Array, end: Array) -> float:
     return float(np.hypot(*(point - start - share * way)))
 
 
-def _is_red(picture: Array, hue_deg: float, saturation: float) -> Mask:
-    """Whether the hue of HSV is so near to red, the saturation above this share, and the value above .15."""
-    red, green, blue = np.moveaxis(picture, -1, 0)
+def is_red(colours: Array, hue_deg: float, saturation: float, value: float) -> Mask:
+    """Return which colours (..., 3) in [0, 1] have a hue of HSV so near to red, and saturation and value above these.
+
+    With red as the maximum, the hue is 60 degrees times (G - B) / (maximum - minimum), and the saturation is
+    (maximum - minimum) / maximum.
+    """
+    red, green, blue = np.moveaxis(colours, -1, 0)
     chroma = red - np.minimum(green, blue)
     is_hue = (red >= green) & (red >= blue) & (np.abs(green - blue) * 60 <= hue_deg * chroma)
-    return np.asarray(is_hue & (red > 0.15) & (chroma > saturation * red))
+    return np.asarray(is_hue & (red > value) & (chroma > saturation * red))
 
 
 def _rims(labs: tuple[Array, Array], metres: Array, ground: Mask) -> float:

@@ -29,7 +29,8 @@ def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, t
     sizes: (width, height) in pixels of every image, by name. Raises InputError, naming the entry, if the file is not in
     the format above. Also if it names an unknown image, an unknown kind, or corners that form no chart in the image.
     """
-    if (content := read_json(path, "mend it there", of_data=True)) is None:
+    content = read_json(path, "mend it there", of_data=True)
+    if content is None:
         return {}
     images = content.get("images") if isinstance(content, dict) else None
     if not isinstance(images, dict) or not all(isinstance(charts, dict) for charts in images.values()):

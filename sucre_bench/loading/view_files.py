@@ -82,7 +82,8 @@ def source_files(view: View) -> Iterator[Path]:
     """Yield the files that a view's pixels are read from; none if they are made."""
     pixels: object = view.pixels
     while not isinstance(pixels, Files):
-        if (pixels := getattr(pixels, "files", None) or getattr(pixels, "source", None)) is None:
+        pixels = getattr(pixels, "files", None) or getattr(pixels, "source", None)
+        if pixels is None:
             return
     yield from (path for path in (pixels.image, pixels.depth, pixels.reference) if isinstance(path, Path))
 
@@ -131,7 +132,9 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
     distorts = lens is not None and (bool(lens.coefficients) or lens.model == "fisheye")
     if lens is not None and distorts and lens.fault:
         raise InputError(f"{lens.fault} (coefficients {lens.coefficients})", image, "undistort the images before")
-    straight = None if lens is None else lens.pinhole if distorts else lens.camera
+    straight = None
+    if lens is not None:
+        straight = lens.pinhole if distorts else lens.camera
     undistorted = None if straight is None else straight.size
     # If the header cannot be read, decoding gives the reason.
     size = photograph.size or image_size(image) or undistorted or (1, 1)
@@ -294,7 +297,8 @@ class SharedPixels:
 
     def load(self, plane: Plane) -> Array | None:
         """Return a plane; of depth maps, the file's mapped values. Raises InputError for a file that is unreadable."""
-        if (values := self._stored(plane)) is None:
+        values = self._stored(plane)
+        if values is None:
             return self.files.load(plane)
         return np.divide(values, np.float32(255)) if values.dtype == np.uint8 else values
 

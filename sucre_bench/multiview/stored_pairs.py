@@ -50,7 +50,8 @@ def sharing(folder: Path, most_bytes: float) -> Iterator[None]:
 
 
 def _shared_folder() -> Path | None:
-    if (shared := _shared.get()) is None:
+    shared = _shared.get()
+    if shared is None:
         return None
     folder, most_bytes = shared
     with suppress(OSError):

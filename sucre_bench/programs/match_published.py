@@ -145,7 +145,8 @@ def read_table(table: str, root: Path, images: Mapping[str, Path], has_reference
             )
         if cells := tuple(Cell(label, found, *number) for label, found, number in numbers if number):
             is_of_bytes = is_mse and max(cell.value for cell in cells) > 1
-            columns.append(Column(metric, header, cells, (255.0**2 if is_of_bytes else 1.0) if is_mse else 0.0))
+            white = 255.0**2 if is_of_bytes else 1.0
+            columns.append(Column(metric, header, cells, white if is_mse else 0.0))
     if not columns:
         raise InputError(f"{table}: holds no number for the images in {root}; give the scores as plain numbers")
     return PublishedTable(tuple(columns), tuple(warnings))
@@ -450,7 +451,9 @@ def in_words(metric: str, variant: str, size: tuple[int, int] | None) -> str:
     kind = base.partition("-")[0]
     name = metric.upper()
     if metric in ("psnr", "ssim"):
-        colours = "gray" if kind in ("gray", "luma") else "Y of YCbCr," if form.change == "y" else "RGB"
+        colours = "Y of YCbCr," if form.change == "y" else "RGB"
+        if kind in ("gray", "luma"):
+            colours = "gray"
         window = {"gaussian": ", Gaussian window", "uniform7": ", uniform 7x7 window"}.get(kind, "")
         window = " of bytes that wrap around," if kind == "wrapped" else window
         name = f"{colours} {name}{window}"

@@ -89,7 +89,8 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str], i
             target = rgb if target is None else target
             if not is_known:
                 pictures[str(compared_with or name)] = picture_of(target)
-            if not (is_alike := target.shape == rgb.shape):
+            is_alike = target.shape == rgb.shape
+            if not is_alike:
                 at_a_size = [name for name in names if re.search(r"@\d", name)]
                 if rgb.shape[0] != rgb.shape[1] or not at_a_size:
                     sizes = [f"{w}x{h}" for h, w, _ in (rgb.shape, target.shape)]
@@ -117,7 +118,8 @@ def images_in(folder: Path) -> dict[str, Path]:
     if folder.is_file():
         return {folder.name: folder}
     check_folder(folder, "give a folder of images, or one image")
-    if not (names := image_names(folder, subfolders=True)):
+    names = image_names(folder, subfolders=True)
+    if not names:
         raise no_image(folder)
     return {name: folder / name for name in names}
 

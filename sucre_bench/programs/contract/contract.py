@@ -121,7 +121,9 @@ class Outcome(NamedTuple):
         levels = {level for level, _ in self.findings}
         if "breach" in levels:
             return "broken"
-        return "skipped" if self.skipped else "doubtful" if "doubt" in levels else "kept"
+        if self.skipped:
+            return "skipped"
+        return "doubtful" if "doubt" in levels else "kept"
 
 
 def subjects(name: str, overrides: Sequence[str] = (), kind: Kind | None = None, on: str = "") -> list[Subject]:

@@ -117,7 +117,8 @@ def colours_what_is_valid(subject: Subject) -> Iterator[str]:
             yield Doubt(f"{name}: nothing is restored, {one_line(reason)}; fine where no answer has a meaning")
             continue
         except ANY_FAULT as fault:
-            if (said := raised(subject, fault)) not in heard:
+            said = raised(subject, fault)
+            if said not in heard:
                 yield f"{name}: {said}"
             heard.add(said)
             continue

@@ -30,8 +30,11 @@ def rules(plugin: Plugin) -> list[Rule]:
     """Return the rules for a metric, of one view or of pairs."""
     is_ordered = plugin.better != "none"
     of_holes = [scores_no_holes] if is_ordered or plugin.is_of_pairs else []
-    is_judged = is_ordered and plugin.needs & {"reference", "charts", "truth"}  # which say what is perfect
-    of_order = [is_symmetric] if plugin.is_of_pairs else [prefers_the_truth] if is_judged else []
+    of_order: list[Rule] = []
+    if plugin.is_of_pairs:
+        of_order = [is_symmetric]
+    elif is_ordered and plugin.needs & {"reference", "charts", "truth"}:  # which say what is perfect
+        of_order = [prefers_the_truth]
     return [stays_in_range, *of_holes, runs_with_least, *of_order, leaves_all_as_it_was, bears_linear_images]
 
 

@@ -134,15 +134,21 @@ def look_at(view: View, reference: bool) -> Look:
         has_reference=target is not None,
         focal=None if camera is None else _floats(camera.K[[0, 1], [0, 1]]),
         position=None if pose is None else _floats(np.linalg.inv(pose)[:3, 3]),
-        mean=() if rgb is None else _floats(rgb.mean(axis=(0, 1), dtype=np.float64)),
-        spread=()
-        if rgb is None
-        else _floats(converted(rgb, view.encoding, "gamma").std(axis=(0, 1), dtype=np.float64)),
-        saturated=0.0 if rgb is None else float((rgb >= _FULL).any(axis=-1).mean()),
+        mean=(),
+        spread=(),
+        saturated=0.0,
         coverage=known.size / distance.size if distance is not None and distance.size else 0.0,
         distances=_floats(np.percentile(known, [1, 50, 99])) if known.size else None,
-        charts=() if rgb is None else _charts(view, rgb, distance),
+        charts=(),
     )
+    if rgb is not None:
+        facts = replace(
+            facts,
+            mean=_floats(rgb.mean(axis=(0, 1), dtype=np.float64)),
+            spread=_floats(converted(rgb, view.encoding, "gamma").std(axis=(0, 1), dtype=np.float64)),
+            saturated=float((rgb >= _FULL).any(axis=-1).mean()),
+            charts=_charts(view, rgb, distance),
+        )
     shrink = min(1.0, _LONG_SIDE / max(width, height, 1))
     small = max(1, round(width * shrink)), max(1, round(height * shrink))
     corners = np.array([chart.corners for chart in view.charts]).reshape(-1, 4, 2)
@@ -301,7 +307,8 @@ def spread_of(views: Sequence[View]) -> Spread | None:
 
     Looks at those that `usable` takes.
     """
-    if len(views := usable(views)) < 2:
+    views = usable(views)
+    if len(views) < 2:
         return None
     nearest, farthest = [], []
     for view in views:

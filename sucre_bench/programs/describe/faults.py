@@ -153,7 +153,8 @@ def _mistake(views: Sequence[View]) -> Fault | None:
     targets = evenly(len(views), MOST_TARGETS)
     targets = targets[:: max(1, len(targets) // 8)]
     pairs = [(k, j) for k in targets for j in range(max(0, k - 2), min(len(views), k + 3)) if j != k]
-    if 1.5 * (as_is := _agreeing(views, pairs)) >= 1:
+    as_is = _agreeing(views, pairs)
+    if 1.5 * as_is >= 1:
         return None
     inverse = [
         _with_depth(view, np.divide(1, view.depth, out=np.zeros_like(view.depth), where=view.depth > 0))
@@ -261,7 +262,8 @@ def _twins(looks: Sequence[Look]) -> list[Fault]:
             small = cv2.resize(look.picture.astype(np.float32), (16, 16), interpolation=cv2.INTER_AREA)
             group = next((names for other, names in tiny if np.abs(other - small).mean() < _SAME), None)
             if group is None:
-                pictures.append(group := [])
+                group = []
+                pictures.append(group)
             group.append(look.facts.name)
             tiny.append((np.asarray(small), group))
         if look.depth is not None and np.ptp(look.depth) > 0:

@@ -101,7 +101,8 @@ def swept(shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longes
         if near[i]:
             sources = [small[j] for j in near[i]]
             depth = sweep(small[i], gray(i), sources, [gray(j) for j in near[i]], *planes_of(small[i], sources))
-        np.save(content := io.BytesIO(), depth)  # into a file it does not say that the disk is full
+        content = io.BytesIO()
+        np.save(content, depth)  # into a file it does not say that the disk is full
         write_atomically(file, content.getvalue())
 
     with ThreadPoolExecutor(usable_cores()) as pool:
@@ -202,7 +203,8 @@ def write_depth(folder: Path, name: str, metres: Array) -> bool:
     if not len(filled):
         return False
     if 1000 * filled.max() > _MOST_MILLIMETRES or np.median(filled) < _NEAR_M:
-        tifffile.imwrite(content := io.BytesIO(), metres.astype(np.float32), compression=None)
+        content = io.BytesIO()
+        tifffile.imwrite(content, metres.astype(np.float32), compression=None)
         write_atomically(stem.with_name(f"{stem.name}.tif"), content.getvalue())
     else:
         write_png(stem.with_name(f"{stem.name}.png"), np.rint(1000 * metres).astype(np.uint16))

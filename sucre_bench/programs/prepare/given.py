@@ -132,9 +132,11 @@ def network_maps(
         try:
             read = partial(_read_map, found[name], shot, lens_of[shot.name])
             xy, z = shot.seen_points()
-            height, width = (values := read()).shape
+            values = read()
+            height, width = values.shape
             at = depth_at(values, xy * (width / shot.camera.width, height / shot.camera.height))
-            if (known := at > 0).sum() < _FEWEST_POINTS:
+            known = at > 0
+            if known.sum() < _FEWEST_POINTS:
                 raise InputError(f"{known.sum()} sparse points have a value", found[name], "it cannot be fitted")
             seen[shot.name] = read, at[known], z[known]
         except InputError as fault:

@@ -142,9 +142,7 @@ def _attempt(
             else:
                 models = [pycolmap.triangulate_points(posed, database, folder / "gray", folder)]
         if models:
-            _to_photos(models[0], {photo.key: photo for photo in photos})
-            names = sorted(models[0].image(number).name for number in models[0].reg_image_ids())
-            write_model(models[0], model)
+            names = _written(models[0], {photo.key: photo for photo in photos}, model)
         matches = _best_matches(database, photos, names)
     mapped = Mapped(model, names, attempt.name, matches, damaged, [m.num_reg_images() for m in models], has_logo)
     write_atomically(folder / "model.json", json.dumps(asdict(mapped), default=str).encode())
@@ -232,7 +230,8 @@ def _match(database: Path, names: Sequence[str], options: Options, attempt: _Att
         listed.match_list_path.write_text("".join(f"{one} {other}\n" for one, other in batch))
         pycolmap.match_image_pairs(database, matching, listed, verification, pycolmap.Device.cpu)
     with pycolmap.Database.open(database) as opened:
-        if has_logo := _has_logo(opened, pairs):
+        has_logo = _has_logo(opened, pairs)
+        if has_logo:
             say("something stands at one place of all photos, as a logo does; its matches are left out")
             opened.clear_two_view_geometries()
     if has_logo:
@@ -338,14 +337,12 @@ def adopted(sparse: Path, photos: dict[str, Photo], folder: Path, fewest: int) -
             model.deregister_frame(image.frame_id)
     if model.num_points3D() == 0 or model.compute_mean_observations_per_reg_image() < fewest:
         return None
-    _to_photos(model, photos)
-    names = sorted(model.image(number).name for number in model.reg_image_ids())
-    write_model(model, folder / "model")
+    names = _written(model, photos, folder / "model")
     return Mapped(folder / "model", names, "given", {}, {}, [len(names)])
 
 
-def _to_photos(model: Any, photos: dict[str, Photo]) -> None:
-    """Convert names, cameras and features from the gray pictures to the photos."""
+def _written(model: Any, photos: dict[str, Photo], folder: Path) -> list[str]:
+    """Convert names, cameras and features of a model to those of the photos, write it, and return the names."""
     factors = {}
     for number in model.reg_image_ids():
         image = model.image(number)
@@ -357,6 +354,8 @@ def _to_photos(model: Any, photos: dict[str, Photo]) -> None:
         for point in image.points2D:
             point.xy = point.xy * factors[image.camera_id]
         image.name = photo.output
+    write_model(model, folder)
+    return sorted(model.image(number).name for number in model.reg_image_ids())
 
 
 def _best_matches(database: Path, photos: Sequence[Photo], placed: Sequence[str]) -> dict[str, tuple[int, str]]:

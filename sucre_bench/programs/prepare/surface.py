@@ -102,13 +102,13 @@ def fused(shots: Sequence[Shot], depth_of: Callable[[int], Array], widest: float
     from scipy.spatial import cKDTree
 
     o3d = load("prepare", "open3d")
-    cloud = _points(shots, depth_of, o3d)
+    footprint = np.median([np.median(s.seen_points()[1]) / s.camera.K[0, 0] for s in shots if len(s.points)])
+    cloud = _points(shots, depth_of, _VOXEL_PX * footprint, o3d)
     if cloud is None:
         return Surface(np.zeros((3, 3)), np.zeros((1, 3), np.int64), np.zeros(3))
     middle = cloud.get_center()
     cloud.translate(-middle)
     side = float(np.max(cloud.get_max_bound() - cloud.get_min_bound()))
-    footprint = np.median([np.median(s.seen_points()[1]) / s.camera.K[0, 0] for s in shots if len(s.points)])
     level = int(np.clip(np.ceil(np.log2(side / (_VOXEL_PX * footprint))), *_LEVELS))
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
@@ -126,9 +126,8 @@ def fused(shots: Sequence[Shot], depth_of: Callable[[int], Array], widest: float
     return _carved(surface, shots, depth_of)
 
 
-def _points(shots: Sequence[Shot], depth_of: Callable[[int], Array], o3d: Any) -> Any:
+def _points(shots: Sequence[Shot], depth_of: Callable[[int], Array], voxel: float, o3d: Any) -> Any:
     """The measured points of all photos with normals, one a voxel, without outliers; None if there are too few."""
-    voxel = _VOXEL_PX * np.median([np.median(s.seen_points()[1]) / s.camera.K[0, 0] for s in shots if len(s.points)])
     cloud = o3d.geometry.PointCloud()
     for i, shot in enumerate(shots):
         points, normals = _with_normals(shot, depth_of(i))

@@ -66,7 +66,8 @@ def sorted_words(words: Sequence[str], method: str) -> tuple[tuple[str, ...], tu
     for word, (name, _, value) in ((word, word.partition("=")) for word in where):
         if name in _LEAST and not (re.fullmatch("0|[1-9][0-9]{0,5}", value) and int(value) >= _LEAST[name]):
             raise InputError(f"is no whole number of {_LEAST[name]} or more", word, f"give one, for example {name}=4")
-    for word in (options := tuple(word for word in words if word not in where)):
+    options = tuple(word for word in words if word not in where)
+    for word in options:
         owner, dot, _ = word.partition("=")[0].partition(".")
         if not dot or owner not in ("dataset", "method", method):
             remedy = f"give options of the dataset or the method, for example {method}.fill=false, or workers=4"
@@ -285,7 +286,8 @@ def read_prepared(dive: Path) -> PreparedDive | None:
     """Return what a dive's prepare.json says; None without one. DamagedFileError if it cannot be read."""
     file = dive / "prepare.json"
     remedy = "prepare the dive again"
-    if (record := read_json(file, remedy)) is None:
+    record = read_json(file, remedy)
+    if record is None:
         return None
     with reading(file, remedy):
         cameras = record["cameras"].values()
@@ -298,7 +300,8 @@ def read_prepared(dive: Path) -> PreparedDive | None:
 def photographs_in(folder: Path) -> dict[str, Path]:
     """Return the photographs in a folder and its sub-folders by their path in it. InputError if there is none."""
     check_folder(folder, "give the one that holds the photographs")
-    if not (found := {name: folder / name for name in image_names(folder, subfolders=True)}):
+    found = {name: folder / name for name in image_names(folder, subfolders=True)}
+    if not found:
         raise InputError("holds no photographs", folder, "put .jpg, .png or .tif there")
     return found
 

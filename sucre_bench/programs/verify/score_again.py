@@ -223,7 +223,8 @@ def _scene(row: Any, root: Path) -> tuple[Scene, str]:
     name, _ = results.unreplicated(row.scene)
     alike = [scene for scene in scenes if row.data_id and drawn.data_id(scene.data_id) == row.data_id]
     named = [scene for scene in scenes if scene.name == name]
-    if not (found := alike or named or (scenes if len(scenes) == 1 else [])):
+    found = alike or named or (scenes if len(scenes) == 1 else [])
+    if not found:
         raise InputError(f"{root}: has no scene '{name}'; give the folder of the same data")
     return degraded_whole(replace(found[0], name=name), drawn), drawn.data_id(found[0].data_id)
 

@@ -295,7 +295,8 @@ class _Check:
     def _score(self, row: Any, opened: _Opened, scores: Sequence[Any]) -> None:
         """Compute scores of a restoration again, and judge each. row: of the restoration."""
         restoration = opened.restoration
-        if (scene := self._scenes.get((row.dataset, row.scene))) is not None:
+        scene = self._scenes.get((row.dataset, row.scene))
+        if scene is not None:
             view = scene[row.view]
             if view.rgb.shape != restoration.image.shape:
                 raise InputError(f"{opened.image}: is not of the size of its view; ask who made the bundle")
