@@ -106,9 +106,10 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
     typed += [word for word in parsed if word not in params]
     _load([word for word in typed if word.key == "plugins"])
     groups = [word for word in typed if _is_of_hydra(word)]
-    for word in groups:
-        if None in word.values and (known := loader.get_group_options(word.key)):
-            raise InputError("is no choice", word.text, f"give one of {', '.join(known)}")
+    for one in groups:
+        known = loader.get_group_options(one.key) if None in one.values else []
+        if known:
+            raise InputError("is no choice", one.text, f"give one of {', '.join(known)}")
     experiments = [word for word in groups if word.key == "experiment"]
     if len(experiments) + len(files) > 1:
         raise InputError("beside another experiment", experiments[-1].text, "run one at a time")
