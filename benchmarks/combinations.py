@@ -43,12 +43,17 @@ def taus(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 def interval(values: np.ndarray) -> str:
     """Return the mean and its 95 % interval, a bootstrap over scenes."""
-    draws = values[np.random.default_rng(0).integers(0, len(values), (4000, len(values)))].mean(axis=1)
+    draws = values[np.random.default_rng(0).integers(0, len(values), (4000, len(values)))].mean(
+        axis=1
+    )
     return "{:+.3f} [{:+.3f}, {:+.3f}]".format(values.mean(), *np.quantile(draws, (0.025, 0.975)))
 
 
 def best(
-    of: Sequence[tuple[str, ...]], values: dict[str, np.ndarray], target: np.ndarray, fits: np.ndarray
+    of: Sequence[tuple[str, ...]],
+    values: dict[str, np.ndarray],
+    target: np.ndarray,
+    fits: np.ndarray,
 ) -> tuple[str, ...]:
     """Return the scores whose mean rank agrees best with the target on the views that fit."""
     agreement = [taus(sum(values[name][fits] for name in some), target[fits]).mean() for some in of]
@@ -67,7 +72,11 @@ def judge(folder: Path, truth: str) -> None:
     wide, true = wide[true.notna().all(axis=1)], true.dropna()
     known = [name for name in SCORES if name in wide and wide[name].notna().mean().mean() > 0.9]
     ranks = {
-        n: wide[n].reindex(columns=methods).rank(axis=1, pct=True, ascending=not SCORES[n]).fillna(0.5) for n in known
+        n: wide[n]
+        .reindex(columns=methods)
+        .rank(axis=1, pct=True, ascending=not SCORES[n])
+        .fillna(0.5)
+        for n in known
     }
     values, target = (
         {n: r.to_numpy() for n, r in ranks.items()},
@@ -89,16 +98,25 @@ def judge(folder: Path, truth: str) -> None:
         three = best([(*pair, n) for n in known if n not in pair], values, target, fits)
         columns = np.stack([values[n][fits].ravel() - 0.5 for n in known], axis=1)
         weights = nnls(columns, target[fits].ravel() - 0.5)[0]
-        rules = {name: sum(values[n] for n in c) for name, c in (("single", one), ("pair", pair), ("three", three))}
+        rules = {
+            name: sum(values[n] for n in c)
+            for name, c in (("single", one), ("pair", pair), ("three", three))
+        }
         rules["least squares"] = sum(w * values[n] for w, n in zip(weights, known, strict=True))
         for name, what in (("single", one), ("pair", pair), ("three", three)):
             chosen.setdefault(name, Counter())[" + ".join(what)] += 1
-        chosen.setdefault("least squares", Counter()).update(n for w, n in zip(weights, known, strict=True) if w > 0.1)
+        chosen.setdefault("least squares", Counter()).update(
+            n for w, n in zip(weights, known, strict=True) if w > 0.1
+        )
         for name, rule in rules.items():
             of_view = taus(rule, target)
             for scene in np.setdiff1d(names, half):
-                found.setdefault(name, {}).setdefault(scene, []).append(of_view[scenes == scene].mean())
-    print(f"{truth}: {len(names)} scenes, {len(true)} views, {len(methods)} methods; {len(known)} scores")
+                found.setdefault(name, {}).setdefault(scene, []).append(
+                    of_view[scenes == scene].mean()
+                )
+    print(
+        f"{truth}: {len(names)} scenes, {len(true)} views, {len(methods)} methods; {len(known)} scores"
+    )
     single = pd.Series({scene: np.mean(of) for scene, of in found["single"].items()})
     for name, by_scene in found.items():
         mean = pd.Series({scene: np.mean(of) for scene, of in by_scene.items()})
@@ -107,7 +125,9 @@ def judge(folder: Path, truth: str) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("results", type=Path)
     for known_truth in ("colours:gain", "colours:raw", "colours_de00:gain"):
         judge(parser.parse_args().results, known_truth)

@@ -47,7 +47,9 @@ def compare_on(scene: Scene) -> None:
     view = scene.views[len(scene.views) // 2]
     observations = observe(view, scene.views)
     start = start_of(observations, view.rgb.reshape(-1, 3))
-    print(f"\n{len(observations):,} observations of {len(observations.pixels):,} pixels, {usable_cores()} cores")
+    print(
+        f"\n{len(observations):,} observations of {len(observations.pixels):,} pixels, {usable_cores()} cores"
+    )
     print(f"{'':24}{'seconds':>9}{'ratio':>8}{'water differs by':>18}{'J by at most':>14}")
 
     def exact(backend: Any, device: Any) -> Callable[[], Solution]:
@@ -58,7 +60,9 @@ def compare_on(scene: Scene) -> None:
         return lambda: solve_adam(observations, start, SucrePaper(device=device))
 
     reference = exact("numpy", "cpu")() if len(observations) <= REFERENCE_AT_MOST else None
-    table(reference, {f"exact, {b} on {d}": exact(b, d) for b, d in PLACES}, of="exact, torch on cpu")
+    table(
+        reference, {f"exact, {b} on {d}": exact(b, d) for b, d in PLACES}, of="exact, torch on cpu"
+    )
     table(None, {f"adam, torch on {d}": adam(d) for d in ("cpu", "cuda")}, of="adam, torch on cpu")
 
 

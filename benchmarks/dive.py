@@ -38,7 +38,9 @@ class Made:
             return np.full((CAMERA.height, CAMERA.width), DEPTH_M, np.float32)
         along = self.at_m + (np.arange(CAMERA.width) + 0.5 - 48) / 80 * DEPTH_M
         gray = np.rint(127 + 100 * np.sin(along)) / 255
-        return np.broadcast_to(gray[None, :, None], (CAMERA.height, CAMERA.width, 3)).astype(np.float32)
+        return np.broadcast_to(gray[None, :, None], (CAMERA.height, CAMERA.width, 3)).astype(
+            np.float32
+        )
 
 
 def make_views(places: range) -> list[View]:
@@ -73,7 +75,9 @@ def main() -> None:
     fastest = {name: min(times) for name, times in seconds.items()}
     for name, its in fastest.items():
         print(f"{name:24} {its * 1e3:9.1f} {its / fastest['the views that overlap']:7.2f}")
-    assert fastest["the whole dive"] < 2 * fastest["the views that overlap"], "culling costs more than pairing"
+    assert fastest["the whole dive"] < 2 * fastest["the views that overlap"], (
+        "culling costs more than pairing"
+    )
 
 
 if __name__ == "__main__":

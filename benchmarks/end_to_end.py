@@ -49,7 +49,9 @@ class Taken:
     mb: float
 
     def __str__(self) -> str:
-        return f"{self.cpu_s:8.2f} {self.wall_s:8.2f} {'' if np.isnan(self.mb) else round(self.mb):>7}"
+        return (
+            f"{self.cpu_s:8.2f} {self.wall_s:8.2f} {'' if np.isnan(self.mb) else round(self.mb):>7}"
+        )
 
 
 def command(checkout: Path, *words: str) -> Taken:
@@ -58,15 +60,22 @@ def command(checkout: Path, *words: str) -> Taken:
     environment = {**os.environ, "PYTHONPATH": str(checkout), "PYTHONSAFEPATH": "1"}
     started = time.perf_counter()
     with subprocess.Popen(
-        [sys.executable, "-c", code, *words], env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+        [sys.executable, "-c", code, *words],
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
     ) as process:
         assert process.stderr is not None
         said = process.stderr.read().decode()
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
-        raise SystemExit(f"{checkout}: sucre-bench {' '.join(words)} ended with {process.returncode}\n{said}")
-    return Taken(usage.ru_utime + usage.ru_stime, time.perf_counter() - started, usage.ru_maxrss / 1024)
+        raise SystemExit(
+            f"{checkout}: sucre-bench {' '.join(words)} ended with {process.returncode}\n{said}"
+        )
+    return Taken(
+        usage.ru_utime + usage.ru_stime, time.perf_counter() - started, usage.ru_maxrss / 1024
+    )
 
 
 def step(work: Callable[[], object]) -> Taken:
@@ -93,12 +102,25 @@ def commands(folder: Path, checkouts: Sequence[Path], n: int, dive: Sequence[str
     show("one view, sucre, again", "6 s wall", *(one_view(c) for c in checkouts))
     show("  without mlflow and page", "4 s wall", *(one_view(c, *PLAIN) for c in checkouts))
     outs = {c: f"out={folder / fresh()}" for c in checkouts}
-    many = ("run", "-m", "dataset=photos", f"dataset.root={photos}", "method=underwater,gray_world", *PLAIN)
+    many = (
+        "run",
+        "-m",
+        "dataset=photos",
+        f"dataset.root={photos}",
+        "method=underwater,gray_world",
+        *PLAIN,
+    )
     first = [command(c, *many, outs[c]) for c in checkouts]
     show(f"{n} tiny views x 2 methods", f"{2 * n * 0.03:.0f} s, 500 MB", *first)
     show("  all stored", "5 s", *(command(c, *many, outs[c]) for c in checkouts))
-    show("  compare", "2 s", *(command(c, "compare", outs[c].removeprefix("out=")) for c in checkouts))
-    show("  report", "5 s", *(command(c, "report", outs[c].removeprefix("out=")) for c in checkouts))
+    show(
+        "  compare",
+        "2 s",
+        *(command(c, "compare", outs[c].removeprefix("out=")) for c in checkouts),
+    )
+    show(
+        "  report", "5 s", *(command(c, "report", outs[c].removeprefix("out=")) for c in checkouts)
+    )
 
 
 _counter: Iterator[int] = iter(range(1000))
@@ -118,7 +140,9 @@ def made_photos(folder: Path, n: int) -> Path:
 
 
 def texture(k: int, width: int, height: int) -> np.ndarray:
-    coarse = np.random.default_rng(k).integers(0, 256, (height // 20, width // 20, 3), dtype=np.uint8)
+    coarse = np.random.default_rng(k).integers(
+        0, 256, (height // 20, width // 20, 3), dtype=np.uint8
+    )
     return cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
 
 
@@ -150,7 +174,9 @@ def writing(folder: Path) -> None:
     """Rows of views with 767 scores each, a flush every second view."""
     rows = [
         replace(
-            Row(options="{}", time="2026-01-01T00:00:00.000000+00:00"), view=f"{n // 767}.png", region=f"c/{n % 767}"
+            Row(options="{}", time="2026-01-01T00:00:00.000000+00:00"),
+            view=f"{n // 767}.png",
+            region=f"c/{n % 767}",
         )
         for n in range(200 * 767)
     ]
@@ -163,30 +189,54 @@ def writing(folder: Path) -> None:
         part.flush()
 
     taken = step(write)
-    show(f"writing {len(rows):,} rows", "2 us a row", taken, note=f"{1e6 * taken.cpu_s / len(rows):.2f} us a row")
+    show(
+        f"writing {len(rows):,} rows",
+        "2 us a row",
+        taken,
+        note=f"{1e6 * taken.cpu_s / len(rows):.2f} us a row",
+    )
 
 
 def pairing(folder: Path) -> None:
     """One target of 12 megapixels with its neighbours, decoded once, and the paper's rule in plain PyTorch."""
-    views, camera = [], Camera(np.array([[3600.0, 0, 2000], [0, 3600, 1500], [0, 0, 1]]), WIDTH, HEIGHT)
+    views, camera = (
+        [],
+        Camera(np.array([[3600.0, 0, 2000], [0, 3600, 1500], [0, 0, 1]]), WIDTH, HEIGHT),
+    )
     ground = texture(1, WIDTH + 40 * NEIGHBOURS, HEIGHT)
     (folder / "dive").mkdir()
     for k in range(NEIGHBOURS + 1):
-        image, depth, pose = folder / "dive" / f"{k}.png", folder / "dive" / f"depth_{k}.png", np.eye(4)
-        cv2.imwrite(str(image), ground[:, 40 * k : 40 * k + WIDTH], [cv2.IMWRITE_PNG_COMPRESSION, 1])
+        image, depth, pose = (
+            folder / "dive" / f"{k}.png",
+            folder / "dive" / f"depth_{k}.png",
+            np.eye(4),
+        )
+        cv2.imwrite(
+            str(image), ground[:, 40 * k : 40 * k + WIDTH], [cv2.IMWRITE_PNG_COMPRESSION, 1]
+        )
         cv2.imwrite(str(depth), np.full((HEIGHT, WIDTH), 3600, np.uint16))
         pose[0, 3] = -0.04 * k  # nearly all pixels are seen again
         views.append(View(image.name, Files(image, (WIDTH, HEIGHT), depth), camera, pose))
-    scene = with_shared_pixels(Scene("dive", views, frozenset({"depth", "poses"}), data_id="benchmark"))
+    scene = with_shared_pixels(
+        Scene("dive", views, frozenset({"depth", "poses"}), data_id="benchmark")
+    )
     observe(*_small())  # compiles
     with storing(ArrayStore(folder / "store", 1e11)):
-        decoding = step(lambda: [(view.pixels.load("rgb"), view.pixels.load("depth")) for view in scene])
+        decoding = step(
+            lambda: [(view.pixels.load("rgb"), view.pixels.load("depth")) for view in scene]
+        )
         observe(scene[0], scene.views[:2])  # the first one also maps files
         few = step(lambda: observe(scene[0], scene.views[: FEW + 1]))
         ours = step(lambda: observe(scene[0], scene.views))
         depths = {view.name: torch.from_numpy(view.depth.copy()) for view in scene.views[:2]}
-    two_maps = step(lambda: (landings(*scene.views[:2], depths), landings(*scene.views[1::-1], depths)))
-    show("decoding 100 views of 12 MP, once a run", "", _extrapolated(Taken(0, 0, np.nan), 0, decoding, NEIGHBOURS + 1))
+    two_maps = step(
+        lambda: (landings(*scene.views[:2], depths), landings(*scene.views[1::-1], depths))
+    )
+    show(
+        "decoding 100 views of 12 MP, once a run",
+        "",
+        _extrapolated(Taken(0, 0, np.nan), 0, decoding, NEIGHBOURS + 1),
+    )
     whole = _extrapolated(few, FEW, ours, NEIGHBOURS)
     note = f"{whole.cpu_s / 100 / two_maps.cpu_s:.2f} x two maps in PyTorch"
     show(f"pairing 12 MP with 100 views, from {FEW} and {NEIGHBOURS}", "20 s", whole, note=note)
@@ -213,12 +263,21 @@ def main() -> None:
     given = parser.parse_args()
     dive = ["dataset=demo", "first=1"]
     if given.root:
-        dive = ["dataset=colmap", f"dataset.root={given.root}", f"views=['{given.view}']" if given.view else "first=1"]
+        dive = [
+            "dataset=colmap",
+            f"dataset.root={given.root}",
+            f"views=['{given.view}']" if given.view else "first=1",
+        ]
     heading = "   CPU s   wall s      MB"
     before = f"{heading}  ratio  (ours, then {given.checkout})" if given.checkout else ""
     print(f"{'':46} {'target':>12} {heading} {before}")
     with tempfile.TemporaryDirectory() as folder:
-        commands(Path(folder), [HERE, *([given.checkout.resolve()] if given.checkout else [])], given.views, dive)
+        commands(
+            Path(folder),
+            [HERE, *([given.checkout.resolve()] if given.checkout else [])],
+            given.views,
+            dive,
+        )
         writing(Path(folder))
         scoring(next(given.root.rglob(given.view)) if given.root and given.view else None)
         pairing(Path(folder))

@@ -18,7 +18,13 @@ from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter, unifo
 import sucre_bench as sb
 from sucre_bench.arrays import Array
 
-ROWS = (("coastal", 3, False), ("coastal", 8, False), ("clear", 8, False), ("turbid", 8, False), ("coastal", 8, True))
+ROWS = (
+    ("coastal", 3, False),
+    ("coastal", 8, False),
+    ("clear", 8, False),
+    ("turbid", 8, False),
+    ("coastal", 8, True),
+)
 ERROR = 0.08  # of the light, uneven
 EDGE = 1.05  # ratio of depths within 5 x 5 pixels
 
@@ -32,7 +38,9 @@ def uneven(scene: sb.Scene) -> sb.Scene:
         smooth = gaussian_filter(rng.normal(size=(height, width)), width / 8)
         light = 1 + ERROR * smooth / smooth.std()
         seen = np.rint(255 * (view.rgb * light[..., None]).clip(0, 1)) / 255
-        return sb.View(view.name, sb.Arrays(seen, view.depth, view.reference), view.camera, view.cam_from_world)
+        return sb.View(
+            view.name, sb.Arrays(seen, view.depth, view.reference), view.camera, view.cam_from_world
+        )
 
     return replace(scene, views=[lit(view) for view in scene.views])
 
@@ -57,7 +65,9 @@ def measured(scene: sb.Scene, view: sb.View, **options: bool) -> tuple[float, fl
 
 def main() -> None:
     """Measure and print one line a view."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--size", default="640x480", help="of the images (default 640x480)")
     width, height = (int(side) for side in parser.parse_args().size.split("x"))
     print("| | refine=false | refine=true | dots, refine=false | refine=true |")

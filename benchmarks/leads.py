@@ -37,7 +37,9 @@ def leader(views: np.ndarray, units: Units) -> tuple[int, np.ndarray]:
     return best, mean[best] - mean > leads(units, best)
 
 
-def case(name: str, n: int, methods: int, alike: float, tables: int, is_fragile: bool = False) -> None:
+def case(
+    name: str, n: int, methods: int, alike: float, tables: int, is_fragile: bool = False
+) -> None:
     """Print a line."""
     rng = np.random.default_rng(0)
     false, found, fragile = np.zeros(2), np.zeros(2), 0
@@ -53,9 +55,13 @@ def case(name: str, n: int, methods: int, alike: float, tables: int, is_fragile:
             best, behind = leader(better, units)
             is_found = best == 0 and behind[1:].any()
             found[k] += is_found
-            fragile += bool(k and is_found and undone_by(units, 0, int(np.flatnonzero(behind)[0])) is not None)
+            fragile += bool(
+                k and is_found and undone_by(units, 0, int(np.flatnonzero(behind)[0])) is not None
+            )
     shares = (*(false / tables), *(found / tables), fragile / max(found[1], 1))
-    print(f"{name:<36}{n:>4}{methods:>9}" + "".join(f"{share:>11.3f}" for share in shares), flush=True)
+    print(
+        f"{name:<36}{n:>4}{methods:>9}" + "".join(f"{share:>11.3f}" for share in shares), flush=True
+    )
 
 
 def scenes(sizes: list[int], methods: int, between: float, tables: int) -> None:
@@ -65,11 +71,16 @@ def scenes(sizes: list[int], methods: int, between: float, tables: int) -> None:
         of_scenes = np.repeat(between * rng.normal(size=(len(sizes), methods)), sizes, axis=0)
         views = of_scenes + rng.normal(size=(sum(sizes), methods))
         false += bool(leader(views, Units.of(views, sizes))[1].any())
-    print(f"scenes of {sizes} views, between {between:<12}{methods:>5}{'':>11}{false / tables:>11.3f}", flush=True)
+    print(
+        f"scenes of {sizes} views, between {between:<12}{methods:>5}{'':>11}{false / tables:>11.3f}",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--tables", type=int, default=400, help="simulated tables of a case")
     n_tables = parser.parse_args().tables
     heads = ("false", "corrected", "found", "corrected", "one view")
@@ -77,7 +88,13 @@ if __name__ == "__main__":
     for alike in (0.0, 0.5, 0.8):
         for n in (4, 8, 20, 40):
             for methods in (2, 5, 18):
-                case(f"neighbours alike by {alike}", n, methods, alike, n_tables if methods < 18 else n_tables // 4)
+                case(
+                    f"neighbours alike by {alike}",
+                    n,
+                    methods,
+                    alike,
+                    n_tables if methods < 18 else n_tables // 4,
+                )
     for n in (8, 20):
         case("one method collapses in 1 of 10", n, 2, 0.0, n_tables, is_fragile=True)
     for sizes in ([4] * 4, [2, 3, 12, 30], [1, 2, 4, 20], [2, 3, 5, 12, 8, 4]):

@@ -60,7 +60,9 @@ def scored(restoration: Restoration, view: View, metrics: tuple[str, ...]) -> No
     """Show the restoration, and score it as the engine does."""
     shown = display(restoration.image, "stretch-1-99")
     rows = score_rows(restoration, shown, view, scorers(metric_choices(metrics)), Row())
-    assert all(row.status != "failed" for row in rows), [row.reason for row in rows if row.status == "failed"]
+    assert all(row.status != "failed" for row in rows), [
+        row.reason for row in rows if row.status == "failed"
+    ]
 
 
 def fastest(work: Callable[[], object], turns: int = TURNS) -> tuple[float, float, float]:
@@ -72,7 +74,9 @@ def fastest(work: Callable[[], object], turns: int = TURNS) -> tuple[float, floa
         work()
         taken.append((time.process_time() - cpu, time.perf_counter() - wall))
     status = Path("/proc/self/status").read_text()
-    peak_kib = next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM"))
+    peak_kib = next(
+        int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM")
+    )
     return *min(taken), peak_kib / 2**20
 
 
@@ -94,7 +98,11 @@ def grid_of_charts(width: int, height: int, side: int) -> list[Chart]:
     """side x side charts beside one another."""
     w, h = width / side, height / side
     frame = np.array([[0.05, 0.05], [0.95, 0.05], [0.95, 0.95], [0.05, 0.95]]) * [w, h]
-    return [Chart(f"{i}-{j}", "dgk", frame + np.array([i * w, j * h])) for i in range(side) for j in range(side)]
+    return [
+        Chart(f"{i}-{j}", "dgk", frame + np.array([i * w, j * h]))
+        for i in range(side)
+        for j in range(side)
+    ]
 
 
 def main() -> None:

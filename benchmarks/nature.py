@@ -65,7 +65,12 @@ ELSEWHERE = {
 }
 # The model holds in these, and light is even: nothing is to be said.
 QUIET = [
-    *("plain/coastal/approach", "plain/clear/forward", "plain/haze/approach", "plain/deep/approach"),
+    *(
+        "plain/coastal/approach",
+        "plain/clear/forward",
+        "plain/haze/approach",
+        "plain/deep/approach",
+    ),
     *("plain/green/approach", "plain/blue/orbit", "noise_1/coastal/approach"),
     *("low_contrast/coastal/approach", "noise_3/coastal/approach"),
 ]
@@ -103,17 +108,32 @@ def scores_of(result: sb.Restored, water: sb.Water, J: Array) -> dict[str, Any]:
     if result.confidence is not None and ok.any():
         row["cov"] = float((np.abs(found - true) < 2 * result.confidence[ok][:, None]).mean())
     if result.water is not None:
-        for name, field in (("beta", "attenuation"), ("B", "veiling_light"), ("gamma", "backscatter")):
+        for name, field in (
+            ("beta", "attenuation"),
+            ("B", "veiling_light"),
+            ("gamma", "backscatter"),
+        ):
             error = error_of(getattr(result.water, field), getattr(water, field))
             row |= {f"{name}_{c}": value for c, value in zip("rgb", error, strict=True)}
             row[name] = float(np.abs(error).max())
-        spread = [np.nan if x is None else x for x in result.info.get("standard_error", {}).get("beta", [np.nan] * 3)]
+        spread = [
+            np.nan if x is None else x
+            for x in result.info.get("standard_error", {}).get("beta", [np.nan] * 3)
+        ]
         with np.errstate(divide="ignore", invalid="ignore"):
             z = (result.water.attenuation - water.attenuation) / np.array(spread)
         row |= {"z": float(np.abs(z).max()), **dict(zip(("z_r", "z_g", "z_b"), z, strict=True))}
-    about = {key: value for key, value in result.info.items() if key in ("gains", "light", "robust", "unexplained")}
+    about = {
+        key: value
+        for key, value in result.info.items()
+        if key in ("gains", "light", "robust", "unexplained")
+    }
     limits = list(result.info.get("limits", ()))
-    return row | {"limits": len(limits) > 0, "limits_text": " | ".join(limits), "about": str(about)[:500]}
+    return row | {
+        "limits": len(limits) > 0,
+        "limits_text": " | ".join(limits),
+        "about": str(about)[:500],
+    }
 
 
 def nature_of(case: str, seed: int, size: tuple[int, int], cache: Path | None) -> Nature:
@@ -135,9 +155,18 @@ def run_case(
     rows = []
     for method in methods:
         name, *options = method.split(":")
-        chosen = {key: yaml.safe_load(value) for key, value in (option.split("=", 1) for option in options)}
+        chosen = {
+            key: yaml.safe_load(value)
+            for key, value in (option.split("=", 1) for option in options)
+        }
         for target in (nature.views // 6, 2 * nature.views // 3):
-            row = {"case": case, "seed": seed, "method": method, "target": scene[target].name, "error": ""}
+            row = {
+                "case": case,
+                "seed": seed,
+                "method": method,
+                "target": scene[target].name,
+                "error": "",
+            }
             started = time.perf_counter()
             try:
                 result = sb.restore(name, scene, target, **chosen)
@@ -150,7 +179,15 @@ def run_case(
 
 
 # How each number of the table is made of the targets: the worst.
-WORST = {"beta": "max", "B": "max", "gamma": "max", "raw": "min", "affine": "min", "cov": "min", "z": "max"}
+WORST = {
+    "beta": "max",
+    "B": "max",
+    "gamma": "max",
+    "raw": "min",
+    "affine": "min",
+    "cov": "min",
+    "z": "max",
+}
 
 
 def table_of(rows: pd.DataFrame, methods: Sequence[str]) -> str:
@@ -163,7 +200,9 @@ def table_of(rows: pd.DataFrame, methods: Sequence[str]) -> str:
             digits = {"cov": 2, "raw": 1, "affine": 1}.get(column, 0)
             values = [part[column].agg(worst) if column in part else np.nan for part in by_method]
             line[column] = " / ".join("-" if np.isnan(x) else f"{x:.{digits}f}" for x in values)
-        line["limits"] = " / ".join(f"{int((part['limits'] == True).sum())}of{len(part)}" for part in by_method)  # noqa: E712
+        line["limits"] = " / ".join(
+            f"{int(part['limits'].eq(True).sum())}of{len(part)}" for part in by_method
+        )
         lines.append(line)
     heading = "worst of the targets, " + " / ".join(methods)
     return heading + "\n" + pd.DataFrame(lines).to_string(index=False, justify="right")
@@ -178,7 +217,9 @@ def summary_of(rows: pd.DataFrame, methods: Sequence[str]) -> str:
         wrong, quiet = own["beta"] > LIMIT_BETA, own["limits"] != True  # noqa: E712
         doubtful = own["beta"].between(5, LIMIT_BETA)
         ahead, calm = own["raw"] - paper.reindex(own.index), own.index.isin(QUIET, level="case")
-        spread = round(float(np.sqrt(np.nanmean(own[["z_r", "z_g", "z_b"]].replace(np.inf, np.nan) ** 2))), 2)
+        spread = round(
+            float(np.sqrt(np.nanmean(own[["z_r", "z_g", "z_b"]].replace(np.inf, np.nan) ** 2))), 2
+        )
         lines.append({
             "method": method, "targets": len(own), f"beta off > {LIMIT_BETA} %": wrong.sum(),
             "... no limit": (wrong & quiet).sum(), f"beta off 5-{LIMIT_BETA} %, no limit": (doubtful & quiet).sum(),
@@ -193,10 +234,18 @@ def summary_of(rows: pd.DataFrame, methods: Sequence[str]) -> str:
 def cases_of(words: str) -> list[str]:
     """Return full names of cases: "all", "table", or "fish,plain/clear/forward"."""
     if words == "all":
-        return [f"{name}/{place}" for name in CONDITIONS for place in ELSEWHERE.get(name, "coastal/approach").split()]
+        return [
+            f"{name}/{place}"
+            for name in CONDITIONS
+            for place in ELSEWHERE.get(name, "coastal/approach").split()
+        ]
     cases = []
     for word in TABLE if words == "table" else words.split(","):
-        name = max((name for name in CONDITIONS if f"{word.strip()}/".startswith(f"{name}/")), key=len, default=word)
+        name = max(
+            (name for name in CONDITIONS if f"{word.strip()}/".startswith(f"{name}/")),
+            key=len,
+            default=word,
+        )
         condition, *rest = name, *word.strip().removeprefix(name).split("/")[1:]
         water, geometry = [*rest, *["coastal", "approach"][len(rest) :]]
         if condition not in CONDITIONS or water not in WATERS:
@@ -208,10 +257,18 @@ def cases_of(words: str) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--methods", default="sucre,sucre_plus,sucre_paper", help="separated by commas")
-    parser.add_argument("--option", action="append", default=[], help="option of all methods, such as robust=true")
-    parser.add_argument("--conditions", default="all", help="cases separated by commas, table or all")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--methods", default="sucre,sucre_plus,sucre_paper", help="separated by commas"
+    )
+    parser.add_argument(
+        "--option", action="append", default=[], help="option of all methods, such as robust=true"
+    )
+    parser.add_argument(
+        "--conditions", default="all", help="cases separated by commas, table or all"
+    )
     parser.add_argument("--seeds", type=int, default=1, help="scenes of each case")
     parser.add_argument("--first-seed", type=int, default=0, help="seed of the first scene")
     parser.add_argument("--size", default="192x144", help="pixels, width x height")

@@ -37,7 +37,9 @@ def ours(target: View, others: Sequence[View], n_threads: int) -> Pairs:
     return [np.stack([found.pixels, found.others]) for found in matches if found is not None]
 
 
-def plain(target: View, others: Sequence[View], depths: dict[str, torch.Tensor], n_threads: int) -> Pairs:
+def plain(
+    target: View, others: Sequence[View], depths: dict[str, torch.Tensor], n_threads: int
+) -> Pairs:
     """Eq. 4 and 5 as they are written: where all pixels of each view land in the other, then who finds whom."""
     torch.set_num_threads(n_threads)
     pairs = []
@@ -57,7 +59,9 @@ def landings(one: View, two: View, depths: dict[str, torch.Tensor]) -> torch.Ten
     v, u = torch.meshgrid(*(torch.arange(n) + 0.5 for n in depth.shape), indexing="ij")
     xy1 = torch.stack([u, v, torch.ones_like(u)]).reshape(3, -1)
     to_two = two.cam_from_world @ np.linalg.inv(one.cam_from_world)
-    K_inv, K, pose = (torch.from_numpy(m).float() for m in (np.linalg.inv(one.camera.K), two.camera.K, to_two))
+    K_inv, K, pose = (
+        torch.from_numpy(m).float() for m in (np.linalg.inv(one.camera.K), two.camera.K, to_two)
+    )
     x, y, w = K @ (pose[:3, :3] @ (K_inv @ xy1 * depth.reshape(-1)) + pose[:3, 3:])
     u, v = torch.floor(x / w), torch.floor(y / w)
     lands = (depth.reshape(-1) > 0) & (w > 0) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
@@ -66,7 +70,10 @@ def landings(one: View, two: View, depths: dict[str, torch.Tensor]) -> torch.Ten
 
 def share_that_differs(some: Pairs, others: Pairs) -> float:
     """The symmetric difference of all pairs, as a share of them."""
-    n_both = sum(len(set(zip(*a, strict=True)) & set(zip(*b, strict=True))) for a, b in zip(some, others, strict=True))
+    n_both = sum(
+        len(set(zip(*a, strict=True)) & set(zip(*b, strict=True)))
+        for a, b in zip(some, others, strict=True)
+    )
     n, m = (sum(pairs.shape[1] for pairs in both) for both in (some, others))
     return (n + m - 2 * n_both) / n
 
@@ -97,14 +104,18 @@ def main() -> None:
     others = [view for view in scene if view is not target]
 
     observations, n_bytes = bytes_an_observation(target)
-    print(f"memory: {len(observations):,} observations, peak {n_bytes:.1f} bytes each, 7 of them kept")
+    print(
+        f"memory: {len(observations):,} observations, peak {n_bytes:.1f} bytes each, 7 of them kept"
+    )
     del observations
 
     depths = {view.name: torch.from_numpy(view.depth.copy()) for view in scene}
     pairs = ours(target, others, 1)
     differs = share_that_differs(pairs, plain(target, others, depths, 1))
     assert differs < 1e-3, "the two must find the same pairs to be compared"
-    print(f"pairs: {sum(p.shape[1] for p in pairs):,} in {len(others)} views, {differs:.1e} of them differ\n")
+    print(
+        f"pairs: {sum(p.shape[1] for p in pairs):,} in {len(others)} views, {differs:.1e} of them differ\n"
+    )
     n_pixels = len(others) * target.depth.size
     print("pairing                          s   ns a pixel and view   ratio")
     for n_threads in sorted({1, n_cores}):
@@ -122,11 +133,21 @@ def main() -> None:
     for view in scene:
         _ = view.rgb
     print("\nall observations                 s      million")
-    for options in ({}, {"encoding": "linear"}, {"rule": "depth"}, {"rule": "depth", "encoding": "linear"}):
+    for options in (
+        {},
+        {"encoding": "linear"},
+        {"rule": "depth"},
+        {"rule": "depth", "encoding": "linear"},
+    ):
         observe(target, scene.views, **options)
-        seconds = min(timed(lambda options=options: observe(target, scene.views, **options)) for _ in range(TURNS))
+        seconds = min(
+            timed(lambda options=options: observe(target, scene.views, **options))
+            for _ in range(TURNS)
+        )
         name = ", ".join(options.values()) or "as the paper"
-        print(f"{name:27} {seconds:7.3f} {len(observe(target, scene.views, **options)) / 1e6:12.2f}")
+        print(
+            f"{name:27} {seconds:7.3f} {len(observe(target, scene.views, **options)) / 1e6:12.2f}"
+        )
 
 
 if __name__ == "__main__":

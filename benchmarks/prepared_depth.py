@@ -43,7 +43,9 @@ def main(folder: Path) -> None:
         seconds = time.process_time() - start
         placed = list(next(iter(sb.load_scenes("colmap", root=out))))
         found = np.stack([view.depth for view in placed])
-        origin = np.stack([decode(out / "depth_origin" / view.name, cv2.IMREAD_UNCHANGED) for view in placed])
+        origin = np.stack(
+            [decode(out / "depth_origin" / view.name, cv2.IMREAD_UNCHANGED) for view in placed]
+        )
         true = np.stack([truth[Path(view.name).stem] for view in placed])
         known = (found > 0) & (true > 0)
         scale = np.median(true[known] / found[known])

@@ -113,7 +113,9 @@ def exhibits(names: Sequence[str] = ()) -> list[Exhibit]:
         content |= {plane: files(content[plane]) for plane in ("photographs", "reference")}
         content["numbers"] = tuple(Number(**number) for number in content["numbers"])
         content["outputs"] = {row: files(one) for row, one in content["outputs"].items()}
-        content["methods"] = tuple({"name": m} if isinstance(m, str) else m for m in content["methods"])
+        content["methods"] = tuple(
+            {"name": m} if isinstance(m, str) else m for m in content["methods"]
+        )
         found.append(Exhibit(name, **content))
     return found
 
@@ -130,22 +132,31 @@ def lay_out(exhibit: Exhibit, repositories: Path, out: Path) -> Path:
     source, place = exhibit.folder(repositories), out / PICTURES / exhibit.name
     photographs, reference = _found(source, exhibit.photographs), _found(source, exhibit.reference)
     outputs = {row: _found(source, files) for row, files in exhibit.outputs.items()}
-    if exhibit.alike:  # theirs have other names: of each, the name of our picture with the same pixels
+    if (
+        exhibit.alike
+    ):  # theirs have other names: of each, the name of our picture with the same pixels
         ours, theirs = (_found(source, {"{stem}": pattern}) for pattern in exhibit.alike)
         known = {read_rgb(path).tobytes(): name for name, path in theirs.items()}
         names = {name: known.get(read_rgb(path).tobytes(), "") for name, path in ours.items()}
-        outputs = {row: {names[k]: path for k, path in of.items() if names.get(k)} for row, of in outputs.items()}
+        outputs = {
+            row: {names[k]: path for k, path in of.items() if names.get(k)}
+            for row, of in outputs.items()
+        }
     shown = set(photographs) & (set(reference) if reference else set(photographs))
     shown &= set().union(*outputs.values()) if outputs else shown
     methods = []
     for method in map(dict, exhibit.methods):
         if "model" in method and not (file := repositories / method["model"]).exists():
             made = "docs/doors.md, Networks of others, has the command that makes it"
-            progress.say(f"{exhibit.name}: {method.get('label')} is left out, no file {file}; {made}")
+            progress.say(
+                f"{exhibit.name}: {method.get('label')} is left out, no file {file}; {made}"
+            )
         else:
             methods.append(method | ({"model": str(file.resolve())} if "model" in method else {}))
     if not shown or not (outputs or methods):
-        raise InputError(f"has nothing of {exhibit.name}", source, f"fetch all of it: {exhibit.remedy}")
+        raise InputError(
+            f"has nothing of {exhibit.name}", source, f"fetch all of it: {exhibit.remedy}"
+        )
     folders = {"photographs": photographs, "photographs/reference": reference, **outputs}
     for folder, files in progress.track(folders.items(), f"files of {exhibit.name}"):
         is_resized = exhibit.size if folder.startswith("photographs") else 0
@@ -154,7 +165,9 @@ def lay_out(exhibit: Exhibit, repositories: Path, out: Path) -> Path:
     if exhibit.charts:
         known_charts = published_charts()
         images = {
-            path.name: {chart.name: np.asarray(chart.corners).tolist() for chart in known_charts[path.stem]}
+            path.name: {
+                chart.name: np.asarray(chart.corners).tolist() for chart in known_charts[path.stem]
+            }
             for path in sorted((place / "photographs").iterdir())
             if path.stem in shown & set(known_charts)
         }
@@ -163,7 +176,9 @@ def lay_out(exhibit: Exhibit, repositories: Path, out: Path) -> Path:
     rows = [{**exhibit.output, "label": row, "folder": row} for row in outputs]
     forms = list(dict.fromkeys(number.score for number in exhibit.numbers if number.score))
     line_up = {
-        "datasets": [{"name": "photos", "label": exhibit.name, "root": "photographs", **exhibit.dataset}],
+        "datasets": [
+            {"name": "photos", "label": exhibit.name, "root": "photographs", **exhibit.dataset}
+        ],
         "methods": [{"name": exhibit.photograph}, *rows, *methods],
         "metrics": forms or list(exhibit.metrics),
     }
@@ -179,7 +194,11 @@ def _found(folder: Path, files: Files) -> dict[str, Path]:
     for name, pattern in files.items():
         # re.escape writes a brace and a star with a backslash.
         first, *others = re.escape(pattern).replace(r"\*", "[^/]*").split(r"\{stem\}")
-        regex = "(?P=stem)".join([f"{first}(?P<stem>[^/]+){others[0]}", *others[1:]]) if others else first
+        regex = (
+            "(?P=stem)".join([f"{first}(?P<stem>[^/]+){others[0]}", *others[1:]])
+            if others
+            else first
+        )
         for path in sorted(folder.glob(pattern.replace("{stem}", "*"))):
             if fits := re.fullmatch(regex, path.relative_to(folder).as_posix()):
                 found.setdefault(fits["stem"] if others else name, path)
@@ -198,7 +217,9 @@ def _put(source: Path, folder: Path, stem: str, size: int) -> None:
             return
     if size:
         with suppress(SucreBenchError):  # a picture that cannot be read has no row
-            write_png(target, resized(to_8bit(read_rgb(source)), Resizing(size, "bilinear"))[..., ::-1])
+            write_png(
+                target, resized(to_8bit(read_rgb(source)), Resizing(size, "bilinear"))[..., ::-1]
+            )
             os.utime(target, ns=(read.st_atime_ns, read.st_mtime_ns))
         return
     try:
@@ -217,7 +238,12 @@ def compared(rows: DataFrame, out: Path) -> DataFrame:
     rows: the score table of `out`, which may have exhibits of earlier commands. A number without a score is left out.
     """
     shown = [exhibit for exhibit in exhibits() if exhibit.name in set(rows["dataset"])]
-    lines = (line for exhibit in shown for number in exhibit.numbers for line in _line(exhibit, number, rows, out))
+    lines = (
+        line
+        for exhibit in shown
+        for number in exhibit.numbers
+        for line in _line(exhibit, number, rows, out)
+    )
     return pd.DataFrame(lines)
 
 
@@ -226,7 +252,11 @@ def _line(exhibit: Exhibit, number: Number, rows: DataFrame, out: Path) -> Itera
     if number.against:
         values = pd.Series(_agreement(exhibit, number, out), dtype=float)
     else:
-        is_asked = (rows["dataset"] == exhibit.name) & (rows["method"] == number.row) & (rows["metric"] == metric)
+        is_asked = (
+            (rows["dataset"] == exhibit.name)
+            & (rows["method"] == number.row)
+            & (rows["metric"] == metric)
+        )
         ok = rows[is_asked & (rows["variant"] == variant) & (rows["status"] == "ok")]
         ok = ok.loc[[number.view in ("", Path(name).stem) for name in ok["view"]]]
         depth = ok["region"].str.count("/")  # a chart's score, not those of its patches
@@ -242,7 +272,9 @@ def _line(exhibit: Exhibit, number: Number, rows: DataFrame, out: Path) -> Itera
     yield {
         "exhibit": exhibit.name,
         "row": number.row,
-        "score": f"against {number.against}, dB" if number.against else f"{number.score} {number.view}".rstrip(),
+        "score": f"against {number.against}, dB"
+        if number.against
+        else f"{number.score} {number.view}".rstrip(),
         "published": number.published,
         "measured": f"{measured:.{digits or 3}f}",
         "difference": off_text if number.published else "",
@@ -269,13 +301,21 @@ def _agreement(exhibit: Exhibit, number: Number, out: Path) -> dict[str, float]:
             with Image.open(picture) as our_file, Image.open(path) as their_file:
                 one, other = our_file.convert("RGB"), their_file.convert("RGB")
                 if number.as_jpeg and isinstance(their_file, JpegImagePlugin.JpegImageFile):
-                    loss = {"qtables": their_file.quantization, "subsampling": JpegImagePlugin.get_sampling(their_file)}
+                    loss = {
+                        "qtables": their_file.quantization,
+                        "subsampling": JpegImagePlugin.get_sampling(their_file),
+                    }
                     one.save(stored := io.BytesIO(), "JPEG", **loss)
                     one = Image.open(stored)
                 if one.size == other.size:
                     off = (np.asarray(one, np.float64) - np.asarray(other, np.float64)) / 255
                     found[path.stem] = min(psnr_of(float((off**2).mean())), _MOST_DB)
-        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as fault:  # SyntaxError: a damaged PNG
+        except (
+            OSError,
+            SyntaxError,
+            ValueError,
+            Image.DecompressionBombError,
+        ) as fault:  # SyntaxError: a damaged PNG
             progress.say(f"{exhibit.name}: {number.row} is not compared with {path.name}: {fault}")
     return found
 

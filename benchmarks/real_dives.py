@@ -59,7 +59,9 @@ DIVES: Mapping[str, Dive] = {
     "test4": Dive("seabed_surveys/test4", is_prepared=True),
     "test10": Dive("seabed_surveys/test10", is_prepared=True),
 }
-RESTORE = {name: {"true": True, "false": False}.get(value, value) for name, value in FOR_A_DIVE.items()}
+RESTORE = {
+    name: {"true": True, "false": False}.get(value, value) for name, value in FOR_A_DIVE.items()
+}
 OPTIONS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "photograph": ("underwater", {}),
     "restore": ("sucre_plus", RESTORE),
@@ -87,7 +89,9 @@ def data_folder() -> Path | None:
     """The folder of the data, or None where there is none."""
     beside = [folder / "shared" / "data" for folder in (ROOT, *ROOT.parents)]
     named = os.environ.get("SUCRE_BENCH_DATA")
-    return next((folder for folder in ([Path(named)] if named else beside) if folder.is_dir()), None)
+    return next(
+        (folder for folder in ([Path(named)] if named else beside) if folder.is_dir()), None
+    )
 
 
 def opened(dive: Dive, data: Path, prepared: Path, size_px: int = 0) -> sb.Scene | None:
@@ -99,10 +103,14 @@ def opened(dive: Dive, data: Path, prepared: Path, size_px: int = 0) -> sb.Scene
         out = prepared / dive.folder.replace("/", "-")
         prepare(folder, out, Options(max_size=size_px, depth_size=size_px // 2 or 800))
         folder = out
-    return sb.load_scene("colmap", root=folder, image_scale=1.0 if size_px and dive.is_prepared else dive.scale)
+    return sb.load_scene(
+        "colmap", root=folder, image_scale=1.0 if size_px and dive.is_prepared else dive.scale
+    )
 
 
-def measured(scene: sb.Scene, places: Sequence[int], option: str, halves: bool = True) -> list[Measured]:
+def measured(
+    scene: sb.Scene, places: Sequence[int], option: str, halves: bool = True
+) -> list[Measured]:
     """Restore targets of a scene by an option and measure them. halves: also fit halves of the views, for `held`."""
     method, options = OPTIONS[option]
     found, looks = [], []
@@ -114,15 +122,26 @@ def measured(scene: sb.Scene, places: Sequence[int], option: str, halves: bool =
         psi = np.nan
         if target.charts:
             rows = sb.score(whole, target, metrics=["psi"])
-            psi = float(rows.loc[rows["region"].isin([chart.name for chart in target.charts]), "value"].mean())
+            psi = float(
+                rows.loc[
+                    rows["region"].isin([chart.name for chart in target.charts]), "value"
+                ].mean()
+            )
         below = float((known < 0).mean(axis=0).max())
         drift = drift_of(whole.shown, target.distance)
-        found.append(Measured(whole.shown, held, below, drift, apart, veil_of(whole.water, target), psi))
+        found.append(
+            Measured(whole.shown, held, below, drift, apart, veil_of(whole.water, target), psi)
+        )
         looks.append(look_at(whole.shown, target.rgb, target.distance, below))
-    return [replace(one, faults=faults) for one, faults in zip(found, faults_of_dive(looks), strict=True)]
+    return [
+        replace(one, faults=faults)
+        for one, faults in zip(found, faults_of_dive(looks), strict=True)
+    ]
 
 
-def _held(scene: sb.Scene, target: sb.View, method: str, options: Mapping[str, Any]) -> tuple[float, float]:
+def _held(
+    scene: sb.Scene, target: sb.View, method: str, options: Mapping[str, Any]
+) -> tuple[float, float]:
     """Return `held` over both ways to halve the views, and `halves`."""
     others = [view for view in scene.views if view.name != target.name]
     errors, veils = [], []
@@ -134,12 +153,16 @@ def _held(scene: sb.Scene, target: sb.View, method: str, options: Mapping[str, A
             return np.nan, np.nan
         if restored.water is None and method != "underwater":
             return np.nan, np.nan
-        errors.append(error_of_tiles(target, unseen, restored) / error_of_tiles(target, unseen, None))
+        errors.append(
+            error_of_tiles(target, unseen, restored) / error_of_tiles(target, unseen, None)
+        )
         veils.append(veil_of(restored.water, target))
     return float(np.mean(errors)), float(255 * np.abs(veils[0] - veils[1]).max())
 
 
-def error_of_tiles(target: sb.View, unseen: Sequence[sb.View], restored: sb.Restoration | None) -> float:
+def error_of_tiles(
+    target: sb.View, unseen: Sequence[sb.View], restored: sb.Restoration | None
+) -> float:
     """Return the median |error|, levels of 255, of means of tiles that a restored target predicts in unseen views.
 
     restored: None for the photograph's colours at every distance. A view's gain in a channel is the median over tiles.
@@ -164,12 +187,16 @@ def error_of_tiles(target: sb.View, unseen: Sequence[sb.View], restored: sb.Rest
     view = np.zeros(len(n), int)
     view[place] = seen.view[is_known]
     expected, found = (
-        np.stack([np.bincount(place, column) / n for column in values[is_known].T], axis=1)[n >= LEAST_PX]
+        np.stack([np.bincount(place, column) / n for column in values[is_known].T], axis=1)[
+            n >= LEAST_PX
+        ]
         for values in (colour, predicted)
     )
     view = view[n >= LEAST_PX]
     for one in np.unique(view):
-        found[view == one] *= np.median(expected[view == one] / np.maximum(found[view == one], 1e-3), axis=0)
+        found[view == one] *= np.median(
+            expected[view == one] / np.maximum(found[view == one], 1e-3), axis=0
+        )
     return float(255 * np.median(np.abs(found - expected))) if len(found) else np.nan
 
 
@@ -178,7 +205,9 @@ def drift_of(picture: Array, distance: Array) -> float:
     ground = np.isfinite(picture).all(axis=-1) & (distance > 0)
     low, high = np.quantile(distance[ground], [1 / 3, 2 / 3])
     lab = to_lab(np.nan_to_num(picture))
-    near, far = (np.median(lab[ground & part], axis=0)[1:] for part in (distance <= low, distance >= high))
+    near, far = (
+        np.median(lab[ground & part], axis=0)[1:] for part in (distance <= low, distance >= high)
+    )
     return float(np.hypot(*(near - far)))
 
 
@@ -196,13 +225,24 @@ def rows(
     """Yield the row of each option, printed, and what was measured."""
     for option in options:
         found = measured(scene, places, option)
-        values = [np.nanmedian([getattr(one, what) for one in found]) for what in ("held", "below", "drift", "halves")]
+        values = [
+            np.nanmedian([getattr(one, what) for one in found])
+            for what in ("held", "below", "drift", "halves")
+        ]
         veils = np.stack([one.veil for one in found])
-        values += [255 * float(np.ptp(veils, axis=0).max()), float(np.mean([one.psi for one in found]))]
+        values += [
+            255 * float(np.ptp(veils, axis=0).max()),
+            float(np.mean([one.psi for one in found])),
+        ]
         kinds = sorted({fault.kind for one in found for fault in one.faults})
         n = sum(bool(one.faults) for one in found)
-        numbers = (f"{value:7.{digits}f}" for value, digits in zip(values, (2, 2, 1, 0, 0, 1), strict=True))
-        yield f"{name:9} {option:12} {' '.join(numbers)}  {n} of {len(found)} {' '.join(kinds)}", found
+        numbers = (
+            f"{value:7.{digits}f}" for value, digits in zip(values, (2, 2, 1, 0, 0, 1), strict=True)
+        )
+        yield (
+            f"{name:9} {option:12} {' '.join(numbers)}  {n} of {len(found)} {' '.join(kinds)}",
+            found,
+        )
 
 
 def main() -> None:
@@ -234,7 +274,10 @@ def write_sheet(path: Path, pictures: Sequence[Sequence[Array]], n_options: int)
     lines = []
     for start in range(0, len(pictures), n_options):
         for of_target in zip(*pictures[start : start + n_options], strict=True):
-            cells = [cv2.resize(np.nan_to_num(one), (320, 240), interpolation=cv2.INTER_AREA) for one in of_target]
+            cells = [
+                cv2.resize(np.nan_to_num(one), (320, 240), interpolation=cv2.INTER_AREA)
+                for one in of_target
+            ]
             lines.append(np.hstack(cells))
     cv2.imwrite(str(path), np.rint(255 * np.vstack(lines)[..., ::-1]).astype(np.uint8))
 

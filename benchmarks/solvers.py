@@ -53,7 +53,9 @@ def main() -> None:
         "exact": lambda: exact(physical=False),
         "exact, physical": lambda: exact(physical=True),
     }
-    print(f"{len(observations):,} observations of {len(observations.pixels):,} pixels, backend {backend}")
+    print(
+        f"{len(observations):,} observations of {len(observations.pixels):,} pixels, backend {backend}"
+    )
     print(f"{'':20}{'seconds':>10}{'ratio':>8}{'cost':>28}{'error of B, beta, gamma':>28}")
     paper = None
     for name, work in works.items():
@@ -63,7 +65,9 @@ def main() -> None:
         error = np.abs(found / truth - 1).mean(axis=1) * 100
         cost = " ".join(f"{c:8.2f}" for c in solution.cost)
         print(f"{name:20}{seconds:10.3f}{paper / seconds:8.1f}{cost:>28}   {error.round(1)} %")
-    costs = [fit(observations, backend=backend, device="cpu", seed=seed).cost.sum() for seed in range(3)]
+    costs = [
+        fit(observations, backend=backend, device="cpu", seed=seed).cost.sum() for seed in range(3)
+    ]
     print(f"exact from three samples: costs agree to {max(costs) / min(costs) - 1:.1e}")
 
 

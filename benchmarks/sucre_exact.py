@@ -31,7 +31,9 @@ from sucre_bench.multiview.observations import Observations
 BACKENDS = ("numba", "torch", "jax", "numpy")
 ON_GPU = ("torch", "jax")
 SIZES = (1e5, 1e6, 1e7, 1e8)
-WATER = WaterParameters(np.array([0.06, 0.22, 0.30]), np.array([0.42, 0.14, 0.10]), np.array([0.30, 0.17, 0.13]))
+WATER = WaterParameters(
+    np.array([0.06, 0.22, 0.30]), np.array([0.42, 0.14, 0.10]), np.array([0.30, 0.17, 0.13])
+)
 NOISE = 0.004
 _BLOCK = 1 << 20  # observations made at a time
 
@@ -42,9 +44,14 @@ def made(n_pixels: int) -> Observations:
     counts = np.sort(rng.integers(1, 20, n_pixels, dtype=np.int32))[::-1].copy()
     sizes = n_pixels - np.cumsum(np.bincount(counts))[:-1]
     starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    distance, colour = np.empty(starts[-1], dtype=np.float32), np.empty((3, starts[-1]), dtype=np.uint8)
+    distance, colour = (
+        np.empty(starts[-1], dtype=np.float32),
+        np.empty((3, starts[-1]), dtype=np.uint8),
+    )
     J = rng.random((3, n_pixels), dtype=np.float32)
-    observations = Observations((1, n_pixels), ("made",), np.arange(n_pixels), counts, starts, distance, colour)
+    observations = Observations(
+        (1, n_pixels), ("made",), np.arange(n_pixels), counts, starts, distance, colour
+    )
     for start in range(0, n_pixels, _BLOCK):
         for n, part in observations.slots(start, start + _BLOCK):
             z = distance[part] = 1 + 9 * rng.random(n, dtype=np.float32)
@@ -77,7 +84,9 @@ def measure(n: float, backend: Any, device: Any, turns: int) -> dict[str, float]
             "held": lambda: kernel.system(WATER, np.full(3, 0.02)),
             "colours": lambda: kernel.colours(WATER, noise, covariance),
         }
-        speed = {name: 3e-6 * len(observations) / fastest(work, turns) for name, work in passes.items()}
+        speed = {
+            name: 3e-6 * len(observations) / fastest(work, turns) for name, work in passes.items()
+        }
     Path("/proc/self/clear_refs").write_text("5")  # the peak from here on
     seconds = fastest(restore, turns)
     return {
@@ -100,22 +109,40 @@ def fastest(work: Callable[[], object], turns: int) -> float:
 
 
 def peak_gib() -> float:
-    line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+    line = next(
+        line
+        for line in Path("/proc/self/status").read_text().splitlines()
+        if line.startswith("VmHWM")
+    )
     return int(line.split()[1]) / 2**20
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--observations", type=float, help="one size alone; default: 1e5, 1e6, 1e7 and 1e8")
-    parser.add_argument("--backends", help="default: numba,torch,jax,numpy; with --device cuda: torch,jax")
-    parser.add_argument("--device", default="cpu", choices=("cpu", "cuda"), help="cuda: for torch and jax")
+    parser.add_argument(
+        "--observations", type=float, help="one size alone; default: 1e5, 1e6, 1e7 and 1e8"
+    )
+    parser.add_argument(
+        "--backends", help="default: numba,torch,jax,numpy; with --device cuda: torch,jax"
+    )
+    parser.add_argument(
+        "--device", default="cpu", choices=("cpu", "cuda"), help="cuda: for torch and jax"
+    )
     parser.add_argument("--turns", type=int, default=2)
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     on_gpu = arguments.device == "cuda"
-    backends = arguments.backends.split(",") if arguments.backends else list(ON_GPU if on_gpu else BACKENDS)
+    backends = (
+        arguments.backends.split(",")
+        if arguments.backends
+        else list(ON_GPU if on_gpu else BACKENDS)
+    )
     if arguments.child:
-        print(json.dumps(measure(arguments.observations, backends[0], arguments.device, arguments.turns)))
+        print(
+            json.dumps(
+                measure(arguments.observations, backends[0], arguments.device, arguments.turns)
+            )
+        )
         return
 
     print(f"{'':13} {'':8}{'M observation-channels/s':>27}")
@@ -127,7 +154,10 @@ def main() -> None:
             one = [f"--observations={n}", f"--backends={backend}"]
             one += [f"--device={arguments.device}", f"--turns={arguments.turns}"]
             result = subprocess.run(
-                [sys.executable, __file__, "--child", *one], check=True, stdout=subprocess.PIPE, text=True
+                [sys.executable, __file__, "--child", *one],
+                check=True,
+                stdout=subprocess.PIPE,
+                text=True,
             )
             row: dict[str, Any] = {"backend": backend, **json.loads(result.stdout.splitlines()[-1])}
             speeds = "".join(f"{row[name]:9.0f}" for name in heads)

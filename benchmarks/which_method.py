@@ -27,7 +27,12 @@ CONDITIONS = (
     "plain", "pose_2", "depth_3", "fish_2", "caustics_25", "auto_exposure", "camera", "linear_light", "jpeg_75",
     "strobe", "scatter", "all_mild",
 )  # fmt: skip
-SEAS = (("coastal", "approach"), ("clear", "forward"), ("green", "survey_varying"), ("blue", "orbit"))
+SEAS = (
+    ("coastal", "approach"),
+    ("clear", "forward"),
+    ("green", "survey_varying"),
+    ("blue", "orbit"),
+)
 SUCRE_EXACT = {"footprint": False, "physical": False, "robust": False, "light": "even"}
 METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     **{
@@ -42,14 +47,29 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "sucre": ("sucre", {}),
     "sucre_plus": ("sucre", {"refine": True}),  # the same colours; so both have one judge of the dive, not two
 }  # fmt: skip
-COLUMNS = ["condition", "water", "path", "seed", "method", "gain", "raw", "coverage", "kept_photograph"]
+COLUMNS = [
+    "condition",
+    "water",
+    "path",
+    "seed",
+    "method",
+    "gain",
+    "raw",
+    "coverage",
+    "kept_photograph",
+]
 
 
 def scenes() -> Iterator[dict[str, Any]]:
     """Yield the options of each scene; a sea's twelve conditions come together."""
     for turn, (water, path) in enumerate(SEAS):
         for place, condition in enumerate(CONDITIONS):
-            yield {"condition": condition, "water": water, "path": path, "seed": len(CONDITIONS) * turn + place}
+            yield {
+                "condition": condition,
+                "water": water,
+                "path": path,
+                "seed": len(CONDITIONS) * turn + place,
+            }
 
 
 def measure(file: Path, part: str) -> None:
@@ -81,7 +101,9 @@ def measure(file: Path, part: str) -> None:
 
 def _interval(values: np.ndarray) -> tuple[float, float, float]:
     """Return a mean and its 95 % interval, a bootstrap over scenes."""
-    draws = values[np.random.default_rng(0).integers(0, len(values), (4000, len(values)))].mean(axis=1)
+    draws = values[np.random.default_rng(0).integers(0, len(values), (4000, len(values)))].mean(
+        axis=1
+    )
     return (float(values.mean()), *(float(x) for x in np.quantile(draws, (0.025, 0.975))))
 
 
@@ -112,9 +134,19 @@ def show(file: Path, picture: Path) -> None:
             text = f"{gain.loc[method, name]:.1f} / {raw.loc[method, name]:.1f}"
             is_best = gain.loc[method, name] == gain[name].max()
             cells.append(f"**{text}**" if is_best else text)
-        print(f"| `{method}` | {mean:.1f} [{low:.1f}, {high:.1f}] | {ranks[method]:.1f} | " + " | ".join(cells) + " |")
-    kept = rows[rows["method"].isin(["sucre", "sucre_plus"])].groupby(["method", "condition"])["kept_photograph"].sum()
-    print(f"\n{seeds} scenes; scenes in which the photograph was kept:\n{kept.unstack()[list(CONDITIONS)].to_string()}")
+        print(
+            f"| `{method}` | {mean:.1f} [{low:.1f}, {high:.1f}] | {ranks[method]:.1f} | "
+            + " | ".join(cells)
+            + " |"
+        )
+    kept = (
+        rows[rows["method"].isin(["sucre", "sucre_plus"])]
+        .groupby(["method", "condition"])["kept_photograph"]
+        .sum()
+    )
+    print(
+        f"\n{seeds} scenes; scenes in which the photograph was kept:\n{kept.unstack()[list(CONDITIONS)].to_string()}"
+    )
 
     plot, axes = pyplot.subplots(figsize=(9, 7.5), layout="constrained")
     values = gain.loc[order].to_numpy()
@@ -122,18 +154,33 @@ def show(file: Path, picture: Path) -> None:
     for (row, column), value in np.ndenumerate(values):
         colour = "black" if value > (values.max() + values.min()) / 2 else "white"
         weight = "bold" if value == values[:, column].max() else "normal"
-        axes.text(column, row, f"{value:.0f}", ha="center", va="center", color=colour, fontsize=9, weight=weight)
+        axes.text(
+            column,
+            row,
+            f"{value:.0f}",
+            ha="center",
+            va="center",
+            color=colour,
+            fontsize=9,
+            weight=weight,
+        )
     axes.set_xticks(range(len(CONDITIONS)), CONDITIONS, rotation=40, ha="right")
     axes.set_yticks(range(len(order)), order)
-    axes.set_title(f"colours:gain, dB, higher is better; means of {seeds // len(CONDITIONS)} scenes; best in bold")
+    axes.set_title(
+        f"colours:gain, dB, higher is better; means of {seeds // len(CONDITIONS)} scenes; best in bold"
+    )
     plot.colorbar(shown, shrink=0.6)
     plot.savefig(picture, dpi=110)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("what", choices=("measure", "show"))
-    parser.add_argument("files", type=Path, nargs="+", help="the CSV file, and with show the picture")
+    parser.add_argument(
+        "files", type=Path, nargs="+", help="the CSV file, and with show the picture"
+    )
     parser.add_argument("--part", default="0/1", help="which scenes: every Nth from K, K/N")
     words = parser.parse_args()
     if words.what == "measure":

@@ -59,16 +59,26 @@ class Aqualoc(ImageScaleOption):
         root, texts, found = existing(self.root), dict[str, Path](), dict[str, Path]()
         for place, below, names in walk(root):  # folders of frames are not looked into
             below[:] = [name for name in below if not _SEQUENCE.fullmatch(name)]
-            texts.update({name.lower(): place / name for name in names if name.lower().endswith((".txt", ".yaml"))})
+            texts.update(
+                {
+                    name.lower(): place / name
+                    for name in names
+                    if name.lower().endswith((".txt", ".yaml"))
+                }
+            )
         lack = "holds no folder of frames; expected folders named like harbor_images_sequence_07 or images_sequence_7"
-        for folder in folders_below(root, lambda place, _: _SEQUENCE.fullmatch(place.name) is not None, lack):
+        for folder in folders_below(
+            root, lambda place, _: _SEQUENCE.fullmatch(place.name) is not None, lack
+        ):
             match = _SEQUENCE.fullmatch(folder.name)
             assert match is not None
             site = "harbor" if match[1] == "harbor_" else "archaeo"
             number = int(match[2])
             name = f"{site}_{number:02d}"
             if name in found:
-                raise InputError(f"{folder}: sequence {name} is also {found[name]}; keep one of them")
+                raise InputError(
+                    f"{folder}: sequence {name} is also {found[name]}; keep one of them"
+                )
             found[name] = folder
             frames: dict[int, list[Path]] = defaultdict(list)
             for file in image_names(folder):
@@ -76,23 +86,37 @@ class Aqualoc(ImageScaleOption):
                 if digits:
                     frames[int(digits[-1])].append(folder / file)
             if not frames:
-                raise InputError(f"{folder}: holds no image named like frame000001.png; unpack the sequence there")
+                raise InputError(
+                    f"{folder}: holds no image named like frame000001.png; unpack the sequence there"
+                )
             calibration = texts.get(f"{site}_camera_calib.yaml")
             if calibration is None:
                 expected = f"{site}_calibration_files/{site}_camera_calib.yaml"
-                raise InputError(f"{folder}: no {site}_camera_calib.yaml is below dataset.root; copy {expected} there")
+                raise InputError(
+                    f"{folder}: no {site}_camera_calib.yaml is below dataset.root; copy {expected} there"
+                )
             lens = read_kalibr(calibration, image_size(frames[min(frames)][0]) or _SIZES[site])
-            endings = [f"{site}_colmap_traj_sequence_{digits}.txt" for digits in (f"{number:02d}", str(number))]
-            trajectory = next((texts[x + end] for x in ("new_", "") for end in endings if x + end in texts), None)
+            endings = [
+                f"{site}_colmap_traj_sequence_{digits}.txt"
+                for digits in (f"{number:02d}", str(number))
+            ]
+            trajectory = next(
+                (texts[x + end] for x in ("new_", "") for end in endings if x + end in texts), None
+            )
             poses = _poses(trajectory) if trajectory else {}
 
             if poses and not set(poses) & set(frames):
-                fault = (
-                    f"its frames, {min(poses)} to {max(poses)}, are none of {folder}, {min(frames)} to {max(frames)}"
-                )
+                here = f"{folder}, {min(frames)} to {max(frames)}"
+                fault = f"its frames, {min(poses)} to {max(poses)}, are none of {here}"
                 raise InputError(f"{trajectory}: {fault}; use the sequence's own file")
             photographs = [
-                Photograph(files[0].name, files[0], lens, poses.get(frame), fault=str(only(files)) if files[1:] else "")
+                Photograph(
+                    files[0].name,
+                    files[0],
+                    lens,
+                    poses.get(frame),
+                    fault=str(only(files)) if files[1:] else "",
+                )
                 for frame, files in sorted(frames.items())
             ]
             yield scene_of(name, photographs, self.image_scale)
@@ -107,15 +131,23 @@ def _poses(path: Path) -> dict[int, Array]:
     poses = {}
     for number, line in enumerate(lines, 1):
         cells = line.replace(",", " ").split()
-        if not cells or cells[0].startswith("#") or (number == 1 and not cells[0][0].isdigit()):  # a header
+        if (
+            not cells or cells[0].startswith("#") or (number == 1 and not cells[0][0].isdigit())
+        ):  # a header
             continue
         try:
             frame, *values = (float(cell) for cell in cells)
-            if len(values) != 7 or not np.isfinite(values).all() or abs(np.linalg.norm(values[3:]) - 1) > 1e-2:
+            if (
+                len(values) != 7
+                or not np.isfinite(values).all()
+                or abs(np.linalg.norm(values[3:]) - 1) > 1e-2
+            ):
                 raise ValueError("not seven numbers with a unit quaternion")
         except ValueError as fault:
             expected = "frame tx ty tz qx qy qz qw"
-            raise InputError(f"{path}: line {number} is no pose ({fault}); expected {expected}") from fault
+            raise InputError(
+                f"{path}: line {number} is no pose ({fault}); expected {expected}"
+            ) from fault
         world_from_cam = np.eye(4)
         world_from_cam[:3, :3] = Rotation.from_quat(values[3:]).as_matrix()
         world_from_cam[:3, 3] = values[:3]

@@ -59,7 +59,8 @@ class Colmap(ImageScaleOption):
         """
         root = existing(self.root, f"{self.images}/")
         images, sparse, depths, references = (
-            chosen(self, root, option, "folder") for option in ("images", "sparse", "depths", "reference")
+            chosen(self, root, option, "folder")
+            for option in ("images", "sparse", "depths", "reference")
         )
         if not depths.is_dir():
             depths = root / "stereo" / "depth_maps"
@@ -68,10 +69,14 @@ class Colmap(ImageScaleOption):
         names = [image.name for image in posed]
         if not any((images / name).is_file() for name in names):
             fault = f"none of the model's {len(names)} images is there, not even {names[0]}"
-            raise InputError(f"{images}: {fault}; put them there or name their folder with dataset.images=...")
+            raise InputError(
+                f"{images}: {fault}; put them there or name their folder with dataset.images=..."
+            )
         found = {name: references / name for name in names if (references / name).is_file()}
         if references.is_dir() and not found:
-            raise InputError(f"{references}: no file is named like an image; name them like {names[0]}")
+            raise InputError(
+                f"{references}: no file is named like an image; name them like {names[0]}"
+            )
         yield registered_scene(
             root.resolve().name,
             posed,

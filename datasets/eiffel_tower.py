@@ -51,13 +51,19 @@ class EiffelTower(ImageScaleOption):
         root = existing(self.root)
         if (root / "sfm").is_dir():  # one visit was given
             if self.year not in ("all", root.name):
-                raise InputError(f"is one visit, not {self.year}", root, "give the folder above, or drop dataset.year")
+                raise InputError(
+                    f"is one visit, not {self.year}",
+                    root,
+                    "give the folder above, or drop dataset.year",
+                )
             places = [root]
         else:
             years = _YEARS if self.year == "all" else (self.year,)
             places = [root / year for year in years if self.year != "all" or (root / year).is_dir()]
         if not places:
-            raise InputError(f"{root}: holds no folder {', '.join(_YEARS)}; unpack the archive of a year there")
+            raise InputError(
+                f"{root}: holds no folder {', '.join(_YEARS)}; unpack the archive of a year there"
+            )
         for place in places:
             depths = chosen(self, place, "depths", "folder")
             model = read_model(place / "sfm", place / "images", distorted=True)
@@ -65,7 +71,10 @@ class EiffelTower(ImageScaleOption):
             for name, usual in paths.items():
                 if not usual.is_file() and name[:4] in _YEARS:
                     images = place.parent / name[:4] / "images"
-                    others = (images / name, place.parent / name)  # a name may be a path: 2015/a.png, 2015/images/a.png
+                    others = (
+                        images / name,
+                        place.parent / name,
+                    )  # a name may be a path: 2015/a.png, 2015/images/a.png
                     there = (path for path in others if path.is_file())
                     paths[name] = next(there, images / PurePosixPath(name).name)
             yield registered_scene(place.name, model, paths, depths, self.image_scale)

@@ -73,10 +73,23 @@ class Flsea(ImageScaleOption):
                     depths[_frame(name)].append(dive / "depth" / name)
             if depths and not any(_frame(name) in depths for name in names):
                 expected = f"expected names like {_frame(names[0])}_SeaErra_abs_depth.tif"
-                raise InputError(f"{dive / 'depth'}: no depth map is named after an image; {expected}")
-            lens = self._lens(dive, root, image_size(folder / names[0]) or _SIZE) if self.undistort else None
+                raise InputError(
+                    f"{dive / 'depth'}: no depth map is named after an image; {expected}"
+                )
+            lens = (
+                self._lens(dive, root, image_size(folder / names[0]) or _SIZE)
+                if self.undistort
+                else None
+            )
             photographs = [
-                Photograph(name, folder / name, lens, None, only(depths.get(_frame(name), ())), depth_lens=lens)
+                Photograph(
+                    name,
+                    folder / name,
+                    lens,
+                    None,
+                    only(depths.get(_frame(name), ())),
+                    depth_lens=lens,
+                )
                 for name in names
             ]
             yield scene_of(scene_name(dive, root), photographs, self.image_scale)
@@ -84,9 +97,15 @@ class Flsea(ImageScaleOption):
     def _lens(self, dive: Path, root: Path, size: tuple[int, int]) -> Lens | None:
         if self.calibration is not None:
             return read_kalibr(expanded(self.calibration), size)
-        places = [place for place in (dive, *dive.parents) if place == root or root in place.parents]
+        places = [
+            place for place in (dive, *dive.parents) if place == root or root in place.parents
+        ]
         for place in places:  # the nearest counts, of several in a place the camchain
-            for path in (path for pattern in _CALIBRATIONS for path in sorted(place.glob(f"calibration/{pattern}"))):
+            for path in (
+                path
+                for pattern in _CALIBRATIONS
+                for path in sorted(place.glob(f"calibration/{pattern}"))
+            ):
                 return read_kalibr(path, size)
         remedy = "give the site's folder as dataset.root, dataset.calibration=FILE or dataset.undistort=false"
         say(

@@ -31,7 +31,15 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import centred_camera, is_rigid
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.loading.depth_maps import find_depths, read_depth
-from sucre_bench.loading.find_folders import Found, ImageFolder, check_images, chosen, existing, inside, without_suffix
+from sucre_bench.loading.find_folders import (
+    Found,
+    ImageFolder,
+    check_images,
+    chosen,
+    existing,
+    inside,
+    without_suffix,
+)
 from sucre_bench.loading.lens import Lens, lens_of
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scaled_pose, scene_of
 from sucre_bench.machine.files import check_folder, reading, regular
@@ -63,12 +71,18 @@ def find_document(root: Path, name: str) -> Path:
     """Return the document in a folder: the one named, or the only one. InputError when there is none or several."""
     if name:
         return regular(root / name, f"correct or drop dataset.document={name}")
-    there = sorted(path for path in root.iterdir() if path.suffix.lower() in _SUFFIXES and path.is_file())
+    there = sorted(
+        path for path in root.iterdir() if path.suffix.lower() in _SUFFIXES and path.is_file()
+    )
     if not there:
-        raise InputError(f"{root}: no cameras.xml, .psx or .psz; put Metashape's exported cameras or project there")
+        raise InputError(
+            f"{root}: no cameras.xml, .psx or .psz; put Metashape's exported cameras or project there"
+        )
     if len(there) > 1:
         several = ", ".join(path.name for path in there[:5])
-        raise InputError(f"{root}: {several} are there; choose one with dataset.document={there[0].name}")
+        raise InputError(
+            f"{root}: {several} are there; choose one with dataset.document={there[0].name}"
+        )
     return there[0]
 
 
@@ -77,7 +91,9 @@ def read_chunk(document: Path, label: str) -> Chunk:
     top = _parsed(document)
     project = document
     if top.get("path") and top.find("chunk") is None:
-        project = _part(document, document, str(top.get("path")).replace("{projectname}", document.stem))
+        project = _part(
+            document, document, str(top.get("path")).replace("{projectname}", document.stem)
+        )
         top = _parsed(project)
     entries = top.findall("chunk") + top.findall("chunks/chunk")
     if not entries:
@@ -86,7 +102,9 @@ def read_chunk(document: Path, label: str) -> Chunk:
     if not label:
         listed = top.find("chunks")
         active = listed.get("active_id") if listed is not None else None
-        numbered = [chunk for entry, chunk in zip(entries, chunks, strict=True) if entry.get("id") == active]
+        numbered = [
+            chunk for entry, chunk in zip(entries, chunks, strict=True) if entry.get("id") == active
+        ]
         return (numbered or chunks)[0]
     for chunk in chunks:
         if chunk.element.get("label") == label:
@@ -99,7 +117,9 @@ def _part(document: Path, beside: Path, named: str) -> Path:
     """Return the file of the project that another of its files names. InputError when it leads out of its folder."""
     part = inside(document.parent, beside.parent, named)
     if part is None:
-        raise InputError(f"{document}: names '{named}' as a part, outside of {document.parent}; {_EXPORT}")
+        raise InputError(
+            f"{document}: names '{named}' as a part, outside of {document.parent}; {_EXPORT}"
+        )
     return document.parent / part
 
 
@@ -124,7 +144,9 @@ def _parsed(path: Path) -> Element:
     """Parse a file that is XML itself, or the doc.xml of an archive."""
     is_xml = path.suffix.lower() in (".xml", ".psx")
     large = f"is larger than {_LARGEST >> 20} MiB; {_EXPORT}"
-    with reading(path, _EXPORT if is_xml else f"copy the project with its .files folder, or {_EXPORT}"):
+    with reading(
+        path, _EXPORT if is_xml else f"copy the project with its .files folder, or {_EXPORT}"
+    ):
         if is_xml:
             if regular(path).stat().st_size > _LARGEST:
                 raise InputError(f"{path}: {large}")
@@ -177,7 +199,9 @@ def read_components(chunk: Chunk, document: Path) -> list[Component]:
         if camera.get("enabled", "true") in ("false", "0") or camera.get("label") is None:
             continue
         if sensor not in sensors:
-            raise InputError(f"{document}: camera '{camera.get('label')}' has no sensor {sensor}; {_EXPORT}")
+            raise InputError(
+                f"{document}: camera '{camera.get('label')}' has no sensor {sensor}; {_EXPORT}"
+            )
         pose = poses[number]
         master = poses.get(str(camera.get("master_id")))
         if pose is None and master is not None:
@@ -192,12 +216,18 @@ def read_components(chunk: Chunk, document: Path) -> list[Component]:
         label = str(camera.get("label"))
         named = chunk.paths.get(number, f"{group}/{label}" if group else label)
         stem = without_suffix(label.replace("\\", "/").rsplit("/", 1)[-1])
-        members.setdefault(of, []).append(Aligned(stem, named, lenses[sensor], np.linalg.inv(world_from_cam)))
+        members.setdefault(of, []).append(
+            Aligned(stem, named, lenses[sensor], np.linalg.inv(world_from_cam))
+        )
     if not members:
-        raise InputError(f"{document}: none of its {len(cameras)} cameras is aligned; run Align Photos, {_EXPORT}")
+        raise InputError(
+            f"{document}: none of its {len(cameras)} cameras is aligned; run Align Photos, {_EXPORT}"
+        )
     used = sum(map(len, members.values()))
     if used < len(cameras):
-        say(f"{document}: {used} of {len(cameras)} cameras are aligned and enabled, the others are left out")
+        say(
+            f"{document}: {used} of {len(cameras)} cameras are aligned and enabled, the others are left out"
+        )
     found = []
     for of, aligned in members.items():
         label = (worlds[of].get("label") if of in worlds else None) or f"component {of or 0}"
@@ -221,7 +251,9 @@ def _pose(camera: Element, document: Path) -> Array | None:
         return None
     pose = np.array(text.split(), dtype=np.float64).reshape(4, 4)
     if not is_rigid(pose):
-        raise InputError(f"{document}: the transform of camera '{camera.get('label')}' is not rigid; {_EXPORT}")
+        raise InputError(
+            f"{document}: the transform of camera '{camera.get('label')}' is not rigid; {_EXPORT}"
+        )
     return pose
 
 
@@ -230,13 +262,17 @@ def _offset(sensor: Element, document: Path) -> Array:
     offset = np.eye(4)
     rotation, location = sensor.findtext("rotation"), sensor.findtext("location")
     if rotation is None and location is None:
-        raise InputError(f"{document}: sensor '{sensor.get('label')}' has no place on its rig; {_EXPORT}")
+        raise InputError(
+            f"{document}: sensor '{sensor.get('label')}' has no place on its rig; {_EXPORT}"
+        )
     if rotation is not None:
         offset[:3, :3] = np.array(rotation.split(), dtype=np.float64).reshape(3, 3)
     if location is not None:
         offset[:3, 3] = np.array(location.split(), dtype=np.float64)
     if not is_rigid(offset):
-        raise InputError(f"{document}: the rotation of sensor '{sensor.get('label')}' is none; {_EXPORT}")
+        raise InputError(
+            f"{document}: the rotation of sensor '{sensor.get('label')}' is none; {_EXPORT}"
+        )
     return offset
 
 
@@ -260,23 +296,41 @@ def _lens(sensor: Element, document: Path) -> Lens:
     place = f"{document}: sensor '{sensor.get('label')}'"
     every = {element.get("class"): element for element in sensor.iterfind("calibration")}
     calibration = every.get("adjusted", next(iter(every.values()), None))
-    kind = sensor.get("type", "frame") if calibration is None else calibration.get("type", sensor.get("type", "frame"))
+    kind = (
+        sensor.get("type", "frame")
+        if calibration is None
+        else calibration.get("type", sensor.get("type", "frame"))
+    )
     fisheye = kind in ("fisheye", "equidistant_fisheye")
     if not fisheye and kind != "frame":
-        raise InputError(f"{place} is {kind}, which is not usable here; leave its cameras out, or {_UNDISTORT}")
+        raise InputError(
+            f"{place} is {kind}, which is not usable here; leave its cameras out, or {_UNDISTORT}"
+        )
     if calibration is None or calibration.find("f") is None:
-        raise InputError(f"{place} has no calibration with a focal length; align in Metashape 1.3 or later, {_EXPORT}")
+        raise InputError(
+            f"{place} has no calibration with a focal length; align in Metashape 1.3 or later, {_EXPORT}"
+        )
     terms = ("f", "cx", "cy", "b1", "b2", "k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4")
-    f, cx, cy, b1, b2, k1, k2, k3, k4, p1, p2, p3, p4 = (float(calibration.findtext(term, "0")) for term in terms)
+    f, cx, cy, b1, b2, k1, k2, k3, k4, p1, p2, p3, p4 = (
+        float(calibration.findtext(term, "0")) for term in terms
+    )
     size = calibration.find("resolution")
     size = size if size is not None else sensor.find("resolution")
     if size is None:
         raise InputError(f"{place} has no resolution; {_EXPORT}")
     width, height = int(size.get("width", "")), int(size.get("height", ""))
-    if not (f > 0 and f + b1 > 0 and width > 0 and height > 0 and np.isfinite([f, cx, cy, b1, b2]).all()):
-        raise InputError(f"{place} has {width}x{height} pixels and f = {f:g}, which no camera has; {_EXPORT}")
-    camera = Camera(np.array([[f + b1, b2, width / 2 + cx], [0, f, height / 2 + cy], [0, 0, 1]]), width, height)
-    return lens_of(camera, "fisheye" if fisheye else "perspective", (k1, k2, k3, k4), (p2, p1, p3, p4))
+    if not (
+        f > 0 and f + b1 > 0 and width > 0 and height > 0 and np.isfinite([f, cx, cy, b1, b2]).all()
+    ):
+        raise InputError(
+            f"{place} has {width}x{height} pixels and f = {f:g}, which no camera has; {_EXPORT}"
+        )
+    camera = Camera(
+        np.array([[f + b1, b2, width / 2 + cx], [0, f, height / 2 + cy], [0, 0, 1]]), width, height
+    )
+    return lens_of(
+        camera, "fisheye" if fisheye else "perspective", (k1, k2, k3, k4), (p2, p1, p3, p4)
+    )
 
 
 @dataset(
@@ -317,7 +371,9 @@ class Metashape(ImageScaleOption):
         at all. What is wrong with the files of one view is raised when they are loaded.
         """
         root = existing(self.root, "cameras.xml")
-        images, maps_folder = (chosen(self, root, option, "folder") for option in ("images", "depths"))
+        images, maps_folder = (
+            chosen(self, root, option, "folder") for option in ("images", "depths")
+        )
         document = find_document(root, self.document)
         chunk = read_chunk(document, self.chunk)
         with reading(document, _EXPORT):
@@ -330,27 +386,42 @@ class Metashape(ImageScaleOption):
         check_images((f"{document}: camera '{camera.named}'", *of) for camera, of in named.items())
         # A depth map is named after the camera's label, in the folder of its image.
         folders = {camera: PurePosixPath(name).parent for camera, (name, _) in named.items()}
-        maps = {camera: (folder / f"{camera.label}.png").as_posix() for camera, folder in folders.items()}
+        maps = {
+            camera: (folder / f"{camera.label}.png").as_posix()
+            for camera, folder in folders.items()
+        }
         depths = find_depths(maps_folder, list(maps.values()))
         for component in components:
             if component.scale is None:
                 lack = f"{component.label} has no scale, lengths are in units of its own"
                 say(f"{document}: {lack}; set a scale bar there")
             photographs = [
-                self._photograph(images, camera, *named[camera], depths.get(maps[camera]), component.scale or 1.0)
+                self._photograph(
+                    images, camera, *named[camera], depths.get(maps[camera]), component.scale or 1.0
+                )
                 for camera in sorted(component.cameras, key=lambda camera: named[camera][0])
             ]
             with_depth = any(photograph.depth for photograph in photographs)
-            how = (self.depth_units, component.scale or 1.0, self.depth_camera) if with_depth else ()
-            name = root.resolve().name + (f"/{component.label}" if component.is_one_of_several else "")
+            how = (
+                (self.depth_units, component.scale or 1.0, self.depth_camera) if with_depth else ()
+            )
+            name = root.resolve().name + (
+                f"/{component.label}" if component.is_one_of_several else ""
+            )
             yield scene_of(name, photographs, self.image_scale, self.encoding, *how)
 
     def _photograph(
         self, folder: Path, camera: Aligned, name: str, fault: str, depth: Found, scale: float
     ) -> Photograph:
         lens = camera.lens
-        if self.undistorted:  # Undistort Photos makes one focal length, and the principal point the middle
+        if (
+            self.undistorted
+        ):  # Undistort Photos makes one focal length, and the principal point the middle
             lens = Lens(centred_camera(lens.camera.K[1, 1], *lens.camera.size))
-        read = (lambda path: read_depth(path) * scale) if self.depth_units == "chunk" else read_depth
+        read = (
+            (lambda path: read_depth(path) * scale) if self.depth_units == "chunk" else read_depth
+        )
         of_depth = lens if self.depth_camera == "image" else Lens(camera.lens.camera)
-        return Photograph(name, folder / name, lens, camera.cam_from_world, depth, read, of_depth, fault=fault)
+        return Photograph(
+            name, folder / name, lens, camera.cam_from_world, depth, read, of_depth, fault=fault
+        )

@@ -40,7 +40,10 @@ from sucre_bench.machine.files import read_json, regular
 from sucre_bench.machine.progress import say
 from sucre_bench.scene import Encoding, Scene
 
-_USUAL = ("transforms.json",), ("transforms_train.json", "transforms_val.json", "transforms_test.json")
+_USUAL = (
+    ("transforms.json",),
+    ("transforms_train.json", "transforms_val.json", "transforms_test.json"),
+)
 _PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
 _FISHEYE = ("OPENCV_FISHEYE",)
 _MILLIMETRE = 0.001  # nerfstudio's own depth_unit_scale_factor where nothing says another
@@ -48,10 +51,51 @@ _MILLIMETRE = 0.001  # nerfstudio's own depth_unit_scale_factor where nothing sa
 _DEPTHS = ("depth_file_path", "depth_path")
 _UNITS = {"depth_unit_scale_factor": 1, "integer_depth_scale": 1, "depth_scaling_factor": -1}
 # Keys that are read, or that say nothing of a view's pixels and camera.
-_KNOWN = {*_DEPTHS, *_UNITS, "frames", "file_path", "mask_path", "transform_matrix", "applied_scale"}
-_KNOWN |= {"camera_model", "is_fisheye", "w", "h", "fl_x", "fl_y", "fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"}
-_KNOWN |= {"p1", "p2", "camera_angle_x", "camera_angle_y", "applied_transform", "aabb", "aabb_scale", "scale", "offset"}
-_KNOWN |= {"sharpness", "colmap_im_id", "ply_file_path", "near", "far", "rotation", "enable_depth_loading"}
+_KNOWN = {
+    *_DEPTHS,
+    *_UNITS,
+    "frames",
+    "file_path",
+    "mask_path",
+    "transform_matrix",
+    "applied_scale",
+}
+_KNOWN |= {
+    "camera_model",
+    "is_fisheye",
+    "w",
+    "h",
+    "fl_x",
+    "fl_y",
+    "fx",
+    "fy",
+    "cx",
+    "cy",
+    "k1",
+    "k2",
+    "k3",
+    "k4",
+}
+_KNOWN |= {
+    "p1",
+    "p2",
+    "camera_angle_x",
+    "camera_angle_y",
+    "applied_transform",
+    "aabb",
+    "aabb_scale",
+    "scale",
+    "offset",
+}
+_KNOWN |= {
+    "sharpness",
+    "colmap_im_id",
+    "ply_file_path",
+    "near",
+    "far",
+    "rotation",
+    "enable_depth_loading",
+}
 _Frame = Mapping[str, Any]
 
 
@@ -93,9 +137,19 @@ class Nerfstudio(ImageScaleOption):
         for path in self._files(root):
             content = read_json(path, "copy or export it again", of_data=True)
             frames = content.get("frames") if isinstance(content, dict) else None
-            if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
-                raise InputError(f"{path}: has no frames; export it again with ns-process-data or the like")
-            said = [_factor(content, key, path, 0) ** power for key, power in _UNITS.items() if key in content]
+            if (
+                not isinstance(frames, list)
+                or not frames
+                or not all(isinstance(frame, dict) for frame in frames)
+            ):
+                raise InputError(
+                    f"{path}: has no frames; export it again with ns-process-data or the like"
+                )
+            said = [
+                _factor(content, key, path, 0) ** power
+                for key, power in _UNITS.items()
+                if key in content
+            ]
             unit = self.depth_scale or (said or [_MILLIMETRE])[0]
             units.add(unit)
             if unknown := sorted({key for part in (content, *frames) for key in part} - _KNOWN):
@@ -117,7 +171,9 @@ class Nerfstudio(ImageScaleOption):
             there = [root / name for name in names if (root / name).is_file()]
             if there:
                 return there
-        raise MissingFileError("no such file", root / "transforms.json", "put it there or set dataset.transforms=FILE")
+        raise MissingFileError(
+            "no such file", root / "transforms.json", "put it there or set dataset.transforms=FILE"
+        )
 
 
 @dataclass(frozen=True)
@@ -141,9 +197,14 @@ class _Files:
             if relative is not None and (self.root / f"{name}{suffix}").is_file():
                 return f"{name}{suffix}", ""
 
-        def end(file: str) -> list[str]:  # an image may have been converted, a depth map or a mask may not
+        def end(
+            file: str,
+        ) -> list[str]:  # an image may have been converted, a depth map or a mask may not
             path = PurePosixPath(file.lower())
-            return [path.parent.name, without_suffix(path.name) if key == "file_path" else path.name]
+            return [
+                path.parent.name,
+                without_suffix(path.name) if key == "file_path" else path.name,
+            ]
 
         there = [file for file in self._below.find(name) if end(file) == end(name)]
         if len(there) == 1:
@@ -166,15 +227,21 @@ def _photograph(
         file, no_depth = files.find(path, frame, key)
         depth = no_depth or root / file
         if not depth_suffix(file):
-            depth = f"{root / file}: is no depth map of a known kind; write 16-bit .png, .npy or .tif"
+            depth = (
+                f"{root / file}: is no depth map of a known kind; write 16-bit .png, .npy or .tif"
+            )
         if frame.get("mask_path"):
             mask = root / files.find(path, frame, "mask_path")[0]
     try:
-        pose = np.vstack([np.array(frame.get("transform_matrix"), dtype=np.float64)[:3], [0, 0, 0, 1]])
+        pose = np.vstack(
+            [np.array(frame.get("transform_matrix"), dtype=np.float64)[:3], [0, 0, 0, 1]]
+        )
     except (TypeError, ValueError, IndexError):
         pose = np.zeros((4, 4))
     if pose.shape != (4, 4) or not is_rigid(pose):
-        raise InputError(f"{place}: its transform_matrix is no camera's pose (4x4, rigid); export it again")
+        raise InputError(
+            f"{place}: its transform_matrix is no camera's pose (4x4, rigid); export it again"
+        )
     pose[:3, 3] /= _factor(common, "applied_scale", path, 1.0)
     return Photograph(
         name,
@@ -208,25 +275,38 @@ def _lens(frame: _Frame, image: Path, path: Path, place: str) -> Lens:
     """The lens of a frame: its own values, or those of the whole file; where sizes are left out, the image's."""
     model = str(frame.get("camera_model", "OPENCV"))
     if model not in _PERSPECTIVE + _FISHEYE or frame.get("is_fisheye"):
-        raise InputError(f"{place}: camera_model {model} is not usable here; undistort the images to OPENCV or PINHOLE")
-    width, height, fl_x, fl_y, cx, cy = (_number(frame, key, place) for key in ("w", "h", "fl_x", "fl_y", "cx", "cy"))
+        raise InputError(
+            f"{place}: camera_model {model} is not usable here; undistort the images to OPENCV or PINHOLE"
+        )
+    width, height, fl_x, fl_y, cx, cy = (
+        _number(frame, key, place) for key in ("w", "h", "fl_x", "fl_y", "cx", "cy")
+    )
     k = [_number(frame, f"k{i}", place, 0.0) or 0.0 for i in (1, 2, 3, 4)]
     p = [_number(frame, f"p{i}", place, 0.0) or 0.0 for i in (1, 2)]
     if width is None or height is None:
         size = image_size(image)
         if size is None:
-            raise InputError("has no w and h, and its image cannot be read", place, "give both, or the image")
+            raise InputError(
+                "has no w and h, and its image cannot be read", place, "give both, or the image"
+            )
         width, height = size
     fl_x, fl_y = fl_x or _number(frame, "fx", place), fl_y or _number(frame, "fy", place)
     fl_x = fl_x or _focal(frame, "camera_angle_x", width, place)
     fl_y = fl_y or _focal(frame, "camera_angle_y", height, place) or fl_x
     fl_x = fl_x or fl_y
     if fl_x is None or fl_y is None or min(fl_x, fl_y, width, height) <= 0:
-        raise InputError(f"{place}: has no usable fl_x, w and h, nor camera_angle_x; add them to {path.name}")
+        raise InputError(
+            f"{place}: has no usable fl_x, w and h, nor camera_angle_x; add them to {path.name}"
+        )
     cx, cy = width / 2 if cx is None else cx, height / 2 if cy is None else cy
-    camera = Camera(np.array([[fl_x, 0, cx], [0, fl_y, cy], [0, 0, 1]]), round(width), round(height))
+    camera = Camera(
+        np.array([[fl_x, 0, cx], [0, fl_y, cy], [0, 0, 1]]), round(width), round(height)
+    )
     return lens_of(
-        camera, "fisheye" if model in _FISHEYE else "perspective", tuple(k), () if model in _FISHEYE else tuple(p)
+        camera,
+        "fisheye" if model in _FISHEYE else "perspective",
+        tuple(k),
+        () if model in _FISHEYE else tuple(p),
     )
 
 
@@ -239,6 +319,9 @@ def _focal(frame: _Frame, key: str, side: float, place: str) -> float | None:
 def _masked(unit: float, mask: Path, path: Path) -> Array:
     import cv2
 
-    metres, keep = read_depth(path, unit), decode(mask, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+    metres, keep = (
+        read_depth(path, unit),
+        decode(mask, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION),
+    )
     keep = np.asarray(cv2.resize(keep, metres.shape[::-1], interpolation=cv2.INTER_NEAREST_EXACT))
     return np.where(keep > 0, metres, 0)

@@ -57,7 +57,9 @@ class Openmvs(ImageScaleOption):
     def __post_init__(self) -> None:
         super().__post_init__()
         if Path(self.dmaps).is_absolute() or ".." in Path(self.dmaps).parts or not self.dmaps:
-            raise InputError(f"openmvs.dmaps: '{self.dmaps}' is no pattern of paths in root; give '*.dmap'")
+            raise InputError(
+                f"openmvs.dmaps: '{self.dmaps}' is no pattern of paths in root; give '*.dmap'"
+            )
 
     def scenes(self) -> Iterator[Scene]:
         """Yield the one scene, named like its folder. Reads headers and samples of depth maps and images.
@@ -68,7 +70,9 @@ class Openmvs(ImageScaleOption):
         root = existing(self.root, "the .dmap files")
         paths = sorted(path for path in root.glob(self.dmaps) if path.is_file())
         if not paths:
-            raise InputError(f"{root / self.dmaps}: no depth map; run DensifyPointCloud there or set dataset.dmaps=...")
+            raise InputError(
+                f"{root / self.dmaps}: no depth map; run DensifyPointCloud there or set dataset.dmaps=..."
+            )
         images = ImageFolder(root)
         photographs = []
         for path in track(paths, "depth maps"):
@@ -76,11 +80,15 @@ class Openmvs(ImageScaleOption):
             name, fault = images.find_one(header.image, path.name)
             pose = scaled_pose(header.cam_from_world, self.metres_per_unit)
             photographs.append(
-                Photograph(name, root / name, Lens(header.camera), pose, path, self._metres, fault=fault)
+                Photograph(
+                    name, root / name, Lens(header.camera), pose, path, self._metres, fault=fault
+                )
             )
         check_images((str(one.depth), one.name, one.fault) for one in photographs)
         photographs.sort(key=lambda photograph: photograph.name)
-        yield scene_of(root.resolve().name, photographs, self.image_scale, self.encoding, self.metres_per_unit)
+        yield scene_of(
+            root.resolve().name, photographs, self.image_scale, self.encoding, self.metres_per_unit
+        )
 
     def _metres(self, path: Path) -> Array:
         return read_dmap_depth(path) * np.float32(self.metres_per_unit)
@@ -122,8 +130,14 @@ def read_header(path: Path) -> Header:
         flags, exponent = take("Bb")
         width, height, depth_width, depth_height = take("4I")
         take("3f" if halves else "2f")
-        if not flags & 1 or not 0 < depth_width <= width <= 1 << 20 or not 0 < depth_height <= height <= 1 << 20:
-            raise ValueError(f"flags {flags}, image {width}x{height}, depths {depth_width}x{depth_height}")
+        if (
+            not flags & 1
+            or not 0 < depth_width <= width <= 1 << 20
+            or not 0 < depth_height <= height <= 1 << 20
+        ):
+            raise ValueError(
+                f"flags {flags}, image {width}x{height}, depths {depth_width}x{depth_height}"
+            )
         name = take(f"{take('H')[0]}s")[0].decode()
         views = take("I")[0]
         if views > _MOST_VIEWS:
@@ -136,14 +150,18 @@ def read_header(path: Path) -> Header:
         cam_from_world = np.eye(4)
         cam_from_world[:3, :3] = R
         cam_from_world[:3, 3] = -R @ C
-        if not (np.isfinite(K).all() and min(K[0, 0], K[1, 1]) > 0 and np.allclose(K[2], (0, 0, 1))):
+        if not (
+            np.isfinite(K).all() and min(K[0, 0], K[1, 1]) > 0 and np.allclose(K[2], (0, 0, 1))
+        ):
             raise ValueError("its K is no camera's")
         if not is_rigid(cam_from_world):
             raise ValueError("its R and C are no pose")
         K[:2, 2] += 0.5
         camera, dtype = Camera(K, width, height), np.dtype("<f2" if halves else "<f4")
         factor = 2.0**exponent if halves else 1.0
-        return Header(name, camera, cam_from_world, (depth_height, depth_width), file.tell(), dtype, factor)
+        return Header(
+            name, camera, cam_from_world, (depth_height, depth_width), file.tell(), dtype, factor
+        )
 
 
 def read_dmap_depth(path: Path) -> Array:
@@ -153,7 +171,9 @@ def read_dmap_depth(path: Path) -> Array:
     with path.open("rb") as file:
         there = os.fstat(file.fileno()).st_size - header.offset
         if there < count * header.dtype.itemsize:  # before memory of that size is allocated
-            raise DamagedFileError(f"cut short, its depths need {count * header.dtype.itemsize} bytes", path, _REMEDY)
+            raise DamagedFileError(
+                f"cut short, its depths need {count * header.dtype.itemsize} bytes", path, _REMEDY
+            )
         file.seek(header.offset)
         stored = np.fromfile(file, header.dtype, count).reshape(header.shape)
     return np.asarray(stored.astype(np.float32) * np.float32(header.factor))

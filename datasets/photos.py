@@ -27,7 +27,12 @@ from typing import Literal
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.image_files import SUFFIXES
 from sucre_bench.loading.find_folders import chosen, existing, folders_below, scene_name
-from sucre_bench.loading.image_folder import SplitOption, image_folder_scene, image_names, paired_folders
+from sucre_bench.loading.image_folder import (
+    SplitOption,
+    image_folder_scene,
+    image_names,
+    paired_folders,
+)
 from sucre_bench.loading.named_sets import IncompleteSetError
 from sucre_bench.loading.view_files import ImageScaleOption
 from sucre_bench.plugins.plugin import dataset
@@ -76,7 +81,9 @@ class Lsui(ImageScaleOption, SplitOption):
         if lacking and not found:
             raise max(lacking, key=lambda fault: getattr(fault, "found", -1))
         if not found:
-            raise InputError(f"{root}: holds no folder input; unpack it there, or give the folder that holds it")
+            raise InputError(
+                f"{root}: holds no folder input; unpack it there, or give the folder that holds it"
+            )
 
 
 @dataset(
@@ -97,10 +104,14 @@ class U45(ImageScaleOption, SplitOption):
     def scenes(self) -> Iterator[Scene]:
         """Yield the one scene. Reads headers and samples of files. InputError when there is no image."""
         root = existing(self.root)
-        named = folders_below(root, lambda place, _: place.name.lower() == "u45" and bool(image_names(place)))
+        named = folders_below(
+            root, lambda place, _: place.name.lower() == "u45" and bool(image_names(place))
+        )
         folder = next(named, root)  # the download holds results of other methods beside it
         if not image_names(folder):
-            raise InputError(f"{root}: holds no image, nor a folder U45 of images; give the folder of 1.png to 45.png")
+            raise InputError(
+                f"{root}: holds no image, nor a folder U45 of images; give the folder of 1.png to 45.png"
+            )
         yield image_folder_scene("U45", folder, image_scale=self.image_scale, split=self.split)
 
 
@@ -134,10 +145,14 @@ class Uieb(ImageScaleOption, SplitOption):
         names = _RAW if paired else _CHALLENGING
         found = next(paired_folders(root, names, _REFERENCES), None)
         if found is None:
-            raise InputError(f"{root}: holds no folder {names[0]}; unpack it there, or give the folder that holds it")
+            raise InputError(
+                f"{root}: holds no folder {names[0]}; unpack it there, or give the folder that holds it"
+            )
         place, images, references = found
         if paired and references is None:
-            raise MissingFileError("no such folder", place / _REFERENCES[0], f"unpack it there, beside {images}")
+            raise MissingFileError(
+                "no such folder", place / _REFERENCES[0], f"unpack it there, beside {images}"
+            )
         targets = references if paired else None
         yield image_folder_scene(self.subset, images, targets, self.image_scale, split=self.split)
 

@@ -29,7 +29,13 @@ from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.colmap_model import Posed, read_model
 from sucre_bench.loading.d5_charts import FULL_SIZE, published_charts
 from sucre_bench.loading.depth_maps import find_depths
-from sucre_bench.loading.find_folders import check_chosen, chosen, existing, folders_below, scene_name
+from sucre_bench.loading.find_folders import (
+    check_chosen,
+    chosen,
+    existing,
+    folders_below,
+    scene_name,
+)
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, scaled_pose, scene_of
 from sucre_bench.machine.files import expanded, reading
@@ -77,7 +83,9 @@ def read_raw(path: Path, size: tuple[int, int] | None = None) -> Array:
     height, width = image.shape[:2]
     if size is not None and (width, height) != size:
         if not same_shape((width, height), size):
-            raise InputError(f"{path}: is {width}x{height}, expected {size[0]}x{size[1]}; use the file as released")
+            raise InputError(
+                f"{path}: is {width}x{height}, expected {size[0]}x{size[1]}; use the file as released"
+            )
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     return np.asarray(image)
 
@@ -86,7 +94,9 @@ def _rawpy(path: Path) -> Any:
     try:
         return importlib.import_module("rawpy")
     except ImportError as fault:
-        raise InputError(f"{path}: is a raw file; install rawpy (pip install rawpy), or use linearPNG") from fault
+        raise InputError(
+            f"{path}: is a raw file; install rawpy (pip install rawpy), or use linearPNG"
+        ) from fault
 
 
 _SUFFIXES = (*SUFFIXES, *RAW_SUFFIXES)
@@ -142,11 +152,16 @@ class Seathru(ImageScaleOption):
             yield self._scene(place, images, scene_name(place, root if root != images else place))
 
     def _scene(self, place: Path, folder: Path, name: str) -> Scene:
-        paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in _SUFFIXES and not p.name.startswith("."))
+        paths = sorted(
+            p
+            for p in folder.iterdir()
+            if p.suffix.lower() in _SUFFIXES and not p.name.startswith(".")
+        )
         if not paths:
             raise InputError(f"{folder}: holds no image; copy the set's images there")
         read = {
-            p.name: (raw_size if p.suffix.lower() in RAW_SUFFIXES else image_size)(p) for p in track(paths, "sizes")
+            p.name: (raw_size if p.suffix.lower() in RAW_SUFFIXES else image_size)(p)
+            for p in track(paths, "sizes")
         }
         usual = next(
             (size for size in read.values() if size), FULL_SIZE
@@ -184,14 +199,17 @@ class Seathru(ImageScaleOption):
             photographs.append(photograph)
         return scene_of(name, photographs, self.image_scale, self.encoding)
 
-    def _charts(self, place: Path, sizes: Mapping[str, tuple[int, int]]) -> Mapping[str, Sequence[Chart]]:
+    def _charts(
+        self, place: Path, sizes: Mapping[str, tuple[int, int]]
+    ) -> Mapping[str, Sequence[Chart]]:
         """Return the charts of each image, corners in its pixels."""
         file = place / expanded(self.charts)
         if file.is_file():
             return read_charts(file, sizes)
         return {
             name: [
-                scaled_chart(chart, FULL_SIZE, size) for chart in published_charts().get(PurePosixPath(name).stem, ())
+                scaled_chart(chart, FULL_SIZE, size)
+                for chart in published_charts().get(PurePosixPath(name).stem, ())
             ]
             for name, size in sizes.items()
             if same_shape(size, FULL_SIZE)  # cropped or undistorted copies are other pixels
@@ -211,8 +229,12 @@ def _model(sparse: Path, folder: Path, images: Sequence[Path]) -> dict[str, list
     found = {path.name: by_stem[path.stem] for path in images if path.stem in by_stem}
     if not found:
         example = next(iter(by_stem.values()))[0].name
-        raise InputError(f"{sparse}: none of its images, {example} or so, is in {folder}; give the model of these")
-    exact = {name: [posed for posed in several if posed.name == name] for name, several in found.items()}
+        raise InputError(
+            f"{sparse}: none of its images, {example} or so, is in {folder}; give the model of these"
+        )
+    exact = {
+        name: [posed for posed in several if posed.name == name] for name, several in found.items()
+    }
     return {name: exact[name] or several for name, several in found.items()}
 
 
@@ -226,7 +248,9 @@ def _depths(place: Path, names: Sequence[str]) -> dict[str, Path | str]:
             break
         try:
             found |= find_depths(folder, without)
-        except InputError as fault:  # none of its maps is named after an image: those of another folder may be
+        except (
+            InputError
+        ) as fault:  # none of its maps is named after an image: those of another folder may be
             refused.append(fault)
     if refused and not found:
         raise refused[0]

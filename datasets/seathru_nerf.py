@@ -15,7 +15,13 @@ from pathlib import Path
 from typing import ClassVar, Literal
 
 from sucre_bench.loading.colmap_model import read_model, registered_scene
-from sucre_bench.loading.find_folders import ImageFolder, chosen, existing, folders_below, scene_name
+from sucre_bench.loading.find_folders import (
+    ImageFolder,
+    chosen,
+    existing,
+    folders_below,
+    scene_name,
+)
 from sucre_bench.loading.view_files import ImageScaleOption
 from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Encoding, Scene
@@ -59,17 +65,32 @@ class SeathruNerf(ImageScaleOption):
         root = existing(self.root)
         names = [name.lower() for name in self.images]
         lack = f"holds no folder {' or '.join(self.images)}; give the folder of the four scenes"
-        for place in folders_below(root, lambda _, below: bool({name.lower() for name in below} & set(names)), lack):
+        for place in folders_below(
+            root, lambda _, below: bool({name.lower() for name in below} & set(names)), lack
+        ):
             there = {path.name.lower(): path for path in sorted(place.iterdir()) if path.is_dir()}
             images = next(there[name] for name in names if name in there)
             depths = chosen(self, place, "depths", "folder")
-            sparse = next((path for path in (place / "sparse", place / "colmap" / "sparse") if path.is_dir()), None)
+            sparse = next(
+                (path for path in (place / "sparse", place / "colmap" / "sparse") if path.is_dir()),
+                None,
+            )
             model = read_model(sparse or place / "sparse", images, distorted=True)
             if self.split != "all":
-                model = [posed for i, posed in enumerate(model) if (i % _HELD_OUT == 0) == (self.split == "test")]
+                model = [
+                    posed
+                    for i, posed in enumerate(model)
+                    if (i % _HELD_OUT == 0) == (self.split == "test")
+                ]
             files = ImageFolder(images)
             scale = self.image_scale
             unit = self.metres_per_unit
-            fits = {posed.name: files.find(posed.name) for posed in model}  # models are often made of other copies
-            paths = {name: images / (same[0] if len(same) == 1 else name) for name, same in fits.items()}
-            yield registered_scene(scene_name(place, root), model, paths, depths, scale, self.encoding, unit)
+            fits = {
+                posed.name: files.find(posed.name) for posed in model
+            }  # models are often made of other copies
+            paths = {
+                name: images / (same[0] if len(same) == 1 else name) for name, same in fits.items()
+            }
+            yield registered_scene(
+                scene_name(place, root), model, paths, depths, scale, self.encoding, unit
+            )

@@ -37,7 +37,14 @@ from sucre_bench.plugins.plugin import dataset
 from sucre_bench.scene import Encoding, Scene
 
 _SIZE = (2737, 1827)  # of the images and maps, which the calibration was made at
-_METRES = {"m": 1.0, "meters": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001, "millimeters": 0.001}
+_METRES = {
+    "m": 1.0,
+    "meters": 1.0,
+    "cm": 0.01,
+    "centimeters": 0.01,
+    "mm": 0.001,
+    "millimeters": 0.001,
+}
 
 
 @dataset(
@@ -73,16 +80,25 @@ class Squid(ImageScaleOption):
         root = existing(self.root)
         calibration = functools.cache(_calibration)
         lack = "holds no folder image_set_NN; give the folder of Katzaa, Michmoret and so on"
-        folders = list(folders_below(root, lambda place, _: place.name.lower().startswith("image_set"), lack))
+        folders = list(
+            folders_below(root, lambda place, _: place.name.lower().startswith("image_set"), lack)
+        )
         check_chosen(self, folders, "charts", "file")
         for folder in folders:
-            files = [file for place in (folder.parent, folder) for file in sorted(place.glob("stereoParams*.mat"))]
+            files = [
+                file
+                for place in (folder.parent, folder)
+                for file in sorted(place.glob("stereoParams*.mat"))
+            ]
             if not files:
                 where = folder.parent / "stereoParams0.5.mat"
                 raise MissingFileError("no such file", where, "copy it from the site's download")
             cameras, right_from_left = calibration(files[0])
             paths = [_image(folder, "LFT"), _image(folder, "RGT")]
-            sizes = {path.name: image_size(path) or camera.size for path, camera in zip(paths, cameras, strict=True)}
+            sizes = {
+                path.name: image_size(path) or camera.size
+                for path, camera in zip(paths, cameras, strict=True)
+            }
             charts = read_charts(folder / expanded(self.charts), sizes)
             maps = folder / "distanceFromCamera.mat"
             photographs = [
@@ -93,14 +109,25 @@ class Squid(ImageScaleOption):
                     pose,
                     maps if maps.is_file() else None,
                     functools.partial(
-                        _read_distance, key=f"dist_map_{side}", camera=camera, farthest_m=self.farthest_m
+                        _read_distance,
+                        key=f"dist_map_{side}",
+                        camera=camera,
+                        farthest_m=self.farthest_m,
                     ),
                     charts=charts.get(path.name, ()),
                     size=sizes[path.name],
                 )
-                for path, camera, side, pose in zip(paths, cameras, "lr", (np.eye(4), right_from_left), strict=True)
+                for path, camera, side, pose in zip(
+                    paths, cameras, "lr", (np.eye(4), right_from_left), strict=True
+                )
             ]
-            yield scene_of(scene_name(folder, root), photographs, self.image_scale, self.encoding, self.farthest_m)
+            yield scene_of(
+                scene_name(folder, root),
+                photographs,
+                self.image_scale,
+                self.encoding,
+                self.farthest_m,
+            )
 
 
 def _image(folder: Path, side: str) -> Path:
@@ -134,19 +161,28 @@ def _calibration(path: Path) -> tuple[tuple[Camera, Camera], Array]:
         with reading(path, "in MATLAB save toStruct(stereoParams) to it"):
             stored = matio.load_from_mat(str(path))
     with reading(path, "copy the calibration of the two cameras again"):
-        cameras = _camera(_field(stored, "CameraParameters1")), _camera(_field(stored, "CameraParameters2"))
-        rotation, translation = (_numbers(_field(stored, f"{part}OfCamera2")) for part in ("Rotation", "Translation"))
+        cameras = (
+            _camera(_field(stored, "CameraParameters1")),
+            _camera(_field(stored, "CameraParameters2")),
+        )
+        rotation, translation = (
+            _numbers(_field(stored, f"{part}OfCamera2")) for part in ("Rotation", "Translation")
+        )
         units = np.asarray(_plain(_field(stored, "WorldUnits"))).ravel()
         right_from_left = np.eye(4)
         right_from_left[:3, :3] = rotation.reshape(3, 3).T
-        right_from_left[:3, 3] = translation.reshape(3) * _METRES[str(units[0]) if units.size else "mm"]
+        right_from_left[:3, 3] = (
+            translation.reshape(3) * _METRES[str(units[0]) if units.size else "mm"]
+        )
         if not is_rigid(right_from_left):
             raise ValueError("RotationOfCamera2 is no rotation")
     return cameras, right_from_left
 
 
 def _camera(parameters: Any) -> Camera:
-    named = (_field(parameters, name) for name in ("IntrinsicMatrix", "IntrinsicMatrixInternal", "K"))
+    named = (
+        _field(parameters, name) for name in ("IntrinsicMatrix", "IntrinsicMatrixInternal", "K")
+    )
     stored = next((matrix for matrix in named if matrix is not None), None)
     K = _numbers(stored).reshape(3, 3)
     K = K if np.allclose(K[2], (0, 0, 1)) else K.T

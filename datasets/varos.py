@@ -41,7 +41,20 @@ _FAR_VALUE = 65535
 _CAMERA = "camM0.yaml"
 _TIMES = "camM0_timestamps.csv"
 _POSES = "camM0_poses/camM0_poses_transformation_matrix.csv"
-_MATRIX = ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33", "s_x_vw", "s_y_vw", "s_z_vw")
+_MATRIX = (
+    "r11",
+    "r12",
+    "r13",
+    "r21",
+    "r22",
+    "r23",
+    "r31",
+    "r32",
+    "r33",
+    "s_x_vw",
+    "s_y_vw",
+    "s_z_vw",
+)
 # Time stamps passed through float32 (4999936 for 5 ms), and clocks start up to 5 ms apart. Frames are 100 ms apart.
 _SAME_TIME_NS = 10_000_000
 
@@ -75,15 +88,25 @@ class Varos(ImageScaleOption):
                 raise InputError(
                     f"{folder / 'A'}: holds no image that ends on a frame number; copy the PNG files there"
                 )
-            beside: dict[str, dict[int, Path | str]] = {plane: {**_frames(folder / plane)} for plane in "BD"}
+            beside: dict[str, dict[int, Path | str]] = {
+                plane: {**_frames(folder / plane)} for plane in "BD"
+            }
             for plane, files in beside.items():
                 for frame in images if files else ():
-                    files.setdefault(frame, f"{folder / plane}: no file of frame {frame}; copy it there")
+                    files.setdefault(
+                        frame, f"{folder / plane}: no file of frame {frame}; copy it there"
+                    )
             lens = Lens(_camera(_beside(folder, root, _CAMERA)))
             times = _times(_beside(folder, root, _TIMES), sorted(images))
             stamps, matrices = _poses(_beside(folder, root, _POSES))
-            nearest = {frame: int(np.argmin(np.abs(stamps - time))) for frame, time in times.items()}
-            poses = {n: matrices[k] for n, k in nearest.items() if abs(stamps[k] - times[n]) <= _SAME_TIME_NS}
+            nearest = {
+                frame: int(np.argmin(np.abs(stamps - time))) for frame, time in times.items()
+            }
+            poses = {
+                n: matrices[k]
+                for n, k in nearest.items()
+                if abs(stamps[k] - times[n]) <= _SAME_TIME_NS
+            }
             photographs = [
                 Photograph(
                     path.relative_to(folder / "A").as_posix(),
@@ -114,12 +137,16 @@ def _frames(folder: Path) -> dict[int, Path]:
 
 def _beside(folder: Path, root: Path, name: str) -> Path:
     """Return a file of the camera: with its images, or above where they were split into folders of one's own."""
-    places = [place for place in (folder, *folder.parents) if place == root or root in place.parents]
+    places = [
+        place for place in (folder, *folder.parents) if place == root or root in place.parents
+    ]
     for place in places:
         for path in (place / name, place / Path(name).name):
             if path.is_file():
                 return path
-    raise MissingFileError(f"no such file, nor above, up to {root}", folder / name, "copy it from the download")
+    raise MissingFileError(
+        f"no such file, nor above, up to {root}", folder / name, "copy it from the download"
+    )
 
 
 # -- the camera and its poses ------------------------------------------------------------------------------
@@ -128,9 +155,15 @@ def _beside(folder: Path, root: Path, name: str) -> Path:
 def _camera(path: Path) -> Camera:
     with reading(path, "give one with focal_length, sensor_width and resolution: width, height"):
         text = regular(path).read_text(encoding="utf-8")
-        stored = read_yaml(re.sub(r"^%YAML.*\n", "", text))  # as OpenCV heads its files, which YAML refuses
+        stored = read_yaml(
+            re.sub(r"^%YAML.*\n", "", text)
+        )  # as OpenCV heads its files, which YAML refuses
         resolution = stored.get("resolution", stored)
-        width, height = resolution if isinstance(resolution, list) else (resolution["width"], resolution["height"])
+        width, height = (
+            resolution
+            if isinstance(resolution, list)
+            else (resolution["width"], resolution["height"])
+        )
         focal = float(stored["focal_length"]) / float(stored["sensor_width"]) * width
         if not (focal > 0 and width > 0 and height > 0):
             raise ValueError(f"focal length {focal:g} px for {width}x{height}")
@@ -163,25 +196,38 @@ def _poses(path: Path) -> tuple[Array, Array]:
     header = [re.sub(r"\s*\[.*", "", cell).strip() for cell in rows[0]] if rows else []
     absent = [name for name in _MATRIX if name not in header]
     if absent:
-        raise InputError(f"{path}: has no column {absent[0]}; expected a time in ns and {', '.join(_MATRIX)}")
+        raise InputError(
+            f"{path}: has no column {absent[0]}; expected a time in ns and {', '.join(_MATRIX)}"
+        )
     columns = [0, *(header.index(name) for name in _MATRIX)]
     try:
-        values = np.array([[float(row[column]) for column in columns] for row in rows[1:]], dtype=np.float64)
+        values = np.array(
+            [[float(row[column]) for column in columns] for row in rows[1:]], dtype=np.float64
+        )
     except (ValueError, IndexError) as fault:
-        raise InputError(f"{path}: a row is cut short or no number ({fault}); copy the file again") from fault
+        raise InputError(
+            f"{path}: a row is cut short or no number ({fault}); copy the file again"
+        ) from fault
     if len(values) == 0:
         raise InputError(f"{path}: holds no pose; copy the file again")
     world_from_cam = np.tile(np.eye(4), (len(values), 1, 1))
     world_from_cam[:, :3, :3] = rotation = values[:, 1:10].reshape(-1, 3, 3)
     world_from_cam[:, :3, 3] = values[:, 10:]
-    proper = np.isclose(rotation @ rotation.transpose(0, 2, 1), np.eye(3), atol=1e-3).all(axis=(1, 2))
+    proper = np.isclose(rotation @ rotation.transpose(0, 2, 1), np.eye(3), atol=1e-3).all(
+        axis=(1, 2)
+    )
     proper &= np.linalg.det(rotation) > 0
     if not proper.all():
-        raise InputError(f"{path}: row {int(np.argmin(proper)) + 2} holds no rotation; copy the file again")
+        raise InputError(
+            f"{path}: row {int(np.argmin(proper)) + 2} holds no rotation; copy the file again"
+        )
     order = np.argsort(values[:, 0], kind="stable")
     return values[order, 0], np.linalg.inv(world_from_cam[order])
 
 
 def _rows(path: Path) -> list[list[Any]]:
-    with reading(path, "copy the file again"), regular(path).open(encoding="utf-8-sig", newline="") as file:
+    with (
+        reading(path, "copy the file again"),
+        regular(path).open(encoding="utf-8-sig", newline="") as file,
+    ):
         return [row for row in csv.reader(file) if row]

@@ -91,7 +91,9 @@ class DiveGrayWorld(FillOption):
     """Most views to count, spread evenly over the scene; null = all."""
 
     def __post_init__(self) -> None:
-        check_ranges(self, bin_m="[1e-3, 1000]", fewest="[1, inf)", brightness="(0, 1)", contrast="(0, 1]")
+        check_ranges(
+            self, bin_m="[1e-3, 1000]", fewest="[1, inf)", brightness="(0, 1)", contrast="(0, 1]"
+        )
         check_ranges(self, most_views="[1, inf)")
 
     @property
@@ -111,7 +113,9 @@ class DiveGrayWorld(FillOption):
         statistics = pooled(scene, self, view.encoding, along)
         brightness, contrast = self.brightness, self.contrast
         if view.encoding == "linear":
-            low, high = (float(srgb_decode(np.asarray(brightness + side * contrast))) for side in (-1, 1))
+            low, high = (
+                float(srgb_decode(np.asarray(brightness + side * contrast))) for side in (-1, 1)
+            )
             brightness, contrast = (low + high) / 2, (high - low) / 2
 
         def at(z: Array) -> Array:
@@ -119,13 +123,17 @@ class DiveGrayWorld(FillOption):
             image = np.full(view.rgb.shape, np.nan, dtype=np.float32)
             for c in range(3):
                 mean, deviation = statistics.at(z[seen], c)
-                image[seen, c] = (view.rgb[..., c][seen] - mean) * (contrast / deviation) + brightness
+                image[seen, c] = (view.rgb[..., c][seen] - mean) * (
+                    contrast / deviation
+                ) + brightness
             if self.by_place:
                 mean, deviation = (
                     cv2.resize(cells, z.shape[::-1], interpolation=cv2.INTER_LINEAR)
                     for cells in _flat_field(scene, self, view.encoding, along)
                 )
-                image = ((image - brightness - contrast * mean) / deviation + brightness).astype(np.float32)
+                image = ((image - brightness - contrast * mean) / deviation + brightness).astype(
+                    np.float32
+                )
             return image
 
         info = {
@@ -140,7 +148,9 @@ class DiveGrayWorld(FillOption):
 
 
 @functools.lru_cache(maxsize=4)  # every view of the scene asks for it
-def pooled(scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Along) -> RangeStatistics:
+def pooled(
+    scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Along
+) -> RangeStatistics:
     """Return the statistics of a scene, counted view by view.
 
     encoding: of the intensities counted; along: what distances are measured along. Views without depth, without a
@@ -159,13 +169,19 @@ def pooled(scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Alon
                 sums[: len(band)] += band * step**2
         counted += 1
     if not sums[:, 0].any():
-        raise SolveError(f"{scene.name}: no view can be counted; give views with readable images and depth maps")
+        raise SolveError(
+            f"{scene.name}: no view can be counted; give views with readable images and depth maps"
+        )
     enough = sums[sums[:, 0] >= options.fewest]
-    filled = enough if len(enough) else sums.sum(axis=0, keepdims=True)  # one bin for all where none has enough
+    filled = (
+        enough if len(enough) else sums.sum(axis=0, keepdims=True)
+    )  # one bin for all where none has enough
     pixels = filled[:, :1]
     mean = filled[:, 2:5] / pixels
     variance = np.maximum(filled[:, 5:] / pixels - mean**2, 0)
-    return RangeStatistics(filled[:, 1] / pixels[:, 0], mean, np.sqrt(variance), pixels[:, 0], counted)
+    return RangeStatistics(
+        filled[:, 1] / pixels[:, 0], mean, np.sqrt(variance), pixels[:, 0], counted
+    )
 
 
 def _counted(

@@ -70,7 +70,9 @@ class Fusion2012:
             balanced = filters.stretched_by_weakness(view.rgb)
         else:
             # A shift keeps each channel's contrast, so a channel with little light gains no noise.
-            shift = (0.5 + (self.illuminant - 1) * view.rgb.mean(axis=(0, 1), dtype=np.float64)).astype(np.float32)
+            shift = (
+                0.5 + (self.illuminant - 1) * view.rgb.mean(axis=(0, 1), dtype=np.float64)
+            ).astype(np.float32)
             balanced = filters.stretched_together(view.rgb + shift, self.percent)
         # The publication filters noise over time; a single photograph gets a bilateral filter in its place.
         equal = filters.equalised(filters.denoised(balanced, self.noise), self.clip, self.tiles)
@@ -109,7 +111,14 @@ class Fusion2018:
     """Levels of the pyramid; null = as many as the image has room for."""
 
     def __post_init__(self) -> None:
-        check_ranges(self, red="[0, 10]", blue="[0, 10]", gamma="(0, 10]", blur_px="(0, 200]", levels="[1, 32]")
+        check_ranges(
+            self,
+            red="[0, 10]",
+            blue="[0, 10]",
+            gamma="(0, 10]",
+            blur_px="(0, 200]",
+            levels="[1, 32]",
+        )
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, in [0, 1]."""
@@ -137,7 +146,9 @@ def sharpened(rgb: Array, blur_px: float) -> Array:
     return (rgb + (detail - low) / (high - low)) / 2
 
 
-def blend(first: Array, second: Array, weight: Callable[[Array], Array], regulariser: float, levels: int) -> Array:
+def blend(
+    first: Array, second: Array, weight: Callable[[Array], Array], regulariser: float, levels: int
+) -> Array:
     """Return two inputs (H, W, 3) blended by their normalised weights, (W_k + delta) / sum (W_k + delta), in [0, 1]."""
     weights = np.stack([weight(first), weight(second)]) + np.float32(regulariser)  # (2, H, W)
     weights /= weights.sum(axis=0)

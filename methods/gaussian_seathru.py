@@ -88,8 +88,13 @@ class GaussianSeathru(FillOption):
         seen = np.flatnonzero(trusted(z))  # all with depth but the farthest 1 %
         if seen.size > self.sample:
             seen = seen[np.random.default_rng(self.seed).integers(seen.size, size=self.sample)]
-        intensity, far = view.rgb.reshape(-1, 3)[seen].astype(np.float64), z.ravel()[seen].astype(np.float64)
-        fits = [_fitted(intensity[:, c], far, self.attenuation, self.most_evaluations) for c in range(3)]
+        intensity, far = (
+            view.rgb.reshape(-1, 3)[seen].astype(np.float64),
+            z.ravel()[seen].astype(np.float64),
+        )
+        fits = [
+            _fitted(intensity[:, c], far, self.attenuation, self.most_evaluations) for c in range(3)
+        ]
         water = [of for of, _, _ in fits]
         drawn = without_water(intensity[None], far[None], water)[0]
         within = [0.01 < of.B < 0.99 and 0.01 < of.gamma < 0.99 * _GREATEST_RATE for of in water]
@@ -107,7 +112,9 @@ class GaussianSeathru(FillOption):
         constant = [float(far @ w.beta.optical_depth(far) / (far @ far)) for w in water]
         B, gamma = np.array([w.B for w in water]), np.array([w.gamma for w in water])
         restored = without_water(view.rgb, z, water)
-        restoration = Restoration(restored, Water(B, np.array(constant), gamma, encoding=view.encoding), info=info)
+        restoration = Restoration(
+            restored, Water(B, np.array(constant), gamma, encoding=view.encoding), info=info
+        )
         return self.filled(restoration, view, lambda z: without_water(view.rgb, z, water))
 
 

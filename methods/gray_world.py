@@ -20,5 +20,7 @@ class GrayWorld:
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image; values may exceed 1. info: gain, the factor of each channel."""
         valid, rgb = view.valid, view.rgb
-        gain = gray_world_gain(rgb[valid] if valid.any() and not valid.all() else rgb.reshape(-1, 3))
+        gain = gray_world_gain(
+            rgb[valid] if valid.any() and not valid.all() else rgb.reshape(-1, 3)
+        )
         return Restoration(rgb * gain.astype(np.float32), info={"gain": gain.tolist()})

@@ -76,7 +76,15 @@ def directions(n: int) -> Array:
 
 
 def transmission(
-    image: Array, A: Array, water: WaterType, likeness: Array, *, lines: int, radius: int, eps: float, least: float
+    image: Array,
+    A: Array,
+    water: WaterType,
+    likeness: Array,
+    *,
+    lines: int,
+    radius: int,
+    eps: float,
+    least: float,
 ) -> Array:
     """Return blue's transmission (H, W) float32 in [least, 1], in water of a type.
 
@@ -138,7 +146,9 @@ def channel_transmission(t: Array, water: WaterType, least: float) -> Array:
 # After Berman et al. 2021, who find edges by a trained detector; here a gradient is one.
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)  # ITU-R BT.709
-_QUANTISATION = 1e-5  # variance added to each channel's, about that of 8 bits: a flat area has none of its own
+_QUANTISATION = (
+    1e-5  # variance added to each channel's, about that of 8 bits: a flat area has none of its own
+)
 
 
 def textureless_area(encoded: Array, share: float) -> Mask:
@@ -150,7 +160,9 @@ def textureless_area(encoded: Array, share: float) -> Mask:
     import cv2
 
     luminance = cv2.GaussianBlur(encoded @ _LUMINANCE, (0, 0), 1)
-    gradient = np.hypot(cv2.Scharr(luminance, cv2.CV_32F, 1, 0), cv2.Scharr(luminance, cv2.CV_32F, 0, 1))
+    gradient = np.hypot(
+        cv2.Scharr(luminance, cv2.CV_32F, 1, 0), cv2.Scharr(luminance, cv2.CV_32F, 0, 1)
+    )
     edges = window_max(gradient, 2 * (max(gradient.shape) // 128) + 1)
     smooth = edges <= np.quantile(edges, share)
     _, labels, about, _ = cv2.connectedComponentsWithStats(smooth.astype(np.uint8), connectivity=4)
@@ -191,7 +203,9 @@ class OpenWater:
         """Return (H, W) float32: 1 for colours of water, 0 for others, linear in the distance in between."""
         offset = (image - self.mean) @ self.whiten.T
         distance = np.sqrt(np.einsum("...c,...c", offset, offset))
-        return np.asarray(((self.far - distance) / (self.far - self.near)).clip(0, 1), dtype=np.float32)
+        return np.asarray(
+            ((self.far - distance) / (self.far - self.near)).clip(0, 1), dtype=np.float32
+        )
 
 
 @method(
@@ -227,7 +241,9 @@ class HazeLines:
     """Longer side, pixels, of the reduced image on which the veiling light and the type of water are chosen."""
 
     def __post_init__(self) -> None:
-        check_ranges(self, lines="[1, 100000]", radius="[1, 1000]", eps="[1e-6, 1]", least="[1e-6, 1]")
+        check_ranges(
+            self, lines="[1, 100000]", radius="[1, 1000]", eps="[1e-6, 1]", least="[1e-6, 1]"
+        )
         check_ranges(self, contrast="[0, 1]", textureless="(0, 1]", work_px="[1, 100000]")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
@@ -260,12 +276,21 @@ class HazeLines:
             casts[water_type] = (bool(ahead < self.contrast), float(_mean(J, object_like).std()))
         return min(casts, key=lambda water_type: casts[water_type])
 
-    def _restored(self, image: Array, open_water: OpenWater, water_type: WaterType) -> tuple[Array, Array, Array]:
+    def _restored(
+        self, image: Array, open_water: OpenWater, water_type: WaterType
+    ) -> tuple[Array, Array, Array]:
         """J and each channel's transmission (H, W, 3), and blue's transmission (H, W)."""
         A = open_water.veiling_light
         likeness = open_water.likeness(image)
         t = transmission(
-            image, A, water_type, likeness, lines=self.lines, radius=self.radius, eps=self.eps, least=self.least
+            image,
+            A,
+            water_type,
+            likeness,
+            lines=self.lines,
+            radius=self.radius,
+            eps=self.eps,
+            least=self.least,
         )
         t_c = channel_transmission(t, water_type, self.least)
         return recovered(image, A, t_c), t_c, t
@@ -278,4 +303,6 @@ def _mean(values: Array, weight: Array) -> Array:
     """
     if not weight.any():
         weight = np.ones_like(weight)
-    return np.asarray(np.average(values.clip(0, 1).reshape(weight.size, -1), axis=0, weights=weight.ravel()))
+    return np.asarray(
+        np.average(values.clip(0, 1).reshape(weight.size, -1), axis=0, weights=weight.ravel())
+    )

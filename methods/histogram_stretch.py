@@ -24,7 +24,9 @@ class HistogramStretch:
 
     def __post_init__(self) -> None:
         if not 0 <= self.low < self.high <= 100:
-            raise InputError(f"histogram_stretch: low is {self.low}, high {self.high}; use 0 <= low < high <= 100")
+            raise InputError(
+                f"histogram_stretch: low is {self.low}, high {self.high}; use 0 <= low < high <= 100"
+            )
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, in [0, 1]."""

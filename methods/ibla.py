@@ -15,14 +15,25 @@ from sucre_bench import Restoration, Scene, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.cielab import luma
 from sucre_bench.imaging.filters import guided_filter, window_max
-from sucre_bench.imaging.image_formation import highest, nearest_depth, reduced, restoration, stretched_plane
+from sucre_bench.imaging.image_formation import (
+    highest,
+    nearest_depth,
+    reduced,
+    restoration,
+    stretched_plane,
+)
 from sucre_bench.plugins.options import check_ranges
 
 _WAVELENGTH_NM = np.array([620.0, 540.0, 450.0])  # of red, green and blue
 _SLOPE, _INTERCEPT = -0.00113, 1.62517  # scattering is linear in the wavelength (Zhao et al. 2015)
 _STEEPNESS = 32.0  # s, of the sigmoid
-_BRIGHT, _BRIGHT_SHARE = 0.5, 0.2  # a channel is bright if more than 20 % of its pixels exceed 0.5 (eps_n)
-_LEAST_LIGHT = 0.1  # in ratios of attenuation, a channel of the veiling light counts as at least this
+_BRIGHT, _BRIGHT_SHARE = (
+    0.5,
+    0.2,
+)  # a channel is bright if more than 20 % of its pixels exceed 0.5 (eps_n)
+_LEAST_LIGHT = (
+    0.1  # in ratios of attenuation, a channel of the veiling light counts as at least this
+)
 _SMALLEST_BLOCK = 1024  # the search for a block ends at this fraction of the image
 
 
@@ -60,7 +71,9 @@ class Ibla:
 
     def __post_init__(self) -> None:
         check_ranges(self, window="[1, 1001]", scales="[1, 8]", radius="[1, 1000]", eps="[1e-6, 1]")
-        check_ranges(self, deepest="(0, 1000]", red="(0, 10]", least="[1e-6, 1]", work_px="[1, 100000]")
+        check_ranges(
+            self, deepest="(0, 1000]", red="(0, 10]", least="[1e-6, 1]", work_px="[1, 100000]"
+        )
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image; values may leave [0, 1]. info: attenuation (1/m of the method's own scale)."""
@@ -72,7 +85,10 @@ class Ibla:
         A = veiling_light_of(small, guided_filter(small, sharpness, self.radius, self.eps))
         depth = relative_depth(small, sharpness, A, self.window)
         if depth.shape != rgb.shape[:2]:
-            depth = np.asarray(cv2.resize(depth, rgb.shape[1::-1], interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+            depth = np.asarray(
+                cv2.resize(depth, rgb.shape[1::-1], interpolation=cv2.INTER_LINEAR),
+                dtype=np.float32,
+            )
         depth = guided_filter(rgb, depth, self.radius, self.eps).clip(0, 1)
         metres = np.float32(self.deepest) * (depth + np.float32(nearest_depth(rgb, A)))
         beta = self.red * attenuation_ratio(A)
@@ -94,7 +110,9 @@ def sharpness_map(gray: Array, scales: int, window: int) -> Array:
 
     difference = np.zeros_like(gray)
     for size in (2**i * scales + 1 for i in range(1, scales + 1)):
-        difference += np.abs(gray - cv2.GaussianBlur(gray, (size, size), size, borderType=cv2.BORDER_REPLICATE))
+        difference += np.abs(
+            gray - cv2.GaussianBlur(gray, (size, size), size, borderType=cv2.BORDER_REPLICATE)
+        )
     plane = window_max(difference / scales, window)
     seed = np.full_like(plane, plane.max())
     seed[[0, -1]], seed[:, [0, -1]] = plane[[0, -1]], plane[:, [0, -1]]
@@ -144,7 +162,9 @@ def _length(line: slice) -> int:
 def _halves(whole: slice) -> list[slice]:
     """The two halves, or the whole where it has too few pixels for two."""
     middle = whole.start + _length(whole) // 2 + 1
-    return [slice(whole.start, middle), slice(middle, whole.stop)] if middle < whole.stop else [whole]
+    return (
+        [slice(whole.start, middle), slice(middle, whole.stop)] if middle < whole.stop else [whole]
+    )
 
 
 # -- depth and attenuation ------------------------------------------------------

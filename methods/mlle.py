@@ -20,7 +20,11 @@ _DETAIL_PX = 1.0  # standard deviation of the Gaussian that separates detail; no
 _ZERO = 128.0  # gray's a and b in 8 bits, in which the publication's means are positive
 
 
-@method(requires=("cv2",), cites="Zhang, Zhuang, Sun, Li, Kwong & Li 2022, IEEE TIP (MLLE)", encoding="gamma")
+@method(
+    requires=("cv2",),
+    cites="Zhang, Zhuang, Sun, Li, Kwong & Li 2022, IEEE TIP (MLLE)",
+    encoding="gamma",
+)
 @dataclass(frozen=True)
 class Mlle:
     """Balance weak channels, then raise the contrast of lightness block by block.
@@ -42,7 +46,9 @@ class Mlle:
     """Percent of the pixels whose lightness becomes 0, and as many 100; 0 stretches from minimum to maximum."""
 
     def __post_init__(self) -> None:
-        check_ranges(self, gamma="(0, 10]", block_px="[3, 1001]", contrast="(0, 100]", percent="[0, 50)")
+        check_ranges(
+            self, gamma="(0, 10]", block_px="[3, 1001]", contrast="(0, 100]", percent="[0, 50)"
+        )
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, in [0, 1]."""
@@ -60,7 +66,9 @@ def corrected(rgb: Array, gamma: float) -> Array:
     """
     import cv2
 
-    attenuation = 1 - rgb.min(axis=-1, keepdims=True) ** np.float32(gamma)  # the greatest of the three channels'
+    attenuation = 1 - rgb.min(axis=-1, keepdims=True) ** np.float32(
+        gamma
+    )  # the greatest of the three channels'
     detail = rgb - cv2.GaussianBlur(rgb, (0, 0), _DETAIL_PX)
     return detail + attenuation * colour_transfer(rgb) + (1 - attenuation) * rgb
 
@@ -95,5 +103,7 @@ def balanced_chroma(chroma: Array) -> Array:
     The means x and y, and the product, count from 128 below gray, as in 8-bit L*a*b*.
     """
     a, b = (chroma.mean(axis=(0, 1), dtype=np.float64) + _ZERO).tolist()
-    gain = np.array([1 + max(0.0, b - a) / (a + b), 1 + max(0.0, a - b) / (a + b)], dtype=np.float32)
+    gain = np.array(
+        [1 + max(0.0, b - a) / (a + b), 1 + max(0.0, a - b) / (a + b)], dtype=np.float32
+    )
     return (chroma + np.float32(_ZERO)) * gain - np.float32(_ZERO)

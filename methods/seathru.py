@@ -60,7 +60,10 @@ def local_average(direct: Array, z: Array, p: float, eps: float) -> Array:
     omega = 2.0
     for _ in range(_ROUNDS):
         omega = 1 / (1 - (1 - p) ** 2 * omega / 4)
-        before, average = average, before + np.float32(omega) * (here + rest * (mean @ average) - before)
+        before, average = (
+            average,
+            before + np.float32(omega) * (here + rest * (mean @ average) - before),
+        )
         if np.abs(average - before).max() < _CONVERGED:
             break
     return average
@@ -129,7 +132,9 @@ def dark_pixels(intensity: Array, z: Array, bins: int, share: float, most: int) 
     bin_of = np.minimum(((z - near) * (bins / max(far - near, 1e-6))).astype(np.int64), bins - 1)
     order = np.lexsort((intensity.mean(axis=-1), bin_of))
     ends = np.searchsorted(bin_of[order], np.arange(bins + 1))
-    darkest = [order[a : a + min(int(np.ceil(share * (b - a))), most)] for a, b in itertools.pairwise(ends)]
+    darkest = [
+        order[a : a + min(int(np.ceil(share * (b - a))), most)] for a, b in itertools.pairwise(ends)
+    ]
     chosen = np.concatenate(darkest)
     beyond = chosen[z[chosen] > near + 0.1 * (far - near)]
     return beyond if beyond.size else chosen
@@ -141,7 +146,9 @@ def fit_backscatter(intensity: Array, z: Array) -> Backscatter:
     Bounds: Binf and J' in [0, 1], b and b' in [0, 5] 1/m. Starts are a grid: equal inputs give equal curves.
     """
     z = z.astype(np.float64)
-    return Backscatter(*np.transpose([_fitted(intensity[:, c].astype(np.float64), z) for c in range(3)]))
+    return Backscatter(
+        *np.transpose([_fitted(intensity[:, c].astype(np.float64), z) for c in range(3)])
+    )
 
 
 def _fitted(dark: Array, z: Array) -> Any:
@@ -158,13 +165,17 @@ def _fitted(dark: Array, z: Array) -> Any:
     starts = []
     for b, rest in itertools.product(_RATES, _RATES):
         veil, faded = terms(b, rest)
-        system = np.stack([np.append(veil, 0 * z), np.append(faded, np.sqrt(_DARKNESS) * faded)], axis=1)
+        system = np.stack(
+            [np.append(veil, 0 * z), np.append(faded, np.sqrt(_DARKNESS) * faded)], axis=1
+        )
         (B, J), misfit = nnls(system, np.append(dark, 0 * z))
         starts.append((misfit, (min(B, 1.0), b, min(J, 1.0), rest)))
     return _refined(residuals, starts, [1, _GREATEST_RATE, 1, _GREATEST_RATE], _OUTLIER)
 
 
-def _refined(residuals: Callable[[Array], Array], starts: list[Any], greatest: list[float], outlier: float) -> Any:
+def _refined(
+    residuals: Callable[[Array], Array], starts: list[Any], greatest: list[float], outlier: float
+) -> Any:
     """Return the four parameters, in [0, greatest], that fit best of the most promising (misfit, start).
 
     outlier: residuals beyond count linearly only.
@@ -246,9 +257,13 @@ def fit_attenuation(z: Array, E: Array, kind: Kind) -> TwoTerm:
 
     starts = []
     for b, d in itertools.combinations(_EXPONENTS, 2):
-        (a, c), misfit = nnls(np.stack([z * np.exp(-b * z), z * np.exp(-d * z)], axis=1), -np.log(E))
+        (a, c), misfit = nnls(
+            np.stack([z * np.exp(-b * z), z * np.exp(-d * z)], axis=1), -np.log(E)
+        )
         starts.append((misfit, (min(a, _GREATEST_FACTOR), b, min(c, _GREATEST_FACTOR), d)))
-    return TwoTerm(*_refined(residuals, starts, [_GREATEST_FACTOR, _GREATEST_EXPONENT] * 2, _LOG_OUTLIER))
+    return TwoTerm(
+        *_refined(residuals, starts, [_GREATEST_FACTOR, _GREATEST_EXPONENT] * 2, _LOG_OUTLIER)
+    )
 
 
 _GREY_LEVEL = 1 / 255
@@ -301,7 +316,9 @@ class Seathru(FillOption):
     """Longest side, pixels, of the grid on which water and illuminant are estimated: every n-th pixel counts."""
 
     def __post_init__(self) -> None:
-        check_ranges(self, bins="[1, inf)", most="[1, inf)", amplification="[1, inf)", size="[16, inf)")
+        check_ranges(
+            self, bins="[1, inf)", most="[1, inf)", amplification="[1, inf)", size="[16, inf)"
+        )
         check_ranges(self, f="(0, inf)", p="(0, 1]", eps="(0, 1]", share="(0, 1]")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
@@ -319,7 +336,9 @@ class Seathru(FillOption):
 
         def without(image: Array, z: Array) -> Array:
             """Remove the water from an image (H, W, 3) at distances z (H, W)."""
-            return without_water(image, z, of_channels, lambda of, z: amplified(of, z, self.amplification))
+            return without_water(
+                image, z, of_channels, lambda of, z: amplified(of, z, self.amplification)
+            )
 
         # The white balance is of J as it would be shown, so that amplified noise beyond does not count. A channel below
         # `level` is noise: it is neither lifted to the others, nor are they lowered to it.
@@ -333,7 +352,9 @@ class Seathru(FillOption):
             image = without(converted(view.rgb, view.encoding, light), z) * gain
             return converted(image, light, view.encoding).astype(np.float32, copy=False)
 
-        water = Water(backscatter.veiling_light, np.array(constant), backscatter.rate, encoding=light)
+        water = Water(
+            backscatter.veiling_light, np.array(constant), backscatter.rate, encoding=light
+        )
         doubts = {
             "attenuation": water.attenuation <= 0,
             "beta(z), at its bound,": np.array([at_bound(b) for b in beta]),
@@ -346,14 +367,20 @@ class Seathru(FillOption):
             "residual": backscatter.residual.tolist(),
             "residual_rate": backscatter.residual_rate.tolist(),
             "beta_terms": [[b.a, b.b, b.c, b.d] for b in beta],
-            "limited_share": [float((amplified(b, far, np.inf) > most).mean()) for b in beta],  # of pixels
+            "limited_share": [
+                float((amplified(b, far, np.inf) > most).mean()) for b in beta
+            ],  # of pixels
             "gain": gain.tolist(),
             "negative_share": (J < 0).mean(axis=0).tolist(),
-            "undetermined": undetermined(few_z[trusted(few_z)], "veil and attenuation are one choice of many", doubts),
+            "undetermined": undetermined(
+                few_z[trusted(few_z)], "veil and attenuation are one choice of many", doubts
+            ),
         }
         return self.filled(Restoration(at(z), water, info=info), view, at)
 
-    def _fitted(self, image: Array, z: Array, level: float) -> tuple[int, Backscatter, list[TwoTerm], list[float]]:
+    def _fitted(
+        self, image: Array, z: Array, level: float
+    ) -> tuple[int, Backscatter, list[TwoTerm], list[float]]:
         """Fit an image (H, W, 3) at distances (H, W).
 
         Return the number of dark pixels, the backscatter, beta(z) of each channel, and the constant nearest to it.
@@ -365,7 +392,9 @@ class Seathru(FillOption):
         backscatter = fit_backscatter(intensity[dark], far[dark])
         # Where the veil is brighter than the pixel, noise or the fit is to blame: no light is left to average, and the
         # pixel stays a little below 0 in the result.
-        direct = (intensity - np.stack([backscatter.veil(far, c) for c in range(3)], axis=-1)).clip(min=0)
+        direct = (intensity - np.stack([backscatter.veil(far, c) for c in range(3)], axis=-1)).clip(
+            min=0
+        )
         illuminant = self.f * local_average(direct, np.where(fitted, z, 0), self.p, self.eps)
         at, E = illuminant_by_distance(illuminant, far)
         lit = level * self.f < E

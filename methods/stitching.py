@@ -39,4 +39,6 @@ class Stitching(FillOption):
             "unreadable": observations.unreadable,
         }
         stitched = Restoration(observations.image(colours), info=info)
-        return self.filled(stitched, view, lambda z: np.where(z[..., None] > 0, view.rgb, np.float32(np.nan)))
+        return self.filled(
+            stitched, view, lambda z: np.where(z[..., None] > 0, view.rgb, np.float32(np.nan))
+        )

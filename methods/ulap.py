@@ -11,7 +11,13 @@ import numpy as np
 from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.filters import guided_filter
-from sucre_bench.imaging.image_formation import brightest, highest, nearest_depth, restoration, stretched_plane
+from sucre_bench.imaging.image_formation import (
+    brightest,
+    highest,
+    nearest_depth,
+    restoration,
+    stretched_plane,
+)
 from sucre_bench.plugins.options import check_ranges
 
 _OFFSET, _STRONGER, _RED = 0.51157954, 0.50516165, -0.90511117  # learned, for intensities in [0, 1]
@@ -48,9 +54,17 @@ class Ulap:
 
     def __post_init__(self) -> None:
         check_ranges(self, remaining="[1e-3, 1]", deepest="(0, 1000]", share="(0, 1]")
-        check_ranges(self, radius="[1, 1000]", eps="[1e-6, 1]", least="[1e-6, 1]", greatest=f"[{self.least}, 1]")
+        check_ranges(
+            self,
+            radius="[1, 1000]",
+            eps="[1e-6, 1]",
+            least="[1e-6, 1]",
+            greatest=f"[{self.least}, 1]",
+        )
         if len(self.remaining) != 3:
-            raise InputError(f"ulap.remaining: {self.remaining} is not three numbers; give red's, green's and blue's")
+            raise InputError(
+                f"ulap.remaining: {self.remaining} is not three numbers; give red's, green's and blue's"
+            )
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image; values may leave [0, 1]."""

@@ -68,7 +68,9 @@ class Consistency:
         if variant == "relative":
             total = float(n * (contrast(here) + contrast(there)) / 2)
             if not total:
-                raise NotApplicableError("all points of a view have one colour; nothing to relate differences to")
+                raise NotApplicableError(
+                    "all points of a view have one colour; nothing to relate differences to"
+                )
             yield Score(float(differences.sum()) / total, n_pixels=n, coverage=share, weight=total)
             return
         yield Score(float(differences.mean()), n_pixels=n, coverage=share, weight=n)
@@ -77,7 +79,13 @@ class Consistency:
             inside = (change >= low) & (change < high)
             count = int(inside.sum())
             if count >= _FEWEST:
-                yield Score(float(differences[inside].mean()), f"image/{low:g}-{high:g} m", count, share, weight=count)
+                yield Score(
+                    float(differences[inside].mean()),
+                    f"image/{low:g}-{high:g} m",
+                    count,
+                    share,
+                    weight=count,
+                )
 
 
 @metric(
@@ -107,7 +115,9 @@ def _lab(pair: RestoredPair) -> tuple[Array, Array, Mask]:
     here, there = pair.means(pair.here.shown, pair.there.shown)
     known = np.asarray(np.isfinite(here).all(axis=1))
     if known.sum() < _FEWEST:
-        raise NotApplicableError(f"the two views have fewer than {_FEWEST} patches with colours in common")
+        raise NotApplicableError(
+            f"the two views have fewer than {_FEWEST} patches with colours in common"
+        )
     return lab_d50(here[known]), lab_d50(there[known]), known
 
 
@@ -182,17 +192,25 @@ def _slopes(pair: RestoredPair, image: str) -> list[Score]:
     slopes = []
     for here, there in zip(light[0].T, light[1].T, strict=True):
         known = np.isfinite(here) & np.isfinite(there)
-        known[known] &= np.maximum(here[known], there[known]) > _DARKEST  # else there is no light to compare
+        known[known] &= (
+            np.maximum(here[known], there[known]) > _DARKEST
+        )  # else there is no light to compare
         z = change[known]
-        ratio = np.log(np.maximum(there[known], _DARKEST)) - np.log(np.maximum(here[known], _DARKEST))
+        ratio = np.log(np.maximum(there[known], _DARKEST)) - np.log(
+            np.maximum(here[known], _DARKEST)
+        )
         weight = float(z @ z)
         value = float(z @ ratio) / weight if weight > 0 else np.nan
-        slopes.append(Score(value, n_pixels=int(known.sum()), coverage=float(known.mean()), weight=weight))
+        slopes.append(
+            Score(value, n_pixels=int(known.sum()), coverage=float(known.mean()), weight=weight)
+        )
     return slopes
 
 
 def _together(slopes: list[Score], value: float) -> Score:
     """A score of all channels; NaN if a channel has no slope."""
     n_pixels = min(slope.n_pixels for slope in slopes)
-    coverage, weight = (float(np.mean([getattr(s, name) for s in slopes])) for name in ("coverage", "weight"))
+    coverage, weight = (
+        float(np.mean([getattr(s, name) for s in slopes])) for name in ("coverage", "weight")
+    )
     return Score(value, n_pixels=n_pixels, coverage=coverage, weight=weight)

@@ -52,10 +52,14 @@ class Psi:
     It sees hue and saturation, not brightness. SUCRe averages it over the colour patches, Berman et al. over the grays.
     """
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield a score per chart and per patch."""
         which = None if variant == "all" else variant != "gray"
-        yield from _scored(shown, view, which, lambda rgb, patches: angle_deg(rgb, _expected_rgb(patches, variant)))
+        yield from _scored(
+            shown, view, which, lambda rgb, patches: angle_deg(rgb, _expected_rgb(patches, variant))
+        )
 
 
 @metric(
@@ -82,7 +86,9 @@ class De00:
     within .3 of each other (35.3 and 35.5), single patches up to 11 apart.
     """
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield a score per chart and per patch."""
 
         def difference(rgb: Array, patches: tuple[Patch, ...]) -> Array:
@@ -92,27 +98,37 @@ class De00:
 
 
 def _scored(
-    shown: Array, view: View, coloured: bool | None, error: Callable[[Array, tuple[Patch, ...]], Array]
+    shown: Array,
+    view: View,
+    coloured: bool | None,
+    error: Callable[[Array, tuple[Patch, ...]], Array],
 ) -> Iterator[Score]:
     """Yield for each chart the mean of its patches' errors, then each patch's error.
 
     coloured: whether chromatic patches or grays are scored; None for all. error: of measured colours (P, 3) of the
     patches (P,) of all charts at once, (P,).
     """
-    readings = [[r for r in measure(shown, chart) if coloured in (None, r.patch.is_chromatic)] for chart in view.charts]
+    readings = [
+        [r for r in measure(shown, chart) if coloured in (None, r.patch.is_chromatic)]
+        for chart in view.charts
+    ]
     every = [reading for of_chart in readings for reading in of_chart]
     if not every:
         return
     values = error(np.array([r.rgb for r in every]), tuple(r.patch for r in every))
     ends = np.cumsum([len(of_chart) for of_chart in readings])
-    for chart, of_chart, of_patches in zip(view.charts, readings, np.split(values, ends[:-1]), strict=True):
+    for chart, of_chart, of_patches in zip(
+        view.charts, readings, np.split(values, ends[:-1]), strict=True
+    ):
         known = np.isfinite(of_patches)
         used = np.array([r.n_pixels for r in of_chart]) * known
         seen = np.array([r.coverage for r in of_chart]) * known
         value = float(of_patches[known].mean()) if known.any() else np.nan
         yield Score(value, chart.name, int(used.sum()), float(seen.mean()) if len(seen) else np.nan)
         for reading, score, n, coverage in zip(of_chart, of_patches, used, seen, strict=True):
-            yield Score(float(score), f"{chart.name}/{reading.patch.label}", int(n), float(coverage))
+            yield Score(
+                float(score), f"{chart.name}/{reading.patch.label}", int(n), float(coverage)
+            )
 
 
 def _patches(
@@ -151,7 +167,11 @@ def _expected_rgb(patches: tuple[Patch, ...], variant: str) -> Array:
 def _expected_lab(patches: tuple[Patch, ...], variant: str) -> Array:
     if variant == "lab":
         return np.array([patch.lab for patch in patches])
-    return lab_d50(_measured_rgb(patches) if variant == "measured" else np.array([patch.srgb for patch in patches]))
+    return lab_d50(
+        _measured_rgb(patches)
+        if variant == "measured"
+        else np.array([patch.srgb for patch in patches])
+    )
 
 
 def _measured_rgb(patches: tuple[Patch, ...]) -> Array:
@@ -177,7 +197,9 @@ class Neutral:
     chroma either, so read it beside psi or dE00.
     """
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield a score per chart and per gray patch."""
         yield from _scored(shown, view, False, lambda rgb, patches: np.hypot(*lab_d50(rgb).T[1:]))
 
@@ -199,7 +221,9 @@ class Neutral:
 class PatchColour:
     """Intensity of each chart patch, grays as well: the median over the patch, one channel a variant."""
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield a score per patch."""
         channel, _, expected = variant.partition("-")
         c = CHANNELS.index(channel)
@@ -226,7 +250,9 @@ class PatchColour:
 class Hue:
     """Hue of each chromatic chart patch, degrees. A chart has no score, because a mean over its hues means nothing."""
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield a score per patch."""
         form, _, expected = variant.partition("-")
 
@@ -243,7 +269,10 @@ class Hue:
     better="lower",
     range=(0, 180),
     cites="Boittiaux et al. 2024",
-    variants={"hsv": "of HSV, against the sRGB list", "lab": "h_ab of CIE Lab under D50, against the maker's Lab list"},
+    variants={
+        "hsv": "of HSV, against the sRGB list",
+        "lab": "h_ab of CIE Lab under D50, against the maker's Lab list",
+    },
 )
 @dataclass(frozen=True)
 class HueError:
@@ -252,11 +281,17 @@ class HueError:
     A patch that has lost its hue, blown out to white say, counts 90, as far off as a hue at random is on average.
     """
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield a score per chart and per patch."""
 
         def error(rgb: Array, patches: tuple[Patch, ...]) -> Array:
-            off = np.abs(turn_deg(hue_deg(rgb, variant), np.array([expected_hue_deg(p, variant) for p in patches])))
+            off = np.abs(
+                turn_deg(
+                    hue_deg(rgb, variant), np.array([expected_hue_deg(p, variant) for p in patches])
+                )
+            )
             is_gray = np.isnan(off) & np.isfinite(rgb).all(axis=-1)
             return np.where(is_gray, _LOST_DEG, off)
 
@@ -276,7 +311,9 @@ def hue_deg(rgb: Array, form: str) -> Array:
 
 def expected_hue_deg(patch: Patch, form: str) -> float:
     """Return the hue that a patch should have, degrees in [0, 360)."""
-    return float(hue_deg(np.array(patch.srgb), form) if form == "hsv" else _lab_hue_deg(np.array(patch.lab)))
+    return float(
+        hue_deg(np.array(patch.srgb), form) if form == "hsv" else _lab_hue_deg(np.array(patch.lab))
+    )
 
 
 def turn_deg(hue: Array, reference: Array) -> Array:

@@ -18,7 +18,9 @@ from sucre_bench.imaging.reference_images import known_in_both, psnr_of, referen
 from sucre_bench.plugins.plugin import metric
 from sucre_bench.scene import Restoration, Score, View
 
-_MOST = 1 << 18  # pixels of which CIEDE2000 is computed, on a regular grid; each takes a microsecond
+_MOST = (
+    1 << 18
+)  # pixels of which CIEDE2000 is computed, on a regular grid; each takes a microsecond
 
 
 @metric(
@@ -40,7 +42,9 @@ class Colours:
     10 log10(1 / MSE) over all channels of the pixels with a colour and a depth, in the view's encoding.
     """
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield one score; nothing where the view has no reference."""
         if (found := _exposed(restored.image, view, variant)) is not None:
             colours, true = found
@@ -68,14 +72,18 @@ class ColoursDe00:
     Of images with more than 262,144 coloured pixels, so many of them count, at equal steps.
     """
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield one score; nothing where the view has no reference."""
         if (found := _exposed(restored.image, view, variant)) is not None:
             labs = []
             for colours in found:
                 few = colours[:: max(1, -(-len(colours) // _MOST))].clip(0, 1)
                 labs.append(lab_d50(srgb_encode(few) if view.encoding == "linear" else few))
-            yield _score(float(ciede2000(*labs).mean()) if len(found[1]) else np.nan, found[1], view)
+            yield _score(
+                float(ciede2000(*labs).mean()) if len(found[1]) else np.nan, found[1], view
+            )
 
 
 def _exposed(image: Array, view: View, variant: str) -> tuple[Array, Array] | None:
@@ -88,7 +96,9 @@ def _exposed(image: Array, view: View, variant: str) -> tuple[Array, Array] | No
     reference = reference_of(view, image)
     scored = known_in_both(image, reference, view)
     colours, true = image[scored].astype(np.float64), reference[scored].astype(np.float64)
-    if variant != "raw" and not np.array_equal(colours, true):  # rounding would leave an error of 1e-32
+    if variant != "raw" and not np.array_equal(
+        colours, true
+    ):  # rounding would leave an error of 1e-32
         axis = 0 if variant == "channels" else None
         products, squares = (colours * true).sum(axis=axis), (colours**2).sum(axis=axis)
         colours *= np.maximum(products, 0) / np.maximum(squares, 1e-12)

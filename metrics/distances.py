@@ -29,7 +29,9 @@ from sucre_bench.scene import Restoration, Score, View
 class ChartDistance:
     """Distance of each colour chart from the camera, metres."""
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield a score per chart, NaN where no pixel of it has depth. NotApplicableError without a camera."""
         camera = _camera(view)
         for chart in view.charts:
@@ -54,7 +56,9 @@ class ChartDistance:
 class DistanceVariance:
     """Variance of a view's distances, square metres: if it is small, the view hardly determines the water."""
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield one score, NaN where no pixel has depth. NotApplicableError without a camera."""
         distance = distance_map(_camera(view), view.depth)
         known = distance[distance > 0].astype(np.float64)
@@ -64,5 +68,7 @@ class DistanceVariance:
 
 def _camera(view: View) -> Camera:
     if view.camera is None:
-        raise NotApplicableError(f"{view.name}: no camera, so that its depth is no distance; give its calibration")
+        raise NotApplicableError(
+            f"{view.name}: no camera, so that its depth is no distance; give its calibration"
+        )
     return view.camera

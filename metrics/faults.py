@@ -29,11 +29,25 @@ _HUES = (
     (325, "violet"),
 )
 FAULTS = {
-    "holes": Fault(0.1, "{share} of it is black", "share of the picture without a colour, be it computed or guessed"),
+    "holes": Fault(
+        0.1,
+        "{share} of it is black",
+        "share of the picture without a colour, be it computed or guessed",
+    ),
     "guessed": Fault(0.25, "{share} of it is guessed", "share of the picture that `fill` guessed"),
-    "below": Fault(LIMITS["below"], "{share} of a channel is below zero", "share of the worst channel below zero"),
-    "above": Fault(0.1, "{share} of its colours are above one", "share of colours with a channel above 1"),
-    "clipped": Fault(0.25, "{share} of it is clipped", "share of pixels at 0 or 1 that the photograph has elsewhere"),
+    "below": Fault(
+        LIMITS["below"],
+        "{share} of a channel is below zero",
+        "share of the worst channel below zero",
+    ),
+    "above": Fault(
+        0.1, "{share} of its colours are above one", "share of colours with a channel above 1"
+    ),
+    "clipped": Fault(
+        0.25,
+        "{share} of it is clipped",
+        "share of pixels at 0 or 1 that the photograph has elsewhere",
+    ),
     "cast": Fault(
         LIMITS["cast"],
         "{hue} cast",
@@ -80,7 +94,9 @@ class Faults:
     They tell what is wrong with a picture, not which picture is best.
     """
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield one score, NaN without any colour, none where a fault cannot be.
 
         A cast's hue is the region of a second score, "image/orange".
@@ -88,12 +104,22 @@ class Faults:
         valid = coloured_pixels(restored.image)
         n, coverage = int(np.count_nonzero(valid)), float(valid.mean())
         if variant in ("holes", "guessed"):
-            guessed = 0.0 if restored.filled is None else float((coloured_pixels(restored.filled) & ~valid).mean())
-            yield Score(guessed if variant == "guessed" else 1 - coverage - guessed, n_pixels=valid.size)
+            guessed = (
+                0.0
+                if restored.filled is None
+                else float((coloured_pixels(restored.filled) & ~valid).mean())
+            )
+            yield Score(
+                guessed if variant == "guessed" else 1 - coverage - guessed, n_pixels=valid.size
+            )
         elif variant in ("below", "above"):
             colours = restored.image[valid]
-            is_out = (colours < 0) if variant == "below" else (colours > 1).any(axis=-1, keepdims=True)
-            yield Score(float(is_out.mean(axis=0).max()) if n else np.nan, n_pixels=n, coverage=coverage)
+            is_out = (
+                (colours < 0) if variant == "below" else (colours > 1).any(axis=-1, keepdims=True)
+            )
+            yield Score(
+                float(is_out.mean(axis=0).max()) if n else np.nan, n_pixels=n, coverage=coverage
+            )
         elif variant in LIMITS:
             look = _look(shown, view)
             value = float(getattr(look, variant))
@@ -104,19 +130,30 @@ class Faults:
                 hue = next((name for end, name in _HUES if look.hue_deg < end), "pink")
                 yield Score(value, f"image/{hue}", n_pixels=n, coverage=coverage)
         else:
-            picture, photograph = on_screen(shown), on_screen(display(view.rgb, "none", view.encoding))
+            picture, photograph = (
+                on_screen(shown),
+                on_screen(display(view.rgb, "none", view.encoding)),
+            )
             seen = coloured_pixels(picture) & coloured_pixels(photograph)
             measure = {"clipped": _clipped, "noise": _noise}[variant]
-            yield Score(measure(picture, photograph, seen) if seen.any() else np.nan, n_pixels=n, coverage=coverage)
+            yield Score(
+                measure(picture, photograph, seen) if seen.any() else np.nan,
+                n_pixels=n,
+                coverage=coverage,
+            )
 
 
 @once
 def _look(shown: Array, view: View) -> Look:
-    return look_at(shown, display(view.rgb, "none", view.encoding), view.distance if view.has_depth else None)
+    return look_at(
+        shown, display(view.rgb, "none", view.encoding), view.distance if view.has_depth else None
+    )
 
 
 def _clipped(picture: Array, photograph: Array, seen: Mask) -> float:
-    at_end, was_at_end = (((x[seen] > 1 - 1 / 255) | (x[seen] < 1 / 255)).any(axis=-1) for x in (picture, photograph))
+    at_end, was_at_end = (
+        ((x[seen] > 1 - 1 / 255) | (x[seen] < 1 / 255)).any(axis=-1) for x in (picture, photograph)
+    )
     return float(np.mean(at_end & ~was_at_end))
 
 

@@ -70,7 +70,11 @@ class Matches:
             _of_photographs[pair.points] = _verified(views, (first, second))
         before = _of_photographs[pair.points]
         after = _after(pair)
-        share = float(np.mean([np.isfinite(side.shown).all(axis=-1).mean() for side in (pair.here, pair.there)]))
+        share = float(
+            np.mean(
+                [np.isfinite(side.shown).all(axis=-1).mean() for side in (pair.here, pair.there)]
+            )
+        )
         if variant == "ratio":
             if not before:
                 raise NotApplicableError("the photographs have no verified matches")
@@ -114,17 +118,24 @@ def _keypoints(shown: Array) -> _Keypoints:
     usable: npt.NDArray[Any] = np.asarray(np.isfinite(shown).all(axis=-1), np.uint8)
     luma = cv2.cvtColor(to_8bit(shown), cv2.COLOR_RGB2GRAY)
     sums, counts = (
-        cv2.blur(values.astype(np.float32), (_AROUND_PX, _AROUND_PX), borderType=cv2.BORDER_CONSTANT)
+        cv2.blur(
+            values.astype(np.float32), (_AROUND_PX, _AROUND_PX), borderType=cv2.BORDER_CONSTANT
+        )
         for values in (luma * usable, usable)
     )
-    gray: npt.NDArray[Any] = np.where(usable, luma, sums / np.maximum(counts, 1e-6)).astype(np.uint8)
+    gray: npt.NDArray[Any] = np.where(usable, luma, sums / np.maximum(counts, 1e-6)).astype(
+        np.uint8
+    )
     small = reduced(gray, _SIDE_PX)
     size = small.shape[1::-1]
     usable = cv2.resize(usable, size, interpolation=cv2.INTER_NEAREST)
     points, descriptors = cv2.SIFT.create(nfeatures=_MOST).detectAndCompute(small, usable)
     if descriptors is None:
         return _Keypoints(np.empty((0, 2)), np.empty((0, 128), np.float32))
-    xy = (np.array([point.pt for point in points]) + 0.5) * (gray.shape[1] / size[0], gray.shape[0] / size[1])
+    xy = (np.array([point.pt for point in points]) + 0.5) * (
+        gray.shape[1] / size[0],
+        gray.shape[0] / size[1],
+    )
     return _Keypoints(xy, np.asarray(descriptors, dtype=np.float32))
 
 
@@ -142,7 +153,9 @@ def _verified(views: tuple[View, View], found: tuple[_Keypoints, _Keypoints]) ->
     there = nearest[here]
     ahead = _errors(views[0], views[1], first.xy[here], second.xy[there])
     back = _errors(views[1], views[0], second.xy[there], first.xy[here])
-    return int(np.count_nonzero(np.fmin(ahead, back) <= _NEAR))  # at an outline, one depth may be another surface's
+    return int(
+        np.count_nonzero(np.fmin(ahead, back) <= _NEAR)
+    )  # at an outline, one depth may be another surface's
 
 
 def _nearest(squares: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.intp], Mask]:

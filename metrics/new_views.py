@@ -30,13 +30,17 @@ def _scores(restored: Restoration, view: View, name: str) -> Iterator[Score]:
     unit="dB",
     better="higher",
     range=(-np.inf, np.inf),
-    variants={"held-out": "the picture with water against the photograph, views that were held out"},
+    variants={
+        "held-out": "the picture with water against the photograph, views that were held out"
+    },
 )
 @dataclass(frozen=True)
 class NewViewPsnr:
     """Peak signal-to-noise ratio of a rendered view with water to the photograph that training did not see."""
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield one score; nothing where the method renders no water. NotApplicableError for a view that it saw."""
         yield from _scores(restored, view, "psnr")
 
@@ -47,12 +51,16 @@ class NewViewPsnr:
     better="higher",
     range=(-1, 1),
     cites="Wang et al. 2004",
-    variants={"held-out": "as new_view_psnr; Gaussian window, sigma 1.5, mean of the three channels"},
+    variants={
+        "held-out": "as new_view_psnr; Gaussian window, sigma 1.5, mean of the three channels"
+    },
 )
 @dataclass(frozen=True)
 class NewViewSsim:
     """Structural similarity of a rendered view with water to the photograph that training did not see."""
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield one score; nothing where the method renders no water. NotApplicableError for a view that it saw."""
         yield from _scores(restored, view, "ssim")

@@ -35,7 +35,9 @@ from sucre_bench.scene import Restoration, Score, View
 class Seams:
     """Share of places where the picture has a step that the photograph does not have."""
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield one score, NaN where the photograph is nowhere smooth; coverage: the share of places looked at."""
         photograph = display(view.rgb, "none", view.encoding)
         found = find_seams(shown, photograph, view.depth if view.camera is None else view.distance)
@@ -47,4 +49,8 @@ class Seams:
         elif variant == "visible":
             yield Score(float(found.is_seam[looked_at].mean()), n_pixels=n, coverage=share)
         else:
-            yield Score(float(np.quantile(found.excess[looked_at], 0.99).clip(max=1)), n_pixels=n, coverage=share)
+            yield Score(
+                float(np.quantile(found.excess[looked_at], 0.99).clip(max=1)),
+                n_pixels=n,
+                coverage=share,
+            )

@@ -22,13 +22,18 @@ _HUE_DEG, _SATURATION, _VALUE = 25.0, 0.5, 0.1
     unit="share",
     better="higher",
     range=(0, 1),
-    variants={"image": "of all pixels of the image", "depth": "of the pixels with depth; nothing without a depth map"},
+    variants={
+        "image": "of all pixels of the image",
+        "depth": "of the pixels with depth; nothing without a depth map",
+    },
 )
 @dataclass(frozen=True)
 class Coverage:
     """Share of pixels that have a colour."""
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield one score, NaN where there is no pixel to cover; its n_pixels and coverage are those looked at."""
         if variant == "depth" and not view.has_depth:
             return
@@ -55,7 +60,9 @@ class Negative:
     """Share of coloured pixels with a negative computed intensity. No real scene has one, but a stretched picture hides
     it."""
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield one score, NaN where no pixel has a colour."""
         valid = coloured_pixels(restored.image)
         negative = np.zeros_like(valid)
@@ -72,7 +79,9 @@ class Negative:
     better="lower",
     range=(0, 1),
     cites="Smith 1978",
-    variants={"hsv": "hue within 25 degrees of red, saturation above .5 and value above .1, of HSV"},
+    variants={
+        "hsv": "hue within 25 degrees of red, saturation above .5 and value above .1, of HSV"
+    },
 )
 @dataclass(frozen=True)
 class SaturatedRed:
@@ -82,7 +91,9 @@ class SaturatedRed:
     far or shaded places red. A scene with red things has such pixels too: compare methods, not scenes.
     """
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield one score, NaN where no pixel outside the charts has a colour."""
         counted = coloured_pixels(shown).copy()
         for chart in view.charts:
@@ -111,8 +122,14 @@ _OBSERVATIONS = {"all": "n_observations", "repeated": "n_repeated", "views": "n_
 class Observations:
     """Number of observations that a multi-view method used, from its info (n_observations and others)."""
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield one score; nothing where the method does not tell."""
         count = restored.info.get(_OBSERVATIONS[variant])
         if count is not None:
-            yield Score(float(count), n_pixels=int(restored.valid.sum()), coverage=float(restored.valid.mean()))
+            yield Score(
+                float(count),
+                n_pixels=int(restored.valid.sum()),
+                coverage=float(restored.valid.mean()),
+            )

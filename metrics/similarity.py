@@ -24,7 +24,10 @@ from sucre_bench.scene import Restoration, Score, View
 
 Image = npt.NDArray[Any]
 RADIUS = 5  # the widest window reaches so far
-_BAND, _TILE = 128, 512  # rows a thread takes at a time; columns whose sums stay in the processor's cache
+_BAND, _TILE = (
+    128,
+    512,
+)  # rows a thread takes at a time; columns whose sums stay in the processor's cache
 
 
 def squared_error(one: Image, other: Image, mask: Mask) -> float:
@@ -52,19 +55,32 @@ def mean_ssim(one: Image, other: Image, weights: Array, norm: float, whole: Mask
     less a typical value of s and d near by, so that the variances lose no digits.
     """
     height, _, channels = one.shape
-    bands = [(c, row, min(row + _BAND, height)) for c in range(channels) for row in range(0, height, _BAND)]
+    bands = [
+        (c, row, min(row + _BAND, height))
+        for c in range(channels)
+        for row in range(0, height, _BAND)
+    ]
     loop, one, other = compiled(_ssim_of_rows), locked(one), locked(other)
     rounded = weights.astype(np.float32)
-    rounded[RADIUS] += np.float32(1 - rounded.sum(dtype=np.float64))  # what rounding took from the sum
+    rounded[RADIUS] += np.float32(
+        1 - rounded.sum(dtype=np.float64)
+    )  # what rounding took from the sum
 
     with ThreadPoolExecutor(usable_cores()) as pool:
-        sums = pool.map(lambda rows: loop(one, other, rows, rounded, np.float32(norm), whole), bands)
+        sums = pool.map(
+            lambda rows: loop(one, other, rows, rounded, np.float32(norm), whole), bands
+        )
         total = float(sum(sums))  # in order: the same sum however many threads there are
     return total / (int(np.count_nonzero(whole)) * channels)
 
 
 def _ssim_of_rows(
-    one: Image, other: Image, rows: tuple[int, int, int], weights: Image, norm: np.float32, whole: Mask
+    one: Image,
+    other: Image,
+    rows: tuple[int, int, int],
+    weights: Image,
+    norm: np.float32,
+    whole: Mask,
 ) -> float:
     """The sum over window centres. rows: a channel, and its first row and the end.
 
@@ -106,19 +122,38 @@ def _ssim_of_rows(
                 v, h = line[k], ring[row % 11, k]
                 for i in range(n):
                     near = w5 * v[i + 5] + w4 * (v[i + 4] + v[i + 6]) + w3 * (v[i + 3] + v[i + 7])
-                    h[i] = near + w2 * (v[i + 2] + v[i + 8]) + w1 * (v[i + 1] + v[i + 9]) + w0 * (v[i] + v[i + 10])
+                    h[i] = (
+                        near
+                        + w2 * (v[i + 2] + v[i + 8])
+                        + w1 * (v[i + 1] + v[i + 9])
+                        + w0 * (v[i] + v[i + 10])
+                    )
             centre = row - RADIUS
             if centre < start:
                 continue
             for k in range(4):
                 v = line[k]
-                a0, a1, a2 = ring[(row + 1) % 11, k], ring[(row + 2) % 11, k], ring[(row + 3) % 11, k]
-                a3, a4, a5 = ring[(row + 4) % 11, k], ring[(row + 5) % 11, k], ring[(row + 6) % 11, k]
-                a6, a7, a8 = ring[(row + 7) % 11, k], ring[(row + 8) % 11, k], ring[(row + 9) % 11, k]
+                a0, a1, a2 = (
+                    ring[(row + 1) % 11, k],
+                    ring[(row + 2) % 11, k],
+                    ring[(row + 3) % 11, k],
+                )
+                a3, a4, a5 = (
+                    ring[(row + 4) % 11, k],
+                    ring[(row + 5) % 11, k],
+                    ring[(row + 6) % 11, k],
+                )
+                a6, a7, a8 = (
+                    ring[(row + 7) % 11, k],
+                    ring[(row + 8) % 11, k],
+                    ring[(row + 9) % 11, k],
+                )
                 a9, a10 = ring[(row + 10) % 11, k], ring[row % 11, k]
                 for i in range(n):
                     near = w5 * a5[i] + w4 * (a4[i] + a6[i]) + w3 * (a3[i] + a7[i])
-                    v[i] = near + w2 * (a2[i] + a8[i]) + w1 * (a1[i] + a9[i]) + w0 * (a0[i] + a10[i])
+                    v[i] = (
+                        near + w2 * (a2[i] + a8[i]) + w1 * (a1[i] + a9[i]) + w0 * (a0[i] + a10[i])
+                    )
             for i in range(n):
                 s, d = line[0, i], line[1, i]
                 of_s, of_d = (line[2, i] - s * s) * norm, (line[3, i] - d * d) * norm
@@ -155,7 +190,9 @@ class Psnr:
     "raw" compares in the view's own encoding: what a method computed, before any normalisation for display.
     """
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield one score; nothing where the view has no reference."""
         if view.reference is None:
             return
@@ -205,7 +242,9 @@ class Ssim:
     score. As in the original, windows that leave the image count nowhere.
     """
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield one score; nothing where the view has no reference."""
         import cv2
 
@@ -241,7 +280,9 @@ def _funie_ssim(image: Array, reference: Array) -> float:
 
     x, y = (resized(to_8bit(one), _GRAY) / 255.0 for one in (image, reference))
     mx, my = near(x), near(y)
-    vx, vy, both = (25 / 24 * (near(a * b) - near(a) * near(b)) for a, b in ((x, x), (y, y), (x, y)))
+    vx, vy, both = (
+        25 / 24 * (near(a * b) - near(a) * near(b)) for a, b in ((x, x), (y, y), (x, y))
+    )
     c1, c2 = 0.01**2, 0.03**2
     ssim = (2 * mx * my + c1) * (2 * both + c2) / ((mx**2 + my**2 + c1) * (vx + vy + c2))
     return float(ssim.mean())
@@ -249,7 +290,10 @@ def _funie_ssim(image: Array, reference: Array) -> float:
 
 # Weights along a row and a column, and what variances are multiplied by.
 _GAUSSIAN: Array = np.exp(-(np.arange(-RADIUS, RADIUS + 1) ** 2) / (2 * 1.5**2))
-_WINDOWS = {"gaussian": (_GAUSSIAN / _GAUSSIAN.sum(), 1.0), "uniform7": (np.array([0, 0, *[1 / 7] * 7, 0, 0]), 49 / 48)}
+_WINDOWS = {
+    "gaussian": (_GAUSSIAN / _GAUSSIAN.sum(), 1.0),
+    "uniform7": (np.array([0, 0, *[1 / 7] * 7, 0, 0]), 49 / 48),
+}
 
 
 def _pair(image: Array, view: View, encode: bool) -> tuple[Array, Array]:

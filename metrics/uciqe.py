@@ -69,7 +69,9 @@ class Uciqe:
     It rewards vivid pictures, right or wrong: it hardly follows PSNR (SUCRe, table 1).
     """
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield one score, NaN where the picture has no colour at all."""
         shown = locked(shown)
         picture = eight_bit(shown)
@@ -93,7 +95,11 @@ def uciqe(shown: npt.NDArray[Any], variant: str = "yang2015") -> float:
     c = np.hypot(a, b)
     counts = palette(shown).counts
     sigma = _deviation(c, counts)
-    if variant in ("yang2015", "range-contrast", "matlab"):  # the offset that these keep makes c > 0
+    if variant in (
+        "yang2015",
+        "range-contrast",
+        "matlab",
+    ):  # the offset that these keep makes c > 0
         sigma = float(np.sqrt(_mean(np.abs(1 - (_mean(c, counts) / c) ** 2), counts)))
     if variant == "hsv":
         rgb = palette(shown).rgb
@@ -142,14 +148,18 @@ def _contrast(L: ValueCounts, variant: str) -> float:
     whole = float(L.values[-1] - L.values[0])
     if variant in ("centred", "cielab-range", "hsv"):
         return whole
-    if variant == "matlab":  # the least level with more than 1 % of the pixels up to it, and with at least 99 % of them
+    if (
+        variant == "matlab"
+    ):  # the least level with more than 1 % of the pixels up to it, and with at least 99 % of them
         share = L.upto / L.size
         return float(L.values[np.argmax(share >= 0.99)] - L.values[np.argmax(share > 0.01)])
     n = max(round(0.01 * L.size), 1)
     if variant == "cielab":
         return L.mean(L.size - n) - L.mean(0, n)
     if variant == "strided":
-        return float(L.at(np.arange(L.size - 1, -1, -n)).mean() - L.at(np.arange(0, L.size, n)).mean())
+        return float(
+            L.at(np.arange(L.size - 1, -1, -n)).mean() - L.at(np.arange(0, L.size, n)).mean()
+        )
     percentiles = L.percentile(99) - L.percentile(1)
     return percentiles / max(whole, 1e-9) if variant == "range-contrast" else percentiles
 
@@ -170,7 +180,10 @@ def _lab(shown: npt.NDArray[Any], space: Space) -> Array:
     if space == "bytes":
         import cv2
 
-        return np.asarray(cv2.cvtColor(rgb.reshape(-1, 1, 3), cv2.COLOR_RGB2LAB).reshape(-1, 3).T / np.float64(255))
+        return np.asarray(
+            cv2.cvtColor(rgb.reshape(-1, 1, 3), cv2.COLOR_RGB2LAB).reshape(-1, 3).T
+            / np.float64(255)
+        )
     if space == "d50":
         L, a, b = lab_d50_of_linear(srgb_decode(np.arange(256) / 255)[rgb]).T
         return np.asarray(np.floor(np.stack([L * 2.55, a + 128, b + 128]) + 0.5).clip(0, 255) / 255)

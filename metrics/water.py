@@ -18,7 +18,9 @@ _MEANINGS = {
     "attenuation": "beta, 1/m",
     "backscatter": "gamma, 1/m",
 }
-_VARIANTS = {f"{name}-{channel}": meaning for name, meaning in _MEANINGS.items() for channel in CHANNELS}
+_VARIANTS = {
+    f"{name}-{channel}": meaning for name, meaning in _MEANINGS.items() for channel in CHANNELS
+}
 
 
 @metric(
@@ -35,13 +37,17 @@ _VARIANTS = {f"{name}-{channel}": meaning for name, meaning in _MEANINGS.items()
 class WaterParameters:
     """Estimated parameters of the water, a channel a variant; nothing where a method estimates none."""
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield one score, NaN for a parameter that is not estimated."""
         if restored.water is None:
             return
         name, _, channel = variant.partition("-")
         value = float(getattr(restored.water, name)[CHANNELS.index(channel)])
-        yield Score(value, n_pixels=int(restored.valid.sum()), coverage=float(restored.valid.mean()))
+        yield Score(
+            value, n_pixels=int(restored.valid.sum()), coverage=float(restored.valid.mean())
+        )
 
 
 @metric(
@@ -51,7 +57,11 @@ class WaterParameters:
     better="lower",
     range=(0, np.inf),
     default=["attenuation", "backscatter", "veiling_light"],
-    variants={"attenuation": "of beta, 1/m", "backscatter": "of gamma, 1/m", "veiling_light": "of B"},
+    variants={
+        "attenuation": "of beta, 1/m",
+        "backscatter": "of gamma, 1/m",
+        "veiling_light": "of B",
+    },
 )
 @dataclass(frozen=True)
 class Water:
@@ -63,7 +73,9 @@ class Water:
     score either.
     """
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield a score for the image and one per channel; nothing where the method estimates no water.
 
         Raises NotApplicableError where estimate and truth explain intensities of different encoding.

@@ -21,7 +21,13 @@ ROOT = Path(__file__).resolve().parent.parent
 ROOMS = ("sucre_bench", "methods", "datasets", "metrics")
 LIMITS: dict[str, dict[str, int]] = {
     "datasets": {"assigned": 1, "parallel": 8, "three joined": 17},
-    "methods": {"assigned": 11, "nested if": 7, "parallel": 89, "text times": 5, "three joined": 16},
+    "methods": {
+        "assigned": 11,
+        "nested if": 7,
+        "parallel": 89,
+        "text times": 5,
+        "three joined": 16,
+    },
     "metrics": {"nested if": 1},
     "sucre_bench": {"nested if": 4, "three joined": 12},
     "sucre_bench/commands": {"parallel": 6, "three joined": 2},
@@ -35,7 +41,13 @@ LIMITS: dict[str, dict[str, int]] = {
     "sucre_bench/multiview": {"assigned": 1, "three joined": 5},
     "sucre_bench/plugins": {"three joined": 6},
     "sucre_bench/programs": {"assigned": 21, "nested if": 5, "three joined": 22},
-    "sucre_bench/reports": {"assigned": 7, "nested if": 1, "parallel": 3, "text times": 2, "three joined": 4},
+    "sucre_bench/reports": {
+        "assigned": 7,
+        "nested if": 1,
+        "parallel": 3,
+        "text times": 2,
+        "three joined": 4,
+    },
     "sucre_bench/results": {"assigned": 6, "nested if": 4, "parallel": 13, "three joined": 4},
 }
 
@@ -50,15 +62,23 @@ def packed(tree: ast.Module) -> Iterator[tuple[int, str]]:
             yield node.lineno, "parallel"
         elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult) and _is_text_times(node):
             yield node.lineno, "text times"
-        elif isinstance(node, ast.IfExp) and any(isinstance(part, ast.IfExp) for part in (node.body, node.orelse)):
+        elif isinstance(node, ast.IfExp) and any(
+            isinstance(part, ast.IfExp) for part in (node.body, node.orelse)
+        ):
             yield node.lineno, "nested if"
-        elif isinstance(node, ast.BoolOp) and len(node.values) > 2 and not all(map(_is_plain, node.values)):
+        elif (
+            isinstance(node, ast.BoolOp)
+            and len(node.values) > 2
+            and not all(map(_is_plain, node.values))
+        ):
             yield node.lineno, "three joined"
 
 
 def _assigned(function: ast.FunctionDef) -> Iterator[tuple[int, str]]:
     """Assignment expressions whose name is read after the statement that has them."""
-    statements = [node for node in ast.walk(function) if isinstance(node, ast.stmt) and node is not function]
+    statements = [
+        node for node in ast.walk(function) if isinstance(node, ast.stmt) and node is not function
+    ]
     reads = [(node.id, node.lineno) for node in ast.walk(function) if isinstance(node, ast.Name)]
     seen = set[int]()
     for statement in sorted(statements, key=lambda node: (node.end_lineno or 0) - node.lineno):
@@ -90,7 +110,11 @@ def _is_text_times(node: ast.BinOp) -> bool:
 
 
 def _calls_bool(node: ast.expr) -> bool:
-    return isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("bool", "any", "all")
+    return (
+        isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Name)
+        and node.func.id in ("bool", "any", "all")
+    )
 
 
 def _is_plain(node: ast.expr) -> bool:
@@ -118,7 +142,9 @@ def main() -> int:
                 found.setdefault(room, []).append((f"{below}:{line}", rule))
     if "--limits" in sys.argv:
         for room in sorted(found):
-            print(f"    {room!r}: {dict(sorted(Counter(rule for _, rule in found[room]).items()))},")
+            print(
+                f"    {room!r}: {dict(sorted(Counter(rule for _, rule in found[room]).items()))},"
+            )
         return 0
     failures = 0
     for room, places in sorted(found.items()):

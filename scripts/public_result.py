@@ -23,9 +23,17 @@ RUNS = {
     "demo": ["experiment=demo", "metrics=[colours,colours_de00,psnr,ssim,psi,uciqe,uiqm,coverage]"],
     "D5": [
         *("experiment=table1", "dataset=colmap", "dataset.root=D5", "dataset.label=D5", "every=1"),
-        *("views=[D5_fig01_LFT_3374.png,LFT_3411.png]", "metrics=[psi,de00,neutral,uciqe,uiqm,coverage]"),
+        *(
+            "views=[D5_fig01_LFT_3374.png,LFT_3411.png]",
+            "metrics=[psi,de00,neutral,uciqe,uiqm,coverage]",
+        ),
     ],
-    "u45": ["experiment=photographs", "dataset=u45", "dataset.root=u45", "metrics=[uciqe:matlab,uiqm:panetta2016]"],
+    "u45": [
+        "experiment=photographs",
+        "dataset=u45",
+        "dataset.root=u45",
+        "metrics=[uciqe:matlab,uiqm:panetta2016]",
+    ],
 }
 
 
@@ -39,7 +47,12 @@ def make(data: Path | None) -> None:
         if data or name == "demo":
             out = f"{name}-results"
             bench("run", "-m", *words, f"out={out}", "tracking.uri=off", "report=false", at=runs)
-            bundle = [str(BOARD / "bundles" / f"{name}.zip"), "--by", "sucre_bench contributors", "--force"]
+            bundle = [
+                str(BOARD / "bundles" / f"{name}.zip"),
+                "--by",
+                "sucre_bench contributors",
+                "--force",
+            ]
             bench("bundle", out, *bundle, at=runs)
 
 
@@ -53,15 +66,23 @@ def differences(folder: Path, bundle: Path) -> DataFrame:
     with zipfile.ZipFile(bundle) as opened, opened.open("scores.csv") as file:
         public = pd.read_csv(file)
     public = public[~public["metric"].isin(["seconds", "peak_mb"]) & public["value"].notna()]
-    both = public.merge(results.read(folder)[[*keys, "value"]], "left", on=keys, suffixes=("", "_here"))
+    both = public.merge(
+        results.read(folder)[[*keys, "value"]], "left", on=keys, suffixes=("", "_here")
+    )
     usual = both.groupby(["metric", "variant"])["value"].transform("median").abs()
     allowed = TOLERANCE * both["value"].abs().combine(usual, max)
-    return both[~((both["value"] - both["value_here"]).abs() <= allowed)][[*keys, "value", "value_here"]]
+    return both[~((both["value"] - both["value_here"]).abs() <= allowed)][
+        [*keys, "value", "value_here"]
+    ]
 
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--check"]:
         differing = differences(Path(sys.argv[2]), BOARD / "bundles" / "demo.zip")
-        print(differing.to_string() if len(differing) else "the demo agrees with docs/board/bundles/demo.zip")
+        print(
+            differing.to_string()
+            if len(differing)
+            else "the demo agrees with docs/board/bundles/demo.zip"
+        )
         sys.exit(bool(len(differing)))
     make(Path(sys.argv[1]) if sys.argv[1:] else None)

@@ -32,7 +32,11 @@ SEVERAL = {
     "trusted-host": ("UV_INSECURE_HOST", " "),
 }
 # ... and these are options, because uv has no variable, or forgets it when the same option is given.
-REPEATED = {"constraint": "--constraints", "no-binary": "--no-binary", "only-binary": "--only-binary"}
+REPEATED = {
+    "constraint": "--constraints",
+    "no-binary": "--no-binary",
+    "only-binary": "--only-binary",
+}
 SWITCHES = {"no-index": "--no-index", "no-cache-dir": "--no-cache", "pre": "--prerelease=allow"}
 
 
@@ -67,7 +71,9 @@ def environment(settings: Mapping[str, str], given: Mapping[str, str]) -> dict[s
 def options(settings: Mapping[str, str]) -> Iterator[str]:
     """The options of `uv pip install` that pip's settings amount to."""
     for name, option in REPEATED.items():
-        yield from (f"{option}={value}" for value in settings.get(name, "").replace(",", " ").split())
+        yield from (
+            f"{option}={value}" for value in settings.get(name, "").replace(",", " ").split()
+        )
     for name, option in SWITCHES.items():
         if settings.get(name, "").lower() not in ("", "0", "false", "no", "off", "n", "f"):
             yield option
@@ -75,10 +81,18 @@ def options(settings: Mapping[str, str]) -> Iterator[str]:
 
 def main() -> None:
     settings = pip_settings()
-    if any(word.startswith("--torch-backend") for word in sys.argv) and settings.keys() & {"index-url", "no-index"}:
+    if any(word.startswith("--torch-backend") for word in sys.argv) and settings.keys() & {
+        "index-url",
+        "no-index",
+    }:
         sys.exit("pip is configured to use one index alone, so PyTorch's own index is not asked")
     uv = str(Path(sys.executable).with_name("uv"))
-    install = [uv, "pip", "install", *([] if "--python" in sys.argv else ["--python", sys.executable])]
+    install = [
+        uv,
+        "pip",
+        "install",
+        *([] if "--python" in sys.argv else ["--python", sys.executable]),
+    ]
     os.execve(uv, [*install, *options(settings), *sys.argv[1:]], environment(settings, os.environ))
 
 

@@ -31,13 +31,28 @@ _HOME = {
     "sucre_bench.engine.run_config": ("run_config",),
     "sucre_bench.results.rows": ("wide",),
     "sucre_bench.degrade": ("Degradation", "degraded"),
-    "sucre_bench.errors": ("InputError", "NotApplicableError", "PluginError", "SolveError", "SucreBenchError"),
+    "sucre_bench.errors": (
+        "InputError",
+        "NotApplicableError",
+        "PluginError",
+        "SolveError",
+        "SucreBenchError",
+    ),
     "sucre_bench.programs.contract": ("breaches",),
     "sucre_bench.plugins": ("dataset", "method", "metric", "load_file"),
     "sucre_bench.machine.progress": ("track",),
     "sucre_bench.camera": ("Camera",),
     "sucre_bench.restored_pair": ("RestoredPair",),
-    "sucre_bench.scene": ("Arrays", "Chart", "Pixels", "Restoration", "Scene", "Score", "View", "Water"),
+    "sucre_bench.scene": (
+        "Arrays",
+        "Chart",
+        "Pixels",
+        "Restoration",
+        "Scene",
+        "Score",
+        "View",
+        "Water",
+    ),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 
@@ -46,7 +61,10 @@ __all__ = [*_MODULE, "__version__"]
 if TYPE_CHECKING:
     from sucre_bench.camera import Camera as Camera
     from sucre_bench.degrade import Degradation as Degradation, degraded as degraded
-    from sucre_bench.engine.compare_methods import Compared as Compared, compare_methods as compare_methods
+    from sucre_bench.engine.compare_methods import (
+        Compared as Compared,
+        compare_methods as compare_methods,
+    )
     from sucre_bench.engine.python_api import (
         Restored as Restored,
         list_datasets as list_datasets,

@@ -13,7 +13,13 @@ from sucre_bench.errors import InputError, is_utf8, one_line, shown_value
 P = ParamSpec("P")
 T = TypeVar("T")
 
-_WORDS = {str: "text", int: "a whole number", float: "a number", bool: "True or False", type(None): "None"}
+_WORDS = {
+    str: "text",
+    int: "a whole number",
+    float: "a number",
+    bool: "True or False",
+    type(None): "None",
+}
 _WORDS |= {Mapping: "a dict", Path: "a path"}
 
 
@@ -27,8 +33,14 @@ def checked(call: Callable[P, T]) -> Callable[P, T]:
     def hints() -> dict[str, Any]:
         if isinstance(call, type):
             return get_type_hints(call)
-        named = {one.name: one.annotation for one in signature.parameters.values() if one.annotation is not one.empty}
-        return get_type_hints(SimpleNamespace(__annotations__=named), inspect.unwrap(call).__globals__)
+        named = {
+            one.name: one.annotation
+            for one in signature.parameters.values()
+            if one.annotation is not one.empty
+        }
+        return get_type_hints(
+            SimpleNamespace(__annotations__=named), inspect.unwrap(call).__globals__
+        )
 
     def _lacking(args: Iterable[Any], kwargs: Mapping[str, Any]) -> str:
         """All arguments that are missing, if that is the fault: Python's message names the first."""
@@ -38,7 +50,11 @@ def checked(call: Callable[P, T]) -> Callable[P, T]:
             return ""
         lacking = [one.name for one in signature.parameters.values() if one.default is one.empty]
         is_one = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-        lacking = [one for one in lacking if one not in given and signature.parameters[one].kind not in is_one]
+        lacking = [
+            one
+            for one in lacking
+            if one not in given and signature.parameters[one].kind not in is_one
+        ]
         return f"missing required arguments: {', '.join(lacking)}" if len(lacking) > 1 else ""
 
     @functools.wraps(function)
@@ -46,15 +62,22 @@ def checked(call: Callable[P, T]) -> Callable[P, T]:
         try:
             bound = signature.bind(*args, **kwargs)
         except TypeError as fault:
-            raise InputError(_lacking(args, kwargs) or str(fault), name, f"see help({name})") from fault
+            raise InputError(
+                _lacking(args, kwargs) or str(fault), name, f"see help({name})"
+            ) from fault
         given = bound.arguments
         for parameter, hint in hints().items():
-            if parameter in given and signature.parameters[parameter].kind is not inspect.Parameter.VAR_KEYWORD:
+            if (
+                parameter in given
+                and signature.parameters[parameter].kind is not inspect.Parameter.VAR_KEYWORD
+            ):
                 given[parameter] = check_argument(f"{name}({parameter})", given[parameter], hint)
         return function(*bound.args, **bound.kwargs)
 
     if isinstance(call, type):
-        _check_in_subclasses(call, checking, lambda: {one: hints()[one] for one in [*signature.parameters][1:]})
+        _check_in_subclasses(
+            call, checking, lambda: {one: hints()[one] for one in [*signature.parameters][1:]}
+        )
         call.__init__ = checking  # type: ignore[misc]
         return call
     return checking
@@ -81,7 +104,11 @@ def check_argument(place: str, value: Any, hint: Any) -> Any:
     """
     try:
         is_taken = _fits(value, hint)
-        if is_taken and isinstance(value, Iterator) and not any(isinstance(one, TypeVar) for one in get_args(hint)):
+        if (
+            is_taken
+            and isinstance(value, Iterator)
+            and not any(isinstance(one, TypeVar) for one in get_args(hint))
+        ):
             value = tuple(value)
             is_taken = _fits(value, hint)
     except Exception as fault:  # of a collection of the user's
@@ -102,10 +129,14 @@ def _fits(value: object, hint: Any) -> bool:
     if isinstance(origin, type) and issubclass(origin, Mapping):
         if not isinstance(value, Mapping):
             return False
-        return inner[1] is Any or all(_fits(key, inner[0]) and _fits(one, inner[1]) for key, one in value.items())
+        return inner[1] is Any or all(
+            _fits(key, inner[0]) and _fits(one, inner[1]) for key, one in value.items()
+        )
     if origin is tuple:
         kinds = inner[:1] * len(value) if isinstance(value, tuple) and inner[-1] is ... else inner
-        return isinstance(value, tuple) and len(value) == len(kinds) and all(map(_fits, value, kinds))
+        return (
+            isinstance(value, tuple) and len(value) == len(kinds) and all(map(_fits, value, kinds))
+        )
     if isinstance(origin, type) and issubclass(origin, Iterable) and origin.__module__ != "numpy":
         kind: Any = Set if origin is frozenset else origin
         ndim, is_any = getattr(value, "ndim", 1), isinstance(inner[0], TypeVar)
@@ -115,11 +146,17 @@ def _fits(value: object, hint: Any) -> bool:
             return False
         return is_any or isinstance(value, Iterator) or all(_fits(one, inner[0]) for one in value)
     if hint in (int, float):
-        is_number = isinstance(value, Integral if hint is int else Real) and not isinstance(value, bool)
-        return is_number and (not isinstance(value, Integral) or -(2**63) <= int(value) < 2**63)  # as in tables
+        is_number = isinstance(value, Integral if hint is int else Real) and not isinstance(
+            value, bool
+        )
+        return is_number and (
+            not isinstance(value, Integral) or -(2**63) <= int(value) < 2**63
+        )  # as in tables
     if hint is str:
         return isinstance(value, str) and (value.isascii() or is_utf8(value))
-    is_class = isinstance(hint, type) and origin is None and not getattr(hint, "_is_protocol", False)
+    is_class = (
+        isinstance(hint, type) and origin is None and not getattr(hint, "_is_protocol", False)
+    )
     return hint is Any or not is_class or isinstance(value, hint)
 
 
@@ -138,7 +175,9 @@ def _wording(hint: Any) -> str:
     return _WORDS.get(kind, f"a {getattr(kind, '__name__', kind)}")
 
 
-def array_of(place: str, value: Any, shape: tuple[int | str, ...], finite: bool = False, kinds: str = "f") -> Any:
+def array_of(
+    place: str, value: Any, shape: tuple[int | str, ...], finite: bool = False, kinds: str = "f"
+) -> Any:
     """Return a value as a NumPy array of numbers of this shape. Letters stand for any length but 0: ("H", "W", 3).
 
     kinds: of numbers, as `numpy.dtype.kind`. A masked value is NaN. Raises InputError for another shape, other numbers,
@@ -153,11 +192,17 @@ def array_of(place: str, value: Any, shape: tuple[int | str, ...], finite: bool 
             masked: Any = value if value.dtype.kind == "f" else value.astype(np.float64)
             value = masked.filled(np.nan)
         array = np.asarray(value)
-    except Exception as fault:  # of a list of lists of other lengths, or another library's array on a GPU
+    except (
+        Exception
+    ) as fault:  # of a list of lists of other lengths, or another library's array on a GPU
         raise InputError(f"is a {type(value).__name__} that is no array", place, remedy) from fault
     pairs = zip(array.shape, shape, strict=False)
-    if array.ndim != len(shape) or not all(n == want or (isinstance(want, str) and n) for n, want in pairs):
-        raise InputError(f"has shape {array.shape}" if array.ndim else f"is {shown_value(value)}", place, remedy)
+    if array.ndim != len(shape) or not all(
+        n == want or (isinstance(want, str) and n) for n, want in pairs
+    ):
+        raise InputError(
+            f"has shape {array.shape}" if array.ndim else f"is {shown_value(value)}", place, remedy
+        )
     if array.dtype.kind not in kinds:
         raise InputError(f"is of {array.dtype}", place, remedy)
     if finite and not np.isfinite(array).all():

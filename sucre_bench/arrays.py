@@ -27,13 +27,19 @@ else:
 
 def evenly(count: int, most: int) -> list[int]:
     """Return the places of at most so many of `count` things, in order; all of them where they are no more."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)).tolist() if count else []
+    return (
+        np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)).tolist()
+        if count
+        else []
+    )
 
 
 def coloured(image: npt.NDArray[Any]) -> Mask:
     """Return the pixels (H, W) of an image (H, W, 3) that have a colour: all three channels are finite."""
     with np.errstate(over="ignore", invalid="ignore"):
-        if np.isfinite(image.sum()):  # one quick pass that most images end at: a sum is finite if all values are
+        if np.isfinite(
+            image.sum()
+        ):  # one quick pass that most images end at: a sum is finite if all values are
             return np.ones(image.shape[:-1], dtype=bool)
     finite = np.isfinite(image[..., 0])
     finite &= np.isfinite(image[..., 1])
@@ -49,7 +55,9 @@ Key = tuple[Any, ...]
 _results: dict[int, tuple[weakref.ref[npt.NDArray[Any]], dict[Key, Any]]] = {}
 
 
-def once(work: Callable[Concatenate[npt.NDArray[Any], P], T]) -> Callable[Concatenate[npt.NDArray[Any], P], T]:
+def once(
+    work: Callable[Concatenate[npt.NDArray[Any], P], T],
+) -> Callable[Concatenate[npt.NDArray[Any], P], T]:
     """Decorate a function of an array so that it runs once while that array lives.
 
     Only read-only arrays are remembered (a score's `shown`, a view's planes): a writable one may change between calls.

@@ -45,7 +45,9 @@ def _slopes(camera: Camera) -> tuple[Array, Array]:
     v = (np.arange(camera.height) + 0.5)[:, None]
     if not K_inv[0, 1] and not K_inv[1, 0]:  # without skew, columns tell x and rows y
         return K_inv[0, 0] * u + K_inv[0, 2], K_inv[1, 1] * v + K_inv[1, 2]
-    return K_inv[0, 0] * u + K_inv[0, 1] * v + K_inv[0, 2], K_inv[1, 0] * u + K_inv[1, 1] * v + K_inv[1, 2]
+    return K_inv[0, 0] * u + K_inv[0, 1] * v + K_inv[0, 2], K_inv[1, 0] * u + K_inv[
+        1, 1
+    ] * v + K_inv[1, 2]
 
 
 def relative_pose(to_cam_from_world: Array, from_cam_from_world: Array) -> Array:
@@ -66,7 +68,9 @@ def project(camera: Camera, points: Array) -> tuple[Array, Array]:
     z = points[..., 2]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         xy = np.where((z > 0)[..., None], points[..., :2] / z[..., None], np.nan)
-    return xy @ np.asarray(camera.K[:2, :2].T, dtype=points.dtype) + np.asarray(camera.K[:2, 2], dtype=points.dtype), z
+    return xy @ np.asarray(camera.K[:2, :2].T, dtype=points.dtype) + np.asarray(
+        camera.K[:2, 2], dtype=points.dtype
+    ), z
 
 
 def depth_at(depth: Array, xy: Array) -> Array:
@@ -109,7 +113,9 @@ class Camera:
     height: int
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "K", array_of("Camera.K", self.K, (3, 3), finite=True, kinds="fiu"))
+        object.__setattr__(
+            self, "K", array_of("Camera.K", self.K, (3, 3), finite=True, kinds="fiu")
+        )
         if np.abs(self.K).max() > _MOST or not np.linalg.det(self.K):
             raise InputError("has no inverse, or values above 1e9", "Camera.K", _REMEDY)
         check_number("Camera.width", self.width, "[1, 1e6]")
@@ -119,8 +125,10 @@ class Camera:
         faults = {
             "has another last row than 0 0 1": not np.allclose(self.K[2], (0, 0, 1)),
             f"has focal lengths of {focal_x:g} and {focal_y:g}": min(focal_x, focal_y) <= 0,
-            "is not in pixels": min(self.size) > 4 * _NORMALISED and np.abs(self.K[:2]).max() <= _NORMALISED,
-            "has its principal point far off the image": np.abs(centre).max() > _FAR_OFF * max(self.size),
+            "is not in pixels": min(self.size) > 4 * _NORMALISED
+            and np.abs(self.K[:2]).max() <= _NORMALISED,
+            "has its principal point far off the image": np.abs(centre).max()
+            > _FAR_OFF * max(self.size),
         }
         for fault, is_so in faults.items():
             if is_so:
@@ -139,7 +147,10 @@ def is_rigid(transform: Array, tolerance: float = 1e-3) -> bool:
     """
     R = transform[:3, :3]
     with np.errstate(over="ignore", invalid="ignore"):
-        is_near = np.abs(transform[3] - (0, 0, 0, 1)).max() <= 1e-6 and np.abs(R @ R.T - np.eye(3)).max() <= tolerance
+        is_near = (
+            np.abs(transform[3] - (0, 0, 0, 1)).max() <= 1e-6
+            and np.abs(R @ R.T - np.eye(3)).max() <= tolerance
+        )
     return bool(is_near and np.linalg.det(R) > 0)  # False with NaN
 
 
@@ -152,4 +163,6 @@ def centred_camera(focal_px: float, width: int, height: int) -> Camera:
 def scaled_camera(camera: Camera, size: tuple[int, int], image_scale: float = 1.0) -> Camera:
     """Return the camera for images of `size` (width, height) times `image_scale` instead of its own size."""
     width, height = (max(1, round(side * image_scale)) for side in size)
-    return Camera(np.diag([width / camera.width, height / camera.height, 1.0]) @ camera.K, width, height)
+    return Camera(
+        np.diag([width / camera.width, height / camera.height, 1.0]) @ camera.K, width, height
+    )

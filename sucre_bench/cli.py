@@ -14,10 +14,28 @@ from sucre_bench.machine.processes import isolated_children
 from sucre_bench.machine.terminal import say
 
 _BROKEN_PIPE = 141  # what a shell says of a process that SIGPIPE ended
-_MEMORY = "there is not enough memory; end other programs, or give smaller images (dataset.image_scale)"
+_MEMORY = (
+    "there is not enough memory; end other programs, or give smaller images (dataset.image_scale)"
+)
 # Numbers of errors that concern a file, also where they do not name it.
-_OF_FILES = {errno.ENOENT, errno.EACCES, errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.ENOTEMPTY, errno.EEXIST}
-_OF_FILES |= {errno.ENAMETOOLONG, errno.ELOOP, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
+_OF_FILES = {
+    errno.ENOENT,
+    errno.EACCES,
+    errno.EPERM,
+    errno.EISDIR,
+    errno.ENOTDIR,
+    errno.ENOTEMPTY,
+    errno.EEXIST,
+}
+_OF_FILES |= {
+    errno.ENAMETOOLONG,
+    errno.ELOOP,
+    errno.EROFS,
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EFBIG,
+    errno.EIO,
+}
 
 
 def main() -> None:
@@ -26,12 +44,16 @@ def main() -> None:
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # else a damaged image costs ten lines more
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a letter that the locale lacks is a question mark
+        if isinstance(
+            stream, io.TextIOWrapper
+        ):  # a letter that the locale lacks is a question mark
             stream.reconfigure(errors="replace")
     try:
         status = _status()
         sys.stdout.flush()
-    except BrokenPipeError:  # who read us (head, say) has enough, and what is left in the buffer has nowhere to go
+    except (
+        BrokenPipeError
+    ):  # who read us (head, say) has enough, and what is left in the buffer has nowhere to go
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = _BROKEN_PIPE
     sys.exit(status)
@@ -44,13 +66,18 @@ def _status() -> int:
         return _fault(wrong, 2)
     python_path = os.environ.get("PYTHONPATH")
     if python_path and "" in python_path.split(os.pathsep):
-        say("note: PYTHONPATH has an empty part: Python imports from the current folder; remove that part", "yellow")
+        say(
+            "note: PYTHONPATH has an empty part: Python imports from the current folder; remove that part",
+            "yellow",
+        )
     stdout = sys.stdout
     try:
         with isolated_children():
             cli(prog_name="sucre-bench", standalone_mode=False)
     except SystemExit as ended:
-        if sys.stdout is not stdout:  # click put another there, for it found that the reader of the pipe has gone
+        if (
+            sys.stdout is not stdout
+        ):  # click put another there, for it found that the reader of the pipe has gone
             return _BROKEN_PIPE
         return ended.code if isinstance(ended.code, int) else int(ended.code is not None)
     except click.exceptions.NoArgsIsHelpError as fault:
@@ -72,13 +99,17 @@ def _status() -> int:
     except MemoryError:
         return _fault(_MEMORY, 1)
     except ImportError as fault:
-        if (fault.name or "").startswith("sucre_bench"):  # ours, or a plugin file's: a fault of the code
+        if (fault.name or "").startswith(
+            "sucre_bench"
+        ):  # ours, or a plugin file's: a fault of the code
             raise
         text = " ".join(str(fault).split())
         remedy = "`sucre-bench doctor` says what to install; mend it if it is your plugin's"
         return _fault(f"a Python package does not import: {text}; {remedy}", 1)
     except (click.exceptions.Abort, KeyboardInterrupt) as stopped:
-        say(str(stopped.__cause__ or stopped) or "stopped", "yellow")  # click makes an Abort of an interrupt
+        say(
+            str(stopped.__cause__ or stopped) or "stopped", "yellow"
+        )  # click makes an Abort of an interrupt
         return 130
     except Exception as fault:
         cause: BaseException | None = fault
@@ -87,15 +118,24 @@ def _status() -> int:
         if cause:  # a library made another error of an interrupt
             say("stopped", "yellow")
             return 130
-        if loop := re.fullmatch("Symlink loop from '(.*)'", str(fault)):  # what Path.resolve raises before Python 3.13
-            return _fault(f"{escaped_breaks(loop[1])}: links to itself; remove that link, or give another path", 2)
+        if loop := re.fullmatch(
+            "Symlink loop from '(.*)'", str(fault)
+        ):  # what Path.resolve raises before Python 3.13
+            return _fault(
+                f"{escaped_breaks(loop[1])}: links to itself; remove that link, or give another path",
+                2,
+            )
         if isinstance(fault, OSError) and fault.errno == errno.ENOMEM:
             return _fault(_MEMORY, 1)
-        if not isinstance(fault, OSError) or (fault.filename is None and fault.errno not in _OF_FILES):
+        if not isinstance(fault, OSError) or (
+            fault.filename is None and fault.errno not in _OF_FILES
+        ):
             raise
         path = "a file" if fault.filename is None else os.fsdecode(fault.filename)
         reason = fault.strerror or type(fault).__name__  # of a path that no file system has, say
-        return _fault(f"{escaped_breaks(path)}: {reason}; give another path, or make this one usable", 2)
+        return _fault(
+            f"{escaped_breaks(path)}: {reason}; give another path, or make this one usable", 2
+        )
     return 0
 
 
@@ -111,7 +151,9 @@ def _unusable() -> str:
 
 def _keys_of_run(context: click.Context | None) -> set[str]:
     """The keys of `sucre-bench run`, if a command takes them as words."""
-    if context is None or not any(parameter.type is click.UNPROCESSED for parameter in context.command.params):
+    if context is None or not any(
+        parameter.type is click.UNPROCESSED for parameter in context.command.params
+    ):
         return set()
     from sucre_bench.jobs.run_options import RunConfig
 
@@ -170,7 +212,9 @@ class _LazyGroup(click.Group):
         if cmd_name not in _COMMANDS and ctx.resilient_parsing:
             return None  # a shell asks what a line may become
         if cmd_name not in _COMMANDS:
-            return ctx.fail(f"no command is called '{cmd_name}'; {did_you_mean(cmd_name, _COMMANDS)}")
+            return ctx.fail(
+                f"no command is called '{cmd_name}'; {did_you_mean(cmd_name, _COMMANDS)}"
+            )
         module = import_module(f"sucre_bench.commands.{_COMMANDS[cmd_name][0]}")
         command = getattr(module, "list_" if cmd_name == "list" else cmd_name)
         assert isinstance(command, click.Command)
@@ -181,11 +225,18 @@ class _LazyGroup(click.Group):
         for title, commands in SECTIONS.items():
             formatter.write(f"\n{title}\n")
             with formatter.indentation():
-                formatter.write_dl([(name.ljust(width), text) for name, (_, text) in commands.items()])
+                formatter.write_dl(
+                    [(name.ljust(width), text) for name, (_, text) in commands.items()]
+                )
 
 
 @click.group(
-    cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "color": True}
+    cls=_LazyGroup,
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "max_content_width": 100,
+        "color": True,
+    },
 )
 @click.version_option(package_name="sucre-bench", prog_name="sucre-bench")
 def cli() -> None:

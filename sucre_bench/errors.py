@@ -30,7 +30,9 @@ class SucreBenchError(Exception):
         self.text = f"{fault}; {remedy}" if remedy else fault
         super().__init__(self._at_place(self.text))
 
-    def __reduce__(self) -> tuple[Any, ...]:  # else a process would get errors of other parameters as other errors
+    def __reduce__(
+        self,
+    ) -> tuple[Any, ...]:  # else a process would get errors of other parameters as other errors
         return _again, (type(self), self.args, self.__dict__)
 
     @property
@@ -48,7 +50,11 @@ class SucreBenchError(Exception):
 
     def reword(self, change: Callable[[str], str]) -> None:
         """Change every part of the message."""
-        self.fault, self.place, self.remedy = change(self.fault), change(self.place), change(self.remedy)
+        self.fault, self.place, self.remedy = (
+            change(self.fault),
+            change(self.place),
+            change(self.remedy),
+        )
         self.text = change(self.text)
         self.args = tuple(change(part) if isinstance(part, str) else part for part in self.args)
 
@@ -57,7 +63,9 @@ class SucreBenchError(Exception):
         return InputError(self.without_remedy, place, self.remedy)
 
 
-def _again(cls: type[SucreBenchError], args: tuple[object, ...], fields: dict[str, Any]) -> SucreBenchError:
+def _again(
+    cls: type[SucreBenchError], args: tuple[object, ...], fields: dict[str, Any]
+) -> SucreBenchError:
     """Make an error that was sent from another process."""
     fault = cls.__new__(cls, *args)
     fault.__dict__.update(fields)
@@ -112,7 +120,11 @@ class DamagedFileError(FileError):
     """The content of a file is not what it should be: cut short, changed, or of another kind."""
 
 
-_KINDS = {FileNotFoundError: MissingFileError, PermissionError: ForbiddenFileError, IsADirectoryError: NotAFileError}
+_KINDS = {
+    FileNotFoundError: MissingFileError,
+    PermissionError: ForbiddenFileError,
+    IsADirectoryError: NotAFileError,
+}
 
 # Numbers of errors about the content: a decoder's own error has none, and a damaged offset is an invalid one.
 _OF_CONTENT = (None, errno.EINVAL)

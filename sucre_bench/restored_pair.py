@@ -58,7 +58,9 @@ class CommonPoints:
 
     def turned(self) -> CommonPoints:
         """Return the same points with the two views exchanged."""
-        return CommonPoints(self.there, self.here, self.there_patch, self.here_patch, self.distance[::-1])
+        return CommonPoints(
+            self.there, self.here, self.there_patch, self.here_patch, self.distance[::-1]
+        )
 
 
 @checked

@@ -29,7 +29,9 @@ Encoding = Literal["gamma", "linear"]
 
 Plane = Literal["rgb", "depth", "reference"]
 
-HAS = frozenset({"depth", "poses", "reference", "charts", "truth"})  # what views of a scene may have
+HAS = frozenset(
+    {"depth", "poses", "reference", "charts", "truth"}
+)  # what views of a scene may have
 
 
 # A cache of decoded planes. A method may use `view.rgb` five times and the file is decoded once; a dive of 5,000 images
@@ -65,12 +67,21 @@ class Water:
 
     def __post_init__(self) -> None:
         for name in ("veiling_light", "attenuation", "backscatter"):
-            object.__setattr__(self, name, array_of(f"Water.{name}", getattr(self, name), (3,), kinds="fiu"))
+            object.__setattr__(
+                self, name, array_of(f"Water.{name}", getattr(self, name), (3,), kinds="fiu")
+            )
 
     def __repr__(self) -> str:
-        named = {"B": self.veiling_light, "beta 1/m": self.attenuation, "gamma 1/m": self.backscatter}
+        named = {
+            "B": self.veiling_light,
+            "beta 1/m": self.attenuation,
+            "gamma 1/m": self.backscatter,
+        }
         lines = ["Water           red   green    blue"]
-        lines += [f"  {name:9}" + "".join(f"{value:8.3f}".rjust(8) for value in row) for name, row in named.items()]
+        lines += [
+            f"  {name:9}" + "".join(f"{value:8.3f}".rjust(8) for value in row)
+            for name, row in named.items()
+        ]
         return "\n".join(lines + ([f"  of {self.encoding} intensities"] if self.encoding else []))
 
 
@@ -93,7 +104,11 @@ class Chart:
     corners: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "corners", array_of("Chart.corners", self.corners, (4, 2), finite=True, kinds="fiu"))
+        object.__setattr__(
+            self,
+            "corners",
+            array_of("Chart.corners", self.corners, (4, 2), finite=True, kinds="fiu"),
+        )
 
 
 class Pixels(Protocol):
@@ -117,7 +132,10 @@ class Pixels(Protocol):
 # Restored images may exceed 1, in places by far; their typical values stay below this. Those of 0 to 255 do not.
 _MOST_TYPICAL = 16.0
 _DOUBLE = 2.0  # of white: the median of a photograph is not above this
-_NOISE, _STRAY = 0.05, 0.01  # below black, and share of the pixels of a photograph that may be lower
+_NOISE, _STRAY = (
+    0.05,
+    0.01,
+)  # below black, and share of the pixels of a photograph that may be lower
 
 # Rows and columns of an image that tell its range.
 _LOOKED_AT = 48
@@ -136,14 +154,20 @@ def _intensities(given: object, place: str, is_input: bool = False) -> Array:
     sample = image[:: max(1, image.shape[0] // _LOOKED_AT), :: max(1, image.shape[1] // _LOOKED_AT)]
     sample = sample[np.isfinite(sample)] if np.isfinite(sample).any() else np.zeros(1, image.dtype)
     top, low = sample.max(initial=0), sample.min(initial=0)
-    is_whole = bool((sample == np.rint(sample)).all()) and np.unique(sample).size > 2  # a dark image of 0 to 255
+    is_whole = (
+        bool((sample == np.rint(sample)).all()) and np.unique(sample).size > 2
+    )  # a dark image of 0 to 255
     if image.dtype.kind in "iu":
         fault = f"is {image.dtype}"
     elif low < 0 and not is_input:  # no file has such values, but a strong restoration
         return image
-    elif is_input and (np.median(sample) > _DOUBLE or (sample < -_NOISE).mean() > _STRAY or top > white):
+    elif is_input and (
+        np.median(sample) > _DOUBLE or (sample < -_NOISE).mean() > _STRAY or top > white
+    ):
         fault = f"has values from {low:g} to {top:g}"
-    elif top <= white and ((top > 1 and is_whole) or (top > _MOST_TYPICAL and np.median(sample) > _MOST_TYPICAL)):
+    elif top <= white and (
+        (top > 1 and is_whole) or (top > _MOST_TYPICAL and np.median(sample) > _MOST_TYPICAL)
+    ):
         fault = f"has values up to {top:g}"
     else:
         return image
@@ -176,14 +200,20 @@ class Arrays:
         object.__setattr__(self, "rgb", _intensities(self.rgb, "Arrays.rgb", True))
         size = self.rgb.shape[:2]
         if self.depth is not None:
-            object.__setattr__(self, "depth", array_of("Arrays.depth", self.depth, size, kinds="fiu"))
+            object.__setattr__(
+                self, "depth", array_of("Arrays.depth", self.depth, size, kinds="fiu")
+            )
         if self.reference is not None:
             array_of("Arrays.reference", self.reference, (*size, 3), kinds="fiu")
-            object.__setattr__(self, "reference", _intensities(self.reference, "Arrays.reference", True))
+            object.__setattr__(
+                self, "reference", _intensities(self.reference, "Arrays.reference", True)
+            )
 
     def load(self, plane: Plane) -> Array | None:
         values: Array | None = getattr(self, plane)
-        return None if values is None else np.array(values, dtype=np.float32)  # a copy: it will be locked
+        return (
+            None if values is None else np.array(values, dtype=np.float32)
+        )  # a copy: it will be locked
 
 
 @checked
@@ -216,17 +246,29 @@ class View:
 
     def __post_init__(self) -> None:
         if not callable(getattr(self.pixels, "load", None)):
-            raise InputError(f"is {type(self.pixels).__name__}", "View.pixels", "pass Arrays(rgb), floats 0 to 1")
+            raise InputError(
+                f"is {type(self.pixels).__name__}", "View.pixels", "pass Arrays(rgb), floats 0 to 1"
+            )
         if self.cam_from_world is not None:
-            pose = array_of("View.cam_from_world", self.cam_from_world, (4, 4), finite=True, kinds="fiu")
+            pose = array_of(
+                "View.cam_from_world", self.cam_from_world, (4, 4), finite=True, kinds="fiu"
+            )
             if not is_rigid(pose, 1e-2):
-                raise InputError("is no rotation with a shift", "View.cam_from_world", "pass [R t; 0 0 0 1], metres")
+                raise InputError(
+                    "is no rotation with a shift",
+                    "View.cam_from_world",
+                    "pass [R t; 0 0 0 1], metres",
+                )
             object.__setattr__(self, "cam_from_world", pose)
 
     def __repr__(self) -> str:  # of what is known without decoding a file
         size = f"{self.camera.width}x{self.camera.height} pixels" if self.camera else "no camera"
         pose = "a pose" if self.cam_from_world is not None else "no pose"
-        charts = f"charts {', '.join(chart.name for chart in self.charts)}" if self.charts else "no charts"
+        charts = (
+            f"charts {', '.join(chart.name for chart in self.charts)}"
+            if self.charts
+            else "no charts"
+        )
         return f"View '{self.name}': {self.encoding}-encoded, {size}, {pose}, {charts}"
 
     def _repr_html_(self) -> str:
@@ -281,14 +323,18 @@ class View:
         Raises InputError if the view has no camera or no depth map.
         """
         if self.camera is None:
-            raise InputError(f"{self.name}: the view has no camera; distance needs one: write needs of depth and poses")
+            raise InputError(
+                f"{self.name}: the view has no camera; distance needs one: write needs of depth and poses"
+            )
         return distance_map(self.camera, self.depth)
 
     @property
     def placed(self) -> tuple[Camera, Array]:
         """The camera and the pose. Raises InputError if the view lacks one of them."""
         if self.camera is None or self.cam_from_world is None:
-            raise InputError(f"{self.name}: the view has no {'pose' if self.camera else 'camera'}; this needs one")
+            raise InputError(
+                f"{self.name}: the view has no {'pose' if self.camera else 'camera'}; this needs one"
+            )
         return self.camera, self.cam_from_world
 
     @property
@@ -299,7 +345,11 @@ class View:
     @property
     def valid(self) -> Mask:
         """(H, W) bool, the pixels with depth; all pixels if the view has no depth map."""
-        return np.asarray(self.depth > 0) if self.has_depth else np.ones(self.rgb.shape[:2], dtype=bool)
+        return (
+            np.asarray(self.depth > 0)
+            if self.has_depth
+            else np.ones(self.rgb.shape[:2], dtype=bool)
+        )
 
 
 def _pictures(views: Sequence[View]) -> dict[str, Array]:
@@ -325,7 +375,10 @@ class _Same:
 
 
 @cached(
-    LRUCache(_KEPT_BYTES, getsizeof=lambda plane: max(0 if plane is None else plane.nbytes, _LEAST_KEPT_BYTES)),
+    LRUCache(
+        _KEPT_BYTES,
+        getsizeof=lambda plane: max(0 if plane is None else plane.nbytes, _LEAST_KEPT_BYTES),
+    ),
     key=lambda pixels, plane: (_Same(pixels), plane),
     lock=threading.Lock(),
 )
@@ -334,7 +387,11 @@ def _plane(pixels: Pixels, plane: Plane) -> Array | None:
     if values is not None:
         place = f"{type(pixels).__name__}.load('{plane}')"
         of_image = plane != "depth"
-        values = _intensities(values, place) if of_image else array_of(place, values, ("H", "W"), kinds="fiu")
+        values = (
+            _intensities(values, place)
+            if of_image
+            else array_of(place, values, ("H", "W"), kinds="fiu")
+        )
         values = values.astype(np.float32, copy=False).view()  # its owner may go on writing into it
     # What is no distance is unknown. Shared pixels are so already, and a copy of them would not be shared.
     if values is not None and plane == "depth" and not hasattr(pixels, "levels"):
@@ -378,14 +435,22 @@ class Scene:
 
     def __post_init__(self) -> None:
         if unknown := sorted(set(self.has) - HAS):
-            raise InputError(f"holds '{unknown[0]}'", "Scene.has", f"pass a set of {', '.join(sorted(HAS))}")
+            raise InputError(
+                f"holds '{unknown[0]}'", "Scene.has", f"pass a set of {', '.join(sorted(HAS))}"
+            )
         names = Counter(view.name for view in self.views)
         if twice := [name for name, n in names.items() if n > 1]:
-            raise InputError(f"two views are called '{twice[0]}'", "Scene.views", "give each view a name of its own")
+            raise InputError(
+                f"two views are called '{twice[0]}'",
+                "Scene.views",
+                "give each view a name of its own",
+            )
 
     def __repr__(self) -> str:
         names = [view.name for view in self.views]
-        span = f", {names[0]} to {names[-1]}" if len(names) > 1 else f", {names[0]}" if names else ""
+        span = (
+            f", {names[0]} to {names[-1]}" if len(names) > 1 else f", {names[0]}" if names else ""
+        )
         lines = [f"Scene '{self.name}': {counted(len(names), 'view')}{span}"]
         lines.append(f"  has {', '.join(sorted(self.has)) or 'only images'}")
         if self.degraded:
@@ -393,7 +458,9 @@ class Scene:
         return "\n".join(lines + ([repr(self.water)] if self.water else []))
 
     def _repr_html_(self) -> str:
-        return as_html(repr(self), _pictures([self.views[n] for n in evenly(len(self.views), _MOST_SHOWN)]))
+        return as_html(
+            repr(self), _pictures([self.views[n] for n in evenly(len(self.views), _MOST_SHOWN)])
+        )
 
     @checked
     def __getitem__(self, name: str | int) -> View:
@@ -403,7 +470,11 @@ class Scene:
         """
         if not isinstance(name, str):
             if not -len(self) <= name < len(self):
-                raise InputError(f"no view at place {name}", self.name, f"the scene has {counted(len(self), 'view')}")
+                raise InputError(
+                    f"no view at place {name}",
+                    self.name,
+                    f"the scene has {counted(len(self), 'view')}",
+                )
             return self.views[name]
         for view in self.views:
             if view.name == name:
@@ -453,7 +524,9 @@ class Restoration:
             object.__setattr__(self, "filled", _intensities(self.filled, "Restoration.filled"))
             array_of("Restoration.filled", self.filled, self.image.shape)
         if self.confidence is not None:
-            confidence = array_of("Restoration.confidence", self.confidence, self.image.shape[:2], kinds="fiu")
+            confidence = array_of(
+                "Restoration.confidence", self.confidence, self.image.shape[:2], kinds="fiu"
+            )
             object.__setattr__(self, "confidence", confidence)
 
     def __repr__(self) -> str:

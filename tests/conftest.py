@@ -22,9 +22,13 @@ import pytest
 if TYPE_CHECKING:
     from support.browser import Browser
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy and torch: there is a process of tests for each core
+os.environ.setdefault(
+    "OMP_NUM_THREADS", "1"
+)  # before numpy and torch: there is a process of tests for each core
 os.environ.pop("COLUMNS", None)  # a terminal made while it is set keeps this width
-if not re.fullmatch(r"[\w./-]+", tempfile.gettempdir(), re.ASCII):  # tests write such paths as Hydra's words, unquoted
+if not re.fullmatch(
+    r"[\w./-]+", tempfile.gettempdir(), re.ASCII
+):  # tests write such paths as Hydra's words, unquoted
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", "/tmp")
 
 import numpy as np
@@ -107,19 +111,44 @@ def pytest_collection_finish() -> None:
 
 
 # Variables of the environment that other packages set when they are imported or first used, and pytest's own.
-_THEIRS = ("PYTEST_", "TORCHINDUCTOR_", "TRITON_", "TF_CPP_", "TPU_", "TCM_", "KMP_", "LD_LIBRARY_PATH", "MLFLOW_")
+_THEIRS = (
+    "PYTEST_",
+    "TORCHINDUCTOR_",
+    "TRITON_",
+    "TF_CPP_",
+    "TPU_",
+    "TCM_",
+    "KMP_",
+    "LD_LIBRARY_PATH",
+    "MLFLOW_",
+)
 _THEIRS += ("QT_", "GRPC_")
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGALRM, signal.SIGCHLD, signal.SIGUSR1)
+_SIGNALS = (
+    signal.SIGINT,
+    signal.SIGTERM,
+    signal.SIGHUP,
+    signal.SIGALRM,
+    signal.SIGCHLD,
+    signal.SIGUSR1,
+)
 
 # State of packages that some tests import.
 _OF: Mapping[str, Callable[[Any], object]] = {
     "cv2": lambda cv2: cv2.getNumThreads(),
     "jax": lambda jax: jax.config.jax_enable_x64,
     # Past its own items(), which choose a backend.
-    "matplotlib": lambda mpl: {name: value for name, value in dict.items(mpl.rcParams) if name != "backend"},
+    "matplotlib": lambda mpl: {
+        name: value for name, value in dict.items(mpl.rcParams) if name != "backend"
+    },
     "matplotlib.pyplot": lambda pyplot: pyplot.get_fignums(),
-    "pandas": lambda pandas: [pandas.get_option(f"display.{name}") for name in ("width", "max_rows", "precision")],
-    "torch": lambda torch: (torch.get_num_threads(), torch.get_default_dtype(), torch.is_grad_enabled()),
+    "pandas": lambda pandas: [
+        pandas.get_option(f"display.{name}") for name in ("width", "max_rows", "precision")
+    ],
+    "torch": lambda torch: (
+        torch.get_num_threads(),
+        torch.get_default_dtype(),
+        torch.is_grad_enabled(),
+    ),
 }
 
 
@@ -135,12 +164,25 @@ def snapshot() -> dict[str, object]:
         "the locale": locale.setlocale(locale.LC_ALL),
         "logging's level": (logging.root.level, logging.root.manager.disable),
         "the timeout of sockets": socket.getdefaulttimeout(),
-        "the terminal": (terminal.out.width, terminal.err.width, terminal.out.quiet, terminal.err.quiet),
+        "the terminal": (
+            terminal.out.width,
+            terminal.err.width,
+            terminal.out.quiet,
+            terminal.err.quiet,
+        ),
         "the registry": id(plugins.current()),
         **{f"{kind} plugins": {*plugins.discover(kind)} for kind in plugins.KINDS},
         **{f"the handler of {number.name}": signal.getsignal(number) for number in _SIGNALS},
-        **{f"os.environ[{name}]": value for name, value in os.environ.items() if not name.startswith(_THEIRS)},
-        **{f"the state of {name}": state(sys.modules[name]) for name, state in _OF.items() if name in sys.modules},
+        **{
+            f"os.environ[{name}]": value
+            for name, value in os.environ.items()
+            if not name.startswith(_THEIRS)
+        },
+        **{
+            f"the state of {name}": state(sys.modules[name])
+            for name, state in _OF.items()
+            if name in sys.modules
+        },
     }
 
 
@@ -174,7 +216,9 @@ def pytest_runtest_teardown(item: pytest.Item) -> Iterator[None]:
 @pytest.fixture(autouse=True)
 def same_draws(request: pytest.FixtureRequest) -> Iterator[None]:
     """A generator of random numbers that a module's tests share draws the same in each of them, in any order."""
-    shared = [value for value in vars(request.module).values() if isinstance(value, np.random.Generator)]
+    shared = [
+        value for value in vars(request.module).values() if isinstance(value, np.random.Generator)
+    ]
     states = [generator.bit_generator.state for generator in shared]
     yield
     for generator, state in zip(shared, states, strict=True):
@@ -204,7 +248,11 @@ def small_demo(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     own = tmp_path_factory.getbasetemp()
     root = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "demo"
     Demo(root=root, **size).folder()
-    return ["dataset=demo", f"dataset.root={root}", *(f"dataset.{name}={value}" for name, value in size.items())]
+    return [
+        "dataset=demo",
+        f"dataset.root={root}",
+        *(f"dataset.{name}={value}" for name, value in size.items()),
+    ]
 
 
 @pytest.fixture

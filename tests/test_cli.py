@@ -16,7 +16,19 @@ from sucre_bench import results
 from sucre_bench.commands.completion import completion
 from sucre_bench.errors import Lack
 
-HEAVY = {"torch", "jax", "open3d", "mlflow", "pycolmap", "colour", "pandas", "skimage", "cv2", "hydra", "scipy"}
+HEAVY = {
+    "torch",
+    "jax",
+    "open3d",
+    "mlflow",
+    "pycolmap",
+    "colour",
+    "pandas",
+    "skimage",
+    "cv2",
+    "hydra",
+    "scipy",
+}
 HEAVY |= {"numba"}
 
 
@@ -27,7 +39,9 @@ def test_help_and_lists_import_nothing_heavy():
         "    cli(words.split(), standalone_mode=False)\n"
         "print('\\nIMPORTED', *sorted({m.split('.')[0] for m in sys.modules}))"
     )
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    said = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
     imported = set(said.splitlines()[-1].split()[1:])
     assert not imported & HEAVY
 
@@ -39,8 +53,14 @@ def test_lists_tell_programs_what_people_read(bench):
     assert known["sucre_paper"]["options"]["lr"]["help"]
     assert "one water" in known["sucre_shared"]["description"]  # of conf/method
     metrics = {m["name"]: m for m in json.loads(bench("list", "metrics", "--json").stdout)}
-    assert (metrics["psi"]["unit"], metrics["psi"]["better"], metrics["psi"]["range"]) == ("deg", "lower", [0, 180])
-    assert [m["name"] for m in json.loads(bench("list", "methods", "sucre", "--json").stdout)] == ["sucre"]
+    assert (metrics["psi"]["unit"], metrics["psi"]["better"], metrics["psi"]["range"]) == (
+        "deg",
+        "lower",
+        [0, 180],
+    )
+    assert [m["name"] for m in json.loads(bench("list", "methods", "sucre", "--json").stdout)] == [
+        "sucre"
+    ]
     assert "'sucre'" in bench("list", "methods", "sucer").stderr
     assert "demo" in bench("list", "experiments").stdout
     assert "colmap" in bench("list", "datasets").stdout
@@ -57,10 +77,22 @@ def test_a_broken_plugin_file_is_one_line_and_exit_2(bench, tmp_path: Path):
 @pytest.mark.parametrize(
     ("fault", "status", "said"),
     [
-        (OSError(errno.ENOSPC, "No space left on device"), 2, r"^error: a file: No space left .*; "),
-        (PermissionError(errno.EACCES, "Permission denied", "a\rb.png"), 2, r"^error: a\\rb\.png: Permission denied; "),
+        (
+            OSError(errno.ENOSPC, "No space left on device"),
+            2,
+            r"^error: a file: No space left .*; ",
+        ),
+        (
+            PermissionError(errno.EACCES, "Permission denied", "a\rb.png"),
+            2,
+            r"^error: a\\rb\.png: Permission denied; ",
+        ),
         (OSError(errno.ENOMEM, "Cannot allocate memory"), 1, r"^error: .*not enough memory; "),
-        (ImportError("no symbol", name="numba"), 1, r"^error: a Python package does not import: no symbol; "),
+        (
+            ImportError("no symbol", name="numba"),
+            1,
+            r"^error: a Python package does not import: no symbol; ",
+        ),
         (ConnectionRefusedError(errno.ECONNREFUSED, "Connection refused"), 0, ""),
         (ImportError("cannot import name 'x'", name="sucre_bench.scene"), 0, ""),
     ],
@@ -109,7 +141,11 @@ def test_the_last_lines_say_what_came_out_and_where(bench, toys: str):
         "results  results",
         "page     results/report/index.html",
     ]
-    assert [line for line in lines if re.match(r"failed  toy / faulty / v1\.png: ValueError: boom .*lines", line)]
+    assert [
+        line
+        for line in lines
+        if re.match(r"failed  toy / faulty / v1\.png: ValueError: boom .*lines", line)
+    ]
     lack = Lack(("charts",), ("depth", "poses", "reference", "truth"))
     assert f"skipped  toy / needs_charts / 3 views: {lack}" in lines
     assert "Traceback" not in done.stderr + done.stdout
@@ -130,7 +166,9 @@ def test_compare_reads_what_run_wrote(bench, toys: str):
 
 def test_compare_says_why_where_there_is_no_score(bench, tmp_path: Path):
     part = results.Part(tmp_path / "results", "one")
-    base = results.Row("reef", "cove", method="m", value=math.nan, status="failed", reason="ValueError: boom")
+    base = results.Row(
+        "reef", "cove", method="m", value=math.nan, status="failed", reason="ValueError: boom"
+    )
     part.add([replace(base, view=f"v{n}.png") for n in range(4)])
     part.flush()
     for more in ([], ["--json"]):

@@ -52,7 +52,9 @@ def test_every_error_comes_whole_out_of_another_process():
         for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
             if not module.name.endswith("__main__"):
                 importlib.import_module(module.name)
-    classes = [cls for cls in every_class() if cls.__module__.startswith(f"{sucre_bench.__name__}.")]
+    classes = [
+        cls for cls in every_class() if cls.__module__.startswith(f"{sucre_bench.__name__}.")
+    ]
     assert len(classes) > len(EXAMPLES)
     for cls in classes:
         fault = EXAMPLES.get(cls) or cls("is damaged", "a.png", "copy it again")
@@ -108,7 +110,9 @@ def test_a_folder_in_place_of_a_file_is_neither(tmp_path: Path):
         (None, DamagedFileError),
     ],
 )
-def test_only_an_error_about_the_content_calls_a_file_damaged(number: int | None, kind: type[FileError]):
+def test_only_an_error_about_the_content_calls_a_file_damaged(
+    number: int | None, kind: type[FileError]
+):
     fault = OSError("broken header") if number is None else OSError(number, os.strerror(number))
     found = file_error("a.png", fault, "copy it again")
     assert type(found) is kind
@@ -143,14 +147,19 @@ SECOND_POSE = np.array([[0.0, 0, 1, -2], [0, 1, 0, 0], [-1, 0, 0, 2], [0, 0, 0, 
 
 
 def test_a_known_point_lands_where_it_must_in_two_views() -> None:
-    for camera, pose, expected, depth in ((FIRST, FIRST_POSE, (55, 50), 2), (SECOND, SECOND_POSE, (32, 34), 1.9)):
+    for camera, pose, expected, depth in (
+        (FIRST, FIRST_POSE, (55, 50), 2),
+        (SECOND, SECOND_POSE, (32, 34), 1.9),
+    ):
         xy, z = project(camera, (pose @ np.append(X, 1))[:3])
         np.testing.assert_allclose(xy, expected, atol=1e-9)
         assert z == pytest.approx(depth)
 
 
 def test_the_relative_pose_takes_the_first_cameras_points_to_the_second() -> None:
-    first_pose = np.array([[0.0, -1, 0, 0.3], [1, 0, 0, -0.2], [0, 0, 1, 0.5], [0, 0, 0, 1]])  # a quarter roll, moved
+    first_pose = np.array(
+        [[0.0, -1, 0, 0.3], [1, 0, 0, -0.2], [0, 0, 1, 0.5], [0, 0, 0, 1]]
+    )  # a quarter roll, moved
     in_first = np.array([-0.2 + 0.3, 0.1 - 0.2, 2.5, 1])  # X there, by hand
     moved = relative_pose(SECOND_POSE, first_pose) @ in_first
     np.testing.assert_allclose(moved, [0, 0.2, 1.9, 1], atol=1e-12)

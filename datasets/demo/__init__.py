@@ -71,7 +71,9 @@ class Demo:
         check_ranges(self, **sizes, seed="[0, inf)", noise="[0, 1]")
         if (pixels := self.views * self.width * self.height) > _MOST_PIXELS:
             fault = f"{pixels / 1e9:.1f} gigapixels in all views"
-            raise InputError(fault, "demo", f"give {_MOST_PIXELS / 1e9:g} or fewer: smaller or fewer views")
+            raise InputError(
+                fault, "demo", f"give {_MOST_PIXELS / 1e9:g} or fewer: smaller or fewer views"
+            )
 
     def scenes(self) -> Iterator[Scene]:
         """Yield the one scene, named after its water."""
@@ -79,7 +81,9 @@ class Demo:
 
         for scene in Colmap(root=self.folder()).scenes():
             has = scene.has | {"truth"}
-            yield dataclasses.replace(scene, name=self.water, water=water_of(self.water), has=has, data_id=self.data_id)
+            yield dataclasses.replace(
+                scene, name=self.water, water=water_of(self.water), has=has, data_id=self.data_id
+            )
 
     def folder(self) -> Path:
         """Return the folder of the scene's files, which are made if they are not there."""

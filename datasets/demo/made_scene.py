@@ -48,13 +48,21 @@ class MadeScene:
 
 
 def make(
-    views: int = 16, width: int = 640, height: int = 480, seed: int = 0, water: Preset = "coastal", noise: float = 0.004
+    views: int = 16,
+    width: int = 640,
+    height: int = 480,
+    seed: int = 0,
+    water: Preset = "coastal",
+    noise: float = 0.004,
 ) -> MadeScene:
     """Make a scene; equal arguments give equal scenes. noise: standard deviation of the sensor's, of full scale."""
     camera, poses = render.make_camera(width, height), render.make_path(views, seed)
     texel = float(_NEAR_M / camera.K[0, 0])
     noise_field, terrain = seabed.Noise(seed), _terrain(seed)
-    grids = seabed.Grid(*_NEAR, cell=texel), dataclasses.replace(seabed.GROUND, cell=_COARSER * texel)
+    grids = (
+        seabed.Grid(*_NEAR, cell=texel),
+        dataclasses.replace(seabed.GROUND, cell=_COARSER * texel),
+    )
     near, far = (seabed.paint_seabed(terrain, noise_field, grid) for grid in grids)
     boards = [seabed.place_board(site, terrain, _FINER * texel) for site in seabed.SITES]
     surfaces, rays = render.build(terrain, near, far, boards), pixel_rays(camera)
@@ -80,7 +88,9 @@ def make(
 
 @functools.lru_cache(maxsize=1)  # a third of a small scene's time, the same in every water
 def _terrain(seed: int) -> seabed.Terrain:
-    return seabed.make_terrain(seed, seabed.Noise(seed), [(site.x, site.y) for site in seabed.SITES])
+    return seabed.make_terrain(
+        seed, seabed.Noise(seed), [(site.x, site.y) for site in seabed.SITES]
+    )
 
 
 # Writes the made scene as files, in the layout that SUCRe reads and `prepare` writes.
@@ -99,7 +109,9 @@ def write_made_scene(made: MadeScene, folder: Path) -> None:
     for i, name in enumerate(track(made.names, "writing the demo scene")):
         write_png(folder / "images" / name, made.rgb[i][..., ::-1])
         write_png(folder / "reference" / name, to_8bit(made.reference[i])[..., ::-1])
-        write_png(folder / "depths" / f"depth_{name}", (made.depth[i] * 1000 + 0.5).astype(np.uint16))
+        write_png(
+            folder / "depths" / f"depth_{name}", (made.depth[i] * 1000 + 0.5).astype(np.uint16)
+        )
     # COLMAP's text model: its pixel and axis conventions are those of `sucre_bench.scene`.
     K, size = made.camera.K, f"{made.camera.width} {made.camera.height}"
     camera = f"1 PINHOLE {size} {K[0, 0]} {K[1, 1]} {K[0, 2]} {K[1, 2]}\n"
@@ -112,14 +124,23 @@ def write_made_scene(made: MadeScene, folder: Path) -> None:
     texts |= {"sparse/images.txt": "".join(lines)}
     texts |= {"sparse/points3D.txt": "# POINT3D_ID X Y Z R G B ERROR TRACK[]: none\n"}
     charts = {
-        name: {chart.name: {"kind": chart.kind, "corners": chart.corners.round(3).tolist()} for chart in of_view}
+        name: {
+            chart.name: {"kind": chart.kind, "corners": chart.corners.round(3).tolist()}
+            for chart in of_view
+        }
         for name, of_view in zip(made.names, made.charts, strict=True)
     }
     water: dict[str, Any] = {"preset": made.preset}
-    water |= {name: getattr(made.water, name).tolist() for name in ("veiling_light", "attenuation", "backscatter")}
+    water |= {
+        name: getattr(made.water, name).tolist()
+        for name in ("veiling_light", "attenuation", "backscatter")
+    }
     if made.preset == "deep_sea":
         lamp = render.LAMP
-        water |= {"lamp_from_cam": lamp.lamp_from_cam.tolist(), "lamp_covariance": lamp.covariance.tolist()}
+        water |= {
+            "lamp_from_cam": lamp.lamp_from_cam.tolist(),
+            "lamp_covariance": lamp.covariance.tolist(),
+        }
     texts |= {
         name: json.dumps(content, indent=1) + "\n"
         for name, content in (("charts.json", {"images": charts}), (LAST, water))
@@ -144,9 +165,13 @@ def make_once(folder: Path, make: Callable[[], MadeScene]) -> Path:
         except OutputError as fault:
             if not Path(fault.place).is_relative_to(work):
                 raise
-            there = folder / Path(fault.place).relative_to(work)  # the folder of the work is gone when the user looks
+            there = folder / Path(fault.place).relative_to(
+                work
+            )  # the folder of the work is gone when the user looks
             raise type(fault)(fault.fault, there, fault.remedy) from fault
         return folder
 
     lock = folder.with_name(f".{folder.name}.lock")
-    return get_or_make(folder, lambda place: place if (place / LAST).is_file() else None, write, lock)
+    return get_or_make(
+        folder, lambda place: place if (place / LAST).is_file() else None, write, lock
+    )

@@ -52,7 +52,9 @@ class RayCaster:
 
     def __init__(self, terrain: Terrain, boards: tuple[Board, ...]) -> None:
         height = terrain.height.astype(np.float64)
-        highest = np.maximum.reduce([height[:-1, :-1], height[:-1, 1:], height[1:, :-1], height[1:, 1:]])
+        highest = np.maximum.reduce(
+            [height[:-1, :-1], height[:-1, 1:], height[1:, :-1], height[1:, 1:]]
+        )
         rows, columns = (-(-side // _BLOCK) for side in highest.shape)
         padded = np.full((rows * _BLOCK, columns * _BLOCK), -np.inf)
         padded[: highest.shape[0], : highest.shape[1]] = highest
@@ -98,7 +100,13 @@ def _meet_board(outline: Array, centre: Array, rays: Array) -> tuple[Array, Arra
 
 
 def _meet_ground(
-    height: Array, tops: Array, start: Array, steps: Array, depth: Array, slope: Array, cell: np.ndarray
+    height: Array,
+    tops: Array,
+    start: Array,
+    steps: Array,
+    depth: Array,
+    slope: Array,
+    cell: np.ndarray,
 ) -> None:
     """Fill depth (P,), slope (P, 2) along columns and rows, and cell (P,), of rays that meet the ground.
 
@@ -119,7 +127,9 @@ def _meet_ground(
             i = min(max(int(u0 + (t + _BEYOND) * du), 0), columns - 1)
             left, low = i // _BLOCK * _BLOCK, j // _BLOCK * _BLOCK
             leaves_u = (left + (_BLOCK if du > 0 else 0) - u0) / du
-            leaves = max(min(end, leaves_u, (low + (_BLOCK if dv > 0 else 0) - v0) / dv), t + _BEYOND)
+            leaves = max(
+                min(end, leaves_u, (low + (_BLOCK if dv > 0 else 0) - v0) / dv), t + _BEYOND
+            )
             if z0 + min(t * dz, leaves * dz) > tops[j // _BLOCK, i // _BLOCK]:
                 t = leaves
                 continue
@@ -129,14 +139,21 @@ def _meet_ground(
                 along_u, along_v = height[j, i + 1] - first, last - height[j, i + 1]
             else:
                 along_u, along_v = last - height[j + 1, i], height[j + 1, i] - first
-            leaves = min(leaves, (i + (1 if du > 0 else 0) - u0) / du, (j + (1 if dv > 0 else 0) - v0) / dv)
+            leaves = min(
+                leaves, (i + (1 if du > 0 else 0) - u0) / du, (j + (1 if dv > 0 else 0) - v0) / dv
+            )
             diagonal = (i - j - u0 + v0) / (du - dv) if du != dv else leaves
             leaves = max(min(leaves, diagonal) if diagonal > t + _BEYOND else leaves, t + _BEYOND)
             # The ray's height above the triangle's plane at its start, and what it gains on the way.
             above = z0 - first - along_u * (u0 - i) - along_v * (v0 - j)
             gain = dz - along_u * du - along_v * dv
             if gain != 0 and t - _BEYOND <= -above / gain <= leaves + _BEYOND:
-                depth[ray], slope[ray, 0], slope[ray, 1], cell[ray] = -above / gain, along_u, along_v, j * columns + i
+                depth[ray], slope[ray, 0], slope[ray, 1], cell[ray] = (
+                    -above / gain,
+                    along_u,
+                    along_v,
+                    j * columns + i,
+                )
                 break
             t = leaves
 
@@ -152,7 +169,9 @@ _PLACE = (0.1, 0.45, 0.15)
 def make_camera(width: int, height: int) -> Camera:
     """Return a camera with a horizontal field of 64 degrees, its principal point a little off the centre."""
     f = 0.8 * width
-    return Camera(np.array([[f, 0, 0.503 * width], [0, f, 0.496 * height], [0, 0, 1.0]]), width, height)
+    return Camera(
+        np.array([[f, 0, 0.503 * width], [0, f, 0.496 * height], [0, 0, 1.0]]), width, height
+    )
 
 
 def make_path(views: int, seed: int) -> Array:
@@ -165,12 +184,16 @@ def make_path(views: int, seed: int) -> Array:
         azimuth = np.deg2rad(_SWAY_DEG * np.sin(2 * np.pi * (1.3 * s + 0.1)))
         centre = np.array(_PLACE) - distance * _direction(azimuth, pitch) + rng.normal(0, 0.02, 3)
         wobble_azimuth, wobble_pitch, roll = np.deg2rad(rng.normal(0, (1.5, 1.0, 1.5)))
-        poses.append(_look(centre, _direction(azimuth + wobble_azimuth, pitch + wobble_pitch), roll))
+        poses.append(
+            _look(centre, _direction(azimuth + wobble_azimuth, pitch + wobble_pitch), roll)
+        )
     return np.stack(poses)
 
 
 def _direction(azimuth: float, pitch: float) -> Array:
-    return np.array([np.sin(azimuth) * np.cos(pitch), np.cos(azimuth) * np.cos(pitch), -np.sin(pitch)])
+    return np.array(
+        [np.sin(azimuth) * np.cos(pitch), np.cos(azimuth) * np.cos(pitch), -np.sin(pitch)]
+    )
 
 
 def _look(centre: Array, ahead: Array, roll: float) -> Array:
@@ -237,7 +260,9 @@ def render(surfaces: Surfaces, camera: Camera, cam_from_world: Array) -> tuple[A
     seen += [(board.texture, hits.board == number) for number, board in enumerate(surfaces.boards)]
     for texture, which in seen:
         here = np.flatnonzero(which)
-        at, right, down = (values.take(here, axis=0) @ texture.axes.T for values in (points, *sides))
+        at, right, down = (
+            values.take(here, axis=0) @ texture.axes.T for values in (points, *sides)
+        )
         reference[here] = sample(texture, at, right, down)
     shape = (camera.height, camera.width)
     return reference.reshape(*shape, 3), depth.reshape(shape)
@@ -282,16 +307,25 @@ class Lamp:
 _LAMP_REACH_M, _LAMP_STEPS = 3.0, 32
 
 
-def _lamp(left: float, above: float, right_deg: float, down_deg: float, covariance: tuple[float, ...]) -> Lamp:
+def _lamp(
+    left: float, above: float, right_deg: float, down_deg: float, covariance: tuple[float, ...]
+) -> Lamp:
     """Return a lamp so many metres left of and above the camera, turned right and down by so many degrees."""
-    (ca, cb), (sa, sb) = np.cos(np.deg2rad((right_deg, down_deg))), np.sin(np.deg2rad((right_deg, down_deg)))
+    (ca, cb), (sa, sb) = (
+        np.cos(np.deg2rad((right_deg, down_deg))),
+        np.sin(np.deg2rad((right_deg, down_deg))),
+    )
     pose = np.eye(4)
-    pose[:3, :3] = np.array([[1, 0, 0], [0, cb, -sb], [0, sb, cb]]) @ np.array([[ca, 0, -sa], [0, 1, 0], [sa, 0, ca]])
+    pose[:3, :3] = np.array([[1, 0, 0], [0, cb, -sb], [0, sb, cb]]) @ np.array(
+        [[ca, 0, -sa], [0, 1, 0], [sa, 0, ca]]
+    )
     pose[:3, 3] = pose[:3, :3] @ (left, above, 0)
     return Lamp(pose, np.reshape(covariance, (2, 2)))
 
 
-LAMP = _lamp(left=0.15, above=0.25, right_deg=2.3, down_deg=3.5, covariance=(0.26, 0.02, 0.02, 0.18))
+LAMP = _lamp(
+    left=0.15, above=0.25, right_deg=2.3, down_deg=3.5, covariance=(0.26, 0.02, 0.02, 0.18)
+)
 
 
 def apply(J: Array, z: Array, water: Water) -> Array:
@@ -308,7 +342,9 @@ def lamp_light(lamp: Lamp, points: Array) -> tuple[Array, Array]:
     """
     seen = moved(points, lamp.lamp_from_cam)
     plane = seen[..., :2] / np.maximum(seen[..., 2:], 1e-6)
-    lobe = np.exp(-0.5 * np.einsum("...i,ij,...j->...", plane, np.linalg.inv(lamp.covariance), plane))
+    lobe = np.exp(
+        -0.5 * np.einsum("...i,ij,...j->...", plane, np.linalg.inv(lamp.covariance), plane)
+    )
     way = np.linalg.norm(seen, axis=-1)
     return np.where(seen[..., 2] > 0, lobe * (_LAMP_REACH_M / np.maximum(way, 0.1)) ** 2, 0), way
 
@@ -319,14 +355,18 @@ def underwater(J: Array, rays: Array, depth: Array, preset: Preset) -> Array:
     J: (H, W, 3) the scene without water; rays: (H, W, 3) camera rays with third component 1; depth: (H, W) metres, 0
     where there is nothing but water.
     """
-    points = np.asarray(rays * np.where(depth > 0, depth, _OPEN_WATER_M)[..., None], dtype=np.float64)
+    points = np.asarray(
+        rays * np.where(depth > 0, depth, _OPEN_WATER_M)[..., None], dtype=np.float64
+    )
     distance = np.linalg.norm(points, axis=-1)
     if preset != "deep_sea":
         return apply(J, distance, water_of(preset))
     light, way = lamp_light(LAMP, points)
     water = water_of(preset)
     seen = J * light[..., None] * np.exp(-water.attenuation * (distance + way)[..., None])
-    for s in (np.arange(_LAMP_STEPS) + 0.5) / _LAMP_STEPS:  # finer near the camera, where the lamp is bright
+    for s in (
+        np.arange(_LAMP_STEPS) + 0.5
+    ) / _LAMP_STEPS:  # finer near the camera, where the lamp is bright
         light, way = lamp_light(LAMP, points * s**2)
         along = distance * s**2
         fade = np.exp(-water.backscatter * along[..., None] - water.attenuation * way[..., None])

@@ -59,7 +59,12 @@ class Grid:
     def padded(self, cells: int) -> Grid:
         """Return the grid with so many cells more on each side."""
         more = cells * self.cell
-        x0, y0, width, length = self.x0 - more, self.y0 - more, self.width + 2 * more, self.length + 2 * more
+        x0, y0, width, length = (
+            self.x0 - more,
+            self.y0 - more,
+            self.width + 2 * more,
+            self.length + 2 * more,
+        )
         return Grid(x0, y0, width, length, self.cell)
 
 
@@ -69,14 +74,18 @@ class Noise:
     def __init__(self, seed: int) -> None:
         import cv2
 
-        values = np.random.default_rng([seed, 1]).standard_normal((_LATTICE, _LATTICE), dtype=np.float32)
+        values = np.random.default_rng([seed, 1]).standard_normal(
+            (_LATTICE, _LATTICE), dtype=np.float32
+        )
         side = _LATTICE * _FINER
         around = cv2.copyMakeBorder(values, 8, 8, 8, 8, cv2.BORDER_WRAP)
         finer = cv2.resize(around, None, fx=_FINER, fy=_FINER, interpolation=cv2.INTER_CUBIC)
         smooth = finer[8 * _FINER : 8 * _FINER + side, 8 * _FINER : 8 * _FINER + side]
         self._lattice = np.ascontiguousarray(smooth / smooth.std())
 
-    def field(self, grid: Grid, z: Array | None, steps: Sequence[float], number: int, gain: float = 0.6) -> Array:
+    def field(
+        self, grid: Grid, z: Array | None, steps: Sequence[float], number: int, gain: float = 0.6
+    ) -> Array:
         """Return a field on the surface z over a grid: (rows, columns) float32, about zero mean and unit deviation.
 
         z: (rows, columns) metres, so that the field does not run in streaks down steep sides, None for a flat one;
@@ -90,8 +99,13 @@ class Noise:
                 break
             u = x[None, :] * (1 / step) + np.float32(_OCTAVE * (octave + 1) + _FIELD * number)
             v = y[:, None] * (1 / step) + np.float32(_OCTAVE * (octave + 1) - _FIELD * number)
-            total += np.float32(gain**octave) * (self._at(u, v) if z is None else self._sliced(u, v, z / step))
-        return np.asarray(total / np.sqrt(sum(gain ** (2 * octave) for octave in range(len(steps)))), dtype=np.float32)
+            total += np.float32(gain**octave) * (
+                self._at(u, v) if z is None else self._sliced(u, v, z / step)
+            )
+        return np.asarray(
+            total / np.sqrt(sum(gain ** (2 * octave) for octave in range(len(steps)))),
+            dtype=np.float32,
+        )
 
     def _sliced(self, u: Array, v: Array, w: Array) -> Array:
         """Blend the two flat fields next below and above w: noise in three dimensions."""
@@ -106,9 +120,13 @@ class Noise:
 
         shape = np.broadcast_shapes(u.shape, v.shape)
         # Modulo the lattice's side: seven times as fast as `%` on float32.
-        wrapped = (a - np.float32(_LATTICE) * np.floor(a * np.float32(1 / _LATTICE)) for a in (u, v))
+        wrapped = (
+            a - np.float32(_LATTICE) * np.floor(a * np.float32(1 / _LATTICE)) for a in (u, v)
+        )
         u, v = (np.broadcast_to(a * np.float32(_FINER), shape) for a in wrapped)
-        return np.asarray(cv2.remap(self._lattice, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP))
+        return np.asarray(
+            cv2.remap(self._lattice, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        )
 
 
 def smoothstep(values: Array, low: float, high: float) -> Array:
@@ -144,7 +162,9 @@ class Texture:
         """Whether the picture reaches to points (P, 2) in its metres: (P,) bool."""
         rows, columns = self.levels[0].shape[:2]
         return np.asarray(
-            ((at > self.origin) & (at < self.origin + self.texel * np.array([columns, rows]))).all(axis=1)
+            ((at > self.origin) & (at < self.origin + self.texel * np.array([columns, rows]))).all(
+                axis=1
+            )
         )
 
 
@@ -155,8 +175,15 @@ def make_texture(albedo: Array, texel: float, origin: Array, axes: Array) -> Tex
     levels: list[np.ndarray] = [(albedo * 65535 + 0.5).astype(np.uint16)]
     while len(levels) < _LEVELS and min(levels[-1].shape[:2]) >= 8:
         fine = levels[-1][: levels[-1].shape[0] // 2 * 2, : levels[-1].shape[1] // 2 * 2]
-        levels.append(cv2.resize(fine, (fine.shape[1] // 2, fine.shape[0] // 2), interpolation=cv2.INTER_AREA))
-    return Texture(tuple(levels), texel, np.asarray(origin, dtype=np.float32), np.asarray(axes, dtype=np.float32))
+        levels.append(
+            cv2.resize(fine, (fine.shape[1] // 2, fine.shape[0] // 2), interpolation=cv2.INTER_AREA)
+        )
+    return Texture(
+        tuple(levels),
+        texel,
+        np.asarray(origin, dtype=np.float32),
+        np.asarray(axes, dtype=np.float32),
+    )
 
 
 def sample(texture: Texture, at: Array, right: Array, down: Array) -> Array:
@@ -167,7 +194,12 @@ def sample(texture: Texture, at: Array, right: Array, down: Array) -> Array:
     import cv2
 
     spacing = np.maximum(np.linalg.norm(right, axis=1), np.linalg.norm(down, axis=1)) / _SAMPLES
-    level = np.log2(np.maximum(spacing / texture.texel, 1)).round().clip(0, len(texture.levels) - 1).astype(np.int8)
+    level = (
+        np.log2(np.maximum(spacing / texture.texel, 1))
+        .round()
+        .clip(0, len(texture.levels) - 1)
+        .astype(np.int8)
+    )
     colour = np.zeros((len(at), 3), dtype=np.float32)
     none: Any = None  # the maps hold both coordinates
     offsets = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
@@ -176,12 +208,18 @@ def sample(texture: Texture, at: Array, right: Array, down: Array) -> Array:
         # cv2 wants maps of less than 32,768 rows and columns, and counts from texel centres
         scale = 1 / (texture.texel * 2**fineness)
         for rows in np.array_split(here, len(here) // 30_000 + 1) if len(here) else ():
-            start, u, v = (at[rows] - texture.origin) * scale - 0.5, right[rows] * scale, down[rows] * scale
+            start, u, v = (
+                (at[rows] - texture.origin) * scale - 0.5,
+                right[rows] * scale,
+                down[rows] * scale,
+            )
             total = np.zeros((len(rows), 1, 3), dtype=np.float32)
             for a in offsets:
                 for b in offsets:
                     where = (start + np.float32(a) * u + np.float32(b) * v)[:, None, :]
-                    total += cv2.remap(picture, where, none, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
+                    total += cv2.remap(
+                        picture, where, none, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101
+                    )
             colour[rows] = total[:, 0] / (65535 * _SAMPLES**2)
     return colour
 
@@ -220,7 +258,9 @@ def make_terrain(seed: int, noise: Noise, clearings: Sequence[tuple[float, float
     rough = noise.field(grid, None, (0.4, 0.2, 0.1, 0.05), 1)
     rng = np.random.default_rng([seed, 2])
     x, y = grid.axes()
-    for bx, by, r in _scatter(rng, clearings):  # a rough dome cut by random planes, as broken rock is
+    for bx, by, r in _scatter(
+        rng, clearings
+    ):  # a rough dome cut by random planes, as broken rock is
         turn, flat, stretch, sink, hue = _LEAST + _SPAN * rng.random(5)
         angle, slope, level = (_LEAST_CUT + _SPAN_OF_CUTS * rng.random((5, 3))).T[..., None, None]
         columns = slice(*np.searchsorted(x, (bx - 1.4 * r, bx + 1.4 * r)))
@@ -249,7 +289,9 @@ def _sand(grid: Grid, noise: Noise) -> Array:
     ramp = np.maximum(across - 2.6, 0)
     rise = 0.2 * ramp**2 / (1 + 0.15 * ramp) + 0.02 * ramp
     rise *= 1 + 0.12 * noise.field(grid, None, (1.5, 0.8, 0.4), 3)
-    return np.asarray(rise + 0.06 * noise.field(grid, None, (2.5, 1.2, 0.6, 0.3), 4, gain=0.5), dtype=np.float32)
+    return np.asarray(
+        rise + 0.06 * noise.field(grid, None, (2.5, 1.2, 0.6, 0.3), 4, gain=0.5), dtype=np.float32
+    )
 
 
 def _scatter(
@@ -272,7 +314,11 @@ def _scatter(
 
 # The colour charts: boards that stand on the seabed, painted with the reference colours of their kind.
 
-_FRAME_M, _RIM_M, _FOOT_M = 0.02, 0.05, 0.12  # the board around the chart: black frame, bare rim, bare foot
+_FRAME_M, _RIM_M, _FOOT_M = (
+    0.02,
+    0.05,
+    0.12,
+)  # the board around the chart: black frame, bare rim, bare foot
 _BARE = (0.86, 0.86, 0.84)
 _FRAME = (0.04, 0.04, 0.04)
 
@@ -322,7 +368,10 @@ def place_board(site: Site, terrain: Terrain, texel: float) -> Board:
     right = np.array([np.cos(turn), np.sin(turn), 0])
     back = np.array([-np.sin(turn), np.cos(turn), 0])
     down = -np.cos(tilt) * np.array([0, 0, 1.0]) - np.sin(tilt) * back
-    nearest = (int((site.y - terrain.grid.y0) / terrain.grid.cell), int((site.x - terrain.grid.x0) / terrain.grid.cell))
+    nearest = (
+        int((site.y - terrain.grid.y0) / terrain.grid.cell),
+        int((site.x - terrain.grid.x0) / terrain.grid.cell),
+    )
     foot = np.array([site.x, site.y, float(terrain.height[nearest])])
     margin = _FRAME_M + _RIM_M
     top_left = foot - right * width / 2 - down * (height + _FRAME_M + _FOOT_M)
@@ -340,7 +389,9 @@ def place_board(site: Site, terrain: Terrain, texel: float) -> Board:
         outline=rectangle(-margin, -margin, width + margin, height + _FRAME_M + _FOOT_M),
         corners=rectangle(0, 0, width, height),
         patches=np.stack([rectangle(*box) for box in boxes]),
-        texture=make_texture(_paint_board(site, width, height, texel), texel, axes @ top_left - margin, axes),
+        texture=make_texture(
+            _paint_board(site, width, height, texel), texel, axes @ top_left - margin, axes
+        ),
     )
 
 
@@ -382,13 +433,17 @@ def paint_seabed(terrain: Terrain, noise: Noise, grid: Grid) -> Texture:
     bands = list(grid.bands(_BAND_ROWS))
     with ThreadPoolExecutor(usable_cores()) as pool:
         painted = list(pool.map(lambda band: _paint(terrain, shade, noise, band), bands))
-    return make_texture(np.concatenate(painted), grid.cell, np.array([grid.x0, grid.y0]), np.eye(2, 3))
+    return make_texture(
+        np.concatenate(painted), grid.cell, np.array([grid.x0, grid.y0]), np.eye(2, 3)
+    )
 
 
 def _paint(terrain: Terrain, shade: Array, noise: Noise, band: Grid) -> Array:
     """Return the albedo of a band of the ground, shaded: (rows, columns, 3) float32."""
     grid = band.padded(1)  # for the slopes at its edges
-    z, rock, tint, shade = (_over(grid, terrain.grid, of) for of in (terrain.height, terrain.rock, terrain.tint, shade))
+    z, rock, tint, shade = (
+        _over(grid, terrain.grid, of) for of in (terrain.height, terrain.rock, terrain.tint, shade)
+    )
     fine = noise.field(grid, z, (0.064, 0.032, 0.016, 0.008), 11, gain=0.95)
     broad = noise.field(grid, z, (0.8, 0.4, 0.2, 0.1), 12, gain=0.75)
     growth = noise.field(grid, z, (0.6, 0.3, 0.15, 0.07, 0.035), 13, gain=0.65) + 0.2 * fine
@@ -421,9 +476,13 @@ def _over(grid: Grid, coarse: Grid, values: Array) -> Array:
 
     scale = grid.cell / coarse.cell
     shift = ((grid.x0 - coarse.x0) / coarse.cell, (grid.y0 - coarse.y0) / coarse.cell)
-    warp = np.array([[scale, 0, shift[0] + scale / 2 - 0.5], [0, scale, shift[1] + scale / 2 - 0.5]])
+    warp = np.array(
+        [[scale, 0, shift[0] + scale / 2 - 0.5], [0, scale, shift[1] + scale / 2 - 0.5]]
+    )
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
-    return np.asarray(cv2.warpAffine(values, warp, grid.shape[::-1], flags=flags, borderMode=cv2.BORDER_REPLICATE))
+    return np.asarray(
+        cv2.warpAffine(values, warp, grid.shape[::-1], flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    )
 
 
 def _blend(albedo: Array, colour: tuple[float, ...], cover: Array) -> None:
@@ -437,5 +496,10 @@ def _shade(terrain: Terrain) -> Array:
     height, cell = terrain.height, terrain.grid.cell
     dy, dx = np.gradient(height, cell)
     facing = (1 - 0.15 * dx + 0.1 * dy) / np.sqrt(1 + dx * dx + dy * dy)
-    hollow = sum(((height - cv2.GaussianBlur(height, (0, 0), s / cell)) / s).clip(-0.6, 0.6) for s in (0.05, 0.15, 0.5))
-    return np.asarray((0.45 + 0.52 * facing.clip(0.1, 1.2) + 0.45 * hollow).clip(0.3, 1.15), dtype=np.float32)
+    hollow = sum(
+        ((height - cv2.GaussianBlur(height, (0, 0), s / cell)) / s).clip(-0.6, 0.6)
+        for s in (0.05, 0.15, 0.5)
+    )
+    return np.asarray(
+        (0.45 + 0.52 * facing.clip(0.1, 1.2) + 0.45 * hollow).clip(0.3, 1.15), dtype=np.float32
+    )

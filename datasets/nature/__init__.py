@@ -66,10 +66,14 @@ class Nature:
     """Folder that stores made scenes; null = the user's cache folder."""
 
     def __post_init__(self) -> None:
-        check_ranges(self, views="[2, 1000]", width="[64, 8192]", height="[48, 8192]", seed="[0, inf)")
+        check_ranges(
+            self, views="[2, 1000]", width="[64, 8192]", height="[48, 8192]", seed="[0, inf)"
+        )
         if (pixels := self.views * self.width * self.height) > _MOST_PIXELS:
             fault = f"{pixels / 1e9:.1f} gigapixels in all views"
-            raise InputError(fault, "nature", f"give {_MOST_PIXELS / 1e9:g} or fewer: smaller or fewer views")
+            raise InputError(
+                fault, "nature", f"give {_MOST_PIXELS / 1e9:g} or fewer: smaller or fewer views"
+            )
 
     @property
     def spec(self) -> Condition:
@@ -78,12 +82,16 @@ class Nature:
         if self.errors == "none":
             return spec
         pose_px = spec.pose_px or _MILD_POSE_PX
-        return dataclasses.replace(spec, pose_px=pose_px, depth_patches=spec.depth_patches or _MILD_DEPTH)
+        return dataclasses.replace(
+            spec, pose_px=pose_px, depth_patches=spec.depth_patches or _MILD_DEPTH
+        )
 
     @property
     def data_id(self) -> str:
         """A hash of all that decides the scene's arrays; it names their folder and identifies the scene."""
-        content = repr((_VERSION, astuple(self.spec), astuple(dataclasses.replace(self, root=None))))
+        content = repr(
+            (_VERSION, astuple(self.spec), astuple(dataclasses.replace(self, root=None)))
+        )
         return hashlib.blake2b(content.encode(), digest_size=6).hexdigest()
 
     def scenes(self) -> Iterator[Scene]:
@@ -143,4 +151,6 @@ class _Stored:
 
     def load(self, plane: Plane) -> Array:
         """Return a plane as float32."""
-        return np.array(np.load(self.folder / f"{plane}.npy", mmap_mode="r")[self.place], dtype=np.float32)
+        return np.array(
+            np.load(self.folder / f"{plane}.npy", mmap_mode="r")[self.place], dtype=np.float32
+        )

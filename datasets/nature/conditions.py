@@ -33,7 +33,9 @@ class Condition:
     snow: float = 0  # share of pixels
     caustics: float = 0  # standard deviation of the light on the ground
     pose_px: float = 0  # rms shift of pixels by a drift of the poses
-    depth_patches: float = 0  # standard deviation of the relative error, in patches of a tenth of the width
+    depth_patches: float = (
+        0  # standard deviation of the relative error, in patches of a tenth of the width
+    )
     depth_scale: float = 0  # jitter of the scale of a view's depth map
     patchy: float = 0  # jitter of beta and gamma
     blur_px_m: float = 0  # forward scatter: standard deviation, pixels a metre
@@ -85,6 +87,13 @@ CONDITIONS: dict[Name, Condition] = {
     "low_contrast": Condition(contrast=0.2),
     "air": Condition(air=True),
     "all_mild": Condition(
-        pose_px=0.5, depth_patches=0.005, exposure=0.03, vignette=0.05, caustics=0.03, fish=1, snow=0.001, jpeg=92
+        pose_px=0.5,
+        depth_patches=0.005,
+        exposure=0.03,
+        vignette=0.05,
+        caustics=0.03,
+        fish=1,
+        snow=0.001,
+        jpeg=92,
     ),
 }

@@ -29,7 +29,9 @@ _MIDDLE = RAYS * RAYS // 2
 
 def _ahead(azimuth: float, pitch_deg: float) -> Array:
     pitch = np.deg2rad(pitch_deg)
-    return np.array([np.sin(azimuth) * np.cos(pitch), np.cos(azimuth) * np.cos(pitch), -np.sin(pitch)])
+    return np.array(
+        [np.sin(azimuth) * np.cos(pitch), np.cos(azimuth) * np.cos(pitch), -np.sin(pitch)]
+    )
 
 
 def _round(azimuth: float, pitch_deg: float, distance_m: float) -> tuple[Array, Array]:
@@ -43,7 +45,10 @@ def _down(s: float, height_m: float, length_m: float = 4) -> tuple[Array, Array]
 # Centre of the camera and the direction in which it looks, at time s from 0 to 1.
 _PATHS: dict[PathName, Callable[[float], tuple[Array, Array]]] = {
     "approach": lambda s: _round(0.25 * np.sin(8 * s + 0.5), 60 - 20 * s, 10 * 0.2**s),
-    "forward": lambda s: (np.array([0.2 * np.sin(6 * s), -2 + 4 * s, 1.8]), _ahead(0.1 * np.sin(9 * s), 36)),
+    "forward": lambda s: (
+        np.array([0.2 * np.sin(6 * s), -2 + 4 * s, 1.8]),
+        _ahead(0.1 * np.sin(9 * s), 36),
+    ),
     "survey": lambda s: _down(s, 2.5),
     "survey_two_heights": lambda s: _down(2 * s % 1.0001, 2 if s < 0.5 else 4, 2.5),
     "survey_varying": lambda s: _down(s, 2.6 + 1.3 * np.sin(9.4 * s)),
@@ -75,8 +80,12 @@ def camera_of(width: int, height: int) -> Camera:
 def render(options: Nature) -> dict[str, Array]:
     """Return the arrays of a scene, as `Nature.arrays` describes them."""
     spec = options.spec
-    rng = np.random.default_rng([options.seed, *repr((spec, options.water, options.path, options.relief)).encode()])
-    of_ground = np.random.default_rng([options.seed, *repr((options.path, options.relief)).encode()])
+    rng = np.random.default_rng(
+        [options.seed, *repr((spec, options.water, options.path, options.relief)).encode()]
+    )
+    of_ground = np.random.default_rng(
+        [options.seed, *repr((options.path, options.relief)).encode()]
+    )
     seabed = make_seabed(of_ground, _RELIEF_M[options.relief])
     poses = np.stack(list(_poses(options.path, options.views, of_ground)))
     camera = camera_of(options.width, options.height)
@@ -93,7 +102,9 @@ def render(options: Nature) -> dict[str, Array]:
         if place in with_fish:
             image = _with_fish(image, depth, water, rng)
         if spec.snow:
-            bright = np.where(rng.random(depth.shape) < spec.snow, rng.uniform(0.4, 0.9, depth.shape), 0)
+            bright = np.where(
+                rng.random(depth.shape) < spec.snow, rng.uniform(0.4, 0.9, depth.shape), 0
+            )
             image = np.maximum(image, bright[..., None])
         radiances.append(image * _lens(camera, spec.vignette))
         grounds.append(ground)
@@ -109,7 +120,9 @@ def render(options: Nature) -> dict[str, Array]:
         water[:, [0, 2]] = np.nan  # the veil of a strobe has another form
         shown_gains = gains / gains.mean()
     lit = [_stored(image * gain, spec) for image, gain in zip(radiances, gains, strict=True)]
-    reference = [_stored(ground * gain, spec) for ground, gain in zip(grounds, shown_gains, strict=True)]
+    reference = [
+        _stored(ground * gain, spec) for ground, gain in zip(grounds, shown_gains, strict=True)
+    ]
     return {
         "rgb": np.stack([_file(image, spec, rng) for image in lit]),
         "reference": np.stack(reference).astype(np.float32),
@@ -120,23 +133,35 @@ def render(options: Nature) -> dict[str, Array]:
 
 
 def _see(
-    seabed: Seabed, camera: Camera, pose: Array, spec: Condition, water: Array, rng: np.random.Generator
+    seabed: Seabed,
+    camera: Camera,
+    pose: Array,
+    spec: Condition,
+    water: Array,
+    rng: np.random.Generator,
 ) -> tuple[Array, Array, Array]:
     """Return light at the lens (H, W, 3), the ground without water in even light (H, W, 3), and depth (H, W)."""
     caustics = _caustics(rng) if spec.caustics else None
     n_pixels = camera.height * camera.width
     blocks = [
-        _see_pixels(seabed, camera, pose, spec, water, caustics, first, min(first + _AT_ONCE, n_pixels))
+        _see_pixels(
+            seabed, camera, pose, spec, water, caustics, first, min(first + _AT_ONCE, n_pixels)
+        )
         for first in range(0, n_pixels, _AT_ONCE)
     ]
-    planes = [np.concatenate(plane).reshape(camera.height, camera.width, -1) for plane in zip(*blocks, strict=True)]
+    planes = [
+        np.concatenate(plane).reshape(camera.height, camera.width, -1)
+        for plane in zip(*blocks, strict=True)
+    ]
     direct, veil, ground, depth, distance = planes
     if spec.blur_px_m:
         sigma = np.minimum(spec.blur_px_m * distance[..., 0], 7.99)
         stack = np.stack([gaussian_filter(direct, (s, s, 0)) for s in range(9)])
         below = sigma.astype(int)
         v, u = np.indices(below.shape)
-        direct = stack[below, v, u] + (sigma - below)[..., None] * (stack[below + 1, v, u] - stack[below, v, u])
+        direct = stack[below, v, u] + (sigma - below)[..., None] * (
+            stack[below + 1, v, u] - stack[below, v, u]
+        )
     return direct + veil, ground, depth[..., 0]
 
 
@@ -167,7 +192,13 @@ def _see_pixels(
         direct = direct + 4 * ground * light(points) * np.exp(-beta * t)
         veil = veil + 4 * _scattered(light, points[:, _MIDDLE], is_open[:, _MIDDLE], pose, B, gamma)
     ahead = points[:, _MIDDLE] @ pose[2, :3] + pose[2, 3]
-    return direct.mean(axis=1), veil, even, np.where(is_open[:, _MIDDLE], 0, ahead), t[:, _MIDDLE, 0]
+    return (
+        direct.mean(axis=1),
+        veil,
+        even,
+        np.where(is_open[:, _MIDDLE], 0, ahead),
+        t[:, _MIDDLE, 0],
+    )
 
 
 def _caustics(rng: np.random.Generator) -> Callable[[Array], Array]:
@@ -196,13 +227,20 @@ def _strobe(pose: Array, width_deg: float, beta: Array) -> Callable[[Array], Arr
         r = np.linalg.norm(to, axis=-1)
         angle = np.rad2deg(np.arccos(np.clip(to @ turn[2] / r, -1, 1)))
         lobe = np.exp(-0.5 * (angle / width_deg) ** 2)
-        return np.asarray((lobe / np.maximum(r, 0.2) ** 2)[..., None] * np.exp(-beta * r[..., None]))
+        return np.asarray(
+            (lobe / np.maximum(r, 0.2) ** 2)[..., None] * np.exp(-beta * r[..., None])
+        )
 
     return light
 
 
 def _scattered(
-    light: Callable[[Array], Array], points: Array, is_open: Mask, pose: Array, B: Array, gamma: Array
+    light: Callable[[Array], Array],
+    points: Array,
+    is_open: Mask,
+    pose: Array,
+    B: Array,
+    gamma: Array,
 ) -> Array:
     """Return the light of a strobe that water scatters once, on the way to points (P, 3): (P, 3)."""
     origin = -pose[:3, :3].T @ pose[:3, 3]
@@ -213,7 +251,9 @@ def _scattered(
     steps = (np.arange(24) + 0.5)[:, None] / 24
     along = length * steps**2  # finer where the strobe is bright
     weight = length * 2 * steps / 24
-    return np.asarray((B * gamma * np.exp(-gamma * along) * light(origin + along * toward) * weight).sum(axis=1))
+    return np.asarray(
+        (B * gamma * np.exp(-gamma * along) * light(origin + along * toward) * weight).sum(axis=1)
+    )
 
 
 def _with_fish(image: Array, depth: Array, water: Array, rng: np.random.Generator) -> Array:
@@ -249,7 +289,9 @@ def _lens(camera: Camera, vignette: float) -> Array:
 def _gains(means: Array, spec: Condition, rng: np.random.Generator) -> Array:
     """Return the gains (V, 3) of views whose channels have means (V, 3)."""
     n = len(means)
-    gains = np.exp(spec.exposure * rng.normal(size=(n, 1)) + spec.white_balance * rng.normal(size=(n, 3)))
+    gains = np.exp(
+        spec.exposure * rng.normal(size=(n, 1)) + spec.white_balance * rng.normal(size=(n, 3))
+    )
     gains = gains * (means.mean(axis=1, keepdims=True) / means) ** spec.auto_white_balance
     if spec.auto_exposure:
         needed = 0.4 / (means * gains).mean(axis=1, keepdims=True)
@@ -262,7 +304,9 @@ def _gains(means: Array, spec: Condition, rng: np.random.Generator) -> Array:
 def _stored(image: Array, spec: Condition) -> Array:
     image = np.maximum(image, 0)
     if spec.tone == "srgb":
-        return np.where(image <= 0.0031308, 12.92 * image, 1.055 * np.maximum(image, 1e-9) ** (1 / 2.4) - 0.055)
+        return np.where(
+            image <= 0.0031308, 12.92 * image, 1.055 * np.maximum(image, 1e-9) ** (1 / 2.4) - 0.055
+        )
     if spec.tone == "s":
         inside = np.minimum(image, 1)
         return 0.5 * image + 0.5 * inside**2 * (3 - 2 * inside)
@@ -294,7 +338,9 @@ def _wrong_depth(depth: Array, spec: Condition, rng: np.random.Generator) -> Arr
     return np.asarray(depth * np.exp(error))
 
 
-def _drifting(poses: Array, depths: Array, camera: Camera, spec: Condition, rng: np.random.Generator) -> Array:
+def _drifting(
+    poses: Array, depths: Array, camera: Camera, spec: Condition, rng: np.random.Generator
+) -> Array:
     """Return the poses (V, 4, 4) that a method is given: turns and shifts that drift along the views.
 
     Their size is such that the centres of the images move by pose_px, root mean square.
@@ -304,7 +350,9 @@ def _drifting(poses: Array, depths: Array, camera: Camera, spec: Condition, rng:
     moved_px = walk[:, :2] + walk[:, 2:]
     walk *= spec.pose_px / np.sqrt((moved_px**2).sum(axis=1).mean())
     given = poses.copy()
-    for pose, depth, (shift_x, shift_y, turn_x, turn_y) in zip(given, depths, walk / camera.K[0, 0], strict=True):
+    for pose, depth, (shift_x, shift_y, turn_x, turn_y) in zip(
+        given, depths, walk / camera.K[0, 0], strict=True
+    ):
         pose[:3] = cv2.Rodrigues(np.array([-turn_y, turn_x, 0]))[0] @ pose[:3]
         pose[:2, 3] += np.median(depth[depth > 0]) * np.array([shift_x, shift_y])
     return given

@@ -69,7 +69,11 @@ def _meet(heights: Array, top: float, origin: Array, ray: Array) -> float:
         t = max(t, (top - origin[2]) / ray[2])
     before = t
     while t < FAR_M:
-        above = origin[2] + t * ray[2] - _height(heights, origin[0] + t * ray[0], origin[1] + t * ray[1])
+        above = (
+            origin[2]
+            + t * ray[2]
+            - _height(heights, origin[0] + t * ray[0], origin[1] + t * ray[1])
+        )
         if above <= 0:
             for _ in range(20):
                 middle = 0.5 * (before + t)
@@ -86,7 +90,14 @@ def _meet(heights: Array, top: float, origin: Array, ray: Array) -> float:
 
 @compile_loop
 def _cast(
-    heights: Array, top: float, origin: Array, turn: Array, K: Array, width: int, first: int, last: int
+    heights: Array,
+    top: float,
+    origin: Array,
+    turn: Array,
+    K: Array,
+    width: int,
+    first: int,
+    last: int,
 ) -> tuple[Array, Array]:
     distance = np.empty((last - first, RAYS * RAYS))
     points = np.zeros((last - first, RAYS * RAYS, 3))
@@ -115,13 +126,17 @@ class Seabed:
     def cast(self, K: Array, pose: Array, width: int, first: int, last: int) -> tuple[Array, Array]:
         """Return distance (P, 9), -1 for open water, and points (P, 9, 3) of all rays of pixels first to last."""
         turn = np.ascontiguousarray(pose[:3, :3])
-        distance, points = _cast(self.heights, self.heights.max(), -turn.T @ pose[:3, 3], turn, K, width, first, last)
+        distance, points = _cast(
+            self.heights, self.heights.max(), -turn.T @ pose[:3, 3], turn, K, width, first, last
+        )
         return distance, points
 
     def albedo(self, points: Array) -> Array:
         """Return colours (..., 3) from 0.05 to 0.9 of points (..., 3); the channels are partly independent."""
         xy = points[..., :2].reshape(-1, 2) + 0.7 * points[..., 2:].reshape(-1, 1)
-        gray, *own = (octaves(one, xy, TEXTURE_M, TEXTURE_OCTAVES, TEXTURE_FALL) for one in self.lattices)
+        gray, *own = (
+            octaves(one, xy, TEXTURE_M, TEXTURE_OCTAVES, TEXTURE_FALL) for one in self.lattices
+        )
         mixed = 0.9 * gray[:, None] + 0.4 * np.stack(own, axis=1) + np.array([-0.7, -0.9, -1.2])
         return (0.05 + 0.85 / (1 + np.exp(-0.5 * mixed))).reshape(points.shape)
 
@@ -137,7 +152,9 @@ def make_seabed(rng: np.random.Generator, relief_m: float) -> Seabed:
         for _ in range(60):
             (left, low), radius = rng.uniform((-6, -4), (6, 14)), rng.uniform(0.12, 0.45)
             away = np.arange(-radius, radius, CELL_M)
-            near = np.ix_(*(np.floor((middle + away) / CELL_M).astype(int) % CELLS for middle in (low, left)))
+            near = np.ix_(
+                *(np.floor((middle + away) / CELL_M).astype(int) % CELLS for middle in (low, left))
+            )
             inside = np.maximum(1 - ((away**2 + away[:, None] ** 2) / radius**2) ** 2, -1)
             boulder = heights[near].mean() + min(1, relief_m / 0.35) * 0.7 * radius * inside
             heights[near] = np.maximum(heights[near], boulder)

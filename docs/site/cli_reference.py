@@ -57,7 +57,9 @@ def _commands() -> Iterator[str]:
 
 
 def _options(command: click.Command, context: click.Context) -> Iterator[str]:
-    records = [record for one in command.get_params(context) if (record := one.get_help_record(context))]
+    records = [
+        record for one in command.get_params(context) if (record := one.get_help_record(context))
+    ]
     rows = [(name, text) for name, text in records if text and name.split()[0] not in _EVERYWHERE]
     if rows:
         yield "| option | what it does |\n|---|---|"
@@ -82,10 +84,16 @@ def _keys() -> Iterator[str]:
 
 def _row(name: str, option: Any) -> str:
     default = "" if option.default is MISSING else _shown(option.default)
-    choices = f" One of {', '.join(f'`{choice}`' for choice in option.choices)}." if option.choices else ""
+    choices = (
+        f" One of {', '.join(f'`{choice}`' for choice in option.choices)}."
+        if option.choices
+        else ""
+    )
     return f"| `{name}` | {default} | {(option.help + choices).strip()} |"
 
 
 def _shown(value: Any) -> str:
-    text = "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+    text = (
+        "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+    )
     return f"`{text}`" if text else ""

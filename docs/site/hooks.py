@@ -18,7 +18,10 @@ from mkdocs.structure.files import File, Files
 
 _FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 _MATHML = "{http://www.w3.org/1998/Math/MathML}"
-_BELOW = {"msub": "munder", "msubsup": "munderover"}  # where the limits of a sum stand in a line of its own
+_BELOW = {
+    "msub": "munder",
+    "msubsup": "munderover",
+}  # where the limits of a sum stand in a line of its own
 _LINK_OUT = re.compile(r"\[([^\]]+)\]\(\.\./[^)]*\)")
 
 
@@ -29,12 +32,18 @@ def on_files(files: Files, config: Any) -> Files:
     """
     root = Path(config.config_file_path).parent
     readme = (root / "README.md").read_text(encoding="utf-8")
-    first = readme.replace("](docs/tutorial.ipynb", "](tutorial.md").replace("](CONTRIB", "](../CONTRIB")
+    first = readme.replace("](docs/tutorial.ipynb", "](tutorial.md").replace(
+        "](CONTRIB", "](../CONTRIB"
+    )
     first = first.replace("](docs/", "](")
-    sample, executed = (root / "outputs" / name for name in ("sample/report/index.html", "tutorial.ipynb"))
+    sample, executed = (
+        root / "outputs" / name for name in ("sample/report/index.html", "tutorial.ipynb")
+    )
     if sample.is_file():
         files.append(File.generated(config, "sample.html", abs_src_path=str(sample)))
-        first = first.replace("pictures/page.jpg)\n", "pictures/page.jpg)\n\n**[Open such a page](sample.html).**\n")
+        first = first.replace(
+            "pictures/page.jpg)\n", "pictures/page.jpg)\n\n**[Open such a page](sample.html).**\n"
+        )
     files.append(File.generated(config, "index.md", content=first))
     notebook = files.get_file_from_path("tutorial.ipynb")
     if notebook is None:
@@ -61,7 +70,9 @@ def _output(output: Any) -> str:
         inner = data["text/html"]
     elif "image/png" in data:
         inner = f'<img alt="" src="data:image/png;base64,{data["image/png"].strip()}">'
-    elif text := data.get("text/plain") or ("".join(output["text"]) if output.get("name") == "stdout" else ""):
+    elif text := data.get("text/plain") or (
+        "".join(output["text"]) if output.get("name") == "stdout" else ""
+    ):
         inner = f"<pre>{html.escape(text.rstrip())}</pre>"
     else:
         return ""

@@ -14,8 +14,20 @@ from nbclient import NotebookClient
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 RUN = [
-    *("run", "-m", "dataset=demo", "dataset.width=320", "dataset.height=240", "dataset.root=outputs/data/sample"),
-    *("method=underwater,gray_world,seathru,sucre,sucre_plus", "every=4", "out=outputs/sample", "tracking.uri=off"),
+    *(
+        "run",
+        "-m",
+        "dataset=demo",
+        "dataset.width=320",
+        "dataset.height=240",
+        "dataset.root=outputs/data/sample",
+    ),
+    *(
+        "method=underwater,gray_world,seathru,sucre,sucre_plus",
+        "every=4",
+        "out=outputs/sample",
+        "tracking.uri=off",
+    ),
 ]
 
 
@@ -23,7 +35,10 @@ def run_tutorial(source: Path, executed: Path) -> None:
     """Execute the notebook `source` and write it with its outputs to `executed`, unless that has the same cells."""
     notebook = nbformat.read(source, as_version=4)
     cells = [cell.source for cell in notebook.cells]
-    if not executed.is_file() or [cell.source for cell in nbformat.read(executed, as_version=4).cells] != cells:
+    if (
+        not executed.is_file()
+        or [cell.source for cell in nbformat.read(executed, as_version=4).cells] != cells
+    ):
         NotebookClient(notebook, timeout=1200).execute()
         executed.parent.mkdir(exist_ok=True)
         nbformat.write(notebook, executed)
@@ -31,6 +46,9 @@ def run_tutorial(source: Path, executed: Path) -> None:
 
 if __name__ == "__main__":
     subprocess.run(
-        [str(Path(sys.executable).with_name("sucre-bench")), *RUN], cwd=ROOT, check=True, capture_output=True
+        [str(Path(sys.executable).with_name("sucre-bench")), *RUN],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
     )
     run_tutorial(ROOT / "docs" / "tutorial.ipynb", ROOT / "outputs" / "tutorial.ipynb")

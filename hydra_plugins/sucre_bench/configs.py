@@ -64,7 +64,9 @@ class PluginSource(_Source):
         from sucre_bench.jobs.catalogue import is_choice
 
         group, name = _parts(config_path)
-        return (group, name) == ("run", "") or (group in _GROUPS and name != "" and is_choice(_GROUPS[group], name))
+        return (group, name) == ("run", "") or (
+            group in _GROUPS and name != "" and is_choice(_GROUPS[group], name)
+        )
 
     def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
         """Return the names in a group, or the groups."""
@@ -133,7 +135,11 @@ class ExperimentFile(_Source):
             text = regular(path).read_text(encoding="utf-8-sig")
         content = read_yaml(text)  # without aliases, which may stand for more than fits into memory
         if not isinstance(content, dict):
-            raise InputError("holds no keys", "", "write an experiment, `sucre-bench list experiments` shows some")
+            raise InputError(
+                "holds no keys",
+                "",
+                "write an experiment, `sucre-bench list experiments` shows some",
+            )
         header = self._get_header_dict(text)
         header["package"] = header["package"] or "_global_"
         return ConfigResult(self.provider, f"file://{path}", OmegaConf.create(content), header)

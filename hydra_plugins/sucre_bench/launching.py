@@ -28,7 +28,9 @@ class PairSweeper(Sweeper):
     def __init__(self, **listed: Any) -> None:
         self.listed = listed  # in the configuration, where composing finds them
 
-    def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
+    def setup(
+        self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig
+    ) -> None:
         """Take the configuration that all jobs share."""
         self.config = config
         self.launcher: Any = Plugins.instance().instantiate_launcher(
@@ -46,7 +48,9 @@ class PairSweeper(Sweeper):
 
     def _launch(self, overrides: Sequence[tuple[str, ...]]) -> list[str]:
         """Let a launcher run jobs, and return why each was lost, empty for one that was not."""
-        returns: Sequence[JobReturn] = self.launcher.launch([[*words] for words in overrides], initial_job_idx=0)
+        returns: Sequence[JobReturn] = self.launcher.launch(
+            [[*words] for words in overrides], initial_job_idx=0
+        )
         return [_reason(one) for one in returns]
 
 

@@ -24,29 +24,47 @@ with suppress(ImportError):
     class SlurmLauncher(_Slurm):  # type: ignore[misc]
         """Submits jobs in arrays, and waits for all of them."""
 
-        def launch(self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
+        def launch(
+            self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int
+        ) -> Sequence[JobReturn]:
             """Return how each job ended."""
             import submitit
 
             params = {name: value for name, value in self.params.items() if value is not None}
             folder, retries = params.pop("submitit_folder"), params.pop("max_num_timeout", 0)
             cpus = params.get("cpus_per_task", 1)
-            threads = (f"export {name}_NUM_THREADS={cpus}" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA"))
+            threads = (
+                f"export {name}_NUM_THREADS={cpus}" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")
+            )
             params["setup"] = [*threads, *params.get("setup", ())]
-            params["srun_args"] = [f"--cpus-per-task={cpus}"]  # srun does not take over sbatch's, since SLURM 22.05
+            params["srun_args"] = [
+                f"--cpus-per-task={cpus}"
+            ]  # srun does not take over sbatch's, since SLURM 22.05
             common = OmegaConf.structured(BaseQueueConf).keys()
             executor = submitit.AutoExecutor(folder, cluster="slurm", slurm_max_num_timeout=retries)
-            named = {name if name in common else f"slurm_{name}": value for name, value in params.items()}
-            executor.update_parameters(**named, slurm_wckey=None)  # submitit's default is not known to every cluster
+            named = {
+                name if name in common else f"slurm_{name}": value for name, value in params.items()
+            }
+            executor.update_parameters(
+                **named, slurm_wckey=None
+            )  # submitit's default is not known to every cluster
             state, jobs = Singleton.get_state(), list[Any]()
             asked = [
-                ([*words], "hydra.sweep.dir", initial_job_idx + k, f"job_id_for_{initial_job_idx + k}", state)
+                (
+                    [*words],
+                    "hydra.sweep.dir",
+                    initial_job_idx + k,
+                    f"job_id_for_{initial_job_idx + k}",
+                    state,
+                )
                 for k, words in enumerate(job_overrides)
             ]
             try:
                 for start in range(0, len(asked), most := _largest_array()):
                     with _in_no_job():
-                        jobs += executor.map_array(self, *zip(*asked[start : start + most], strict=True))
+                        jobs += executor.map_array(
+                            self, *zip(*asked[start : start + most], strict=True)
+                        )
                 return [_result(job) for job in jobs]
             except BaseException:
                 for job in jobs:
@@ -60,7 +78,10 @@ def _result(job: Any) -> JobReturn:
         returned: JobReturn = job.results()[0]
         return returned
     except Exception as fault:
-        last = next((line for line in reversed(str(fault).splitlines()) if line.strip()), type(fault).__name__)
+        last = next(
+            (line for line in reversed(str(fault).splitlines()) if line.strip()),
+            type(fault).__name__,
+        )
         reason = {
             "TIMEOUT": "reached its time limit; give hydra.launcher.timeout_min= or more shards",
             "OUT_OF_MEMORY": "ran out of memory; give more with hydra.launcher.mem_gb=",
@@ -71,7 +92,9 @@ def _result(job: Any) -> JobReturn:
 
 def _largest_array() -> int:
     """Return how many jobs one array may hold here; a cluster that does not say so takes SLURM's usual 1001."""
-    answer = subprocess.run(["scontrol", "show", "config"], capture_output=True, text=True, check=False).stdout
+    answer = subprocess.run(
+        ["scontrol", "show", "config"], capture_output=True, text=True, check=False
+    ).stdout
     found = re.search(r"^MaxArraySize\s*=\s*(\d+)", answer, re.MULTILINE)
     return max(1, int(found[1])) if found else 1001
 
@@ -79,7 +102,11 @@ def _largest_array() -> int:
 @contextmanager
 def _in_no_job() -> Iterator[None]:
     """Unset SLURM's variables, in case this process runs in a job; what users tell sbatch (SBATCH_...) stays."""
-    hidden = {name: os.environ.pop(name) for name in [*os.environ] if name.startswith(("SLURM_", "SLURMD_", "SRUN_"))}
+    hidden = {
+        name: os.environ.pop(name)
+        for name in [*os.environ]
+        if name.startswith(("SLURM_", "SLURMD_", "SRUN_"))
+    }
     os.environ |= {name: value for name, value in hidden.items() if name == "SLURM_CONF"}
     try:
         yield

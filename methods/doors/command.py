@@ -25,7 +25,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sucre_bench import InputError, NotApplicableError, Restoration, Scene, SucreBenchError, View, method, track
+from sucre_bench import (
+    InputError,
+    NotApplicableError,
+    Restoration,
+    Scene,
+    SucreBenchError,
+    View,
+    method,
+    track,
+)
 from sucre_bench.arrays import Array
 from sucre_bench.errors import DiskFullError, MissingFileError
 from sucre_bench.imaging.encoding import converted
@@ -48,7 +57,9 @@ _PER_VIEW = (*_PER_SCENE, "name", "width", "height")
 _FARTHEST_PNG_M = 65.535  # what 16 bits of millimetres can say
 _PLAIN = re.compile("[\\w ./@%+=:,-]*")  # a name that no shell or interpreter obeys
 _TAKES_CODE = re.compile(r"-\w*[ce]|--eval")  # the next word is code: sh -c, perl -e
-_NO_CODE = re.compile("[\\w./@%+=:,-]*")  # what may stand beside {name} in a word: an option, a part of a path
+_NO_CODE = re.compile(
+    "[\\w./@%+=:,-]*"
+)  # what may stand beside {name} in a word: an option, a part of a path
 _IMAGE_BYTES = 3  # of a pixel, in 8 bits without compression
 
 
@@ -124,10 +135,14 @@ class Command(RestoredElsewhere):
                 f"command.run: {{{min(used - set(_PER_SCENE))}}} is of one view; use it with command.per=view"
             )
         if "output" not in used:
-            raise InputError("command.run: without {output}; put it where the program is told what to write")
+            raise InputError(
+                "command.run: without {output}; put it where the program is told what to write"
+            )
         check_pattern(self.pattern, "command.pattern")
         if self.output_suffix not in SUFFIXES:
-            raise InputError(f"command.output_suffix: '{self.output_suffix}' is not one of {', '.join(SUFFIXES)}")
+            raise InputError(
+                f"command.output_suffix: '{self.output_suffix}' is not one of {', '.join(SUFFIXES)}"
+            )
         if self.bits not in (8, 16):
             raise InputError(f"command.bits: {self.bits} is neither 8 nor 16")
         check_ranges(self, timeout="(0, inf)")
@@ -170,7 +185,9 @@ class Command(RestoredElsewhere):
         try:
             return [str(expanded(w)) if w.startswith("~/") else w for w in shlex.split(self.run)]
         except ValueError as fault:
-            raise InputError(f"command.run: {fault}; close what was opened, or write \\' for the character") from fault
+            raise InputError(
+                f"command.run: {fault}; close what was opened, or write \\' for the character"
+            ) from fault
 
     @property
     def _planes(self) -> frozenset[str]:
@@ -189,9 +206,15 @@ class Command(RestoredElsewhere):
         Files are called as their views, a.jpg.png where a.png is taken; with per=view, view.png.
         """
         stems = Counter(PurePosixPath(view.name).with_suffix("") for view in views)
-        work = _Work(place, ImageFolder(place / "output", self.pattern), {}, {}, Ended("", 0, nan, ""))
+        work = _Work(
+            place, ImageFolder(place / "output", self.pattern), {}, {}, Ended("", 0, nan, "")
+        )
         values: dict[str, Any] = {plane: place / plane for plane in _PER_SCENE}
-        for view in track(views, f"writing images for {Path(self._words[0]).name}") if len(views) > 1 else views:
+        for view in (
+            track(views, f"writing images for {Path(self._words[0]).name}")
+            if len(views) > 1
+            else views
+        ):
             if self._lack(view):
                 continue
             try:
@@ -205,7 +228,8 @@ class Command(RestoredElsewhere):
                     codes = (
                         word
                         for before, word in named
-                        if _TAKES_CODE.fullmatch(before) or not _NO_CODE.fullmatch(re.sub(r"\{\w+\}", "", word))
+                        if _TAKES_CODE.fullmatch(before)
+                        or not _NO_CODE.fullmatch(re.sub(r"\{\w+\}", "", word))
                     )
                     if not _PLAIN.fullmatch(view.name) and (word := next(codes, "")):
                         remedy = "rename the view, or write {name} as a word of its own"
@@ -214,9 +238,16 @@ class Command(RestoredElsewhere):
                     values = {"output": output, "name": view.name, "width": width, "height": height}
                 else:
                     path = inside(view.name)
-                    name = f"{path}.png" if stems[path.with_suffix("")] > 1 else str(path.with_suffix(".png"))
+                    name = (
+                        f"{path}.png"
+                        if stems[path.with_suffix("")] > 1
+                        else str(path.with_suffix(".png"))
+                    )
                 # Depth first: where it does not fit, the program gets no image without one.
-                files = {plane: self._write(place / plane / name, plane, view) for plane in sorted(self._planes)}
+                files = {
+                    plane: self._write(place / plane / name, plane, view)
+                    for plane in sorted(self._planes)
+                }
                 (place / "output" / name).parent.mkdir(parents=True, exist_ok=True)
             except DiskFullError:
                 raise
@@ -228,7 +259,9 @@ class Command(RestoredElsewhere):
         if work.names:
             words = [word.format_map(values) for word in self._words]
             if self._environment:
-                words = self._environment.command(words, [place], [self.rests_on] if self.rests_on else [])
+                words = self._environment.command(
+                    words, [place], [self.rests_on] if self.rests_on else []
+                )
             work.ended = run_program(words, self.timeout)
         for plane in self._planes:
             shutil.rmtree(place / plane, ignore_errors=True)
@@ -245,7 +278,9 @@ class Command(RestoredElsewhere):
         if self.depth_format == "png":
             if (farthest := metres.max(initial=0)) > _FARTHEST_PNG_M:
                 fault = f"depth up to {farthest:.1f} m does not fit into 16-bit millimetres"
-                raise InputError(f"{view.name}: {fault}; give command.depth_format=npy or command.depth_format=tif")
+                raise InputError(
+                    f"{view.name}: {fault}; give command.depth_format=npy or command.depth_format=tif"
+                )
             write_png(path, (metres * 1000 + 0.5).astype(np.uint16))
             return path
         import tifffile
@@ -260,7 +295,11 @@ class Command(RestoredElsewhere):
         if view.name in work.refused:
             raise work.refused[view.name]
         ended, who = work.ended, f"{Path(self._words[0]).name}: {view.name}"
-        about = f"{ended.fault}, saying: {ended.last_words}" if ended.fault and ended.last_words else ended.fault
+        about = (
+            f"{ended.fault}, saying: {ended.last_words}"
+            if ended.fault and ended.last_words
+            else ended.fault
+        )
         printed = Printed(ended.said) if ended.said else None
         try:
             if about and self.per == "view":
@@ -272,14 +311,26 @@ class Command(RestoredElsewhere):
             free = shutil.disk_usage(work.place).free
             if os.strerror(ENOSPC) in ended.said or free < _IMAGE_BYTES * view.rgb[..., 0].size:
                 room = f"{work.place.parent} has {free / 1e6:.1f} MB free"
-                remedy = f"{room}; free some space there, or name a folder on another disk in TMPDIR"
-            raise InputError(f"{who}: {about or 'ended well, but wrote no image'}; {remedy}") from printed
+                remedy = (
+                    f"{room}; free some space there, or name a folder on another disk in TMPDIR"
+                )
+            raise InputError(
+                f"{who}: {about or 'ended well, but wrote no image'}; {remedy}"
+            ) from printed
         except InputError as fault:
-            raise InputError(f"{who}: {str(fault).replace(f'{work.place}/', '')}") from (printed or fault)
+            raise InputError(f"{who}: {str(fault).replace(f'{work.place}/', '')}") from (
+                printed or fault
+            )
         told = {"said": ended.said[-2000:], "fault": about}
         told["environment"] = str(self._environment.pinned) if self._environment else ""
-        info = {"seconds": ended.seconds / len(work.names), "peak_mb": ended.peak_mb, "device": "unknown"}
-        return replace(restored, info=restored.info | info | {key: text for key, text in told.items() if text})
+        info = {
+            "seconds": ended.seconds / len(work.names),
+            "peak_mb": ended.peak_mb,
+            "device": "unknown",
+        }
+        return replace(
+            restored, info=restored.info | info | {key: text for key, text in told.items() if text}
+        )
 
 
 @dataclass(eq=False)

@@ -46,9 +46,13 @@ def placeholders(template: str, known: Collection[str], option: str) -> frozense
     for text in used:
         name = re.split("[!:]", text)[0]
         if name not in known:
-            raise InputError(f"{option}: no placeholder '{{{name}}}'; {did_you_mean(name, known)}; {braces}")
+            raise InputError(
+                f"{option}: no placeholder '{{{name}}}'; {did_you_mean(name, known)}; {braces}"
+            )
         if text != name:
-            raise InputError(f"{option}: '{{{text}}}': no format or conversion is allowed; write {{{name}}}")
+            raise InputError(
+                f"{option}: '{{{text}}}': no format or conversion is allowed; write {{{name}}}"
+            )
     if single.count("{") + single.count("}") > 2 * len(used):
         raise InputError(f"{option}: '{template}': a single brace; {braces}")
     return frozenset(used)
@@ -112,28 +116,40 @@ class ImageFolder:
         """
         wanted = inside(str(_place(str(inside(name)), self.pattern)))
         files_called, views_called = (
-            index.get(wanted.name, ()) for index in (self._files, _views(tuple(names), self.pattern))
+            index.get(wanted.name, ())
+            for index in (self._files, _views(tuple(names), self.pattern))
         )
         files = [file for place, file in files_called if place == wanted]
         owners, tried = [view for place, view in views_called if place == wanted], [str(wanted)]
         if not files and "/" not in self.pattern:
-            taken = {place for place, _ in views_called}  # a file in another view's place is not this one's
+            taken = {
+                place for place, _ in views_called
+            }  # a file in another view's place is not this one's
             files = [file for place, file in files_called if place not in taken]
-            owners, tried = [view for _, view in views_called], sorted({str(wanted), wanted.name}, key=len)[::-1]
+            owners, tried = (
+                [view for _, view in views_called],
+                sorted({str(wanted), wanted.name}, key=len)[::-1],
+            )
         if not files:
             kinds = "" if self._is_whole else f" (any of {', '.join(SUFFIXES)})"
             fault = f"no image in {self.folder} is named {' or '.join(tried)}{kinds}"
             places = [str(place) for called in self._files.values() for place, _ in called]
             near = difflib.get_close_matches(tried[0], places, n=1, cutoff=0)
-            nearest = f"the nearest of {len(places)} is {near[0]}" if near else "there are no images"
+            nearest = (
+                f"the nearest of {len(places)} is {near[0]}" if near else "there are no images"
+            )
             raise NotApplicableError(f"{name}: {fault}; {nearest}")
         path = self.folder / files[0]
         if len(files) > 1:
             fault = f"{files[1]} in {self.folder} is there as well"
-            raise InputError(f"{path}: {fault}; keep one, or tell them apart with pattern='{{stem}}.png'")
+            raise InputError(
+                f"{path}: {fault}; keep one, or tell them apart with pattern='{{stem}}.png'"
+            )
         if rival := next((owner for owner in owners if owner != name), None):
             fault = f"may belong to {name} or {rival}"
-            raise InputError(f"{path}: {fault}; use sub-folders as the views do, or pattern='{{name}}'")
+            raise InputError(
+                f"{path}: {fault}; use sub-folders as the views do, or pattern='{{name}}'"
+            )
         if not path.resolve().is_relative_to(self.folder.resolve()):
             raise InputError(f"{path}: leads out of the folder; copy the file into it")
         return path
@@ -147,9 +163,13 @@ class ImageFolder:
     def _files(self) -> _Index[PurePosixPath]:
         """The images at any depth, by their place as the pattern gives it."""
         walk = (
-            (Path(place).relative_to(self.folder), name) for place, _, names in os.walk(self.folder) for name in names
+            (Path(place).relative_to(self.folder), name)
+            for place, _, names in os.walk(self.folder)
+            for name in names
         )
-        paths = sorted(PurePosixPath(place, name) for place, name in walk if name.lower().endswith(SUFFIXES))
+        paths = sorted(
+            PurePosixPath(place, name) for place, name in walk if name.lower().endswith(SUFFIXES)
+        )
         return _index((path if self._is_whole else path.with_suffix(""), path) for path in paths)
 
 
@@ -228,7 +248,9 @@ class RestoredElsewhere:
         return Restoration(resized, water, info={**info, "resized_from": list(found)})
 
 
-_BLOCK = 0.01  # of a picture; of 60 pictures of four published methods, 2 have a clipped shadow as large
+_BLOCK = (
+    0.01  # of a picture; of 60 pictures of four published methods, 2 have a clipped shadow as large
+)
 _DARK = 4 / 255
 
 
@@ -243,7 +265,9 @@ def _say_if_black(path: Path, image: Array, view: View, is_hole: Mask) -> None:
     block = labels == 1 + int(sizes[1:, cv2.CC_STAT_AREA].argmax())
     if block.mean() >= _BLOCK and np.median(view.rgb[block].max(axis=-1)) > _DARK:
         fault = f"{100 * block.mean():.0f} % of {path.name} is exactly black in one block, and scored as a colour"
-        image_files.say_once_a_folder(path, "black", f"{fault}; if it has none, give method.holes=black")
+        image_files.say_once_a_folder(
+            path, "black", f"{fault}; if it has none, give method.holes=black"
+        )
 
 
 def _colours(path: Path) -> Array:
@@ -252,13 +276,20 @@ def _colours(path: Path) -> Array:
 
     stored, suffix = None, path.suffix.lower()
     if suffix in (".npy", ".npz"):
-        stored = read_array(path, lambda names: "image" if "image" in names or len(names) != 1 else names[0])
-    elif suffix in (".tif", ".tiff"):  # OpenCV multiplies 8-bit colours by alpha, and splits float images into pages
+        stored = read_array(
+            path, lambda names: "image" if "image" in names or len(names) != 1 else names[0]
+        )
+    elif suffix in (
+        ".tif",
+        ".tiff",
+    ):  # OpenCV multiplies 8-bit colours by alpha, and splits float images into pages
         try:
             stored = read_tiff(path)
         except InputError:
             raise
-        except Exception:  # each of its decoders has its own; OpenCV reads it, or says what is wrong
+        except (
+            Exception
+        ):  # each of its decoders has its own; OpenCV reads it, or says what is wrong
             pass
     if stored is None:
         stored = decode(path, cv2.IMREAD_UNCHANGED)
@@ -267,16 +298,22 @@ def _colours(path: Path) -> Array:
         stored = np.broadcast_to(stored.reshape(*stored.shape[:2], 1), (*stored.shape[:2], 3))
     if stored.ndim != 3 or stored.shape[2] not in (3, 4) or not stored.size:
         shape = "x".join(map(str, stored.shape))
-        raise InputError(f"{path}: is an array of {shape}; expected height x width x 3, colours in RGB order")
+        raise InputError(
+            f"{path}: is an array of {shape}; expected height x width x 3, colours in RGB order"
+        )
     if stored.dtype in (np.uint8, np.uint16):
         return stored.astype(np.float32) / np.float32(np.iinfo(stored.dtype).max)
     if stored.dtype.kind != "f":
-        raise InputError(f"{path}: is {stored.dtype}; save it with 8 or 16 bits a channel, or as floats")
+        raise InputError(
+            f"{path}: is {stored.dtype}; save it with 8 or 16 bits a channel, or as floats"
+        )
     with np.errstate(over="ignore"):  # what float32 cannot hold is a hole
         values = stored.astype(np.float32)
     some = values[..., :3].reshape(-1)[:: max(1, values.size // 1_000_000)]
     if (some > _MOST_MEDIAN).mean() > 0.5:
-        raise InputError(f"{path}: half of its values exceed {_MOST_MEDIAN:g}; divide them so that white is 1")
+        raise InputError(
+            f"{path}: half of its values exceed {_MOST_MEDIAN:g}; divide them so that white is 1"
+        )
     return values
 
 
@@ -299,18 +336,29 @@ def read_rendering(folder: Path) -> tuple[Path, list[str] | int, Encoding]:
 
     Raises InputError where there is no such file, it says too little, or the white balance is another.
     """
-    path = next((place / _NAME for place in (folder, folder.parent) if (place / _NAME).is_file()), folder / _NAME)
+    path = next(
+        (place / _NAME for place in (folder, folder.parent) if (place / _NAME).is_file()),
+        folder / _NAME,
+    )
     with reading(path, f"write there how the pictures were rendered, such as {_EXAMPLE}"):
         told: dict[str, Any] = json.loads(regular(path).read_text(encoding="utf-8"))
         held_out, encoding, balance = told["held_out"], told["encoding"], told["white_balance"]
-    is_list = isinstance(held_out, list) and held_out and all(isinstance(name, str) for name in held_out)
+    is_list = (
+        isinstance(held_out, list) and held_out and all(isinstance(name, str) for name in held_out)
+    )
     if not is_list and not (type(held_out) is int and held_out > 1):
-        raise InputError(f"held_out is {held_out!r}", path, "give names of views, or N above 1 for every Nth view")
+        raise InputError(
+            f"held_out is {held_out!r}",
+            path,
+            "give names of views, or N above 1 for every Nth view",
+        )
     if encoding not in get_args(Encoding):
         raise InputError(f"encoding is {encoding!r}", path, "give gamma or linear")
     if balance != "none":
         remedy = 'train on the photographs as the data set has them and write "none", or give those that it saw'
-        raise InputError(f"white_balance is {balance!r}, the photographs have their own", path, remedy)
+        raise InputError(
+            f"white_balance is {balance!r}, the photographs have their own", path, remedy
+        )
     return path, held_out, encoding
 
 
@@ -321,7 +369,11 @@ def held_out_views(path: Path, held_out: list[str] | int, names: Sequence[str]) 
     for name in held_out:
         if name not in names:
             near = difflib.get_close_matches(name, names, n=1, cutoff=0)
-            raise InputError(f"holds out '{name}', which is no view of the scene", path, f"the nearest is {near[0]}")
+            raise InputError(
+                f"holds out '{name}', which is no view of the scene",
+                path,
+                f"the nearest is {near[0]}",
+            )
     return held_out
 
 
@@ -340,7 +392,9 @@ def _outline(image: Array) -> Array:
     """The edges of an image as a vector of length 1: what a restoration leaves as it is."""
     import cv2
 
-    gray = cv2.resize(np.nan_to_num(image).mean(axis=-1), (_SIDE, _SIDE), interpolation=cv2.INTER_AREA)
+    gray = cv2.resize(
+        np.nan_to_num(image).mean(axis=-1), (_SIDE, _SIDE), interpolation=cv2.INTER_AREA
+    )
     edges = (gray - cv2.GaussianBlur(gray, (0, 0), _BLUR_PX)).ravel()
     return np.asarray(edges / max(float(np.linalg.norm(edges)), 1e-6))
 
@@ -358,7 +412,9 @@ def _say_if_of_other_view(path: Path, image: Array, scene: Scene, view: View) ->
     nearest = max(alike, key=alike.__getitem__, default="")
     if nearest and alike[nearest] > float(_outline_of(view) @ outline) + _NEARER:
         fault = f"{path.name} is more like the photograph {nearest} than like {view.name}, whose name it has"
-        image_files.say_once_a_folder(path, "view", f"{fault}; see whether numbers of files are those of views")
+        image_files.say_once_a_folder(
+            path, "view", f"{fault}; see whether numbers of files are those of views"
+        )
 
 
 def similarity(picture: Array, photograph: Array) -> dict[str, float]:
@@ -403,7 +459,11 @@ class Precomputed(RestoredElsewhere):
             check_folder(self.with_water, "give the folder that holds the pictures with water")
             if self.with_water.resolve() == self.folder.resolve():
                 remedy = "give pictures with water in with_water, and those without in folder"
-                raise InputError("is precomputed.folder as well", f"precomputed.with_water={self.with_water}", remedy)
+                raise InputError(
+                    "is precomputed.folder as well",
+                    f"precomputed.with_water={self.with_water}",
+                    remedy,
+                )
             read_rendering(self.with_water)
 
     def restore(self, scene: Scene, view: View) -> Restoration:
@@ -433,7 +493,9 @@ class Precomputed(RestoredElsewhere):
         except NotApplicableError as fault:
             return {"skipped": str(fault)}
         except InputError as fault:  # the image without water is scored all the same
-            return {"failed": str(fault).replace("give method.resize=true", "new views are not resized")}
+            return {
+                "failed": str(fault).replace("give method.resize=true", "new views are not resized")
+            }
         return similarity(picture.image, view_in_srgb(view).rgb)
 
     @functools.cached_property
@@ -442,7 +504,9 @@ class Precomputed(RestoredElsewhere):
         folder = self.with_water
         assert folder is not None
         path, held_out, encoding = read_rendering(folder)
-        reader = replace(self, folder=folder, with_water=None, encoding=encoding, holes="alpha", resize=False)
+        reader = replace(
+            self, folder=folder, with_water=None, encoding=encoding, holes="alpha", resize=False
+        )
         return path, held_out, reader
 
     @functools.cached_property

@@ -23,7 +23,11 @@ from typing import IO
 
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.machine.files import expanded
-from sucre_bench.machine.processes import dying_with_parent, environment_of_programs, interrupts_held_back
+from sucre_bench.machine.processes import (
+    dying_with_parent,
+    environment_of_programs,
+    interrupts_held_back,
+)
 
 _KEPT_BYTES = 16_384
 _GRACE_S = 3.0
@@ -48,7 +52,11 @@ class Ended:
     def last_words(self) -> str:
         """The last line it printed, fit for a message."""
         lines = [line for line in self.said.splitlines() if line.strip()]
-        return "".join(c if c.isprintable() else " " for c in lines[-1]).strip()[-200:] if lines else ""
+        return (
+            "".join(c if c.isprintable() else " " for c in lines[-1]).strip()[-200:]
+            if lines
+            else ""
+        )
 
 
 def run_program(arguments: Sequence[str], timeout: float | None = None) -> Ended:
@@ -135,7 +143,9 @@ def _end_group(process: subprocess.Popen[bytes]) -> None:
     Ctrl-C kills the group.
     """
     with interrupts_held_back() as held:
-        with suppress(ProcessLookupError, PermissionError):  # a group that has ended, or is another user's
+        with suppress(
+            ProcessLookupError, PermissionError
+        ):  # a group that has ended, or is another user's
             os.killpg(process.pid, signal.SIGTERM)
             deadline = time.perf_counter() + _GRACE_S
             while _is_alive(process.pid) and time.perf_counter() < deadline and not held:
@@ -197,9 +207,15 @@ class Environment:
     def check(self) -> None:
         """Raise InputError where its tool or file is missing, or its content has another digest than was given."""
         if shutil.which(self.tool) is None:
-            raise InputError(f"{self.tool} is not installed", self._place, f"install it, or give another of {_FORMS}")
+            raise InputError(
+                f"{self.tool} is not installed",
+                self._place,
+                f"install it, or give another of {_FORMS}",
+            )
         if self.tool == "uv" and not Path(self.name).is_file():
-            raise MissingFileError("no such file", self.name, "give uv:FILE, a file of requirements, in command.env")
+            raise MissingFileError(
+                "no such file", self.name, "give uv:FILE, a file of requirements, in command.env"
+            )
         if self.digest and (found := self._found_digest) and found != self.digest:
             remedy = "bring the old content back, or leave out @sha256:... and give another label"
             raise InputError(f"is {found} now, not {self.digest}", self._place, remedy)
@@ -215,12 +231,16 @@ class Environment:
         if self.tool == "docker":
             return self.digest
         try:
-            content = _explicit_list(self.name) if self.tool == "conda" else Path(self.name).read_bytes()
+            content = (
+                _explicit_list(self.name) if self.tool == "conda" else Path(self.name).read_bytes()
+            )
         except OSError:
             content = b""
         return f"sha256:{hashlib.sha256(content).hexdigest()}" if content else ""
 
-    def command(self, words: Sequence[str], mounts: Sequence[Path] = (), read_only: Sequence[Path] = ()) -> list[str]:
+    def command(
+        self, words: Sequence[str], mounts: Sequence[Path] = (), read_only: Sequence[Path] = ()
+    ) -> list[str]:
         """Return the words that run a program in it. mounts, read_only: what a container sees, at the same paths."""
         if self.tool == "uv":
             file = Path(self.name)
@@ -231,25 +251,47 @@ class Environment:
         if self.tool == "conda":
             return ["conda", "run", "--no-capture-output", *_conda(self.name), *words]
         # --init passes SIGTERM on; --user lets us remove its files, and such a user has no home.
-        run = ["docker", "run", "--rm", "--init", "--user", f"{os.getuid()}:{os.getgid()}", "--env", "HOME=/tmp"]
+        run = [
+            "docker",
+            "run",
+            "--rm",
+            "--init",
+            "--user",
+            f"{os.getuid()}:{os.getgid()}",
+            "--env",
+            "HOME=/tmp",
+        ]
         gpus = ["--gpus", "all"] if shutil.which(_GPU_OF_CONTAINERS) else []
         seen = [f"{path.absolute()}:{path.absolute()}" for path in mounts]
         seen += [f"{path.absolute()}:{path.absolute()}:ro" for path in read_only]
-        return [*run, *gpus, *(word for one in seen for word in ("--volume", one)), self._image, *words]
+        return [
+            *run,
+            *gpus,
+            *(word for one in seen for word in ("--volume", one)),
+            self._image,
+            *words,
+        ]
 
     def make(self) -> None:
         """Make what is missing of it. InputError with the last cause that the tool printed, where that fails."""
         tries = {
             "uv": [self.command(["python", "-V"])],
             "conda": [["conda", "list", "--quiet", *_conda(self.name)]],
-            "docker": [["docker", "image", "inspect", self._image], ["docker", "pull", "--quiet", self._image]],
+            "docker": [
+                ["docker", "image", "inspect", self._image],
+                ["docker", "pull", "--quiet", self._image],
+            ],
         }
         for words in tries[self.tool]:
             ended = run_program(words)
             if not ended.fault:
                 return
         remedy = f"mend it until this works: {' '.join(words)}"
-        causes = [line for line in ended.said.splitlines() if re.match(r"\s*(error|cause|Caused by): ", line)]
+        causes = [
+            line
+            for line in ended.said.splitlines()
+            if re.match(r"\s*(error|cause|Caused by): ", line)
+        ]
         last = replace(ended, said="\n".join(causes) or ended.said).last_words
         fault = f"cannot be made: {last.removeprefix('cause: ').rstrip('.') or ended.fault}"
         raise InputError(fault, self._place, remedy) from Printed(ended.said)
@@ -272,7 +314,9 @@ def _explicit_list(name: str) -> bytes:
     """The packages of a conda environment by address and md5, sorted; none where conda does not list them."""
     words = ["conda", "list", "--explicit", "--md5", *_conda(name)]
     try:
-        listed = subprocess.run(words, capture_output=True, timeout=_LIST_S, env=environment_of_programs())
+        listed = subprocess.run(
+            words, capture_output=True, timeout=_LIST_S, env=environment_of_programs()
+        )
     except subprocess.TimeoutExpired:
         return b""
     lines = listed.stdout.splitlines() if not listed.returncode else []

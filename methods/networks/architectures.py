@@ -22,14 +22,20 @@ class WaterNet(nn.Module):
         maps = [(128, 7), (128, 5), (128, 3), (64, 1), (64, 7), (64, 5), (64, 3), (3, 3)]
         refine = [(32, 7), (32, 5), (3, 3)]
         self.cmg = _convolutions(12, maps, nn.Sigmoid())
-        self.wb_refiner, self.ce_refiner, self.gc_refiner = (_convolutions(6, refine, nn.ReLU()) for _ in range(3))
+        self.wb_refiner, self.ce_refiner, self.gc_refiner = (
+            _convolutions(6, refine, nn.ReLU()) for _ in range(3)
+        )
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         raw, *derived = x.split(3, dim=1)
         refiners = (self.wb_refiner, self.ce_refiner, self.gc_refiner)
         confidence = self.cmg(x).split(1, dim=1)
-        refined = (of(torch.cat([raw, image], dim=1)) for of, image in zip(refiners, derived, strict=True))
-        return torch.stack([c * image for c, image in zip(confidence, refined, strict=True)]).sum(dim=0)
+        refined = (
+            of(torch.cat([raw, image], dim=1)) for of, image in zip(refiners, derived, strict=True)
+        )
+        return torch.stack([c * image for c, image in zip(confidence, refined, strict=True)]).sum(
+            dim=0
+        )
 
 
 def _convolutions(channels: int, layers: list[tuple[int, int]], last: nn.Module) -> nn.Sequential:
@@ -76,13 +82,19 @@ class FunieGenerator(nn.Module):
 
 def _down(channels: int, features: int, normalised: bool = True) -> nn.Module:
     norm = [nn.BatchNorm2d(features)] if normalised else []
-    layers = [nn.Conv2d(channels, features, 4, stride=2, padding=1, bias=False), *norm, nn.LeakyReLU(0.2)]
+    layers = [
+        nn.Conv2d(channels, features, 4, stride=2, padding=1, bias=False),
+        *norm,
+        nn.LeakyReLU(0.2),
+    ]
     return nn.Sequential(OrderedDict(model=nn.Sequential(*layers)))
 
 
 def _up(channels: int, features: int) -> nn.Module:
     layer = nn.ConvTranspose2d(channels, features, 4, stride=2, padding=1, bias=False)
-    return nn.Sequential(OrderedDict(model=nn.Sequential(layer, nn.BatchNorm2d(features), nn.ReLU())))
+    return nn.Sequential(
+        OrderedDict(model=nn.Sequential(layer, nn.BatchNorm2d(features), nn.ReLU()))
+    )
 
 
 class TaclGenerator(nn.Module):
@@ -116,7 +128,10 @@ class _Residual(nn.Module):
         super().__init__()
         first, second = (nn.Conv2d(features, features, 3) for _ in range(2))
         self.conv_block = nn.Sequential(
-            nn.ReflectionPad2d(1), *_normalised(first), nn.ReflectionPad2d(1), *_normalised(second)[:2]
+            nn.ReflectionPad2d(1),
+            *_normalised(first),
+            nn.ReflectionPad2d(1),
+            *_normalised(second)[:2],
         )
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:

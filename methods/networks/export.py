@@ -50,22 +50,32 @@ def tensors(path: Path) -> dict[str, "torch.Tensor"]:
     stand_ins: dict[str, type] = {}
     while True:
         try:
-            with torch.serialization.safe_globals([(made, name) for name, made in stand_ins.items()]):
+            with torch.serialization.safe_globals(
+                [(made, name) for name, made in stand_ins.items()]
+            ):
                 content = torch.load(path, map_location="cpu", weights_only=True)
         except Exception as fault:  # pickle, zip and torch each have their own
             unsafe = re.search(UNSAFE, str(fault))
             if not unsafe:
-                raise InputError("is no PyTorch file, or cut short", path, "fetch it again") from fault
+                raise InputError(
+                    "is no PyTorch file, or cut short", path, "fetch it again"
+                ) from fault
             if unsafe[1] in stand_ins:
-                raise InputError(f"is not read, {unsafe[0]}", path, "save the network's state_dict()") from fault
+                raise InputError(
+                    f"is not read, {unsafe[0]}", path, "save the network's state_dict()"
+                ) from fault
             stand_ins[unsafe[1]] = type("_Object", (_StandIn,), {})
         else:
-            return bare(dict(_of_module(content)) if isinstance(content, _StandIn) else content, path)
+            return bare(
+                dict(_of_module(content)) if isinstance(content, _StandIn) else content, path
+            )
 
 
 def _of_module(module: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
     """The parameters of a whole module, and what it holds, by their keys in its state dict."""
-    state = module.state if isinstance(module, _StandIn) and isinstance(module.state, Mapping) else {}
+    state = (
+        module.state if isinstance(module, _StandIn) and isinstance(module.state, Mapping) else {}
+    )
     left_out = state.get("_non_persistent_buffers_set", ())
     for name, value in {**state.get("_parameters", {}), **state.get("_buffers", {})}.items():
         if value is not None and name not in left_out:
@@ -74,7 +84,9 @@ def _of_module(module: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
         yield from _of_module(inner, f"{prefix}{name}.")
 
 
-def export(weights: Path, target: Path, network: str, options: Mapping[str, Any], at: str = "") -> None:
+def export(
+    weights: Path, target: Path, network: str, options: Mapping[str, Any], at: str = ""
+) -> None:
     """Write a network of the code in the current folder as ONNX, of any height and width, or of "480x640".
 
     network: "package.module:Class"; options: its arguments. Raises InputError if the network cannot be made or
@@ -92,7 +104,9 @@ def export(weights: Path, target: Path, network: str, options: Mapping[str, Any]
     try:
         made.load_state_dict(tensors(weights))
     except RuntimeError as fault:
-        raise InputError(f"not the weights of {network}, {one_line(fault)}", weights, "give its options") from fault
+        raise InputError(
+            f"not the weights of {network}, {one_line(fault)}", weights, "give its options"
+        ) from fault
     sides = {} if at else {2: "height", 3: "width"}
     height, width = map(int, (at or f"{_SIDE}x{_SIDE}").split("x"))
     content: Any = io.BytesIO()
@@ -115,7 +129,11 @@ def export(weights: Path, target: Path, network: str, options: Mapping[str, Any]
 
 
 def _main(words: list[str]) -> None:
-    if len(words) < 2 or Path(words[1]).suffix not in (".pt", ".onnx") or (words[1][-3:] == ".pt") != (len(words) == 2):
+    if (
+        len(words) < 2
+        or Path(words[1]).suffix not in (".pt", ".onnx")
+        or (words[1][-3:] == ".pt") != (len(words) == 2)
+    ):
         print(__doc__, file=sys.stderr)
         sys.exit(2)
     weights, target, *network = words
@@ -129,7 +147,13 @@ def _main(words: list[str]) -> None:
         given = dict(word.split("=", 1) for word in network[1:])
         at = given.pop("at", "")
         if network:
-            export(Path(weights), Path(target), network[0], {name: int(value) for name, value in given.items()}, at)
+            export(
+                Path(weights),
+                Path(target),
+                network[0],
+                {name: int(value) for name, value in given.items()},
+                at,
+            )
         else:
             import torch
 

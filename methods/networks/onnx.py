@@ -64,7 +64,9 @@ class OnnxNetwork:
         if restored.ndim == 3 and self.channels_first:
             restored = restored.transpose(1, 2, 0)
         if restored.ndim != 3 or restored.shape[2] != 3:
-            raise InputError(f"{self.path}: output '{self.output}' is {returned}, no picture; give another onnx.output")
+            raise InputError(
+                f"{self.path}: output '{self.output}' is {returned}, no picture; give another onnx.output"
+            )
         if restored.shape[0] * width != restored.shape[1] * height:
             raise InputError(
                 f"{self.path}: makes {restored.shape[0]}x{restored.shape[1]} of {height}x{width} pixels, other "
@@ -78,7 +80,9 @@ def model_file(path: Path) -> Path:
     found = sorted(path.glob("*.onnx")) if path.is_dir() else [path]
     if len(found) != 1:
         names = ", ".join(file.name for file in found) or "none"
-        raise InputError(f"{path}: is a folder, of .onnx files it holds {names}; give the file in onnx.model")
+        raise InputError(
+            f"{path}: is a folder, of .onnx files it holds {names}; give the file in onnx.model"
+        )
     check_file(found[0], "model")
     return found[0]
 
@@ -96,7 +100,11 @@ def opened(path: Path, device: Device, layout: Layout, output: str) -> OnnxNetwo
 
 @functools.lru_cache(maxsize=2)
 def _opened(
-    path: Path, stamps: tuple[tuple[str, int, int], ...], device: Device, layout: Layout, output: str
+    path: Path,
+    stamps: tuple[tuple[str, int, int], ...],
+    device: Device,
+    layout: Layout,
+    output: str,
 ) -> OnnxNetwork:
     import onnxruntime
 
@@ -104,45 +112,73 @@ def _opened(
     options.intra_op_num_threads = usable_cores()
     options.use_deterministic_compute = True
     options.log_severity_level = 4  # faults are raised; anything else is advice on the export
-    providers = [name for name in (_CUDA,) if device != "cpu" and name in onnxruntime.get_available_providers()]
+    providers = [
+        name
+        for name in (_CUDA,)
+        if device != "cpu" and name in onnxruntime.get_available_providers()
+    ]
     try:
-        session = onnxruntime.InferenceSession(str(path), options, providers=[*providers, "CPUExecutionProvider"])
+        session = onnxruntime.InferenceSession(
+            str(path), options, providers=[*providers, "CPUExecutionProvider"]
+        )
     except Exception as fault:  # onnxruntime's errors have no common base but this
         remedy = "give a whole .onnx file, with the files of its weights beside it"
-        raise InputError(f"{path}: onnxruntime does not open it, {_brief(fault)}; {remedy}") from fault
+        raise InputError(
+            f"{path}: onnxruntime does not open it, {_brief(fault)}; {remedy}"
+        ) from fault
     if device == "cuda" and session.get_providers()[0] != _CUDA:  # not there, or it did not start
-        raise InputError("onnx.device: onnxruntime has no GPU here; install onnxruntime-gpu, or give cpu or auto")
+        raise InputError(
+            "onnx.device: onnxruntime has no GPU here; install onnxruntime-gpu, or give cpu or auto"
+        )
     given, *others = session.get_inputs()
     if others:
         names = ", ".join(f"'{i.name}'" for i in (given, *others))
         raise InputError(f"{path}: takes {names}; a model of one input is needed, the picture")
     if given.type not in _TYPES:
-        raise InputError(f"{path}: takes {given.type}, no picture; a model of float or uint8 input is needed")
+        raise InputError(
+            f"{path}: takes {given.type}, no picture; a model of float or uint8 input is needed"
+        )
     outputs = [o.name for o in session.get_outputs()]
     if output and output not in outputs:
         raise InputError(f"{path}: has no output '{output}'; {did_you_mean(output, outputs)}")
     if not output and len(outputs) > 1:
-        raise InputError(f"{path}: has outputs {', '.join(outputs)}; choose with onnx.output={outputs[0]}")
+        raise InputError(
+            f"{path}: has outputs {', '.join(outputs)}; choose with onnx.output={outputs[0]}"
+        )
     channels_first, fixed = _read_shape(path, given.shape, layout)
     where = "cuda" if session.get_providers()[0] == _CUDA else "cpu"
-    return OnnxNetwork(session, path, output or outputs[0], _TYPES[given.type], channels_first, fixed, where)
+    return OnnxNetwork(
+        session, path, output or outputs[0], _TYPES[given.type], channels_first, fixed, where
+    )
 
 
-def _read_shape(path: Path, shape: list[Any], layout: Layout) -> tuple[bool, tuple[int, int] | None]:
+def _read_shape(
+    path: Path, shape: list[Any], layout: Layout
+) -> tuple[bool, tuple[int, int] | None]:
     """Whether channels come first, and the declared height and width; sizes left open are names, None or 0."""
     sizes = [n if isinstance(n, int) and n > 0 else None for n in shape]
     shown = "x".join("?" if n is None else str(n) for n in sizes)
     if len(sizes) != 4 or sizes[0] not in (1, None):
-        raise InputError(f"{path}: takes {shown or 'any shape'}; a model of one picture, 1x3xHxW or 1xHxWx3, is needed")
+        raise InputError(
+            f"{path}: takes {shown or 'any shape'}; a model of one picture, 1x3xHxW or 1xHxWx3, is needed"
+        )
     places = [name for name, at in (("nchw", 1), ("nhwc", 3)) if sizes[at] in (3, None)]
-    chosen = layout if layout != "auto" else "nchw" if sizes[1] == 3 else "nhwc" if sizes[3] == 3 else ""
+    chosen = (
+        layout if layout != "auto" else "nchw" if sizes[1] == 3 else "nhwc" if sizes[3] == 3 else ""
+    )
     if not chosen and len(places) == 2:
-        raise InputError(f"{path}: does not say where its channels are; give onnx.layout=nchw or onnx.layout=nhwc")
+        raise InputError(
+            f"{path}: does not say where its channels are; give onnx.layout=nchw or onnx.layout=nhwc"
+        )
     if chosen not in places:
-        raise InputError(f"{path}: takes {shown}, not 3 channels in {layout}; a model of RGB pictures is needed")
+        raise InputError(
+            f"{path}: takes {shown}, not 3 channels in {layout}; a model of RGB pictures is needed"
+        )
     height, width = sizes[2:] if chosen == "nchw" else sizes[1:3]
     if (height is None) != (width is None):
-        raise InputError(f"{path}: takes {shown}, with one side open; export it with both open or both fixed")
+        raise InputError(
+            f"{path}: takes {shown}, with one side open; export it with both open or both fixed"
+        )
     return chosen == "nchw", None if height is None or width is None else (height, width)
 
 
@@ -157,7 +193,10 @@ _RANGES: dict[str, tuple[Any, Any]] = {
     "unit": (0, 1),
     "symmetric": (0.5, 0.5),
     "bytes": (0, 1 / 255),
-    "imagenet": (np.array([0.485, 0.456, 0.406], np.float32), np.array([0.229, 0.224, 0.225], np.float32)),
+    "imagenet": (
+        np.array([0.485, 0.456, 0.406], np.float32),
+        np.array([0.229, 0.224, 0.225], np.float32),
+    ),
 }
 
 
@@ -214,18 +253,26 @@ class Onnx:
 
     def __post_init__(self) -> None:
         model_file(self.model)
-        check_ranges(self, size="[1, inf)", multiple="[1, inf)", tile="[1, inf)", overlap="[0, inf)")
+        check_ranges(
+            self, size="[1, inf)", multiple="[1, inf)", tile="[1, inf)", overlap="[0, inf)"
+        )
         if self.tile is not None and self.tile < 2 * self.overlap:
-            raise InputError(f"onnx.overlap: {self.overlap} must be between 0 and half of onnx.tile={self.tile}")
+            raise InputError(
+                f"onnx.overlap: {self.overlap} must be between 0 and half of onnx.tile={self.tile}"
+            )
 
     def warm_up(self) -> OnnxNetwork:
         """Open the model. Raises InputError when it cannot be used with these options."""
         network = opened(model_file(self.model), self.device, self.layout, self.output)
         if network.dtype == "uint8" and self.range != "bytes":
-            raise InputError(f"{self.model}: takes whole numbers, not onnx.range={self.range}; give onnx.range=bytes")
+            raise InputError(
+                f"{self.model}: takes whole numbers, not onnx.range={self.range}; give onnx.range=bytes"
+            )
         if network.fixed and self.size and network.fixed != (self.size, self.size):
             fixed = f"{network.fixed[0]}x{network.fixed[1]}"
-            raise InputError(f"{self.model}: works at {fixed} only; leave out onnx.size={self.size}")
+            raise InputError(
+                f"{self.model}: works at {fixed} only; leave out onnx.size={self.size}"
+            )
         return network
 
     def restore(self, scene: Scene, view: View) -> Restoration:
@@ -236,11 +283,15 @@ class Onnx:
         if network.fixed:
             at, tile, multiple = network.fixed, None, 1
         mean, deviation = _RANGES[self.range]
-        mean_out, deviation_out = _RANGES[self.range if self.output_range == "same" else self.output_range]
+        mean_out, deviation_out = _RANGES[
+            self.range if self.output_range == "same" else self.output_range
+        ]
         turn = -1 if self.order == "bgr" else 1
 
         def run(rgb: Array) -> Array:
             restored = network(((rgb - mean) / deviation)[..., ::turn])[..., ::turn]
             return resized(restored * deviation_out + mean_out, *rgb.shape[:2])
 
-        return restored_at(view, at, network.device, lambda rgb: tiled([rgb], run, tile, self.overlap, multiple))
+        return restored_at(
+            view, at, network.device, lambda rgb: tiled([rgb], run, tile, self.overlap, multiple)
+        )

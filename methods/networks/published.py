@@ -74,7 +74,9 @@ class Tacl(_Published):
         network = self.warm_up()
 
         def run(rgb: Array) -> Array:
-            return tiled([rgb], lambda x: (network(2 * x - 1) + 1) / 2, tile=None, multiple=4, least=8)
+            return tiled(
+                [rgb], lambda x: (network(2 * x - 1) + 1) / 2, tile=None, multiple=4, least=8
+            )
 
         return restored_at(view, limited(view.rgb, self.longest_side), network.device, run)
 
@@ -119,7 +121,12 @@ class WaterNet(_Published):
 
         def run(rgb: Array) -> Array:
             rgb = rgb.clip(0, 1)
-            inputs = (rgb, stretched_by_weakness(rgb), equalised(rgb, self.clahe_clip, 8), rgb ** np.float32(0.7))
+            inputs = (
+                rgb,
+                stretched_by_weakness(rgb),
+                equalised(rgb, self.clahe_clip, 8),
+                rgb ** np.float32(0.7),
+            )
             return tiled(inputs, network, WATER_NET_TILE, WATER_NET_OVERLAP)
 
         return restored_at(view, limited(view.rgb, self.longest_side), network.device, run)
@@ -154,7 +161,9 @@ class FunieGan(_Published):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.size is not None and (self.size < FUNIE_MULTIPLE or self.size % FUNIE_MULTIPLE):
-            raise InputError(f"funie_gan.size: {self.size} must be a multiple of {FUNIE_MULTIPLE}, or null")
+            raise InputError(
+                f"funie_gan.size: {self.size} must be a multiple of {FUNIE_MULTIPLE}, or null"
+            )
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image. info: device, worked_at (height and width)."""
@@ -162,6 +171,12 @@ class FunieGan(_Published):
         at = (self.size, self.size) if self.size else limited(view.rgb, None)
 
         def run(rgb: Array) -> Array:
-            return tiled([rgb], lambda x: (network(2 * x - 1) + 1) / 2, FUNIE_TILE, FUNIE_OVERLAP, FUNIE_MULTIPLE)
+            return tiled(
+                [rgb],
+                lambda x: (network(2 * x - 1) + 1) / 2,
+                FUNIE_TILE,
+                FUNIE_OVERLAP,
+                FUNIE_MULTIPLE,
+            )
 
         return restored_at(view, at, network.device, run)

@@ -22,7 +22,18 @@ if TYPE_CHECKING:
     import torch
 
 
-_WRAPPERS = ("state_dict", "model_state_dict", "params", "model", "net", "network", "generator", "netG", "netG_A", "G")
+_WRAPPERS = (
+    "state_dict",
+    "model_state_dict",
+    "params",
+    "model",
+    "net",
+    "network",
+    "generator",
+    "netG",
+    "netG_A",
+    "G",
+)
 
 UNSAFE = r"Unsupported global: GLOBAL (\S+)"  # in what torch says of an object that is no tensor
 
@@ -71,10 +82,19 @@ def bare(content: object, path: Path) -> dict[str, torch.Tensor]:
         if (inner := next(wrapped, None)) is None:
             break
         state = inner
-    if not (isinstance(state, Mapping) and state and all(isinstance(value, torch.Tensor) for value in state.values())):
-        raise InputError(f"{path}: holds no state dict but {type(content).__name__}; save the network's state_dict()")
+    if not (
+        isinstance(state, Mapping)
+        and state
+        and all(isinstance(value, torch.Tensor) for value in state.values())
+    ):
+        raise InputError(
+            f"{path}: holds no state dict but {type(content).__name__}; save the network's state_dict()"
+        )
     is_parallel = all(str(key).startswith("module.") for key in state)
-    return {str(key).removeprefix("module." if is_parallel else ""): value for key, value in state.items()}
+    return {
+        str(key).removeprefix("module." if is_parallel else ""): value
+        for key, value in state.items()
+    }
 
 
 def foreign(path: Path) -> str:
@@ -109,7 +129,9 @@ class TorchNetwork:
         import torch
 
         # By default cuDNN rounds to 10 bits, and picks an algorithm by a race.
-        exact = torch.backends.cudnn.flags(enabled=True, benchmark=False, deterministic=True, allow_tf32=False)
+        exact = torch.backends.cudnn.flags(
+            enabled=True, benchmark=False, deterministic=True, allow_tf32=False
+        )
         planes = np.ascontiguousarray(pixels.transpose(2, 0, 1)[None], dtype=np.float32)
         with torch.inference_mode(), exact if self.device == "cuda" else nullcontext():
             restored = self.module(torch.from_numpy(planes).to(self.device))
@@ -131,7 +153,9 @@ def loaded(architecture: Architecture, weights: Path, device: Device) -> TorchNe
 
 
 @functools.lru_cache(maxsize=2)
-def _loaded(architecture: Architecture, weights: Path, changed: int, size: int, place: str) -> TorchNetwork:
+def _loaded(
+    architecture: Architecture, weights: Path, changed: int, size: int, place: str
+) -> TorchNetwork:
     import torch
 
     from sucre_bench.methods.networks import architectures
@@ -141,7 +165,9 @@ def _loaded(architecture: Architecture, weights: Path, changed: int, size: int, 
     network.to_empty(device="cpu")
     # Batches seen in training: files from before PyTorch 0.4.1 lack them, and nothing here depends on them.
     found = {key: value for key, value in read_state(weights).items() if not key.endswith(_COUNTER)}
-    expected = {key: value for key, value in network.state_dict().items() if not key.endswith(_COUNTER)}
+    expected = {
+        key: value for key, value in network.state_dict().items() if not key.endswith(_COUNTER)
+    }
     fault = ""
     for key, value in expected.items():
         if key not in found:
@@ -149,7 +175,9 @@ def _loaded(architecture: Architecture, weights: Path, changed: int, size: int, 
         elif found[key].shape != value.shape:
             fault = f"'{key}' is {_shape(found[key])} and not {_shape(value)}"
         elif not torch.isfinite(found[key]).all():
-            raise InputError(f"{weights}: '{key}' holds numbers that are not finite; take another checkpoint")
+            raise InputError(
+                f"{weights}: '{key}' holds numbers that are not finite; take another checkpoint"
+            )
         if fault:
             break
     further = [f"which has no '{key}'" for key in found if key not in expected]

@@ -25,11 +25,18 @@ def resized(image: Array, height: int, width: int) -> Array:
         return image
     from PIL import Image
 
-    planes = (Image.fromarray(np.ascontiguousarray(image[..., c], dtype=np.float32)) for c in range(image.shape[2]))
-    return np.stack([np.asarray(p.resize((width, height), Image.Resampling.BICUBIC)) for p in planes], axis=-1)
+    planes = (
+        Image.fromarray(np.ascontiguousarray(image[..., c], dtype=np.float32))
+        for c in range(image.shape[2])
+    )
+    return np.stack(
+        [np.asarray(p.resize((width, height), Image.Resampling.BICUBIC)) for p in planes], axis=-1
+    )
 
 
-def restored_at(view: View, at: tuple[int, int], device: str, run: Callable[[Array], Array]) -> Restoration:
+def restored_at(
+    view: View, at: tuple[int, int], device: str, run: Callable[[Array], Array]
+) -> Restoration:
     """Return the whole image of a view, restored by `run` at another size and brought back to the view's.
 
     at: height and width that `run` is given, (H, W, 3) to (H, W, 3); device: where it runs. info: device, worked_at
@@ -37,7 +44,9 @@ def restored_at(view: View, at: tuple[int, int], device: str, run: Callable[[Arr
     """
     height, width = view.rgb.shape[:2]
     restored = run(resized(view.rgb, *at))
-    return Restoration(resized(restored, height, width), info={"device": device, "worked_at": f"{at[0]}x{at[1]}"})
+    return Restoration(
+        resized(restored, height, width), info={"device": device, "worked_at": f"{at[0]}x{at[1]}"}
+    )
 
 
 def tiled(
@@ -77,9 +86,19 @@ def _up(length: int, multiple: int) -> int:
 def _tiles(length: int, tile: int | None, overlap: int, multiple: int) -> list[tuple[int, Array]]:
     """Where along a line tiles start, on multiples, and the weight of each of their pixels; weights add up to 1."""
     shared = _up(overlap, multiple)
-    n = 1 if tile is None or length <= tile else -(-(length - shared) // max(multiple, tile - shared))
-    size = min(length, _up(-(-(length + (n - 1) * shared) // n), multiple))  # all alike, none narrow
-    rising = ((np.arange(size) + 0.5 - overlap / 4) / max(overlap / 2, 1e-6)).clip(0, 1).astype(np.float32)
+    n = (
+        1
+        if tile is None or length <= tile
+        else -(-(length - shared) // max(multiple, tile - shared))
+    )
+    size = min(
+        length, _up(-(-(length + (n - 1) * shared) // n), multiple)
+    )  # all alike, none narrow
+    rising = (
+        ((np.arange(size) + 0.5 - overlap / 4) / max(overlap / 2, 1e-6))
+        .clip(0, 1)
+        .astype(np.float32)
+    )
     tiles, total = [], np.zeros(length, dtype=np.float32)
     for start in (min(i * (size - shared), length - size) for i in range(n)):
         weight = np.ones_like(rising) if start == 0 else rising.copy()

@@ -42,7 +42,14 @@ import numpy as np
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import NotApplicableError, SolveError
 from sucre_bench.machine.compute import Device
-from sucre_bench.methods.sucre.model import Bounds, Minimum, ReducedSystem, WaterParameters, minimise, veil
+from sucre_bench.methods.sucre.model import (
+    Bounds,
+    Minimum,
+    ReducedSystem,
+    WaterParameters,
+    minimise,
+    veil,
+)
 from sucre_bench.methods.sucre.passes import Backend, opened
 from sucre_bench.methods.sucre.robust import LEAST_NOISE, robust_noise
 from sucre_bench.methods.sucre.solution import (
@@ -150,18 +157,28 @@ def fit(
         starts = _promising(evaluate, distance)
         is_searched = near is None and free is None
         tried = [
-            search.descended(evaluate, at, tolerance=_SCREENED, max_steps=15) for at in (starts if is_searched else [])
+            search.descended(evaluate, at, tolerance=_SCREENED, max_steps=15)
+            for at in (starts if is_searched else [])
         ]
     if near is not None:
-        found = [near.by_channel(), *(() if near.by_channel().all() else starts[:2])]  # nothing leads away from 0
+        found = [
+            near.by_channel(),
+            *(() if near.by_channel().all() else starts[:2]),
+        ]  # nothing leads away from 0
         margin = _margin(few, sharp, near) if physical else None
     else:
-        found = [free.by_channel()] if free else _distinct(search.ends([few], None, _distinct(tried)), _UNDECIDED)
+        found = (
+            [free.by_channel()]
+            if free
+            else _distinct(search.ends([few], None, _distinct(tried)), _UNDECIDED)
+        )
         if physical:
             margin = _margin(few, sharp, WaterParameters.of_channels(found[0]))
             found = _distinct(search.ends([few, *dark], margin, [*found, *starts]), _UNDECIDED)
     lowest, highest = few.colour.min(axis=1) * few.scale, few.colour.max(axis=1) * few.scale
-    dead = np.asarray(highest - lowest < _FLAT)  # black or saturated everywhere, without information
+    dead = np.asarray(
+        highest - lowest < _FLAT
+    )  # black or saturated everywhere, without information
     return search.refined(observations, dark, margin, found, starts[:2], dead)
 
 
@@ -194,10 +211,14 @@ class _Search:
         return replace(end, at=end.at[:, [0, 1, 1]], free=end.free[:, [0, 1, 1]])
 
     @contextmanager
-    def over(self, images: Sequence[Observations], margin: Array | None = None) -> Iterator[_Evaluate]:
+    def over(
+        self, images: Sequence[Observations], margin: Array | None = None
+    ) -> Iterator[_Evaluate]:
         """Open observations, whose systems are summed at given rows (3 channels, 3)."""
         with ExitStack() as stack:
-            kernels = [stack.enter_context(opened(one, self.backend, self.device)) for one in images]
+            kernels = [
+                stack.enter_context(opened(one, self.backend, self.device)) for one in images
+            ]
 
             def evaluate(rows: Array) -> ReducedSystem:
                 water = WaterParameters.of_channels(rows)
@@ -206,7 +227,9 @@ class _Search:
 
             yield evaluate
 
-    def ends(self, few: Sequence[Observations], margin: Array | None, starts: Sequence[Array]) -> list[Minimum]:
+    def ends(
+        self, few: Sequence[Observations], margin: Array | None, starts: Sequence[Array]
+    ) -> list[Minimum]:
         """Return where the starts lead on a sample."""
         with self.over(few, margin) as evaluate:
             return [self.descended(evaluate, start, tolerance=_ROUGHLY) for start in starts]
@@ -227,7 +250,9 @@ class _Search:
         floor = ROUNDING * len(observations)
 
         def lowest(evaluate: _Evaluate, starts: Iterable[Array]) -> Minimum:
-            return _best([self.descended(evaluate, at, tolerance=_TOLERANCE, floor=floor) for at in starts])
+            return _best(
+                [self.descended(evaluate, at, tolerance=_TOLERANCE, floor=floor) for at in starts]
+            )
 
         with self.over([observations, *dark], margin) as evaluate:
             end = lowest(evaluate, starts)
@@ -242,10 +267,14 @@ class _Search:
                 clear = (beta == 0) | ((beta <= most) & ((beta + most) * self.distance < _CLEAR))
                 likely = lowest(prior, (end.at, *grid))
                 if (bright := weak & ~clear & (likely.at[:, 0] >= 1)).any():
-                    one = replace(self, tied=True).descended(prior, likely.at, tolerance=_TOLERANCE, floor=floor)
+                    one = replace(self, tied=True).descended(
+                        prior, likely.at, tolerance=_TOLERANCE, floor=floor
+                    )
                     at = np.where(bright[:, None], one.at, likely.at)
                     at[at[:, 0] >= 1] *= [0, 1, 0]
-                    likely = replace(likely, at=at, free=np.where(bright[:, None], one.free, likely.free))
+                    likely = replace(
+                        likely, at=at, free=np.where(bright[:, None], one.free, likely.free)
+                    )
                 # No veil where none can be seen, nor where nothing is attenuated.
                 is_veiled = _has_veil(likely.at, self.distance) & ~clear & (likely.at[:, 1] > 0)
                 veiled = np.where(is_veiled[:, None], likely.at, likely.at * [0, 1, 0])
@@ -257,7 +286,13 @@ class _Search:
             with self.over([observations]) as evaluate:
                 end = replace(end, system=replace(end.system, cost=evaluate(end.at).cost))
         uncertainty = _uncertainty(end, observations, dead, self.tied, weak)
-        return WaterFit(_water(end, dead), end.system.cost, uncertainty, end.steps + 1, bool(end.converged.all()))
+        return WaterFit(
+            _water(end, dead),
+            end.system.cost,
+            uncertainty,
+            end.steps + 1,
+            bool(end.converged.all()),
+        )
 
 
 def _water(end: Minimum, dead: Mask) -> WaterParameters:
@@ -267,7 +302,9 @@ def _water(end: Minimum, dead: Mask) -> WaterParameters:
 def _uncertainty(
     end: Minimum, observations: Observations, dead: Mask, tied: bool, weak: Mask | None = None
 ) -> WaterUncertainty:
-    return uncertainty_of(_water(end, dead), end.system, end.free, observations.n_excess, dead, weak, tied=tied)
+    return uncertainty_of(
+        _water(end, dead), end.system, end.free, observations.n_excess, dead, weak, tied=tied
+    )
 
 
 def _margin(few: Observations, sharp: Observations | None, free: WaterParameters) -> Array:
@@ -291,13 +328,17 @@ def _distinct(ends: Sequence[Minimum], within: float = 1e9) -> list[Array]:
     """
     per_channel = []
     for c in range(3):
-        found = [(float(cost), end.at[c]) for end in ends if np.isfinite(cost := _plausible_cost(end)[c])]
+        found = [
+            (float(cost), end.at[c]) for end in ends if np.isfinite(cost := _plausible_cost(end)[c])
+        ]
         if not found:
             raise SolveError(_HOPELESS.format("no water gives finite residuals"))
         found.sort(key=lambda pair: pair[0])
         lowest: list[Array] = []
         for cost, at in found:
-            if cost <= found[0][0] * (1 + within) and not any(np.allclose(at, other, rtol=_ALIKE) for other in lowest):
+            if cost <= found[0][0] * (1 + within) and not any(
+                np.allclose(at, other, rtol=_ALIKE) for other in lowest
+            ):
                 lowest.append(at)
         per_channel.append(lowest)
     return [
@@ -319,8 +360,12 @@ def _best(ends: Sequence[Minimum]) -> Minimum:
     def pick(values: Sequence[Any]) -> Any:
         return np.stack([values[which[c]][c] for c in range(3)])
 
-    system = ReducedSystem(*(pick([getattr(end.system, name) for end in ends]) for name in ("H", "g", "cost")))
-    at, free, converged = (pick([getattr(end, name) for end in ends]) for name in ("at", "free", "converged"))
+    system = ReducedSystem(
+        *(pick([getattr(end.system, name) for end in ends]) for name in ("H", "g", "cost"))
+    )
+    at, free, converged = (
+        pick([getattr(end, name) for end in ends]) for name in ("at", "free", "converged")
+    )
     return Minimum(at, system, free, sum(end.steps + 1 for end in ends) - 1, converged)
 
 
@@ -345,7 +390,9 @@ def _promising(evaluate: _Evaluate, distance_m: float) -> list[Array]:
 # -- weak priors ------------------------------------------------------------
 
 
-def _undetermined(rows: Array, uncertainty: WaterUncertainty, free: Mask, dead: Mask, distance: float) -> Mask:
+def _undetermined(
+    rows: Array, uncertainty: WaterUncertainty, free: Mask, dead: Mask, distance: float
+) -> Mask:
     """Return the channels (3,) with a parameter at a bound or with a large standard error, or without a veil.
 
     rows: (3 channels, 3) B, beta, gamma; free: (3, 3), parameters that no bound holds; dead: (3,), channels without
@@ -366,7 +413,9 @@ def _with_priors(evaluate: _Evaluate, noise: Array, distance: float, channels: M
     def evaluated(rows: Array) -> ReducedSystem:
         residual = np.einsum("ckp,cp->ck", J, rows)
         prior = ReducedSystem(
-            np.einsum("cki,ckj->cij", J, J), -np.einsum("cki,ck->ci", J, residual), (residual**2).sum(axis=1)
+            np.einsum("cki,ckj->cij", J, J),
+            -np.einsum("cki,ck->ci", J, residual),
+            (residual**2).sum(axis=1),
         )
         return evaluate(rows) + prior
 

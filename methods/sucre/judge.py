@@ -90,7 +90,11 @@ def chosen_model(scene: Scene, options: Any) -> Verdict:
     if len(allowed) == 1:
         return Verdict(allowed[0])
     middle = max(0, (len(scene) - _VIEWS) // 2)
-    part = replace(scene, views=scene.views[middle : middle + _VIEWS]) if len(scene) > _VIEWS else scene
+    part = (
+        replace(scene, views=scene.views[middle : middle + _VIEWS])
+        if len(scene) > _VIEWS
+        else scene
+    )
     try:
         court = _Court.of(Dive.spread(options, part, JUDGED_TARGETS))
     except (SolveError, NotApplicableError):
@@ -103,14 +107,19 @@ def chosen_model(scene: Scene, options: Any) -> Verdict:
 def _candidates(options: Any) -> Iterator[Model]:
     """Yield the models that options allow, the preferred ones first."""
     given = parts_of(options.light, "method.light")
-    lights = [EVEN_LIGHT, Parts(lens=True), Parts(1, lens=True), Parts(3, lens=True)] if given is None else [given]
+    lights = (
+        [EVEN_LIGHT, Parts(lens=True), Parts(1, lens=True), Parts(3, lens=True)]
+        if given is None
+        else [given]
+    )
     for light in lights:
         for fit in (Fit.FOOTPRINTS, Fit.PIXELS):
             for is_robust in (False, True):
                 for is_physical in (False, True):
                     model = Model(fit, is_physical, is_robust, options.one_coefficient, light)
                     if _allows(options.footprint, fit is Fit.FOOTPRINTS) and (
-                        _allows(options.physical, is_physical) and _allows(options.robust, is_robust)
+                        _allows(options.physical, is_physical)
+                        and _allows(options.robust, is_robust)
                     ):
                         yield model
 
@@ -118,7 +127,12 @@ def _candidates(options: Any) -> Iterator[Model]:
 def _early(options: Any) -> Iterator[Model]:
     """Yield the models of the paper's first steps that options allow."""
     is_plain = options.light in ("auto", EVEN) and options.footprint is not True
-    if is_plain and options.physical is not True and options.robust is not True and absent("torch") is None:
+    if (
+        is_plain
+        and options.physical is not True
+        and options.robust is not True
+        and absent("torch") is None
+    ):
         for one_coefficient in (True,) if options.one_coefficient else (False, True):
             yield Model(Fit.EARLY, one_coefficient=one_coefficient)
 
@@ -163,21 +177,27 @@ class Target:
         """
         z, n = self.observations.distance.astype(np.float64), len(self.observations.pixels)
         water = NONE if fit is None else fit.water
-        l: Array = np.ones((3, len(z)))  # noqa: E741
+        l: Array = np.ones((3, len(z)))
         weight: Array = used.astype(np.float64)
         even = self.observations
         if fit is not None and fit.light is not None:
             light = _typical(fit.light, even)
-            l, even = light.on(even), light.removed(even)  # noqa: E741
+            l, even = light.on(even), light.removed(even)
         if fit is not None and fit.noise is not None:
             weight = used * trust(trusted(even, used.astype(np.float32)), water, fit.noise)
         a = l * transmission(z, water.beta[:, None])
         b = l * veil(z, water.B[:, None], water.gamma[:, None])
         seen, information = (
-            np.stack([np.bincount(self.place, channel * weight, n) for channel in values]).astype(np.float64)
+            np.stack([np.bincount(self.place, channel * weight, n) for channel in values]).astype(
+                np.float64
+            )
             for values in (a * (self.intensity - b), a * a)
         )
-        return np.divide(seen, information, out=np.full((3, n), np.nan), where=information > 0), a, b
+        return (
+            np.divide(seen, information, out=np.full((3, n), np.nan), where=information > 0),
+            a,
+            b,
+        )
 
     def errors(self, fit: Fitted | None, half: frozenset[str]) -> Array:
         """Return the errors (3, M) of tile means in views outside a half, by a fit to the half: shares of the scale."""
@@ -186,10 +206,16 @@ class Target:
         J, a, b = self.colours(fit, used)
         judged = ~used & np.isfinite(J[0, self.place])
         predicted = (J[:, self.place] * a + b)[:, judged]
-        of = self.tile[self.place[judged]] * len(self.observations.views) + self.observations.view[judged]
+        of = (
+            self.tile[self.place[judged]] * len(self.observations.views)
+            + self.observations.view[judged]
+        )
         tiles, which, n = np.unique(of, return_inverse=True, return_counts=True)
         means = [
-            np.stack([np.bincount(which, channel, len(tiles)) for channel in values])[:, n >= _FEWEST] / n[n >= _FEWEST]
+            np.stack([np.bincount(which, channel, len(tiles)) for channel in values])[
+                :, n >= _FEWEST
+            ]
+            / n[n >= _FEWEST]
             for values in (predicted, self.intensity[:, judged])
         ]
         view = tiles[n >= _FEWEST] % len(self.observations.views)
@@ -205,7 +231,9 @@ class Target:
         known = np.isfinite(J).all(axis=0)
         z = self.distance[known]
         near, far = np.quantile(z, (1 / 3, 2 / 3))
-        shown = to_lab(display(np.ascontiguousarray(J[:, known].T[:, None], np.float32), _SHOWN))[:, 0]
+        shown = to_lab(display(np.ascontiguousarray(J[:, known].T[:, None], np.float32), _SHOWN))[
+            :, 0
+        ]
         between = np.median(shown[z >= far], axis=0) - np.median(shown[z <= near], axis=0)
         return float(np.hypot(*between[1:]))
 
@@ -214,7 +242,9 @@ def _typical(light: Light, observations: Observations) -> Light:
     """Return the light of all views of observations, with the median of the gains where a gain is not known."""
     gains = light.over(observations.views).gains
     typical = np.nan_to_num(np.nanmedian(light.gains, axis=0))
-    return replace(light, views=observations.views, gains=np.where(np.isfinite(gains), gains, typical))
+    return replace(
+        light, views=observations.views, gains=np.where(np.isfinite(gains), gains, typical)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,7 +292,10 @@ class _Court:
             self.lights[key] = [*(light_of(model, half, of_all) for half in halves), of_all]
         lights = self.lights.get(key, [None] * len(self.parts))
         self.waters[model] = whole = fit_model(model, dive, lights[-1])
-        of_halves = [fit_model(model, half, light, whole) for half, light in zip(halves, lights[:-1], strict=True)]
+        of_halves = [
+            fit_model(model, half, light, whole)
+            for half, light in zip(halves, lights[:-1], strict=True)
+        ]
         return [*of_halves, whole]
 
     def judged(self, model: Model) -> Judged | None:
@@ -273,7 +306,10 @@ class _Court:
             return None
         held_out, negative, drift = [], [], []
         for target, plain, _ in self.targets:
-            errors = [target.errors(fit, half).ravel() for fit, half in zip(fits[:-1], self.halves, strict=True)]
+            errors = [
+                target.errors(fit, half).ravel()
+                for fit, half in zip(fits[:-1], self.halves, strict=True)
+            ]
             held_out.append(float(np.median(np.concatenate(errors))) / plain)
             every = np.ones(len(target.observations), dtype=bool)
             J, *_ = target.colours(fits[-1], every)
@@ -284,7 +320,9 @@ class _Court:
             held_out=float(np.median(held_out)),
             negative=np.median(negative, axis=0).tolist(),
             drift=float(np.median(drift)),
-            drift_of_photograph=float(np.median([of_photograph for *_, of_photograph in self.targets])),
+            drift_of_photograph=float(
+                np.median([of_photograph for *_, of_photograph in self.targets])
+            ),
         )
 
     def verdict(self, allowed: list[Model], early: list[Model]) -> Verdict | None:
@@ -304,22 +342,40 @@ class _Court:
 
         if self.parts[-1].matched is None:
             allowed = [model for model in allowed if model.fit is Fit.PIXELS] or allowed
-        first = [m for m in allowed if m.is_physical == allowed[-1].is_physical and m.is_robust == allowed[0].is_robust]
+        first = [
+            m
+            for m in allowed
+            if m.is_physical == allowed[-1].is_physical and m.is_robust == allowed[0].is_robust
+        ]
         simplest = first[0].light
         judge([model for model in first if model.light == simplest])
         judge([model for model in first if model.fit == first[0].fit and model.light in _TELLING])
-        of_simplest = min((known[model].held_out for model in known if model.light == simplest), default=np.inf)
-        if min((one.held_out for one in known.values()), default=np.inf) < BETTER * of_simplest:  # light differs
+        of_simplest = min(
+            (known[model].held_out for model in known if model.light == simplest), default=np.inf
+        )
+        if (
+            min((one.held_out for one in known.values()), default=np.inf) < BETTER * of_simplest
+        ):  # light differs
             judge(first)
         if leading := best() or sorted(known, key=lambda model: known[model].held_out)[:1]:
-            judge([model for model in allowed if (model.fit, model.light) == (leading[0].fit, leading[0].light)])
+            judge(
+                [
+                    model
+                    for model in allowed
+                    if (model.fit, model.light) == (leading[0].fit, leading[0].light)
+                ]
+            )
         if not any(known[model].held_out <= BETTER for model in best()):
             judge(early)
         chosen = best()[0] if best() and known[best()[0]].held_out <= BETTER else NO_WATER
         if not known:
             return None
         even = next((model for model in known if model.light == EVEN_LIGHT), None)
-        is_clear = chosen == NO_WATER and even is not None and is_in_air(self.parts[-1].observations, self.waters[even])
+        is_clear = (
+            chosen == NO_WATER
+            and even is not None
+            and is_in_air(self.parts[-1].observations, self.waters[even])
+        )
         others = sorted(known.values(), key=lambda one: one.held_out)
         in_order = tuple(sorted(others, key=lambda one: one.model != chosen.words))
         return Verdict(chosen, in_order, is_in_air=is_clear)

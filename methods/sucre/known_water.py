@@ -52,7 +52,9 @@ class KnownWater:
     gains: Mapping[str, Array]
 
 
-def water_of(source: str, scene: Scene, view: View, encoding: Encoding, option: SourceOption = WATER) -> KnownWater:
+def water_of(
+    source: str, scene: Scene, view: View, encoding: Encoding, option: SourceOption = WATER
+) -> KnownWater:
     """Return the water of a source; option: that names it.
 
     source: "truth"; the name of a method, which estimates it on this view; a .json or .npz file that holds B, beta and
@@ -64,7 +66,9 @@ def water_of(source: str, scene: Scene, view: View, encoding: Encoding, option: 
     place = f"{option.name}={source}"
     if source == "truth":
         if scene.water is None:
-            raise InputError(f"{place}: the scene '{scene.name}' knows no water; give a file, or leave it out")
+            raise InputError(
+                f"{place}: the scene '{scene.name}' knows no water; give a file, or leave it out"
+            )
         return _known(place, scene.water, Lighting(), view, encoding, option)
     if source in plugins.discover("method"):
         plugin = plugins.find("method", source)
@@ -72,11 +76,17 @@ def water_of(source: str, scene: Scene, view: View, encoding: Encoding, option: 
             raise InputError(f"{place}: {absent}; name another method")
         found = checked_restore(create(plugin, {}), scene, view)
         names = {"B": "veiling_light", "beta": "attenuation", "gamma": "backscatter"}
-        unknown = [name for name, long in names.items() if np.isnan(getattr(found.water, long, np.nan)).all()]
+        unknown = [
+            name
+            for name, long in names.items()
+            if np.isnan(getattr(found.water, long, np.nan)).all()
+        ]
         if found.water is None or unknown:
             fault = f"it estimates no {', '.join(unknown)}"
             raise InputError(f"{place}: {fault}; name one that does, such as gaussian_seathru")
-        return _known(place, found.water, lighting_of(found.info, place, view.name), view, encoding, option)
+        return _known(
+            place, found.water, lighting_of(found.info, place, view.name), view, encoding, option
+        )
     path = expanded(source)
     if path.is_dir():
         path = _of_view(path, scene, view)
@@ -98,7 +108,9 @@ def check_source(source: str, option: SourceOption = WATER) -> None:
         return
     name = option.name
     if not source:
-        raise InputError(f"{name}: is empty; use {', '.join(option.words)}, a method, a file or a folder")
+        raise InputError(
+            f"{name}: is empty; use {', '.join(option.words)}, a method, a file or a folder"
+        )
     path = expanded(source)
     if source in plugins.discover("method") or (source.isidentifier() and not path.exists()):
         try:
@@ -115,7 +127,10 @@ def check_source(source: str, option: SourceOption = WATER) -> None:
     elif not path.is_dir():
         with contextlib.suppress(FileNotFoundError):
             _of_file(path)
-    elif not (records_above(path) or any(f.suffix in _SUFFIXES or f.name == RECORDS for f in path.rglob("*"))):
+    elif not (
+        records_above(path)
+        or any(f.suffix in _SUFFIXES or f.name == RECORDS for f in path.rglob("*"))
+    ):
         remedy = "give the folder restored/<dataset>/<method> of an earlier run"
         raise InputError(f"{path}: holds no .json, .npz or {RECORDS}; {remedy}")
 
@@ -128,7 +143,12 @@ def _of_file(path: Path) -> Water:
 
 
 def _known(
-    place: str, water: Water, lighting: Lighting, view: View, encoding: Encoding, option: SourceOption
+    place: str,
+    water: Water,
+    lighting: Lighting,
+    view: View,
+    encoding: Encoding,
+    option: SourceOption,
 ) -> KnownWater:
     """Return the checked water in the view's exposure.
 
@@ -139,7 +159,9 @@ def _known(
         raise InputError(f"{place}: {fault}; use {option.name}={option.words[0]}")
     values = np.array([water.veiling_light, water.attenuation, water.backscatter], dtype=np.float64)
     if values.shape != (3, 3) or not np.isfinite(values).all():
-        raise InputError(f"{place}: B, beta and gamma must be three finite numbers each, red, green and blue")
+        raise InputError(
+            f"{place}: B, beta and gamma must be three finite numbers each, red, green and blue"
+        )
     if values.min() < _LEAST or values[0].max() > _MOST_B or values[1:].max() > _MOST_RATE:
         limits = f"B is an intensity of 0 to {_MOST_B:g}, beta and gamma are rates of 0 to {_MOST_RATE:g} 1/m"
         raise InputError(f"{place}: no water is like this; {limits}")
@@ -147,19 +169,32 @@ def _known(
         remedy = f"give one of {encoding} intensities"
         if option is WATER and view.encoding != "linear":
             remedy = f"{'give' if explained == 'linear' else 'leave out'} method.encoding=linear"
-        raise InputError(f"{place}: is of {explained} intensities, and {encoding} ones are to be explained; {remedy}")
+        raise InputError(
+            f"{place}: is of {explained} intensities, and {encoding} ones are to be explained; {remedy}"
+        )
     if not lighting.gains:
         return KnownWater(WaterParameters(*values), {})
     if view.name not in lighting.gains:
         fault = f"was fitted with gains of views, and has none of {view.name}"
-        raise InputError(f"{place}: {fault}; give a folder with the water of each view, or one fitted in even light")
-    gains = {name: np.asarray(gain) / np.asarray(lighting.gains[view.name]) for name, gain in lighting.gains.items()}
-    return KnownWater(WaterParameters(values[0] * np.asarray(lighting.gains[view.name]), *values[1:]), gains)
+        raise InputError(
+            f"{place}: {fault}; give a folder with the water of each view, or one fitted in even light"
+        )
+    gains = {
+        name: np.asarray(gain) / np.asarray(lighting.gains[view.name])
+        for name, gain in lighting.gains.items()
+    }
+    return KnownWater(
+        WaterParameters(values[0] * np.asarray(lighting.gains[view.name]), *values[1:]), gains
+    )
 
 
 def _of_view(folder: Path, scene: Scene, view: View) -> Path:
     """Return the file of a view in a folder that a run made, restored/<dataset>/<method>; first one with a record."""
-    files = [folder / f"{stem}{suffix}" for stem in reversed(stems_of(scene.name, view.name)) for suffix in _SUFFIXES]
+    files = [
+        folder / f"{stem}{suffix}"
+        for stem in reversed(stems_of(scene.name, view.name))
+        for suffix in _SUFFIXES
+    ]
     inside = [file for file in files if file.resolve().is_relative_to(folder.resolve())]
     for is_there in (stored_record, Path.is_file):
         for file in filter(is_there, inside):

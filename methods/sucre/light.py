@@ -108,7 +108,9 @@ def parts_of(words: str, place: str) -> Parts | None:
     for word in words.split("+") if words != EVEN else []:
         if word not in _WORDS:
             known = (AUTO, EVEN, *_WORDS)
-            raise InputError(f"{place}: '{word}' is not a choice; use one of {', '.join(known)}, or parts joined by +")
+            raise InputError(
+                f"{place}: '{word}' is not a choice; use one of {', '.join(known)}, or parts joined by +"
+            )
         one = _WORDS[word]
         parts = Parts(max(parts.gains, one.gains), parts.lens or one.lens)
     return parts
@@ -124,7 +126,7 @@ class Sample:
     """
 
     z: Array
-    I: Array  # noqa: E741
+    I: Array
     weight: Array
     ray: Array
     views: tuple[str, ...]
@@ -137,7 +139,12 @@ class Sample:
         assert few.view is not None
         assert few.ray is not None
         size = (len(few.pixels), len(few.views))
-        z, I, weight, ray = np.ones(size), np.zeros((3, *size)), np.zeros((3, *size)), np.zeros((2, *size))  # noqa: E741
+        z, I, weight, ray = (
+            np.ones(size),
+            np.zeros((3, *size)),
+            np.zeros((3, *size)),
+            np.zeros((2, *size)),
+        )
         for n, part in few.slots():
             at = np.arange(n), few.view[part]
             z[at], ray[:, *at] = few.distance[part], few.ray[:, part]
@@ -146,11 +153,19 @@ class Sample:
         fullest = few.views[int((weight[0] > 0).sum(axis=0).argmax())]
         y, x = np.divmod(few.pixels, few.shape[1])
         tile = np.stack([y * TILES // few.shape[0], x * TILES // few.shape[1]])
-        return Sample(z, I, weight, ray, few.views, few.views.index(target if target in few.views else fullest), tile)
+        return Sample(
+            z,
+            I,
+            weight,
+            ray,
+            few.views,
+            few.views.index(target if target in few.views else fullest),
+            tile,
+        )
 
     def take(self, which: Mask | slice) -> Sample:
         """Return the sample of some pixels."""
-        I, weight, ray = self.I[:, which], self.weight[:, which], self.ray[:, which]  # noqa: E741
+        I, weight, ray = self.I[:, which], self.weight[:, which], self.ray[:, which]
         return Sample(self.z[which], I, weight, ray, self.views, self.target, self.tile[:, which])
 
     @property
@@ -181,12 +196,18 @@ class Light:
     @staticmethod
     def of_gains(gains: Mapping[str, Any], water: WaterParameters) -> Light:
         """Return the light of gains by name, each a number or three; water: in the exposure of gain 1."""
-        known = np.stack([np.broadcast_to(np.asarray(gain, dtype=np.float64), 3) for gain in gains.values()])
+        known = np.stack(
+            [np.broadcast_to(np.asarray(gain, dtype=np.float64), 3) for gain in gains.values()]
+        )
         return Light(Parts(3), water, tuple(gains), np.log(known), np.zeros(TERMS), 1.0)
 
     def is_known_of(self, view: str) -> bool:
         """Whether the light of a view is known: all have the same, or its gains were fitted."""
-        known = [name for name, gains in zip(self.views, self.gains, strict=True) if np.isfinite(gains).all()]
+        known = [
+            name
+            for name, gains in zip(self.views, self.gains, strict=True)
+            if np.isfinite(gains).all()
+        ]
         return not self.parts.gains or view in known
 
     def over(self, views: tuple[str, ...]) -> Light:
@@ -199,7 +220,9 @@ class Light:
         """Return the light with gains of a view that are the median of those of the others."""
         others = [k for k, name in enumerate(self.views) if name != view]
         gains, views = self.gains[others], [self.views[k] for k in others]
-        return replace(self, views=(*views, view), gains=np.vstack([gains, np.nanmedian(gains, axis=0)]))
+        return replace(
+            self, views=(*views, view), gains=np.vstack([gains, np.nanmedian(gains, axis=0)])
+        )
 
     def least_on(self, observations: Observations) -> float:
         """Return the least light of the lens on observations with `ray`, over the largest: percentiles 1 and 99."""
@@ -237,7 +260,9 @@ class Light:
             part = slice(start, min(start + _PART, len(observations)))
             weight[:, part] = self.on(observations, part)
             colour[:, part] = observations.intensity(part) / weight[:, part]
-        weight = np.nan_to_num(weight) ** 2 * (1 if observations.weight is None else observations.weight)
+        weight = np.nan_to_num(weight) ** 2 * (
+            1 if observations.weight is None else observations.weight
+        )
         even = replace(observations, colour=np.nan_to_num(colour), weight=weight)
         known = np.zeros(len(even.pixels), dtype=bool)
         for n, part in even.slots():
@@ -309,8 +334,16 @@ class Problem:
         seen = self.sample.shown.any(axis=0).astype(np.float64)
         centred, free = np.diag(seen) - np.outer(seen, seen) / seen.sum(), seen.sum() - 1
         mean = np.full((gains, gains), 1 / max(gains, 1) ** 2)
-        kinds = [(mean, free), (np.eye(3) - 3 * mean, 2 * free)] if gains == 3 else [(mean, free)] * gains
-        found = [(self.size - gains * views, np.kron(channels, centred), rank) for channels, rank in kinds if rank > 0]
+        kinds = (
+            [(mean, free), (np.eye(3) - 3 * mean, 2 * free)]
+            if gains == 3
+            else [(mean, free)] * gains
+        )
+        found = [
+            (self.size - gains * views, np.kron(channels, centred), rank)
+            for channels, rank in kinds
+            if rank > 0
+        ]
         if self.parts.lens:
             found.insert(0, (9, np.eye(TERMS), TERMS))
         forms = [np.pad(form, (start, self.size - start - len(form))) for start, form, _ in found]
@@ -320,7 +353,10 @@ class Problem:
     def bounds(self) -> Bounds:
         most = np.full(self.size, _MOST)
         least = -most
-        least[:9], most[:9] = 0, np.tile([1.0, _DEEPEST / self.distance, _DEEPEST / self.distance], 3)
+        least[:9], most[:9] = (
+            0,
+            np.tile([1.0, _DEEPEST / self.distance, _DEEPEST / self.distance], 3),
+        )
         damped = np.ones(len(most), dtype=bool)
         damped[[0, 3, 6]] = False
         return Bounds(least, most, damped)
@@ -328,7 +364,9 @@ class Problem:
     def unknowns(self, light: Light) -> Array:
         """Return the unknowns of a light with fewer parts; the others are 0."""
         gains = np.nan_to_num(light.gains).T[: self.parts.gains]
-        kinds = zip((light.water.by_channel().ravel(), light.lens, gains.ravel()), self.sizes, strict=True)
+        kinds = zip(
+            (light.water.by_channel().ravel(), light.lens, gains.ravel()), self.sizes, strict=True
+        )
         return np.concatenate([kind[:n] for kind, n in kinds])
 
     def light(self, u: Array) -> Light:
@@ -339,7 +377,9 @@ class Problem:
             self.parts,
             WaterParameters.of_channels(water.reshape(3, 3)),
             self.sample.views,
-            np.broadcast_to(gains.reshape(-1, views).T, (views, 3)) if self.parts.gains else np.zeros((views, 3)),
+            np.broadcast_to(gains.reshape(-1, views).T, (views, 3))
+            if self.parts.gains
+            else np.zeros((views, 3)),
             lens if self.parts.lens else np.zeros(TERMS),
             self.extent,
         )
@@ -353,7 +393,7 @@ class Problem:
         """
         sample, views, parts = self.sample, len(self.sample.views), self.parts
         light = self.light(u)
-        l = light.falling(sample.ray, np.arange(views))  # noqa: E741
+        l = light.falling(sample.ray, np.arange(views))
         n, shared = len(u), np.arange(9, sum(self.sizes[:2]))
         H, g, cost = self.prior.copy(), -self.prior @ u, float(u @ self.prior @ u)
         for c in range(3):
@@ -383,7 +423,13 @@ class Problem:
         return ReducedSystem(H[None], g[None], np.array([cost]))
 
     def descend(self, start: Array, tolerance: float) -> tuple[Array, ReducedSystem]:
-        end = minimise(lambda u: self.system(u[0]), start[None], self.bounds, tolerance=tolerance, max_steps=_STEPS)
+        end = minimise(
+            lambda u: self.system(u[0]),
+            start[None],
+            self.bounds,
+            tolerance=tolerance,
+            max_steps=_STEPS,
+        )
         return end.at[0], end.system
 
 
@@ -400,7 +446,13 @@ def fit_light(sample: Sample, parts: Parts, light: Light) -> LightFit:
     problem = Problem(sample.take(slice(None, None, max(1, len(sample.z) // _SCREEN))), parts)
     start, far = light.water.by_channel(), problem.distance
     others = _STARTS if light.parts == EVEN_LIGHT else ()
-    rows = [start, *(np.c_[start[:, 0], np.full(3, beta / far), np.full(3, gamma / far)] for beta, gamma in others)]
+    rows = [
+        start,
+        *(
+            np.c_[start[:, 0], np.full(3, beta / far), np.full(3, gamma / far)]
+            for beta, gamma in others
+        ),
+    ]
     other = problem.unknowns(light)[9:]
     ends = [problem.descend(np.r_[row.ravel(), other], _ROUGHLY) for row in rows]
     problem = Problem(sample, parts)
@@ -409,7 +461,9 @@ def fit_light(sample: Sample, parts: Parts, light: Light) -> LightFit:
     noise = system.cost[0] / max(n_excess, 1) * _shared(sample, problem.light(at))
     at, covariance = _with_spreads(problem, at, noise)
     light, error = problem.light(at), np.sqrt(np.diag(covariance)[:9].clip(min=0)).reshape(3, 3)
-    light = replace(light, gains=np.where(sample.shown.any(0, keepdims=True).T, light.gains, np.nan))
+    light = replace(
+        light, gains=np.where(sample.shown.any(0, keepdims=True).T, light.gains, np.nan)
+    )
     return LightFit(light, error)
 
 
@@ -423,15 +477,22 @@ def _with_spreads(problem: Problem, at: Array, noise: float) -> tuple[Array, Arr
     weak[9:] = 0
     squares = (np.einsum("i,fij,j->f", at, forms, at) / ranks).clip(_LEAST**2, _WEAK**2)
     for _ in range(_ROUNDS):
-        before, problem = squares, replace(problem, precision=np.tensordot(noise / squares, forms, 1) + weak)
+        before, problem = (
+            squares,
+            replace(problem, precision=np.tensordot(noise / squares, forms, 1) + weak),
+        )
         at, system = problem.descend(at, _ROUGHLY)
         H, covariance = system.H[0], np.zeros_like(weak)
         free = np.flatnonzero(np.diag(H) > 0)
         scale = 1 / np.sqrt(np.diag(H)[free])
-        inverse = np.linalg.pinv(H[np.ix_(free, free)] * scale[:, None] * scale, rcond=1e-14, hermitian=True)
+        inverse = np.linalg.pinv(
+            H[np.ix_(free, free)] * scale[:, None] * scale, rcond=1e-14, hermitian=True
+        )
         covariance[np.ix_(free, free)] = noise * inverse * scale[:, None] * scale
         told = ranks - np.einsum("fij,ij->f", forms, covariance) / squares
-        squares = (np.einsum("i,fij,j->f", at, forms, at) / told.clip(min=_TOLD)).clip(_LEAST**2, _WEAK**2)
+        squares = (np.einsum("i,fij,j->f", at, forms, at) / told.clip(min=_TOLD)).clip(
+            _LEAST**2, _WEAK**2
+        )
         if (np.abs(np.log(squares.clip(_SMALL**2) / before.clip(_SMALL**2))) < _SETTLED).all():
             break
     return at, covariance
@@ -450,7 +511,7 @@ def _shared(sample: Sample, light: Light) -> float:
 
 def residuals_in(sample: Sample, light: Light) -> tuple[Array, Array]:
     """Return residuals (3, P, V) and what the fit shows, both times square roots of weights."""
-    l = light.falling(sample.ray, np.arange(len(sample.views)))  # noqa: E741
+    l = light.falling(sample.ray, np.arange(len(sample.views)))
     a, b = light.eq_6(sample.z)
     s = np.sqrt(sample.weight)
     _, _, r = eliminated(s * l * a, s * (sample.I - l * b), 2)

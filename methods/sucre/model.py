@@ -113,7 +113,7 @@ def veil(z: Any, B: Any, gamma: Any) -> Any:
     return B * -library_of(z).expm1(-gamma * z)
 
 
-def inverted(I: Any, z: Any, parameters: Iterable[Any], least: float) -> tuple[Any, Any]:  # noqa: E741
+def inverted(I: Any, z: Any, parameters: Iterable[Any], least: float) -> tuple[Any, Any]:
     """Return J of observations by themselves, (I - b) / a, and a, which counts as `least` at least.
 
     parameters: B, beta, gamma.
@@ -219,7 +219,11 @@ def minimise(
         tried = evaluate(trial)
         gain = (system.cost - tried.cost) / np.maximum(promised, np.finfo(float).tiny)
         better = (gain > 0) & ~converged
-        damping = np.where(better, damping * np.maximum(1 / 9, 1 - (2 * gain.clip(0, 1) - 1) ** 3), damping * growth)
+        damping = np.where(
+            better,
+            damping * np.maximum(1 / 9, 1 - (2 * gain.clip(0, 1) - 1) ** 3),
+            damping * growth,
+        )
         growth = np.where(better, 2.0, 2 * growth)
         at = np.where(better[:, None], trial, at)
         H = np.where(better[:, None, None], tried.H, system.H)
@@ -245,14 +249,19 @@ def _steps(at: Array, system: ReducedSystem, bounds: Bounds, damping: Array, whi
     """
     diagonal = np.einsum("cii->ci", system.H)
     known = diagonal > 0
-    scale = np.divide(1, np.sqrt(diagonal), out=np.zeros_like(diagonal), where=known)  # parameters differ in size
+    scale = np.divide(
+        1, np.sqrt(diagonal), out=np.zeros_like(diagonal), where=known
+    )  # parameters differ in size
     A, b = system.H * scale[:, :, None] * scale[:, None, :], system.g * scale
     np.einsum("cii->ci", A)[:] += np.where(known, damping[:, None] * bounds.damped + _SINGULAR, 1)
     steps = np.where(which[:, None], scale * np.linalg.solve(A, b[..., None])[..., 0], 0)
     beyond = ((at + steps < bounds.lower) | (at + steps > bounds.upper)).any(axis=1)
     for c in np.flatnonzero(beyond):
         k = np.flatnonzero(known[c])
-        lower, upper = (bounds.lower[k] - at[c, k]) / scale[c, k], (bounds.upper[k] - at[c, k]) / scale[c, k]
+        lower, upper = (
+            (bounds.lower[k] - at[c, k]) / scale[c, k],
+            (bounds.upper[k] - at[c, k]) / scale[c, k],
+        )
         steps[c, k] = scale[c, k] * _within(A[c][np.ix_(k, k)], b[c, k], lower, upper)
     return steps
 
@@ -265,7 +274,9 @@ def _within(A: Array, b: Array, lower: Array, upper: Array) -> Array:
     t, free = np.zeros(len(b)), np.ones(len(b), dtype=bool)
     for _ in range(10 * len(b)):
         best = t.copy()
-        best[free] = np.linalg.solve(A[np.ix_(free, free)], b[free] - A[np.ix_(free, ~free)] @ t[~free])
+        best[free] = np.linalg.solve(
+            A[np.ix_(free, free)], b[free] - A[np.ix_(free, ~free)] @ t[~free]
+        )
         beyond = np.flatnonzero((best < lower) | (best > upper))
         if len(beyond):
             bound = np.where(best < lower, lower, upper)

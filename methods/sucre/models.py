@@ -134,7 +134,9 @@ class Fitted:
         """Return it with more limits."""
         return replace(self, uncertainty=self.uncertainty.with_limits(limits))
 
-    def colours_of(self, observations: Observations, *, backend: Backend = "auto", device: Device = "auto") -> Solution:
+    def colours_of(
+        self, observations: Observations, *, backend: Backend = "auto", device: Device = "auto"
+    ) -> Solution:
         """Return the colours of observations in this water, with weights for how well they fit if these count."""
         of_all = None
         uncertainty = self.uncertainty
@@ -142,15 +144,23 @@ class Fitted:
             of_all = trust(observations, self.water, self.noise)
             observations = trusted(observations, of_all)
         with opened(observations, backend, device) as kernel:
-            if self.noise is None:  # the water's errors come from a sample, the colours' from their own noise
-                own = uncertainty_of(self.water, kernel.system(self.water), None, observations.n_excess)
+            if (
+                self.noise is None
+            ):  # the water's errors come from a sample, the colours' from their own noise
+                own = uncertainty_of(
+                    self.water, kernel.system(self.water), None, observations.n_excess
+                )
                 noise = np.where(np.isfinite(own.noise), own.noise, uncertainty.noise)
                 uncertainty = replace(uncertainty, noise=noise)
-            solution = coloured(kernel, self.water, uncertainty, replace(self.course, device=kernel.device))
+            solution = coloured(
+                kernel, self.water, uncertainty, replace(self.course, device=kernel.device)
+            )
         return replace(solution, trust=of_all, light=self.light)
 
 
-def fit_model(model: Model, seen: Observed, light: LightFit | None = None, near: Fitted | None = None) -> Fitted:
+def fit_model(
+    model: Model, seen: Observed, light: LightFit | None = None, near: Fitted | None = None
+) -> Fitted:
     """Fit the water of a model to a view or a dive.
 
     light: that was fitted before, None to fit it if the model has any; near: the fit of the model to more views.
@@ -170,7 +180,9 @@ def fit_model(model: Model, seen: Observed, light: LightFit | None = None, near:
     light = light or light_of(model, seen)
     even = seen.evened(light.light).observations
     if not even.n_repeated:
-        raise NotApplicableError("the light leaves no pixel that two views show; use method.light=even")
+        raise NotApplicableError(
+            "the light leaves no pixel that two views show; use method.light=even"
+        )
     fitted = fit_water(even, None if matched is None else light.light.removed(matched), **options)
     return _with_light(fitted, light, seen, even)
 
@@ -218,19 +230,36 @@ def _with_light(fitted: Fitted, found: LightFit, seen: Observed, even: Observati
     before = uncertainty.standard_error.by_channel()
     error, alike = np.fmax(before, found.error), uncertainty.alike
     if alike is not None:  # errors of beta are most of what places and views share
-        alike = alike * np.divide(error, before, out=np.ones((3, 3)), where=before > 0)[:, 1, None, None] ** 2
-    uncertainty = replace(uncertainty, standard_error=WaterParameters.of_channels(error), alike=alike)
+        alike = (
+            alike
+            * np.divide(error, before, out=np.ones((3, 3)), where=before > 0)[:, 1, None, None] ** 2
+        )
+    uncertainty = replace(
+        uncertainty, standard_error=WaterParameters.of_channels(error), alike=alike
+    )
     is_mixed = bool((found.error[:, 1] * median >= _LOOSE).any())
-    said = [f"{one}; {_MIXED}" if is_mixed else one for one in sentences_of(light, seen.matched or even)]
+    said = [
+        f"{one}; {_MIXED}" if is_mixed else one for one in sentences_of(light, seen.matched or even)
+    ]
     if not any(FAR_COLOURS in limit for limit in uncertainty.limits):
         said += far_colours(error[:, 1] * far)
-    by_view = zip(light.views, np.exp(light.gains[:, 0] if light.parts.gains == 1 else light.gains), strict=True)
+    by_view = zip(
+        light.views,
+        np.exp(light.gains[:, 0] if light.parts.gains == 1 else light.gains),
+        strict=True,
+    )
     gains = {name: gain.tolist() for name, gain in by_view if np.isfinite(gain).all()}
     if light.parts.gains and (unknown := [name for name in even.views if name not in gains]):
-        said.append(f"views that share too few pixels to find their light took no part: {', '.join(unknown)}")
-    record = LightRecord(light.parts.words, light.least_on(seen.matched or even) if light.parts.lens else None)
+        said.append(
+            f"views that share too few pixels to find their light took no part: {', '.join(unknown)}"
+        )
+    record = LightRecord(
+        light.parts.words, light.least_on(seen.matched or even) if light.parts.lens else None
+    )
     fitted = replace(fitted, uncertainty=uncertainty.with_limits(said), light=light)
-    return fitted.decided(light=record, gains={seen.view.name: 1.0} | gains if light.parts.gains else None)
+    return fitted.decided(
+        light=record, gains={seen.view.name: 1.0} | gains if light.parts.gains else None
+    )
 
 
 def sentences_of(light: Light, observations: Observations) -> Iterator[str]:
@@ -263,7 +292,9 @@ def fit_water(
     matched: observations of some pixels that the water is fitted to instead (see multiview/footprints.py). Weak priors
     then count by errors that hold if the residuals of neighbours, or of a view, are alike. near: see `fit`.
     """
-    how: Callable[..., WaterFit] = partial(fit, one_coefficient=one_coefficient, backend=backend, device=device)
+    how: Callable[..., WaterFit] = partial(
+        fit, one_coefficient=one_coefficient, backend=backend, device=device
+    )
     sharp = sampled(observations, SAMPLE, singles=physical, seed=0)
     to_fit = observations if matched is None else matched
     few = sharp if matched is None else matched
@@ -286,7 +317,9 @@ def fit_water(
     if physical:
         near_or_free = {"free": found.water} if near is None else {"near": near}
         found = how(to_fit, physical=True, sharp=None if matched is None else sharp, **near_or_free)
-    uncertainty = found.uncertainty if noise is None else rescaled_to_noise(found.uncertainty, noise)
+    uncertainty = (
+        found.uncertainty if noise is None else rescaled_to_noise(found.uncertainty, noise)
+    )
     if matched is not None:
         uncertainty = clustered(uncertainty, to_fit, found.water, tied=one_coefficient)
     course = Course(

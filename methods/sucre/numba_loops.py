@@ -37,7 +37,9 @@ _loop = partial(compile_loop, fastmath=_FAST)
 # decide which one runs.
 _inline = numba.njit(forceinline=True, error_model="numpy", fastmath=_FAST)
 
-_PLACES = 1 << 13  # observations in a block: its six arrays take 200 kB, a part of a core's L2 cache
+_PLACES = (
+    1 << 13
+)  # observations in a block: its six arrays take 200 kB, a part of a core's L2 cache
 SHARE = 1 << 20  # observations in a share of a thread, some milliseconds
 
 _LOG2_E = 1 / np.log(2)
@@ -50,8 +52,16 @@ _LIFT = np.float32(256)  # makes exponents positive, where cutting off is roundi
 _BIAS, _MANTISSA = np.int32(127), np.int32(23)  # of float32's layout
 
 # (2^f - 1) / f for |f| <= 1/2, f the polynomial's argument: minimax, 2^f within 2e-9 before rounding.
-_C1, _C2, _C3 = np.float32(0.6931471824645996), np.float32(0.24022650718688965), np.float32(0.055503278970718384)
-_C4, _C5, _C6 = np.float32(0.009618005715310574), np.float32(0.001340028247795999), np.float32(0.0001547588617540896)
+_C1, _C2, _C3 = (
+    np.float32(0.6931471824645996),
+    np.float32(0.24022650718688965),
+    np.float32(0.055503278970718384),
+)
+_C4, _C5, _C6 = (
+    np.float32(0.009618005715310574),
+    np.float32(0.001340028247795999),
+    np.float32(0.0001547588617540896),
+)
 
 
 @_inline
@@ -67,7 +77,9 @@ def power_minus_1(x: Any) -> Any:
 
 
 @_inline
-def _first_sweep(z: Any, I: Any, s: Any, scale: Any, B: Any, rates: Any, kept: Any, sums: Any) -> None:  # noqa: E741
+def _first_sweep(
+    z: Any, I: Any, s: Any, scale: Any, B: Any, rates: Any, kept: Any, sums: Any
+) -> None:
     """Compute the terms of a slot's observations in one water, and add them to their pixels' sums.
 
     z, I, s: (n,) distance, stored colour, root of the weight; rates: -beta log2(e), -gamma log2(e);
@@ -132,7 +144,9 @@ def _add_products(columns: Any, n: int, total: Any) -> None:
 
 
 @_inline
-def _sum_block(store: Any, c: int, start: int, n: int, water: Any, roots: Any, kept: Any, sums: Any) -> int:
+def _sum_block(
+    store: Any, c: int, start: int, n: int, water: Any, roots: Any, kept: Any, sums: Any
+) -> int:
     """Sweep the slots of n pixels first, then divide the sums by A; return how many slots there were."""
     distance, colour, weight, starts, scale = store
     log2_e = np.float32(_LOG2_E)
@@ -151,7 +165,16 @@ def _sum_block(store: Any, c: int, start: int, n: int, water: Any, roots: Any, k
             of_channel = weight[min(c, len(weight) - 1)]
             for i in range(n_k):
                 roots[i] = np.sqrt(of_channel[part.start + i])
-        _first_sweep(distance[part], colour[c][part], roots, scale, water[0], rates, kept[k % len(kept)], sums)
+        _first_sweep(
+            distance[part],
+            colour[c][part],
+            roots,
+            scale,
+            water[0],
+            rates,
+            kept[k % len(kept)],
+            sums,
+        )
     for row in range(1, 5):
         for i in range(n):
             sums[row, i] /= max(sums[0, i], _LEAST)
@@ -159,7 +182,9 @@ def _sum_block(store: Any, c: int, start: int, n: int, water: Any, roots: Any, k
 
 
 @_inline
-def _hold(kept: Any, slots: int, n: int, starts: Any, start: int, sums: Any, margin: Any, total: Any) -> None:
+def _hold(
+    kept: Any, slots: int, n: int, starts: Any, start: int, sums: Any, margin: Any, total: Any
+) -> None:
     """Add the residual of every pixel whose sqrt(A) J lies below -margin; its columns replace the first slot's.
 
     Of beta it needs sum z x r, which is sum D'_beta r over -J, as sum x r is 0.
@@ -204,7 +229,9 @@ def _share_products(store: Any, share: Any, size: int, water: Any, margin: Any) 
 
 
 @_loop
-def _share_colours(store: Any, share: Any, size: int, water: Any, noise: Any, covariance: Any, found: Any) -> None:
+def _share_colours(
+    store: Any, share: Any, size: int, water: Any, noise: Any, covariance: Any, found: Any
+) -> None:
     """Write J and its deviation, (2, 3, n), of a share's pixels; see passes.colours."""
     start, stop, _ = share
     kept, sums = np.empty((1, 4, size), dtype=np.float32), np.empty((5, size), dtype=np.float32)
@@ -221,17 +248,26 @@ def _share_colours(store: Any, share: Any, size: int, water: Any, noise: Any, co
                 of_water += q * (V[1, 0] * p + V[1, 1] * q + V[1, 2] * u)
                 of_water += u * (V[2, 0] * p + V[2, 1] * q + V[2, 2] * u)
                 found[0, c, begin - start + i] = J_i
-                found[1, c, begin - start + i] = np.sqrt(noise[c] * noise[c] / sums[0, i] + of_water)
+                found[1, c, begin - start + i] = np.sqrt(
+                    noise[c] * noise[c] / sums[0, i] + of_water
+                )
 
 
 def compiled(observations: Observations) -> Callable[..., Array]:
     """Return what computes a formula for a block with these loops."""
-    weight = np.empty((0, 0), dtype=np.float32) if observations.weight is None else np.atleast_2d(observations.weight)
+    weight = (
+        np.empty((0, 0), dtype=np.float32)
+        if observations.weight is None
+        else np.atleast_2d(observations.weight)
+    )
     arrays = (observations.distance, observations.colour, weight, observations.starts)
     store = (*map(np.ascontiguousarray, arrays), np.float32(observations.scale))
 
     def compute(formula: Any, block: Block, rows: Array, *parameters: Array | None) -> Array:
-        share, size = (block.start, block.start + block.n, block.slots), min(max(64, _PLACES // block.slots), 1024)
+        share, size = (
+            (block.start, block.start + block.n, block.slots),
+            min(max(64, _PLACES // block.slots), 1024),
+        )
         water, *others = map(_channel_first, (rows, *parameters))
         if formula is colours:
             found = np.empty((2, 3, block.n), dtype=np.float32)

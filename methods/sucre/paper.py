@@ -59,7 +59,13 @@ _EPS = 1e-8
 _BLOCK_PX = {"cpu": 1 << 17, "cuda": 1 << 22}
 
 
-@method(needs={"depth", "poses"}, requires=("torch",), display="stretch-1-99", cites=CITES, reads=("start",))
+@method(
+    needs={"depth", "poses"},
+    requires=("torch",),
+    display="stretch-1-99",
+    cites=CITES,
+    reads=("start",),
+)
 @dataclass(frozen=True)
 class SucrePaper(FillOption):
     """SUCRe with the paper's own settings: mutual pairing, then 200 steps of Adam from B = beta = gamma = 0.1.
@@ -93,7 +99,9 @@ class SucrePaper(FillOption):
     def __post_init__(self) -> None:
         check_source(self.start, START)
         if self.steps < 1 or not self.lr > 0:
-            raise InputError(f"sucre_paper: steps is {self.steps}, lr {self.lr}; both must be positive")
+            raise InputError(
+                f"sucre_paper: steps is {self.steps}, lr {self.lr}; both must be positive"
+            )
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return J, NaN where the view has no depth, the water, and the standard deviation of J.
@@ -123,27 +131,46 @@ class SucrePaper(FillOption):
 def start_of(observations: Observations, intensities: Array) -> Array:
     """Return the paper's start J = I (3, P): the target's intensities (H W, 3), or another view's where not finite."""
     own = intensities[observations.pixels].swapaxes(0, 1)
-    return np.where(np.isfinite(own), own, observations.intensity(slice(0, len(observations.pixels))))
+    return np.where(
+        np.isfinite(own), own, observations.intensity(slice(0, len(observations.pixels)))
+    )
 
 
 def solve_adam(
-    observations: Observations, start: Array, options: SucrePaper, water: WaterParameters = _INITIAL_WATER
+    observations: Observations,
+    start: Array,
+    options: SucrePaper,
+    water: WaterParameters = _INITIAL_WATER,
 ) -> Solution:
     """Take Adam's steps from J = start (3, P) and a water, full batch, without bounds, and return its last iterate.
 
     Raises SolveError when it diverges.
     """
     import torch
-    from torch.optim.adam import adam  # torch.optim.Adam imports PyTorch's compiler at its first step, for a second
+    from torch.optim.adam import (
+        adam,
+    )  # torch.optim.Adam imports PyTorch's compiler at its first step, for a second
 
-    eps = _EPS if options.objective == "sum" else _EPS * 3 * len(observations)  # the same as dividing the sum
+    eps = (
+        _EPS if options.objective == "sum" else _EPS * 3 * len(observations)
+    )  # the same as dividing the sum
     tied, (_, place) = options.one_coefficient, backend_for("torch", options.device)
-    J_now, columns = torch.tensor(start, dtype=torch.float32, device=place), [0, 1, 1 if tied else 2]
+    J_now, columns = (
+        torch.tensor(start, dtype=torch.float32, device=place),
+        [0, 1, 1 if tied else 2],
+    )
     water_now = torch.tensor(water.by_channel()[:, columns]).contiguous()  # as the gradient is
     J_grad, unknowns = torch.zeros_like(J_now), [J_now, water_now]
     means, squares = ([torch.zeros_like(unknown) for unknown in unknowns] for _ in range(2))
     counts = [torch.zeros((), device=unknown.device) for unknown in unknowns]
-    settings: Any = {"lr": options.lr, "eps": eps, "beta1": 0.9, "beta2": 0.999, "weight_decay": 0, "amsgrad": False}
+    settings: Any = {
+        "lr": options.lr,
+        "eps": eps,
+        "beta1": 0.9,
+        "beta2": 0.999,
+        "weight_decay": 0,
+        "amsgrad": False,
+    }
     with squared_error(observations, place) as evaluate:
         cost, water_grad = evaluate(J_now, water_now, J_grad)
         first = cost
@@ -152,13 +179,27 @@ def solve_adam(
                 water_grad[:, 1:] = water_grad[:, 1:].sum(dim=1, keepdim=True)
             gradients = [J_grad, water_grad]
             # fused: one pass over memory, not ten
-            adam(unknowns, gradients, means, squares, [], counts, fused=True, maximize=False, **settings)
+            adam(
+                unknowns,
+                gradients,
+                means,
+                squares,
+                [],
+                counts,
+                fused=True,
+                maximize=False,
+                **settings,
+            )
             cost, water_grad = evaluate(J_now, water_now, J_grad)
     if not cost.isfinite().all():
-        raise SolveError(f"Adam diverged after {options.steps} steps; lower lr ({options.lr}) or steps")
+        raise SolveError(
+            f"Adam diverged after {options.steps} steps; lower lr ({options.lr}) or steps"
+        )
     found = WaterParameters.of_channels(water_now.numpy()[:, columns])
     with opened(observations, "torch", options.device) as kernel:
-        uncertainty = uncertainty_of(found, kernel.system(found), None, observations.n_excess, tied=tied)
+        uncertainty = uncertainty_of(
+            found, kernel.system(found), None, observations.n_excess, tied=tied
+        )
         _, deviation = kernel.colours(found, uncertainty.noise, uncertainty.covariance)
     course = Course(solver="adam", device=place, steps=options.steps, initial_cost=first.numpy())
     return Solution(J_now.cpu().numpy(), deviation, found, cost.numpy(), uncertainty, course)
@@ -167,7 +208,9 @@ def solve_adam(
 @contextmanager
 def squared_error(
     observations: Observations, device: str = "cpu", block_px: int | None = None
-) -> Iterator[Callable[[torch.Tensor, torch.Tensor, torch.Tensor], tuple[torch.Tensor, torch.Tensor]]]:
+) -> Iterator[
+    Callable[[torch.Tensor, torch.Tensor, torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
+]:
     """Move the observations to a device for the time of a `with` block; return what evaluates eq. 7 and its gradient.
 
     Its arguments are J (3, P), the water (3, 3), a row a channel, columns B, beta, gamma, and dE/dJ (3, P), which it
@@ -179,10 +222,18 @@ def squared_error(
 
     size = block_px or _BLOCK_PX[device]
     starts = range(0, len(observations.pixels), size)
-    blocks = [(start, list(observations.slots(start, start + size)), c) for start in starts for c in range(3)]
-    distance, colour = (torch.from_numpy(v).to(device) for v in (observations.distance, observations.colour))
+    blocks = [
+        (start, list(observations.slots(start, start + size)), c)
+        for start in starts
+        for c in range(3)
+    ]
+    distance, colour = (
+        torch.from_numpy(v).to(device) for v in (observations.distance, observations.colour)
+    )
 
-    def evaluate(J: torch.Tensor, water: torch.Tensor, J_grad: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def evaluate(
+        J: torch.Tensor, water: torch.Tensor, J_grad: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
         rows = water.tolist()
         sums = torch.zeros(len(blocks), 4, dtype=torch.float64, device=J.device)
 
@@ -198,8 +249,13 @@ def squared_error(
                 sums[k] += torch.stack([r @ r, r @ D_B, r @ D_beta, r @ D_gamma])
 
         list(workers.map(work, range(len(blocks))))
-        total = sums.cpu().reshape(-1, 3, 4).sum(dim=0)  # blocks of one start are the three channels
+        total = (
+            sums.cpu().reshape(-1, 3, 4).sum(dim=0)
+        )  # blocks of one start are the three channels
         return total[:, 0], -2 * total[:, 1:].contiguous()
 
-    with one_torch_thread() as n_threads, ThreadPoolExecutor(n_threads if device == "cpu" else 1) as workers:
+    with (
+        one_torch_thread() as n_threads,
+        ThreadPoolExecutor(n_threads if device == "cpu" else 1) as workers,
+    ):
         yield evaluate

@@ -64,7 +64,11 @@ def opened(
         from sucre_bench.methods.sucre.numba_loops import SHARE, compiled
 
         return nullcontext(Kernel(observations, "cpu", compiled(observations), SHARE))
-    return on_torch(observations, place) if library == "torch" else nullcontext(on_jax(observations, place))
+    return (
+        on_torch(observations, place)
+        if library == "torch"
+        else nullcontext(on_jax(observations, place))
+    )
 
 
 def backend_for(backend: Backend, device: Device) -> tuple[Literal["numba", "torch", "jax"], str]:
@@ -115,7 +119,11 @@ class Block:
 
 
 def blocks(
-    observations: Observations, elements: int, *, stop: int | None = None, slots: Callable[[int], int] = int
+    observations: Observations,
+    elements: int,
+    *,
+    stop: int | None = None,
+    slots: Callable[[int], int] = int,
 ) -> list[Block]:
     """Cut pixels 0 to stop into blocks of at most so many places (slots x pixels), at least one pixel each.
 
@@ -139,7 +147,7 @@ def fill(
     The weight is (K, n), or (3, K, n) if each channel has its own. width: of the rectangles, n by default.
     """
     shape, weight = (block.slots, block.n if width is None else width), observations.weight
-    z, I = np.zeros(shape, dtype=dtype), np.zeros((3, *shape), dtype=dtype)  # noqa: E741
+    z, I = np.zeros(shape, dtype=dtype), np.zeros((3, *shape), dtype=dtype)
     w = np.zeros(shape if weight is None else (*weight.shape[:-1], *shape), dtype=dtype)
     scale = dtype(observations.scale)
     for k, (n, part) in enumerate(observations.slots(block.start, block.start + block.n)):
@@ -167,7 +175,7 @@ class Eliminated:
     r: Any
 
     @staticmethod
-    def of(z: Any, I: Any, w: Any, water: Any) -> Eliminated:  # noqa: E741
+    def of(z: Any, I: Any, w: Any, water: Any) -> Eliminated:
         B, beta, gamma = water
         s = w**0.5
         x = s * transmission((beta * z).clip(max=-DARKEST * math.log(2)), 1.0)
@@ -186,7 +194,7 @@ class Eliminated:
         return library_of(x).stack(D, 1)
 
 
-def colours(z: Any, I: Any, w: Any, water: Any, noise: Any, covariance: Any) -> Any:  # noqa: E741
+def colours(z: Any, I: Any, w: Any, water: Any, noise: Any, covariance: Any) -> Any:
     """Return the best J and its standard deviation of a block, (2, 3, n).
 
     z, I, w: see `fill`; water: B, beta, gamma, (3, 1, 1) each; noise: (3, 1, 1) standard deviation of I; covariance:
@@ -195,11 +203,13 @@ def colours(z: Any, I: Any, w: Any, water: Any, noise: Any, covariance: Any) -> 
     """
     block = Eliminated.of(z, I, w, water)
     c = block.mean(block.d), -block.J * block.mean(block.x * z), block.mean(block.g)
-    variance = noise**2 / block.A + sum(covariance[i, j] * c[i] * c[j] for i in range(3) for j in range(3))
+    variance = noise**2 / block.A + sum(
+        covariance[i, j] * c[i] * c[j] for i in range(3) for j in range(3)
+    )
     return library_of(z).stack([block.J, variance**0.5])[:, :, 0]
 
 
-def products(z: Any, I: Any, w: Any, water: Any, margin: Any, *, on_gpu: bool = False) -> Any:  # noqa: E741
+def products(z: Any, I: Any, w: Any, water: Any, margin: Any, *, on_gpu: bool = False) -> Any:
     """Return the products (3, 4, 4) of each channel's columns (D'_B, D'_beta, D'_gamma, r) over a block.
 
     z, I, w: see `fill`; water: B, beta, gamma, (3, 1, 1) each. margin: (3, 1, 1), or None for free colours. With a
@@ -260,10 +270,14 @@ class Kernel:
         stop = self.observations.n_repeated if margin is None else None
         formula = products_on_gpu if self.device == "cuda" else products
         parts = self._each(stop, formula, water, None if margin is None else _by_channel(margin))
-        total = sum((part for _, part in parts), np.zeros((3, 4, 4)))  # of D'_B, D'_beta, D'_gamma and r
+        total = sum(
+            (part for _, part in parts), np.zeros((3, 4, 4))
+        )  # of D'_B, D'_beta, D'_gamma and r
         return ReducedSystem(total[:, :3, :3], total[:, :3, 3], total[:, 3, 3])
 
-    def colours(self, water: WaterParameters, noise: Array, covariance: Array) -> tuple[Array, Array]:
+    def colours(
+        self, water: WaterParameters, noise: Array, covariance: Array
+    ) -> tuple[Array, Array]:
         """Return J (3, P) float32 and its standard deviation (3, P) float32, in the order of `Observations.pixels`.
 
         noise: (3,) standard deviation of I; covariance: (3, 3, 3) of each channel's B, beta, gamma. Where all weights
@@ -375,7 +389,11 @@ def on_jax(observations: Observations, device: str) -> Kernel:
     def compute(formula: Any, block: Block, *parameters: Any) -> Array:
         width = min(1 << (block.n - 1).bit_length(), max(1, _JAX[device] // block.slots))
         narrow = [None if values is None else values.astype(np.float32) for values in parameters]
-        return np.asarray(_jitted(formula)(*jax.device_put((*fill(observations, block, width=width), *narrow), place)))
+        return np.asarray(
+            _jitted(formula)(
+                *jax.device_put((*fill(observations, block, width=width), *narrow), place)
+            )
+        )
 
     return Kernel(observations, device, compute, _JAX[device], _few_sizes)
 

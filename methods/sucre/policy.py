@@ -62,7 +62,9 @@ _NOT_BETTER = (
 
 _COMMON = "this view's own water makes {:.0%} of a channel darker than black, so the dive's common water was taken"
 
-_TYPICAL_EXPOSURE = "too few pixels are shared with others to find this view's exposure; the typical one was taken"
+_TYPICAL_EXPOSURE = (
+    "too few pixels are shared with others to find this view's exposure; the typical one was taken"
+)
 
 _UNJUDGED = "too few views overlap to judge a water on views that it was not fitted to"
 
@@ -85,7 +87,9 @@ def solved(seen: Observed) -> tuple[Observed, Solution]:
         )
     verdict = chosen_model(seen.scene, judging(options))
     even, solution, words = _restored(seen, options, verdict)
-    if (share := seen.observations.n_repeated / max(1, int(np.count_nonzero(seen.view.depth > 0)))) < _OVERLAP:
+    if (
+        share := seen.observations.n_repeated / max(1, int(np.count_nonzero(seen.view.depth > 0)))
+    ) < _OVERLAP:
         said.append(f"only {share:.1%} of the points lie where other views see them; {_NO_OVERLAP}")
     if verdict.is_unjudged:
         said.append(_UNJUDGED)
@@ -93,11 +97,19 @@ def solved(seen: Observed) -> tuple[Observed, Solution]:
     return even, solution.with_limits([*said, *words])
 
 
-def _restored(seen: Observed, options: Any, verdict: Verdict) -> tuple[Observed, Solution, list[str]]:
+def _restored(
+    seen: Observed, options: Any, verdict: Verdict
+) -> tuple[Observed, Solution, list[str]]:
     """Return the view in even light, its solution by the chosen model, and what to say."""
     if verdict.model == NO_WATER:
         limit = _AIR if verdict.is_in_air else _NOT_BETTER
-        return seen, _photograph(seen, Course(solver="none", device="cpu"), limit, is_clear=verdict.is_in_air), []
+        return (
+            seen,
+            _photograph(
+                seen, Course(solver="none", device="cpu"), limit, is_clear=verdict.is_in_air
+            ),
+            [],
+        )
     if options.water == "shared":
         return _in_water_of_dive(seen, options, verdict.model)
     even, solution = _coloured(seen, fit_model(verdict.model, seen))
@@ -108,7 +120,9 @@ def _restored(seen: Observed, options: Any, verdict: Verdict) -> tuple[Observed,
     return even, solution, []
 
 
-def _in_water_of_dive(seen: Observed, options: Any, model: Model) -> tuple[Observed, Solution, list[str]]:
+def _in_water_of_dive(
+    seen: Observed, options: Any, model: Model
+) -> tuple[Observed, Solution, list[str]]:
     """Return the view in even light, its solution in the common water of the dive, and what to say."""
     fitted = _of_dive(seen.scene, judging(options), model)
     if isinstance(fitted, SolveError):
@@ -117,7 +131,9 @@ def _in_water_of_dive(seen: Observed, options: Any, model: Model) -> tuple[Obser
         return *_coloured(seen, fitted), []
     light = fitted.light.with_typical(seen.view.name)
     own = np.exp(light.gains[-1])[0 if light.parts.gains == 1 else slice(None)].tolist()
-    fitted = replace(fitted, light=light).decided(gains={**(fitted.course.gains or {}), seen.view.name: own})
+    fitted = replace(fitted, light=light).decided(
+        gains={**(fitted.course.gains or {}), seen.view.name: own}
+    )
     return *_coloured(seen, fitted), [_TYPICAL_EXPOSURE]
 
 
@@ -134,7 +150,9 @@ def _coloured(seen: Observed, fitted: Fitted) -> tuple[Observed, Solution]:
     """Return the view in the light of the fit, and its colours in the water."""
     if is_in_air(seen.observations, fitted):
         others = [limit for limit in fitted.uncertainty.limits if not limit.startswith(CHANNELS)]
-        uncertainty = replace(fitted.uncertainty, limits=(_AIR, *others), is_weak=(False, False, False))
+        uncertainty = replace(
+            fitted.uncertainty, limits=(_AIR, *others), is_weak=(False, False, False)
+        )
         fitted = replace(fitted, uncertainty=uncertainty)
     even = seen if fitted.light is None else seen.evened(fitted.light)
     solution = fitted.colours_of(even.observations, **seen.options.compute)
@@ -146,7 +164,9 @@ def _coloured(seen: Observed, fitted: Fitted) -> tuple[Observed, Solution]:
 
 def is_guess(solution: Solution) -> bool:
     """Decide whether the water is a guess: weak priors decide it in most channels, and noise fills a channel."""
-    return not is_determined(solution.uncertainty) and bool((np.median(solution.deviation, axis=1) > _LOST).any())
+    return not is_determined(solution.uncertainty) and bool(
+        (np.median(solution.deviation, axis=1) > _LOST).any()
+    )
 
 
 def _photograph(seen: Observed, course: Course, limit: str, *, is_clear: bool = False) -> Solution:

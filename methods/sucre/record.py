@@ -113,16 +113,23 @@ def restoration(
     n_observations, n_repeated pixels, n_views, unreadable, device.
     """
     uncertainty = solution.uncertainty
-    deviation = solution.deviation if solution.growth is None else solution.deviation * solution.growth
+    deviation = (
+        solution.deviation if solution.growth is None else solution.deviation * solution.growth
+    )
     negative = (solution.J < 0).mean(axis=1)
     unknown = (solution.deviation > 1).mean(axis=1)
     far = float(np.quantile(observations.distance, _FAR_GROUND))
     name = type(options).__plugin__.name
-    limits = [with_name(limit, name) for limit in (*uncertainty.limits, *faults_of_colours(negative, unknown, options))]
+    limits = [
+        with_name(limit, name)
+        for limit in (*uncertainty.limits, *faults_of_colours(negative, unknown, options))
+    ]
     info = {
         "cost": solution.cost,
         "negative_share": negative,
-        "below_zero": [name for name, share in zip(CHANNELS, negative, strict=True) if share > MOST_NEGATIVE],
+        "below_zero": [
+            name for name, share in zip(CHANNELS, negative, strict=True) if share > MOST_NEGATIVE
+        ],
         "n_specks": int(np.isnan(solution.J).any(axis=0).sum()),
         "n_observations": len(observations),
         "n_repeated": observations.n_repeated,
@@ -134,14 +141,18 @@ def restoration(
         "limits": limits,
         "hints": hints(limits, uncertainty),
         "veil_known": is_determined(uncertainty),
-        "assumed": [name for name, is_weak in zip(CHANNELS, uncertainty.is_weak, strict=True) if is_weak],
+        "assumed": [
+            name for name, is_weak in zip(CHANNELS, uncertainty.is_weak, strict=True) if is_weak
+        ],
         "far_error": dict(zip(CHANNELS, uncertainty.standard_error.beta * far, strict=True)),
         **plain(solution.course),
         "stage_seconds": stage_seconds,
     }
     water = Water(solution.water.B, solution.water.beta, solution.water.gamma, encoding)
     confidence = observations.image(np.sqrt((deviation**2).mean(axis=0)))
-    return Restoration(observations.image(solution.J), water=water, confidence=confidence, info=plain(info))
+    return Restoration(
+        observations.image(solution.J), water=water, confidence=confidence, info=plain(info)
+    )
 
 
 def plain(value: Any) -> Any:
@@ -160,7 +171,10 @@ def plain(value: Any) -> Any:
 
 def hints(limits: Sequence[str], uncertainty: WaterUncertainty) -> list[str]:
     """Return what a user can type: the limits that name an option or a method, after what matters most."""
-    return [*(() if is_determined(uncertainty) else (UNDETERMINED,)), *filter(_TYPED.search, limits)]
+    return [
+        *(() if is_determined(uncertainty) else (UNDETERMINED,)),
+        *filter(_TYPED.search, limits),
+    ]
 
 
 def faults_of_colours(negative: Array, unknown: Array, options: Any) -> list[str]:
@@ -171,12 +185,22 @@ def faults_of_colours(negative: Array, unknown: Array, options: Any) -> list[str
     doubts, fits_water = [], getattr(options, "water", "own") in ("own", "shared")
     for colour, below, lost in zip(CHANNELS, negative, unknown, strict=True):
         for share, fault, option, effect, helps in (
-            (below, "darker than black, and show as black", "physical", "keeps them above zero", fits_water),
+            (
+                below,
+                "darker than black, and show as black",
+                "physical",
+                "keeps them above zero",
+                fits_water,
+            ),
             (lost, "lost in noise", "refine", "draws them to the mean", True),
         ):
             if share > _MANY:
                 word = f"method.{option}=true" if hasattr(options, option) else "method=sucre_plus"
-                remedy = f"; {word} {effect}" if helps and getattr(options, option, False) is not True else ""
+                remedy = (
+                    f"; {word} {effect}"
+                    if helps and getattr(options, option, False) is not True
+                    else ""
+                )
                 doubts.append(f"{colour}: {share:.0%} of the colours are {fault}{remedy}")
     return doubts
 
@@ -208,7 +232,9 @@ def residuals(observations: Observations, J: Array, water: WaterParameters) -> d
         return about
     r, fit = raw[:, kept] / np.sqrt(1 - h[:, kept]), fit[:, kept]
     mean, std = r.mean(axis=1), r.std(axis=1)
-    standard = np.divide(r - mean[:, None], std[:, None], out=np.full_like(r, np.nan), where=std[:, None] > 0)
+    standard = np.divide(
+        r - mean[:, None], std[:, None], out=np.full_like(r, np.nan), where=std[:, None] > 0
+    )
     edges = (np.arange(_BINS + 1) - _BINS / 2) * _BIN
     counts = np.stack([np.histogram(r_c, edges)[0] for r_c in r])
     beyond = r.shape[1] - counts.sum(axis=1)
@@ -233,7 +259,9 @@ def _density(fit: Array, r: Array) -> dict[str, Any]:
     bins = np.digitize(fit, fits) - 1
     inside = [r[bins == k] for k in range(_FITS)]
     nothing = np.full(3, np.nan)
-    quantiles = [np.quantile(one, (0.159, 0.5, 0.841)) if len(one) >= _ENOUGH else nothing for one in inside]
+    quantiles = [
+        np.quantile(one, (0.159, 0.5, 0.841)) if len(one) >= _ENOUGH else nothing for one in inside
+    ]
     ranges = {"fit": _short(fits[[0, -1]]), "residual": _short(np.array([-reach, reach]))}
     lines = dict(zip(("low", "median", "high"), _short(np.transpose(quantiles)), strict=True))
     return ranges | {"counts": counts.astype(int).tolist()} | lines
@@ -256,7 +284,12 @@ def _track(few: Observations, place: int, J: Array) -> dict[str, Any]:
     at = at[evenly(len(at), _MOST)]
     y, x = divmod(int(few.pixels[place]), few.shape[1])
     intensity = few.colour[:, at] * few.scale
-    return {"pixel": [x, y], "J": _short(J), "distance": _short(few.distance[at]), "intensity": _short(intensity)}
+    return {
+        "pixel": [x, y],
+        "J": _short(J),
+        "distance": _short(few.distance[at]),
+        "intensity": _short(intensity),
+    }
 
 
 def _short(values: Array) -> Any:

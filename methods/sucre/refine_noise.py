@@ -132,7 +132,9 @@ def calibrated(observations: Observations, solution: Solution) -> Solution:
     A, vA, A2 = np.zeros((3, 3, len(observations.pixels)), dtype=np.float32)
     trust = _trust(observations, solution)
     for n, part in observations.slots():
-        a = transmission(observations.distance[part], solution.water.columns()[1].astype(np.float32))
+        a = transmission(
+            observations.distance[part], solution.water.columns()[1].astype(np.float32)
+        )
         information, v = information_of(observations, a, part), trust[part]
         A[:, :n] += v * information
         vA[:, :n] += v**2 * information
@@ -169,7 +171,10 @@ def noise_parts(observations: Observations, solution: Solution) -> Array:
         x, v = strength[c, known].astype(np.float64), counted[c, known]
         y = (r[c, known] ** 2 / (1 - h[c, known])).astype(np.float64)
         classes = [one for one in np.array_split(np.argsort(x), _CLASSES) if len(one)]
-        y, x = (np.array([np.average(values[one], weights=v[one]) for one in classes]) for values in (y, x))
+        y, x = (
+            np.array([np.average(values[one], weights=v[one]) for one in classes])
+            for values in (y, x)
+        )
         scale = 1 / np.maximum(y, _LEAST_NOISE**2)
         parts[c], _ = nnls(np.stack([np.ones_like(x), x], axis=1) * scale[:, None], y * scale)
     sigma, tau = np.sqrt(parts.T)
@@ -177,7 +182,9 @@ def noise_parts(observations: Observations, solution: Solution) -> Array:
 
 
 def _trust(observations: Observations, solution: Solution) -> Array:
-    return np.ones(len(observations), dtype=np.float32) if solution.trust is None else solution.trust
+    return (
+        np.ones(len(observations), dtype=np.float32) if solution.trust is None else solution.trust
+    )
 
 
 # -- two channels follow the third ---------------------------------------------------------------------------
@@ -192,7 +199,9 @@ def followed(J: Array, deviation: Array) -> tuple[Array, Array]:
     result, left = np.array(J, dtype=np.float32), np.array(deviation, dtype=np.float32)
     if not known.any():
         return result, left
-    variance = np.where(np.isfinite(deviation), deviation, np.sqrt(_UNKNOWN)).astype(np.float32) ** 2
+    variance = (
+        np.where(np.isfinite(deviation), deviation, np.sqrt(_UNKNOWN)).astype(np.float32) ** 2
+    )
     colours = np.where(known[..., None], J, 0).astype(np.float32)
     relative = np.sqrt(variance[known]) / np.maximum(np.abs(J[known]), _DARK)
     best = int(np.argmin(np.percentile(relative, _WORST, axis=0)))
@@ -205,7 +214,9 @@ def followed(J: Array, deviation: Array) -> tuple[Array, Array]:
     return result, left
 
 
-def _filtered(y: Array, v: Array, x: Array, v_x: Array, known: Mask, half: int) -> tuple[Array, Array]:
+def _filtered(
+    y: Array, v: Array, x: Array, v_x: Array, known: Mask, half: int
+) -> tuple[Array, Array]:
     """Return the channel y (H, W) of variance v, filtered with the guide x of variance v_x, and the share of v left."""
     weight = np.where(known, 1 / (v + np.float32(_FLOOR)), np.float32(0))
     total = box_sum(weight, half) + _TINY
@@ -219,7 +230,9 @@ def _filtered(y: Array, v: Array, x: Array, v_x: Array, known: Mask, half: int) 
     rest = np.maximum(mean(y * y) - y_mean**2 - 2 * alpha * xy + alpha**2 * xx, 0)
     noise = np.maximum(mean(v), _TINY)
     kappa = min(1.0, float(np.percentile((rest / noise)[known], _PLAIN)))
-    own = np.maximum(mean(np.maximum(rest - kappa * noise, 0)), _TINY)  # sums of windows leave rounding errors
+    own = np.maximum(
+        mean(np.maximum(rest - kappa * noise, 0)), _TINY
+    )  # sums of windows leave rounding errors
     plain = mean(alpha) * x + mean(y_mean - alpha * x_mean)
     kept = own / (own + kappa * v)
     return np.asarray(plain + kept * (y - plain)), np.asarray(1 - kappa + kappa * kept)
@@ -230,7 +243,9 @@ def box_sum(image: Array, half: int) -> Array:
     import cv2
 
     size = (2 * half + 1, 2 * half + 1)
-    return np.asarray(cv2.boxFilter(image, -1, size, normalize=False, borderType=cv2.BORDER_CONSTANT))
+    return np.asarray(
+        cv2.boxFilter(image, -1, size, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    )
 
 
 # -- noisy colours go to the mean ----------------------------------------------------------------------------
@@ -275,9 +290,13 @@ class ImagePrior:
         s, noise, bright = self._brightness(J, v)
         trust = self.variance / (self.variance + noise)
         mean = float((trust * s).sum() / trust.sum())
-        variance = max(float((trust * ((s - mean) ** 2 - noise)).sum() / trust.sum()), _LEAST_VARIANCE)
+        variance = max(
+            float((trust * ((s - mean) ** 2 - noise)).sum() / trust.sum()), _LEAST_VARIANCE
+        )
         weight = 1 / (v + (self.spread * bright) ** 2)
-        w = (bright * J * weight).sum(axis=1).clip(min=0) / (bright**2 * weight).sum(axis=1).clip(min=_LEAST_SUM)
+        w = (bright * J * weight).sum(axis=1).clip(min=0) / (bright**2 * weight).sum(axis=1).clip(
+            min=_LEAST_SUM
+        )
         w = w / w.mean() if w.any() else self.w  # a black image has no mean colour
         return ImagePrior(w, mean, variance, self.spread)
 

@@ -86,7 +86,7 @@ def evened(observations: Observations, J: Array, water: WaterParameters, target:
     def shown_by(v: int) -> tuple[Indices, Array, Array]:
         """The pixels that a view shows, and images (H, W, 3) of their information A and colours J, 0 elsewhere."""
         at = order[ends[v - 1] if v else 0 : ends[v]]
-        I = observations.colour[:, at].astype(np.float32) * np.float32(observations.scale)  # noqa: E741
+        I = observations.colour[:, at].astype(np.float32) * np.float32(observations.scale)
         colours, a = inverted(I, observations.distance[at], parameters, _DARK)
         A = a * a if observations.weight is None else observations.weight[..., at] * a * a
         images = np.zeros((2, shape[0] * shape[1], 3), dtype=np.float32)
@@ -101,7 +101,9 @@ def evened(observations: Observations, J: Array, water: WaterParameters, target:
         if v == own or not len(where):  # a view whose light is not known
             continue
         sides = np.divmod(where, shape[1])
-        part = tuple(slice(max(0, int(at.min()) - _WINDOW), int(at.max()) + _WINDOW + 1) for at in sides)
+        part = tuple(
+            slice(max(0, int(at.min()) - _WINDOW), int(at.max()) + _WINDOW + 1) for at in sides
+        )
         A = A[part]
         there = np.asarray((A > 0).any(axis=-1))
         e = np.where((A > 0) & (A_o[part] > 0), J_v[part] - J_o[part], 0)
@@ -109,10 +111,19 @@ def evened(observations: Observations, J: Array, water: WaterParameters, target:
         mean = box_sum(e, _WINDOW // 2) / n
         variance = np.maximum(box_sum(e * e, _WINDOW // 2) / n - mean**2, _LEAST_SQUARE)
         mean *= np.maximum(0, 1 - _CHANCE * variance / (n * np.maximum(mean**2, _LEAST_SQUARE)))
-        whole = np.where(there[..., None], A, box_sum(A, _WINDOW // 2) / n) * _field(there)[..., None]
-        for total, added in ((Am, A * mean), (A_sum, A), (Am_whole, whole * mean), (A_whole, whole)):
+        whole = (
+            np.where(there[..., None], A, box_sum(A, _WINDOW // 2) / n) * _field(there)[..., None]
+        )
+        for total, added in (
+            (Am, A * mean),
+            (A_sum, A),
+            (Am_whole, whole * mean),
+            (A_whole, whole),
+        ):
             total[part] += added
-    change = Am_whole / np.maximum(A_o + A_whole, _LEAST_SQUARE) - Am / np.maximum(A_o + A_sum, _LEAST_SQUARE)
+    change = Am_whole / np.maximum(A_o + A_whole, _LEAST_SQUARE) - Am / np.maximum(
+        A_o + A_sum, _LEAST_SQUARE
+    )
     return np.asarray(J + np.where(A_o > 0, change, 0).reshape(-1, 3)[pixels].T, dtype=np.float32)
 
 
@@ -120,7 +131,9 @@ def _field(there: Mask) -> Array:
     """Return (H, W): 1 inside the field of a view, gaps closed, down to 0 at its rim; images end at no rim."""
     import cv2
 
-    closed = cv2.morphologyEx(there.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((_GAP, _GAP), np.uint8))
+    closed = cv2.morphologyEx(
+        there.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((_GAP, _GAP), np.uint8)
+    )
     inside: Any = cv2.distanceTransform(closed, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     return np.asarray(np.clip(inside / _RIM, 0, 1), dtype=np.float32)
 
@@ -149,7 +162,12 @@ _CLASSES, _MEDIAN_OF_SQUARE, _LEAST_NOISE = 12, 0.455, 2e-3
 
 
 def corrected_edges(
-    intensity: Array, z: Array, J: Array, deviation: Array, water: WaterParameters, is_wrong: Mask | None = None
+    intensity: Array,
+    z: Array,
+    J: Array,
+    deviation: Array,
+    water: WaterParameters,
+    is_wrong: Mask | None = None,
 ) -> tuple[Array, Array]:
     """Return colours and standard deviations (H, W, 3) float32 with those of contradicted pixels corrected.
 
@@ -159,9 +177,14 @@ def corrected_edges(
     """
     import cv2
 
-    known, half = np.isfinite(J + intensity).all(axis=-1) & (z > 0), max(_FEWEST, round(_HALF * z.shape[1]))
+    known, half = (
+        np.isfinite(J + intensity).all(axis=-1) & (z > 0),
+        max(_FEWEST, round(_HALF * z.shape[1])),
+    )
     parameters = (column.astype(np.float32)[:, 0] for column in water.columns())
-    own, a = inverted(intensity.astype(np.float32), z[..., None].astype(np.float32), parameters, _FAINTEST)
+    own, a = inverted(
+        intensity.astype(np.float32), z[..., None].astype(np.float32), parameters, _FAINTEST
+    )
     difference = np.where(known[..., None], own - J, np.float32(0))
     most = _CLIPPED * _deviation(difference, a, z, known)
     n = np.maximum(box_sum(known.astype(np.float32), half), 1)[..., None]
@@ -174,10 +197,16 @@ def corrected_edges(
         spots = share[..., 0] > 0
         _, spot, sizes, _ = cv2.connectedComponentsWithStats(spots.astype(np.uint8), connectivity=8)
         share[spots & (sizes[spot, cv2.CC_STAT_AREA] <= half**2) & is_wrong] = 0
-    rest = np.multiply(1 - share, deviation, out=np.zeros_like(noise), where=share < 1)  # deviations may be infinite
+    rest = np.multiply(
+        1 - share, deviation, out=np.zeros_like(noise), where=share < 1
+    )  # deviations may be infinite
     left = np.sqrt(rest**2 + (share * noise) ** 2)
-    left = np.maximum(left, np.where(np.isfinite(deviation), deviation, 0))  # one tells no more than all of them
-    return (J + share * e).astype(np.float32), np.where(share > 0, left, deviation).astype(np.float32)
+    left = np.maximum(
+        left, np.where(np.isfinite(deviation), deviation, 0)
+    )  # one tells no more than all of them
+    return (J + share * e).astype(np.float32), np.where(share > 0, left, deviation).astype(
+        np.float32
+    )
 
 
 def wrong_in_target(observations: Observations, v: Array, target: str) -> Mask:
@@ -206,9 +235,13 @@ def _deviation(e: Array, a: Array, distance: Array, known: Mask) -> Array:
     if not classes:
         return np.ones_like(a)
     fine = np.linspace(middle[0], middle[-1], _FINE)  # a table: distances are many
-    table = np.stack([np.interp(fine, middle, of_channel) for of_channel in typical.T], axis=-1).astype(np.float32)
+    table = np.stack(
+        [np.interp(fine, middle, of_channel) for of_channel in typical.T], axis=-1
+    ).astype(np.float32)
     step = max((middle[-1] - middle[0]) / (_FINE - 1), 1e-9)
-    return np.asarray(table[((distance - middle[0]) / step).clip(0, _FINE - 1).astype(np.int32)] / a)
+    return np.asarray(
+        table[((distance - middle[0]) / step).clip(0, _FINE - 1).astype(np.int32)] / a
+    )
 
 
 # -- all of it ----------------------------------------------------------------------
@@ -221,11 +254,15 @@ def refined(seen: Observed, solution: Solution) -> tuple[Solution, ImagePrior | 
         if options.colours == "multi_view" and (solution.trust is not None or options.refine):
             solution = calibrated(seen.observations, solution)
             solution = _of_many_views(seen, solution) if options.refine else solution
-        if options.robust:  # colours that no surface has are unknown: none at all, or for the prior to guess
+        if (
+            options.robust
+        ):  # colours that no surface has are unknown: none at all, or for the prior to guess
             is_speck = specks_of(solution.J, solution.deviation, linear=linear)
             J = solution.J if options.refine else np.where(is_speck, np.float32(np.nan), solution.J)
             unknown = np.float32(np.inf if options.refine else np.nan)
-            solution = replace(solution, J=J, deviation=np.where(is_speck, unknown, solution.deviation))
+            solution = replace(
+                solution, J=J, deviation=np.where(is_speck, unknown, solution.deviation)
+            )
     if options.refine and not solution.is_photograph:
         prior = prior_of(solution.J, solution.deviation, SPREAD_LINEAR if linear else SPREAD)
     if prior is not None:
@@ -257,7 +294,9 @@ def _of_many_views(seen: Observed, solution: Solution) -> Solution:
 _AROUND = 9
 
 
-def fill_pixels_without_depth(restoration: Restoration, view: View, prior: ImagePrior | None = None) -> Restoration:
+def fill_pixels_without_depth(
+    restoration: Restoration, view: View, prior: ImagePrior | None = None
+) -> Restoration:
     """Return a restoration with colours for the pixels without depth, and their confidence, the standard deviation.
 
     Specks get the mean of the colours around. Any other pixel has a distance from its surroundings, the fitted water

@@ -142,7 +142,9 @@ def trust(observations: Observations, water: WaterParameters, noise: Array | Non
 
 def trusted(observations: Observations, v: Array) -> Observations:
     """Return the observations with each weight times the trust (N,) in it."""
-    return replace(observations, weight=v if observations.weight is None else v * observations.weight)
+    return replace(
+        observations, weight=v if observations.weight is None else v * observations.weight
+    )
 
 
 def reweighted(observations: Observations, water: WaterParameters, noise: Array) -> Observations:
@@ -150,9 +152,11 @@ def reweighted(observations: Observations, water: WaterParameters, noise: Array)
     return trusted(observations, trust(observations, water, noise))
 
 
-def _settled(observations: Observations, block: Block, water: WaterParameters, noise: Array) -> tuple[Array, Array]:
+def _settled(
+    observations: Observations, block: Block, water: WaterParameters, noise: Array
+) -> tuple[Array, Array]:
     """Return v (K, n) of a block, 0 in empty places, and its studentised residuals (3, K, n), in units of the noise."""
-    z, I, w = fill(observations, block)  # noqa: E741
+    z, I, w = fill(observations, block)
     s = np.sqrt(w)  # the noise is that of weight 1
     B, beta, gamma = (column[:, None].astype(np.float32) for column in water.columns())
     x = s * transmission(z, beta)
@@ -184,6 +188,8 @@ def _l1_minimum(x: Array, y: Array) -> Array:
     ratio = np.where(there, y / np.where(there, x, 1), np.inf)  # the empty places last
     order = np.argsort(ratio, axis=1)
     below = np.cumsum(np.take_along_axis(x, order, axis=1), axis=1)
-    middle = np.take_along_axis(order, (below < below[:, -1:] / 2).sum(axis=1, keepdims=True), axis=1)
+    middle = np.take_along_axis(
+        order, (below < below[:, -1:] / 2).sum(axis=1, keepdims=True), axis=1
+    )
     J = np.take_along_axis(ratio, middle, axis=1)[:, 0]
     return np.where(np.isfinite(J), J, 0)

@@ -35,7 +35,9 @@ CHANNELS = ("red", "green", "blue")
 _PARAMETERS = ("veiling light", "attenuation", "backscatter")
 
 _TOO_FEW = "too few points lie in two views to tell the noise; nothing is known about errors"
-_TYPICAL = "at these distances, veil and attenuation cannot be told apart; typical water was assumed"
+_TYPICAL = (
+    "at these distances, veil and attenuation cannot be told apart; typical water was assumed"
+)
 _NO_VEIL = "no veil can be seen, and none was removed"
 
 # Tiles along each side of a target, whose errors count as independent; places in a block.
@@ -92,7 +94,11 @@ def rescaled_to_noise(uncertainty: WaterUncertainty, noise: Array) -> WaterUncer
 
 
 def clustered(
-    uncertainty: WaterUncertainty, observations: Observations, water: WaterParameters, *, tied: bool = False
+    uncertainty: WaterUncertainty,
+    observations: Observations,
+    water: WaterParameters,
+    *,
+    tied: bool = False,
 ) -> WaterUncertainty:
     """Return the uncertainty with errors that hold if the residuals of neighbours, or of a view, are alike.
 
@@ -122,30 +128,53 @@ def clustered(
             alike[c] = whole if whole.trace() > alike[c].trace() else alike[c]
     error = error[:, [0, 1, 1]] if tied else error
     rows = water.by_channel()
-    loose = [_loose(c, rows, error) for c in range(3) if not (uncertainty.is_weak[c] or _loose(c, rows, before))]
+    loose = [
+        _loose(c, rows, error)
+        for c in range(3)
+        if not (uncertainty.is_weak[c] or _loose(c, rows, before))
+    ]
     far = float(np.quantile(observations.distance, 0.95))
     limits = (*uncertainty.limits, *filter(None, loose), *far_colours(error[:, 1] * far))
-    return replace(uncertainty, standard_error=WaterParameters.of_channels(error), limits=limits, alike=alike)
+    return replace(
+        uncertainty, standard_error=WaterParameters.of_channels(error), limits=limits, alike=alike
+    )
 
 
 def far_colours(wrong: Array) -> list[str]:
     """Say by how much (3,) colours of far ground may be wrong, as a share, if that is much."""
-    many = [f"{colour} {share:.0%}" for colour, share in zip(CHANNELS, wrong, strict=True) if share > _WRONG]
-    return [f"light or water differs between places or views, so {FAR_COLOURS} {', '.join(many)}"] if many else []
+    many = [
+        f"{colour} {share:.0%}"
+        for colour, share in zip(CHANNELS, wrong, strict=True)
+        if share > _WRONG
+    ]
+    return (
+        [f"light or water differs between places or views, so {FAR_COLOURS} {', '.join(many)}"]
+        if many
+        else []
+    )
 
 
 def _cluster_sums(observations: Observations, water: WaterParameters) -> tuple[Array, list[Array]]:
     """Return H (3, 3, 3), and the sums of D'^T r over tiles (3, 3, T) and over views (3, 3, V)."""
-    (height, width), view, down = observations.shape, observations.view, _TILES * observations.stacked
+    (height, width), view, down = (
+        observations.shape,
+        observations.view,
+        _TILES * observations.stacked,
+    )
     y, x = np.divmod(observations.pixels, width)
     tile = y * down // height * _TILES + x * _TILES // width
-    H, sums = np.zeros((3, 3, 3)), [np.zeros((9, down * _TILES)), np.zeros((9, len(observations.views)))]
+    H, sums = (
+        np.zeros((3, 3, 3)),
+        [np.zeros((9, down * _TILES)), np.zeros((9, len(observations.views)))],
+    )
     rows = tuple(column[..., None] for column in water.columns())
     for block in blocks(observations, _PLACES, stop=observations.n_repeated):
         columns = Eliminated.of(*fill(observations, block, np.float64), rows).columns
         D, scores = columns[:, :3], (columns[:, :3] * columns[:, 3:]).reshape(9, block.slots, -1)
         H += np.einsum("cikn,cjkn->cij", D, D)
-        sums[0] += _summed(scores.sum(axis=1), tile[block.start : block.start + block.n], sums[0].shape[1])
+        sums[0] += _summed(
+            scores.sum(axis=1), tile[block.start : block.start + block.n], sums[0].shape[1]
+        )
         for k, (n, part) in enumerate(observations.slots(block.start, block.start + block.n)):
             if view is not None:
                 sums[1] += _summed(scores[:, k, :n], view[part], sums[1].shape[1])
@@ -199,15 +228,23 @@ def uncertainty_of(
         covariance[c][np.ix_(k, k)] = noise[c] ** 2 * inverse
         error[c, k] = np.sqrt(np.diag(covariance[c])[k].clip(min=0))
     if tied:
-        covariance, error, informed = TIED.T @ covariance @ TIED, error[:, [0, 1, 1]], informed[:, [0, 1, 1]]
+        covariance, error, informed = (
+            TIED.T @ covariance @ TIED,
+            error[:, [0, 1, 1]],
+            informed[:, [0, 1, 1]],
+        )
     limits = _limits(water.by_channel(), error, free, informed, dead, weak)
     if n_excess <= 3:
         limits.append(_TOO_FEW)
     is_weak = bool(weak[0]), bool(weak[1]), bool(weak[2])
-    return WaterUncertainty(noise, covariance, WaterParameters.of_channels(error), condition, tuple(limits), is_weak)
+    return WaterUncertainty(
+        noise, covariance, WaterParameters.of_channels(error), condition, tuple(limits), is_weak
+    )
 
 
-def _limits(water: Array, error: Array, free: Mask, informed: Mask, dead: Mask, weak: Mask) -> list[str]:
+def _limits(
+    water: Array, error: Array, free: Mask, informed: Mask, dead: Mask, weak: Mask
+) -> list[str]:
     limits = []
     for c, colour in enumerate(CHANNELS):
         if dead[c]:
@@ -371,8 +408,13 @@ class Observed:
         """Return the view with its own observations alone."""
         from sucre_bench.multiview.observe import observe
 
-        view, is_evened = self.recorded or self.view, self.light is not None  # light is a matter of views and rays
-        found = observe(view, [view], **self.options.pairing_with(with_view=is_evened, with_ray=is_evened))
+        view, is_evened = (
+            self.recorded or self.view,
+            self.light is not None,
+        )  # light is a matter of views and rays
+        found = observe(
+            view, [view], **self.options.pairing_with(with_view=is_evened, with_ray=is_evened)
+        )
         return replace(self, observations=self.light.removed(found) if self.light else found)
 
     @property
@@ -399,7 +441,9 @@ class Observed:
         """Return the view with observations that have rays."""
         if self.observations.ray is not None:
             return self
-        observations = self.options.observe(self.scene, self.recorded or self.view, with_view=True, with_ray=True)
+        observations = self.options.observe(
+            self.scene, self.recorded or self.view, with_view=True, with_ray=True
+        )
         return replace(self, observations=observations)
 
     def evened(self, light: Light) -> Observed:
@@ -407,7 +451,11 @@ class Observed:
         assert self.view.camera is not None
         rays = np.moveaxis(pixel_rays(self.view.camera), -1, 0)[:2]
         recorded = np.moveaxis(self.intensities, -1, 0)
-        own = light.gains[[light.views.index(self.view.name)]] if self.view.name in light.views else np.zeros((1, 3))
+        own = (
+            light.gains[[light.views.index(self.view.name)]]
+            if self.view.name in light.views
+            else np.zeros((1, 3))
+        )
         alone = replace(light, views=(self.view.name,), gains=np.nan_to_num(own))
         even = np.moveaxis(recorded / alone.falling(rays, 0), 0, -1)
         rgb = (srgb_encode(even) if self.is_decoded else even).astype(np.float32)
@@ -415,10 +463,14 @@ class Observed:
         observations = light.removed(self.with_rays().observations)
         return replace(self, view=view, observations=observations, light=alone, recorded=self.view)
 
-    def coloured(self, water: WaterParameters, uncertainty: WaterUncertainty | None = None) -> Solution:
+    def coloured(
+        self, water: WaterParameters, uncertainty: WaterUncertainty | None = None
+    ) -> Solution:
         """Return the colours in a water: see `colours_for_water`."""
         options = self.options
-        return colours_for_water(self.observations, water, uncertainty, options.backend, options.device)
+        return colours_for_water(
+            self.observations, water, uncertainty, options.backend, options.device
+        )
 
 
 # Targets of a dive, spread evenly over the scene; fewer serve where only its model is judged; and views whose light is
@@ -445,14 +497,26 @@ class Dive(Observed):
 
         Views without a pose or depth, or with a damaged file, are left out. SolveError when none is left.
         """
-        targets, linked, last = list[Observed](), list[set[str]](), "no view shares a pixel with another"
+        targets, linked, last = (
+            list[Observed](),
+            list[set[str]](),
+            "no view shares a pixel with another",
+        )
         spread = evenly(len(scene), most)
         is_linked = most == _TARGETS and len(scene) <= TOGETHER
         others = sorted(set(range(len(scene))) - set(spread)) if is_linked else []
-        n = max(2 * SAMPLE // _TARGETS, SAMPLE // len(spread)) if most == _TARGETS else _JUDGED // len(spread)
-        for k in track([*spread, *others], "shared water" if most == _TARGETS else "judging models"):
+        n = (
+            max(2 * SAMPLE // _TARGETS, SAMPLE // len(spread))
+            if most == _TARGETS
+            else _JUDGED // len(spread)
+        )
+        for k in track(
+            [*spread, *others], "shared water" if most == _TARGETS else "judging models"
+        ):
             view, names = scene.views[k], {one.name for one in scene.views[k : k + 2]}
-            if k in others and any(names <= group for group in linked):  # it links nothing to the next view
+            if k in others and any(
+                names <= group for group in linked
+            ):  # it links nothing to the next view
                 continue
             try:
                 found = options.observe(scene, view, with_view=True, with_ray=True)
@@ -462,12 +526,16 @@ class Dive(Observed):
                     say(f"shared water skips {view.name}: {fault}")
                 continue
             if found.n_repeated:
-                targets.append(Observed(options, scene, view, sampled(found, n, singles=True, seed=0)))
+                targets.append(
+                    Observed(options, scene, view, sampled(found, n, singles=True, seed=0))
+                )
                 new = set(() if (matched := targets[-1].matched) is None else matched.views)
                 apart = [group for group in linked if not group & new]
                 linked = [*apart, new.union(*(group for group in linked if group & new))]
         if not targets:
-            raise SolveError(f"the scene's water cannot be fitted, {last}; use method.water=FILE with a known one")
+            raise SolveError(
+                f"the scene's water cannot be fitted, {last}; use method.water=FILE with a known one"
+            )
         whole = _pooled(scene, [one.observations for one in targets])
         return Dive(options, scene, targets[0].view, whole, targets=targets)
 
@@ -486,10 +554,22 @@ class Dive(Observed):
         if matched is not None:
             matched = matched.take(np.arange(matched.n_repeated))
         observations = of_half(self.observations)
-        return Half(self.options, self.scene, self.view, observations, targets=self.targets, footprints=matched)
+        return Half(
+            self.options,
+            self.scene,
+            self.view,
+            observations,
+            targets=self.targets,
+            footprints=matched,
+        )
 
     def first_colours(self, few: Observations) -> Array:
-        names = np.array([few.views.index(one.view.name) if one.view.name in few.views else -1 for one in self.targets])
+        names = np.array(
+            [
+                few.views.index(one.view.name) if one.view.name in few.views else -1
+                for one in self.targets
+            ]
+        )
         own = names[few.pixels // (few.shape[0] // few.stacked * few.shape[1])]
         first = few.intensity(slice(0, len(few.pixels)))
         assert few.view is not None
@@ -528,18 +608,24 @@ def colours_for_water(
 ) -> Solution:
     """Return the colours in a water that is known, from elsewhere (uncertainty None) or from a common fit."""
     with opened(observations, backend, device) as kernel:
-        known = uncertainty or for_known_water(uncertainty_of(water, kernel.system(water), None, observations.n_excess))
+        known = uncertainty or for_known_water(
+            uncertainty_of(water, kernel.system(water), None, observations.n_excess)
+        )
         return coloured(kernel, water, known, Course(solver="given", device=kernel.device))
 
 
-def coloured(kernel: Kernel, water: WaterParameters, uncertainty: WaterUncertainty, course: Course) -> Solution:
+def coloured(
+    kernel: Kernel, water: WaterParameters, uncertainty: WaterUncertainty, course: Course
+) -> Solution:
     """Return the colours of a kernel's observations."""
     J, deviation = kernel.colours(water, uncertainty.noise, uncertainty.covariance)
     growth = None
     if uncertainty.alike is not None:
         _, wide = kernel.colours(water, uncertainty.noise, uncertainty.alike)
         growth = np.divide(wide, deviation, out=np.ones_like(wide), where=deviation > 0).clip(min=1)
-    return Solution(J, deviation, water, kernel.system(water).cost, uncertainty, course, growth=growth)
+    return Solution(
+        J, deviation, water, kernel.system(water).cost, uncertainty, course, growth=growth
+    )
 
 
 def sampled(observations: Observations, n: int, *, singles: bool, seed: int) -> Observations:
@@ -591,7 +677,7 @@ def residuals_of(
     B, beta, gamma = (column.astype(J.dtype) for column in water.columns())
     a = transmission(z, beta)
     information = information_of(observations, a, everything)
-    I = observations.intensity(everything)  # noqa: E741
+    I = observations.intensity(everything)
     r = I - J[:, place] * a - veil(z, B, gamma)
     known, total = v * information, np.zeros_like(J)
     for n, part in observations.slots():
@@ -605,4 +691,6 @@ def residuals_of(
 def information_of(observations: Observations, a: Array, part: slice) -> Array:
     """Return w a^2 (3, n) of observations with transmission a."""
     a = a.clip(min=_DARKEST)
-    return np.asarray(a * a if observations.weight is None else observations.weight[..., part] * a * a)
+    return np.asarray(
+        a * a if observations.weight is None else observations.weight[..., part] * a * a
+    )

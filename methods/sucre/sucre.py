@@ -113,12 +113,17 @@ class Sucre(FillOption):
         n = 8
         camera = centred_camera(n, n, n)
         grey = np.full((n, n, 3), 128 / 255)
-        one, same = (View(name, Arrays(grey, np.ones((n, n))), camera, np.eye(4)) for name in ("one", "same"))
+        one, same = (
+            View(name, Arrays(grey, np.ones((n, n))), camera, np.eye(4)) for name in ("one", "same")
+        )
         seen = Observed.of(self, Scene("warm up", [one, same], frozenset({"depth", "poses"})), one)
         observations = seen.observations
         seen.matched_at(observations.pixels)
         water = WaterParameters.of_channels(np.full((3, 3), 0.1))
-        for stored in (observations, replace(observations, colour=observations.colour.astype(np.float32))):
+        for stored in (
+            observations,
+            replace(observations, colour=observations.colour.astype(np.float32)),
+        ):
             with opened(stored, self.backend, self.device) as kernel:
                 for margin in (None, np.full(3, 0.1)):
                     kernel.system(water, margin)
@@ -132,7 +137,12 @@ class Sucre(FillOption):
         InputError for a water that cannot be read.
         """
         from sucre_bench.methods.sucre.policy import Veil, solved, veil_of
-        from sucre_bench.methods.sucre.record import UNKNOWN_VEIL, named, restoration, with_residuals
+        from sucre_bench.methods.sucre.record import (
+            UNKNOWN_VEIL,
+            named,
+            restoration,
+            with_residuals,
+        )
         from sucre_bench.methods.sucre.refine_views import fill_pixels_without_depth, refined
         from sucre_bench.methods.sucre.solution import Observed
 
@@ -157,7 +167,9 @@ class Sucre(FillOption):
             restored = restoration(seen.observations, solution, stages, self, seen.encoding)
             return fill_pixels_without_depth(restored, seen.view, prior) if self.fill else restored
 
-    def observe(self, scene: Scene, view: View, *, with_view: bool = False, with_ray: bool = False) -> Observations:
+    def observe(
+        self, scene: Scene, view: View, *, with_view: bool = False, with_ray: bool = False
+    ) -> Observations:
         """Return the observations of a view; with their views and rays in any case, if asked for."""
         from sucre_bench.multiview.stored_pairs import paired
 
@@ -214,7 +226,9 @@ def check(options: Any, method: str) -> None:
     parts = parts_of(options.light, f"{method}.light")
     if options.one_coefficient and options.water not in ("own", "shared"):
         raise InputError(f"{water}: has both coefficients; give {method}.one_coefficient=false")
-    found_with_own = "robust" if options.robust is True else "light" if parts not in (None, Parts()) else ""
+    found_with_own = (
+        "robust" if options.robust is True else "light" if parts not in (None, Parts()) else ""
+    )
     if options.water not in ("own", "shared") and found_with_own:
         raise InputError(f"{method}.{found_with_own}: is found with the water; leave out {water}")
     for name, value in (("backend", "torch"), ("backend", "jax"), ("device", "cuda")):

@@ -83,7 +83,9 @@ def uicm(shown: npt.NDArray[Any], form: Colourfulness = Colourfulness()) -> floa
         if low >= end:
             return float("nan")
         mean = scale * x.mean(low, end)
-        squares = scale * x.mean_square(mean, low, end) if form.trimmed_variance else x.mean_square(mean)
+        squares = (
+            scale * x.mean_square(mean, low, end) if form.trimmed_variance else x.mean_square(mean)
+        )
         moments.append((mean, squares))
     (mean_RG, var_RG), (mean_YB, var_YB) = moments
     if form.first_output:
@@ -103,7 +105,9 @@ def _opponents(shown: npt.NDArray[Any], wraparound: bool, order: str) -> tuple[V
         RG, sum_RG = RG % 256, sum_RG % 256
     found = []
     for x, divisor in ((RG, 1), (sum_RG - 2 * B, 2)):
-        every = np.bincount(x + 512, weights=colours.counts).astype(np.int64)  # whole numbers from -512 on
+        every = np.bincount(x + 512, weights=colours.counts).astype(
+            np.int64
+        )  # whole numbers from -512 on
         there = np.flatnonzero(every)
         found.append(ValueCounts.of((there - 512) / divisor, every[there]))
     return tuple(found)
@@ -159,19 +163,28 @@ _MATLAB = _Form(
 
 def _block(side: int, form: _Form, about: str) -> _Form:
     return replace(
-        form, about=about, sharp=replace(form.sharp, block=side), contrast=replace(form.contrast, block=side)
+        form,
+        about=about,
+        sharp=replace(form.sharp, block=side),
+        contrast=replace(form.contrast, block=side),
     )
 
 
 _FORMS = {
     "panetta2016": _Form("as published, see the module"),
-    "trimmed-variance": _Form("variances over the trimmed pixels", Colourfulness(trimmed_variance=True)),
-    "blue144": _Form("EME(B') weighs .144, a misprint often copied", sharp=Sharpness(weights=_BLUE144)),
+    "trimmed-variance": _Form(
+        "variances over the trimmed pixels", Colourfulness(trimmed_variance=True)
+    ),
+    "blue144": _Form(
+        "EME(B') weighs .144, a misprint often copied", sharp=Sharpness(weights=_BLUE144)
+    ),
     "block8": _block(8, _Form(""), "blocks of 8x8 pixels"),
     "block5": _block(5, _Form(""), "blocks of 5x5 pixels"),
     "no-plip": _Form("ordinary arithmetic in UIConM", contrast=Contrast(plip=False, total="mean")),
     "plus-one": _Form("blocks with a 0 count as ln(max / 1) in UISM", sharp=Sharpness(zero="one")),
-    "wraparound": _Form("R - G and R + G modulo 256, as unsigned bytes do", Colourfulness(wraparound=True)),
+    "wraparound": _Form(
+        "R - G and R + G modulo 256, as unsigned bytes do", Colourfulness(wraparound=True)
+    ),
     "matlab": _MATLAB,
     "matlab-first-output": replace(
         _MATLAB,
@@ -181,7 +194,9 @@ _FORMS = {
     "funie": _FUNIE,
     "funie-block8": _block(8, _FUNIE, "as funie, blocks of 8x8 pixels"),
     "funie-bgr": _FUNIE_BGR,
-    "funie-bgr-block8": _block(8, _FUNIE_BGR, "as funie-bgr, blocks of 8x8 pixels, as in mkartik/Shallow-UWnet"),
+    "funie-bgr-block8": _block(
+        8, _FUNIE_BGR, "as funie-bgr, blocks of 8x8 pixels, as in mkartik/Shallow-UWnet"
+    ),
     "getuiqm1": replace(
         _FUNIE,
         about="as funie, sums over blocks divided by (H / 10) (W / 10), whole or not: getUIQM1 of ddz16/UIE_Benckmark"
@@ -217,7 +232,13 @@ def _distinct(part: Callable[[_Form], object]) -> dict[str, str]:
 
 
 # Over 47 made scenes and 17 restorers (docs/metric-evidence.md). The forms with "plus-one" are no better than chance.
-_AGREEMENT = {"panetta2016": 0.21, "getuiqm1": 0.46, "matlab-first-output": 0.38, "funie": 0.46, "wraparound": 0.39}
+_AGREEMENT = {
+    "panetta2016": 0.21,
+    "getuiqm1": 0.46,
+    "matlab-first-output": 0.38,
+    "funie": 0.46,
+    "wraparound": 0.39,
+}
 
 
 @metric(
@@ -234,7 +255,9 @@ class Uiqm:
     It rewards noise and vivid colours, right or wrong: it hardly follows PSNR (SUCRe, table 1).
     """
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield one score, NaN where no block is whole; coverage is the share of the blocks that UISM is made of.
 
         NotApplicableError where the program that the variant stands for has no result.
@@ -245,12 +268,19 @@ class Uiqm:
         yield _score(shown, float(np.dot(form.weights, parts)), uism_blocks(shown, form.sharp))
 
 
-@metric(role="diagnosis", range=(-np.inf, np.inf), variants=_distinct(lambda form: form.colour), **_ABOUT)
+@metric(
+    role="diagnosis",
+    range=(-np.inf, np.inf),
+    variants=_distinct(lambda form: form.colour),
+    **_ABOUT,
+)
 @dataclass(frozen=True)
 class Uicm:
     """The colourfulness in `uiqm`."""
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield one score, NaN where nothing has a colour."""
         shown = locked(shown)
         yield _score(shown, uicm(shown, _FORMS[variant].colour), eight_bit(shown).valid)
@@ -261,19 +291,28 @@ class Uicm:
 class Uism:
     """The sharpness in `uiqm`."""
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield one score, NaN where no block is whole."""
         form = _FORMS[variant].sharp
         shown = locked(shown)
         yield _score(shown, uism(shown, form), uism_blocks(shown, form))
 
 
-@metric(role="diagnosis", range=(-np.inf, np.inf), variants=_distinct(lambda form: form.contrast), **_ABOUT)
+@metric(
+    role="diagnosis",
+    range=(-np.inf, np.inf),
+    variants=_distinct(lambda form: form.contrast),
+    **_ABOUT,
+)
 @dataclass(frozen=True)
 class Uiconm:
     """The contrast in `uiqm`."""
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterator[Score]:
         """Yield one score, NaN where no block is whole. NotApplicableError as `uiqm`."""
         form = _FORMS[variant]
         shown = locked(shown)

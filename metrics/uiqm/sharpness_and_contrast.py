@@ -37,14 +37,18 @@ def level_extremes(shown: npt.NDArray[Any], side: int, weights: tuple[int, int, 
     """Return the extremes (k1, k2) int32 of a weighted sum of the 8-bit channels, whole numbers being its weights."""
     picture = eight_bit(shown)
     found = _empty((), picture.valid.shape, side, np.int32)
-    compiled(_weighted_levels)(picture.planes, np.array(weights, np.int32), side, found.least, found.most)
+    compiled(_weighted_levels)(
+        picture.planes, np.array(weights, np.int32), side, found.least, found.most
+    )
     return found
 
 
 def _level_extremes_of_channels(shown: npt.NDArray[Any], side: int) -> Extremes:
     """Of each channel (3, k1, k2)."""
     planes = [level_extremes(shown, side, unit) for unit in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
-    return Extremes(np.stack([plane.least for plane in planes]), np.stack([plane.most for plane in planes]))
+    return Extremes(
+        np.stack([plane.least for plane in planes]), np.stack([plane.most for plane in planes])
+    )
 
 
 @once
@@ -72,7 +76,9 @@ def _with_neighbours(shown: npt.NDArray[Any]) -> Mask:
     return cv2.erode(picture.valid.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
 
 
-def _empty(planes: tuple[int, ...], shape: tuple[int, ...], side: int, dtype: type[np.generic]) -> Extremes:
+def _empty(
+    planes: tuple[int, ...], shape: tuple[int, ...], side: int, dtype: type[np.generic]
+) -> Extremes:
     grid = planes + tuple(-(-n // side) for n in shape)
     return Extremes(np.empty(grid, dtype), np.empty(grid, dtype))
 
@@ -90,7 +96,12 @@ def _weighted_edges(plane: Plane, side: int, least: Array, most: Array) -> None:
             for x in range(width):
                 smooth[x + 1] = np.int32(above[x]) + 2 * np.int32(here[x]) + np.int32(below[x])
                 step[x + 1] = np.int32(below[x]) - np.int32(above[x])
-            smooth[0], smooth[width + 1], step[0], step[width + 1] = smooth[1], smooth[width], step[1], step[width]
+            smooth[0], smooth[width + 1], step[0], step[width + 1] = (
+                smooth[1],
+                smooth[width],
+                step[1],
+                step[width],
+            )
             for x in range(width):
                 across = smooth[x + 2] - smooth[x]
                 down = step[x] + 2 * step[x + 1] + step[x + 2]
@@ -103,7 +114,11 @@ def _weighted_edges(plane: Plane, side: int, least: Array, most: Array) -> None:
 
 
 def _weighted_levels(
-    planes: Plane, weights: npt.NDArray[np.int32], side: int, least: npt.NDArray[Any], most: npt.NDArray[Any]
+    planes: Plane,
+    weights: npt.NDArray[np.int32],
+    side: int,
+    least: npt.NDArray[Any],
+    most: npt.NDArray[Any],
 ) -> None:
     _, height, width = planes.shape
     low, high = np.empty(width, np.int32), np.empty(width, np.int32)
@@ -140,7 +155,10 @@ def resized_extremes(shown: npt.NDArray[Any], side: int, edges: bool) -> Extreme
     for plane, least, most in zip(picture.planes, found.least, found.most, strict=True):
         levels = plane.astype(np.int16)
         if edges:
-            right, down = (cv2.Sobel(plane, cv2.CV_16S, x, 1 - x, borderType=cv2.BORDER_REPLICATE) for x in (1, 0))
+            right, down = (
+                cv2.Sobel(plane, cv2.CV_16S, x, 1 - x, borderType=cv2.BORDER_REPLICATE)
+                for x in (1, 0)
+            )
             levels = np.abs(right - down).astype(np.int16)
         compiled(_resized)(levels, *rows, *columns, side, least, most)
     return found
@@ -157,8 +175,12 @@ def whole_resized_blocks(shown: npt.NDArray[Any], side: int, margin: bool) -> Ma
         return np.ones([-(-n // side) for n in valid.shape], np.bool_)
     for axis, n in enumerate(valid.shape):
         index, _ = _taps(n, side)
-        used = np.moveaxis(index.reshape(len(index), -1, side), 1, 0)  # (blocks, 4, side) pixels each is made of
-        valid = np.stack([valid.take(block.ravel(), axis).all(axis=axis) for block in used], axis=axis)
+        used = np.moveaxis(
+            index.reshape(len(index), -1, side), 1, 0
+        )  # (blocks, 4, side) pixels each is made of
+        valid = np.stack(
+            [valid.take(block.ravel(), axis).all(axis=axis) for block in used], axis=axis
+        )
     return valid
 
 
@@ -198,7 +220,12 @@ def _resized(
             for x in range(width):
                 line[x] = w0 * row0[x] + w1 * row1[x] + w2 * row2[x] + w3 * row3[x]
             for x in range(wide):
-                value = by0[x] * line[at0[x]] + by1[x] * line[at1[x]] + by2[x] * line[at2[x]] + by3[x] * line[at3[x]]
+                value = (
+                    by0[x] * line[at0[x]]
+                    + by1[x] * line[at1[x]]
+                    + by2[x] * line[at2[x]]
+                    + by3[x] * line[at3[x]]
+                )
                 low[x] = value if value < low[x] else low[x]
                 high[x] = value if value > high[x] else high[x]
         for column in range(least.shape[1]):
@@ -245,7 +272,9 @@ def uiconm(shown: npt.NDArray[Any], form: Contrast = Contrast()) -> float:
         extremes = resized_extremes(shown, form.block, edges=False)
     elif form.levels == "together":
         found = _level_extremes_of_channels(shown, form.block)
-        extremes = Extremes(found.least.min(axis=0).astype(np.float64), found.most.max(axis=0).astype(np.float64))
+        extremes = Extremes(
+            found.least.min(axis=0).astype(np.float64), found.most.max(axis=0).astype(np.float64)
+        )
     else:
         weights, scale = (_LUMA, 1e3) if form.levels == "luma" else (_REC709, 1e4 * 255)
         red, green, blue = weights if form.order == "RGB" else weights[::-1]
@@ -258,9 +287,13 @@ def uiconm(shown: npt.NDArray[Any], form: Contrast = Contrast()) -> float:
             f"a block of {form.block}x{form.block} pixels is black, where the program divides 0 by 0"
         )
     if form.levels == "each":
-        return float(sum(abs(_m_ln_m(channel).mean()) for channel in _ratio(high - low, high + low)))
+        return float(
+            sum(abs(_m_ln_m(channel).mean()) for channel in _ratio(high - low, high + low))
+        )
     if not form.plip:
-        return float(-_m_ln_m(_ratio(high - low, high + low)).real.mean() * _share(shown, whole, form))
+        return float(
+            -_m_ln_m(_ratio(high - low, high + low)).real.mean() * _share(shown, whole, form)
+        )
     m = _ratio(_PLIP * (high - low) / (_PLIP - low), high + low - high * low / _PLIP)
     terms = _m_ln_m(m).real  # all <= 0
     if form.total == "plain":
@@ -326,12 +359,17 @@ def uism(shown: npt.NDArray[Any], form: Sharpness = Sharpness()) -> float:
     else:
         extremes = edge_extremes(shown, form.block)
     if form.edges == "rounded":
-        scale = 4 * 255 * np.sqrt(2)  # the filter as scikit-image scales it: steps of 1 give 1, two directions averaged
+        scale = (
+            4 * 255 * np.sqrt(2)
+        )  # the filter as scikit-image scales it: steps of 1 give 1, two directions averaged
         extremes = Extremes(np.round(extremes.least / scale), np.round(extremes.most / scale))
     k1, k2 = whole.shape
-    channels = zip(form.weights, extremes.least[:, :k1, :k2], extremes.most[:, :k1, :k2], strict=True)
+    channels = zip(
+        form.weights, extremes.least[:, :k1, :k2], extremes.most[:, :k1, :k2], strict=True
+    )
     return float(
-        sum(w * eme(least[whole], most[whole], form.zero) for w, least, most in channels) * _share(shown, whole, form)
+        sum(w * eme(least[whole], most[whole], form.zero) for w, least, most in channels)
+        * _share(shown, whole, form)
     )
 
 
@@ -344,7 +382,11 @@ def uism_blocks(shown: npt.NDArray[Any], form: Sharpness = Sharpness()) -> Mask:
 
 def _share(shown: npt.NDArray[Any], whole: Mask, form: Sharpness | Contrast) -> float:
     """Whole blocks over (H / side) (W / side) where the form divides by that, else 1."""
-    return whole.size / ((shown.shape[0] / form.block) * (shown.shape[1] / form.block)) if form.fractional else 1.0
+    return (
+        whole.size / ((shown.shape[0] / form.block) * (shown.shape[1] / form.block))
+        if form.fractional
+        else 1.0
+    )
 
 
 def eme(least: npt.NDArray[Any], most: npt.NDArray[Any], zero: Zero = "nothing") -> float:

@@ -38,7 +38,9 @@ if TYPE_CHECKING:
     shell_complete=completion.complete_metrics,
     help="Show only this column; may be repeated.",
 )
-@shared.option("--baseline", default="", metavar="METHOD", help="Show how the others differ from this method.")
+@shared.option(
+    "--baseline", default="", metavar="METHOD", help="Show how the others differ from this method."
+)
 @shared.option(
     "--fail-below",
     "limits",
@@ -47,7 +49,9 @@ if TYPE_CHECKING:
     help="With --baseline: exit with 1 if a method is worse than the baseline by more than LIMIT and by more than"
     " chance. psnr=-0.5 means 0.5 dB. May be repeated.",
 )
-@shared.flag("--common", help="If methods ran on different images, compare on the images they share.")
+@shared.flag(
+    "--common", help="If methods ran on different images, compare on the images they share."
+)
 @shared.flag("--intervals", help="Show 95 % intervals, and a sentence for each lead.")
 @shared.flag("--all-metrics", help="Show all columns, also seconds and memory.")
 @shared.option(
@@ -99,7 +103,9 @@ def compare(
         plugins.load_file(file)
     gates = [compare.Gate.read(text) for text in limits]
     if gates and not baseline:
-        raise click.UsageError("--fail-below: needs --baseline METHOD, which the others are compared with")
+        raise click.UsageError(
+            "--fail-below: needs --baseline METHOD, which the others are compared with"
+        )
     with progress.live() if len(folders) > 1 else contextlib.nullcontext():
         rows = compare.load(folders)
         compare.refuse(rows, metrics, common)
@@ -127,8 +133,12 @@ def compare(
         for block in as_blocks(compared, width, bool(metrics)):
             terminal.out.print(block)
             click.echo()
-        click.echo(f"more: {shlex.join(['sucre-bench', *sys.argv[1:], '--intervals', '--all-metrics'])}")
-    for line in dict.fromkeys(line for folder in folders for line in seen_in_training(folder, rows)):
+        click.echo(
+            f"more: {shlex.join(['sucre-bench', *sys.argv[1:], '--intervals', '--all-metrics'])}"
+        )
+    for line in dict.fromkeys(
+        line for folder in folders for line in seen_in_training(folder, rows)
+    ):
         say(line, "yellow")
     for verdict in verdicts:
         _say_gated(verdict, baseline)
@@ -162,7 +172,9 @@ def _say_gated(verdict: Gated, baseline: str) -> None:
     column, (gain, low, high) = verdict.column, verdict.gain
     unit = f" {column.unit}" if column.unit else ""
     what = f"{verdict.dataset} / {verdict.method}: {column.metric} ({column.variant})"
-    up = "better" if column.ranked else column.better  # of a picture alone nobody knows which is better
+    up = (
+        "better" if column.ranked else column.better
+    )  # of a picture alone nobody knows which is better
     by = f"{signed(gain)}{unit} [{signed(low)}, {signed(high)}] against {baseline}, + is {up}"
     limit = f"limit {number(verdict.gate.limit)}"
     if verdict.outcome == "failed":
@@ -172,7 +184,10 @@ def _say_gated(verdict: Gated, baseline: str) -> None:
         say(f"FAILED   {what}: has no score on a view where {baseline} has one", "red")
     elif verdict.outcome == "unknown":
         lacks = "one view has" if column.n_views == 1 else "these scores have"
-        say(f"unknown  {what} {signed(gain)}{unit} against {baseline}, {limit}; {lacks} no interval", "yellow")
+        say(
+            f"unknown  {what} {signed(gain)}{unit} against {baseline}, {limit}; {lacks} no interval",
+            "yellow",
+        )
     else:
         chance = ", which may be chance" if gain < verdict.gate.limit else ""
         say(f"passed   {what} {by}, {limit}{chance}", "green")

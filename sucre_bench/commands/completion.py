@@ -61,20 +61,36 @@ _Found = Iterator[tuple[str, str]]  # words, each with what it is
 _GROUPS = ("dataset", "method", "metrics", "experiment")
 
 
-def complete_words(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:
+def complete_words(
+    ctx: click.Context, param: click.Parameter, incomplete: str
+) -> list[CompletionItem[str]]:
     """Complete an override, its key or its value, given the words before it; or the path of an experiment or image."""
-    given = dict(word.partition("=")[::2] for word in ctx.params.get(param.name or "") or () if "=" in word)
-    found = [*(_values(incomplete, given) if "=" in incomplete else _starting(incomplete, _keys(incomplete, given)))]
-    return _items(incomplete, found or (places(incomplete) if incomplete and "=" not in incomplete else ()))
+    given = dict(
+        word.partition("=")[::2] for word in ctx.params.get(param.name or "") or () if "=" in word
+    )
+    found = [
+        *(
+            _values(incomplete, given)
+            if "=" in incomplete
+            else _starting(incomplete, _keys(incomplete, given))
+        )
+    ]
+    return _items(
+        incomplete, found or (places(incomplete) if incomplete and "=" not in incomplete else ())
+    )
 
 
-def complete_datasets(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:
+def complete_datasets(
+    ctx: click.Context, param: click.Parameter, incomplete: str
+) -> list[CompletionItem[str]]:
     """Complete as `complete_words`, and a dataset's bare name before all else."""
     named = () if ctx.params.get(param.name or "") else _starting(incomplete, _names("dataset"))
     return [*_items(incomplete, named), *complete_words(ctx, param, incomplete)]
 
 
-def complete_metrics(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:
+def complete_metrics(
+    ctx: click.Context, param: click.Parameter, incomplete: str
+) -> list[CompletionItem[str]]:
     """Complete the last of several metrics parted by commas: its name, or its variant behind a colon."""
     before, comma, last = incomplete.rpartition(",")
     return _items(incomplete, _starting(last, _names("metrics", last), before + comma))
@@ -84,12 +100,19 @@ def _items(typed: str, found: Iterable[tuple[str, str]]) -> list[CompletionItem[
     """The words as they go into the line. Bash replaces the last part of what is typed, and escapes nothing."""
     part, is_bash = os.environ.get("COMP_PART", typed), "COMP_PART" in os.environ
     head = typed.removesuffix(part if typed.endswith(part) else "".join(split_arg_string(part)))
-    special = " \t'\"\\$`&|;<>()*?!#" if is_bash and os.environ["COMP_QUOTE"] not in ("'", '"') else ""
+    special = (
+        " \t'\"\\$`&|;<>()*?!#" if is_bash and os.environ["COMP_QUOTE"] not in ("'", '"') else ""
+    )
     escaped = str.maketrans({letter: f"\\{letter}" for letter in special})
-    return [CompletionItem(word.removeprefix(head).translate(escaped), help=said) for word, said in found]
+    return [
+        CompletionItem(word.removeprefix(head).translate(escaped), help=said)
+        for word, said in found
+    ]
 
 
-def _starting(start: str, words: Iterable[tuple[str, str]], before: str = "", after: str = "") -> _Found:
+def _starting(
+    start: str, words: Iterable[tuple[str, str]], before: str = "", after: str = ""
+) -> _Found:
     return ((f"{before}{word}{after}", said) for word, said in words if word.startswith(start))
 
 
@@ -101,10 +124,18 @@ def _keys(typed: str, given: Mapping[str, str]) -> _Found:
     if dot:
         yield from ((f"{group}.{option.name}=", option.help) for option in _options(group, given))
         return
-    plain = [field.name for field in fields(RunConfig) if field.name not in (*OPTION_GROUPS, *_GROUPS, "study")]
-    chosen = (name for kind in ("dataset", "method") for name in given.get(kind, "").split(",") if name)
+    plain = [
+        field.name
+        for field in fields(RunConfig)
+        if field.name not in (*OPTION_GROUPS, *_GROUPS, "study")
+    ]
+    chosen = (
+        name for kind in ("dataset", "method") for name in given.get(kind, "").split(",") if name
+    )
     yield from ((f"{name}=", "") for name in (*_GROUPS, *plain, "hydra/launcher", "hydra/sweeper"))
-    yield from ((f"{name}.", "") for name in ("dataset", "method", "metrics", *OPTION_GROUPS, *chosen))
+    yield from (
+        (f"{name}.", "") for name in ("dataset", "method", "metrics", *OPTION_GROUPS, *chosen)
+    )
 
 
 def _values(typed: str, given: Mapping[str, str]) -> _Found:
@@ -112,7 +143,9 @@ def _values(typed: str, given: Mapping[str, str]) -> _Found:
     key, _, value = typed.partition("=")
     bracket = value[: value.startswith("[")]
     others, comma, last = value[len(bracket) :].rpartition(",")
-    opens = key == "metrics" and not bracket and ":" not in last  # bash completes only what follows the colon
+    opens = (
+        key == "metrics" and not bracket and ":" not in last
+    )  # bash completes only what follows the colon
     head = f"{key}={'[' if opens else bracket}{others}{comma}"
     group, _, name = key.rpartition(".")
     option = next((option for option in _options(group, given) if option.name == name), None)
@@ -138,7 +171,10 @@ def _names(group: str, start: str = "") -> _Found:
     name, colon, _ = start.partition(":")
     plugin = catalogue.plugin_of(kind, name) if kind and colon else None
     if plugin:
-        yield from ((f"{name}:{variant}", said) for variant, said in {**plugin.variants, "all": "every one"}.items())
+        yield from (
+            (f"{name}:{variant}", said)
+            for variant, said in {**plugin.variants, "all": "every one"}.items()
+        )
     elif kind:
         yield from ((name, plugin.summary) for name, plugin in plugins.usable(kind).items())
     yield from (
@@ -161,9 +197,17 @@ def _options(group: str, given: Mapping[str, str]) -> tuple[Option, ...]:
     owners = [plugin_of("metric", name)] if kind == "metrics" else []
     kinds: tuple[Literal["dataset", "method"], ...] = ("dataset", "method")
     for each in kinds:
-        chosen = (given.get(each) or default_choices()[each]).split(",") if not classes and kind != "metrics" else []
+        chosen = (
+            (given.get(each) or default_choices()[each]).split(",")
+            if not classes and kind != "metrics"
+            else []
+        )
         owners += [plugin_of(each, one) for one in chosen if group in (each, one)]
-    every = (option for cls in (*classes, *(plugin.cls for plugin in owners if plugin)) for option in options_of(cls))
+    every = (
+        option
+        for cls in (*classes, *(plugin.cls for plugin in owners if plugin))
+        for option in options_of(cls)
+    )
     return tuple({option.name: option for option in every}.values())
 
 
@@ -172,5 +216,7 @@ def places(start: str, before: str = "") -> _Found:
     folder, slash, name = start.rpartition("/")
     with contextlib.suppress(OSError):
         for path in sorted(expanded(folder + slash or ".").iterdir()):
-            if path.name.startswith(name) and (name.startswith(".") or not path.name.startswith(".")):
+            if path.name.startswith(name) and (
+                name.startswith(".") or not path.name.startswith(".")
+            ):
                 yield f"{before}{folder}{slash}{path.name}{'/' if path.is_dir() else ''}", ""

@@ -41,7 +41,10 @@ _HEADS = ("depth", "{unit} (1, 50, 99 %)", "overlap", "views", "disagrees", "mea
     help="Write the views' names, sizes and fingerprints as a test set, for dataset.split=FILE.csv.",
 )
 @shared.option(
-    "--most", default=400, of=click.IntRange(1), help="Describe at most this many views of a scene, evenly spread."
+    "--most",
+    default=400,
+    of=click.IntRange(1),
+    help="Describe at most this many views of a scene, evenly spread.",
 )
 @shared.plugin_option
 @shared.force_option
@@ -83,7 +86,9 @@ def describe(
         whole = len(selections[0].scene)
         if chosen != [whole] or whole > most:
             remedy = f"choose one scene, all its views, and --most {whole}"
-            raise InputError(f"takes one whole scene, and {sum(chosen)} views are chosen", "--write-set", remedy)
+            raise InputError(
+                f"takes one whole scene, and {sum(chosen)} views are chosen", "--write-set", remedy
+            )
     with progress.live():
         # Of one scene the given file; else each sheet is named after its scene.
         ends = f"-sheet{sheet.suffix if sheet else '.png'}"
@@ -93,7 +98,12 @@ def describe(
             sheets = []
         elif sheet and len(sheets) == 1:
             sheets = [sheet]
-        inputs = [file for selection in selections for view in selection.views for file in source_files(view)]
+        inputs = [
+            file
+            for selection in selections
+            for view in selection.views
+            for file in source_files(view)
+        ]
         for path in sheets:
             check_output(path, "contact sheet", inputs, force or sheet is None)
         described = [description.described(selection, most) for selection in selections]
@@ -129,14 +139,25 @@ def _show(one: Described) -> None:
             lap = [f"{overlap.seen:.0%}", str(overlap.partners), off]
         colours = " ".join(f"{m:.2f}" for m in view.mean) if view.mean else "unreadable"
         depth = f"{view.coverage:.0%}" if view.has_depth else "-"
-        table.add_row(Text(view.name), depth, near, *lap, colours, str(len(view.charts)) if view.charts else "-")
+        table.add_row(
+            Text(view.name),
+            depth,
+            near,
+            *lap,
+            colours,
+            str(len(view.charts)) if view.charts else "-",
+        )
     wide = terminal.out.options.update(max_width=_WIDEST)
-    table.width = Measurement.get(terminal.out, wide, table).maximum  # names stay whole; a narrow terminal wraps rows
+    table.width = Measurement.get(
+        terminal.out, wide, table
+    ).maximum  # names stay whole; a narrow terminal wraps rows
     terminal.out.print(table, soft_wrap=True)
     if len(one.facts) > _ROWS:
         click.echo(f"... and {len(one.facts) - _ROWS} more views; --json has them all")
     for low, high, share in zip(one.edges, one.edges[1:], one.shares, strict=False):
-        click.echo(f"{low:7.2f} to {high:6.2f} {one.unit}  {share:4.0%} {'#' * round(60 * share / max(one.shares))}")
+        click.echo(
+            f"{low:7.2f} to {high:6.2f} {one.unit}  {share:4.0%} {'#' * round(60 * share / max(one.shares))}"
+        )
     if one.spread:
         terminal.show(f"measure  {one.spread.sentence(one.unit)}")
     for fault in one.faults:
@@ -154,7 +175,11 @@ def _facts(one: Described) -> dict[str, str]:
     focals = sorted({view.focal for view in one.facts if view.focal})
     has = ", ".join(one.has) or "images alone"
     true = one.water
-    water = {"B": true.veiling_light, "beta": true.attenuation, "gamma": true.backscatter}.items() if true else ()
+    water = (
+        {"B": true.veiling_light, "beta": true.attenuation, "gamma": true.backscatter}.items()
+        if true
+        else ()
+    )
     places = np.array([view.position for view in one.facts if view.position])
     travel = "one pose" if len(places) else "not known, no poses"
     if len(places) > 1:
@@ -163,9 +188,14 @@ def _facts(one: Described) -> dict[str, str]:
     facts = {
         "scene": f"{one.scene} of {one.dataset}: {len(one.facts)} of {one.n_views} views; has {has}",
         "images": f"{', '.join(f'{n} of {size}' for size, n in sizes.most_common(3))}, {encodings}",
-        "cameras": f"{len(focals)}, focal {', '.join(f'{fx:.0f}' for fx, _ in focals[:3])} px" if focals else "none",
+        "cameras": f"{len(focals)}, focal {', '.join(f'{fx:.0f}' for fx, _ in focals[:3])} px"
+        if focals
+        else "none",
         "travel": travel,
-        "water": ", ".join(f"{name} {' '.join(f'{v:.3g}' for v in values)}" for name, values in water) or "not known",
+        "water": ", ".join(
+            f"{name} {' '.join(f'{v:.3g}' for v in values)}" for name, values in water
+        )
+        or "not known",
     }
     if one.scale is not None:
         facts["scale"] = one.scale["note"]
@@ -177,7 +207,12 @@ def _facts(one: Described) -> dict[str, str]:
 @shared.option("--kind", default="dgk", metavar="NAME|FILE.csv", help="Kind of the charts to mark.")
 @shared.flag("--accept", help="Open no page; accept all proposals whose patches are in order.")
 @shared.flag("--no-browser", help="Print the address of the page; do not open a browser.")
-@shared.option("--port", of=click.IntRange(0, 65535), default=0, help="Port of the page; 0 (default): any free port.")
+@shared.option(
+    "--port",
+    of=click.IntRange(0, 65535),
+    default=0,
+    help="Port of the page; 0 (default): any free port.",
+)
 def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, port: int) -> None:
     """Mark colour charts: click their four corners on a page in your browser.
 
@@ -204,7 +239,9 @@ def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, po
             accepted, doubtful = session.accept()
         for proposal, fault in doubtful:
             click.echo(f"left  {proposal.view}, {proposal.chart.name}: {fault}")
-        click.echo(f"{counted(len(accepted), 'proposal')} accepted, {len(doubtful)} left for you to check")
+        click.echo(
+            f"{counted(len(accepted), 'proposal')} accepted, {len(doubtful)} left for you to check"
+        )
     else:
         from sucre_bench.programs.charts.server import PageServer
 
@@ -221,4 +258,6 @@ def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, po
         if marked or proposed:
             open_ = f", {len(proposed)} to confirm" if proposed else ""
             click.echo(f"{view.name}: {counted(len(marked), 'chart')}{open_}")
-    click.echo(f"charts   {session.file.path}{'' if session.file.path.is_file() else ': none marked, nothing written'}")
+    click.echo(
+        f"charts   {session.file.path}{'' if session.file.path.is_file() else ': none marked, nothing written'}"
+    )

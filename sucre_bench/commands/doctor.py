@@ -15,7 +15,11 @@ _COLOURS = {"ready": "green", "missing": "yellow", "broken": "red", "absent": "d
 
 
 @click.command("doctor")
-@shared.option("--out", of=shared.PATH, help="Results folder whose disk to check [default: the current folder].")
+@shared.option(
+    "--out",
+    of=shared.PATH,
+    help="Results folder whose disk to check [default: the current folder].",
+)
 @shared.json_option
 def doctor(out: Path | None, as_json: bool) -> None:
     """List what works on this machine, what is missing, and the commands that install it.
@@ -46,5 +50,9 @@ def doctor(out: Path | None, as_json: bool) -> None:
         terminal.show(state, (f"{feature.name:{width}}  ", dim), (feature.said, dim))
         if feature.remedy:  # below the feature
             terminal.show(f"{'':9}", (f"$ {feature.remedy}", "bold"))
-    terminal.show("everything that sucre_bench needs is there" if not found.faults else f"{found.faults} to mend")
+    terminal.show(
+        "everything that sucre_bench needs is there"
+        if not found.faults
+        else f"{found.faults} to mend"
+    )
     sys.exit(1 if found.faults else 0)

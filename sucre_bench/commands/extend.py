@@ -31,7 +31,10 @@ _Item = Plugin | Broken | Option | dict[str, Any]  # the last of conf/: a preset
 
 
 @click.command("list")
-@click.argument("what", type=click.Choice(["methods", "datasets", "metrics", "experiments", "degradations", "sets"]))
+@click.argument(
+    "what",
+    type=click.Choice(["methods", "datasets", "metrics", "experiments", "degradations", "sets"]),
+)
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @shared.json_option
 @shared.plugin_option
@@ -58,7 +61,10 @@ def list_(what: str, names: tuple[str, ...], as_json: bool) -> None:
     else:
         kind = next((kind for kind in plugins.KINDS if what == f"{kind}s"), None)
         known = [*(plugins.discover(kind).items() if kind else ())]
-        known += [(str(preset["name"]), preset) for preset in preset_entries(GROUPS[kind] if kind else what[:-1])]
+        known += [
+            (str(preset["name"]), preset)
+            for preset in preset_entries(GROUPS[kind] if kind else what[:-1])
+        ]
     every = [name for name, _ in known]
     for name in names:
         if name not in every:
@@ -67,26 +73,39 @@ def list_(what: str, names: tuple[str, ...], as_json: bool) -> None:
     if not as_json:
         terminal.show(Text.from_ansi(_as_text(what, items)))
     elif what == "degradations":
-        shared.print_json({item.name: option_entry(item) for item in items if isinstance(item, Option)})
+        shared.print_json(
+            {item.name: option_entry(item) for item in items if isinstance(item, Option)}
+        )
     else:
-        shared.print_json([entry(item) if isinstance(item, Plugin | Broken) else item for item in items])
+        shared.print_json(
+            [entry(item) if isinstance(item, Plugin | Broken) else item for item in items]
+        )
 
 
 def _as_text(what: str, items: Sequence[_Item]) -> str:
     """Each with its needs, licence, options and whether it can run here, wrapped to the terminal, in colour."""
     if what == "experiments":
-        return "\n".join(f"{item['name']}  {item['description']}" for item in items if isinstance(item, dict))
+        return "\n".join(
+            f"{item['name']}  {item['description']}" for item in items if isinstance(item, dict)
+        )
     if what == "degradations":
-        return "\n".join(line for item in items if isinstance(item, Option) for line in _option_lines(item))
+        return "\n".join(
+            line for item in items if isinstance(item, Option) for line in _option_lines(item)
+        )
     texts = []
     for item in items:
         if isinstance(item, dict):
             about = (
-                ("description", "recognised", "source", "licence", "used_by") if what == "sets" else ("description",)
+                ("description", "recognised", "source", "licence", "used_by")
+                if what == "sets"
+                else ("description",)
             )
             texts.append(
                 "\n".join(
-                    [click.style(item["name"], bold=True), *(x for key in about for x in _wrapped("", item[key]))]
+                    [
+                        click.style(item["name"], bold=True),
+                        *(x for key in about for x in _wrapped("", item[key])),
+                    ]
                 )
             )
         elif isinstance(item, Plugin | Broken):
@@ -108,8 +127,20 @@ def _entry(plugin: Plugin | Broken) -> str:
         direction = "describes" if plugin.better == "none" else f"{plugin.better} is better"
         lines += _wrapped("", f"{direction}{', in ' + plugin.unit if plugin.unit else ''}")
     if plugin.opinions:
-        about["opinions"] = ", ".join(f"{study}: {score:g}" for study, score in plugin.opinions.items())
-    for key in ("needs", "has", "signs", "source", "proven", "licence", "cites", "differs", "opinions"):
+        about["opinions"] = ", ".join(
+            f"{study}: {score:g}" for study, score in plugin.opinions.items()
+        )
+    for key in (
+        "needs",
+        "has",
+        "signs",
+        "source",
+        "proven",
+        "licence",
+        "cites",
+        "differs",
+        "opinions",
+    ):
         text = ", ".join(about[key]) if key in ("needs", "has", "signs") else about.get(key, "")
         lines += _wrapped(f"{'known by' if key == 'signs' else key}  ", text) if text else []
     for name, said in plugin.variants.items():
@@ -122,7 +153,11 @@ def _entry(plugin: Plugin | Broken) -> str:
 def _option_lines(option: Option) -> list[str]:
     words = [*option.choices, *([] if option.is_closed else ["..."])]
     choices = f" ({'|'.join(words)})" if option.choices else ""
-    default = "" if option.default is MISSING else f"={'none' if option.default is None else option.default}"
+    default = (
+        ""
+        if option.default is MISSING
+        else f"={'none' if option.default is None else option.default}"
+    )
     return _wrapped(f"{option.name}{default}{choices}  ", option.help)
 
 
@@ -167,10 +202,14 @@ def new(kind: Any, name: str, package: Path | None, depth: bool) -> None:
 @shared.argument("plugin", of=None)
 @shared.words_argument("overrides", None, complete_words)
 @shared.option("--kind", of=shared.KINDS, help="Needed if plugins of two kinds have this name.")
-@shared.option("--on", default="demo", metavar="DATASET", help="Dataset of the real view in the last rule.")
+@shared.option(
+    "--on", default="demo", metavar="DATASET", help="Dataset of the real view in the last rule."
+)
 @shared.flag("--quick", help="Leave out rules that start processes or make scenes.")
 @shared.json_option
-def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bool, as_json: bool) -> None:
+def check(
+    plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bool, as_json: bool
+) -> None:
     """Check whether a plugin keeps the contract, and say what to change.
 
     \b
@@ -191,13 +230,21 @@ def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bo
     checked: list[dict[str, Any]] = []
     show: Callable[..., None] = (lambda *_: None) if as_json else terminal.show
     for subject in contract.subjects(plugin, overrides, kind, on):
-        about = {"kind": subject.plugin.kind, "name": subject.plugin.name, "file": str(subject.file)}
+        about = {
+            "kind": subject.plugin.kind,
+            "name": subject.plugin.name,
+            "file": str(subject.file),
+        }
         show((f"{about['kind']} {about['name']}", "bold"), f"  {shown_path(subject.file)}")
         outcomes: list[Outcome] = []
         for outcome in contract.check(subject, lasting=not quick):
             outcomes.append(outcome)
             sign, style, _ = _SIGNS[outcome.status]
-            notes = [text for level, text in outcome.findings if level == "note" and outcome.status != "broken"]
+            notes = [
+                text
+                for level, text in outcome.findings
+                if level == "note" and outcome.status != "broken"
+            ]
             said = "".join(f"  {text}" for text in ("; ".join(notes), outcome.skipped) if text)
             show((f"  {sign} ", style), outcome.rule, (said, "dim"))
             for level, text in outcome.findings:
@@ -205,9 +252,15 @@ def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bo
                     show(f"      {text}", style=style)
         counts = Counter(outcome.status for outcome in outcomes)
         parts = [
-            Text(f"{counts[status]} {name}", style) for status, (_, style, name) in _SIGNS.items() if counts[status]
+            Text(f"{counts[status]} {name}", style)
+            for status, (_, style, name) in _SIGNS.items()
+            if counts[status]
         ]
-        show("  ", Text(", ").join(parts), f" in {sum(outcome.seconds for outcome in outcomes):.1f} s")
+        show(
+            "  ",
+            Text(", ").join(parts),
+            f" in {sum(outcome.seconds for outcome in outcomes):.1f} s",
+        )
         rules = [
             {name: value for name, value in outcome._asdict().items() if value != ""}
             | {"status": outcome.status, "seconds": round(outcome.seconds, 3)}

@@ -33,8 +33,12 @@ def report(folder: Path) -> None:
 
 @click.command()
 @shared.argument("folder")
-@shared.option("--uri", default="", metavar="URI", help="mlflow's tracking URI [default: a store in FOLDER].")
-@shared.option("--experiment", default="", help="Name of the experiment in mlflow [default: sucre_bench].")
+@shared.option(
+    "--uri", default="", metavar="URI", help="mlflow's tracking URI [default: a store in FOLDER]."
+)
+@shared.option(
+    "--experiment", default="", help="Name of the experiment in mlflow [default: sucre_bench]."
+)
 def track(folder: Path, uri: str, experiment: str) -> None:
     """Log in mlflow what it lacks of a results folder, for example after a run without its server.
 

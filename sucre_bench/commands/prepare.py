@@ -46,14 +46,21 @@ _MOST_NAMED = 5  # left-out photos of a kind that are named
     of=get_args(Matching),
     help="exhaustive: match all pairs of photos; sequential: neighbours by name; auto: all pairs up to 80 photos.",
 )
-@shared.option("--camera", of=get_args(CameraModel), default=_DEFAULT.camera, help="COLMAP's camera model.")
+@shared.option(
+    "--camera", of=get_args(CameraModel), default=_DEFAULT.camera, help="COLMAP's camera model."
+)
 @shared.option(
     "--cameras",
     of=get_args(Cameras),
     help="single: all photos share a camera; folder: those of a folder do; image: none do. Photos of different sizes"
     " never do.",
 )
-@shared.option("--focal", of=float, metavar="WIDTHS", help="Hold this focal length, in longer sides of a photo.")
+@shared.option(
+    "--focal",
+    of=float,
+    metavar="WIDTHS",
+    help="Hold this focal length, in longer sides of a photo.",
+)
 @shared.option(
     "--max-size",
     of=click.IntRange(min=0),
@@ -73,7 +80,13 @@ _MOST_NAMED = 5  # left-out photos of a kind that are named
     metavar="PIXELS",
     help="Longest side of the images in the plane sweep.",
 )
-@shared.option("--scale", "factor", of=float, metavar="FACTOR", help="Metres per unit of the model, if you know it.")
+@shared.option(
+    "--scale",
+    "factor",
+    of=float,
+    metavar="FACTOR",
+    help="Metres per unit of the model, if you know it.",
+)
 @shared.option(
     "--distance",
     "distances",
@@ -142,7 +155,9 @@ def prepare(
     for warning in done.warnings:
         click.echo(f"warning  {warning}")
     covered = sum(q.coverage for q in done.qualities) / len(done.qualities)
-    click.echo(f"placed   {len(done.qualities)} of {done.photos} photos, {100 * covered:.0f} % of pixels with depth")
+    click.echo(
+        f"placed   {len(done.qualities)} of {done.photos} photos, {100 * covered:.0f} % of pixels with depth"
+    )
     off = sorted((q.depth_error, q.name) for q in done.qualities if q.depth_error == q.depth_error)
     if off:
         median, (worst, name) = off[len(off) // 2][0], off[-1]

@@ -42,9 +42,15 @@ _MOST_LINES = 40  # pictures that get a line
     metavar="FOLDER",
     help="Photographs that a DIVE was prepared from [default: where they were then].",
 )
-@shared.option("--focal", of=float, metavar="WIDTHS", help="Hold this focal length, in longer sides of a photograph.")
+@shared.option(
+    "--focal",
+    of=float,
+    metavar="WIDTHS",
+    help="Hold this focal length, in longer sides of a photograph.",
+)
 @shared.flag(
-    "--original-geometry", help="Distort pictures back, as the camera saw them; without it they are undistorted."
+    "--original-geometry",
+    help="Distort pictures back, as the camera saw them; without it they are undistorted.",
 )
 @shared.option("--quality", of=click.IntRange(1, 100), default=95, help="Of JPEG and WebP.")
 @shared.plugin_option
@@ -84,8 +90,12 @@ def restore(
     check_working_folder(out, "work/restore.json", inputs)
     if any(folder.resolve() in out.resolve().parents for folder in inputs):
         raise InputError("lies in the folder of the photographs", out, "name a folder elsewhere")
-    options = pipeline.Options(method, single_view, quality, original_geometry, *pipeline.sorted_words(words, method))
-    found, options, unplaced = _prepared(pipeline.source_of(source, photos), source, out, options, focal)
+    options = pipeline.Options(
+        method, single_view, quality, original_geometry, *pipeline.sorted_words(words, method)
+    )
+    found, options, unplaced = _prepared(
+        pipeline.source_of(source, photos), source, out, options, focal
+    )
     done = pipeline.restore(found, out, options)
     for name, why in list(done.faults.items())[:_MOST_NAMED]:
         click.echo(f"no picture of {name}: {why}")
@@ -94,8 +104,13 @@ def restore(
     if not done.names:
         raise InputError("no photograph could be restored", source, "mend what is named above")
     if done.instead:
-        replaced, (name, why) = counted(len(done.instead), "photograph"), next(iter(done.instead.items()))
-        click.echo(f"{method} could not restore {replaced}, so {single_view} balanced their colours: {name}: {why}")
+        replaced, (name, why) = (
+            counted(len(done.instead), "photograph"),
+            next(iter(done.instead.items())),
+        )
+        click.echo(
+            f"{method} could not restore {replaced}, so {single_view} balanced their colours: {name}: {why}"
+        )
     for limit, n in Counter(limit for one in done.together for limit in one.limits).items():
         if 2 * n > len(done.together):  # what fewer pictures have stays in their records
             click.echo(f"the dive: {limit}")
@@ -108,10 +123,16 @@ def restore(
         trust = _of_water(done.together)
         share = f"{sum(one.measured for one in done.together) / together:.0%} of the pixels have a measured distance"
         alone = len(done.names) - together - len(done.instead)
-        rest = f"; {counted(alone, 'photograph')} without a place in the dive got balanced colours" if alone else ""
+        rest = (
+            f"; {counted(alone, 'photograph')} without a place in the dive got balanced colours"
+            if alone
+            else ""
+        )
         trust = f"{trust}; {share}, and colours of the others are guesses{rest}."
     n, sheet = len(done.names) + len(done.faults), out / "contact-sheet.jpg"
-    click.echo(f"{len(done.names)} of {n} pictures are in {out / 'pictures'}, and {sheet} shows them. {trust}")
+    click.echo(
+        f"{len(done.names)} of {n} pictures are in {out / 'pictures'}, and {sheet} shows them. {trust}"
+    )
     sys.exit(1 if done.faults or done.has_failed else 0)
 
 
@@ -124,7 +145,9 @@ def _lines(assessed: Sequence[Assessed]) -> Iterator[str]:
         why = f": {'; '.join(one.reasons)}" if one.reasons else ""
         yield f"{one.trust.value:10s}  {one.name}{why}"
     if len(assessed) > _MOST_LINES:
-        counts = ", ".join(f"{n} {trust.value}" for trust, n in Counter(one.trust for one in assessed).items())
+        counts = ", ".join(
+            f"{n} {trust.value}" for trust, n in Counter(one.trust for one in assessed).items()
+        )
         yield f"{counts}; pictures.csv has a line for each picture"
 
 
@@ -157,19 +180,27 @@ def _prepared(
 
     is_alone = not found.is_dive and not method_choice(options.method, {}).plugin.needs
     if focal is not None and (found.is_dive or is_alone):
-        raise InputError("is for photographs that are prepared here", "--focal", "leave it out, or give it to prepare")
+        raise InputError(
+            "is for photographs that are prepared here",
+            "--focal",
+            "leave it out, or give it to prepare",
+        )
     if found.is_dive:
         return found, options, ""
     if is_alone:
         return found, replace(options, single_view=options.method), ""
     load_pycolmap("restore")
-    noted(found, out, options, again=False)  # refuses photographs of another source before they are prepared
+    noted(
+        found, out, options, again=False
+    )  # refuses photographs of another source before they are prepared
     wanted = prepare.Options(focal=focal)
     with progress.live():
         try:
             prepared = pipeline.prepare(source, out / "work" / "dive", wanted, again=True)
         except InputError as fault:
-            progress.say(f"each photograph is restored alone, by {options.single_view}: {fault.without_remedy}")
+            progress.say(
+                f"each photograph is restored alone, by {options.single_view}: {fault.without_remedy}"
+            )
             return found, options, fault.fault
     for warning in prepared.warnings:
         click.echo(f"warning  {warning}")

@@ -22,12 +22,29 @@ if TYPE_CHECKING:
 @shared.words_argument("overrides", "[EXPERIMENT.yaml] [KEY=VALUE]...", completion.complete_words)
 @shared.flag("-m", "--multirun", help="Run every combination of comma-separated values.")
 @shared.plugin_files_option
-@shared.option("--config-dir", "-cd", of=shared.PATH, help="A folder of yours with configs: method/, experiment/ ...")
-@shared.option("--config-name", "-cn", default="config", help="The configuration to begin with, of your folder.")
-@shared.flag("--cfg", help="Print the configuration and stop; --cfg hydra: Hydra's own, --cfg all: both.")
-@shared.option("--package", "-p", default="", help="Print this part of the configuration, for example method.")
+@shared.option(
+    "--config-dir",
+    "-cd",
+    of=shared.PATH,
+    help="A folder of yours with configs: method/, experiment/ ...",
+)
+@shared.option(
+    "--config-name",
+    "-cn",
+    default="config",
+    help="The configuration to begin with, of your folder.",
+)
+@shared.flag(
+    "--cfg", help="Print the configuration and stop; --cfg hydra: Hydra's own, --cfg all: both."
+)
+@shared.option(
+    "--package", "-p", default="", help="Print this part of the configuration, for example method."
+)
 @shared.flag("--resolve", help="Print the configuration with each ${...} filled in.")
-@shared.flag("--info", help="Print what Hydra composes of: --info config, defaults, searchpath, plugins or all.")
+@shared.flag(
+    "--info",
+    help="Print what Hydra composes of: --info config, defaults, searchpath, plugins or all.",
+)
 @shared.flag("--hydra-help", help="Print Hydra's own help and stop.")
 @shared.flag("--dry-run", help="Print jobs, views, and the expected time, and stop.")
 @shared.json_option
@@ -90,7 +107,10 @@ def run(
     from sucre_bench.machine.files import check_folder
 
     if plugin_files:
-        overrides = (*overrides, f"plugins={value_of([str(Path(file).resolve()) for file in plugin_files])}")
+        overrides = (
+            *overrides,
+            f"plugins={value_of([str(Path(file).resolve()) for file in plugin_files])}",
+        )
     if config_dir is not None:
         check_folder(config_dir, "give the folder that holds method/, experiment/ and others")
     places = () if config_dir is None else (f"file://{config_dir.resolve()}",)
@@ -149,7 +169,13 @@ def _run(overrides: Sequence[str], multirun: bool, dry_run: bool, as_json: bool)
 
 
 def _show(
-    words: Sequence[str], multirun: bool, cfg: bool, info: bool, hydra_help: bool, package: str, resolve: bool
+    words: Sequence[str],
+    multirun: bool,
+    cfg: bool,
+    info: bool,
+    hydra_help: bool,
+    package: str,
+    resolve: bool,
 ) -> None:
     """Print what Hydra composes of the words of a command: as `--cfg`, `--info` and `--hydra-help` of its programs."""
     from hydra._internal.utils import get_args_parser
@@ -160,12 +186,18 @@ def _show(
     from sucre_bench.jobs.asked import read, reading_experiment
 
     app = configs.hydra_app()
-    kinds = ("job", "hydra", "all") if cfg else ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
+    kinds = (
+        ("job", "hydra", "all")
+        if cfg
+        else ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
+    )
     kind = next((word for word in words if word in kinds), kinds[0])
     words = [word for word in words if word != kind]
     if hydra_help:
         parser = get_args_parser()
-        app.hydra_help(config_name=configs.config_name(), args_parser=parser, args=parser.parse_args([]))
+        app.hydra_help(
+            config_name=configs.config_name(), args_parser=parser, args=parser.parse_args([])
+        )
         return
     with reading_experiment(words) as words:
         asked = read(words, multirun)
@@ -181,5 +213,9 @@ def _show(
         shown: Any = OmegaConf.select(whole, package) if package else whole
         if shown is None:
             raise InputError(f"no part is called '{package}'", "--package", "--cfg shows the parts")
-        text = OmegaConf.to_yaml(shown, resolve=resolve) if OmegaConf.is_config(shown) else f"{shown}\n"
+        text = (
+            OmegaConf.to_yaml(shown, resolve=resolve)
+            if OmegaConf.is_config(shown)
+            else f"{shown}\n"
+        )
     click.echo(text, nl=False)

@@ -16,10 +16,14 @@ def show(found: Sequence[Expected]) -> None:
     for one in found:
         to_do = one.views - one.stored
         time = "?" if math.isnan(one.seconds) else duration(one.seconds)
-        table.add_row(one.dataset, one.method, *map(str, (one.jobs, one.views, one.stored, to_do)), time)
+        table.add_row(
+            one.dataset, one.method, *map(str, (one.jobs, one.views, one.stored, to_do)), time
+        )
     terminal.out.print(table)
     total = math.fsum(one.seconds for one in found)
     if math.isnan(total):
-        click.echo("time ?: no view of that configuration is stored; run a few first, for example with first=3")
+        click.echo(
+            "time ?: no view of that configuration is stored; run a few first, for example with first=3"
+        )
     else:
         click.echo(f"{duration(total)} of one process, from the stored views of each method")

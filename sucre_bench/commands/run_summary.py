@@ -37,7 +37,9 @@ def compared(outcome: Outcome) -> list[Comparison]:
     """Compare the methods on each dataset of the results folder: once, for terminal and page."""
     if not len(outcome.rows):
         return []
-    baseline = outcome.job.baseline if outcome.job.baseline in outcome.methods else ""  # it may not run here
+    baseline = (
+        outcome.job.baseline if outcome.job.baseline in outcome.methods else ""
+    )  # it may not run here
     return compare.compare(outcome.rows, order=outcome.methods, baseline=baseline)
 
 
@@ -49,7 +51,16 @@ def as_object(outcome: Outcome, comparisons: Sequence[Comparison]) -> dict[str, 
     paths, notes, page = _written(outcome, comparisons)
     kinds = ("failed", "skipped", "scores_failed")
     faults = {name: [asdict(fault) for fault in getattr(outcome, name)] for name in kinds}
-    counts = ("exit_code", "ok", "cached", "interrupted", "crashed", "nothing_scored", "datasets", "methods")
+    counts = (
+        "exit_code",
+        "ok",
+        "cached",
+        "interrupted",
+        "crashed",
+        "nothing_scored",
+        "datasets",
+        "methods",
+    )
     return {
         **{name: getattr(outcome, name) for name in counts},
         **faults,
@@ -67,16 +78,25 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
     """Print the tables, write the study's files and the page, print what failed and why, and where everything is."""
     if (outcome.rows["status"] == "ok").any():
         named = _named_metrics(outcome.job)
-        shown = [compare.only(table, [*named, RESTORATION]) for table in comparisons] if named else comparisons
+        shown = (
+            [compare.only(table, [*named, RESTORATION]) for table in comparisons]
+            if named
+            else comparisons
+        )
         for block in as_blocks(shown, terminal.out.width, bool(named)):
             terminal.out.print(block)
             click.echo()
-        against = ("--baseline", comparisons[0].baseline) if comparisons and comparisons[0].baseline else ()
+        against = (
+            ("--baseline", comparisons[0].baseline)
+            if comparisons and comparisons[0].baseline
+            else ()
+        )
         words = ("sucre-bench", "compare", str(outcome.out), *against, *_EVERYTHING)
         click.echo(f"more: {shlex.join(words)}")
     for hint in outcome.hints:
         terminal.show(
-            f"hint     {hint.where}, in {hint.n_views} of {counted(hint.n_read, 'view')}: {hint.text}", style="yellow"
+            f"hint     {hint.where}, in {hint.n_views} of {counted(hint.n_read, 'view')}: {hint.text}",
+            style="yellow",
         )
     for line in seen_in_training(outcome.out, outcome.rows):
         terminal.show(f"trained on  {line}", style="yellow")
@@ -89,12 +109,16 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
             terminal.show(f"{kind}  {line}", style=colour)
     if (outcome.rows["status"] == "skipped").any():
         for missing in unscored(outcome.rows, outcome.nothing_scored):
-            terminal.show(f"not scored  {missing}", style="yellow" if outcome.nothing_scored else "dim")
+            terminal.show(
+                f"not scored  {missing}", style="yellow" if outcome.nothing_scored else "dim"
+            )
     if outcome.interrupted:
         click.echo("stopped; the same command continues from here")
     made = f" ({outcome.cached} cached)" if outcome.cached else ""
     scores = f", {len(outcome.scores_failed)} scores failed" if outcome.scores_failed else ""
-    click.echo(f"{outcome.ok} ok{made}, {len(outcome.failed)} failed, {len(outcome.skipped)} skipped{scores}")
+    click.echo(
+        f"{outcome.ok} ok{made}, {len(outcome.failed)} failed, {len(outcome.skipped)} skipped{scores}"
+    )
     if outcome.failed or outcome.scores_failed:
         click.echo(f"log      {log_path(outcome.out)}")
     click.echo(f"results  {outcome.out}")
@@ -102,7 +126,9 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
         terminal.show(note, style="yellow")
     for folder, paths in itertools.groupby(study, lambda path: path.parent):
         first, *others = paths
-        click.echo(f"{folder.name:9}{f'{folder}{os.sep} ({1 + len(others)} files)' if others else first}")
+        click.echo(
+            f"{folder.name:9}{f'{folder}{os.sep} ({1 + len(others)} files)' if others else first}"
+        )
     if page is not None:
         click.echo(f"page     {page}")
 
@@ -114,10 +140,14 @@ def _named_metrics(job: Job) -> Sequence[str]:
     usual = {metric.plugin.name for metric in metric_choices(["default"])}
     if usual <= {metric.plugin.name for metric in job.metrics}:
         return ()
-    return [f"{metric.plugin.name}:{variant}" for metric in job.metrics for variant in metric.variants]
+    return [
+        f"{metric.plugin.name}:{variant}" for metric in job.metrics for variant in metric.variants
+    ]
 
 
-def _written(outcome: Outcome, comparisons: Sequence[Comparison]) -> tuple[Sequence[Path], Sequence[str], Path | None]:
+def _written(
+    outcome: Outcome, comparisons: Sequence[Comparison]
+) -> tuple[Sequence[Path], Sequence[str], Path | None]:
     """Write what is wanted: the tables and figures that the command's experiment asks for, and the page.
 
     Returns the files of the experiment and its notes, and the page.
@@ -127,9 +157,13 @@ def _written(outcome: Outcome, comparisons: Sequence[Comparison]) -> tuple[Seque
         from sucre_bench.reports import paper
 
         requested = outcome.requested_rows
-        is_whole = len(requested) == (outcome.rows["view"] != "").sum()  # else the folder holds other rows too
+        is_whole = (
+            len(requested) == (outcome.rows["view"] != "").sum()
+        )  # else the folder holds other rows too
         known = comparisons if is_whole else ()
-        made = paper.write(outcome.job.study, requested, outcome.out, outcome.methods, outcome.datasets, known)
+        made = paper.write(
+            outcome.job.study, requested, outcome.out, outcome.methods, outcome.datasets, known
+        )
         paths, notes = made.paths, [*made.notes]
     if outcome.job.report and len(outcome.rows):
         from sucre_bench.reports.page import write
@@ -142,7 +176,9 @@ def _grouped(faults: Sequence[Fault]) -> Iterator[str]:
     """A line a reason; many views that share one are counted."""
     by_reason: dict[tuple[str, str], list[str]] = {}
     for fault in faults:
-        by_reason.setdefault((fault.where, without_view(fault.reason, fault.view)), []).append(fault.view)
+        by_reason.setdefault((fault.where, without_view(fault.reason, fault.view)), []).append(
+            fault.view
+        )
     for (where, reason), views in by_reason.items():
         which = views[0] if len(views) == 1 else f"{len(views)} views"
         yield escaped_breaks(f"{where} / {which}: {with_remedy(reason)}")

@@ -28,7 +28,11 @@ _MOST_VARIANTS = 10  # that a table shows
 
 @click.command()
 @shared.argument("images")
-@shared.option("--reference", of=shared.PATH, help="Folder of images with the same names (any suffix), or one image.")
+@shared.option(
+    "--reference",
+    of=shared.PATH,
+    help="Folder of images with the same names (any suffix), or one image.",
+)
 @shared.option(
     "--metrics",
     default="",
@@ -84,7 +88,10 @@ def score(
     if like:
         files = score_folder.images_in(images)
         published = match_published.read_table(like, images, files, reference is not None)
-        every = (*files.values(), *(score_folder.images_in(reference).values() if reference else ()))
+        every = (
+            *files.values(),
+            *(score_folder.images_in(reference).values() if reference else ()),
+        )
         sizes = {image_size(path) for path in every}
         for warning in published.warnings:
             say(warning, "yellow")
@@ -97,7 +104,9 @@ def score(
             return found[-1].rows
 
         searched = None if metrics else published
-        rows = match_published.search(searched, sizes, score_rows) if searched else score_rows(names)
+        rows = (
+            match_published.search(searched, sizes, score_rows) if searched else score_rows(names)
+        )
     scored = replace(found[0], rows=rows)
     for line in (*(found.sentence() for found in scored.sets), *scored.shared):
         say(f"set  {line}", "dim")
@@ -111,15 +120,28 @@ def score(
     elif (rows["status"] == "ok").any():
         terminal.out.print(_summary(rows))
     faults = rows[rows["status"] != "ok"]
-    asked = faults if metrics else faults[faults["status"] == "failed"]  # by default, what does not apply is no fault
+    asked = (
+        faults if metrics else faults[faults["status"] == "failed"]
+    )  # by default, what does not apply is no fault
     lacks = [text for text in asked["reason"].unique() if Reason.of(text) is Reason.LACK]
     is_lack = asked["reason"].isin(lacks)
-    for (metric, lack), _ in asked[is_lack].groupby(["metric", asked["reason"].map(brief)], sort=False):
+    for (metric, lack), _ in asked[is_lack].groupby(
+        ["metric", asked["reason"].map(brief)], sort=False
+    ):
         is_reference = lack == "needs reference"
-        remedy = "give --reference DIR" if is_reference else "`sucre-bench run` scores it, on a dataset that has this"
+        remedy = (
+            "give --reference DIR"
+            if is_reference
+            else "`sucre-bench run` scores it, on a dataset that has this"
+        )
         say(f"failed  {metric}: {lack}; {remedy}", "red")
-    for (view, metric, reason), _ in asked[~is_lack].groupby(["view", "metric", "reason"], sort=False):
-        say(f"failed  {view}: {f'{metric}: ' if metric != RESTORATION else ''}{without_view(reason, view)}", "red")
+    for (view, metric, reason), _ in asked[~is_lack].groupby(
+        ["view", "metric", "reason"], sort=False
+    ):
+        say(
+            f"failed  {view}: {f'{metric}: ' if metric != RESTORATION else ''}{without_view(reason, view)}",
+            "red",
+        )
     sys.exit(1 if len(asked) else 0)
 
 
@@ -133,7 +155,12 @@ def _summary(rows: pd.DataFrame) -> Table:
     for (metric, variant), scores in ok.groupby(["metric", "variant"], sort=False):
         values = scores["value"]
         title = f"{metric} {ARROW[scores['better'].iloc[0]]}"
-        figures = (values.mean(), float(standard_deviation(values.to_numpy())), values.min(), values.max())
+        figures = (
+            values.mean(),
+            float(standard_deviation(values.to_numpy())),
+            values.min(),
+            values.max(),
+        )
         table.add_row(title, variant, *(number(x) for x in figures), str(len(values)))
     return table
 
@@ -148,7 +175,9 @@ def _print_records(table: pd.DataFrame, form: str) -> None:
         click.echo(csv_text(table, for_spreadsheets=True), nl=False)
 
 
-def _print_matches(published: PublishedTable, scored: FolderScores, size: tuple[int, int] | None, form: str) -> None:
+def _print_matches(
+    published: PublishedTable, scored: FolderScores, size: tuple[int, int] | None, form: str
+) -> None:
     """Print, for each column of a published table, how far the variants are from it, and the answer in a sentence."""
     import pandas as pd
 
@@ -156,8 +185,12 @@ def _print_matches(published: PublishedTable, scored: FolderScores, size: tuple[
 
     matches = [(column, compare(column, scored.rows)) for column in published.columns]
     if form != "terminal":
-        about = [({"column": column.header, "metric": column.metric}, found) for column, found in matches]
-        _print_records(pd.DataFrame({**names, **asdict(one)} for names, found in about for one in found), form)
+        about = [
+            ({"column": column.header, "metric": column.metric}, found) for column, found in matches
+        ]
+        _print_records(
+            pd.DataFrame({**names, **asdict(one)} for names, found in about for one in found), form
+        )
         return
     for column, found in matches:
         table = terminal.table([column.metric], ["mean difference", "largest"])

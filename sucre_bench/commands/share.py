@@ -37,7 +37,9 @@ _MOST = 20  # scores that are listed
     of=("none", "restored", "all"),
     help="restored: put the restored images in; all: also views and references, if you may publish them.",
 )
-@shared.option("--by", default="", metavar="TEXT", help='Who publishes the bundle, for example "Reef Lab".')
+@shared.option(
+    "--by", default="", metavar="TEXT", help='Who publishes the bundle, for example "Reef Lab".'
+)
 @shared.flag("--code", help="Put the files of --plugin in, so that others can run experiment.yaml.")
 @shared.plugin_option
 @shared.force_option
@@ -59,10 +61,14 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool, force: 
     with progress.live():
         made = bundle_results(folder, file, pictures, by, _experiment(folder, code))
     size = file.stat().st_size
-    click.echo(f"bundle   {file}, {f'{size / 1e6:.1f} MB' if size >= 1e6 else f'{size / 1e3:.0f} kB'}")
+    click.echo(
+        f"bundle   {file}, {f'{size / 1e6:.1f} MB' if size >= 1e6 else f'{size / 1e3:.0f} kB'}"
+    )
     click.echo(f"id       {made.id}")
     click.echo(f"scores   {made.n_scores}, and seconds and memory")
-    click.echo(f"files    {made.n_inside} pictures and records inside, {made.n_outside} outside by their hash")
+    click.echo(
+        f"files    {made.n_inside} pictures and records inside, {made.n_outside} outside by their hash"
+    )
     if made.unverifiable:
         told = ", ".join(f"{n} of {metric}" for metric, n in made.unverifiable.items())
         say(f"nobody can verify these scores, which need more than 8 bits: {told}", "yellow")
@@ -95,10 +101,18 @@ def _experiment(folder: Path, has_code: bool) -> dict[str, str]:
     try:
         for path in (Path(name) for name in given if has_code):
             if not plugins.is_loaded(path):
-                raise InputError("is not in the bundle", path, f"add --plugin {path} if it is the run's plugin file")
+                raise InputError(
+                    "is not in the bundle",
+                    path,
+                    f"add --plugin {path} if it is the run's plugin file",
+                )
             name = f"plugins/{path.name}"
             if name in files:
-                raise InputError("is not in the bundle", path, "another plugin file has its name; rename it, run again")
+                raise InputError(
+                    "is not in the bundle",
+                    path,
+                    "another plugin file has its name; rename it, run again",
+                )
             files[name] = regular(path).read_text(encoding="utf-8")
     except (OSError, InputError, ValueError) as fault:
         reason = f"{path}: cannot be read, {fault}; publish it beside the bundle"
@@ -117,8 +131,12 @@ def _experiment(folder: Path, has_code: bool) -> dict[str, str]:
 
 @click.command()
 @shared.argument("file", metavar="FILE.zip")
-@shared.option("--data", multiple=True, metavar="[DATASET=]DIR", help="Folder of the data; may be repeated.")
-@shared.option("--id", "wanted", default="", metavar="ID", help="The id that was published with the bundle.")
+@shared.option(
+    "--data", multiple=True, metavar="[DATASET=]DIR", help="Folder of the data; may be repeated."
+)
+@shared.option(
+    "--id", "wanted", default="", metavar="ID", help="The id that was published with the bundle."
+)
 @shared.option(
     "--tolerance",
     default=TOLERANCE,
@@ -155,7 +173,10 @@ def verify(file: Path, data: Sequence[str], wanted: str, tolerance: float, as_js
         shared.print_json({**asdict(found), "differing": differing, "holds": holds})
         sys.exit(0 if holds else 1)
     if is_other:
-        say(f"differs  the bundle's id is {found.id}, not {wanted}: it is not the one that was published", "red")
+        say(
+            f"differs  the bundle's id is {found.id}, not {wanted}: it is not the one that was published",
+            "red",
+        )
     _print_outcome(found, tolerance)
     if not data and found.needs_data:
         words = shlex.join(["sucre-bench", "verify", str(file), "--data", "DIR"])

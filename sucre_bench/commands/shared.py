@@ -41,7 +41,9 @@ def argument(*names: str, of: Any = PATH, **settings: Any) -> Callable[[_F], _F]
 
 def words_argument(name: str, metavar: str | None, complete: Any = None) -> Callable[[_F], _F]:
     """Add the words of `sucre-bench run`. complete: completes them in a shell."""
-    return click.argument(name, nargs=-1, type=click.UNPROCESSED, metavar=metavar, shell_complete=complete)
+    return click.argument(
+        name, nargs=-1, type=click.UNPROCESSED, metavar=metavar, shell_complete=complete
+    )
 
 
 def flag(*names: str, help: str) -> Callable[[_F], _F]:
@@ -72,7 +74,9 @@ def _load_plugins(context: click.Context, _: click.Parameter, files: Sequence[st
 
 
 # For programs: the command prints one JSON value on stdout and nothing else there.
-json_option = flag("--json", "as_json", help="Print one JSON object on stdout and nothing else, for programs.")
+json_option = flag(
+    "--json", "as_json", help="Print one JSON object on stdout and nothing else, for programs."
+)
 # The parameter force of `check_output`.
 force_option = flag("--force", help="Write over a file that exists.")
 _PLUGIN: Any = {"multiple": True, "of": _Path(), "metavar": "FILE"}
@@ -82,7 +86,9 @@ plugin_files_option = option("--plugin", "plugin_files", **_PLUGIN)
 # Plugin files that are loaded before the command runs; PluginError then if one does not exist or does not import.
 plugin_option = option("--plugin", expose_value=False, callback=_load_plugins, **_PLUGIN)
 # The choice of one dataset in a results folder.
-dataset_option = option("--dataset", default="", metavar="LABEL", help="Needed if the results have several datasets.")
+dataset_option = option(
+    "--dataset", default="", metavar="LABEL", help="Needed if the results have several datasets."
+)
 
 
 def labels_of(text: str) -> list[str]:
@@ -100,7 +106,11 @@ def echo_wrapped(text: str, indent: int = 2) -> None:
     """Print a line on stdout, broken between words where the terminal ends. indent: of the lines that follow."""
     width = terminal.out.width
     rest = " " * indent
-    click.echo(textwrap.fill(text, width, subsequent_indent=rest, break_long_words=False, break_on_hyphens=False))
+    click.echo(
+        textwrap.fill(
+            text, width, subsequent_indent=rest, break_long_words=False, break_on_hyphens=False
+        )
+    )
 
 
 def say_whether_measurable(planned: Sequence[Planned]) -> None:
@@ -114,18 +124,34 @@ def say_whether_measurable(planned: Sequence[Planned]) -> None:
     from sucre_bench.programs.describe.faults import first_look
 
     measuring = (plan for plan in planned if {"poses", "depth"} <= plan.job.method.plugin.needs)
-    scenes = {(plan.job.dataset.label, task.scene.name): task.scene for plan in measuring for task in plan.todo}
+    scenes = {
+        (plan.job.dataset.label, task.scene.name): task.scene
+        for plan in measuring
+        for task in plan.todo
+    }
     for (dataset, name), scene in list(scenes.items())[:_MOST_SCENES]:
         with contextlib.suppress(*ANY_FAULT):  # the run says what is wrong with the data
-            if said := processes.call(partial(first_look, scene.views), "leave out the view that ends it"):
+            if said := processes.call(
+                partial(first_look, scene.views), "leave out the view that ends it"
+            ):
                 progress.say(f"{dataset}, {name}: {said}")
 
 
 def floor_of_psi(planned: Sequence[Planned]) -> str:
     """Return what psi cannot fall below, if it is scored on charts of linear camera data with an sRGB list."""
-    tasks = (task for plan in planned if "psi" in {one.plugin.name for one in plan.job.metrics} for task in plan.tasks)
-    kinds = {chart.kind for task in tasks if task.view.encoding == "linear" for chart in task.view.charts}
-    if not any(not (Path(kind).is_file() and "# camera" in Path(kind).read_text(errors="replace")) for kind in kinds):
+    tasks = (
+        task
+        for plan in planned
+        if "psi" in {one.plugin.name for one in plan.job.metrics}
+        for task in plan.tasks
+    )
+    kinds = {
+        chart.kind for task in tasks if task.view.encoding == "linear" for chart in task.view.charts
+    }
+    if not any(
+        not (Path(kind).is_file() and "# camera" in Path(kind).read_text(errors="replace"))
+        for kind in kinds
+    ):
         return ""
     floor = "psi of a camera's linear values has a floor of about 8 to 9 degrees with the sRGB list of a chart"
     return f"{floor}; spectra and `# camera:` in a CSV of the chart lower it to about 1 (docs/charts.md)"
@@ -136,7 +162,9 @@ def say_what_views_show(planned: Sequence[Planned]) -> None:
     from sucre_bench.machine import progress
 
     say_whether_measurable(planned)
-    chosen = [plan for plan in planned if plan.job.first or plan.job.views]  # a shard has neighbours on purpose
+    chosen = [
+        plan for plan in planned if plan.job.first or plan.job.views
+    ]  # a shard has neighbours on purpose
     scenes: dict[tuple[str, str], tuple[Scene, set[str]]] = {}
     for dataset, task in ((plan.job.dataset.label, task) for plan in chosen for task in plan.tasks):
         scenes.setdefault((dataset, task.scene.name), (task.scene, set()))[1].add(task.view.name)

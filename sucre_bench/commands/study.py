@@ -30,7 +30,12 @@ _LARGE = 20_000_000  # bytes; many mail servers refuse more
 @shared.option("--question", default="", metavar="TEXT", help="The question on the page.")
 @shared.option("--pairs", default=20, of=click.IntRange(2, 500), help="Pairs in one sitting.")
 @shared.option("--views", default=12, of=click.IntRange(1, 200), help="Most views, evenly spread.")
-@shared.option("--width", default=1200, of=click.IntRange(100, 8000), help="Greatest width of a picture, in pixels.")
+@shared.option(
+    "--width",
+    default=1200,
+    of=click.IntRange(100, 8000),
+    help="Greatest width of a picture, in pixels.",
+)
 @shared.option(
     "--pixels",
     of=("common", "own"),
@@ -72,29 +77,39 @@ def study(
     elif files:
         raise click.UsageError(f"{files[0]}: give files of votes behind --votes")
     elif out is None:
-        raise click.UsageError("give --methods A,B --out FILE.html to write a page, or --votes FILE... to evaluate")
+        raise click.UsageError(
+            "give --methods A,B --out FILE.html to write a page, or --votes FILE... to evaluate"
+        )
     else:
         from sucre_bench.programs.people import design
 
         check_output(out, "page", force=force)
         check_links(folder)
         key = design.design(folder, shared.labels_of(methods), dataset, views)
-        key, parts, left_out = design.whole_parts(folder, key) if pixels == "common" else (key, {}, [])
+        key, parts, left_out = (
+            design.whole_parts(folder, key) if pixels == "common" else (key, {}, [])
+        )
         with progress.live():
             design.write_page(out, folder, key, question or design.QUESTION, pairs, width, parts)
         path = design.write_key(folder, key)
         n_views = len(key.pictures) // len(key.methods)
-        click.echo(f"page     {out}, {out.stat().st_size / 1e6:.1f} MB: {len(key.methods)} methods on {n_views} views")
+        click.echo(
+            f"page     {out}, {out.stat().st_size / 1e6:.1f} MB: {len(key.methods)} methods on {n_views} views"
+        )
         if parts:
             share = sum(part.share for part in parts.values()) / len(parts)
             of = f"{len(parts)} of {n_views} views"
-            click.echo(f"cropped  {of}, to what all methods fill: {100 * share:.0f} % of the view on average")
+            click.echo(
+                f"cropped  {of}, to what all methods fill: {100 * share:.0f} % of the view on average"
+            )
         for line in left_out:
             click.echo(f"left out {line}")
         click.echo(f"key      {path}: keep it, and do not send it")
         if out.stat().st_size > _LARGE:
             click.echo("smaller  for e-mail: --views 6, or --width 800")
-        click.echo(f"then     sucre-bench study {folder} --votes FILES, the files that people send back")
+        click.echo(
+            f"then     sucre-bench study {folder} --votes FILES, the files that people send back"
+        )
 
 
 def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
@@ -119,13 +134,23 @@ def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
     preferences = terminal.table(["method"], ["preference", "95 % interval", "votes won"])
     for n in (-people.scores).argsort(kind="stable"):  # the preferred one first
         interval = "-" if people.want else f"{signed(people.low[n])} to {signed(people.high[n])}"
-        preferences.add_row(numbered.methods[n], signed(people.scores[n]), interval, f"{100 * shares[n]:.0f} %")
+        preferences.add_row(
+            numbered.methods[n], signed(people.scores[n]), interval, f"{100 * shares[n]:.0f} %"
+        )
     metrics = terminal.table(["metric"], ["tau", "95 % interval", "predicted", "votes"])
-    ranked = sorted(found.metrics.items(), key=lambda item: -item[1].predicted if item[1].n else 1.0)
+    ranked = sorted(
+        found.metrics.items(), key=lambda item: -item[1].predicted if item[1].n else 1.0
+    )
     for (metric, variant), agreement in ranked:
-        interval = f"{number(agreement.low)} to {number(agreement.high)}" if math.isfinite(agreement.low) else "-"
+        interval = (
+            f"{number(agreement.low)} to {number(agreement.high)}"
+            if math.isfinite(agreement.low)
+            else "-"
+        )
         predicted = f"{100 * agreement.predicted:.0f} %" if agreement.n else "-"
-        metrics.add_row(f"{metric} ({variant})", number(agreement.tau), interval, predicted, str(agreement.n))
+        metrics.add_row(
+            f"{metric} ({variant})", number(agreement.tau), interval, predicted, str(agreement.n)
+        )
     for table, lines in ((preferences, _sentences(found)), (metrics, _TAU)):
         if table.row_count:
             terminal.out.print(table)
@@ -134,7 +159,9 @@ def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
                 shared.echo_wrapped(line)
             click.echo()
     if n:
-        click.echo(f"rows     {n} of metric preference: sucre-bench compare {folder} --metric preference")
+        click.echo(
+            f"rows     {n} of metric preference: sucre-bench compare {folder} --metric preference"
+        )
     else:
         click.echo(f"rows     none: {people.want}")
 
@@ -158,7 +185,9 @@ def _sentences(found: Evaluated) -> list[str]:
         lead = f"{first} got more votes than {second}" if gap else lines[0]
         lines = [f"{lead}; no interval, so nobody can say whether more than chance: {people.want}"]
     else:
-        verb, chance = ("is ahead of", "which may be chance") if low <= 0 else ("leads", "more than chance")
+        verb, chance = (
+            ("is ahead of", "which may be chance") if low <= 0 else ("leads", "more than chance")
+        )
         interval = f"{number(gap)} [{number(low)}, {number(high)}]"
         equal = f"{lines[0]}; the difference is at most {number(high)}"
         lines = [f"{first} {verb} {second} by {interval}, {chance}" if gap else equal]
@@ -168,7 +197,10 @@ def _sentences(found: Evaluated) -> list[str]:
         alpha = f"Krippendorff's alpha {number(found.observers.alpha)} on {found.observers.n} pairs"
         agree = f"{alpha} (1: full, 0: as by tossing coins)"
     lines.append(f"agreement of observers: {agree}")
-    return [*lines, "preference: log-odds; 0 = the mean of these methods, +1.1 = 3 of 4 votes against it"]
+    return [
+        *lines,
+        "preference: log-odds; 0 = the mean of these methods, +1.1 = 3 of 4 votes against it",
+    ]
 
 
 def _as_object(found: Evaluated) -> dict[str, Any]:
@@ -182,6 +214,8 @@ def _as_object(found: Evaluated) -> dict[str, Any]:
         "missing": people.want,
         "preference": [{"method": m, "score": s, "low": a, "high": b} for m, s, a, b in scores],
         "agreement": asdict(found.observers),
-        "metrics": [{"metric": m, "variant": v, **asdict(a)} for (m, v), a in found.metrics.items()],
+        "metrics": [
+            {"metric": m, "variant": v, **asdict(a)} for (m, v), a in found.metrics.items()
+        ],
         "skipped": list(found.skipped),
     }

@@ -48,7 +48,9 @@ def load(folders: Iterable[str | Path]) -> DataFrame:
 
     tables = []
     for folder in map(Path, folders):
-        with open_bundle(folder) if is_bundle(folder) else nullcontext() as bundle:  # `verify` checks what it says
+        with (
+            open_bundle(folder) if is_bundle(folder) else nullcontext() as bundle
+        ):  # `verify` checks what it says
             rows = results.read(folder) if bundle is None else bundle.rows
             tables.append(rows.assign(_folder=str(folder)))
     rows = pd.concat(tables, ignore_index=True)
@@ -60,13 +62,21 @@ def load(folders: Iterable[str | Path]) -> DataFrame:
             (of_method, "options_id", "these folders mean different options by it"),
             (of_method, "_code", "these folders hold it from different versions of its code"),
         ):
-            several = (coded if group is of_method else rows[rows["scene"] != ""]).groupby(group)[column].nunique()
+            several = (
+                (coded if group is of_method else rows[rows["scene"] != ""])
+                .groupby(group)[column]
+                .nunique()
+            )
             if (several > 1).any():
                 names = " / ".join(several[several > 1].index[0])
                 raise InputError(f"{names}: {fault}; run it again, or give it another label")
         _say_differing(rows)
     rows = rows.assign(_ok=rows["status"] == "ok").sort_values(["_ok", "time"], kind="stable")
-    return rows.drop_duplicates(_NAMED, keep="last").drop(columns=["_ok", "_folder"]).sort_index(ignore_index=True)
+    return (
+        rows.drop_duplicates(_NAMED, keep="last")
+        .drop(columns=["_ok", "_folder"])
+        .sort_index(ignore_index=True)
+    )
 
 
 def _say_differing(rows: DataFrame) -> None:
@@ -79,9 +89,12 @@ def _say_differing(rows: DataFrame) -> None:
     if not len(differing):
         return
     disagreeing = twice[twice.set_index(_NAMED).index.isin(differing)]
-    shown = disagreeing.sort_values("time", kind="stable").drop_duplicates(_NAMED, keep="last")["_folder"]
+    shown = disagreeing.sort_values("time", kind="stable").drop_duplicates(_NAMED, keep="last")[
+        "_folder"
+    ]
     methods = [
-        " / ".join(pair) for pair in dict.fromkeys(zip(disagreeing["dataset"], disagreeing["method"], strict=True))
+        " / ".join(pair)
+        for pair in dict.fromkeys(zip(disagreeing["dataset"], disagreeing["method"], strict=True))
     ]
     more = f" and {len(methods) - 3} more" if len(methods) > 3 else ""
     progress.say(
@@ -110,7 +123,9 @@ def refuse(rows: DataFrame, metrics: Sequence[str] = (), common: bool = False) -
         raise NotComparableError("\n".join(lines))
 
 
-def refusals(rows: DataFrame, metrics: Sequence[str] = (), common: bool = False) -> Iterator[tuple[str, str]]:
+def refusals(
+    rows: DataFrame, metrics: Sequence[str] = (), common: bool = False
+) -> Iterator[tuple[str, str]]:
     """Yield a dataset and why its methods cannot be compared: the difference, and what to do.
 
     metrics: those to be compared, as in `compare`; common: methods may have run on different images or replicates, as
@@ -141,7 +156,9 @@ def _images(rows: DataFrame, common: bool) -> Iterator[str]:
     per_view = rows.loc[~rows["method"].isin(whole), ["method", "scene", "view"]].drop_duplicates()
     split = {scene: results.unreplicated(scene) for scene in per_view["scene"].unique()}
     images: dict[str, frozenset[tuple[str, int, str]]] = {
-        str(name): frozenset((*split[scene], view) for scene, view in values_of(of_method, "scene", "view"))
+        str(name): frozenset(
+            (*split[scene], view) for scene, view in values_of(of_method, "scene", "view")
+        )
         for name, of_method in per_view.groupby("method", sort=False)
     }
     if len(_alike(images)) < 2:
@@ -150,8 +167,15 @@ def _images(rows: DataFrame, common: bool) -> Iterator[str]:
     if shared and common:
         return
     n = len({(scene, view) for scene, _, view in shared})
-    share = f", or --common compares them on the {n} images they share" if n else ", for they share none"
-    plain = {name: frozenset((scene, view) for scene, _, view in of_method) for name, of_method in images.items()}
+    share = (
+        f", or --common compares them on the {n} images they share"
+        if n
+        else ", for they share none"
+    )
+    plain = {
+        name: frozenset((scene, view) for scene, _, view in of_method)
+        for name, of_method in images.items()
+    }
     anywhere = frozenset[tuple[str, str]]().union(*plain.values())
     if len(alike := _alike(plain)) > 1:
         counts = ", ".join(f"{names_of(names)} on {len(views)}" for views, names in alike.items())
@@ -163,10 +187,15 @@ def _images(rows: DataFrame, common: bool) -> Iterator[str]:
         return
     scene, _, view = min(image for of_method in images.values() for image in of_method - shared)
     replicates = {
-        name: tuple(sorted(number for plain, number, of in of_method if (plain, of) == (scene, view)))
+        name: tuple(
+            sorted(number for plain, number, of in of_method if (plain, of) == (scene, view))
+        )
         for name, of_method in images.items()
     }
-    have = (f"{names_of(names)} {', '.join(map(str, numbers))}" for numbers, names in _alike(replicates).items())
+    have = (
+        f"{names_of(names)} {', '.join(map(str, numbers))}"
+        for numbers, names in _alike(replicates).items()
+    )
     why = f"{'; '.join(have)}; run the same ones{share}"
     yield f"methods ran on different replicates of {scene}/{view}: {why}"
 
@@ -175,7 +204,8 @@ def _variants(rows: DataFrame) -> Iterator[str]:
     """Methods that were scored by one metric in different variants only."""
     for metric, of_metric in rows.groupby("metric", sort=False):
         variants = {
-            str(name): frozenset(scores["variant"].unique()) for name, scores in of_metric.groupby("method", sort=False)
+            str(name): frozenset(scores["variant"].unique())
+            for name, scores in of_metric.groupby("method", sort=False)
         }
         for (first, names), (second, others) in combinations(_alike(variants).items(), 2):
             if not first & second:
@@ -189,12 +219,16 @@ def _variants(rows: DataFrame) -> Iterator[str]:
 def _versions(rows: DataFrame) -> Iterator[str]:
     """Scores of one column from different versions or options of the metric; the newest is taken as right."""
     for (metric, variant), of_variant in rows.groupby(["metric", "variant"], sort=False):
-        made_by = of_variant["code"].map({code: "".join(code.split(".")[1:2]) for code in of_variant["code"].unique()})
+        made_by = of_variant["code"].map(
+            {code: "".join(code.split(".")[1:2]) for code in of_variant["code"].unique()}
+        )
         last = of_variant["time"].groupby(made_by).max().sort_values().index[-1]
         if (made_by == last).all():
             continue
         older = made_by[made_by != last].iloc[0]
-        names = [list(dict.fromkeys(of_variant["method"][made_by == code])) for code in (older, last)]
+        names = [
+            list(dict.fromkeys(of_variant["method"][made_by == code])) for code in (older, last)
+        ]
         differing = "options" if older.split("-")[0] == last.split("-")[0] else "versions"
         yield (
             f"{metric} ({variant}): {names_of(names[0])} scored by other {differing} of the metric than "
@@ -267,7 +301,9 @@ def asked_for(rows: DataFrame, metrics: Sequence[str]) -> Series:
             raise InputError(f"no scores of '{name}'; {did_you_mean(name, known)}")
         variants = set(rows.loc[rows["metric"] == name, "variant"].unique())
         if variant and variant not in variants:
-            raise InputError(f"no scores of {name} in variant '{variant}'; {did_you_mean(variant, variants)}")
+            raise InputError(
+                f"no scores of {name} in variant '{variant}'; {did_you_mean(variant, variants)}"
+            )
     return rows["metric"].isin(metrics) | full.isin(metrics)
 
 
@@ -318,20 +354,36 @@ def on_pixels(rows: DataFrame, read: Callable[[], DataFrame]) -> DataFrame:
     some = {*values_of(enough, *_VIEW)}
     little = {which for which in values_of(whole.drop(enough.index), *KEYS) if which[:3] in some}
     is_lost = np.array([which in little for which in values_of(scored, *KEYS)], dtype=bool)
-    rows.loc[scored.index[is_lost], _RESULT] = [math.nan, 0, 0.0, "skipped", Reason.FILLS_LITTLE.value]
+    rows.loc[scored.index[is_lost], _RESULT] = [
+        math.nan,
+        0,
+        0.0,
+        "skipped",
+        Reason.FILLS_LITTLE.value,
+    ]
     scored = scored[~is_lost].join(_views(enough, common), on=_VIEW, how="inner")
     if scored.empty:
         return rows
     found = common[common["metric"] != COMMON_PIXELS]
     codes = found["code"].str.rsplit(".", n=1).str
-    found = found.assign(variant=found["variant"].str.removesuffix(COMMON), code=codes[0], _mask=codes[-1])
+    found = found.assign(
+        variant=found["variant"].str.removesuffix(COMMON), code=codes[0], _mask=codes[-1]
+    )
     found = found[[*_KEY, *_RESULT]].drop_duplicates(_KEY, keep="last")
     new = scored[_KEY].merge(found, on=_KEY, how="left").set_axis(scored.index)
     # No score is on common pixels that are not known, whatever a bundle says: `verify` does not compute it again.
     new.loc[~scored["_kind"].isin(["common", "none"]), ["status", "reason"]] = None
-    new.loc[scored["_kind"] == "none", _RESULT] = [math.nan, 0, 0.0, "skipped", Reason.NO_SHARED_PIXELS.value]
+    new.loc[scored["_kind"] == "none", _RESULT] = [
+        math.nan,
+        0,
+        0.0,
+        "skipped",
+        Reason.NO_SHARED_PIXELS.value,
+    ]
     # Of one score of a view, either all methods are on common pixels or none.
-    lacks = new["status"].isna() | new["reason"].isin([Reason.NOT_STORED.value, Reason.NOT_HELD.value])
+    lacks = new["status"].isna() | new["reason"].isin(
+        [Reason.NOT_STORED.value, Reason.NOT_HELD.value]
+    )
     why = new["reason"].fillna(scored["_why"].where(scored["_why"] != "", NOT_SCORED)).where(lacks)
     score = [scored[name] for name in _SCORE]
     lacks, why = lacks.groupby(score).transform("any"), why.groupby(score).transform("first")
@@ -351,20 +403,28 @@ def _views(whole: DataFrame, common: DataFrame) -> DataFrame:
     mask; `_share`: of the image that it has; `_why`: why it is not known. A view in the table of common scores counts
     only if it covers all methods and their newest results.
     """
-    said = common[common["metric"] == COMMON_PIXELS].drop_duplicates(_VIEW, keep="last").set_index(_VIEW)
+    said = (
+        common[common["metric"] == COMMON_PIXELS]
+        .drop_duplicates(_VIEW, keep="last")
+        .set_index(_VIEW)
+    )
     said = said[["status", "code", "value", "reason", "options", "time"]]
     state = ["_kind", "_mask", "_share", "_why"]
     said.columns = [*state, "_methods", "_time"]
     kinds = [kind_of(*values) for values in values_of(said, "_kind", "_mask")]
     said["_kind"] = np.array(kinds, dtype=object)
     coverage = ("coverage", "min"), ("coverage", "max")
-    views = whole.groupby(_VIEW).agg(low=coverage[0], high=coverage[1], by=("method", set), last=("time", "max"))
+    views = whole.groupby(_VIEW).agg(
+        low=coverage[0], high=coverage[1], by=("method", set), last=("time", "max")
+    )
     views = views[(views["low"] < 1) & (views["by"].map(len) > 1)].join(said)
     names = views["_methods"].fillna("{}").map(methods_of)
     is_known = np.array([by <= of for by, of in zip(views["by"], names, strict=True)], dtype=bool)
     is_known &= (views["last"] <= views["_time"].fillna("")).to_numpy()
     views.loc[~is_known, state] = ["unknown", "", math.nan, NOT_SCORED]
-    differs = np.where(is_known, views["_kind"] != "equal", views["high"] - views["low"] > LEAST_DIFFERENCE)
+    differs = np.where(
+        is_known, views["_kind"] != "equal", views["high"] - views["low"] > LEAST_DIFFERENCE
+    )
     return views.loc[differs, state]
 
 
@@ -373,6 +433,8 @@ def scores_of_pixels(rows: DataFrame) -> Series:
 
     A metric that is not installed does not.
     """
-    metrics = {str(name): plugins.installed("metric", str(name)) for name in rows["metric"].unique()}
+    metrics = {
+        str(name): plugins.installed("metric", str(name)) for name in rows["metric"].unique()
+    }
     of_pixels = [name for name, plugin in metrics.items() if plugin and plugin.is_of_pixels]
     return rows["metric"].isin(of_pixels) & (rows["region"] == "image")

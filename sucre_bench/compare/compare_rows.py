@@ -11,7 +11,12 @@ import numpy as np
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import statistics
-from sucre_bench.compare.choose_rows import asked_for, leaves_holes, metrics_of_faults, on_own_pixels
+from sucre_bench.compare.choose_rows import (
+    asked_for,
+    leaves_holes,
+    metrics_of_faults,
+    on_own_pixels,
+)
 from sucre_bench.compare.model import FILLED, Cell, Column, Comparison, Note, says_filled
 from sucre_bench.compare.notes import (
     REPETITION,
@@ -30,7 +35,9 @@ from sucre_bench.results.rows import COSTS, PREFERENCE, RESTORATION, By, values_
 from sucre_bench.results.table import is_fresh
 
 # Columns that nothing here looks at; they are most of a table's memory.
-_UNUSED = frozenset({"options", "options_id", "n_pixels", "seconds", "peak_mb", "device", "seed", "code"})
+_UNUSED = frozenset(
+    {"options", "options_id", "n_pixels", "seconds", "peak_mb", "device", "seed", "code"}
+)
 _UNIT, _COLUMN = ["scene", "view", "region"], ["metric", "variant"]
 
 # Metric, variant, unit and better of a column, whether its scores are on common pixels, and these.
@@ -38,7 +45,11 @@ _Measured = tuple[str, str, str, str, bool, DataFrame]
 
 
 def compare(
-    rows: DataFrame, metrics: Sequence[str] = (), by: By = "method", order: Sequence[str] = (), baseline: str = ""
+    rows: DataFrame,
+    metrics: Sequence[str] = (),
+    by: By = "method",
+    order: Sequence[str] = (),
+    baseline: str = "",
 ) -> list[Comparison]:
     """Return a table per dataset; by "view" or "region", a table for each of those.
 
@@ -52,14 +63,18 @@ def compare(
     rows = rows.sort_values("time", kind="stable")  # datasets, methods and metrics as they were run
     order = list(dict.fromkeys([*order, *rows["method"].unique()]))
     if baseline and baseline not in order:
-        raise InputError(f"no scores of '{baseline}' to compare with; {did_you_mean(baseline, order)}")
+        raise InputError(
+            f"no scores of '{baseline}' to compare with; {did_you_mean(baseline, order)}"
+        )
     fresh = is_fresh(rows)
     older = dict.fromkeys(values_of(rows[~fresh], "dataset", "method", "scene", "view"))
     newer = set(values_of(rows[fresh], "dataset", "method"))
     rows = without_replicates(rows.assign(_asked=asked)[fresh]).drop(columns=["data_id", "time"])
     if "pixels" not in rows:
         rows = on_own_pixels(rows)
-    is_part = rows["region"].str.contains("/", regex=False) & ~rows["metric"].isin(metrics_of_faults(rows))
+    is_part = rows["region"].str.contains("/", regex=False) & ~rows["metric"].isin(
+        metrics_of_faults(rows)
+    )
     rows = rows[~is_part]  # patches are inside their charts' scores
     groups = ["dataset"]
     if by != "method":
@@ -71,16 +86,30 @@ def compare(
     tables = []
     for key, of_table in rows.groupby(groups, sort=False):
         if by == "region":
-            of_table = _with_reasons(of_table, rows[(rows[groups[:-1]] == list(key[:-1])).all(axis=1)])
+            of_table = _with_reasons(
+                of_table, rows[(rows[groups[:-1]] == list(key[:-1])).all(axis=1)]
+            )
         if of_table["_asked"].any():
             methods = sorted(of_table["method"].unique(), key=order.index)
             title = " · ".join(map(str, key))
-            stale = dict.fromkeys((name, (scene, view)) for of, name, scene, view in older if of == key[0])
-            table = _table(title, of_table, methods, baseline, known[key[0]], measured.get(key, []), stale)
-            only_older = tuple(dict.fromkeys(name for name, _ in stale if (key[0], name) not in newer))
+            stale = dict.fromkeys(
+                (name, (scene, view)) for of, name, scene, view in older if of == key[0]
+            )
+            table = _table(
+                title, of_table, methods, baseline, known[key[0]], measured.get(key, []), stale
+            )
+            only_older = tuple(
+                dict.fromkeys(name for name, _ in stale if (key[0], name) not in newer)
+            )
             noted = [Note("older data", only_older)] if only_older else []
-            scored = {name for one in table.columns for name in (one.metric, f"{one.metric}:{one.variant}")}
-            noted += (Note("no score", (name,)) for name in metrics if scored and name not in scored)
+            scored = {
+                name
+                for one in table.columns
+                for name in (one.metric, f"{one.metric}:{one.variant}")
+            }
+            noted += (
+                Note("no score", (name,)) for name in metrics if scored and name not in scored
+            )
             tables.append(replace(table, notes=(*table.notes, *noted)))
     filled = [table for table in tables if table.columns]
     return filled if by != "method" and filled else tables  # of a region that some views lack
@@ -91,7 +120,9 @@ def against(comparison: Comparison, baseline: str, methods: Collection[str] = ()
 
     Nothing is resampled again: columns and intervals of means are those of `comparison`.
     """
-    methods = tuple(name for name in comparison.methods if name in methods or not methods or name == baseline)
+    methods = tuple(
+        name for name in comparison.methods if name in methods or not methods or name == baseline
+    )
     cells: dict[tuple[str, Column], Cell] = {}
     for column, measured in comparison.measured.items():
         scores = measured.of([m for m, name in enumerate(measured.methods) if name in methods])
@@ -115,13 +146,20 @@ def only(comparison: Comparison, metrics: Sequence[str]) -> Comparison:
             places[column] = -1
         elif found or not metrics:
             places[column] = found[0] if found else 0
-    left = ((note, tuple(column for column in note.columns if column in places)) for note in comparison.notes)
+    left = (
+        (note, tuple(column for column in note.columns if column in places))
+        for note in comparison.notes
+    )
     return replace(
         comparison,
         columns=tuple(sorted(places, key=places.__getitem__)),
         cells={key: cell for key, cell in comparison.cells.items() if key[1] in places},
-        measured={column: measured for column, measured in comparison.measured.items() if column in places},
-        notes=tuple(replace(note, columns=columns) for note, columns in left if columns or not note.columns),
+        measured={
+            column: measured for column, measured in comparison.measured.items() if column in places
+        },
+        notes=tuple(
+            replace(note, columns=columns) for note, columns in left if columns or not note.columns
+        ),
     )
 
 
@@ -129,7 +167,10 @@ def without_replicates(rows: DataFrame) -> DataFrame:
     """Give the scenes of repetitions the name of what they repeat; a column `_replicate` has their numbers."""
     names = {name: results.unreplicated(name) for name in rows["scene"].unique()}
     numbers = rows["scene"].map({name: number for name, (_, number) in names.items()})
-    return rows.assign(scene=rows["scene"].map({name: plain for name, (plain, _) in names.items()}), _replicate=numbers)
+    return rows.assign(
+        scene=rows["scene"].map({name: plain for name, (plain, _) in names.items()}),
+        _replicate=numbers,
+    )
 
 
 def _with_reasons(region: DataFrame, everywhere: DataFrame) -> DataFrame:
@@ -153,14 +194,24 @@ def _table(
 ) -> Comparison:
     faults = [*fault_notes(rows)]
     rows = rows[~rows["region"].str.contains("/", regex=False)]  # names of faults
-    metrics = {str(name): plugins.installed("metric", str(name)) for name in rows["metric"].unique()}
-    of_colours = {name: p.needs for name, p in metrics.items() if p and p.needs & {"reference", "charts"}}
+    metrics = {
+        str(name): plugins.installed("metric", str(name)) for name in rows["metric"].unique()
+    }
+    of_colours = {
+        name: p.needs for name, p in metrics.items() if p and p.needs & {"reference", "charts"}
+    }
     is_lack = (rows["status"] == "skipped") & rows["reason"].str.startswith(Reason.LACK.value)
-    lacks = frozenset[str]().union(*(of_colours.get(name, ()) for name in rows.loc[is_lack, "metric"].unique()))
+    lacks = frozenset[str]().union(
+        *(of_colours.get(name, ()) for name in rows.loc[is_lack, "metric"].unique())
+    )
     has_holes = leaves_holes(rows)  # else all methods fill the same pixels
     if has_holes and len(filled := filled_rows(rows)):
         found = [*_by_table(filled.assign(_one=0, _asked=True), ["_one"]).get((0,), ()), *found]
-    made, repetitions, measured = dict[Column, DataFrame](), dict[Column, DataFrame](), dict[Column, ColumnScores]()
+    made, repetitions, measured = (
+        dict[Column, DataFrame](),
+        dict[Column, DataFrame](),
+        dict[Column, ColumnScores](),
+    )
     for column, repeated, values in map(_column, found):
         if column.n_units:
             scores = _scores(column, values.dropna() if column.missing else values, known.is_track)
@@ -181,7 +232,9 @@ def _table(
         holes = np.isnan(values)
         std = statistics.standard_deviation(values[~holes.any(axis=1)])
         of_column = statistics.cells(column, scores, std, holes.sum(axis=0), photographs)
-        cells |= {(name, column): cell for name, cell in zip(scores.methods, of_column, strict=True)}
+        cells |= {
+            (name, column): cell for name, cell in zip(scores.methods, of_column, strict=True)
+        }
     table = Comparison(
         title,
         tuple(methods),
@@ -205,12 +258,18 @@ def _by_table(rows: DataFrame, groups: list[str]) -> dict[tuple[Hashable, ...], 
     if ok.empty:
         return {}
     of_column = [*groups, *_COLUMN]
-    is_common = ok.assign(_common=ok["pixels"] == "common").groupby(of_column, sort=False)["_common"].any()
+    is_common = (
+        ok.assign(_common=ok["pixels"] == "common").groupby(of_column, sort=False)["_common"].any()
+    )
     keys = [*dict.fromkeys([*of_column, *REPETITION])]
-    in_order = ok[[*keys, "method", "value"]].sort_values("value", kind="stable")  # sums do not depend on rows' order
+    in_order = ok[[*keys, "method", "value"]].sort_values(
+        "value", kind="stable"
+    )  # sums do not depend on rows' order
     every = in_order.groupby([*keys, "method"])["value"].mean().unstack("method")
     places = every.index.to_frame(index=False).groupby(of_column).indices
-    scores = every.droplevel([name for name in keys if name not in REPETITION]).reorder_levels(REPETITION)
+    scores = every.droplevel([name for name in keys if name not in REPETITION]).reorder_levels(
+        REPETITION
+    )
     tables: dict[tuple[Hashable, ...], list[_Measured]] = {}
     firsts = ok.drop_duplicates(of_column)
     for (*key, metric, variant), unit, better in zip(
@@ -240,7 +299,10 @@ def _column(found: _Measured) -> tuple[Column, DataFrame, DataFrame]:
     units = values.index.tolist()
     is_whole = ~np.isnan(values.to_numpy()).any(axis=1)
     left, plugin = list(itertools.compress(units, is_whole)), plugins.installed("metric", metric)
-    of_unknown = (0 if metric in (*COSTS, FILLED) else -math.inf, 1 if metric == FILLED else math.inf)
+    of_unknown = (
+        0 if metric in (*COSTS, FILLED) else -math.inf,
+        1 if metric == FILLED else math.inf,
+    )
     if plugin:
         knows = plugin.knows(variant)
     else:
@@ -265,12 +327,19 @@ def _column(found: _Measured) -> tuple[Column, DataFrame, DataFrame]:
 def _place(column: Column) -> tuple[bool, bool, bool, bool]:
     """The share that methods fill comes first; what describes, costs and taste come last; else as they were run."""
     is_cost = column.metric in COSTS
-    return not says_filled(column.metric, column.variant), column.knows == "taste", column.better == "none", is_cost
+    return (
+        not says_filled(column.metric, column.variant),
+        column.knows == "taste",
+        column.better == "none",
+        is_cost,
+    )
 
 
 def _scores(column: Column, complete: DataFrame, is_track: bool) -> ColumnScores:
     """The numbers of a column. complete: units x methods, both sorted, without holes; is_track: of their views."""
-    per_view = complete if column.n_views == len(complete) else complete.groupby(level=_UNIT[:2]).mean()
+    per_view = (
+        complete if column.n_views == len(complete) else complete.groupby(level=_UNIT[:2]).mean()
+    )
     places = [(scene, view) for scene, view, *_ in per_view.index]
     views = per_view.to_numpy()
     scenes = [*Counter(scene for scene, _ in places).values()]
@@ -279,6 +348,8 @@ def _scores(column: Column, complete: DataFrame, is_track: bool) -> ColumnScores
     if column.metric != FILLED and len(views) > (2 if is_of_pairs else 1):
         # Pseudo-values hold what neighbours that are paired have in common.
         units = Units.of(
-            statistics.pseudo_values(views) if is_of_pairs else views, scenes, is_track and not is_of_pairs
+            statistics.pseudo_values(views) if is_of_pairs else views,
+            scenes,
+            is_track and not is_of_pairs,
         )
     return ColumnScores(tuple(map(str, complete.columns)), tuple(places), views, units)

@@ -44,7 +44,11 @@ def without_costs(comparison: Comparison) -> Comparison:
 
 def _records(comparison: Comparison) -> Iterator[dict[str, Any]]:
     """A record a cell. filled: the share of the image that the method fills; NaN if that is in no column."""
-    filled = {n: cell.mean for (n, c), cell in comparison.cells.items() if says_filled(c.metric, c.variant)}
+    filled = {
+        n: cell.mean
+        for (n, c), cell in comparison.cells.items()
+        if says_filled(c.metric, c.variant)
+    }
     for name in comparison.methods:
         for c in comparison.columns:
             cell = comparison.cells.get((name, c))
@@ -70,7 +74,12 @@ def _records(comparison: Comparison) -> Iterator[dict[str, Any]]:
 def _grid(comparison: Comparison, spread: bool) -> list[list[tuple[str, str]]]:
     """The texts of a table and what sets each apart: a line with the headings, then a line a method."""
     looks = {"best": "best", "better": "best", "second": "second"}
-    lines = [[("method", ""), *((f"{title(column)} ({column.variant})", "") for column in comparison.columns)]]
+    lines = [
+        [
+            ("method", ""),
+            *((f"{title(column)} ({column.variant})", "") for column in comparison.columns),
+        ]
+    ]
     for name in comparison.methods:
         cells = [shown(comparison, name, column, spread) for column in comparison.columns]
         lines.append([(name, ""), *((str(cell), looks.get(cell.look, "")) for cell in cells)])
@@ -96,20 +105,29 @@ def _below(comparison: Comparison, spread: bool) -> list[str]:
 
 def _markdown(comparison: Comparison, titled: bool, spread: bool) -> str:
     def plain(text: str) -> str:
-        return re.sub(r"([*`\[\]\\])", r"\\\1", html.escape(text, quote=False))  # a label is no markup
+        return re.sub(
+            r"([*`\[\]\\])", r"\\\1", html.escape(text, quote=False)
+        )  # a label is no markup
 
     sets = {"best": "**{}**", "second": "<u>{}</u>", "": "{}"}
     heads, *rows = _grid(comparison, spread)
     lines = [[plain(text) for text, _ in heads], ["---", *["---:"] * len(comparison.columns)]]
-    lines += [[plain(name), *(sets[look].format(text) for text, look in cells)] for (name, _), *cells in rows]
+    lines += [
+        [plain(name), *(sets[look].format(text) for text, look in cells)]
+        for (name, _), *cells in rows
+    ]
     head = f"**{plain(comparison.title)}**\n\n" if titled else ""
-    table = "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
+    table = "".join(
+        f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines
+    )
     return head + table + "".join(f"\n{plain(note)}\n" for note in _below(comparison, spread))
 
 
 def _html(comparison: Comparison, titled: bool, spread: bool) -> str:
     sets = {"best": "<strong>{}</strong>", "second": "<u>{}</u>", "": "{}"}
-    heads, *rows = ([(html.escape(text), look) for text, look in line] for line in _grid(comparison, spread))
+    heads, *rows = (
+        [(html.escape(text), look) for text, look in line] for line in _grid(comparison, spread)
+    )
     lines = ["<table>", *[f"<caption>{html.escape(comparison.title)}</caption>"] * titled]
     head = "".join(f'<th scope="col">{text}</th>' for text, _ in heads)
     lines += [f"<thead><tr>{head}</tr></thead>", "<tbody>"]
@@ -144,10 +162,25 @@ def _latex(comparison: Comparison, titled: bool, spread: bool) -> str:
             lines.append(" & ".join(texts) + r" \\")
         begin = rf"\begin{{tabular}}{{l{'r' * len(cells[places])}}}"
         tabulars.append(
-            "\n".join([begin, r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule", r"\end{tabular}"])
+            "\n".join(
+                [
+                    begin,
+                    r"\toprule",
+                    lines[0],
+                    r"\midrule",
+                    *lines[1:],
+                    r"\bottomrule",
+                    r"\end{tabular}",
+                ]
+            )
         )
     head = [comment(comparison.title)] if titled else []
-    return "\n".join([*head, "\n\n\\medskip\n".join(tabulars), *map(comment, _below(comparison, spread))]) + "\n"
+    return (
+        "\n".join(
+            [*head, "\n\n\\medskip\n".join(tabulars), *map(comment, _below(comparison, spread))]
+        )
+        + "\n"
+    )
 
 
 _TEX = {
@@ -169,7 +202,9 @@ def _tex(text: str) -> str:
     def escaped(sign: str) -> str:
         if sign in _TEX or (ord(sign) < 0x180 and sign.isprintable() and sign not in _NOT_IN_OT1):
             return _TEX.get(sign, sign)
-        plain = "".join(part for part in unicodedata.normalize("NFKD", sign) if not unicodedata.combining(part))
+        plain = "".join(
+            part for part in unicodedata.normalize("NFKD", sign) if not unicodedata.combining(part)
+        )
         return plain if plain.isascii() and plain.isprintable() else "?"
 
     return "".join(escaped(sign) for sign in " ".join(text.split()))

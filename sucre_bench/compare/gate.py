@@ -38,7 +38,9 @@ class Gate:
         except ValueError:
             limit = math.nan
         if not metric or not -math.inf < limit <= 0:
-            raise InputError(f"--fail-below: '{text}' is no limit; write METRIC=NUMBER, 0 or below, psnr=-0.5 say")
+            raise InputError(
+                f"--fail-below: '{text}' is no limit; write METRIC=NUMBER, 0 or below, psnr=-0.5 say"
+            )
         return cls(method, metric, limit)
 
 
@@ -73,17 +75,29 @@ def gated(rows: DataFrame, gates: Sequence[Gate], baseline: str) -> list[Gated]:
     found: list[Gated] = []
     for gate in gates:
         if gate.method and gate.method not in known:
-            raise InputError(f"--fail-below: no method '{gate.method}'; {did_you_mean(gate.method, known)}")
+            raise InputError(
+                f"--fail-below: no method '{gate.method}'; {did_you_mean(gate.method, known)}"
+            )
         if not (asked_for(rows, [gate.metric]) & (rows["status"] == "ok")).any():
-            raise InputError(f"--fail-below: no scores of {gate.metric}; run with metrics=[{gate.metric}]")
+            raise InputError(
+                f"--fail-below: no scores of {gate.metric}; run with metrics=[{gate.metric}]"
+            )
         for table in compare(rows, [gate.metric], baseline=baseline):
             if not table.baseline:
-                raise InputError(f"{table.title}: {baseline} was not run on these data; run it there")
+                raise InputError(
+                    f"{table.title}: {baseline} was not run on these data; run it there"
+                )
             ranked = [column for column in table.columns if column.better != "none"]
             if not ranked:
-                raise InputError(f"--fail-below: {gate.metric} has no better or worse; name another metric")
-            methods = [name for name in table.methods if name != baseline and gate.method in ("", name)]
-            found += [_judged(table, gate, method, column) for method in methods for column in ranked]
+                raise InputError(
+                    f"--fail-below: {gate.metric} has no better or worse; name another metric"
+                )
+            methods = [
+                name for name in table.methods if name != baseline and gate.method in ("", name)
+            ]
+            found += [
+                _judged(table, gate, method, column) for method in methods for column in ranked
+            ]
     return found
 
 
@@ -99,9 +113,17 @@ def _judged(table: Comparison, gate: Gate, method: str, column: Column) -> Gated
     elif gain < gate.limit and high < 0:
         outcome = "failed"
         scores = table.measured[column]
-        mine, base = (scores.views[:, scores.methods.index(name)] for name in (method, table.baseline))
+        mine, base = (
+            scores.views[:, scores.methods.index(name)] for name in (method, table.baseline)
+        )
         gains = (mine - base) * (-1 if column.better == "lower" else 1)
-        names = [f"{scene} · {view}" if column.n_scenes > 1 else view for scene, view in scores.places]
-        losses = [(name, float(of_view)) for name, of_view in zip(names, gains, strict=True) if of_view < 0]
+        names = [
+            f"{scene} · {view}" if column.n_scenes > 1 else view for scene, view in scores.places
+        ]
+        losses = [
+            (name, float(of_view))
+            for name, of_view in zip(names, gains, strict=True)
+            if of_view < 0
+        ]
         worst = tuple(sorted(losses, key=lambda loss: loss[1])[:_WORST])
     return Gated(table.title, method, column, gate, (gain, low, high), outcome, worst)

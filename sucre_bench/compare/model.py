@@ -79,7 +79,11 @@ class Column:
     @property
     def agreement(self) -> float:
         """In which share of pairs of methods a score that is evidence has the order of true colours, 0 to 1."""
-        return (1 + self.plugin.agreement[self.variant]) / 2 if self.plugin and self.knows == "evidence" else math.nan
+        return (
+            (1 + self.plugin.agreement[self.variant]) / 2
+            if self.plugin and self.knows == "evidence"
+            else math.nan
+        )
 
     @property
     def has_few_views(self) -> bool:
@@ -191,12 +195,18 @@ class Comparison:
 
     def of(self, column: Column) -> dict[str, Cell]:
         """Return the cells of a column by method, in the table's order."""
-        return {name: self.cells[name, column] for name in self.methods if (name, column) in self.cells}
+        return {
+            name: self.cells[name, column] for name in self.methods if (name, column) in self.cells
+        }
 
     @property
     def blind(self) -> str:
         """What a table says first in which no score shows which colours are true."""
-        why = "No chart and no reference" if self.lacks_truth else "No score here compares with a chart or a reference"
+        why = (
+            "No chart and no reference"
+            if self.lacks_truth
+            else "No score here compares with a chart or a reference"
+        )
         return f"{why}: nobody can say from these numbers which colours are true."
 
     @property
@@ -218,4 +228,6 @@ class Comparison:
 def says_filled(metric: str, variant: str) -> bool:
     """Return whether a score is the share of the image that a method fills, in its first default variant."""
     plugin = plugins.installed("metric", metric)
-    return metric == FILLED or (plugin is not None and plugin.role == "coverage" and variant == plugin.default[0])
+    return metric == FILLED or (
+        plugin is not None and plugin.role == "coverage" and variant == plugin.default[0]
+    )

@@ -10,7 +10,12 @@ import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame
-from sucre_bench.compare.choose_rows import metrics_of_faults, mixed_codes, options_of, scores_of_pixels
+from sucre_bench.compare.choose_rows import (
+    metrics_of_faults,
+    mixed_codes,
+    options_of,
+    scores_of_pixels,
+)
 from sucre_bench.compare.model import FILLED, Column, Note, says_filled
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.common_scores import LEAST_DIFFERENCE, LEAST_FILLED
@@ -34,22 +39,34 @@ class About:
 def about(rows: DataFrame) -> About:
     """Return what is known of the methods of a dataset's rows beside their scores."""
     options = options_of(rows)
-    method = {name: plugins.installed("method", told.get("name", "")) for name, told in options.items()}
-    data = [plugins.installed("dataset", told.get("dataset", {}).get("name", "")) for told in options.values()]
+    method = {
+        name: plugins.installed("method", told.get("name", "")) for name, told in options.items()
+    }
+    data = [
+        plugins.installed("dataset", told.get("dataset", {}).get("name", ""))
+        for told in options.values()
+    ]
     return About(
-        (*_notes(options, method), *(Note("mixed codes", (name,), reasons=why) for name, why in mixed_codes(rows))),
+        (
+            *_notes(options, method),
+            *(Note("mixed codes", (name,), reasons=why) for name, why in mixed_codes(rows)),
+        ),
         frozenset(name for name, plugin in method.items() if plugin and plugin.is_photograph),
         any(plugin is None or "poses" in plugin.has for plugin in data),
     )
 
 
-def _notes(options: Mapping[str, Mapping[str, Any]], methods: Mapping[str, Plugin | None]) -> Iterator[Note]:
+def _notes(
+    options: Mapping[str, Mapping[str, Any]], methods: Mapping[str, Plugin | None]
+) -> Iterator[Note]:
     for name in methods:
         text = options[name].get("trained_on")
         if text:
             yield Note("trained on", (name,), reasons=str(text))
     cites = {name: plugin.cites for name, plugin in methods.items() if plugin}
-    for text in sorted({text for text in cites.values() if text.startswith("by this project")}):  # no published method
+    for text in sorted(
+        {text for text in cites.values() if text.startswith("by this project")}
+    ):  # no published method
         yield Note("by us", tuple(name for name in cites if cites[name] == text), reasons=text)
 
 
@@ -61,7 +78,11 @@ _Tables = Mapping[Column, DataFrame]
 
 
 def notes(
-    rows: DataFrame, scores: _Tables, repetitions: _Tables, methods: Sequence[str], stale: Collection[Restored]
+    rows: DataFrame,
+    scores: _Tables,
+    repetitions: _Tables,
+    methods: Sequence[str],
+    stale: Collection[Restored],
 ) -> Iterator[Note]:
     """Yield what each method lacks that others have.
 
@@ -83,7 +104,9 @@ def notes(
             reasons = _counted(why(name, view) for view in lost)
             note = Note("no result", (name,), reasons=reasons)
             if name in some:
-                note = replace(note, kind="images lost", n=len(lost), total=len(anywhere), left=len(everywhere))
+                note = replace(
+                    note, kind="images lost", n=len(lost), total=len(anywhere), left=len(everywhere)
+                )
             yield note
         yield from _scores_lost(name, lost, scores, repetitions, why)
     for column, values in scores.items():
@@ -119,7 +142,10 @@ class _Why:
     def tried(self) -> set[Restored]:
         """The methods that tried a view, whatever became of it."""
         restored = restoration_rows(self._rows)
-        return {(method, (scene, view)) for method, scene, view in values_of(restored, "method", "scene", "view")}
+        return {
+            (method, (scene, view))
+            for method, scene, view in values_of(restored, "method", "scene", "view")
+        }
 
     def __call__(self, method: str, view: _View, column: Column | None = None) -> str:
         """Return why a method has no score of a view in a column, or no restoration of it."""
@@ -147,14 +173,18 @@ def _counted(reasons: Iterable[str]) -> str:
     return "; ".join(parts)
 
 
-def _scores_lost(name: str, lost: set[_View], scores: _Tables, repetitions: _Tables, why: _Why) -> Iterator[Note]:
+def _scores_lost(
+    name: str, lost: set[_View], scores: _Tables, repetitions: _Tables, why: _Why
+) -> Iterator[Note]:
     """A note for the metrics that lack the same units, apart from views that were not restored."""
     alike: dict[Note, list[Column]] = {}
     for column, values in scores.items():
         if column.metric in COSTS or name not in values or column.n_units == len(values):
             continue
         is_missing = values[name].isna()
-        missing, there = (values.index[is_some].droplevel("region") for is_some in (is_missing, ~is_missing))
+        missing, there = (
+            values.index[is_some].droplevel("region") for is_some in (is_missing, ~is_missing)
+        )
         views = set(missing)
         if views <= lost:
             continue
@@ -167,8 +197,13 @@ def _scores_lost(name: str, lost: set[_View], scores: _Tables, repetitions: _Tab
         if views & set(there):
             concerned = [*missing]
             counts = (len(missing), len(values), column.n_units)
-        reasons = _counted("no repetition that all have" if v in partly else why(name, v, column) for v in concerned)
-        alike.setdefault(Note("images lost", (name,), (), *counts, unit=unit, reasons=reasons), []).append(column)
+        reasons = _counted(
+            "no repetition that all have" if v in partly else why(name, v, column)
+            for v in concerned
+        )
+        alike.setdefault(
+            Note("images lost", (name,), (), *counts, unit=unit, reasons=reasons), []
+        ).append(column)
     yield from (replace(note, columns=tuple(columns)) for note, columns in alike.items())
 
 
@@ -180,7 +215,11 @@ def _repeats_lost(rows: DataFrame, repetitions: _Tables) -> Iterator[Note]:
     whole = restoration_rows(rows[rows["view"] != ""])
     ok = (whole["status"] == "ok").groupby([whole[name] for name in (*REPETITION, "method")]).any()
     has: dict[Column | None, DataFrame] = {None: ok.unstack("method", fill_value=False)}
-    has |= {column: values.notna() for column, values in repetitions.items() if column.metric not in COSTS}
+    has |= {
+        column: values.notna()
+        for column, values in repetitions.items()
+        if column.metric not in COSTS
+    }
     noted = ~has[None] & False
     alike = dict[tuple[Note, bool], list[Column]]()
     noted = noted.droplevel("region")
@@ -193,7 +232,13 @@ def _repeats_lost(rows: DataFrame, repetitions: _Tables) -> Iterator[Note]:
             lost &= ~noted.reindex(index=lost.index, columns=lost.columns, fill_value=False)
         for name, of_method in lost.loc[:, lost.any()].items():
             n = len(of_method.index[of_method].droplevel("_replicate").unique())
-            note = Note("replicates lost", (str(name),), n=n, total=len(of_method), lost=int(of_method.sum()))
+            note = Note(
+                "replicates lost",
+                (str(name),),
+                n=n,
+                total=len(of_method),
+                lost=int(of_method.sum()),
+            )
             alike.setdefault((note, column is None), []).extend([column] if column else [])
     yield from (replace(note, columns=tuple(columns)) for (note, _), columns in alike.items())
 
@@ -212,7 +257,13 @@ def filled_rows(rows: DataFrame) -> DataFrame:
         return whole.iloc[:0]
     if any(says_filled(*pair) for pair in set(values_of(asked, "metric", "variant"))):
         return whole.iloc[:0]
-    about = {"metric": FILLED, "variant": "image", "unit": "share", "better": "none", "region": "image"}
+    about = {
+        "metric": FILLED,
+        "variant": "image",
+        "unit": "share",
+        "better": "none",
+        "region": "image",
+    }
     return whole.assign(**about, value=whole["coverage"])
 
 
@@ -239,7 +290,9 @@ def pixel_notes(rows: DataFrame, columns: Iterable[Column]) -> Iterator[Note]:
     # Scores on own pixels: with a reason, or of views of which methods fill shares that differ by much.
     filled = whole[whole["coverage"] >= LEAST_FILLED].groupby(["scene", "view"])["coverage"]
     differing = {*(filled.max() - filled.min()).loc[lambda share: share > LEAST_DIFFERENCE].index}
-    is_differing = np.array([view in differing for view in values_of(scores, "scene", "view")], dtype=bool)
+    is_differing = np.array(
+        [view in differing for view in values_of(scores, "scene", "view")], dtype=bool
+    )
     is_own = (is_differing & (scores["pixels"] == "own")) | (scores["pixels_reason"] != "")
     for reason, each in scores[is_own].groupby("pixels_reason", sort=False):
         made = note("own pixels", each, reasons=str(reason))

@@ -43,7 +43,15 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.arrays import Array
-from sucre_bench.compare.model import EQUAL, FEWEST_VIEWS, NO_DIFFERENCE, Cell, Column, Difference, may_be_chance
+from sucre_bench.compare.model import (
+    EQUAL,
+    FEWEST_VIEWS,
+    NO_DIFFERENCE,
+    Cell,
+    Column,
+    Difference,
+    may_be_chance,
+)
 
 # With 5000 resamples, half an interval differs between seeds by 2 %, with 2000 by 3 %: enough for its two figures.
 _RESAMPLES, _FEWEST = 5000, 2000
@@ -52,7 +60,9 @@ _AT_ONCE = 500_000  # units drawn at a time
 _LEVEL = 0.95
 _EXACT = 1e-12  # relative spread that is rounding only
 _MOST_LEFT_OUT = 100  # units, each left out once: of more, no one decides
-_LEAST_FREEDOM = 3.0  # degrees of freedom of neighbours: with fewer, no lead is found however large it is
+_LEAST_FREEDOM = (
+    3.0  # degrees of freedom of neighbours: with fewer, no lead is found however large it is
+)
 _MOST_ALIKE = 0.8  # correlation of neighbours: a larger one cannot be told from a trend, and would hide any lead
 
 Pair = tuple[int, int]
@@ -111,7 +121,9 @@ class Units:
             return f * (n - 1) / (n - f), max((n - 1) / f, _LEAST_FREEDOM)
         if np.ptp(sizes) == 0:
             return 1.0, n - 1.0
-        made_of = sizes[:, None] * (np.eye(n) - sizes / sizes.sum()) / np.sqrt(sizes)  # residuals of independent views
+        made_of = (
+            sizes[:, None] * (np.eye(n) - sizes / sizes.sum()) / np.sqrt(sizes)
+        )  # residuals of independent views
         moments = made_of.T @ made_of
         expected, squared = float(np.trace(moments)), float((moments**2).sum())
         return float(sizes.sum()) * (n - 1) / n / expected, expected**2 / squared
@@ -145,9 +157,14 @@ class ColumnScores:
 
     def of(self, methods: Sequence[int]) -> ColumnScores:
         """Return the scores of some methods, by their numbers."""
-        units = self.independent and replace(self.independent, sums=self.independent.sums[:, methods])
+        units = self.independent and replace(
+            self.independent, sums=self.independent.sums[:, methods]
+        )
         return replace(
-            self, methods=tuple(self.methods[m] for m in methods), views=self.views[:, methods], independent=units
+            self,
+            methods=tuple(self.methods[m] for m in methods),
+            views=self.views[:, methods],
+            independent=units,
         )
 
 
@@ -170,7 +187,9 @@ def mean_intervals(units: Units) -> tuple[Array, Array]:
 
     n = len(units.sizes)
     tails = (1 - _LEVEL) / 2
-    deviations = np.concatenate([counts @ units.residuals / views for counts, views in _resamples(units.sizes)])
+    deviations = np.concatenate(
+        [counts @ units.residuals / views for counts, views in _resamples(units.sizes)]
+    )
     widening = stdtrit(n - 1, 1 - tails) / ndtri(1 - tails) * np.sqrt(n / (n - 1))
     low, high = np.quantile(deviations, [tails, 1 - tails], axis=0)
     mean = units.sums.sum(axis=0) / units.sizes.sum()
@@ -204,7 +223,9 @@ def differences(units: Units, pairs: Sequence[Pair]) -> Array:
     if count == 1:
         return np.asarray(errors * single)
     greatest = np.quantile(_greatest_t(units, i[varying], j[varying]), _LEVEL, method="higher")
-    return np.asarray(errors * np.clip(greatest * single / stdtrit(n - 1, (1 + _LEVEL) / 2), single, most))
+    return np.asarray(
+        errors * np.clip(greatest * single / stdtrit(n - 1, (1 + _LEVEL) / 2), single, most)
+    )
 
 
 def undone_by(units: Units, best: int, second: int) -> int | None:
@@ -220,7 +241,11 @@ def undone_by(units: Units, best: int, second: int) -> int | None:
     wider = differences(units, [(best, second)]) / alone  # by what neighbours have in common
     for unit in range(len(units.sizes)):
         rest = Units(np.delete(pair.sums, unit, axis=0), np.delete(pair.sizes, unit))
-        change = np.diff(rest.sums.sum(axis=0)) / rest.sizes.sum() * np.sign(np.diff(pair.sums.sum(axis=0)))
+        change = (
+            np.diff(rest.sums.sum(axis=0))
+            / rest.sizes.sum()
+            * np.sign(np.diff(pair.sums.sum(axis=0)))
+        )
         if change[0] <= (wider * differences(rest, [(0, 1)]))[0]:
             return unit
     return None
@@ -242,10 +267,16 @@ def _greatest_t(units: Units, i: npt.NDArray[Any], j: npt.NDArray[Any]) -> Array
         for start in range(0, len(i), step):
             a, b = i[start : start + step], j[start : start + step]
             d, m = deviation[:, a] - deviation[:, b], mixed[:, a] - mixed[:, b]
-            squares = counts @ (r[:, a] - r[:, b]) ** 2 - 2 * d * m + d**2 * (counts @ s**2)[:, None]
+            squares = (
+                counts @ (r[:, a] - r[:, b]) ** 2 - 2 * d * m + d**2 * (counts @ s**2)[:, None]
+            )
             error = np.sqrt(np.maximum(squares, 0) * n / (n - 1)) / views
-            with np.errstate(divide="ignore", invalid="ignore"):  # the same unit drawn n times has no spread
-                t = np.where(error > _EXACT * np.abs(d), np.abs(d) / error, np.where(d == 0, 0.0, np.inf))
+            with np.errstate(
+                divide="ignore", invalid="ignore"
+            ):  # the same unit drawn n times has no spread
+                t = np.where(
+                    error > _EXACT * np.abs(d), np.abs(d) / error, np.where(d == 0, 0.0, np.inf)
+                )
             greatest = np.maximum(greatest, t.max(axis=1))
         made.append(greatest)
     return np.concatenate(made)
@@ -269,7 +300,9 @@ def _draws(n: int) -> npt.NDArray[np.uint8]:
     for start in range(0, resamples, step):
         rows = min(step, resamples - start)
         drawn = rng.integers(n, size=(rows, n)) + n * np.arange(rows)[:, None]
-        draws[start : start + rows] = np.bincount(drawn.ravel(), minlength=rows * n).reshape(rows, n)
+        draws[start : start + rows] = np.bincount(drawn.ravel(), minlength=rows * n).reshape(
+            rows, n
+        )
     return draws
 
 
@@ -323,7 +356,12 @@ def _rivals(units: Units, reference: int) -> tuple[list[int], Array]:
 def means(views: Array) -> Array:
     """Return means (M,) of (V, M), each summed without rounding: no order of views changes it."""
     finite = np.asarray(np.isfinite(views).all(axis=0))
-    return np.array([math.fsum(of) / len(of) if ok else of.mean() for of, ok in zip(views.T, finite, strict=True)])
+    return np.array(
+        [
+            math.fsum(of) / len(of) if ok else of.mean()
+            for of, ok in zip(views.T, finite, strict=True)
+        ]
+    )
 
 
 def standard_deviation(values: Array) -> Array:
@@ -338,7 +376,9 @@ def standard_deviation(values: Array) -> Array:
         return np.asarray(values.std(axis=0, ddof=1))
 
 
-def cells(column: Column, scores: ColumnScores, std: Array, holes: Array, apart: Collection[str] = ()) -> list[Cell]:
+def cells(
+    column: Column, scores: ColumnScores, std: Array, holes: Array, apart: Collection[str] = ()
+) -> list[Cell]:
     """Return the cell of each method, compared with the best.
 
     std: (M,) over units; holes: (M,) units that others have; apart: methods that are not compared, unless all are:
@@ -346,14 +386,23 @@ def cells(column: Column, scores: ColumnScores, std: Array, holes: Array, apart:
     """
     size, mean = _size(scores.views), means(scores.views)
     low = high = np.full_like(mean, np.nan)
-    if scores.independent is not None:  # within the range of the metric: with few views intervals would leave it
+    if (
+        scores.independent is not None
+    ):  # within the range of the metric: with few views intervals would leave it
         low, high = np.clip(mean_intervals(scores.independent), *column.range)
     numbers = (*(_less(each, 0.0, size) for each in (mean, low, high)), holes)
-    made = [Cell(float(m), float(s), float(a), float(b), int(n)) for m, a, b, n, s in zip(*numbers, std, strict=True)]
+    made = [
+        Cell(float(m), float(s), float(a), float(b), int(n))
+        for m, a, b, n, s in zip(*numbers, std, strict=True)
+    ]
     if column.better == "none" or column.knows == "taste":
         return made
-    rivals = [m for m, name in enumerate(scores.methods) if name not in apart] or [*range(len(made))]
-    for m, cell in zip(rivals, _ranked(column, scores.of(rivals), [made[m] for m in rivals]), strict=True):
+    rivals = [m for m, name in enumerate(scores.methods) if name not in apart] or [
+        *range(len(made))
+    ]
+    for m, cell in zip(
+        rivals, _ranked(column, scores.of(rivals), [made[m] for m in rivals]), strict=True
+    ):
         made[m] = cell
     return made
 
@@ -363,7 +412,10 @@ def _ranked(column: Column, scores: ColumnScores, made: Sequence[Cell]) -> list[
     worse = scores.views * _sign(column)
     mean, size = means(worse), _size(worse)
     sizes = np.maximum(size, size[:, None])
-    gap, half = _less(mean, mean[:, None], sizes), np.full_like(sizes, np.nan)  # how far j is behind i; half interval
+    gap, half = (
+        _less(mean, mean[:, None], sizes),
+        np.full_like(sizes, np.nan),
+    )  # how far j is behind i; half interval
     places = 1 + (gap > 0).sum(axis=0)
     best = int(np.argmin(places))
     if scores.independent is not None:
@@ -375,7 +427,9 @@ def _ranked(column: Column, scores: ColumnScores, made: Sequence[Cell]) -> list[
     may_be_equal = (_less(gap, half, sizes) <= 0) & (_less(gap, -half, sizes) >= 0)
     ranks = 1 + ((gap > 0) & ~may_be_equal).sum(axis=0)  # by the mean where chance is not known
     of_best = np.maximum(size, size[worse.argmin(axis=1)][:, None])
-    is_best = _less(worse, worse.min(axis=1, keepdims=True), of_best) == 0  # equal methods share a view
+    is_best = (
+        _less(worse, worse.min(axis=1, keepdims=True), of_best) == 0
+    )  # equal methods share a view
     wins = (is_best / is_best.sum(axis=1, keepdims=True)).sum(axis=0)
     return [
         replace(
@@ -387,11 +441,15 @@ def _ranked(column: Column, scores: ColumnScores, made: Sequence[Cell]) -> list[
             wins=float(wins[m]),
             effect=_effect(lead),
         )
-        for m, (cell, (behind, lead)) in enumerate(zip(made, _behind(worse, best, half[best]), strict=True))
+        for m, (cell, (behind, lead)) in enumerate(
+            zip(made, _behind(worse, best, half[best]), strict=True)
+        )
     ]
 
 
-def against(column: Column, scores: ColumnScores, cells: Sequence[Cell], baseline: int) -> list[Cell]:
+def against(
+    column: Column, scores: ColumnScores, cells: Sequence[Cell], baseline: int
+) -> list[Cell]:
     """Return the cells with change, wins and effect against the baseline, the method of that number in `scores`.
 
     The methods of `scores` are judged together.
@@ -402,8 +460,12 @@ def against(column: Column, scores: ColumnScores, cells: Sequence[Cell], baselin
     if scores.independent is not None:
         half = changes(scores.independent, baseline)
     made = []
-    for cell, (behind, lead) in zip(cells, _behind(scores.views * _sign(column), baseline, half), strict=True):
-        change = behind if column.better == "lower" else (0 - behind[0], 0 - behind[2], 0 - behind[1])
+    for cell, (behind, lead) in zip(
+        cells, _behind(scores.views * _sign(column), baseline, half), strict=True
+    ):
+        change = (
+            behind if column.better == "lower" else (0 - behind[0], 0 - behind[2], 0 - behind[1])
+        )
         wins = float((lead > 0).sum() + 0.5 * (lead == 0).sum())
         made.append(replace(cell, change=change, wins=wins, effect=_effect(lead)))
     made[baseline] = replace(cells[baseline], change=NO_DIFFERENCE, wins=math.nan, effect=math.nan)

@@ -62,7 +62,9 @@ class _Laid:
         return max(len(self.head), len(self.unit), *(len(line) for line in self.texts()))
 
 
-def _tables(methods: Sequence[str], columns: Sequence[_Laid], width: int, dim: Collection[str] = ()) -> list[Table]:
+def _tables(
+    methods: Sequence[str], columns: Sequence[_Laid], width: int, dim: Collection[str] = ()
+) -> list[Table]:
     """Tables of as many columns as fit beside each other. dim: methods whose names are set so."""
     from rich.table import Table
     from rich.text import Text
@@ -101,7 +103,9 @@ def blocks(widths: Sequence[int], room: int) -> list[slice]:
     return [slice(*pair) for pair in itertools.pairwise([*ends, len(widths)])] if widths else []
 
 
-def as_table(comparison: Comparison, width: int, spread: bool = False, intervals: bool = True) -> Group:
+def as_table(
+    comparison: Comparison, width: int, spread: bool = False, intervals: bool = True
+) -> Group:
     """Return what rich prints: all columns, in blocks of as many as `width` characters have room for.
 
     The methods are in the order of `as_blocks`, and lines are broken between words. spread: with standard deviations;
@@ -113,12 +117,21 @@ def as_table(comparison: Comparison, width: int, spread: bool = False, intervals
         _laid(comparison, column, (words.title(column), column.variant), spread, intervals)
         for column in comparison.columns
     ]
-    dim = [words.legend(comparison, spread, colours=True, intervals=intervals), *words.left_out(comparison)]
-    said = [words.verdict_text(comparison, verdict) for verdict in verdicts(comparison)] if intervals else []
+    dim = [
+        words.legend(comparison, spread, colours=True, intervals=intervals),
+        *words.left_out(comparison),
+    ]
+    said = (
+        [words.verdict_text(comparison, verdict) for verdict in verdicts(comparison)]
+        if intervals
+        else []
+    )
     said = [*words.faults(comparison), *said]
     if not chosen.knows_colours:
         said = [comparison.blind, *said, comparison.advice]
-    return _joined(_head(comparison, chosen), _tables(comparison.methods, laid_out, width), dim, said, width)
+    return _joined(
+        _head(comparison, chosen), _tables(comparison.methods, laid_out, width), dim, said, width
+    )
 
 
 def as_blocks(comparisons: Sequence[Comparison], width: int, every: bool = False) -> list[Group]:
@@ -129,12 +142,17 @@ def as_blocks(comparisons: Sequence[Comparison], width: int, every: bool = False
     by_first: dict[tuple[str, str], list[Comparison]] = {}
     for comparison in comparisons:
         first = deciding(comparison, every).first
-        by_first.setdefault((first.metric, first.variant) if first else ("", ""), []).append(comparison)
+        by_first.setdefault((first.metric, first.variant) if first else ("", ""), []).append(
+            comparison
+        )
     made: list[Group] = []
     for main, group in by_first.items():
         if main[0] and len(group) > _MOST_BLOCKS:
             columns = [(column.metric, column.variant) for one in group for column in one.columns]
-            made += [_overview(group, *column, width) for column in (dict.fromkeys(columns) if every else [main])]
+            made += [
+                _overview(group, *column, width)
+                for column in (dict.fromkeys(columns) if every else [main])
+            ]
         else:
             made += [_block(one, width, every) for one in group]
     return made
@@ -157,19 +175,30 @@ def _block(comparison: Comparison, width: int, every: bool) -> Group:
     laid_out = []
     metrics = [column.metric for column in block.columns]
     for column in block.columns:
-        unit = f"{column.variant} {column.unit}".rstrip() if metrics.count(column.metric) > 1 else column.unit
+        unit = (
+            f"{column.variant} {column.unit}".rstrip()
+            if metrics.count(column.metric) > 1
+            else column.unit
+        )
         head = (f"{column.metric} {words.ARROW[column.better]}".rstrip(), unit)
         if column == chosen.filled:
             head = ("filled", "%")
         elif column == chosen.seconds:
             head = ("s/view", "")
         laid = _laid(block, column, head, intervals=False)
-        cells = [replace(cell, look="" if cell.look == "second" else cell.look) for cell in laid.cells]
+        cells = [
+            replace(cell, look="" if cell.look == "second" else cell.look) for cell in laid.cells
+        ]
         if column == chosen.filled:
             percents = [_percent(block, name, column) for name in methods]
-            cells = [replace(cell, value=percent) for cell, percent in zip(cells, percents, strict=True)]
+            cells = [
+                replace(cell, value=percent) for cell, percent in zip(cells, percents, strict=True)
+            ]
         laid_out.append(replace(laid, cells=cells))
-    over = [f"means {over}" if n == 0 else over for n, over in enumerate(words.over_views(block.columns))]
+    over = [
+        f"means {over}" if n == 0 else over
+        for n, over in enumerate(words.over_views(block.columns))
+    ]
     dim = [_signs(block, laid_out, over), *words.left_out(block)]
     tables = _tables(methods, laid_out, width, comparison.photographs)
     return _joined(_head(block, chosen), tables, dim, answer(block, deciding(block)), width)
@@ -178,36 +207,62 @@ def _block(comparison: Comparison, width: int, every: bool) -> Group:
 def _overview(comparisons: Sequence[Comparison], metric: str, variant: str, width: int) -> Group:
     """One score of every dataset that has it: a line a method, a column a dataset."""
     found = [(one, column) for one in comparisons for column in one.columns]
-    found = [(one, column) for one, column in found if (column.metric, column.variant) == (metric, variant)]
+    found = [
+        (one, column)
+        for one, column in found
+        if (column.metric, column.variant) == (metric, variant)
+    ]
     comparisons, mains = [one for one, _ in found], [column for _, column in found]
     blind = [one for one in comparisons if not deciding(one).knows_colours]
     places = defaultdict[str, list[int]](list)
     for one, column in found:
-        for place, name in enumerate(best_first(one, column if column.ranked and not blind else None)):
+        for place, name in enumerate(
+            best_first(one, column if column.ranked and not blind else None)
+        ):
             places[name].append(place)
     apart = {name for one in comparisons if one.restorers for name in one.photographs}
-    methods = [*places] if blind else sorted(places, key=lambda name: (name in apart, fmean(places[name])))
+    methods = (
+        [*places]
+        if blind
+        else sorted(places, key=lambda name: (name in apart, fmean(places[name])))
+    )
     titles = [one.title for one in comparisons]
     letters = itertools.takewhile(lambda signs: len({*signs}) == 1, zip(*titles, strict=False))
-    prefix = re.sub(r"[^,=·/ ]*$", "", "".join(same[0] for same in letters))  # up to the end of a word of a label
+    prefix = re.sub(
+        r"[^,=·/ ]*$", "", "".join(same[0] for same in letters)
+    )  # up to the end of a word of a label
     laid_out = [
-        _laid(replace(one, methods=tuple(methods)), column, (one.title.removeprefix(prefix), ""), intervals=False)
+        _laid(
+            replace(one, methods=tuple(methods)),
+            column,
+            (one.title.removeprefix(prefix), ""),
+            intervals=False,
+        )
         for one, column in zip(comparisons, mains, strict=True)
     ]
     views = [column.n_views for column in mains]
     over = f"means over {min(views)}{f' to {max(views)}' if max(views) > min(views) else ''} views"
     dim = [_signs(comparisons[0], laid_out, [over])]
     kinds = [{note.kind for note in one.notes if {*note.columns} & {*mains}} for one in comparisons]
-    for kind, where in (("common pixels", "on the pixels that all methods fill"), ("own pixels", "on own pixels")):
+    for kind, where in (
+        ("common pixels", "on the pixels that all methods fill"),
+        ("own pixels", "on own pixels"),
+    ):
         if some := sum(kind in of_table for of_table in kinds):
-            dim.append(f"in {some} of {len(titles)} tables methods fill different pixels; scores are {where}")
+            dim.append(
+                f"in {some} of {len(titles)} tables methods fill different pixels; scores are {where}"
+            )
     said = [text for one in blind[:1] for text in (one.blind, one.advice)]
     head = f"{words.title(mains[0])} ({variant}) of {len(titles)} tables{': ' + prefix if prefix else ''}"
     return _joined(head, _tables(methods, laid_out, width, apart), dim, said, width)
 
 
 def _laid(
-    comparison: Comparison, column: Column, head: tuple[str, str], spread: bool = False, intervals: bool = True
+    comparison: Comparison,
+    column: Column,
+    head: tuple[str, str],
+    spread: bool = False,
+    intervals: bool = True,
 ) -> _Laid:
     cells = [words.shown(comparison, name, column, spread) for name in comparison.methods]
     if not intervals:
@@ -216,7 +271,9 @@ def _laid(
 
 
 def _head(comparison: Comparison, chosen: Deciding) -> str:
-    return f"{comparison.title}{'' if chosen.main is None else f', best {chosen.main.metric} first'}"
+    return (
+        f"{comparison.title}{'' if chosen.main is None else f', best {chosen.main.metric} first'}"
+    )
 
 
 def _signs(comparison: Comparison, laid_out: Sequence[_Laid], over: Sequence[str]) -> str:
@@ -226,13 +283,17 @@ def _signs(comparison: Comparison, laid_out: Sequence[_Laid], over: Sequence[str
     return "; ".join(filter(None, [*parts, *words.signs(comparison, cells, colours=True)]))
 
 
-def _joined(head: str, tables: Sequence[Table], dim: Sequence[str], said: Sequence[str], width: int) -> Group:
+def _joined(
+    head: str, tables: Sequence[Table], dim: Sequence[str], said: Sequence[str], width: int
+) -> Group:
     """All in one. Lines are broken between words."""
     from rich.console import Group
     from rich.text import Text
 
     width = max(width, 20)  # a serial console says that it has no columns
-    wrapper = textwrap.TextWrapper(width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+    wrapper = textwrap.TextWrapper(
+        width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    )
     below = [Text(wrapper.fill(line), "dim") for line in dim if line]
     below += [Text(wrapper.fill(line)) for line in said if line]
     return Group(Text(wrapper.fill(head), "bold"), *tables, *below)

@@ -93,7 +93,9 @@ def shown(comparison: Comparison, method: str, column: Column, spread: bool = Fa
         if is_sure:
             look = "better" if is_better else "worse"
         return Shown(mark, signed(change), _interval(low, high, signed), holes, look)
-    value = number(cell.mean) + (f" ± {number(cell.std)}" if spread and not math.isnan(cell.std) else "")
+    value = number(cell.mean) + (
+        f" ± {number(cell.std)}" if spread and not math.isnan(cell.std) else ""
+    )
     if comparison.baseline or not column.ranked:
         return Shown("", value, _interval(cell.low, cell.high), holes, "")
     differ = any(c.place > 1 for c in comparison.of(column).values())  # else there is no best
@@ -115,7 +117,11 @@ def _interval(low: float, high: float, word: Callable[[float], str] = number) ->
 def over_views(columns: Sequence[Column]) -> list[str]:
     """Return over how many views the scores are: most views first, then the scores that have fewer, by name."""
     measured = [column for column in columns if column.n_units]
-    scores = [column for column in measured if column.ranked and not says_filled(column.metric, column.variant)]
+    scores = [
+        column
+        for column in measured
+        if column.ranked and not says_filled(column.metric, column.variant)
+    ]
     alike: dict[str, list[str]] = {}
     for column in sorted(scores or measured, key=lambda column: -column.n_views):
         scenes = f" of {column.n_scenes} scenes" if column.n_scenes > 1 else ""
@@ -127,7 +133,10 @@ def over_views(columns: Sequence[Column]) -> list[str]:
             rough = f" (neighbours are alike: worth about {column.worth:.0f} independent; every=4 gives more)"
         over = f"over {counted(column.n_views, 'view')}{scenes}{charts}{rough}"
         alike.setdefault(over, []).append(column.metric)
-    return [f"{listed(dict.fromkeys(names))}: {over}" if n else over for n, (over, names) in enumerate(alike.items())]
+    return [
+        f"{listed(dict.fromkeys(names))}: {over}" if n else over
+        for n, (over, names) in enumerate(alike.items())
+    ]
 
 
 def signs(comparison: Comparison, cells: Sequence[Shown], colours: bool) -> list[str]:
@@ -146,7 +155,9 @@ def signs(comparison: Comparison, cells: Sequence[Shown], colours: bool) -> list
     return parts + [f"{name}: the photograph itself, which has no rank" for name in photographs]
 
 
-def legend(comparison: Comparison, spread: bool = False, colours: bool = False, intervals: bool = True) -> str:
+def legend(
+    comparison: Comparison, spread: bool = False, colours: bool = False, intervals: bool = True
+) -> str:
     """Say what the numbers of a table are, over what, what its marks mean, and how intervals are made.
 
     colours: whether the table tells better and worse by green and red, rather than better by bold; intervals: whether
@@ -154,7 +165,11 @@ def legend(comparison: Comparison, spread: bool = False, colours: bool = False, 
     """
     if not comparison.columns:
         return "no scores"
-    cells = [shown(comparison, name, column) for name in comparison.methods for column in comparison.columns]
+    cells = [
+        shown(comparison, name, column)
+        for name in comparison.methods
+        for column in comparison.columns
+    ]
     has_interval = intervals and any(cell.interval for cell in cells)
     interval = " [95 % interval]" if has_interval else ""
     of = f"mean{' ± standard deviation' if spread else ''}{interval}"
@@ -165,8 +180,14 @@ def legend(comparison: Comparison, spread: bool = False, colours: bool = False, 
         units = "scenes" if any(column.n_scenes > 1 for column in comparison.columns) else "views"
         parts.append(f"intervals: bootstrap over {units}")
         scored = {name for name, column in comparison.cells if column.ranked}
-        n = len(scored.intersection(comparison.methods if comparison.baseline else comparison.restorers))
-        of = f"differences from {comparison.baseline}" if comparison.baseline else "leads of the best"
+        n = len(
+            scored.intersection(comparison.methods if comparison.baseline else comparison.restorers)
+        )
+        of = (
+            f"differences from {comparison.baseline}"
+            if comparison.baseline
+            else "leads of the best"
+        )
         how = f"step-down max-t over {n} methods: about 5 % of tables have a false one, if no method fails rarely"
         if n > 1:
             parts.append(f"of {of}: {how}" if n > 2 else "of the difference: Student's")
@@ -198,7 +219,11 @@ def left_out(comparison: Comparison) -> list[str]:
     said = []
     for note in (note for note in comparison.notes if note.kind != "faults"):
         metrics = listed(dict.fromkeys(column.metric for column in note.columns))
-        rest = f"the other {note.left}" if note.n + note.left == note.total else f"the {note.left} that all have"
+        rest = (
+            f"the other {note.left}"
+            if note.n + note.left == note.total
+            else f"the {note.left} that all have"
+        )
         text = NOTES[note.kind].format(
             note=note,
             names=listed(note.methods),
@@ -217,7 +242,9 @@ def left_out(comparison: Comparison) -> list[str]:
 
 def faults(comparison: Comparison) -> list[str]:
     """Return a sentence that says what is wrong with the pictures of each method; none where nothing is."""
-    said = "; ".join(f"{note.methods[0]}: {note.reasons}" for note in comparison.notes if note.kind == "faults")
+    said = "; ".join(
+        f"{note.methods[0]}: {note.reasons}" for note in comparison.notes if note.kind == "faults"
+    )
     return [f"What is wrong with the pictures: {said}"] if said else []
 
 
@@ -270,7 +297,14 @@ def with_unit(value: float, column: Column) -> str:
 _MOST = 4
 _MOST_BLIND = 2  # metrics that are evidence, and metrics that are taste, in a table without truth
 # Roles of scores that know the true colours, in the order in which metrics are taken and then shown.
-_TRUE_COLOURS: tuple[Role, ...] = ("colours", "colours", "similarity", "chart-error", "similarity", "colour-difference")
+_TRUE_COLOURS: tuple[Role, ...] = (
+    "colours",
+    "colours",
+    "similarity",
+    "chart-error",
+    "similarity",
+    "colour-difference",
+)
 
 
 @dataclass(frozen=True)
@@ -287,7 +321,11 @@ class Deciding:
     @property
     def main(self) -> Column | None:
         """The score that sorts the methods; None if no score shows which colours are true."""
-        return next((column for column in self.scores if column.ranked), None) if self.knows_colours else None
+        return (
+            next((column for column in self.scores if column.ranked), None)
+            if self.knows_colours
+            else None
+        )
 
     @property
     def first(self) -> Column | None:
@@ -311,7 +349,9 @@ def deciding(comparison: Comparison, every: bool = False) -> Deciding:
     filled = None
     seconds = None
     if not every:
-        once: dict[str, Column] = {}  # the default variant of each metric, or the first that was scored
+        once: dict[
+            str, Column
+        ] = {}  # the default variant of each metric, or the first that was scored
         for column in scores:
             is_default = column.plugin is not None and column.variant == column.plugin.default[0]
             if column.directed and (column.metric not in once or is_default):
@@ -320,21 +360,36 @@ def deciding(comparison: Comparison, every: bool = False) -> Deciding:
         for column in once.values():
             by_role.setdefault(column.plugin.role if column.plugin else "", []).append(column)
         left = {role: iter(of_role) for role, of_role in by_role.items()}
-        found = [(role, one) for role in _TRUE_COLOURS if (one := next(left.get(role, iter(())), None))]
-        known = [column for _, column in sorted(found[:_MOST], key=lambda each: _TRUE_COLOURS.index(each[0]))]
+        found = [
+            (role, one) for role in _TRUE_COLOURS if (one := next(left.get(role, iter(())), None))
+        ]
+        known = [
+            column
+            for _, column in sorted(found[:_MOST], key=lambda each: _TRUE_COLOURS.index(each[0]))
+        ]
         if not known:
             of_people = [column for column in once.values() if column.metric == PREFERENCE]
             evidence = [column for column in once.values() if column.knows == "evidence"]
-            taste = [column for column in by_role.get("no-reference", []) if column.knows == "taste"]
+            taste = [
+                column for column in by_role.get("no-reference", []) if column.knows == "taste"
+            ]
             known = [*of_people, *evidence[:_MOST_BLIND], *taste[:_MOST_BLIND]]
-        others = [c for c in once.values() if c not in known and (c.plugin.role if c.plugin else "") in _OTHERS]
-        filled = next((column for column in scores if says_filled(column.metric, column.variant)), None)
+        others = [
+            c
+            for c in once.values()
+            if c not in known and (c.plugin.role if c.plugin else "") in _OTHERS
+        ]
+        filled = next(
+            (column for column in scores if says_filled(column.metric, column.variant)), None
+        )
         seconds = next((column for column in scores if column.metric == RESTORATION), None)
         chosen = (known + others)[:_MOST] or [*once.values()][:_MOST]
         scores = tuple(column for column in chosen if column != filled)
     directed = [column for column in scores if column.directed]
     knows = not directed or any(column.knows == "truth" for column in directed)
-    return Deciding(tuple(sorted(scores, key=lambda column: column.knows == "taste")), filled, seconds, knows)
+    return Deciding(
+        tuple(sorted(scores, key=lambda column: column.knows == "taste")), filled, seconds, knows
+    )
 
 
 _OTHERS: frozenset[Role] = frozenset({"", "change-with-distance"})
@@ -345,7 +400,11 @@ def best_first(comparison: Comparison, main: Column | None) -> tuple[str, ...]:
     names = comparison.restorers or comparison.methods
     if main is not None:
         sign = -1 if main.better == "higher" else 1
-        means = {name: sign * cell.mean for name, cell in comparison.of(main).items() if not math.isnan(cell.mean)}
+        means = {
+            name: sign * cell.mean
+            for name, cell in comparison.of(main).items()
+            if not math.isnan(cell.mean)
+        }
         names = tuple(sorted(names, key=lambda name: means.get(name, math.inf)))
     return (*names, *(name for name in comparison.photographs if name not in names))
 
@@ -356,11 +415,18 @@ def verdicts(comparison: Comparison) -> list[Verdict]:
     With a baseline: a verdict for each method and score, leader or second being the baseline.
     """
     judge = _differences_from_baseline if comparison.baseline else _lead_of_best
-    return [verdict for column in comparison.columns if column.ranked for verdict in judge(comparison, column)]
+    return [
+        verdict
+        for column in comparison.columns
+        if column.ranked
+        for verdict in judge(comparison, column)
+    ]
 
 
 def _lead_of_best(comparison: Comparison, column: Column) -> Iterator[Verdict]:
-    cells = {name: cell for name, cell in comparison.of(column).items() if cell.place}  # the photograph has none
+    cells = {
+        name: cell for name, cell in comparison.of(column).items() if cell.place
+    }  # the photograph has none
     if len(cells) < 2:
         return
     best, second = sorted(cells, key=lambda name: cells[name].place)[:2]
@@ -368,13 +434,17 @@ def _lead_of_best(comparison: Comparison, column: Column) -> Iterator[Verdict]:
     gap, low, high = behind.behind
     if behind.place == 1 or not math.isfinite(gap):
         return
-    found = Verdict(column, best, second, gap, (low, high), cells[best].wins, abs(behind.effect), behind.tie)
+    found = Verdict(
+        column, best, second, gap, (low, high), cells[best].wins, abs(behind.effect), behind.tie
+    )
     scores = comparison.measured[column]
     if found.is_lead and scores.independent is not None:
         unit = undone_by(scores.independent, *map(scores.methods.index, (best, second)))
         if unit is not None:
             names = [*dict.fromkeys(scene for scene, _ in scores.places)]
-            found = replace(found, undone_by=names[unit] if len(names) > 1 else scores.places[unit][1])
+            found = replace(
+                found, undone_by=names[unit] if len(names) > 1 else scores.places[unit][1]
+            )
     yield found
 
 
@@ -390,7 +460,9 @@ def _differences_from_baseline(comparison: Comparison, column: Column) -> Iterat
         if change and (change > 0) != (column.better == "higher"):
             pair = (baseline, name)
             wins = column.n_views - cell.wins
-        yield Verdict(column, *pair, abs(change), interval, wins, abs(cell.effect), may_be_chance(cell.change))
+        yield Verdict(
+            column, *pair, abs(change), interval, wins, abs(cell.effect), may_be_chance(cell.change)
+        )
 
 
 def answer(comparison: Comparison, chosen: Deciding) -> list[str]:
@@ -404,10 +476,16 @@ def answer(comparison: Comparison, chosen: Deciding) -> list[str]:
         ranked = ranked[:1]
     found = verdicts(replace(comparison, columns=tuple(ranked)))
     if comparison.baseline:  # over one view nobody is better or worse
-        found = [verdict for verdict in found if math.isfinite(verdict.interval[0]) or not verdict.difference]
+        found = [
+            verdict
+            for verdict in found
+            if math.isfinite(verdict.interval[0]) or not verdict.difference
+        ]
     said = [verdict_text(comparison, verdict, interval=False) for verdict in found]
     said += [
-        f"{column.metric}: no method beats the photograph itself" for column in ranked if _is_beaten(comparison, column)
+        f"{column.metric}: no method beats the photograph itself"
+        for column in ranked
+        if _is_beaten(comparison, column)
     ]
     if chosen.knows_colours:
         return [*faults(comparison), *said]

@@ -29,7 +29,9 @@ __all__ = ["Degradation", "around", "degraded", "degraded_whole"]
 
 
 @checked
-def degraded(scene: Scene, degradation: Degradation | None = None, target: str = "", **options: Any) -> Scene:
+def degraded(
+    scene: Scene, degradation: Degradation | None = None, target: str = "", **options: Any
+) -> Scene:
     """Return a scene with a degradation applied; pixels are degraded when they are loaded.
 
     - scene: the scene to degrade;
@@ -47,7 +49,11 @@ def degraded(scene: Scene, degradation: Degradation | None = None, target: str =
     True
     """
     if degradation is not None and options:
-        raise InputError(f"options {', '.join(options)} beside a Degradation", "degraded", "give them when making it")
+        raise InputError(
+            f"options {', '.join(options)} beside a Degradation",
+            "degraded",
+            "give them when making it",
+        )
     degradation = Degradation.of(options) if degradation is None else degradation
     words = degradation.labelled(scene.degraded).removeprefix(",")
     whole = degraded_whole(scene, degradation)
@@ -70,7 +76,9 @@ def degraded_whole(scene: Scene, degradation: Degradation) -> Scene:
         return scene
     for option, needed in degradation.needs():
         if needed not in scene.has:
-            raise InputError(f"scene '{scene.name}' has no {needed}", f"degrade.{option}", "leave it out")
+            raise InputError(
+                f"scene '{scene.name}' has no {needed}", f"degrade.{option}", "leave it out"
+            )
     d = degradation
     views = []
     for view in scene.views:
@@ -86,8 +94,16 @@ def degraded_whole(scene: Scene, degradation: Degradation) -> Scene:
         if pose is not None and (d.pose_noise_m or d.pose_noise_deg):
             rng = generator(d.seed, scene.name, view.name, "pose")
             pose = noisy_pose(pose, d.pose_noise_m, d.pose_noise_deg, rng)
-        pixels = _Degraded(view, scene.name, d, "reference" in scene.has) if d.alters_pixels else view.pixels
-        views.append(dataclasses.replace(view, pixels=pixels, camera=camera, cam_from_world=pose, charts=charts))
+        pixels = (
+            _Degraded(view, scene.name, d, "reference" in scene.has)
+            if d.alters_pixels
+            else view.pixels
+        )
+        views.append(
+            dataclasses.replace(
+                view, pixels=pixels, camera=camera, cam_from_world=pose, charts=charts
+            )
+        )
     added = {"reference", "truth"} if degradation.water else set()
     return dataclasses.replace(
         scene,
@@ -130,7 +146,9 @@ class _Degraded:
             depth = source.load("depth")
             camera = self.view.camera
             if depth is None or not (depth > 0).any():
-                raise InputError("has no depth, which added water needs", self.view.name, "leave the view out")
+                raise InputError(
+                    "has no depth, which added water needs", self.view.name, "leave the view out"
+                )
             if (d.water.encoding or self.view.encoding) != self.view.encoding:
                 fault = f"degrade.add_water has the encoding {d.water.encoding}, the view {self.view.encoding}"
                 raise InputError(fault, self.view.name, "give water of the view's encoding")
@@ -159,10 +177,14 @@ class _Degraded:
             shape = (values.shape[0], values.shape[1])
             if d.depth_noise:
                 field = random_field(rng("depth_noise"), shape, d.depth_noise_px)
-                values = np.asarray((values * (1 + d.depth_noise * field)).clip(0), dtype=np.float32)
+                values = np.asarray(
+                    (values * (1 + d.depth_noise * field)).clip(0), dtype=np.float32
+                )
             if d.depth_holes and (known := values > 0).any():  # where a random field is lowest
                 field = random_field(rng("depth_holes"), shape, d.depth_hole_px)
-                values = np.where(field < np.quantile(field[known], d.depth_holes), np.float32(0), values)
+                values = np.where(
+                    field < np.quantile(field[known], d.depth_holes), np.float32(0), values
+                )
         return values
 
     def _dry(self) -> Array:
@@ -196,7 +218,9 @@ def random_field(rng: np.random.Generator, shape: tuple[int, int], grain_px: flo
     return np.asarray(field / np.sqrt(np.mean(field**2, dtype=np.float64)), dtype=np.float32)
 
 
-def noisy_pose(cam_from_world: Array, sd_m: float, sd_deg: float, rng: np.random.Generator) -> Array:
+def noisy_pose(
+    cam_from_world: Array, sd_m: float, sd_deg: float, rng: np.random.Generator
+) -> Array:
     """Return a (4, 4) pose whose centre is moved along each axis, and which is turned about each of the camera's axes.
 
     sd_m, sd_deg: standard deviations of each of the three, in metres and degrees; the camera turns about its centre.
@@ -219,7 +243,9 @@ def blurred(image: Array, sd_px: float, encoding: Encoding) -> Array:
     """Return an image blurred by a Gaussian in linear light, like a lens."""
     import cv2
 
-    light: Array = np.asarray(cv2.GaussianBlur(converted(image, encoding, "linear"), (0, 0), sd_px), dtype=np.float32)
+    light: Array = np.asarray(
+        cv2.GaussianBlur(converted(image, encoding, "linear"), (0, 0), sd_px), dtype=np.float32
+    )
     return np.asarray(converted(light, "linear", encoding), dtype=np.float32)
 
 
@@ -244,7 +270,9 @@ def through_jpeg(image: Array, quality: int, encoding: Encoding) -> Array:
     assert written
     read = cv2.imdecode(file, cv2.IMREAD_COLOR)
     assert read is not None
-    return np.asarray(converted(read[..., ::-1] / np.float32(255), "gamma", encoding), dtype=np.float32)
+    return np.asarray(
+        converted(read[..., ::-1] / np.float32(255), "gamma", encoding), dtype=np.float32
+    )
 
 
 def under_water(image: Array, z: Array, water: Water) -> Array:
@@ -260,7 +288,9 @@ def under_water(image: Array, z: Array, water: Water) -> Array:
         z = z[tuple(nearest)]
     seen = np.empty(image.shape, dtype=np.float32)
     for c in range(3):  # a channel at a time, to save memory: 24 megapixels
-        B, beta, gamma = (float(p[c]) for p in (water.veiling_light, water.attenuation, water.backscatter))
+        B, beta, gamma = (
+            float(p[c]) for p in (water.veiling_light, water.attenuation, water.backscatter)
+        )
         seen[..., c] = (image[..., c] * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z))).clip(0, 1)
     return seen
 
@@ -274,7 +304,11 @@ def around(scene: Scene, target: View, degradation: Degradation) -> Scene:
         return scene
     within, keep = degradation.within, degradation.keep
     at = [view.name for view in scene.views].index(target.name)
-    first, last = (0, len(scene) - 1) if within is None else (max(0, at - within), min(len(scene) - 1, at + within))
+    first, last = (
+        (0, len(scene) - 1)
+        if within is None
+        else (max(0, at - within), min(len(scene) - 1, at + within))
+    )
     others = [place for place in range(first, last + 1) if place != at]
     if keep is not None:
         rng = generator(degradation.seed, scene.name, target.name, "keep")

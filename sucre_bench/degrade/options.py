@@ -50,10 +50,16 @@ def read_water(given: Any, place: str = _PLACE) -> Water:
         numbers = numbers.reshape(3, 3)
     if numbers.shape != (3, 3):
         raise InputError(
-            "not a water", place, "give nine numbers, [B, beta, gamma] each RGB, or a JSON file with those three"
+            "not a water",
+            place,
+            "give nine numbers, [B, beta, gamma] each RGB, or a JSON file with those three",
         )
     if not (np.isfinite(numbers).all() and (numbers >= 0).all() and (numbers[0] <= 1).all()):
-        raise InputError("no water has these values", place, "B is in [0, 1], beta and gamma are at least 0 per metre")
+        raise InputError(
+            "no water has these values",
+            place,
+            "B is in [0, 1], beta and gamma are at least 0 per metre",
+        )
     B, beta, gamma = numbers
     return Water(B, beta, gamma, encoding)
 
@@ -82,7 +88,11 @@ _POSES = ("pose_noise_m", "pose_noise_deg")
 _DEPTHS = ("add_water", "depth_noise", "depth_holes")
 _RANDOM = ("noise", "depth_noise", "depth_holes", *_POSES)
 # Options without effect if another is off.
-_OF = {"depth_noise_px": ("depth_noise",), "depth_hole_px": ("depth_holes",), "seed": ("keep", *_RANDOM)}
+_OF = {
+    "depth_noise_px": ("depth_noise",),
+    "depth_hole_px": ("depth_holes",),
+    "seed": ("keep", *_RANDOM),
+}
 
 
 @checked
@@ -158,7 +168,9 @@ class Degradation:
     def record(self) -> dict[str, Any]:
         """The given options, as rows store them; empty if nothing is degraded."""
         values = {name: getattr(self, name) for name in self._given()}
-        return {name: str(value) if isinstance(value, Path) else value for name, value in values.items()}
+        return {
+            name: str(value) if isinstance(value, Path) else value for name, value in values.items()
+        }
 
     def needs(self) -> Iterator[tuple[str, str]]:
         """Yield the options that need something of `Scene.has`, each with its need."""
@@ -172,14 +184,21 @@ class Degradation:
         if "add_water" in words:
             words["add_water"] = "_".join(map(str, self._water_numbers()))
             if isinstance(self.add_water, (str, Path)):  # two files may have one name
-                words["add_water"] = f"{Path(self.add_water).stem}-{hashed('-', self._water_numbers())[:4]}"
+                words["add_water"] = (
+                    f"{Path(self.add_water).stem}-{hashed('-', self._water_numbers())[:4]}"
+                )
         return ",".join([dataset, *(f"{name}={word}" for name, word in words.items())])
 
     def identity(self, without: Collection[str] = ()) -> tuple[object, ...]:
         """Return what identifies the degraded data, without some options."""
         given = [name for name in self._given() if name not in without]
-        active = [name for name in given if name not in _OF or any(other in given for other in _OF[name])]
-        return tuple((n, self._water_numbers() if n == "add_water" else float(getattr(self, n))) for n in active)
+        active = [
+            name for name in given if name not in _OF or any(other in given for other in _OF[name])
+        ]
+        return tuple(
+            (n, self._water_numbers() if n == "add_water" else float(getattr(self, n)))
+            for n in active
+        )
 
     def data_id(self, original: str) -> str:
         """Return the data_id of rows: a hash of a scene's data and of the degradation, for any target."""
@@ -188,12 +207,20 @@ class Degradation:
     def _given(self) -> list[str]:
         """The options that differ from their defaults."""
         values = ((f, getattr(self, f.name)) for f in fields(self))
-        return [f.name for f, v in values if v is not f.default and (f.default is None or v != f.default)]
+        return [
+            f.name
+            for f, v in values
+            if v is not f.default and (f.default is None or v != f.default)
+        ]
 
     def _water_numbers(self) -> list[float | str]:
         water = self.water
         assert water is not None
-        numbers = [float(x) for part in (water.veiling_light, water.attenuation, water.backscatter) for x in part]
+        numbers = [
+            float(x)
+            for part in (water.veiling_light, water.attenuation, water.backscatter)
+            for x in part
+        ]
         return [*numbers, *([water.encoding] if water.encoding else [])]
 
 

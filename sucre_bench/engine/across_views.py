@@ -23,7 +23,14 @@ from sucre_bench import plugins, results
 from sucre_bench.arrays import Array, DataFrame, Mask
 from sucre_bench.engine.common_pixels import Source
 from sucre_bench.engine.preflight import Planned, Task, open_scenes, tasks
-from sucre_bench.engine.score import Scorer, check_regions, kept_reason, row_without_value, score_code, scorers
+from sucre_bench.engine.score import (
+    Scorer,
+    check_regions,
+    kept_reason,
+    row_without_value,
+    score_code,
+    scorers,
+)
 from sucre_bench.errors import MissingFileError, NotApplicableError, one_line
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
@@ -56,9 +63,13 @@ def score_across_views(planned: Sequence[Planned]) -> None:
     except MissingFileError:  # nothing was restored
         return
     part = Part(out, "pairs")
-    groups: dict[str, dict[str, Job]] = {}  # jobs on the same data; of several with one label, shards say, the first
+    groups: dict[
+        str, dict[str, Job]
+    ] = {}  # jobs on the same data; of several with one label, shards say, the first
     for job in chosen:
-        key = results.fingerprint({**job.dataset.record, **job.degrade.record, "replicate": job.replicate})[1]
+        key = results.fingerprint(
+            {**job.dataset.record, **job.degrade.record, "replicate": job.replicate}
+        )[1]
         groups.setdefault(f"{job.dataset.label} {key}", {}).setdefault(job.method.label, job)
     for group in groups.values():
         _score_dataset([*group.values()], rows, part)
@@ -75,10 +86,15 @@ def _score_dataset(jobs: Sequence[Job], rows: DataFrame, part: Part) -> None:
             by_scene.setdefault(task.scene.name, []).append(task)
         by_job.append(by_scene)
     for name, every in by_job[0].items():
-        found = [_entrant(job, by_scene[name], rows) for job, by_scene in zip(jobs, by_job, strict=True)]
+        found = [
+            _entrant(job, by_scene[name], rows) for job, by_scene in zip(jobs, by_job, strict=True)
+        ]
         if not (entrants := [entrant for entrant in found if entrant]):
             continue
-        scene, log = replace(every[0].scene, views=[task.view for task in every]), log_path(jobs[0].out)
+        scene, log = (
+            replace(every[0].scene, views=[task.view for task in every]),
+            log_path(jobs[0].out),
+        )
         with progress.line(f"pairs of views of {scene.name}", len(entrants)) as after_batch:
             for scored in pair_rows(scene, entrants, log, jobs[0].view_timeout_s, after_batch):
                 part.add(scored)
@@ -95,8 +111,16 @@ def _entrant(job: Job, every: Sequence[Task], rows: DataFrame) -> Entrant | None
     of_job = rows[np.logical_and.reduce([rows[name] == getattr(base, name) for name in same])]
     wholes = restorations(of_job[of_job["code"] == base.code])
     stored = {row.view: replace(row, time=now()) for row in row_objects(wholes)}
-    paths = {t.view.name: t.place.restored(job.out, job.method.label) for t in every if t.view.name in stored}
-    there = {task.view.name: task for task in every if task.view.name in paths and paths[task.view.name].is_file()}
+    paths = {
+        t.view.name: t.place.restored(job.out, job.method.label)
+        for t in every
+        if t.view.name in stored
+    }
+    there = {
+        task.view.name: task
+        for task in every
+        if task.view.name in paths and paths[task.view.name].is_file()
+    }
 
     def opened(name: str) -> RestoredView:
         task = there[name]
@@ -174,12 +198,16 @@ def pair_rows(
         for entrant in entrants
     ]  # fmt: skip
     camera = next((view.camera for view in views if view.camera), None)
-    bytes_each = 24 * camera.width * camera.height if camera else _HELD  # two images of three float32
+    bytes_each = (
+        24 * camera.width * camera.height if camera else _HELD
+    )  # two images of three float32
     shared = SharedPoints(views)
     overlaps = shared.overlaps()
     for start in range(0, len(overlaps), _AT_ONCE):
         batch = overlaps[start : start + _AT_ONCE]
-        found = [(overlap, points) for overlap in batch if (points := shared.of(overlap)) is not None]
+        found = [
+            (overlap, points) for overlap in batch if (points := shared.of(overlap)) is not None
+        ]
         for entrant, of_entrant in zip(entrants, tallies, strict=True):
             held = cached(LRUCache[Any, RestoredView](max(4, _HELD // bytes_each)))(entrant.open)
             for overlap, points in found:
@@ -223,7 +251,8 @@ class _Tally:
         base, metric = self.entrant.bases[names[0]], f"{self.scorer.plugin.name}:{self.variant}"
         try:
             with step(
-                f"metric '{metric}' on views '{names[0]}' and '{names[1]}' by method '{base.method}'", self.limit_s
+                f"metric '{metric}' on views '{names[0]}' and '{names[1]}' by method '{base.method}'",
+                self.limit_s,
             ):
                 scores = list(self.scorer.metric.score_pair(pair, self.variant))
                 check_regions(score.region for score in scores)
@@ -241,7 +270,9 @@ class _Tally:
     def rows(self, name: str) -> Iterator[Row]:
         """Yield the rows of a view: its scores, or the reason why there is none."""
         plugin, base = self.scorer.plugin, self.entrant.bases[name]
-        row = replace(base, code=self.entrant.code(base, self.scorer), metric=plugin.name, unit=plugin.unit)
+        row = replace(
+            base, code=self.entrant.code(base, self.scorer), metric=plugin.name, unit=plugin.unit
+        )
         row = replace(row, variant=self.variant, better=plugin.better_of(self.variant))
         by_region = self.scores.get(name, {})
         if self.absent:
@@ -251,14 +282,22 @@ class _Tally:
         elif not by_region:
             why = self.reasons.get(name, Reason.NOTHING_TO_SCORE.value)
             why = why if name in self.met else Reason.NO_OVERLAP.value
-            yield row_without_value(row, "skipped", why if len(self.entrant.bases) > 1 else Reason.ONE_VIEW.value)
+            yield row_without_value(
+                row, "skipped", why if len(self.entrant.bases) > 1 else Reason.ONE_VIEW.value
+            )
         else:
             for region, of_pairs in by_region.items():
-                known = [score for score in of_pairs if score.weight > 0 and not math.isnan(score.value)]
+                known = [
+                    score for score in of_pairs if score.weight > 0 and not math.isnan(score.value)
+                ]
                 if known:
-                    value = sum(score.weight * score.value for score in known) / sum(score.weight for score in known)
+                    value = sum(score.weight * score.value for score in known) / sum(
+                        score.weight for score in known
+                    )
                     n_pixels = sum(int(score.n_pixels) for score in known)
                     coverage = sum(score.coverage for score in of_pairs) / len(of_pairs)
-                    yield replace(row, region=region, value=value, n_pixels=n_pixels, coverage=coverage)
+                    yield replace(
+                        row, region=region, value=value, n_pixels=n_pixels, coverage=coverage
+                    )
                 elif region == "image":
                     yield row_without_value(row, "skipped", Reason.NO_VALUE.value)

@@ -38,8 +38,22 @@ from sucre_bench.results.common_scores import (
 )
 from sucre_bench.results.layout import Place, log_path
 from sucre_bench.results.reasons import Reason
-from sucre_bench.results.restorations import PictureOnly, masked, stored_mask, stored_picture, stored_restoration
-from sucre_bench.results.rows import COMMON, KEYS, RESTORATION, Row, restorations, row_objects, values_of
+from sucre_bench.results.restorations import (
+    PictureOnly,
+    masked,
+    stored_mask,
+    stored_picture,
+    stored_restoration,
+)
+from sucre_bench.results.rows import (
+    COMMON,
+    KEYS,
+    RESTORATION,
+    Row,
+    restorations,
+    row_objects,
+    values_of,
+)
 from sucre_bench.results.table import is_bundle, is_fresh, read_common
 from sucre_bench.scene import Restoration, View
 
@@ -86,10 +100,16 @@ class _Metrics:
     limit_s: float | None = None
 
     @classmethod
-    def of(cls, metrics: Iterable[Choice], log: Path | None = None, limit_s: float | None = None) -> _Metrics:
+    def of(
+        cls, metrics: Iterable[Choice], log: Path | None = None, limit_s: float | None = None
+    ) -> _Metrics:
         """Make those of some metrics that score pixels; the last one if several have one name."""
         by_name = {metric.plugin.name: metric for metric in metrics if metric.plugin.is_of_pixels}
-        return cls({(made.plugin.name, made.code): made for made in scorers(by_name.values())}, log, limit_s)
+        return cls(
+            {(made.plugin.name, made.code): made for made in scorers(by_name.values())},
+            log,
+            limit_s,
+        )
 
     def scorer(self, row: Row) -> Scorer | None:
         """The metric that made a score; None if the run asks for another version of it, or for other options."""
@@ -126,7 +146,9 @@ class CommonView:
             return True
         is_older = any(whole.time > row.time for whole in self.whole.values())
         has_scores = kind_of(row.status, row.code) == "common"
-        return is_older or (has_scores and any(_score(own) not in self.scores for own in self.own_rows))
+        return is_older or (
+            has_scores and any(_score(own) not in self.scores for own in self.own_rows)
+        )
 
     def rows(self) -> list[Row]:
         """Score the view on its common pixels; the first row stands for the view. A fault becomes that row."""
@@ -139,12 +161,20 @@ class CommonView:
         except BaseException as fault:
             raise_if_stop(fault)
             if not isinstance(fault, InputError):
-                keep_traceback(self.metrics.log, f"{base.dataset} / {base.scene} / {base.view} / common pixels")
+                keep_traceback(
+                    self.metrics.log, f"{base.dataset} / {base.scene} / {base.view} / common pixels"
+                )
             return [replace(base, status="failed", reason=one_line(fault))]
 
     def _scored(self, base: Row) -> list[Row]:
         common = common_pixels({name: source.mask() for name, source in self.sources.items()})
-        base = replace(base, value=common.share, coverage=common.share, n_pixels=int(common.mask.sum()), code=common.id)
+        base = replace(
+            base,
+            value=common.share,
+            coverage=common.share,
+            n_pixels=int(common.mask.sum()),
+            code=common.id,
+        )
         if common.kind == "none":
             base = replace(base, status="skipped", reason=Reason.NO_SHARED_PIXELS.value)
         rows = [base]
@@ -152,16 +182,24 @@ class CommonView:
             return rows
         known = self.scores if self.before is not None and self.before.code == common.id else {}
         for method, source in self.sources.items():
-            rows += [row for key, row in known.items() if key[0] == method]  # also by metrics not asked for now
-            todo = [row for row in self.own_rows if row.method == method and _score(row) not in known]
+            rows += [
+                row for key, row in known.items() if key[0] == method
+            ]  # also by metrics not asked for now
+            todo = [
+                row for row in self.own_rows if row.method == method and _score(row) not in known
+            ]
             if todo:
                 shown = locked(source.shown(common.mask))
                 scored, started = Scored(source.restoration(common.mask), shown, self.view), now()
                 limits = self.metrics.log, self.metrics.limit_s
                 for own, scorer in ((own, self.metrics.scorer(own)) for own in todo):
                     if scorer:  # makes the score on own pixels again, on these
-                        made = variant_rows(scorer.metric, scored, replace(own, time=started), *limits)
-                        rows += [_on_common(row, common.id) for row in made if row.region == "image"]
+                        made = variant_rows(
+                            scorer.metric, scored, replace(own, time=started), *limits
+                        )
+                        rows += [
+                            _on_common(row, common.id) for row in made if row.region == "image"
+                        ]
         return rows
 
 
@@ -200,7 +238,9 @@ def _common_views(
         if _key(row) in made and (reads := source(row)) is not None:
             made[_key(row)].whole[row.method], made[_key(row)].sources[row.method] = row, reads
     names = {name for name, _ in metrics.by_code}
-    scores = rows[(rows["status"] == "ok") & (rows["region"] == "image") & rows["metric"].isin(names)]
+    scores = rows[
+        (rows["status"] == "ok") & (rows["region"] == "image") & rows["metric"].isin(names)
+    ]
     for row in row_objects(scores):
         if (view := made.get(_key(row))) and row.method in view.whole and metrics.scorer(row):
             view.own_rows.append(row)
@@ -209,13 +249,20 @@ def _common_views(
             continue
         if stored.metric == COMMON_PIXELS:
             view.before = stored
-        elif (whole := view.whole.get(stored.method)) and stored.time >= whole.time and stored.status != "failed":
+        elif (
+            (whole := view.whole.get(stored.method))
+            and stored.time >= whole.time
+            and stored.status != "failed"
+        ):
             view.scores[_on_own(stored)] = stored
     return made
 
 
 def score_in_memory(
-    views: Sequence[View], rows: DataFrame, held: Mapping[tuple[str, str], Source], metrics: Sequence[Any]
+    views: Sequence[View],
+    rows: DataFrame,
+    held: Mapping[tuple[str, str], Source],
+    metrics: Sequence[Any],
 ) -> DataFrame:
     """Return scores on common pixels of the views that methods fill differently, as `read_common` has them.
 
@@ -223,8 +270,12 @@ def score_in_memory(
     """
     by_name, whole = {view.name: view for view in views}, filled_restorations(rows)
     differing = differing_views(whole)
-    chosen = {_key(row): (row, by_name[row.view]) for row in row_objects(whole) if _key(row) in differing}
-    made = _common_views(chosen, rows, _Metrics.of(metric_choices(metrics)), lambda row: held[row.view, row.method])
+    chosen = {
+        _key(row): (row, by_name[row.view]) for row in row_objects(whole) if _key(row) in differing
+    }
+    made = _common_views(
+        chosen, rows, _Metrics.of(metric_choices(metrics)), lambda row: held[row.view, row.method]
+    )
     return results.frame(row for view in made.values() for row in view.rows())
 
 
@@ -243,7 +294,9 @@ def score_on_common_pixels(planned: Sequence[Planned], out: Path) -> None:
     if not chosen:
         return
     limit_s = planned[0].job.view_timeout_s
-    metrics = _Metrics.of((metric for plan in planned for metric in plan.job.metrics), log_path(out), limit_s)
+    metrics = _Metrics.of(
+        (metric for plan in planned for metric in plan.job.metrics), log_path(out), limit_s
+    )
 
     def source(row: Row) -> Source | None:
         task = every[_key(row)]
@@ -252,7 +305,9 @@ def score_on_common_pixels(planned: Sequence[Planned], out: Path) -> None:
     views = _common_views(chosen, rows, metrics, source, read_common(out))
     part = results.Part(out, "common-pixels")
     try:
-        for view in progress.track([view for view in views.values() if view.is_due], "common pixels"):
+        for view in progress.track(
+            [view for view in views.values() if view.is_due], "common pixels"
+        ):
             part.add(view.rows())
     finally:
         part.flush()
@@ -270,16 +325,24 @@ def score_folders(folders: Sequence[Path], rows: DataFrame) -> DataFrame:
         return results.frame([])
     places = [folder for folder in folders if not is_bundle(folder)]
     tables = ((folder, restorations(results.read(folder, metric=RESTORATION))) for folder in places)
-    folder_of = {which: folder for folder, table in tables for which in values_of(table, *KEYS, "time")}
+    folder_of = {
+        which: folder for folder, table in tables for which in values_of(table, *KEYS, "time")
+    }
     of_view: dict[ViewKey, list[Path | None]] = {}
     for dataset, scene, view, *which in values_of(whole, *KEYS, "time"):
-        of_view.setdefault((dataset, scene, view), []).append(folder_of.get((dataset, scene, view, *which)))
+        of_view.setdefault((dataset, scene, view), []).append(
+            folder_of.get((dataset, scene, view, *which))
+        )
     wanted = {key for key in differing if None not in of_view[key] and len({*of_view[key]}) > 1}
     labels = {dataset for dataset, _, _ in wanted}
     jobs, opened = list[Job](), dict[ViewKey, Task]()
     for folder in places if wanted else ():
         with suppress(SucreBenchError):  # the jobs of the last run cannot be read any more
-            jobs += [job.of_all_views() for job in read_config(folder / CONFIG) if job.dataset.label in labels]
+            jobs += [
+                job.of_all_views()
+                for job in read_config(folder / CONFIG)
+                if job.dataset.label in labels
+            ]
     with opening_once():
         for job in reversed(jobs):
             with suppress(SucreBenchError):  # its data cannot be opened
@@ -291,6 +354,10 @@ def score_folders(folders: Sequence[Path], rows: DataFrame) -> DataFrame:
         return Source.stored(folder, task.place, row) if row.data_id == task.base.data_id else None
 
     metrics = _Metrics.of(metric for job in jobs for metric in job.metrics)
-    views = _common_views({key: (task.base, task.view) for key, task in opened.items()}, rows, metrics, source)
+    views = _common_views(
+        {key: (task.base, task.view) for key, task in opened.items()}, rows, metrics, source
+    )
     complete = [view for key, view in views.items() if len(view.whole) == len(of_view[key])]
-    return results.frame(row for view in progress.track(complete, "common pixels") for row in view.rows())
+    return results.frame(
+        row for view in progress.track(complete, "common pixels") for row in view.rows()
+    )

@@ -70,7 +70,9 @@ class Compared:
 
     def __post_init__(self) -> None:
         if not hasattr(self.rows, "columns"):
-            raise InputError(f"is {shown_value(self.rows)}", "Compared.rows", "pass the table that score returns")
+            raise InputError(
+                f"is {shown_value(self.rows)}", "Compared.rows", "pass the table that score returns"
+            )
 
     @property
     def table(self) -> DataFrame:
@@ -100,13 +102,17 @@ class Compared:
 
     def __repr__(self) -> str:
         found = self.comparison
-        return terminal.plain(as_table(without_costs(found), _WIDTH), _WIDTH) if found else "no scores"
+        return (
+            terminal.plain(as_table(without_costs(found), _WIDTH), _WIDTH) if found else "no scores"
+        )
 
     def _repr_html_(self) -> str:
         return self._as_text("html")
 
     @checked
-    def plot(self, view: str | int = 0, labels: Sequence[str] = (), metric: str = "", height: int = 360) -> Image:
+    def plot(
+        self, view: str | int = 0, labels: Sequence[str] = (), metric: str = "", height: int = 360
+    ) -> Image:
         """Return a picture of one view before and after: the photograph, each method, and the reference if known.
 
         - view: name or place of the view;
@@ -123,16 +129,24 @@ class Compared:
         shown = self.scene[view]
         check_number("plot(height)", height, "[16, 10000]")
         if metric and metric not in self.table:
-            raise InputError(f"no column '{metric}'", "plot(metric)", did_you_mean(metric, self.table))
+            raise InputError(
+                f"no column '{metric}'", "plot(metric)", did_you_mean(metric, self.table)
+            )
         if unknown := [label for label in labels if label not in self.labels]:
-            raise InputError(f"no method '{unknown[0]}'", "plot(labels)", f"there are {', '.join(self.labels)}")
+            raise InputError(
+                f"no method '{unknown[0]}'", "plot(labels)", f"there are {', '.join(self.labels)}"
+            )
         main = deciding(found).main if not metric and (found := self.comparison) else None
         name, _, variant = (f"{main.metric}:{main.variant}" if main else metric).partition(":")
         panels = {"photograph": to_8bit(display(shown.rgb, "none", shown.encoding))}
         for label in labels or self.labels:
             if (shown.name, label) in self.pictures:
                 rows = self.rows[(self.rows["view"] == shown.name) & (self.rows["method"] == label)]
-                scores = rows[(rows["metric"] == name) & (rows["status"] == "ok") & (rows["region"] == "image")]
+                scores = rows[
+                    (rows["metric"] == name)
+                    & (rows["status"] == "ok")
+                    & (rows["region"] == "image")
+                ]
                 score = scores[scores["variant"] == variant] if variant else scores
                 title = label
                 if not score.empty:
@@ -183,7 +197,10 @@ def compare_methods(
     import pandas as pd
 
     made = _made(methods)
-    chosen = [view if isinstance(view, View) else scene[view] for view in (scene if views is None else views)]
+    chosen = [
+        view if isinstance(view, View) else scene[view]
+        for view in (scene if views is None else views)
+    ]
     # By default, the metrics of a `run` that names none.
     metrics = [metrics] if isinstance(metrics, str) else list(metrics)
     metrics = metrics or ["default"]
@@ -199,7 +216,13 @@ def compare_methods(
                     held[view.name, label] = restored
         rows = pd.concat(tables[1:] or tables, ignore_index=True)
         common = score_in_memory(chosen, rows, held, metrics) if pixels == "common" else None
-    return Compared(scene, tuple(made), rows, {of: restored.picture(()) for of, restored in held.items()}, common)
+    return Compared(
+        scene,
+        tuple(made),
+        rows,
+        {of: restored.picture(()) for of, restored in held.items()},
+        common,
+    )
 
 
 def _made(methods: Methods) -> dict[str, Any]:
@@ -211,22 +234,34 @@ def _made(methods: Methods) -> dict[str, Any]:
         name = options.pop("name", label or "")
         label = label or (name if isinstance(name, str) else plugins.plugin_of(name).name)
         if label in made:
-            raise InputError(f"'{label}' is there twice", "methods", "give a mapping from labels to methods")
+            raise InputError(
+                f"'{label}' is there twice", "methods", "give a mapping from labels to methods"
+            )
         made[label] = method_choice(name, options) if isinstance(name, str) else name
         if isinstance(name, str):
             made[label].make()  # raises for an option that the method does not take
     return made
 
 
-def _one(scene: Scene, view: View, label: str, method: Any, metrics: Sequence[Any]) -> tuple[DataFrame, Source | None]:
+def _one(
+    scene: Scene, view: View, label: str, method: Any, metrics: Sequence[Any]
+) -> tuple[DataFrame, Source | None]:
     """Restore and score one view: its rows, and its picture and mask if there are any."""
     try:
         result = restore(method, scene, view)
     except SucreBenchError as fault:
         plugin = method.plugin if isinstance(method, Choice) else plugins.plugin_of(method)
-        is_skipped = isinstance(fault, NotApplicableError) or bool(plugins.missing_needs(plugin, scene.has))
+        is_skipped = isinstance(fault, NotApplicableError) or bool(
+            plugins.missing_needs(plugin, scene.has)
+        )
         status: results.Status = "skipped" if is_skipped else "failed"
-        row = results.Row(dataset=scene.name, scene=scene.name, view=view.name, method=label, data_id=scene.data_id)
+        row = results.Row(
+            dataset=scene.name,
+            scene=scene.name,
+            view=view.name,
+            method=label,
+            data_id=scene.data_id,
+        )
         return results.frame([row_without_value(row, status, one_line(fault))]), None
     rows = score(result, view, metrics, dataset=scene.name)
     return rows.assign(method=label), Source.held(to_8bit(result.shown), result.valid)

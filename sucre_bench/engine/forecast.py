@@ -45,7 +45,9 @@ def forecast(overrides: Sequence[str], multirun: bool) -> list[Expected]:
         n_views, n_stored = len(plan.tasks), len(plan.tasks) - len(plan.todo)
         so_far = found.get(key, Expected(*key, 0, 0, 0, 0.0))
         seconds = so_far.seconds + _seconds(plan, stored)
-        found[key] = Expected(*key, so_far.jobs + 1, so_far.views + n_views, so_far.stored + n_stored, seconds)
+        found[key] = Expected(
+            *key, so_far.jobs + 1, so_far.views + n_views, so_far.stored + n_stored, seconds
+        )
     return list(found.values())
 
 

@@ -60,7 +60,9 @@ def _context(config: DictConfig) -> tuple[HydraContext, Callbacks]:
     from hydra.types import HydraContext
 
     callbacks = Callbacks(config)
-    return HydraContext(config_loader=configs.hydra_app().config_loader, callbacks=callbacks), callbacks
+    return HydraContext(
+        config_loader=configs.hydra_app().config_loader, callbacks=callbacks
+    ), callbacks
 
 
 def _run_single(command: Command, watch: Watch | None) -> Outcome:

@@ -18,7 +18,13 @@ from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured
 from sucre_bench.engine.preflight import Planned, Task, base_row, names_hash
 from sucre_bench.engine.score import Scorer, row_of_fault, score_rows, scorers
-from sucre_bench.errors import InputError, NotApplicableError, OutputError, PluginError, raise_if_stop
+from sucre_bench.errors import (
+    InputError,
+    NotApplicableError,
+    OutputError,
+    PluginError,
+    raise_if_stop,
+)
 from sucre_bench.imaging.colour_profiles import restoration_in_srgb, view_in_srgb
 from sucre_bench.imaging.display import displayed, is_of_scene
 from sucre_bench.jobs.job import Job
@@ -31,7 +37,13 @@ from sucre_bench.machine.provenance import load
 from sucre_bench.machine.text_formats import now
 from sucre_bench.plugins.call_method import checked_restore, shown_with, with_truth
 from sucre_bench.results.layout import decoded_path, log_path, pairs_path
-from sucre_bench.results.restorations import Measured, read_full, write_full, write_pictures, write_view
+from sucre_bench.results.restorations import (
+    Measured,
+    read_full,
+    write_full,
+    write_pictures,
+    write_view,
+)
 from sucre_bench.results.rows import Row
 from sucre_bench.scene import Scene, View
 
@@ -47,9 +59,14 @@ def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> No
     job = planned.job
     try:
         with step(f"the start of method '{job.method.label}'"):
-            method, metrics = job.method.make(), scorers(m for m in job.metrics if not m.plugin.is_of_pairs)
+            method, metrics = (
+                job.method.make(),
+                scorers(m for m in job.metrics if not m.plugin.is_of_pairs),
+            )
             make_ready(method)
-            by_scene = is_of_scene(job.method.display) or bool(getattr(method, "sees_whole_scene", False))
+            by_scene = is_of_scene(job.method.display) or bool(
+                getattr(method, "sees_whole_scene", False)
+            )
     except BaseException as fault:
         send("unfit", row_of_fault(base_row(job), fault, log_path(job.out)))
         return
@@ -58,7 +75,9 @@ def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> No
         if job.shared_pairs:
             from sucre_bench.multiview.stored_pairs import sharing
 
-            block.enter_context(sharing(pairs_path(job.out) / job.shared_pairs, job.pairs_gb * 2**30))
+            block.enter_context(
+                sharing(pairs_path(job.out) / job.shared_pairs, job.pairs_gb * 2**30)
+            )
         if planned.shares_decoded:
             block.enter_context(storing(ArrayStore(decoded_path(job.out), job.cache_gb * 2**30)))
         scenes: dict[str, _SceneColours] = {}
@@ -69,7 +88,11 @@ def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> No
                 if scene not in scenes and (over := planned.shown_over.get(scene)):
                     scenes[scene] = _SceneColours.of(job, method, over)
                 timed = replace(task, base=replace(task.base, time=now()))
-                send("rows", place, _restored_and_scored(job, method, metrics, timed, scenes.get(scene)))
+                send(
+                    "rows",
+                    place,
+                    _restored_and_scored(job, method, metrics, timed, scenes.get(scene)),
+                )
                 if not _can_open_files():
                     return
 
@@ -95,7 +118,9 @@ def make_ready(method: Any) -> None:
         load(f"method '{method.__plugin__.name}'", package)
 
 
-def measured_restore(method: Any, scene: Scene, view: View, word: str = "method", in_srgb: bool = True) -> Measured:
+def measured_restore(
+    method: Any, scene: Scene, view: View, word: str = "method", in_srgb: bool = True
+) -> Measured:
     """Restore a view and measure it. PluginError when the result is not what a method must return.
 
     word: see `checked_restore`. The view's own planes are decoded before the clock starts: reading the target is not
@@ -108,7 +133,10 @@ def measured_restore(method: Any, scene: Scene, view: View, word: str = "method"
         restoration = checked_restore(method, scene, view, word)
         seconds = time.perf_counter() - started
     info = restoration.info
-    took = (float(info.get(name, measured)) for name, measured in (("seconds", seconds), ("peak_mb", memory.peak_mb)))
+    took = (
+        float(info.get(name, measured))
+        for name, measured in (("seconds", seconds), ("peak_mb", memory.peak_mb))
+    )
     restoration = restoration_in_srgb(restoration, view) if in_srgb else restoration
     return Measured(with_truth(restoration, scene, view), *took)
 
@@ -118,29 +146,41 @@ def _restored_and_scored(
 ) -> list[Row]:
     """Restore, store and score one view. over: colours of its scene, where all views of a scene are shown alike."""
     view, log = task.view, log_path(job.out)
-    decides = over is not None and view.name in over.views  # its colours are among them, so it is restored already
+    decides = (
+        over is not None and view.name in over.views
+    )  # its colours are among them, so it is restored already
     try:
         with step(f"view '{view.name}' by method '{job.method.label}'"):
             afresh = job.overwrite == "always" and not decides
             measured = _stored_or_restored(job, method, task, afresh, job.save == "full")
             write_view(job.out, task.place, view_in_srgb(view))
             colours = over.colours if over and over.colours.size else None
-            shown, filled = displayed(measured.restoration, job.method.display, view.encoding, colours)
+            shown, filled = displayed(
+                measured.restoration, job.method.display, view.encoding, colours
+            )
             look = (job.bits, over.hash if over else "")
-            write_pictures(job.out, task.place, job.method.label, measured.restoration, shown, filled, *look)
+            write_pictures(
+                job.out, task.place, job.method.label, measured.restoration, shown, filled, *look
+            )
             base = replace(task.base, seconds=measured.seconds, peak_mb=measured.peak_mb)
-            return score_rows(measured.restoration, shown, view, metrics, base, log, job.view_timeout_s)
+            return score_rows(
+                measured.restoration, shown, view, metrics, base, log, job.view_timeout_s
+            )
     except BaseException as fault:
         raise_if_stop(fault)
         if _can_open_files():
             if isinstance(fault, OutputError):
                 raise
             return [row_of_fault(task.base, fault, log, is_said=True)]
-        no_files = PluginError("no file can be opened after it; see that the method closes its files")
+        no_files = PluginError(
+            "no file can be opened after it; see that the method closes its files"
+        )
         return [row_of_fault(task.base, no_files, log, is_said=True)]
 
 
-def _stored_or_restored(job: Job, method: Any, task: Task, afresh: bool, is_stored: bool) -> Measured:
+def _stored_or_restored(
+    job: Job, method: Any, task: Task, afresh: bool, is_stored: bool
+) -> Measured:
     """Return the restoration of one view. afresh: also where it is stored already; is_stored: whether to store it.
 
     Raises NotApplicableError where the method needs more than the view has, and what the method raises.
@@ -158,7 +198,9 @@ def _stored_or_restored(job: Job, method: Any, task: Task, afresh: bool, is_stor
     try:
         with step(at, job.view_timeout_s), shown_with(job.method.display, in_full=is_stored):
             measured = measured_restore(method, scene, view, job.method.word, job.colours == "srgb")
-    except OutputError as fault:  # of its own files, in a full TMPDIR for example: results can still be written
+    except (
+        OutputError
+    ) as fault:  # of its own files, in a full TMPDIR for example: results can still be written
         raise InputError(fault.fault, fault.place, fault.remedy) from fault
     if is_stored:
         write_full(whole, measured, task.base)
@@ -184,7 +226,9 @@ class _SceneColours:
         colours, names = [np.zeros((0, 3), np.float32)], list[str]()
         for task in progress.track(tasks, "before showing"):
             try:
-                image = _stored_or_restored(job, method, task, job.overwrite == "always", True).restoration.image
+                image = _stored_or_restored(
+                    job, method, task, job.overwrite == "always", True
+                ).restoration.image
             except OutputError:
                 raise
             except BaseException as fault:

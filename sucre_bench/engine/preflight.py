@@ -67,7 +67,9 @@ def select(overrides: Sequence[str]) -> list[Selection]:
     chosen: dict[str, tuple[Scene, list[View]]] = {}
     for task in tasks(job, open_scenes(job.dataset)):
         chosen.setdefault(task.scene.name, (task.scene, []))[1].append(task.view)
-    return [Selection(job.dataset, job.degrade, scene, tuple(views)) for scene, views in chosen.values()]
+    return [
+        Selection(job.dataset, job.degrade, scene, tuple(views)) for scene, views in chosen.values()
+    ]
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,9 @@ class Task:
     base: Row
 
 
-_opened: ContextVar[dict[str, list[Scene] | SucreBenchError] | None] = ContextVar("opened", default=None)
+_opened: ContextVar[dict[str, list[Scene] | SucreBenchError] | None] = ContextVar(
+    "opened", default=None
+)
 
 
 @contextmanager
@@ -121,7 +125,9 @@ def _open(dataset: Choice) -> list[Scene]:
             remedy = "let this user read it, or give another path"
             raise file_error(os.fsdecode(fault.filename), fault, remedy) from fault
         reason = f"dataset '{dataset.label}': {one_line(fault)}"
-        raise InputError(f"{reason}; if a library is missing, `sucre-bench doctor` says which") from fault
+        raise InputError(
+            f"{reason}; if a library is missing, `sucre-bench doctor` says which"
+        ) from fault
     except BaseException as fault:
         raise_if_stop(fault)
         reason = f"{one_line(fault)}; mend the plugin"
@@ -133,13 +139,21 @@ def _open(dataset: Choice) -> list[Scene]:
             )
         for kind, name in (("scene", scene.name), *(("view", view.name) for view in scene.views)):
             if not PurePosixPath(name).name:
-                raise PluginError(f"dataset '{dataset.label}': a {kind} is called '{name}'; give it a name")
-        name, times = Counter(view.name for view in scene.views).most_common(1)[0] if scene.views else ("", 0)
+                raise PluginError(
+                    f"dataset '{dataset.label}': a {kind} is called '{name}'; give it a name"
+                )
+        name, times = (
+            Counter(view.name for view in scene.views).most_common(1)[0] if scene.views else ("", 0)
+        )
         if times > 1:
-            raise PluginError(f"dataset '{dataset.label}': {times} views are called '{name}'; names must be unique")
+            raise PluginError(
+                f"dataset '{dataset.label}': {times} views are called '{name}'; names must be unique"
+            )
     name, times = Counter(scene.name for scene in scenes).most_common(1)[0] if scenes else ("", 0)
     if times > 1:
-        raise InputError(f"dataset '{dataset.label}': {times} scenes are called '{name}'; rename a folder")
+        raise InputError(
+            f"dataset '{dataset.label}': {times} scenes are called '{name}'; rename a folder"
+        )
     if not any(len(scene) for scene in scenes):
         raise InputError(f"dataset '{dataset.label}': no views; check its options")
     _say_passed_over(dataset, scenes)
@@ -152,8 +166,14 @@ def _say_passed_over(dataset: Choice, scenes: Sequence[Scene]) -> None:
     root = expanded(dataset.options.get("root") or "")
     if not read or not dataset.options.get("root"):
         return
-    values = {option.name: option.default for option in options_of(dataset.plugin.cls)} | {**dataset.options}
-    named = [root / expanded(value) for value in values.values() if isinstance(value, str | Path) and value]
+    values = {option.name: option.default for option in options_of(dataset.plugin.cls)} | {
+        **dataset.options
+    }
+    named = [
+        root / expanded(value)
+        for value in values.values()
+        if isinstance(value, str | Path) and value
+    ]
     is_published = bool(dataset.plugin.licence)
     folders = {*(path for path in named if path.is_dir()), *(file.parent for file in read)}
     read |= {path for sign in dataset.plugin.signs for path in root.glob(sign)}
@@ -175,12 +195,20 @@ def tasks(job: Job, scenes: Sequence[Scene]) -> Iterator[Task]:
     if job.views is not None:
         names = {view.name for _, view in every}
         if unknown := [name for name in job.views if name not in names]:
-            hint = did_you_mean(unknown[0], names) if len(names) < 20 else f"there are {len(names)} others"
+            hint = (
+                did_you_mean(unknown[0], names)
+                if len(names) < 20
+                else f"there are {len(names)} others"
+            )
             raise InputError(f"no view is called '{unknown[0]}'", "views", hint)
         chosen = set(job.views)
         every = [(scene, view) for scene, view in every if view.name in chosen]
     for scene, view in job.shard.of(every[:: job.every][: job.first]):
-        name, data_id, code = results.replicated(scene.name, job.replicate), data_ids[scene.name], codes[scene.name]
+        name, data_id, code = (
+            results.replicated(scene.name, job.replicate),
+            data_ids[scene.name],
+            codes[scene.name],
+        )
         row = replace(base, scene=name, view=view.name, data_id=data_id, code=code)
         neighbours = around(scene, view, drawn) if is_degraded else scene
         yield Task(neighbours, view, kept[scene.name, view.name], row)
@@ -238,13 +266,22 @@ class Planned:
 def check(command: Command) -> list[Planned]:
     """Return what each job will do. Raises ProblemsError with everything that is wrong, a line each."""
     jobs, problems = command.jobs, list[str]()
-    unasked = ("", "off", f"sqlite:///{jobs[0].out}/mlflow.db", os.environ.get("MLFLOW_TRACKING_URI"))
+    unasked = (
+        "",
+        "off",
+        f"sqlite:///{jobs[0].out}/mlflow.db",
+        os.environ.get("MLFLOW_TRACKING_URI"),
+    )
     if jobs[0].tracking.uri not in unasked:  # the default: where mlflow is there
         require("tracking.uri", "mlflow")
     if len({job.out.resolve() for job in jobs}) > 1:
         problems.append("out: not the same for all jobs of the sweep; give one folder")
     study, known = jobs[0].study, {job.method.label for job in jobs}
-    named = {"baseline": jobs[0].baseline} if jobs[0].baseline or not study else {"study.baseline": study.baseline}
+    named = (
+        {"baseline": jobs[0].baseline}
+        if jobs[0].baseline or not study
+        else {"study.baseline": study.baseline}
+    )
     for key, label in named.items():  # one that is a method, but not of this sweep, is left out
         if label and label not in known and plugins.get("method", label) is None:
             known |= plugins.discover("method").keys()
@@ -255,12 +292,17 @@ def check(command: Command) -> list[Planned]:
     except SucreBenchError as fault:
         problems.append(str(fault))
     planned: list[Planned] = []
-    shared, of_job = functools.cache(with_shared_pixels), dict(iter(rows.groupby(["dataset", "method"])))
+    shared, of_job = (
+        functools.cache(with_shared_pixels),
+        dict(iter(rows.groupby(["dataset", "method"]))),
+    )
     for job in jobs:
         try:
             for choice in (job.method, *job.metrics):
                 _try_to_make(choice, job.out)
-            planned.append(_planned(job, of_job.get((job.dataset.label, job.method.label), rows[:0]), shared))
+            planned.append(
+                _planned(job, of_job.get((job.dataset.label, job.method.label), rows[:0]), shared)
+            )
         except SucreBenchError as fault:
             problems.append(str(fault))
     if problems := problems or _clashes(planned, rows):
@@ -279,11 +321,18 @@ def _sharing_decoded(planned: Sequence[Planned]) -> list[Planned]:
 
     They do by two methods, and by one that reads a target's neighbours.
     """
-    read = Counter((plan.job.dataset.label, task.base.scene, task.view.name) for plan in planned for task in plan.todo)
-    reads_neighbours = any("poses" in plan.job.method.plugin.needs and len(plan.todo) > 1 for plan in planned)
+    read = Counter(
+        (plan.job.dataset.label, task.base.scene, task.view.name)
+        for plan in planned
+        for task in plan.todo
+    )
+    reads_neighbours = any(
+        "poses" in plan.job.method.plugin.needs and len(plan.todo) > 1 for plan in planned
+    )
     reads_again = reads_neighbours or max(read.values(), default=0) > 1
     return [
-        replace(plan, shares_decoded=plan.job.cache_gb > 0 and (plan.job.cache_keep or reads_again)) for plan in planned
+        replace(plan, shares_decoded=plan.job.cache_gb > 0 and (plan.job.cache_keep or reads_again))
+        for plan in planned
     ]
 
 
@@ -297,16 +346,28 @@ def _stored(job: Job, **labels: str) -> DataFrame:
 
 def _planned(job: Job, rows: DataFrame, shared: Callable[[Scene], Scene]) -> Planned:
     """What a job will do. rows: all of its dataset and method; shared: makes the pixels of a scene shared."""
-    scenes, of_scene = [shared(scene) for scene in open_scenes(job.dataset)], dict[str, list[Task]]()
+    scenes, of_scene = (
+        [shared(scene) for scene in open_scenes(job.dataset)],
+        dict[str, list[Task]](),
+    )
     every = tuple(tasks(job, scenes))
     if is_of_scene(job.method.display):
         for task in tasks(replace(job, shard=Shard()), scenes):
             of_scene.setdefault(task.base.scene, []).append(task)
-    over = {scene: tuple(of[k] for k in evenly(len(of), MOST_SHOWN_OVER)) for scene, of in of_scene.items()}
+    over = {
+        scene: tuple(of[k] for k in evenly(len(of), MOST_SHOWN_OVER))
+        for scene, of in of_scene.items()
+    }
     if rows.empty:
         return Planned(job, every, every, frozenset(), over)
     todo = every if job.overwrite == "always" else _without_results(job, every, rows, over)
-    return Planned(job, every, todo, frozenset(values_of(restoration_rows(rows), "scene", "view", "time")), over)
+    return Planned(
+        job,
+        every,
+        todo,
+        frozenset(values_of(restoration_rows(rows), "scene", "view", "time")),
+        over,
+    )
 
 
 def names_hash(views: Iterable[str]) -> str:
@@ -323,12 +384,20 @@ def _without_results(
     """
     is_kept = rows["status"] != "failed"
     if job.overwrite != "failed":
-        is_kept |= rows["reason"].isin([text for text in rows["reason"].unique() if Reason.of(text) is Reason.DIED])
-    kept: dict[tuple[str, str], dict[tuple[str, ...], str]] = {}  # of each view, the status of its scores
+        is_kept |= rows["reason"].isin(
+            [text for text in rows["reason"].unique() if Reason.of(text) is Reason.DIED]
+        )
+    kept: dict[
+        tuple[str, str], dict[tuple[str, ...], str]
+    ] = {}  # of each view, the status of its scores
     columns = ("options_id", "data_id", "metric", "variant", "code")
-    for scene, view, status, *score in values_of(rows[is_kept], "scene", "view", "status", *columns):
+    for scene, view, status, *score in values_of(
+        rows[is_kept], "scene", "view", "status", *columns
+    ):
         kept.setdefault((scene, view), {})[tuple(score)] = status
-    codes = [(metric, metric_code(metric)) for metric in job.metrics if not metric.plugin.is_of_pairs]
+    codes = [
+        (metric, metric_code(metric)) for metric in job.metrics if not metric.plugin.is_of_pairs
+    ]
     suffixes = [".png", *([".npz"] if job.save == "full" else [])]
 
     def stored_status(base: Row) -> str | None:
@@ -336,7 +405,9 @@ def _without_results(
         return kept.get((base.scene, base.view), {}).get(identity)
 
     hashes = {  # a view that failed, and is tried again, may give colours this time
-        scene: names_hash(task.view.name for task in of_scene if stored_status(task.base) in ("ok", None))
+        scene: names_hash(
+            task.view.name for task in of_scene if stored_status(task.base) in ("ok", None)
+        )
         for scene, of_scene in shown_over.items()
     }
 
@@ -377,17 +448,26 @@ def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
     scenes_of: dict[str, set[str]] = {}  # of each dataset
     options_of: dict[str, dict[str, set[str]]] = {}  # of each dataset and method
     names = ["dataset", "method", "scene", "options_id", "status"]
-    for dataset, method, scene, options_id, status in rows[names].drop_duplicates().itertuples(index=False):
+    for dataset, method, scene, options_id, status in (
+        rows[names].drop_duplicates().itertuples(index=False)
+    ):
         options = options_of.setdefault(dataset, {}).setdefault(method, set())
         if scene:
             scenes_of.setdefault(dataset, set()).add(results.unreplicated(scene)[0])
-            options |= {options_id} if status != "failed" else set()  # what failed may be tried another way
+            options |= (
+                {options_id} if status != "failed" else set()
+            )  # what failed may be tried another way
     for plan in planned:
         job = plan.job
         methods = options_of.get(job.dataset.label, {})
-        for kind, choice, labels in (("dataset", job.dataset, options_of), ("method", job.method, methods)):
+        for kind, choice, labels in (
+            ("dataset", job.dataset, options_of),
+            ("method", job.method, methods),
+        ):
             folder = as_one_file(choice.label)
-            for other in sorted(o for o in labels if choice.label not in labels and as_one_file(o) == folder):
+            for other in sorted(
+                o for o in labels if choice.label not in labels and as_one_file(o) == folder
+            ):
                 option = _label_option([getattr(p.job, kind) for p in planned], choice)
                 clashes.append(
                     f"{job.out}: '{choice.label}' would share a folder with '{other}'; give another {option}"

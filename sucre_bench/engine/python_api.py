@@ -30,7 +30,9 @@ from sucre_bench.thumbnails import as_html
 # Methods with their options that have imported and compiled what they need.
 _ready: set[str] = set()
 # What rows take of a restoration's `info`, with its type.
-_INFO: dict[str, Any] = dict.fromkeys(("display", "dataset", "scene", "method", "code", "data_id", "device"), str)
+_INFO: dict[str, Any] = dict.fromkeys(
+    ("display", "dataset", "scene", "method", "code", "data_id", "device"), str
+)
 _INFO |= {"options": Mapping[str, object], "seconds": float, "peak_mb": float}
 
 
@@ -78,7 +80,11 @@ class Restored(Restoration):
         elif path.suffix.lower() in SUFFIXES:
             write_image(path, to_8bit(self.picture)[..., ::-1])
         else:
-            raise InputError(f"cannot be written as '{path.suffix}'", path, f"end it in .npz or {', '.join(SUFFIXES)}")
+            raise InputError(
+                f"cannot be written as '{path.suffix}'",
+                path,
+                f"end it in .npz or {', '.join(SUFFIXES)}",
+            )
 
     def show(self) -> None:
         """Show the restored image in the notebook, or in the system's viewer."""
@@ -137,7 +143,11 @@ def load_scene(name: str, scene: str = "", **options: Any) -> Scene:
     if scene:
         raise InputError(f"has no scene '{scene}'", f"dataset '{name}'", did_you_mean(scene, names))
     if len(names) > 1:
-        raise InputError(f"has {len(names)} scenes", f"dataset '{name}'", f"give scene=, one of {', '.join(names)}")
+        raise InputError(
+            f"has {len(names)} scenes",
+            f"dataset '{name}'",
+            f"give scene=, one of {', '.join(names)}",
+        )
     return only
 
 
@@ -168,17 +178,27 @@ def restore(method: str | Any, scene: Scene, view: View | str | int, **options: 
     if isinstance(method, Choice):
         method, label, how = method.make(), method.label, method.display
     if options:
-        raise InputError("options given beside a method object", type(method).__name__, "give them when making it")
+        raise InputError(
+            "options given beside a method object",
+            type(method).__name__,
+            "give them when making it",
+        )
     plugin = plugins.plugin_of(method)
     if absent := plugins.missing_needs(plugin, scene.has):
         raise InputError(absent, plugin.name, "choose another method or dataset")
     how = how or plugin.display
     if is_of_scene(how):
-        raise InputError(f"display '{how}': needs all views; leave out @scene, or use `sucre-bench run ... save=full`")
-    view = view if isinstance(view, View) else scene[view]
-    if not any(one is view or (one.name == view.name and one.pixels is view.pixels) for one in scene.views):
         raise InputError(
-            f"'{view.name}' is a view of another scene", scene.name, "pass a view of this one, or its name"
+            f"display '{how}': needs all views; leave out @scene, or use `sucre-bench run ... save=full`"
+        )
+    view = view if isinstance(view, View) else scene[view]
+    if not any(
+        one is view or (one.name == view.name and one.pixels is view.pixels) for one in scene.views
+    ):
+        raise InputError(
+            f"'{view.name}' is a view of another scene",
+            scene.name,
+            "pass a view of this one, or its name",
         )
     if repr(method) not in _ready:
         make_ready(method)
@@ -198,12 +218,18 @@ def restore(method: str | Any, scene: Scene, view: View | str | int, **options: 
     }
     restoration = measured.restoration
     known = {field.name: getattr(restoration, field.name) for field in fields(Restoration)}
-    return Restored(**{**known, "info": {**restoration.info, **about}}, display=how, encoding=view.encoding)
+    return Restored(
+        **{**known, "info": {**restoration.info, **about}}, display=how, encoding=view.encoding
+    )
 
 
 @checked
 def score(
-    result: Restoration, view: View, metrics: str | Sequence[Any] = (), how: str | None = None, dataset: str = ""
+    result: Restoration,
+    view: View,
+    metrics: str | Sequence[Any] = (),
+    how: str | None = None,
+    dataset: str = "",
 ) -> DataFrame:
     """Score a restoration. Return a table with one row for each score (columns: `sucre_bench.results.rows.Row`).
 
@@ -228,7 +254,9 @@ def score(
         raise InputError(sizes, "score(result)", "restore the view at its own size")
     metrics = [metrics] if isinstance(metrics, str) else metrics
     result = restoration_in_srgb(result, view)
-    info = {name: value for name, value in result.info.items() if value is not None}  # None: not measured, not known
+    info = {
+        name: value for name, value in result.info.items() if value is not None
+    }  # None: not measured, not known
     for name in info.keys() & _INFO:
         check_argument(f"score(result.info['{name}'])", info[name], _INFO[name])
     seed = info.get("options", {}).get("seed", 0)
@@ -298,7 +326,11 @@ def list_experiments() -> DataFrame:
 def _table(kind: plugins.Kind, *columns: str) -> DataFrame:
     import pandas as pd
 
-    known = [entry for entry in map(catalogue.entry, plugins.discover(kind).values()) if "installed" in entry]
+    known = [
+        entry
+        for entry in map(catalogue.entry, plugins.discover(kind).values())
+        if "installed" in entry
+    ]
     if kind == "method":
         known += catalogue.configured_entries(kind)
     table = pd.DataFrame(known).set_index("name")

@@ -137,9 +137,13 @@ def run(command: Command, watch: Watch | None = None, launch: Launch | None = No
             with terminated_as_interrupt():
                 crashed = not _run_jobs(command, planned, launch, watch)
                 if not crashed:
-                    if any(metric.plugin.is_of_pairs for plan in planned for metric in plan.job.metrics):
+                    if any(
+                        metric.plugin.is_of_pairs for plan in planned for metric in plan.job.metrics
+                    ):
                         run_alone("pairs of views", partial(score_across_views, planned), n_alone)
-                    if compare.leaves_holes(results.merge(first.out)):  # else all methods fill the same pixels
+                    if compare.leaves_holes(
+                        results.merge(first.out)
+                    ):  # else all methods fill the same pixels
                         on_common_pixels = partial(score_on_common_pixels, planned, first.out)
                         run_alone("common pixels", on_common_pixels, n_alone)
         except KeyboardInterrupt:
@@ -156,7 +160,9 @@ def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
     first = command.jobs[0]
     data: dict[str, set[str]] = {}
     for plan in planned:
-        data.setdefault(plan.job.dataset.label, set()).update(task.base.data_id for task in plan.tasks)
+        data.setdefault(plan.job.dataset.label, set()).update(
+            task.base.data_id for task in plan.tasks
+        )
     words = ["sucre-bench", "run", *(["-m"] if command.is_sweep else []), *command.words]
     ids = {label: ",".join(sorted(ids)) for label, ids in data.items()}
     provenance.write(first.out / RESULTS_MARK, provenance.environment(words, first.seed, ids))
@@ -165,7 +171,9 @@ def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
     record_experiment(command.jobs)
 
 
-def _run_jobs(command: Command, planned: Sequence[Planned], launch: Launch | None, watch: Watch) -> bool:
+def _run_jobs(
+    command: Command, planned: Sequence[Planned], launch: Launch | None, watch: Watch
+) -> bool:
     """Run the jobs, and return whether that went well; their rows say what became of them.
 
     Raises DiskFullError, without the jobs that are left: none could write.
@@ -173,7 +181,11 @@ def _run_jobs(command: Command, planned: Sequence[Planned], launch: Launch | Non
     if launch is None:
         run_jobs(planned, command.jobs[0].workers, watch.begins)
         return True
-    waiting = [(plan.job, words) for plan, words in zip(planned, command.overrides, strict=True) if plan.todo]
+    waiting = [
+        (plan.job, words)
+        for plan, words in zip(planned, command.overrides, strict=True)
+        if plan.todo
+    ]
     try:
         reasons = launch([words for _, words in waiting]) if waiting else ()
     except DiskFullError:
@@ -209,20 +221,33 @@ def _remove_shared(command: Command) -> None:
             pairs_path(job.out).rmdir()
 
 
-def _outcome(rows: DataFrame, planned: Sequence[Planned], interrupted: bool, crashed: bool) -> Outcome:
+def _outcome(
+    rows: DataFrame, planned: Sequence[Planned], interrupted: bool, crashed: bool
+) -> Outcome:
     """Count what became of the requested restorations and scores. rows: the table after the run."""
     keys = ("dataset", "method", "scene", "view")
-    states = {key[:4]: key[4:] for key in values_of(restoration_rows(rows), *keys, "status", "reason", "time")}
+    states = {
+        key[:4]: key[4:]
+        for key in values_of(restoration_rows(rows), *keys, "status", "reason", "time")
+    }
     metrics: dict[tuple[str, str, str, str], set[str]] = {}  # of each requested restoration
     n_ok, n_cached = 0, 0
     failed, skipped = list[Fault](), list[Fault]()
     for plan in planned:
-        labels, todo = (plan.job.dataset.label, plan.job.method.label), {id(task) for task in plan.todo}
+        labels, todo = (
+            (plan.job.dataset.label, plan.job.method.label),
+            {id(task) for task in plan.todo},
+        )
         for task in plan.tasks:
             is_cached, view = id(task) not in todo, (task.base.scene, task.view.name)
-            metrics.setdefault((*labels, *view), set()).update(metric.plugin.name for metric in plan.job.metrics)
+            metrics.setdefault((*labels, *view), set()).update(
+                metric.plugin.name for metric in plan.job.metrics
+            )
             status, reason = "missing", "did not finish"
-            for name in (("", ""), view):  # what became of the whole job, unless there is more of the view
+            for name in (
+                ("", ""),
+                view,
+            ):  # what became of the whole job, unless there is more of the view
                 state = states.get((*labels, *name))
                 if state and (is_cached or (*name, state[2]) not in plan.before):
                     status, reason, _ = state
@@ -236,9 +261,13 @@ def _outcome(rows: DataFrame, planned: Sequence[Planned], interrupted: bool, cra
     first = planned[0].job
     scores = compare.on_pixels(rows, partial(read_common, first.out))
     restored = restoration_rows(rows)
-    is_requested = [row[:-1] in metrics and row[-1] == "ok" for row in values_of(restored, *keys, "status")]
+    is_requested = [
+        row[:-1] in metrics and row[-1] == "ok" for row in values_of(restored, *keys, "status")
+    ]
     restored = restored.loc[is_requested]
-    is_of_request = [row[4] in metrics.get(row[:4], ()) for row in values_of(scores, *keys, "metric")]
+    is_of_request = [
+        row[4] in metrics.get(row[:4], ()) for row in values_of(scores, *keys, "metric")
+    ]
     of_request = scores.loc[is_of_request]
     return Outcome(
         rows=scores,
@@ -299,7 +328,9 @@ def _hints(planned: Sequence[Planned], restored: DataFrame, out: Path) -> Iterat
     """
     for name, plan in {plan.name: plan for plan in planned}.items():
         job = plan.job
-        rows = restored[(restored["dataset"] == job.dataset.label) & (restored["method"] == job.method.label)]
+        rows = restored[
+            (restored["dataset"] == job.dataset.label) & (restored["method"] == job.method.label)
+        ]
         rows = rows.iloc[evenly(len(rows), _MOST_VIEWS)]
         kinds, first = Counter[str](), dict[str, str]()
         for row in row_objects(rows):

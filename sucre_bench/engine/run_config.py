@@ -66,5 +66,7 @@ def _objective(job: Job) -> float:
     rows = rows[(rows["metric"] == metric) & (rows["status"] == "ok") & (rows["region"] == "image")]
     values = rows[rows["variant"] == variant]["value"] if variant else rows["value"]
     if values.empty:
-        raise InputError("has no value", f"objective={job.objective}", "give METRIC.VARIANT of metrics=[...]")
+        raise InputError(
+            "has no value", f"objective={job.objective}", "give METRIC.VARIANT of metrics=[...]"
+        )
     return float(values.mean())

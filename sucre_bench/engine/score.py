@@ -86,7 +86,9 @@ def score_rows(
         "restoration": True,
     }
     offered = frozenset(name for name, is_there in offers.items() if is_there)
-    scored = Scored(replace(restoration, image=locked(restoration.image)), locked(shown), view_in_srgb(view))
+    scored = Scored(
+        replace(restoration, image=locked(restoration.image)), locked(shown), view_in_srgb(view)
+    )
     for scorer in metrics:
         plugin = scorer.plugin
         code = score_code(base, scorer.code, charts_id(plugin, [view]))
@@ -142,11 +144,17 @@ def charts_id(plugin: Plugin, views: Iterable[View]) -> str:
     """Return a hash of the charts of views; "" for a plugin that does not look at charts, and where there are none."""
     if "charts" not in plugin.needs | plugin.may_need:
         return ""
-    charts = [(view.name, c.name, kind_id(c.kind), c.corners.tolist()) for view in views for c in view.charts]
+    charts = [
+        (view.name, c.name, kind_id(c.kind), c.corners.tolist())
+        for view in views
+        for c in view.charts
+    ]
     return hashlib.blake2b(repr(charts).encode(), digest_size=6).hexdigest() if charts else ""
 
 
-def variant_rows(metric: Metric, scored: Scored, base: Row, log: Path | None, limit_s: float | None) -> list[Row]:
+def variant_rows(
+    metric: Metric, scored: Scored, base: Row, log: Path | None, limit_s: float | None
+) -> list[Row]:
     """Return the rows of one metric in one variant; a row with the reason if there is no score.
 
     base: what the rows say of view, method, metric and variant; log: keeps tracebacks; limit_s: how long a score may
@@ -160,36 +168,53 @@ def variant_rows(metric: Metric, scored: Scored, base: Row, log: Path | None, li
         with step(at, limit_s):
             rows = [
                 replace(
-                    base, value=float(s.value), region=s.region, n_pixels=int(s.n_pixels), coverage=s.coverage * share
+                    base,
+                    value=float(s.value),
+                    region=s.region,
+                    n_pixels=int(s.n_pixels),
+                    coverage=s.coverage * share,
                 )
                 for s in metric.score(of.restoration, of.shown, of.view, variant)
             ]
             check_regions(row.region for row in rows)
     except BaseException as fault:
         return [row_of_fault(base, fault, log)]
-    rows = [row_without_value(row, "skipped", Reason.NO_VALUE.value) if math.isnan(row.value) else row for row in rows]
+    rows = [
+        row_without_value(row, "skipped", Reason.NO_VALUE.value) if math.isnan(row.value) else row
+        for row in rows
+    ]
     return rows or [row_without_value(base, "skipped", Reason.NOTHING_TO_SCORE.value)]
 
 
 def check_regions(regions: Iterable[str]) -> None:
     """Raise PluginError if a metric gives a region two scores in one variant, of which a table can hold one."""
     if regions_twice := [region for region, n in Counter(regions).items() if n > 1]:
-        raise PluginError(f"two scores of region '{regions_twice[0]}'", remedy="yield one score for each region")
+        raise PluginError(
+            f"two scores of region '{regions_twice[0]}'", remedy="yield one score for each region"
+        )
 
 
-def needs_unrounded(scorer: Scorer, picture: Restoration, view: View, limit_s: float | None = None) -> bool:
+def needs_unrounded(
+    scorer: Scorer, picture: Restoration, view: View, limit_s: float | None = None
+) -> bool:
     """Return whether scores change with the restoration while the restored image stays, or the metric fails.
 
     A bundle has only the restored image. picture: its image is that; limit_s: how long a score may take.
     """
 
     def made(image: Array) -> list[Row]:
-        return score_rows(replace(picture, image=image), picture.image, view, [scorer], Row(), limit_s=limit_s)
+        return score_rows(
+            replace(picture, image=image), picture.image, view, [scorer], Row(), limit_s=limit_s
+        )
 
     one, two = made(picture.image), made(picture.image - np.float32(0.5))
     first, second = ([row.value for row in rows] for rows in (one, two))
     is_failed = any(row.status == "failed" for row in (*one, *two))
-    return is_failed or len(one) != len(two) or not np.allclose(first, second, rtol=1e-9, atol=0, equal_nan=True)
+    return (
+        is_failed
+        or len(one) != len(two)
+        or not np.allclose(first, second, rtol=1e-9, atol=0, equal_nan=True)
+    )
 
 
 def row_without_value(base: Row, status: Status, reason: str) -> Row:

@@ -23,17 +23,26 @@ def seen_in_training(out: Path, rows: DataFrame) -> Iterator[str]:
     by their content: names are often plain numbers.
     """
     for dataset, of_dataset in rows.groupby("dataset", sort=False):
-        said = {method: str(options.get("trained_on") or "") for method, options in options_of(of_dataset).items()}
+        said = {
+            method: str(options.get("trained_on") or "")
+            for method, options in options_of(of_dataset).items()
+        }
         trained = {method: (text, *_sets_in(text)) for method, text in said.items() if text}
         if not any(sets for _, sets, _ in trained.values()):
             continue
-        pictures = dict[str, Picture]()  # the views by scene and name, without those that have no stored picture
-        for scene, view in sorted(set(values_of(of_dataset[of_dataset["view"] != ""], "scene", "view"))):
+        pictures = dict[
+            str, Picture
+        ]()  # the views by scene and name, without those that have no stored picture
+        for scene, view in sorted(
+            set(values_of(of_dataset[of_dataset["view"] != ""], "scene", "view"))
+        ):
             with suppress(SucreBenchError):
                 if place := layout.find(str(dataset), scene, view, out):
                     pictures[f"{scene}/{view}"] = picture_of(read_rgb(place.original(out)))
         for method, (text, sets, but) in trained.items():
-            found = [found_of(one, pictures, "image") for one in sets]  # by content, and not changed
+            found = [
+                found_of(one, pictures, "image") for one in sets
+            ]  # by content, and not changed
             seen = {name for one in found for name in {*one.members} - {*one.by_name, *one.changed}}
             if but:
                 seen -= {*found_of(but, pictures, "image").members}
@@ -47,7 +56,11 @@ def seen_in_training(out: Path, rows: DataFrame) -> Iterator[str]:
 def _sets_in(text: str) -> tuple[list[NamedSet], NamedSet | None]:
     """The named sets that a text names as training pictures, and the one that it leaves out of them."""
     known = {name.casefold(): named for name, named in named_sets().items()}
-    whole, less, but = (part.strip().casefold() for part in re.split(r"(\bless\b|$)", text, maxsplit=1))
+    whole, less, but = (
+        part.strip().casefold() for part in re.split(r"(\bless\b|$)", text, maxsplit=1)
+    )
     if less and but not in known:
         return [], None
-    return [one for name, one in known.items() if whole in (one.of.casefold(), name)], known.get(but)
+    return [one for name, one in known.items() if whole in (one.of.casefold(), name)], known.get(
+        but
+    )

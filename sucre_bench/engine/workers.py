@@ -20,7 +20,14 @@ from typing import Any
 from sucre_bench.engine.job import serve
 from sucre_bench.engine.preflight import Planned, base_row, plan
 from sucre_bench.engine.score import row_of_fault
-from sucre_bench.errors import DiedError, DiskFullError, OutputError, PluginError, SucreBenchError, raise_if_stop
+from sucre_bench.errors import (
+    DiedError,
+    DiskFullError,
+    OutputError,
+    PluginError,
+    SucreBenchError,
+    raise_if_stop,
+)
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
 from sucre_bench.machine.compute import start_compiler
@@ -38,7 +45,9 @@ _MOST_GIVEN = 1000  # views that a worker gets at once, so that a message fits i
 _SHARED = ("cv2", "scipy.ndimage", "scipy.optimize", "scipy.sparse.csgraph", "scipy.spatial")
 
 
-def run_jobs(planned: Iterable[Planned], n_workers: int, begins: Callable[[Job], None] = lambda _: None) -> None:
+def run_jobs(
+    planned: Iterable[Planned], n_workers: int, begins: Callable[[Job], None] = lambda _: None
+) -> None:
     """Restore and score the views of all jobs, n_workers at a time; 0: in this process. begins: called with a job.
 
     A free worker takes the next job. When all have begun, it helps the job with the most views left.
@@ -140,7 +149,9 @@ class _Job:
         job, tasks = self.planned.job, self.planned.tasks
         if tasks and not tasks[0].base.code.startswith(base_row(job).code):
             shares = self.planned.shares_decoded
-            self.planned = replace(plan(job), shares_decoded=shares)  # an earlier job has made files that it reads
+            self.planned = replace(
+                plan(job), shares_decoded=shares
+            )  # an earlier job has made files that it reads
             self.left = deque((k,) for k in range(len(self.planned.todo)))
         line = progress.line(f"{job.method.label} on {job.dataset.label}", len(self.left))
         self.after_view.append(self._shown.enter_context(line))
@@ -161,10 +172,17 @@ class _Job:
             if values[0] and not self._by_scene:
                 self._by_scene = True
                 todo = self.planned.todo
-                places = sorted((place for group in self.left for place in group), key=lambda k: todo[k].base.scene)
-                self.left = deque(tuple(of) for _, of in groupby(places, key=lambda k: todo[k].base.scene))
+                places = sorted(
+                    (place for group in self.left for place in group),
+                    key=lambda k: todo[k].base.scene,
+                )
+                self.left = deque(
+                    tuple(of) for _, of in groupby(places, key=lambda k: todo[k].base.scene)
+                )
             self.n_ready += 1
-        elif kind == "unfit" and self.n_ready:  # for want of memory, say: the other workers do its share
+        elif (
+            kind == "unfit" and self.n_ready
+        ):  # for want of memory, say: the other workers do its share
             self.is_full = True
         elif kind == "unfit":
             if values[0].status == "failed":
@@ -178,12 +196,16 @@ class _Job:
 
     def fail(self, place: int, fault: Exception) -> None:
         """Give a view a row with the reason."""
-        row = row_of_fault(self.planned.todo[place].base, fault, log_path(self.planned.job.out), is_said=True)
+        row = row_of_fault(
+            self.planned.todo[place].base, fault, log_path(self.planned.job.out), is_said=True
+        )
         self._keep_fault(place, row)
 
     def _keep_fault(self, place: int, row: Row) -> None:
         base = self.planned.todo[place].base
-        self._keep([replace(row, scene=base.scene, view=base.view, data_id=base.data_id, code=base.code)])
+        self._keep(
+            [replace(row, scene=base.scene, view=base.view, data_id=base.data_id, code=base.code)]
+        )
 
     def _keep(self, rows: Sequence[Row]) -> None:
         self._part.add(rows)
@@ -197,7 +219,9 @@ class _Job:
     def give_back(self, places: list[int]) -> None:
         """Take back views that a worker had and did not do."""
         if not self.is_given_up:
-            groups = [tuple(places)] if self._by_scene and places else [(place,) for place in places]
+            groups = (
+                [tuple(places)] if self._by_scene and places else [(place,) for place in places]
+            )
             self.left.extendleft(reversed(groups))
         places.clear()
 

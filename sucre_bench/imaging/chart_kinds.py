@@ -56,9 +56,15 @@ def colorchecker_sg() -> ChartKind:
     """Return the ColorChecker Digital SG: 14 columns A to N, 10 rows, numbered row by row."""
     colour = colour_science()
     published = colour.CCS_COLOURCHECKERS["ColorCheckerSG - After November 2014"]
-    lab = colour.XYZ_to_Lab(colour.xyY_to_XYZ(np.array(list(published.data.values()))), published.illuminant)
+    lab = colour.XYZ_to_Lab(
+        colour.xyY_to_XYZ(np.array(list(published.data.values()))), published.illuminant
+    )
     width, height = 14 - 1 / 8, 10 - 1 / 8  # in pitches
-    boxes = [(x / width, y / height, (x + 7 / 8) / width, (y + 7 / 8) / height) for y in range(10) for x in range(14)]
+    boxes = [
+        (x / width, y / height, (x + 7 / 8) / width, (y + 7 / 8) / height)
+        for y in range(10)
+        for x in range(14)
+    ]
     return ChartKind("colorchecker_sg", _patches(list(published.data), boxes, lab), width, height)
 
 
@@ -72,12 +78,16 @@ def read_kind(path: Path) -> ChartKind:
 
 @functools.lru_cache(maxsize=32)  # asked for with every chart that is measured
 def _parsed(place: str, text: str) -> ChartKind:
-    lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+    lines = [
+        (number, line.strip()) for number, line in enumerate(text.splitlines(), 1) if line.strip()
+    ]
     said = dict(re.findall(r"^#\s*(\w+)\s*:\s*(.+?)\s*$", text, flags=re.MULTILINE))
     frame = re.fullmatch(rf"({_LENGTH})\s*x\s*({_LENGTH})", said.get("frame", ""))
     if "illuminant" not in said or frame is None:
         first = "'# illuminant: D50' and '# frame: WIDTH x HEIGHT'"
-        raise InputError(f"{place}: does not say illuminant and frame; begin with the lines {first}")
+        raise InputError(
+            f"{place}: does not say illuminant and frame; begin with the lines {first}"
+        )
     width, height = (float(side) for side in frame.groups())
     table = [(number, line) for number, line in lines if not line.startswith("#")]
     rows = list(csv.DictReader(line for _, line in table))
@@ -94,7 +104,9 @@ def _parsed(place: str, text: str) -> ChartKind:
         at = f"{place}: line {number}"
         x0, y0, x1, y1, *colour = _numbers(at, row, wanted[1:])
         if not (0 <= x0 < x1 <= width * 1.0001 and 0 <= y0 < y1 <= height * 1.0001):
-            raise InputError(f"patch outside the frame of {width:g} x {height:g}", at, "give x0,y0,x1,y1 in it")
+            raise InputError(
+                f"patch outside the frame of {width:g} x {height:g}", at, "give x0,y0,x1,y1 in it"
+            )
         names.append((row["name"] or str(number)).strip().replace("/", "-"))
         boxes.append((x0 / width, y0 / height, min(x1 / width, 1.0), min(y1 / height, 1.0)))
         lab.append(colour)
@@ -106,8 +118,12 @@ def _parsed(place: str, text: str) -> ChartKind:
     measured = None
     try:
         if spectral:
-            reflectance = on_grid("reflectances", np.array(spectral, dtype=np.float64), np.array(lab))
-            adapted, measured = colours(reflectance, said["illuminant"], said.get("camera"), Path(place).parent)
+            reflectance = on_grid(
+                "reflectances", np.array(spectral, dtype=np.float64), np.array(lab)
+            )
+            adapted, measured = colours(
+                reflectance, said["illuminant"], said.get("camera"), Path(place).parent
+            )
             expected = measured
         else:
             adapted = lab_d50_from(np.array(lab), said["illuminant"])
@@ -128,12 +144,20 @@ def _numbers(at: str, row: dict[str, str], columns: tuple[str, ...]) -> Iterator
 
 
 def _patches(
-    names: Sequence[str], boxes: Sequence[Box], lab: Array, srgb: Array | None = None, measured: Array | None = None
+    names: Sequence[str],
+    boxes: Sequence[Box],
+    lab: Array,
+    srgb: Array | None = None,
+    measured: Array | None = None,
 ) -> tuple[Patch, ...]:
     chromatic = (np.hypot(lab[:, 1], lab[:, 2]) >= _CHROMATIC).tolist()
     listed = (srgb_of_lab_d50(lab) if srgb is None else srgb).tolist()
-    spectra = [None] * len(lab) if measured is None else [tuple(of_one) for of_one in measured.tolist()]
-    rows = zip(names, boxes, map(tuple, listed), map(tuple, lab.tolist()), chromatic, spectra, strict=True)
+    spectra = (
+        [None] * len(lab) if measured is None else [tuple(of_one) for of_one in measured.tolist()]
+    )
+    rows = zip(
+        names, boxes, map(tuple, listed), map(tuple, lab.tolist()), chromatic, spectra, strict=True
+    )
     return tuple(Patch(name, number, *row) for number, (name, *row) in enumerate(rows, 1))
 
 
@@ -207,7 +231,9 @@ def kind_id(name: str) -> str:
         return name
     try:
         content = regular(Path(name)).read_bytes()
-        for other in re.findall(rb"^#\s*(?:illuminant|camera)\s*:\s*(.+\.csv)\s*$", content, flags=re.MULTILINE | re.I):
+        for other in re.findall(
+            rb"^#\s*(?:illuminant|camera)\s*:\s*(.+\.csv)\s*$", content, flags=re.MULTILINE | re.I
+        ):
             content += regular(Path(name).parent / other.decode()).read_bytes()
         return f"csv-{hashlib.blake2b(content, digest_size=6).hexdigest()}"
     except (OSError, ValueError, InputError):
@@ -277,7 +303,11 @@ def _grid(
     names, srgb, lab, *measured = zip(*table, strict=True)
     boxes = [(x0, y0, x1, y1) for y0, y1 in rows for x0, x1 in columns]
     spectra = np.array(measured[0]) / 255 if measured else None
-    return ChartKind(name, _patches(names, boxes, np.array(lab, np.float64), np.array(srgb) / 255, spectra), *size)
+    return ChartKind(
+        name,
+        _patches(names, boxes, np.array(lab, np.float64), np.array(srgb) / 255, spectra),
+        *size,
+    )
 
 
 @functools.cache
@@ -287,14 +317,18 @@ def _printed(name: str) -> ChartKind:
         return _grid(
             name,
             _DGK,
-            columns=[(0.045 + 0.157 * k, 0.185 + 0.157 * k) for k in range(6)],  # measured on a rectified image
+            columns=[
+                (0.045 + 0.157 * k, 0.185 + 0.157 * k) for k in range(6)
+            ],  # measured on a rectified image
             rows=[(0.05, 0.48), (0.51, 0.71), (0.75, 0.95)],
             size=(6, 4),
         )
     return _grid(
         name,
         _COLORCHECKER,
-        columns=[(46 * k / 270, (46 * k + 40) / 270) for k in range(6)],  # patches of 40 mm, 6 mm apart
+        columns=[
+            (46 * k / 270, (46 * k + 40) / 270) for k in range(6)
+        ],  # patches of 40 mm, 6 mm apart
         rows=[(46 * k / 178, (46 * k + 40) / 178) for k in range(4)],
         size=(270, 178),
     )

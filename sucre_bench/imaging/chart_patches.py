@@ -55,7 +55,9 @@ def image_from_chart(corners: Array) -> Array:
     import cv2
 
     unit = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
-    return np.asarray(cv2.getPerspectiveTransform(unit, np.asarray(corners, dtype=np.float32)), dtype=np.float64)
+    return np.asarray(
+        cv2.getPerspectiveTransform(unit, np.asarray(corners, dtype=np.float32)), dtype=np.float64
+    )
 
 
 def chart_mask(chart: Chart, size: tuple[int, int]) -> Mask:
@@ -71,7 +73,9 @@ def chart_mask(chart: Chart, size: tuple[int, int]) -> Mask:
     v, u = np.mgrid[top:bottom, left:right] + 0.5
     inside = np.ones(u.shape, dtype=bool)
     for (x, y), (dx, dy) in zip(corners, np.roll(corners, -1, axis=0) - corners, strict=True):
-        inside &= dx * (v - y) - dy * (u - x) >= 0  # on the right of each edge: corners go clockwise, y down
+        inside &= (
+            dx * (v - y) - dy * (u - x) >= 0
+        )  # on the right of each edge: corners go clockwise, y down
     mask[top:bottom, left:right] = inside
     return mask
 
@@ -103,9 +107,16 @@ def _readings(shown: Array, kind: ChartKind, corners: bytes) -> tuple[PatchReadi
     for patch in kind.patches:
         near, far = np.array(patch.box).reshape(2, 2)
         (x0, y0), (x1, y1) = 0.75 * near + 0.25 * far, 0.25 * near + 0.75 * far
-        x, y, w = homography @ [(x0, x0, x1, x1, (x0 + x1) / 2), (y0, y1, y0, y1, (y0 + y1) / 2), (1, 1, 1, 1, 1)]
+        x, y, w = homography @ [
+            (x0, x0, x1, x1, (x0 + x1) / 2),
+            (y0, y1, y0, y1, (y0 + y1) / 2),
+            (1, 1, 1, 1, 1),
+        ]
         ends = np.stack([x, y]) / w  # (2, 5) pixels: the corners, and the centre
-        (left, top), (right, bottom) = np.floor(ends.min(axis=1)).astype(int), np.ceil(ends.max(axis=1)).astype(int)
+        (left, top), (right, bottom) = (
+            np.floor(ends.min(axis=1)).astype(int),
+            np.ceil(ends.max(axis=1)).astype(int),
+        )
         v, u = np.mgrid[top:bottom, left:right].reshape(2, -1)
         a, b, c = inverse @ np.stack([u + 0.5, v + 0.5, np.ones(len(u))])
         inside = (x0 <= a / c) & (a / c <= x1) & (y0 <= b / c) & (b / c <= y1)
@@ -169,7 +180,9 @@ def reading_order(shown: Array, chart: Chart) -> Order:
         # The share of what was measured that is a rising line of what is expected, all channels together.
         x, y = (colours[seen] - colours[seen].mean(axis=0) for colours in (expected, measured))
         covariance, total = (x * y).sum(axis=0).clip(0), (y * y).sum()
-        fits.append(float((covariance**2 / (x * x).sum(axis=0)).sum() / total) if total > 0 else 0.0)
+        fits.append(
+            float((covariance**2 / (x * x).sum(axis=0)).sum() / total) if total > 0 else 0.0
+        )
     if not np.isfinite(fits).all():
         return Order(np.nan, 0)
     best = int(np.argmax(fits))

@@ -17,9 +17,15 @@ from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.machine.provenance import load
 
-_XYZ_OF_RGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
-_RGB_OF_XYZ = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
-_BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
+_XYZ_OF_RGB = np.array(
+    [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+)
+_RGB_OF_XYZ = np.array(
+    [[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]]
+)
+_BRADFORD = np.array(
+    [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
+)
 
 # Chromaticities (x, y) of the illuminants that makers of charts name (CIE 15:2004, table T.3).
 _WHITES: Mapping[str, tuple[float, float]] = {
@@ -137,7 +143,9 @@ def from_lab(lab: Array) -> Array:
     """Return RGB (H, W, 3) float32 in [0, 1], colours outside of sRGB clipped."""
     import cv2
 
-    return np.asarray(cv2.cvtColor(np.ascontiguousarray(lab, dtype=np.float32), cv2.COLOR_Lab2RGB)).clip(0, 1)
+    return np.asarray(
+        cv2.cvtColor(np.ascontiguousarray(lab, dtype=np.float32), cv2.COLOR_Lab2RGB)
+    ).clip(0, 1)
 
 
 def luma(rgb: Array) -> Array:

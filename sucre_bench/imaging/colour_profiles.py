@@ -25,7 +25,9 @@ from sucre_bench.scene import Encoding, Plane, Restoration, View
 PROFILE = "profile"  # the name in the record of the profile from which a restoration was converted
 
 _EXIF, _INTEROPERABILITY, _COLOUR_SPACE = 0x8769, 0xA005, 0xA001
-_BEYOND = 8.0  # a curve goes on as a straight line up to this intensity: restorations may leave [0, 1]
+_BEYOND = (
+    8.0  # a curve goes on as a straight line up to this intensity: restorations may leave [0, 1]
+)
 _D50 = np.array([0.9642, 1, 0.8249])  # of ICC profiles
 _SRGB_LIKE = 1.5 / 255  # a profile that changes no colour by more is sRGB's
 
@@ -79,7 +81,9 @@ def profile_of(path: Path) -> Profile | None:
     try:
         found = _read(path)
     except _UnusableError as fault:
-        say_once_a_folder(path, "profile", f"{path.name} {fault}, so it is read as sRGB; convert it to sRGB")
+        say_once_a_folder(
+            path, "profile", f"{path.name} {fault}, so it is read as sRGB; convert it to sRGB"
+        )
         return None
     except ANY_FAULT:  # no picture, which decoding will say
         return None
@@ -124,7 +128,9 @@ def restoration_in_srgb(restoration: Restoration, view: View) -> Restoration:
     image = profile.to_srgb(restoration.image, view.encoding)
     filled = restoration.filled
     filled = None if filled is None else profile.to_srgb(filled, view.encoding)
-    return replace(restoration, image=image, filled=filled, info={**restoration.info, PROFILE: profile.name})
+    return replace(
+        restoration, image=image, filled=filled, info={**restoration.info, PROFILE: profile.name}
+    )
 
 
 class _UnusableError(ValueError):
@@ -145,7 +151,9 @@ def _read(path: Path) -> Profile | None:
         primaries = (rx, ry, gx, gy, bx, by, *white)
         if abs(info["gamma"] - 1 / 2.2) < 0.005 and np.allclose(primaries, _BT709, atol=0.002):
             return None  # so many programs write sRGB
-        return _of_primaries("colours of their own (gAMA, cHRM)", primaries, _GRID ** (1 / info["gamma"]))
+        return _of_primaries(
+            "colours of their own (gAMA, cHRM)", primaries, _GRID ** (1 / info["gamma"])
+        )
     of_camera = tags.get_ifd(_EXIF)
     rule = str(tags.get_ifd(_INTEROPERABILITY).get(1, "")).strip("\0 ")
     if of_camera.get(_COLOUR_SPACE) == 2 or (rule == "R03" and of_camera.get(_COLOUR_SPACE) != 1):
@@ -170,7 +178,9 @@ def _of_primaries(name: str, xy: Sequence[float] | None, curve: Array) -> Profil
     x, y = np.array(xy, np.float64).reshape(4, 2).T
     XYZ = np.stack([x / y, np.ones(4), (1 - x - y) / y])
     of_rgb = XYZ[:, :3] * np.linalg.solve(XYZ[:, :3], XYZ[:, 3])
-    return _unless_srgb(Profile(name, linear_srgb_of_xyz(XYZ[:, 3]) @ of_rgb, np.stack([curve] * 3)))
+    return _unless_srgb(
+        Profile(name, linear_srgb_of_xyz(XYZ[:, 3]) @ of_rgb, np.stack([curve] * 3))
+    )
 
 
 def _unless_srgb(profile: Profile) -> Profile | None:
@@ -204,7 +214,9 @@ def of_icc(content: bytes) -> Profile | None:
     except ANY_FAULT as fault:
         if isinstance(fault, _UnusableError):
             raise
-        raise _UnusableError(f"has the profile {name}, which is not of primaries and curves") from fault
+        raise _UnusableError(
+            f"has the profile {name}, which is not of primaries and curves"
+        ) from fault
     return _unless_srgb(Profile(name, linear_srgb_of_xyz(_D50) @ matrix, curves))
 
 

@@ -102,8 +102,12 @@ def display(
     chosen = normalisation(how)
     by_veil = chosen.kind == "veil"
     if chosen.is_of_scene and over is None:
-        raise InputError(f"display '{how}': needs all views of the scene; use `sucre-bench run` with save=full")
-    may_stay = chosen.kind == "none" and encoding == "gamma" and not by_veil and image.dtype == np.float32
+        raise InputError(
+            f"display '{how}': needs all views of the scene; use `sucre-bench run` with save=full"
+        )
+    may_stay = (
+        chosen.kind == "none" and encoding == "gamma" and not by_veil and image.dtype == np.float32
+    )
     if may_stay and image.size and image.min() >= 0 and image.max() <= 1:
         return image  # nothing to clip, no NaN: no picture of 12 megapixels is copied
     over = image if over is None else over
@@ -112,7 +116,11 @@ def display(
         over = _by_rows(srgb_decode, over)
         encoding = "linear"
     shown = np.empty(image.shape, dtype=np.float32)
-    veil = water.veiling_light * water.backscatter if by_veil and water is not None else np.full(3, np.nan)
+    veil = (
+        water.veiling_light * water.backscatter
+        if by_veil and water is not None
+        else np.full(3, np.nan)
+    )
     has_veil = bool((np.isfinite(veil) & (veil > 0)).all())
     limits = _limits(over, chosen, veil.mean() / veil if has_veil else None)
     compiled(_rescale)(locked(image), *limits, shown)
@@ -146,7 +154,9 @@ def _limits(image: Array, chosen: Normalisation, veil_gains: Array | None) -> tu
         top = float(np.percentile(image[valid] * veil_gains, 99)) if valid.any() else 1.0
         return nothing, np.asarray((top if top > 1e-6 else 1.0) / veil_gains)
     if chosen.kind == "veil":
-        raise InputError("display 'linear-white-veil': the method estimates no veil; use white-99 or stretch-1-99")
+        raise InputError(
+            "display 'linear-white-veil': the method estimates no veil; use white-99 or stretch-1-99"
+        )
     if chosen.kind == "none" or not valid.any():
         return nothing, one
     if chosen.kind == "black-white":
@@ -154,7 +164,9 @@ def _limits(image: Array, chosen: Normalisation, veil_gains: Array | None) -> tu
         lowest = float(np.percentile(image[valid], chosen.low))
         return np.full(3, lowest), np.where(white - lowest > 1e-6, white - lowest, 1)
     if chosen.kind == "gray-world":
-        return nothing, 1 / _gain_of_means(np.array([image[valid, c].mean(dtype=np.float64) for c in range(3)]))
+        return nothing, 1 / _gain_of_means(
+            np.array([image[valid, c].mean(dtype=np.float64) for c in range(3)])
+        )
     if chosen.kind == "white":
         (white,) = channel_percentiles(image, [chosen.high], valid)
         return nothing, np.where(white > 1e-6, white, 1)

@@ -38,7 +38,10 @@ def captioned(picture: Picture, text: str, right: bool = False) -> Picture:
 
 
 def contact_sheet(
-    pairs: Sequence[tuple[PIL.Image.Image, PIL.Image.Image]], captions: Sequence[str], wide: int, top: int = _GAP
+    pairs: Sequence[tuple[PIL.Image.Image, PIL.Image.Image]],
+    captions: Sequence[str],
+    wide: int,
+    top: int = _GAP,
 ) -> PIL.Image.Image:
     """Return pairs of pictures in one to three columns, each pair side by side above its caption, on white.
 
@@ -49,13 +52,17 @@ def contact_sheet(
     columns = 1 if len(pairs) <= 3 else 2 if len(pairs) <= 12 else 3
     high = max(picture.height for pair in pairs for picture in pair) + _TEXT + _GAP
     across = 2 * wide + 2 + _GAP
-    sheet = Image.new("RGB", (columns * across + _GAP, top + -(-len(pairs) // columns) * high), "white")
+    sheet = Image.new(
+        "RGB", (columns * across + _GAP, top + -(-len(pairs) // columns) * high), "white"
+    )
     pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(14)
     for place, (pair, caption) in enumerate(zip(pairs, captions, strict=True)):
         x, y = _GAP + place % columns * across, top + place // columns * high
         for left, picture in zip((x, x + wide + 2), pair, strict=True):
             sheet.paste(picture, (left, y))
-        pen.text((x, y + max(picture.height for picture in pair) + 2), caption, fill="black", font=font)
+        pen.text(
+            (x, y + max(picture.height for picture in pair) + 2), caption, fill="black", font=font
+        )
     return sheet
 
 
@@ -79,6 +86,8 @@ def depth_colours(depth: Array, near: float, far: float, unknown: int) -> np.nda
     import cv2
 
     share = ((depth - near) / max(far - near, 1e-9)).clip(0, 1)
-    coloured = cv2.applyColorMap(np.rint(255 * (1 - share)).astype(np.uint8), cv2.COLORMAP_TURBO)[..., ::-1].copy()
+    coloured = cv2.applyColorMap(np.rint(255 * (1 - share)).astype(np.uint8), cv2.COLORMAP_TURBO)[
+        ..., ::-1
+    ].copy()
     coloured[depth <= 0] = unknown
     return np.asarray(coloured)

@@ -13,12 +13,16 @@ from sucre_bench.scene import Encoding
 
 def srgb_decode(encoded: Array) -> Array:
     """sRGB transfer function inverted, [0, 1] -> linear [0, 1] (IEC 61966-2-1); the curve goes on beyond."""
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((np.maximum(encoded, 0) + 0.055) / 1.055) ** 2.4)
+    return np.where(
+        encoded <= 0.04045, encoded / 12.92, ((np.maximum(encoded, 0) + 0.055) / 1.055) ** 2.4
+    )
 
 
 def srgb_encode(linear: Array) -> Array:
     """sRGB transfer function, linear [0, 1] -> [0, 1] (IEC 61966-2-1); the curve goes on beyond."""
-    return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * np.maximum(linear, 0) ** (1 / 2.4) - 0.055)
+    return np.where(
+        linear <= 0.0031308, linear * 12.92, 1.055 * np.maximum(linear, 0) ** (1 / 2.4) - 0.055
+    )
 
 
 def converted(image: Array, source: Encoding, target: Encoding) -> Array:
@@ -106,7 +110,9 @@ def palette(shown: npt.NDArray[Any]) -> Palette:
     counts: npt.NDArray[Any]
     if picture.n_valid < _FEW_PIXELS:
         flat = picture.planes.reshape(3, -1)
-        red, green, blue = (flat if picture.is_whole else flat[:, picture.valid.ravel()]).astype(np.uint32)
+        red, green, blue = (flat if picture.is_whole else flat[:, picture.valid.ravel()]).astype(
+            np.uint32
+        )
         codes, counts = np.unique(red << 16 | green << 8 | blue, return_counts=True)
     else:
         table = np.zeros(1 << 24, np.uint32)
@@ -121,5 +127,9 @@ def _count_colours(planes: Bytes, valid: Mask, counts: npt.NDArray[np.uint32]) -
     for row in range(valid.shape[0]):
         for column in range(valid.shape[1]):
             if valid[row, column]:
-                red, green, blue = planes[0, row, column], planes[1, row, column], planes[2, row, column]
+                red, green, blue = (
+                    planes[0, row, column],
+                    planes[1, row, column],
+                    planes[2, row, column],
+                )
                 counts[np.uint32(red) << 16 | np.uint32(green) << 8 | np.uint32(blue)] += 1

@@ -38,7 +38,9 @@ class FillOption:
     """Also colour pixels without depth, with distances from their surroundings. Pictures show them; metrics do not
     score them."""
 
-    def filled(self, restoration: Restoration, view: View, colours: Callable[[Array], Array]) -> Restoration:
+    def filled(
+        self, restoration: Restoration, view: View, colours: Callable[[Array], Array]
+    ) -> Restoration:
         """Return a restoration with colours for the pixels without depth; unchanged without `fill`, or where none is.
 
         colours: returns the method's image (H, W, 3), in the view's encoding, at distances (H, W), 0 = not wanted.
@@ -59,8 +61,13 @@ def completed_distance(z: Array, guide: Array) -> Array:
     known = z > 0
     height, width = z.shape
     n = cell_px(known)
-    inverse, share = in_cells(np.divide(1, z, out=np.zeros_like(z), where=known), n), in_cells(known, n)
-    solved = continued(np.where(share > 0, inverse / np.maximum(share, 1e-9), 0), share > 0, in_cells(guide, n))
+    inverse, share = (
+        in_cells(np.divide(1, z, out=np.zeros_like(z), where=known), n),
+        in_cells(known, n),
+    )
+    solved = continued(
+        np.where(share > 0, inverse / np.maximum(share, 1e-9), 0), share > 0, in_cells(guide, n)
+    )
     fine = cv2.resize(solved, (width, height), interpolation=cv2.INTER_LINEAR)
     fine = guided_filter(guide, np.where(known, 1 / np.where(known, z, 1), fine), 2 * n, _FLAT)
     fine = fine.clip(1 / z[known].max(), 1 / z[known].min())
@@ -99,7 +106,9 @@ def continued(values: Array, known: Mask, guide: Array, pull: Array | None = Non
     other = np.concatenate([number[b].ravel() for _, b in pairs])
     contrast = ((guide.reshape(-1, 3)[one] - guide.reshape(-1, 3)[other]) ** 2).sum(axis=1)
     link = np.exp(-contrast / (2 * _EDGE**2)) + _WEAKEST
-    links = coo_array((np.r_[link, link], (np.r_[one, other], np.r_[other, one])), shape=(values.size,) * 2).tocsr()
+    links = coo_array(
+        (np.r_[link, link], (np.r_[one, other], np.r_[other, one])), shape=(values.size,) * 2
+    ).tocsr()
     unknown, given = (np.flatnonzero(which) for which in (~known, known))
     rows: Any = links[unknown]
     matrix = -rows[:, unknown]
@@ -112,18 +121,24 @@ def continued(values: Array, known: Mask, guide: Array, pull: Array | None = Non
 def fill_distances(view: View) -> Array:
     """Return distances (H, W) float32 of the pixels without depth, 0 where depth is known."""
     z, _ = distances(view)
-    return np.where(z > 0, 0, completed_distance(z, converted(view.rgb, view.encoding, "gamma"))).astype(np.float32)
+    return np.where(
+        z > 0, 0, completed_distance(z, converted(view.rgb, view.encoding, "gamma"))
+    ).astype(np.float32)
 
 
 def filled_by_water(view: View, water: Water, z: Array) -> Array:
     """Return J (H, W, 3) of the view's intensities in a water, in its encoding; NaN where z (H, W) is 0."""
     parameters = zip(water.veiling_light, water.backscatter, water.attenuation, strict=True)
     of_channels = [ChannelWater(B, gamma, TwoTerm(beta)) for B, gamma, beta in parameters]
-    return without_water(converted(view.rgb, view.encoding, water.encoding or view.encoding), z, of_channels)
+    return without_water(
+        converted(view.rgb, view.encoding, water.encoding or view.encoding), z, of_channels
+    )
 
 
 def deviation_of_guess(J: Array, water: Water, z: Array) -> Array:
     """Return the standard deviation (3, P) that a guessed distance z (P,) gives colours J (3, P)."""
-    B, beta, gamma = (np.asarray(p)[:, None] for p in (water.veiling_light, water.attenuation, water.backscatter))
+    B, beta, gamma = (
+        np.asarray(p)[:, None] for p in (water.veiling_light, water.attenuation, water.backscatter)
+    )
     slope = beta * J - B * gamma * np.exp((beta - gamma) * z)  # dJ/dz
     return np.asarray(np.abs(slope) * GUESS * z)

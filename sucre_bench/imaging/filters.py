@@ -41,7 +41,9 @@ def window_max(plane: Array, size: int) -> Array:
     """Return the greatest value (H, W) in each pixel's window, cut at the border."""
     import cv2
 
-    return np.asarray(cv2.dilate(np.ascontiguousarray(plane, dtype=np.float32), np.ones((size, size), np.uint8)))
+    return np.asarray(
+        cv2.dilate(np.ascontiguousarray(plane, dtype=np.float32), np.ones((size, size), np.uint8))
+    )
 
 
 _FLAT = 1e-6  # a range of intensities below this is no contrast
@@ -89,9 +91,13 @@ def stretched_by_weakness(rgb: Array) -> Array:
     channels = []
     for c in range(3):
         # MATLAB's quantiles: the k-th of n values is at (k - .5) / n.
-        bottom, top = np.quantile(rgb[..., c], [cut[c], 1 - cut[c]], method="hazen").astype(np.float32)
+        bottom, top = np.quantile(rgb[..., c], [cut[c], 1 - cut[c]], method="hazen").astype(
+            np.float32
+        )
         flat = top - bottom < _FLAT
-        channels.append(rgb[..., c] if flat else ((rgb[..., c] - bottom) / (top - bottom)).clip(0, 1))
+        channels.append(
+            rgb[..., c] if flat else ((rgb[..., c] - bottom) / (top - bottom)).clip(0, 1)
+        )
     return np.stack(channels, axis=-1)
 
 
@@ -106,7 +112,10 @@ def guided_filter(guide: Array, plane: Array, radius: int, eps: float, *, rows: 
     height = len(plane)
     for top in range(0, height, rows):
         bottom = min(top + rows, height)
-        low, high = max(0, top - 2 * radius), min(height, bottom + 2 * radius)  # a mean of means reaches this far
+        low, high = (
+            max(0, top - 2 * radius),
+            min(height, bottom + 2 * radius),
+        )  # a mean of means reaches this far
         band = _filtered(guide[low:high], plane[low:high], radius, eps)
         smooth[top:bottom] = band[top - low : bottom - low]
     return smooth
@@ -127,9 +136,11 @@ def _filtered(guide: Array, plane: Array, radius: int, eps: float) -> Array:
     # Each window's covariance of the guide's channels, eps on its diagonal: a b c, b d e, c e f. Each pixel's system is
     # solved by the adjugate: a plane of 24 megapixels has as many of them.
     a, b, c, d, e, f = (
-        (box_mean(guide[..., i] * guide[..., j], radius) - mean[..., i] * mean[..., j] + eps * (i == j)).astype(
-            np.float64
-        )
+        (
+            box_mean(guide[..., i] * guide[..., j], radius)
+            - mean[..., i] * mean[..., j]
+            + eps * (i == j)
+        ).astype(np.float64)
         for i in range(3)
         for j in range(i, 3)
     )
@@ -150,10 +161,13 @@ def box_mean(image: Array, radius: int) -> Array:
 
     size = (2 * radius + 1, 2 * radius + 1)
     outside = cv2.BORDER_CONSTANT
-    total = cv2.boxFilter(np.ascontiguousarray(image), cv2.CV_32F, size, normalize=False, borderType=outside)
+    total = cv2.boxFilter(
+        np.ascontiguousarray(image), cv2.CV_32F, size, normalize=False, borderType=outside
+    )
     places = (np.arange(side) for side in image.shape[:2])
     rows, columns = (
-        (np.minimum(at + radius, len(at) - 1) - np.maximum(at - radius, 0) + 1).astype(np.float32) for at in places
+        (np.minimum(at + radius, len(at) - 1) - np.maximum(at - radius, 0) + 1).astype(np.float32)
+        for at in places
     )
     count = rows[:, None] * columns
     return np.asarray(total / (count if image.ndim == 2 else count[..., None]))

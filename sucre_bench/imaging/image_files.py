@@ -26,17 +26,31 @@ from sucre_bench.errors import DamagedFileError, InputError, file_error, in_word
 from sucre_bench.machine.files import frames_of, open_atomically, reading, regular, write_atomically
 from sucre_bench.machine.progress import say
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")  # of what is taken for an image in a folder
+SUFFIXES = (
+    ".png",
+    ".jpg",
+    ".jpeg",
+    ".tif",
+    ".tiff",
+    ".bmp",
+    ".webp",
+)  # of what is taken for an image in a folder
 
 # The environment variable of the most megapixels that a picture may have, and its default: two of the largest cameras'
 # pictures. The most bytes a pixel: four channels of 32 bits.
 _LIMIT, _MEGAPIXELS, _BYTES = "SUCRE_BENCH_MAX_MEGAPIXELS", 250.0, 16
 
 _JPEG = b"\xff\xd8"  # its first bytes
-_ANIMATED = ("PNG", "WEBP")  # a JPEG's further pictures are previews, or the second lens of a camera
+_ANIMATED = (
+    "PNG",
+    "WEBP",
+)  # a JPEG's further pictures are previews, or the second lens of a camera
 _REDUCED_OR_MASK = 1 | 4  # bits of a TIFF page's NewSubfileType
 _ALPHA = (1, 2)  # multiplied and straight, in a TIFF's ExtraSamples
-_COLOURS = {1: 1, 2: 3}  # channels of gray (0 is black) and of RGB, by a TIFF's PhotometricInterpretation
+_COLOURS = {
+    1: 1,
+    2: 3,
+}  # channels of gray (0 is black) and of RGB, by a TIFF's PhotometricInterpretation
 _PLANES = 2  # a TIFF's PlanarConfiguration
 _ICC = 34675  # the tag of a TIFF
 _FEW_BITS = 14  # of raw converters
@@ -106,7 +120,9 @@ def _most_pixels() -> int:
     except ValueError:
         limit = 0
     if not limit > 0:
-        raise InputError(f"{_LIMIT}: '{text}' is no number above 0; give megapixels, for example 1000")
+        raise InputError(
+            f"{_LIMIT}: '{text}' is no number above 0; give megapixels, for example 1000"
+        )
     return int(min(limit, 1e9) * 1e6)
 
 
@@ -144,7 +160,9 @@ def resized(image: Array, size: tuple[int, int] | None, path: Path) -> Array:
     if size is None or (width, height) == size:
         return image
     if width < size[0] or height < size[1] or not same_shape((width, height), size):
-        raise InputError(f"is {width}x{height}, expected {size[0]}x{size[1]}", path, "resize it or the others")
+        raise InputError(
+            f"is {width}x{height}, expected {size[0]}x{size[1]}", path, "resize it or the others"
+        )
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
@@ -154,7 +172,11 @@ def decode(path: Path, flags: int) -> np.ndarray:
     """
     try:
         if regular(path).stat().st_size > _BYTES * _most_pixels():
-            raise InputError(f"is larger than any image of {_most_pixels() / 1e6:g} megapixels", path, "copy it again")
+            raise InputError(
+                f"is larger than any image of {_most_pixels() / 1e6:g} megapixels",
+                path,
+                "copy it again",
+            )
         data = path.read_bytes()
     except OSError as fault:
         raise file_error(path, fault, "copy the file again") from fault
@@ -167,10 +189,14 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
 
     header = _header(io.BytesIO(data))
     if header is None:  # OpenCV might still allocate what a damaged header says
-        raise DamagedFileError("cannot be read, damaged or not an image", place, frames_of(place) or "copy it again")
+        raise DamagedFileError(
+            "cannot be read, damaged or not an image", place, frames_of(place) or "copy it again"
+        )
     check_pixels(place, header.size)
     if header.has_more:
-        raise InputError("holds several pictures", place, "save the wanted one as a file of its own")
+        raise InputError(
+            "holds several pictures", place, "save the wanted one as a file of its own"
+        )
     wants_colours = bool(flags & cv2.IMREAD_COLOR)  # IMREAD_UNCHANGED has it, too
     try:
         data = _unturned(data) if header.is_tiff else data
@@ -184,15 +210,25 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
             raise ValueError("cut short")
         decoded: Any = None
         if wants_colours and flags != cv2.IMREAD_UNCHANGED and header.is_changed:
-            decoded = _tiff_colours(data, place) if header.is_tiff else cv2.imdecode(stored, cv2.IMREAD_UNCHANGED)
-            decoded = _without_alpha(decoded, place, flags) if header.is_tiff or decoded.shape[2:] == (4,) else None
+            decoded = (
+                _tiff_colours(data, place)
+                if header.is_tiff
+                else cv2.imdecode(stored, cv2.IMREAD_UNCHANGED)
+            )
+            decoded = (
+                _without_alpha(decoded, place, flags)
+                if header.is_tiff or decoded.shape[2:] == (4,)
+                else None
+            )
         decoded = cv2.imdecode(stored, flags) if decoded is None else decoded
         if decoded is None:
             raise ValueError("damaged")
     except InputError:
         raise
     except Exception as fault:  # each of the decoders has its own
-        raise DamagedFileError(f"cannot be read, {in_words(fault)}", place, "copy the file again") from fault
+        raise DamagedFileError(
+            f"cannot be read, {in_words(fault)}", place, "copy the file again"
+        ) from fault
     return np.asarray(decoded)
 
 
@@ -213,10 +249,16 @@ def _tiff_colours(data: bytes, place: str) -> npt.NDArray[Any]:
         check_pixels(place, page.shape, channels=4)
         try:
             values = np.asarray(page.asarray())
-            values = np.moveaxis(values, 0, -1) if page.planarconfig == _PLANES and values.ndim == 3 else values
+            values = (
+                np.moveaxis(values, 0, -1)
+                if page.planarconfig == _PLANES and values.ndim == 3
+                else values
+            )
             values = values.reshape(page.imagelength, page.imagewidth, page.samplesperpixel)
             n = _COLOURS[page.photometric]
-        except Exception as fault:  # a compression that needs another package, LZW say, or a damaged file
+        except (
+            Exception
+        ) as fault:  # a compression that needs another package, LZW say, or a damaged file
             form = "has transparency or planes in a form that cannot be read"
             raise InputError(form, place, "save it without transparency, or as PNG") from fault
         alpha = [i for i, kind in enumerate(page.extrasamples, n) if kind in _ALPHA][:1]
@@ -232,7 +274,9 @@ def _without_alpha(stored: npt.NDArray[Any], place: str, flags: int) -> npt.NDAr
         return (bgr >> 8).astype(np.uint8) if bgr.dtype == np.uint16 else bgr
     if alpha.dtype.kind == "u" and (n := int((alpha < np.iinfo(alpha.dtype).max).sum())):
         fault = f"{n} pixels of {Path(place).name} are transparent, and read with the colours stored there"
-        say_once_a_folder(Path(place), "alpha", f"{fault}; save it without transparency if these are not right")
+        say_once_a_folder(
+            Path(place), "alpha", f"{fault}; save it without transparency if these are not right"
+        )
     return bgr
 
 
@@ -274,7 +318,10 @@ def _header(file: IO[bytes]) -> _Header | None:
             first, *others = itertools.islice(tiff.pages, 100)
             width, height = first.imagewidth, first.imagelength
             has_more = bool(others and first.subfiletype & _REDUCED_OR_MASK) or any(
-                not (page.subfiletype & _REDUCED_OR_MASK or (page.imagewidth < width and page.imagelength < height))
+                not (
+                    page.subfiletype & _REDUCED_OR_MASK
+                    or (page.imagewidth < width and page.imagelength < height)
+                )
                 for page in others
             )
             is_changed = any(kind in _ALPHA for kind in first.extrasamples)
@@ -359,7 +406,9 @@ def encode_png(values: npt.NDArray[Any], compression: int = 3) -> memoryview:
     return cv2.imencode(".png", values, [cv2.IMWRITE_PNG_COMPRESSION, compression])[1].data
 
 
-def write_png(path: Path, values: npt.NDArray[Any], compression: int = 3, chunk: bytes = b"") -> None:
+def write_png(
+    path: Path, values: npt.NDArray[Any], compression: int = 3, chunk: bytes = b""
+) -> None:
     """Write gray, BGR or BGRA values, 8 or 16 bit. compression: 0 (fast) to 9 (small).
 
     chunk: stands behind the header, for example `OF_JPEG`.

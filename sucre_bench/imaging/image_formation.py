@@ -46,7 +46,9 @@ def nearest_depth(image: Array, veiling_light: Array) -> float:
     Peng & Cosman 2017; Song et al. 2018 take it over.
     """
     A = np.asarray(veiling_light, dtype=np.float64)
-    difference = np.stack([np.abs(A[k] - [image[..., k].min(), image[..., k].max()]).max() for k in range(3)])
+    difference = np.stack(
+        [np.abs(A[k] - [image[..., k].min(), image[..., k].max()]).max() for k in range(3)]
+    )
     k = int(difference.argmax())
     return float(1 - difference[k] / max(A[k], 1 - A[k]))
 
@@ -75,7 +77,9 @@ def recovered(image: Array, veiling_light: Array, transmission: Array) -> Array:
     return J
 
 
-def restoration(image: Array, veiling_light: Array, transmission: Array, **info: Any) -> Restoration:
+def restoration(
+    image: Array, veiling_light: Array, transmission: Array, **info: Any
+) -> Restoration:
     """Return what a method gives that knows A and t: J, A, and how much light came through in each channel."""
     unknown = np.full(3, np.nan)
     return Restoration(
@@ -153,7 +157,9 @@ def trusted(z: Array) -> Mask:
     hundred or fewer, all are kept.
     """
     known: Mask = z > 0
-    return known & (z <= np.percentile(z[known], _TRUSTED, method="higher")) if known.any() else known
+    return (
+        known & (z <= np.percentile(z[known], _TRUSTED, method="higher")) if known.any() else known
+    )
 
 
 def undetermined(z: Array, if_flat: str, doubts: Mapping[str, Mask]) -> str:
@@ -165,7 +171,8 @@ def undetermined(z: Array, if_flat: str, doubts: Mapping[str, Mask]) -> str:
     if z.max() - z.min() < _FLAT * z.max():
         return f"all pixels are about equally far: {if_flat}"
     named = {
-        what: [name for name, is_so in zip(CHANNELS, where, strict=True) if is_so] for what, where in doubts.items()
+        what: [name for name, is_so in zip(CHANNELS, where, strict=True) if is_so]
+        for what, where in doubts.items()
     }
     return "; ".join(f"{what} of {', '.join(names)}" for what, names in named.items() if names)
 

@@ -56,6 +56,7 @@ def _nearness(one: Array, other: Array) -> tuple[bool, float]:
     is_alike = (one.shape[0] < one.shape[1]) == (other.shape[0] < other.shape[1])
     size = (_SIDE, _SIDE)
     small = [
-        cv2.resize(np.nan_to_num(x).mean(axis=-1), size, interpolation=cv2.INTER_AREA).ravel() for x in (one, other)
+        cv2.resize(np.nan_to_num(x).mean(axis=-1), size, interpolation=cv2.INTER_AREA).ravel()
+        for x in (one, other)
     ]
     return is_alike, float(np.corrcoef(*small)[0, 1])

@@ -15,7 +15,9 @@ from sucre_bench.machine.compute import compiled
 _BINS = 1 << 16  # floats that share their upper 16 bits differ by less than 1 %
 
 
-def channel_percentiles(pixels: npt.NDArray[Any], percentiles: Sequence[float], valid: Mask | None = None) -> Array:
+def channel_percentiles(
+    pixels: npt.NDArray[Any], percentiles: Sequence[float], valid: Mask | None = None
+) -> Array:
     """Return percentiles (Q, 3) float64 of each channel of pixels (..., 3), as `numpy.percentile` gives them.
 
     percentiles: from 0 to 100; valid: (...) which pixels count, at least one and all finite; default all.
@@ -36,7 +38,9 @@ def channel_percentiles(pixels: npt.NDArray[Any], percentiles: Sequence[float], 
     return np.asarray(low + (high - low) * (place - below)[:, None])
 
 
-def _at_ranks(bits: npt.NDArray[np.uint32], valid: Mask, ranks: npt.NDArray[np.intp]) -> npt.NDArray[np.float32]:
+def _at_ranks(
+    bits: npt.NDArray[np.uint32], valid: Mask, ranks: npt.NDArray[np.intp]
+) -> npt.NDArray[np.float32]:
     """Return the values at ranks (R,), 0 the least, of each channel of float32 pixels (P, C), given as their bits.
 
     Pixels are counted by the upper 16 bits of a key that is ordered as floats are. Only those that share them with a
@@ -69,7 +73,11 @@ def _count(bits: npt.NDArray[np.uint32], valid: Mask, counts: npt.NDArray[np.int
 
 
 def _collect(
-    bits: npt.NDArray[np.uint32], valid: Mask, channel: int, wanted: Mask, keys: npt.NDArray[np.uint32]
+    bits: npt.NDArray[np.uint32],
+    valid: Mask,
+    channel: int,
+    wanted: Mask,
+    keys: npt.NDArray[np.uint32],
 ) -> None:
     n = 0
     for pixel in range(bits.shape[0]):
@@ -124,4 +132,6 @@ class ValueCounts:
     def mean_square(self, about: float, first: int = 0, last: int | None = None) -> float:
         """Return the mean squared distance of the places first <= rank < last from `about`."""
         last = self.size if last is None else last
-        return float(((self.values - about) ** 2 * self.between(first, last)).sum() / (last - first))
+        return float(
+            ((self.values - about) ** 2 * self.between(first, last)).sum() / (last - first)
+        )

@@ -13,7 +13,9 @@ def reference_of(view: View, image: Array) -> Array:
     assert reference is not None
     if reference.shape != image.shape:
         (h, w), (rh, rw) = image.shape[:2], reference.shape[:2]
-        raise InputError(f"{view.name}: the reference is {rw}x{rh}, the image {w}x{h}; give both in one size")
+        raise InputError(
+            f"{view.name}: the reference is {rw}x{rh}, the image {w}x{h}; give both in one size"
+        )
     return reference
 
 

@@ -47,7 +47,10 @@ def split_variant(variant: str) -> tuple[str, Form | None]:
     name, *words = variant.split("@")
     form = Form()
     for word in words:
-        sized, cropped = re.fullmatch(r"([1-9]\d{0,4})(?:-(\w+))?", word), re.fullmatch(r"crop([1-9]\d?)", word)
+        sized, cropped = (
+            re.fullmatch(r"([1-9]\d{0,4})(?:-(\w+))?", word),
+            re.fullmatch(r"crop([1-9]\d?)", word),
+        )
         if sized:
             by = next((by for by in get_args(Filter) if by == (sized[2] or "bicubic")), None)
             if by is None:
@@ -58,7 +61,9 @@ def split_variant(variant: str) -> tuple[str, Form | None]:
         elif change := next((change for change in get_args(Change) if change == word), None):
             form = replace(form, change=change)
         else:
-            raise InputError(f"variant '{variant}': @ needs a side in pixels; write {name}@256 or {name}@256-bilinear")
+            raise InputError(
+                f"variant '{variant}': @ needs a side in pixels; write {name}@256 or {name}@256-bilinear"
+            )
     return name, form if words else None
 
 
@@ -132,7 +137,9 @@ def _changed(image: Array, form: Form) -> Array:
     image = resized(image, form.resizing) if form.resizing else image
     if form.crop:
         if min(image.shape[:2]) <= 2 * form.crop:
-            raise InputError(f"crop{form.crop} leaves nothing of a picture of {image.shape[1]}x{image.shape[0]}")
+            raise InputError(
+                f"crop{form.crop} leaves nothing of a picture of {image.shape[1]}x{image.shape[0]}"
+            )
         image = image[form.crop : -form.crop, form.crop : -form.crop]
     if form.change == "y":  # ITU-R BT.601, as MATLAB's rgb2ycbcr
         luma = (16 + image @ np.array([65.481, 128.553, 24.966], np.float32)) / np.float32(255)

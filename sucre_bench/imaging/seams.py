@@ -67,7 +67,7 @@ class _Steps:
 
     at: npt.NDArray[np.int64]
     d: Array
-    I: Array  # noqa: E741
+    I: Array
 
     @property
     def terms(self) -> Array:
@@ -83,14 +83,22 @@ def find_seams(picture: Array, photograph: Array, distance: Array | None = None)
     0 where unknown: there, nothing is looked at; None to look everywhere, whatever the distances.
     """
     distance = np.ones(picture.shape[:2]) if distance is None else distance
-    known: Mask = np.isfinite(picture).all(axis=-1) & np.isfinite(photograph).all(axis=-1) & (distance > 0)
+    known: Mask = (
+        np.isfinite(picture).all(axis=-1) & np.isfinite(photograph).all(axis=-1) & (distance > 0)
+    )
     log_distance = np.log(np.where(known, distance, 1))
-    planes = np.dstack([_contrast(picture, known), _contrast(photograph, known), log_distance]).astype(np.float32)
+    planes = np.dstack(
+        [_contrast(picture, known), _contrast(photograph, known), log_distance]
+    ).astype(np.float32)
     planes, known = _reduced(planes, known)
     found = list(_steps(planes, known))
     excess, unusual = np.full(known.size, -np.inf, np.float32), np.zeros(known.size, dtype=bool)
     s = planes[..., 6].ravel()
-    fits = _fits(found, s, np.quantile(s[known.ravel()], np.arange(1, _GROUPS) / _GROUPS)) if found else []
+    fits = (
+        _fits(found, s, np.quantile(s[known.ravel()], np.arange(1, _GROUPS) / _GROUPS))
+        if found
+        else []
+    )
     for steps, (u, typical) in zip(found, fits, strict=True):
         jump = np.minimum(np.abs(u), np.abs(steps.d[:, :3]))
         is_one = (jump > VISIBLE) & (np.abs(u) > _UNUSUAL * typical)
@@ -118,9 +126,14 @@ def _reduced(planes: Array, known: Mask) -> tuple[Array, Mask]:
         return planes * known[..., None], known
     size = (max(1, round(known.shape[1] * share)), max(1, round(known.shape[0] * share)))
     weight = cv2.resize(known.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    sums = [cv2.resize(plane * known, size, interpolation=cv2.INTER_AREA) for plane in np.moveaxis(planes, -1, 0)]
+    sums = [
+        cv2.resize(plane * known, size, interpolation=cv2.INTER_AREA)
+        for plane in np.moveaxis(planes, -1, 0)
+    ]
     kept = weight > 0.5
-    return np.dstack(sums) / np.where(kept, weight, 1)[..., None] * kept[..., None], np.asarray(kept)
+    return np.dstack(sums) / np.where(kept, weight, 1)[..., None] * kept[..., None], np.asarray(
+        kept
+    )
 
 
 def _steps(planes: Array, known: Mask) -> Iterator[_Steps]:
@@ -134,22 +147,35 @@ def _steps(planes: Array, known: Mask) -> Iterator[_Steps]:
     side = int(np.ceil(np.hypot(height, width))) + 2 * _WIDE
     places = np.arange(known.size, dtype=np.float32).reshape(known.shape)  # exact below 2^24
     stack = [*np.moveaxis(planes, -1, 0), known.astype(np.float32)]
-    reach = (_WIDE + 1) // 2  # from the line's pixel, which is in neither strip, to the middle of a strip
+    reach = (
+        _WIDE + 1
+    ) // 2  # from the line's pixel, which is in neither strip, to the middle of a strip
     for k in range(_DIRECTIONS):
-        turn = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), 180 * k / _DIRECTIONS, 1)
+        turn = cv2.getRotationMatrix2D(
+            ((width - 1) / 2, (height - 1) / 2), 180 * k / _DIRECTIONS, 1
+        )
         turn[:, 2] += (side - width) / 2, (side - height) / 2
 
         def turned(plane: Array, outside: float, turn: Any = turn) -> Array:
-            return np.asarray(cv2.warpAffine(plane, turn, (side, side), flags=cv2.INTER_NEAREST, borderValue=outside))
+            return np.asarray(
+                cv2.warpAffine(
+                    plane, turn, (side, side), flags=cv2.INTER_NEAREST, borderValue=outside
+                )
+            )
 
-        means = [cv2.boxFilter(turned(plane, 0), -1, (_WIDE, _LONG), borderType=cv2.BORDER_CONSTANT) for plane in stack]
+        means = [
+            cv2.boxFilter(turned(plane, 0), -1, (_WIDE, _LONG), borderType=cv2.BORDER_CONSTANT)
+            for plane in stack
+        ]
         full = means.pop()
         strips = np.dstack(means) / np.maximum(full, 1e-6)[..., None]
         at = turned(places, -1)[:, reach:-reach]
         right, left = strips[:, 2 * reach :], strips[:, : -2 * reach]
         is_full = (full[:, 2 * reach :] >= _FULL) & (full[:, : -2 * reach] >= _FULL)
         step = right - left
-        alike = (np.abs(step[..., 3:6]) < VISIBLE).all(axis=-1) & (np.abs(step[..., 6]) < _SAME_SURFACE)
+        alike = (np.abs(step[..., 3:6]) < VISIBLE).all(axis=-1) & (
+            np.abs(step[..., 6]) < _SAME_SURFACE
+        )
         kept = is_full & alike & (at >= 0)
         kept[kept] = known.ravel()[at[kept].astype(np.int64)]
         if kept.any():
@@ -160,14 +186,24 @@ def _steps(planes: Array, known: Mask) -> Iterator[_Steps]:
 def _fits(found: list[_Steps], s: Array, limits: Array) -> list[tuple[Array, Array]]:
     """Each direction's u (M, 3), and the typical |u| (M, 3) of the place's group of distances."""
     few = [slice(None, None, max(1, len(steps.at) // _SAMPLE)) for steps in found]
-    group = np.concatenate([np.digitize(s[steps.at[part]], limits) for steps, part in zip(found, few, strict=True)])
-    terms = np.concatenate([steps.terms[part] for steps, part in zip(found, few, strict=True)]).astype(np.float64)
-    d_S = np.concatenate([steps.d[part, :3] for steps, part in zip(found, few, strict=True)]).astype(np.float64)
+    group = np.concatenate(
+        [np.digitize(s[steps.at[part]], limits) for steps, part in zip(found, few, strict=True)]
+    )
+    terms = np.concatenate(
+        [steps.terms[part] for steps, part in zip(found, few, strict=True)]
+    ).astype(np.float64)
+    d_S = np.concatenate(
+        [steps.d[part, :3] for steps, part in zip(found, few, strict=True)]
+    ).astype(np.float64)
     everywhere = _fit(terms, d_S)
     members = [group == k for k in range(_GROUPS)]
-    by_group = [_fit(terms[k], d_S[k]) if np.count_nonzero(k) >= _FEWEST else everywhere for k in members]
+    by_group = [
+        _fit(terms[k], d_S[k]) if np.count_nonzero(k) >= _FEWEST else everywhere for k in members
+    ]
     coefficients, typical = (np.stack(parts) for parts in zip(*by_group, strict=True))
-    return [_excess(steps, np.digitize(s[steps.at], limits), coefficients, typical) for steps in found]
+    return [
+        _excess(steps, np.digitize(s[steps.at], limits), coefficients, typical) for steps in found
+    ]
 
 
 def _fit(terms: Array, d_S: Array) -> tuple[Array, Array]:

@@ -27,10 +27,14 @@ def on_grid(place: str, nm: Array, values: Array) -> Array:
     if len(nm) < 2 or nm.min() > _NM[0] or nm.max() < _NM[-1]:
         reach = f"{nm.min():g} to {nm.max():g} nm" if len(nm) else "nothing"
         raise InputError(f"{place}: covers {reach}; give wavelengths from 400 to 700 nm")
-    return np.asarray(np.apply_along_axis(lambda of_one: np.interp(_NM, nm[order], of_one[order]), -1, values))
+    return np.asarray(
+        np.apply_along_axis(lambda of_one: np.interp(_NM, nm[order], of_one[order]), -1, values)
+    )
 
 
-def colours(reflectance: Array, illuminant: str, camera: str | None, folder: Path) -> tuple[Array, Array]:
+def colours(
+    reflectance: Array, illuminant: str, camera: str | None, folder: Path
+) -> tuple[Array, Array]:
     """Return CIE Lab under D50 (P, 3), and gamma-encoded sRGB (P, 3) clipped to [0, 1], of reflectances (P, 301).
 
     illuminant: one of CIE's, or a CSV file with the columns wavelength (nm) and power (any unit); camera: None for
@@ -54,7 +58,9 @@ def _illuminant(name: str, folder: Path) -> Array:
     known = colour_science().SDS_ILLUMINANTS
     if name not in known:
         usual = did_you_mean(name, ("A", "C", "D50", "D55", "D65", "E"))
-        raise InputError(f"illuminant '{name}': unknown; {usual}, or a CSV file of wavelength,power")
+        raise InputError(
+            f"illuminant '{name}': unknown; {usual}, or a CSV file of wavelength,power"
+        )
     return on_grid(name, known[name].wavelengths, known[name].values)
 
 
@@ -63,7 +69,14 @@ def _table(path: Path, columns: int) -> Array:
     with reading(path, "correct the path or the table of spectra"):
         rows = list(csv.reader(regular(path).read_text(encoding="utf-8-sig").splitlines()))[1:]
         table = np.array([row for row in rows if row], dtype=np.float64)
-    if table.ndim != 2 or table.shape[1] != 1 + columns or not np.isfinite(table).all() or (table[:, 1:] < 0).any():
+    if (
+        table.ndim != 2
+        or table.shape[1] != 1 + columns
+        or not np.isfinite(table).all()
+        or (table[:, 1:] < 0).any()
+    ):
         wanted = "wavelength,power" if columns == 1 else "wavelength,R,G,B"
-        raise InputError(f"{path}: not the columns {wanted} of finite values from 0; write the file so")
+        raise InputError(
+            f"{path}: not the columns {wanted} of finite values from 0; write the file so"
+        )
     return on_grid(str(path), table[:, 0], table[:, 1:].T)

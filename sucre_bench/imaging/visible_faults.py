@@ -29,10 +29,18 @@ LIMITS = {
 
 _SIDE = 480
 _FEWEST = 50  # pixels of which a median is taken
-_MORE_SATURATED = 2.0  # a restored colour may have so much of the chroma that white balance gives it
+_MORE_SATURATED = (
+    2.0  # a restored colour may have so much of the chroma that white balance gives it
+)
 _UNSURE = 0.2  # the error of a white balance, as a share of the chroma that it removes from the brightest ground
-_STEP, _LEAST_EDGES = 1.25, 0.005  # ratio of distances at an edge; share of the picture that edges must have
-_BESIDE_PX, _STANDS_OUT = 31, 15.0  # side of the square around an edge pixel; a*b* distance of a rim
+_STEP, _LEAST_EDGES = (
+    1.25,
+    0.005,
+)  # ratio of distances at an edge; share of the picture that edges must have
+_BESIDE_PX, _STANDS_OUT = (
+    31,
+    15.0,
+)  # side of the square around an edge pixel; a*b* distance of a rim
 _TEXTURE, _LESS = 0.008, 0.25  # least standard deviation that is texture; share of it that is none
 _WAS_RED_HUE_DEG, _RED_HUE_DEG = 25, 15
 
@@ -64,7 +72,9 @@ class Look:
     hue_deg: float = math.nan  # of the third with the strongest cast, in CIE Lab
 
 
-def look_at(picture: Array, photograph: Array, distance: Array | None = None, below: float = math.nan) -> Look:
+def look_at(
+    picture: Array, photograph: Array, distance: Array | None = None, below: float = math.nan
+) -> Look:
     """Measure a picture beside its photograph.
 
     picture, photograph: (H, W, 3) in [0, 1], gamma-encoded, NaN where a pixel has no colour; distance: (H, W) metres,
@@ -81,14 +91,18 @@ def look_at(picture: Array, photograph: Array, distance: Array | None = None, be
     metres: Array = np.ones(seen.shape, np.float32)
     if distance is not None:
         size = seen.shape[::-1]
-        metres = np.asarray(cv2.resize(distance.astype(np.float32), size, interpolation=cv2.INTER_NEAREST_EXACT))
+        metres = np.asarray(
+            cv2.resize(distance.astype(np.float32), size, interpolation=cv2.INTER_NEAREST_EXACT)
+        )
     ground = seen & (metres > 0)
     if np.count_nonzero(ground) < _FEWEST:
         metres = np.ones_like(metres)
         ground = seen
     labs = to_lab(small), to_lab(was)
     is_bright = _parts(labs[1][ground][:, 0])[-1]
-    (a, b), (a_was, b_was) = (np.median(lab[ground][is_bright], axis=0)[1:].tolist() for lab in labs)
+    (a, b), (a_was, b_was) = (
+        np.median(lab[ground][is_bright], axis=0)[1:].tolist() for lab in labs
+    )
     cast, hue_deg = _cast(labs, was, metres, ground)
     red = is_red(small, _RED_HUE_DEG, 0.5, 0.15) & ~is_red(was, _WAS_RED_HUE_DEG, 0.25, 0.15)
     rims, flat = _rims(labs, metres, ground), _flat(small, was, seen)
@@ -99,8 +113,16 @@ def faults_of_dive(looks: Sequence[Look]) -> list[tuple[VisibleFault, ...]]:
     """Return the faults of each picture of a dive; looks: of its views, in any order."""
     found = []
     for look, turning in zip(looks, turning_of(looks), strict=True):
-        values = {"turning": turning} | {kind: getattr(look, kind) for kind in LIMITS if kind != "turning"}
-        found.append(tuple(VisibleFault(k, values[k], limit) for k, limit in LIMITS.items() if values[k] > limit))
+        values = {"turning": turning} | {
+            kind: getattr(look, kind) for kind in LIMITS if kind != "turning"
+        }
+        found.append(
+            tuple(
+                VisibleFault(k, values[k], limit)
+                for k, limit in LIMITS.items()
+                if values[k] > limit
+            )
+        )
     return found
 
 
@@ -130,7 +152,9 @@ def _parts(lightness: Array) -> list[Mask]:
     return [lightness <= low, (lightness > low) & (lightness < high), lightness >= high]
 
 
-def _cast(labs: tuple[Array, Array], was: Array, metres: Array, ground: Mask) -> tuple[float, float]:
+def _cast(
+    labs: tuple[Array, Array], was: Array, metres: Array, ground: Mask
+) -> tuple[float, float]:
     """Return the largest cast of the nearest, middle and farthest third of the ground, and its hue in degrees.
 
     A third of the photograph whose brightest quarter is made gray shows nearly the right hues. A restored colour lies
@@ -153,8 +177,12 @@ def _cast(labs: tuple[Array, Array], was: Array, metres: Array, ground: Mask) ->
         shifts = []
         chroma = float(np.hypot(*np.median(lab_was[parts[-1]], axis=0)[1:]))
         for part in (part for part in parts if part.any()):
-            now, before, right = (np.median(one[part], axis=0)[1:] for one in (lab, lab_was, balanced))
-            apart.append(min(_from_line(now, before, right), _from_line(now, right, _MORE_SATURATED * right)))
+            now, before, right = (
+                np.median(one[part], axis=0)[1:] for one in (lab, lab_was, balanced)
+            )
+            apart.append(
+                min(_from_line(now, before, right), _from_line(now, right, _MORE_SATURATED * right))
+            )
             shifts.append(now)
         a, b = np.mean(shifts, axis=0)
         cast = float(np.sqrt(np.mean(np.square(apart)))) - _UNSURE * chroma
@@ -187,7 +215,10 @@ def _rims(labs: tuple[Array, Array], metres: Array, ground: Mask) -> float:
 
     log = np.log(np.maximum(metres, 1e-6))
     square = np.ones((5, 5), np.uint8)
-    near, far = cv2.erode(np.where(ground, log, 99), square), cv2.dilate(np.where(ground, log, -99), square)
+    near, far = (
+        cv2.erode(np.where(ground, log, 99), square),
+        cv2.dilate(np.where(ground, log, -99), square),
+    )
     edge = ground & (far - near > math.log(_STEP))
     if edge.mean() < _LEAST_EDGES:
         return math.nan
@@ -195,7 +226,10 @@ def _rims(labs: tuple[Array, Array], metres: Array, ground: Mask) -> float:
     n = cv2.blur(beside, (_BESIDE_PX, _BESIDE_PX))
     apart = []
     for lab in labs:
-        around = cv2.blur(lab[..., 1:] * beside[..., None], (_BESIDE_PX, _BESIDE_PX)) / np.maximum(n, 1e-3)[..., None]
+        around = (
+            cv2.blur(lab[..., 1:] * beside[..., None], (_BESIDE_PX, _BESIDE_PX))
+            / np.maximum(n, 1e-3)[..., None]
+        )
         apart.append(np.hypot(*np.moveaxis(lab[..., 1:] - around, -1, 0)))
     return float((apart[0] > apart[1] + _STANDS_OUT)[edge].mean())
 
@@ -210,5 +244,7 @@ def _flat(picture: Array, photograph: Array, seen: Mask) -> float:
     rough = []
     for image in (picture, photograph):
         gray = image.mean(axis=-1)
-        rough.append(np.sqrt(np.maximum(cv2.blur(gray * gray, (7, 7)) - cv2.blur(gray, (7, 7)) ** 2, 0)))
+        rough.append(
+            np.sqrt(np.maximum(cv2.blur(gray * gray, (7, 7)) - cv2.blur(gray, (7, 7)) ** 2, 0))
+        )
     return float(((rough[0] < _LESS * rough[1]) & (rough[1] > _TEXTURE))[inside].mean())

@@ -52,11 +52,19 @@ class Asked:
 
     def sweeper(self, key: str) -> Any:
         """Return a list or mapping of the sweeper, `hydra.sweeper.methods` say."""
-        return (configs.selected(self.config, f"hydra.sweeper.{key}") if self.config is not None else None) or ()
+        return (
+            configs.selected(self.config, f"hydra.sweeper.{key}")
+            if self.config is not None
+            else None
+        ) or ()
 
     def choice(self, group: str) -> str:
         """Return what Hydra chooses of a group where no word does."""
-        chosen = self.config.hydra.runtime.choices if self.config is not None else configs.default_choices()
+        chosen = (
+            self.config.hydra.runtime.choices
+            if self.config is not None
+            else configs.default_choices()
+        )
         return str(chosen[group])
 
 
@@ -65,14 +73,23 @@ def reading_experiment(words: Sequence[str]) -> Iterator[list[str]]:
     """Give the words, with ~ expanded; an experiment's file among them can be read by name in this block."""
     # A leading ~ of a value is expanded here; the shell does so only at the start of a word.
     parts = [(word, word.partition("=")[0], word.partition("=")[2].strip("'\"")) for word in words]
-    words = [f"{key}='{expanded(value)}'" if value.startswith("~/") else word for word, key, value in parts]
-    files = [word for word in words if is_bare(word) and Path(word).suffix.lower() in (".yaml", ".yml")]
+    words = [
+        f"{key}='{expanded(value)}'" if value.startswith("~/") else word
+        for word, key, value in parts
+    ]
+    files = [
+        word for word in words if is_bare(word) and Path(word).suffix.lower() in (".yaml", ".yml")
+    ]
     if len(files) > 1:
         raise InputError("a second experiment", files[1], "run one at a time")
     with contextlib.ExitStack() as block:
         for file in files:
             if fault := fault_of(expanded(file)):
-                raise InputError(fault, file, "give an experiment, `sucre-bench list experiments` shows those by name")
+                raise InputError(
+                    fault,
+                    file,
+                    "give an experiment, `sucre-bench list experiments` shows those by name",
+                )
             block.enter_context(configs.searching(f"experiment://{expanded(file).resolve()}"))
         block.enter_context(configs.searching(*_search_path(words)))
         yield words
@@ -81,28 +98,39 @@ def reading_experiment(words: Sequence[str]) -> Iterator[list[str]]:
 def _search_path(words: Sequence[str]) -> Iterator[str]:
     """Yield the places of `hydra.searchpath`, which Hydra reads where it composes; presets are looked for before."""
     given = parse(word for word in words if word.lstrip("+").startswith("hydra.searchpath="))
-    lists = [value for word in given for value in word.values if isinstance(value, list)]  # Hydra refuses others
+    lists = [
+        value for word in given for value in word.values if isinstance(value, list)
+    ]  # Hydra refuses others
     for place in itertools.chain(*lists):
         folder = str(place).removeprefix("file://")
         if "://" not in folder:
-            check_folder(expanded(folder), "give a folder that holds method/, experiment/ and others")
+            check_folder(
+                expanded(folder), "give a folder that holds method/, experiment/ and others"
+            )
             folder = f"file://{expanded(folder).resolve()}"
         yield folder
 
 
 def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None) -> Asked:
     """Read the words of a command, and let Hydra compose what the jobs of a sweep share, unless it is given."""
-    files = [word for word in words if is_bare(word) and Path(word).suffix.lower() in (".yaml", ".yml")]
+    files = [
+        word for word in words if is_bare(word) and Path(word).suffix.lower() in (".yaml", ".yml")
+    ]
     overrides = [word for word in words if word not in files]
     for word in overrides:
         if len(re.sub(QUOTED, "", f"{word}.").splitlines()) > 1:  # in quotes it is part of a name
-            raise InputError(f"{in_one_line(word)!r}: holds a line break; give each word in one line")
+            raise InputError(
+                f"{in_one_line(word)!r}: holds a line break; give each word in one line"
+            )
         if is_bare(word):
             raise bare_word(word, overrides)
     loader = configs.hydra_app().config_loader
     parsed = parse(overrides, loader)
     params = [word for word in parsed if word.key.startswith(_SWEEPER)]
-    typed = parse((f"{word.key.removeprefix(_SWEEPER)}={','.join(map(str, word.values))}" for word in params), loader)
+    typed = parse(
+        (f"{word.key.removeprefix(_SWEEPER)}={','.join(map(str, word.values))}" for word in params),
+        loader,
+    )
     typed += [word for word in parsed if word not in params]
     _load([word for word in typed if word.key == "plugins"])
     groups = [word for word in typed if _is_of_hydra(word)]
@@ -116,7 +144,10 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
     for one in experiments:
         if len(one.values) > 1 or not isinstance(one.values[0], str):
             raise InputError("one experiment at a time", one.text, "give experiment=NAME")
-    of_hydra = [*(f"experiment={FILE}" for _ in files), *(word.line for word in typed if word in groups)]
+    of_hydra = [
+        *(f"experiment={FILE}" for _ in files),
+        *(word.line for word in typed if word in groups),
+    ]
     named = [*files, *(f"experiment={one.values[0]}" for one in experiments)]
     experiment = named[0] if named else ""
     is_sweep = multirun or bool(experiment) or any(word.key == "hydra.mode" for word in groups)
@@ -145,7 +176,12 @@ def _shared(words: Iterable[Word]) -> Iterator[str]:
     defaults = RunConfig.defaults()
     for word in words:
         is_option = word.key in defaults or isinstance(defaults.get(word.head), dict)
-        if is_option and word.head not in (*KINDS, "metrics") and not word.is_swept and not word.is_deleted:
+        if (
+            is_option
+            and word.head not in (*KINDS, "metrics")
+            and not word.is_swept
+            and not word.is_deleted
+        ):
             yield f"++{word.key}={word.line.partition('=')[2]}"
 
 
@@ -172,24 +208,45 @@ def _refuse(asked: Asked) -> None:
     An experiment may leave the dataset open or name several; where the data are needs a dataset in the words.
     """
     typed, is_sweep = asked.typed, asked.config is not None
-    plugin, has_dataset = plugin_of("dataset", asked.choice("dataset")), any(word.key == "dataset" for word in typed)
-    paths = {o.name for o in options_of(plugin.cls) if Path in (o.type, *get_args(o.type))} if plugin else set()
+    plugin, has_dataset = (
+        plugin_of("dataset", asked.choice("dataset")),
+        any(word.key == "dataset" for word in typed),
+    )
+    paths = (
+        {o.name for o in options_of(plugin.cls) if Path in (o.type, *get_args(o.type))}
+        if plugin
+        else set()
+    )
     for word in typed:
         key, value = word.key, word.text.partition("=")[2]
         quotes = f'"{key}={quoted(value)}"'
         if not word.values and (not is_sweep or asked.choice("hydra/sweeper") == "pairs"):
-            raise InputError("no list of values", word.text, "list them, or write range(start,stop,step)")
-        if word.head == "dataset" and not has_dataset and (key.partition(".")[2] in paths or not asked.experiment):
+            raise InputError(
+                "no list of values", word.text, "list them, or write range(start,stop,step)"
+            )
+        if (
+            word.head == "dataset"
+            and not has_dataset
+            and (key.partition(".")[2] in paths or not asked.experiment)
+        ):
             remedy = f"add dataset=NAME, for example dataset=colmap {word.text}"
             raise InputError("no dataset is named", word.text, remedy)
         if word.is_swept and os.path.exists(value):  # noqa: PTH110 - pathlib's raises OSError for a long list of values
-            raise InputError("is one path with a comma", word.text, f"write {quotes} with both kinds of quotes")
+            raise InputError(
+                "is one path with a comma", word.text, f"write {quotes} with both kinds of quotes"
+            )
         if word.is_swept and key in ("metrics", "views") and not value.startswith("["):
             raise InputError("several values", word.text, f"write {key}=[{value}]")
-        if key == "metrics" and not all(fits(list[str], v if isinstance(v, list) else [v]) for v in word.values):
+        if key == "metrics" and not all(
+            fits(list[str], v if isinstance(v, list) else [v]) for v in word.values
+        ):
             raise InputError("is no list of names", word.text, "write metrics=[psnr,uciqe:all]")
         if word.is_swept and not is_sweep:
-            raise InputError("several values", word.text, f"add -m to run them all, or write {quotes} for a comma")
+            raise InputError(
+                "several values",
+                word.text,
+                f"add -m to run them all, or write {quotes} for a comma",
+            )
 
 
 # -- words without a key ---------------------------------------------------------------------------------------
@@ -212,14 +269,21 @@ def bare_word(word: str, words: Sequence[str]) -> InputError:
     }
     keyed: dict[str, list[str]] = {}
     for name in filter(is_bare, words):
-        (near, *_) = difflib.get_close_matches(name, itertools.chain(*names.values()), n=1, cutoff=0.7) or [""]
+        (near, *_) = difflib.get_close_matches(
+            name, itertools.chain(*names.values()), n=1, cutoff=0.7
+        ) or [""]
         key = next((key for key, known in names.items() if near in known), "")
         if near != name and expanded(name).is_dir():
             key, near = "dataset", quoted(name if "/" in name else f"./{name}")
         keyed.setdefault(key, []).append(near)
     remedy = "`sucre-bench list methods` and `list datasets` show the names"
     if "" not in keyed:
-        several = "-m " if any(len(names) > 1 for key, names in keyed.items() if key != "metrics") else ""
-        meant = [f"{key}=[{','.join(n)}]" if key == "metrics" else f"{key}={','.join(n)}" for key, n in keyed.items()]
+        several = (
+            "-m " if any(len(names) > 1 for key, names in keyed.items() if key != "metrics") else ""
+        )
+        meant = [
+            f"{key}=[{','.join(n)}]" if key == "metrics" else f"{key}={','.join(n)}"
+            for key, n in keyed.items()
+        ]
         remedy = f"write sucre-bench run {several}{shlex.join([*meant, *(w for w in words if not is_bare(w))])}"
     return InputError("an override reads key=value", word, remedy)

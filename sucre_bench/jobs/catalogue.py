@@ -57,7 +57,9 @@ def named(kind: Kind, name: str) -> Plugin:
     if plugins.get(kind, name) is not None:
         return plugins.find(kind, name)  # raises with the reason
     if not name:  # a variable that is not set, say
-        raise UnknownPluginError(f"{kind}: is empty", kind, f"give a name that `sucre-bench list {kind}s` shows")
+        raise UnknownPluginError(
+            f"{kind}: is empty", kind, f"give a name that `sucre-bench list {kind}s` shows"
+        )
     if kind == "dataset" and Path(name).exists():
         remedy = f"sucre-bench run {name}" if Path(name).is_file() else f"dataset=./{name}"
         fault = f"no dataset is called '{name}', but there is a path of this name"
@@ -67,13 +69,18 @@ def named(kind: Kind, name: str) -> Plugin:
         if isinstance(plugin, Plugin) and (plugin.kind, plugin.name) == (kind, name):
             fault = f"'{name}' is a class of this session, and has no name outside it"
             raise UnknownPluginError(fault, kind, f"pass an object: {plugin.cls.__name__}(...)")
-    raise plugins.unknown(kind, name, {*plugins.discover(kind), *configs.preset_names(GROUPS[kind])})
+    raise plugins.unknown(
+        kind, name, {*plugins.discover(kind), *configs.preset_names(GROUPS[kind])}
+    )
 
 
 def is_choice(kind: Kind, name: str) -> bool:
     """Whether a name is a plugin's, or the path of a folder of data, or for a metric "name:variant"."""
     is_data = kind == "dataset" and is_path(name)
-    return is_data or plugins.get(kind, name.partition(":")[0] if kind == "metric" else name) is not None
+    return (
+        is_data
+        or plugins.get(kind, name.partition(":")[0] if kind == "metric" else name) is not None
+    )
 
 
 def configuration(kind: Kind, name: str) -> dict[str, Any]:
@@ -88,20 +95,38 @@ def configuration(kind: Kind, name: str) -> dict[str, Any]:
     plugin = plugins.find(kind, name)
     variants = [variant] if variant else plugin.default
     added: dict[str, Any] = {"label": None, "display": plugin.display}
-    added |= {"variants": None, "named": dict.fromkeys(variants, True)}  # keys: Hydra joins those of several choices
-    values = {o.name: "???" if o.default is MISSING else plain_value(o.default) for o in options_of(plugin.cls)}
+    added |= {
+        "variants": None,
+        "named": dict.fromkeys(variants, True),
+    }  # keys: Hydra joins those of several choices
+    values = {
+        o.name: "???" if o.default is MISSING else plain_value(o.default)
+        for o in options_of(plugin.cls)
+    }
     seed = {"seed": SEED} if "seed" in values else {}
-    return {"name": plugin.name, **{name: added[name] for name in _ADDED[kind]}, **values, **seed, **root}
+    return {
+        "name": plugin.name,
+        **{name: added[name] for name in _ADDED[kind]},
+        **values,
+        **seed,
+        **root,
+    }
 
 
 def method_choice(name: str, options: Mapping[str, Any]) -> Choice:
     """Return a method or a preset of conf/ with options (label and display too), as Python takes them."""
-    plugin, preset, known = named("method", name), preset_of("method", name), option_names("method", name)
+    plugin, preset, known = (
+        named("method", name),
+        preset_of("method", name),
+        option_names("method", name),
+    )
     for option in options:
         if option not in known:
             raise unknown_name(f"{plugin.name}.{option}", option, known)
     values = {name: value for name, value in (preset or {}).items() if value not in (SEED, "???")}
-    return plugin_choice("method", {"display": plugin.display, **values, **options, "name": plugin.name})
+    return plugin_choice(
+        "method", {"display": plugin.display, **values, **options, "name": plugin.name}
+    )
 
 
 def option_names(kind: Kind, name: str) -> list[str]:
@@ -128,7 +153,10 @@ def metrics_of(names: Iterable[str]) -> dict[str, dict[str, Any]]:
             name = named("metric", text.partition(":")[0]).name
             preset = {name: configuration("metric", text)}
         for name, values in preset.items():
-            made[name] = {**values, "named": {**made.get(name, {}).get("named", {}), **values["named"]}}
+            made[name] = {
+                **values,
+                "named": {**made.get(name, {}).get("named", {}), **values["named"]},
+            }
     return made
 
 
@@ -137,7 +165,10 @@ def metric_choices(metrics: Iterable[Any]) -> tuple[Choice, ...]:
     metrics = list(metrics)
     made = [metric for metric in metrics if not isinstance(metric, str)]
     plugins_of = [(plugins.plugin_of(metric), vars(metric)) for metric in made]
-    objects = tuple(Choice(plugin, plugin.name, options, variants=plugin.default) for plugin, options in plugins_of)
+    objects = tuple(
+        Choice(plugin, plugin.name, options, variants=plugin.default)
+        for plugin, options in plugins_of
+    )
     names = [metric for metric in metrics if isinstance(metric, str)]
     return (*(chosen_metrics(metrics_of(names)) if names or not objects else ()), *objects)
 
@@ -146,7 +177,9 @@ def chosen_metrics(values: Mapping[str, Any]) -> tuple[Choice, ...]:
     """Return the metrics and variants of a configuration's `metrics`. Raises InputError if there are none."""
     chosen = []
     for given in values.values():
-        choice = plugin_choice("metric", {k: v for k, v in given.items() if k not in _ADDED["metric"]})
+        choice = plugin_choice(
+            "metric", {k: v for k, v in given.items() if k not in _ADDED["metric"]}
+        )
         plugin, variants = choice.plugin, []
         wanted = given.get("named", ()) if given["variants"] is None else given["variants"]
         for text in [wanted] if isinstance(wanted, str) else wanted:
@@ -156,12 +189,19 @@ def chosen_metrics(values: Mapping[str, Any]) -> tuple[Choice, ...]:
             if name != "all" and name not in plugin.variants:
                 raise unknown_name(plugin.name, name, ("all", *plugin.variants), "variant")
             if form and not plugin.needs <= {"reference"}:
-                fault = f"has no score at another size, it needs {' and '.join(sorted(plugin.needs))}"
+                fault = (
+                    f"has no score at another size, it needs {' and '.join(sorted(plugin.needs))}"
+                )
                 raise InputError(fault, f"{plugin.name}:{text}", "leave @ and size out")
-            variants += [variant + text[len(name) :] for variant in (plugin.variants if name == "all" else [name])]
+            variants += [
+                variant + text[len(name) :]
+                for variant in (plugin.variants if name == "all" else [name])
+            ]
         chosen.append(replace(choice, variants=tuple(dict.fromkeys(variants))))
     if not chosen:
-        raise InputError("no metric is chosen; add metrics=[NAME,...], `sucre-bench list metrics` shows what there is")
+        raise InputError(
+            "no metric is chosen; add metrics=[NAME,...], `sucre-bench list metrics` shows what there is"
+        )
     return tuple(chosen)
 
 
@@ -197,9 +237,15 @@ def recognised(folder: Path) -> str:
         # Datasets with a licence are published data.
         of_users = (p for p in plugins.usable("dataset").values() if p.signs and not p.licence)
         looked_for = ", ".join(f"{plugin.signs[0]} ({plugin.name})" for plugin in of_users)
-        remedy = f"give {typed(inner)}" if inner else "name the dataset: dataset=NAME dataset.root=DIR"
+        remedy = (
+            f"give {typed(inner)}" if inner else "name the dataset: dataset=NAME dataset.root=DIR"
+        )
         fault = f"holds none of {looked_for}, and no published dataset"
-        raise InputError(fault, typed(folder), remedy) if inner else no_image(folder, fault, remedy, typed(folder))
+        raise (
+            InputError(fault, typed(folder), remedy)
+            if inner
+            else no_image(folder, fault, remedy, typed(folder))
+        )
     ((name, sign),) = fits.items()
     progress.say(f"{folder} is dataset={name} {root}, for it holds {sign}")
     return name
@@ -242,10 +288,19 @@ def entry(plugin: Plugin | Broken) -> dict[str, Any]:
         "variants": dict(plugin.variants),
     }
     if plugin.kind == "method":
-        about |= {"display": plugin.display, "differs": plugin.differs, "opinions": dict(plugin.opinions)}
+        about |= {
+            "display": plugin.display,
+            "differs": plugin.differs,
+            "opinions": dict(plugin.opinions),
+        }
     if plugin.kind == "metric":
         low, high = (limit if math.isfinite(limit) else None for limit in plugin.range)
-        about |= {"unit": plugin.unit, "better": plugin.better, "range": [low, high], "default": list(plugin.default)}
+        about |= {
+            "unit": plugin.unit,
+            "better": plugin.better,
+            "range": [low, high],
+            "default": list(plugin.default),
+        }
     return about
 
 
@@ -262,7 +317,9 @@ def option_entry(option: Option) -> dict[str, Any]:
 
 def preset_entries(group: str) -> list[dict[str, Any]]:
     """Return name and description of each file of a folder of conf/, "experiment" say."""
-    return [{"name": name, "description": text} for name, text in configs.descriptions(group).items()]
+    return [
+        {"name": name, "description": text} for name, text in configs.descriptions(group).items()
+    ]
 
 
 def configured_entries(kind: Kind) -> list[dict[str, Any]]:

@@ -21,7 +21,14 @@ from sucre_bench.errors import InputError, SucreBenchError, UnknownPluginError, 
 from sucre_bench.jobs import configs
 from sucre_bench.jobs.asked import KINDS, Asked, Kind, read, reading_experiment
 from sucre_bench.jobs.catalogue import SEED, plugin_of
-from sucre_bench.jobs.entries import Entry, Option, entries_of, is_replaced, listed_entries, option_of
+from sucre_bench.jobs.entries import (
+    Entry,
+    Option,
+    entries_of,
+    is_replaced,
+    listed_entries,
+    option_of,
+)
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.words import Word, first_line, literal, parse, quoted, value_of
 from sucre_bench.results.layout import as_one_file
@@ -116,25 +123,39 @@ def sweep(asked: Asked) -> Command:
     with _faults(asked, keys):
         swept = asked.sweeper("params") or {}
         if not isinstance(swept, Mapping):
-            raise InputError("is no mapping", "hydra.sweeper.params", 'write params: {OPTION: "VALUE,VALUE"}')
+            raise InputError(
+                "is no mapping", "hydra.sweeper.params", 'write params: {OPTION: "VALUE,VALUE"}'
+            )
         params = [word for key, text in swept.items() for word in parse([f"{key}={text}"])]
         entries = {kind: entries_of(kind, asked, params) for kind in KINDS}
         listed = {kind: listed_entries(kind, asked) for kind in KINDS}
         replaced = {word.key for word in asked.typed}
         words = [word for word in params if not is_replaced(word, replaced, entries, listed)]
-        options = [(word, option_of(word, entries, asked)) for word in (*words, *asked.typed) if word.key not in KINDS]
-        unlabelled = {kind: Counter(one.name for one in entries[kind] if not one.label) for kind in KINDS}
+        options = [
+            (word, option_of(word, entries, asked))
+            for word in (*words, *asked.typed)
+            if word.key not in KINDS
+        ]
+        unlabelled = {
+            kind: Counter(one.name for one in entries[kind] if not one.label) for kind in KINDS
+        }
         made, starts = list[tuple[Job, tuple[str, ...]]](), dict[tuple[str, ...], dict[str, Any]]()
         with configs.current(asked.config):
             for dataset, method in itertools.product(entries["dataset"], entries["method"]):
                 keys.clear()
-                made += _of_pair({"dataset": dataset, "method": method}, options, unlabelled, keys, asked, starts)
+                made += _of_pair(
+                    {"dataset": dataset, "method": method}, options, unlabelled, keys, asked, starts
+                )
     every = [job for job, _ in made]
     _refuse_same_place(every)
     pairing = [job for job in every if "poses" in job.method.plugin.needs and job.pairs_gb > 0]
-    views = {(job.dataset.label, job.replicate, job.shard.index, job.shard.count) for job in pairing}
+    views = {
+        (job.dataset.label, job.replicate, job.shard.index, job.shard.count) for job in pairing
+    }
     # Jobs with methods of several views share pairs where they work on the same views.
-    shared_pairs = f"x{fingerprint({'command': [*asked.words]})[1]}" if len(views) < len(pairing) else ""
+    shared_pairs = (
+        f"x{fingerprint({'command': [*asked.words]})[1]}" if len(views) < len(pairing) else ""
+    )
     every = [replace(job, shared_pairs=shared_pairs) for job in every] if shared_pairs else every
     overrides = tuple(lines for _, lines in made)
     return Command(tuple(every), asked.words, True, asked.config, overrides, shared_pairs)
@@ -151,11 +172,25 @@ def _faults(asked: Asked, keys: Mapping[str, str]) -> Iterator[None]:
     except SucreBenchError as fault:
         place = keys.get(fault.place, fault.place)
         texts = {text for word in asked.typed for text in (word.text, word.key, word.head)}
-        values = (word.text.partition("=")[2] for word in asked.typed if word.key in (*KINDS, "metrics", "views"))
+        values = (
+            word.text.partition("=")[2]
+            for word in asked.typed
+            if word.key in (*KINDS, "metrics", "views")
+        )
         chosen = {name for value in values for name in re.findall(r"[^][,'\":]+", value)}
-        is_typed = place in texts | chosen or place.partition("=")[0] in texts or re.split("[.:]", place)[0] in chosen
-        fault = type(fault)(fault.fault, place, fault.remedy) if not isinstance(fault, UnknownPluginError) else fault
-        raise (fault if is_typed or not asked.experiment else fault.within(asked.experiment)) from None
+        is_typed = (
+            place in texts | chosen
+            or place.partition("=")[0] in texts
+            or re.split("[.:]", place)[0] in chosen
+        )
+        fault = (
+            type(fault)(fault.fault, place, fault.remedy)
+            if not isinstance(fault, UnknownPluginError)
+            else fault
+        )
+        raise (
+            fault if is_typed or not asked.experiment else fault.within(asked.experiment)
+        ) from None
 
 
 def _of_pair(
@@ -196,7 +231,10 @@ def _of_pair(
     for given in itertools.product(*(word.values for word in chosen.values())):
         settings = dict(zip(chosen, given, strict=True))
         metrics = settings.pop("metrics", None)
-        choices = [*asked.of_hydra, *(f"{kind}={quoted(entry.name)}" for kind, entry in pair.items())]
+        choices = [
+            *asked.of_hydra,
+            *(f"{kind}={quoted(entry.name)}" for kind, entry in pair.items()),
+        ]
         choices += [] if metrics is None else [f"metrics={value_of(metrics)}"]
         start = starts.get(tuple(choices))
         if start is None:
@@ -207,10 +245,15 @@ def _of_pair(
             _put(values, key, value, key in deleted)
         job = Job.of(_plain(_filled(values)), swept)
         job = replace(job, method=replace(job.method, word=own_word))
-        yield job, _overrides(job, choices, [key for key in settings if key not in deleted], deleted)
+        yield (
+            job,
+            _overrides(job, choices, [key for key in settings if key not in deleted], deleted),
+        )
 
 
-def _overrides(job: Job, choices: Sequence[str], keys: Sequence[str], deleted: Sequence[str]) -> tuple[str, ...]:
+def _overrides(
+    job: Job, choices: Sequence[str], keys: Sequence[str], deleted: Sequence[str]
+) -> tuple[str, ...]:
     """What Hydra composes a job of a sweep of: the choices of groups, and the values at these keys."""
 
     def at(key: str) -> Any:
@@ -223,7 +266,9 @@ def _overrides(job: Job, choices: Sequence[str], keys: Sequence[str], deleted: S
     labels["method.label"] = job.method.label
     settings = {key: at(key) for key in keys if key not in labels} | labels
     lines = [f"++{key}={value_of(literal(value))}" for key, value in settings.items()]
-    of_task = (choice for choice in choices if not choice.lstrip("+~").startswith(("hydra.", "hydra/")))
+    of_task = (
+        choice for choice in choices if not choice.lstrip("+~").startswith(("hydra.", "hydra/"))
+    )
     return (*of_task, *lines, *(f"~{key}" for key in deleted))
 
 
@@ -232,20 +277,28 @@ def _refuse_same_place(planned: Sequence[Job]) -> None:
     seen: dict[tuple[str, str, int, int, int], Job] = {}
     for job in planned:
         part = (job.replicate, job.shard.index, job.shard.count)
-        other = seen.setdefault((as_one_file(job.dataset.label), as_one_file(job.method.label), *part), job)
+        other = seen.setdefault(
+            (as_one_file(job.dataset.label), as_one_file(job.method.label), *part), job
+        )
         if other is not job:
             name = f"{job.dataset.label} / {job.method.label}"
             if (other.method, other.dataset) != (job.method, job.dataset):
                 of = "method" if other.dataset == job.dataset else "dataset"
-                raise InputError(f"two jobs of this sweep would both be '{name}'; tell them apart with {of}.label=...")
-            raise InputError(f"two jobs of this sweep are the same, '{name}'; sweep over datasets, methods or options")
+                raise InputError(
+                    f"two jobs of this sweep would both be '{name}'; tell them apart with {of}.label=..."
+                )
+            raise InputError(
+                f"two jobs of this sweep are the same, '{name}'; sweep over datasets, methods or options"
+            )
 
 
 # -- the values of a configuration -----------------------------------------------------------------------------
 
 
 def _copied(value: Any) -> Any:
-    return {key: _copied(inner) for key, inner in value.items()} if isinstance(value, dict) else value
+    return (
+        {key: _copied(inner) for key, inner in value.items()} if isinstance(value, dict) else value
+    )
 
 
 def _put(values: dict[str, Any], key: str, value: Any, is_deleted: bool) -> None:
@@ -261,7 +314,11 @@ def _put(values: dict[str, Any], key: str, value: Any, is_deleted: bool) -> None
     if is_deleted:
         del node[name]
         return
-    if isinstance(options := node.get(name), dict) and name != "variants" and (key != "study" or value is not None):
+    if (
+        isinstance(options := node.get(name), dict)
+        and name != "variants"
+        and (key != "study" or value is not None)
+    ):
         if not isinstance(value, dict):
             raise InputError("is a group of options", key, f"set one of them: {', '.join(options)}")
         value = {**options, **value}
@@ -288,7 +345,9 @@ def _filled(values: dict[str, Any]) -> dict[str, Any]:
     try:
         resolved = OmegaConf.to_container(OmegaConf.create(concerned), resolve=True)
     except OmegaConfBaseException as fault:
-        raise InputError(first_line(fault), fault.full_key or "", "mend the ${...} in it") from fault
+        raise InputError(
+            first_line(fault), fault.full_key or "", "mend the ${...} in it"
+        ) from fault
     assert isinstance(resolved, dict)
     return {**values, **{str(key): value for key, value in resolved.items()}}
 

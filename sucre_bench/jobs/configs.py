@@ -77,9 +77,19 @@ def composed(overrides: Sequence[str], is_sweep: bool = False, config: str = "")
     mode = RunMode.MULTIRUN if is_sweep else RunMode.RUN
     with faults_of_hydra(overrides):
         try:
-            return hydra_app().config_loader.load_configuration(config or config_name(), [*overrides], mode)
-        except (AssertionError, AttributeError, LookupError, TypeError, ValueError) as fault:  # of words of odd types
-            raise InputError(first_line(fault), "", "`sucre-bench run --cfg all` shows what there is") from fault
+            return hydra_app().config_loader.load_configuration(
+                config or config_name(), [*overrides], mode
+            )
+        except (
+            AssertionError,
+            AttributeError,
+            LookupError,
+            TypeError,
+            ValueError,
+        ) as fault:  # of words of odd types
+            raise InputError(
+                first_line(fault), "", "`sucre-bench run --cfg all` shows what there is"
+            ) from fault
 
 
 # Launchers and sweepers of others, and what installs them.
@@ -117,10 +127,18 @@ def _explained(fault: Exception, overrides: Sequence[str]) -> InputError:
     if isinstance(fault, MissingConfigException) and fault.missing_cfg_file:
         group, _, name = str(fault.missing_cfg_file).rpartition("/")
         if group.startswith("hydra") and name in _INSTALLS:
-            return InputError(f"{group}={name} is not installed", remedy=f"pip install '{_INSTALLS[name]}'")
-        kinds: dict[str, plugins.Kind] = {"metrics": "metric", "method": "method", "dataset": "dataset"}
+            return InputError(
+                f"{group}={name} is not installed", remedy=f"pip install '{_INSTALLS[name]}'"
+            )
+        kinds: dict[str, plugins.Kind] = {
+            "metrics": "metric",
+            "method": "method",
+            "dataset": "dataset",
+        }
         if kind := kinds.get(group):
-            return plugins.unknown(kind, name.partition(":")[0], {*plugins.discover(kind), *preset_names(group)})
+            return plugins.unknown(
+                kind, name.partition(":")[0], {*plugins.discover(kind), *preset_names(group)}
+            )
         options = fault.options or preset_names(group)
         return InputError(f"no {group} is called '{name}'", remedy=did_you_mean(name, options))
     is_vague = not str(fault) or str(fault).startswith("Error merging override")
@@ -129,7 +147,9 @@ def _explained(fault: Exception, overrides: Sequence[str]) -> InputError:
     if text.startswith("Could not override '") and "." in key:
         group, _, name = key.rpartition(".")
         others = [word for word in overrides if not word.lstrip("+").startswith(f"{key}=")]
-        if len(others) < len(overrides) and (known := selected(composed(others, is_sweep=True), group)):
+        if len(others) < len(overrides) and (
+            known := selected(composed(others, is_sweep=True), group)
+        ):
             return unknown_name(key, name, known)
     place = next((word for word in overrides if key and key in word), "")
     return InputError(text, place, "`sucre-bench run --cfg all` shows what there is")
@@ -193,7 +213,11 @@ def preset_names(group: str) -> list[str]:
     from hydra.core.object_type import ObjectType
 
     sources = hydra_app().config_loader.get_sources()
-    found = (one for one in sources if one.scheme() not in ("plugins", "structured") and one.is_group(group))
+    found = (
+        one
+        for one in sources
+        if one.scheme() not in ("plugins", "structured") and one.is_group(group)
+    )
     return sorted({name for one in found for name in one.list(group, ObjectType.CONFIG)})
 
 
@@ -202,5 +226,10 @@ def descriptions(group: str) -> dict[str, str]:
     """Return the files of a folder of conf/ by name, with the first comment of each."""
     files = sorted((Path(__file__).parent.parent / "conf" / group).glob("*.yaml"))
     texts = {file.stem: file.read_text(encoding="utf-8").splitlines() for file in files}
-    comments = {name: [line[2:] for line in lines if line.startswith("# ")] for name, lines in texts.items()}
-    return {name: next((one for one in found if not one.startswith("@")), "") for name, found in comments.items()}
+    comments = {
+        name: [line[2:] for line in lines if line.startswith("# ")] for name, lines in texts.items()
+    }
+    return {
+        name: next((one for one in found if not one.startswith("@")), "")
+        for name, found in comments.items()
+    }

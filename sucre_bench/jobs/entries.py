@@ -39,7 +39,11 @@ class Entry:
     def words(self, group: str) -> Iterator[Word]:
         """Yield its options as settings. group: where they stand, "method" say."""
         for name, value in self.options.items():
-            yield from _flat("degrade", value) if name == "degrade" else [Word.written(f"{group}.{name}", value)]
+            yield from (
+                _flat("degrade", value)
+                if name == "degrade"
+                else [Word.written(f"{group}.{name}", value)]
+            )
 
 
 def _flat(key: str, value: Any) -> Iterator[Word]:
@@ -65,7 +69,11 @@ def entries_of(kind: Kind, asked: Asked, params: Sequence[Word] = ()) -> tuple[E
             raise InputError("one name at a time", f"{kind}={name}", f"-m {kind}=a,b runs several")
         name = str(name)
         plugin = plugin_of(kind, name)
-        needs_root = any(o.name == "root" and o.default is MISSING for o in options_of(plugin.cls)) if plugin else False
+        needs_root = (
+            any(o.name == "root" and o.default is MISSING for o in options_of(plugin.cls))
+            if plugin
+            else False
+        )
         # A folder with the name of a dataset is meant where nothing else names the data.
         lacks_root = needs_root and not any(word.key.endswith(".root") for word in asked.typed)
         if kind == "dataset" and lacks_root and Path(name).is_dir():
@@ -83,12 +91,19 @@ def listed_entries(kind: Kind, asked: Asked) -> tuple[Entry, ...]:
         options = {kind: given} if isinstance(given, str) else given
         if not (isinstance(options, Mapping) and isinstance(options.get(kind), str)):
             place = f"hydra.sweeper.{kind}s"
-            raise InputError(f"{given!r} has no name", place, f"write NAME, or {{{kind}: NAME, OPTION: VALUE}}")
+            raise InputError(
+                f"{given!r} has no name", place, f"write NAME, or {{{kind}: NAME, OPTION: VALUE}}"
+            )
         entry = _entry(kind, options[kind])
         own = {str(name): value for name, value in options.items() if name != kind}
         plugin = named(kind, entry.name)
         for option in own:
-            if option not in (known := [*option_names(kind, entry.name), *(["degrade"] if kind == "dataset" else [])]):
+            if option not in (
+                known := [
+                    *option_names(kind, entry.name),
+                    *(["degrade"] if kind == "dataset" else []),
+                ]
+            ):
                 raise unknown_name(f"{entry.name}.{option}", option, known)
         lacking = None
         # A study needs all of its own methods; other experiments go without what lacks an extra.
@@ -132,11 +147,17 @@ def option_of(word: Word, entries: Mapping[Kind, Sequence[Entry]], asked: Asked)
     fitting = [option for option in meant if any(map(option.is_for, entries[option.kind]))]
     if len(fitting) > 1:
         either = " or ".join(f"{option.kind}.{option.name}=" for option in fitting)
-        raise InputError(f"'{word.head}' is a dataset and a method here", word.text, f"write {either}")
+        raise InputError(
+            f"'{word.head}' is a dataset and a method here", word.text, f"write {either}"
+        )
     if fitting:
         return fitting[0]
     for option in meant:
-        owners = [entry.name for entry in entries[option.kind] if option.owner in ("", entry.name, entry.label)]
+        owners = [
+            entry.name
+            for entry in entries[option.kind]
+            if option.owner in ("", entry.name, entry.label)
+        ]
         known = {name for owner in owners for name in option_names(option.kind, owner)}
         raise unknown_name(word.key, option.name, known)
     if word.head not in _OF_RUN:
@@ -149,7 +170,9 @@ def _meant(word: Word, entries: Mapping[Kind, Sequence[Entry]]) -> list[Option]:
     head, dot, rest = word.key.partition(".")
     if dot and head in KINDS:
         return [Option("dataset" if head == "dataset" else "method", "", rest)]
-    named_so = {kind: any(head in (entry.name, entry.label) for entry in entries[kind]) for kind in KINDS}
+    named_so = {
+        kind: any(head in (entry.name, entry.label) for entry in entries[kind]) for kind in KINDS
+    }
     return [Option(kind, head, rest) for kind in KINDS if dot and named_so[kind]]
 
 
@@ -172,16 +195,30 @@ def unknown_word(word: Word, chosen: Mapping[Kind, Sequence[Entry]], asked: Aske
     text, key, head, dot = word.text, word.key, word.head, "." in word.key
     for kind, entries in chosen.items():
         names = ",".join(dict.fromkeys(entry.name for entry in entries))
-        owners = dict.fromkeys(entry.name for entry in entries if key in option_names(kind, entry.name))
+        owners = dict.fromkeys(
+            entry.name for entry in entries if key in option_names(kind, entry.name)
+        )
         if owners:
             before = [kind] if len(entries) == 1 else [*owners]
-            return InputError(f"is an option of a {kind}", text, f"write {' or '.join(f'{b}.{text}' for b in before)}")
+            return InputError(
+                f"is an option of a {kind}",
+                text,
+                f"write {' or '.join(f'{b}.{text}' for b in before)}",
+            )
         if dot and plugin_of(kind, head):
-            return InputError(f"'{head}' is not among the {kind}s", text, f"add it: -m {kind}={names},{head}")
+            return InputError(
+                f"'{head}' is not among the {kind}s", text, f"add it: -m {kind}={names},{head}"
+            )
         if dot and head in {entry.label for entry in listed_entries(kind, asked)}:
             remedy = f"leave out {kind}={names} or {key}"
             return InputError(f"'{head}' is not among the {kind}s of this run", text, remedy)
     if dot and plugin_of("metric", head):
         return InputError("is an option of a metric", text, f"write metrics.{text}")
-    owned = {name for entries in chosen.values() for entry in entries for name in (entry.name, entry.label) if name}
+    owned = {
+        name
+        for entries in chosen.values()
+        for entry in entries
+        for name in (entry.name, entry.label)
+        if name
+    }
     return unknown_name(key, head, {*_OF_RUN, *owned})

@@ -20,7 +20,13 @@ from sucre_bench.machine.text_formats import read_yaml
 
 EXPERIMENT = "experiment.yaml"
 # Settings of a command that an experiment has where they are not as by default.
-_RECORDED: dict[str, Any] = {"every": 1, "first": None, "seed": 0, "save": "display", "baseline": ""}
+_RECORDED: dict[str, Any] = {
+    "every": 1,
+    "first": None,
+    "seed": 0,
+    "save": "display",
+    "baseline": "",
+}
 
 
 def record_experiment(jobs: Sequence[Job]) -> None:
@@ -34,8 +40,12 @@ def record_experiment(jobs: Sequence[Job]) -> None:
     except InputError:
         content = {}
     sweeper = content.get("hydra", {}).get("sweeper", {})
-    listed = {kind: {_label(kind, one): one for one in sweeper.get(f"{kind}s", ())} for kind in KINDS}
-    metrics = {str(name).partition(":")[0]: values for name, values in content.get("metrics", {}).items()}
+    listed = {
+        kind: {_label(kind, one): one for one in sweeper.get(f"{kind}s", ())} for kind in KINDS
+    }
+    metrics = {
+        str(name).partition(":")[0]: values for name, values in content.get("metrics", {}).items()
+    }
     for job in jobs:
         degrade = {"degrade": job.degrade.record} if job.degrade.record else {}
         label = undegraded_label(job.dataset.label, job.degrade.record, job.dataset.plugin.name)
@@ -44,16 +54,32 @@ def record_experiment(jobs: Sequence[Job]) -> None:
         listed["dataset"][job.dataset.label] = {"dataset": job.dataset.plugin.name, **dataset}
         listed["method"][job.method.label] = {"method": job.method.plugin.name, **method}
         for metric in job.metrics:
-            metrics[metric.plugin.name] = {"variants": list(metric.variants), **given("metric", metric.record)}
-    replicates = {job.replicate for job in jobs} | set(content.get("replicates", {0} if content else ()))
-    settings = {name: getattr(first, name) for name, default in _RECORDED.items() if getattr(first, name) != default}
+            metrics[metric.plugin.name] = {
+                "variants": list(metric.variants),
+                **given("metric", metric.record),
+            }
+    replicates = {job.replicate for job in jobs} | set(
+        content.get("replicates", {0} if content else ())
+    )
+    settings = {
+        name: getattr(first, name)
+        for name, default in _RECORDED.items()
+        if getattr(first, name) != default
+    }
     settings |= {"views": list(first.views)} if first.views is not None else {}
     settings |= {"plugins": list(first.plugins)} if first.plugins else {}
     if first.study:
-        values = {name: list(v) if isinstance(v, tuple) else v for name, v in vars(first.study).items()}
-        settings["study"] = {name: value for name, value in values.items() if value != Study.defaults()[name]}
+        values = {
+            name: list(v) if isinstance(v, tuple) else v for name, v in vars(first.study).items()
+        }
+        settings["study"] = {
+            name: value for name, value in values.items() if value != Study.defaults()[name]
+        }
     params = {"replicate": value_of(sorted(replicates))[1:-1]} if replicates != {0} else {}
-    lines = ["# @package _global_", f"# What made {out}. To run it again: sucre-bench run {out / EXPERIMENT} out=again"]
+    lines = [
+        "# @package _global_",
+        f"# What made {out}. To run it again: sucre-bench run {out / EXPERIMENT} out=again",
+    ]
     lines += ["defaults:", f"  - override /metrics: {_in_line([*metrics])}"]
     lines += ["metrics:", *(f"  {name}: {_in_line(values)}" for name, values in metrics.items())]
     lines += [f"{key}: {_in_line(value)}" for key, value in settings.items()]
@@ -93,5 +119,7 @@ def _in_line(value: Any) -> str:
     import yaml
 
     # OmegaConf finds nothing to interpolate in it.
-    text = yaml.safe_dump(literal(value), default_flow_style=True, sort_keys=False, allow_unicode=True, width=10**6)
+    text = yaml.safe_dump(
+        literal(value), default_flow_style=True, sort_keys=False, allow_unicode=True, width=10**6
+    )
     return str(text).removesuffix("\n").removesuffix("\n...")

@@ -57,19 +57,30 @@ class Job(RunConfig):
         run = RunConfig.of(values)
         dataset, method = plugin_choice("dataset", run.dataset), plugin_choice("method", run.method)
         dataset, method = _labelled(dataset, swept), _labelled(method, swept)
-        if pinned := getattr(method.plugin.cls, "pinned", None):  # the options as rows are to record them
+        if pinned := getattr(
+            method.plugin.cls, "pinned", None
+        ):  # the options as rows are to record them
             method = replace(method, options=pinned(method.options))
         plain = dict(values)
         for kind, choice in (("dataset", dataset), ("method", method)):
             # A label that says no more than the name stays open: `read` knows no sweep.
             label = None if choice.label == choice.plugin.name else choice.label
             plain[kind] = {**values[kind], "label": label, **choice.record}
-        dataset = replace(dataset, label=run.degrade.labelled(dataset.label), replicate=run.replicate)
-        made: dict[str, Any] = {"dataset": dataset, "method": replace(method, replicate=run.replicate)}
+        dataset = replace(
+            dataset, label=run.degrade.labelled(dataset.label), replicate=run.replicate
+        )
+        made: dict[str, Any] = {
+            "dataset": dataset,
+            "method": replace(method, replicate=run.replicate),
+        }
         metrics = chosen_metrics(run.metrics)
-        plain["metrics"] = {one.plugin.name: {**one.record, "variants": one.variants} for one in metrics}
+        plain["metrics"] = {
+            one.plugin.name: {**one.record, "variants": one.variants} for one in metrics
+        }
         made |= {"metrics": metrics, "views": _view_names(run.views), "values": _plain(plain)}
-        made["study"] = run.study and replace(run.study, baseline=run.study.baseline or run.baseline)
+        made["study"] = run.study and replace(
+            run.study, baseline=run.study.baseline or run.baseline
+        )
         return cls(**{**vars(run), **made})
 
 
@@ -79,13 +90,17 @@ def _labelled(choice: Choice, swept: Sequence[str]) -> Choice:
     A label with {OPTION} in it has that value there instead: "gain {strength}". InputError for an unknown option.
     """
     options, kind = {**choice.options, "display": choice.display}, choice.plugin.kind
-    texts = {name: str(v.name if isinstance(v, Path) else plain_value(v)) for name, v in options.items()}
+    texts = {
+        name: str(v.name if isinstance(v, Path) else plain_value(v)) for name, v in options.items()
+    }
     named = set(re.findall(r"\{(\w+)\}", choice.label))
     if unknown := named - texts.keys():
         raise unknown_name(f"{kind}.label", min(unknown), texts, "option")
     parts = [re.sub(r"\{(\w+)\}", lambda found: texts[found[1]], choice.label)]
     for name, text in texts.items():
-        if name not in named and (f"{kind}.{name}" in swept or (name == "seed" and "seed" in swept)):
+        if name not in named and (
+            f"{kind}.{name}" in swept or (name == "seed" and "seed" in swept)
+        ):
             parts.append(f"{name}={text}".replace(" ", ""))
     return replace(choice, label=",".join(parts))
 
@@ -94,7 +109,11 @@ def _plain(value: Any) -> Any:
     """A configuration as YAML has it: paths as text, tuples as lists."""
     if isinstance(value, Mapping):
         return {key: _plain(inner) for key, inner in value.items()}
-    return [_plain(inner) for inner in value] if isinstance(value, (list, tuple)) else plain_value(value)
+    return (
+        [_plain(inner) for inner in value]
+        if isinstance(value, (list, tuple))
+        else plain_value(value)
+    )
 
 
 def _view_names(given: Any) -> tuple[str, ...] | None:
@@ -105,10 +124,14 @@ def _view_names(given: Any) -> tuple[str, ...] | None:
     if len(names) == 1 and names[0].endswith(".txt"):
         path = expanded(names[0])
         with reading(path, "save it as UTF-8 text"):
-            text = regular(path, "give a list of views: text, a name a line").read_text(encoding="utf-8-sig")
+            text = regular(path, "give a list of views: text, a name a line").read_text(
+                encoding="utf-8-sig"
+            )
         names = [line.strip() for line in text.splitlines() if line.strip()]
     if not names:
-        raise InputError("an empty list", "views", "name some views, or leave views= out for all of them")
+        raise InputError(
+            "an empty list", "views", "name some views, or leave views= out for all of them"
+        )
     return tuple(names)
 
 
@@ -125,7 +148,9 @@ def config_text(jobs: Sequence[Job], words: Sequence[str], is_sweep: bool) -> st
     if not is_sweep:
         return str(yaml.safe_dump(jobs[0].values, sort_keys=False, allow_unicode=True))
     each = [dict(job.values) for job in jobs]
-    shared = {key: value for key, value in each[0].items() if all(one[key] == value for one in each)}
+    shared = {
+        key: value for key, value in each[0].items() if all(one[key] == value for one in each)
+    }
     differing = [{key: value for key, value in one.items() if key not in shared} for one in each]
     return str(yaml.safe_dump({**shared, "sweep": list(words), "jobs": differing}, sort_keys=False))
 

@@ -76,7 +76,10 @@ class Study:
     def defaults(cls) -> dict[str, Any]:
         """The options of no study, as a configuration has them."""
         values = {"name": "", **{f.name: f.default for f in fields(cls) if f.name != "name"}}
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in values.items()
+        }
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Study:
@@ -86,11 +89,17 @@ class Study:
         for name in {"metrics", "figures"} & given.keys():
             words = [given[name]] if isinstance(given[name], str) else given[name]
             if not fits(Sequence[str], words):
-                raise InputError(f"{words!r} is not a list of words", f"study.{name}", f"write study.{name}=[a,b]")
+                raise InputError(
+                    f"{words!r} is not a list of words",
+                    f"study.{name}",
+                    f"write study.{name}=[a,b]",
+                )
             lists[name] = tuple(dict.fromkeys(words))
         study = cls(**checked_options(cls, {"name": "", **given, **lists}, "study"))
         if not study.name or file_name(study.name) != study.name:
-            raise InputError(f"'{study.name}' is no name for files", "study.name", "give study.name=WORD")
+            raise InputError(
+                f"'{study.name}' is no name for files", "study.name", "give study.name=WORD"
+            )
         for name, _, variant in (metric.partition(":") for metric in study.metrics):
             if name in COSTS:
                 continue
@@ -189,7 +198,9 @@ class RunConfig:
     """What a sweeper such as optuna optimises: the mean of a metric, METRIC.VARIANT; empty: nothing."""
 
     def __post_init__(self) -> None:
-        check_ranges(self, "", every="[1, inf)", first="[1, inf)", replicate="[0, inf)", pairs_gb="[0, inf)")
+        check_ranges(
+            self, "", every="[1, inf)", first="[1, inf)", replicate="[0, inf)", pairs_gb="[0, inf)"
+        )
         check_ranges(self, "", workers="[0, inf)", cache_gb="[0, inf)", view_timeout_s="(0, inf)")
         if self.bits not in (8, 16):
             raise InputError(f"{self.bits}", "bits", "give bits=8 or bits=16")
@@ -215,5 +226,7 @@ class RunConfig:
                     raise InputError("is a group of options", name, f"set one of them: {known}")
                 options[name] = group(**checked_options(group, options[name], name))
         if options.get("study") is not None:
-            options["study"] = None if options["study"] == Study.defaults() else Study.of(options["study"])
+            options["study"] = (
+                None if options["study"] == Study.defaults() else Study.of(options["study"])
+            )
         return cls(**options)

@@ -96,7 +96,16 @@ def parse(texts: Iterable[str], loader: ConfigLoader | None = None) -> list[Word
                 raise InputError("special characters need quotes", text, remedy) from fault
             raise InputError(first_line(fault), text, "an override reads key=value") from fault
         name = override.get_key_element().lstrip("+~")
-        words.append(Word(name, tuple(values), text, is_swept, override.is_delete(), f"{key}{equals}{readable}"))
+        words.append(
+            Word(
+                name,
+                tuple(values),
+                text,
+                is_swept,
+                override.is_delete(),
+                f"{key}{equals}{readable}",
+            )
+        )
     return words
 
 
@@ -112,7 +121,11 @@ def _literal_number(found: re.Match[str]) -> str:
 def first_line(fault: BaseException) -> str:
     """Return what Hydra or OmegaConf says in its first line with content."""
     lines = str(fault).strip().splitlines() or [type(fault).__name__]
-    return lines[0].rstrip(".:") if not lines[0].endswith(":") or len(lines) == 1 else lines[1].strip().rstrip(".")
+    return (
+        lines[0].rstrip(".:")
+        if not lines[0].endswith(":") or len(lines) == 1
+        else lines[1].strip().rstrip(".")
+    )
 
 
 def quoted(text: str) -> str:
@@ -122,10 +135,18 @@ def quoted(text: str) -> str:
     others are read as they are.
     """
     is_number = re.fullmatch(r"\.[\d_]+(e[+-]?\d+)?", text, re.IGNORECASE)
-    if re.fullmatch(r"[A-Za-z_./][\w./-]*", text, re.ASCII) and text.lower() not in _NO_TEXT and not is_number:
+    if (
+        re.fullmatch(r"[A-Za-z_./][\w./-]*", text, re.ASCII)
+        and text.lower() not in _NO_TEXT
+        and not is_number
+    ):
         return text
     literal = re.sub(r"(\\*)\$\{", lambda found: found[1] * 2 + r"\${", text)
-    return "'" + re.sub(r"(\\*)('|$)", lambda found: found[1] * 2 + (r"\'" if found[2] else ""), literal) + "'"
+    return (
+        "'"
+        + re.sub(r"(\\*)('|$)", lambda found: found[1] * 2 + (r"\'" if found[2] else ""), literal)
+        + "'"
+    )
 
 
 def value_of(value: Any) -> str:
@@ -168,13 +189,22 @@ class Rerun:
             return []
         degrade = self.options.get("degrade") or {}
         said = ["sucre-bench", "run", *(word for file in self.files for word in ("--plugin", file))]
-        labels = {"dataset": undegraded_label(self.dataset, degrade, str(dataset["name"])), "method": self.method}
+        labels = {
+            "dataset": undegraded_label(self.dataset, degrade, str(dataset["name"])),
+            "method": self.method,
+        }
         kinds: dict[Kind, Mapping[str, Any]] = {"dataset": dataset, "method": self.method_record}
         for kind, record in kinds.items():
-            changed = given(kind, record) | ({} if labels[kind] == record["name"] else {"label": labels[kind]})
+            changed = given(kind, record) | (
+                {} if labels[kind] == record["name"] else {"label": labels[kind]}
+            )
             said += [f"{kind}={value_of(record['name'])}"]
             said += [f"{kind}.{name}={value_of(value)}" for name, value in changed.items()]
-            said += [f"degrade.{name}={value_of(value)}" for name, value in degrade.items() if kind == "dataset"]
+            said += [
+                f"degrade.{name}={value_of(value)}"
+                for name, value in degrade.items()
+                if kind == "dataset"
+            ]
         if replicate := self.options.get("replicate"):
             said.append(f"replicate={replicate}")
         if self.seed and "seed" not in self.options:
@@ -184,7 +214,11 @@ class Rerun:
     @property
     def method_record(self) -> dict[str, Any]:
         """The method's name, display and options."""
-        return {name: value for name, value in self.options.items() if name not in ("dataset", "degrade", "replicate")}
+        return {
+            name: value
+            for name, value in self.options.items()
+            if name not in ("dataset", "degrade", "replicate")
+        }
 
     def given(self) -> dict[str, Any]:
         """The method's options that are not as they are by default."""
@@ -197,9 +231,17 @@ def given(kind: Kind, record: Mapping[str, Any], seed: int = 0) -> dict[str, Any
     seed: the run's, which a plugin has that was given none.
     """
     plugin = plugins.installed(kind, str(record.get("name")))
-    defaults: dict[str, Any] = {option.name: option.default for option in options_of(plugin.cls)} if plugin else {}
-    defaults |= {"seed": seed, "display": plugin.display} if plugin else {}  # of the run, unless it is given
-    return {name: v for name, v in record.items() if name != "name" and plain_value(defaults.get(name, ...)) != v}
+    defaults: dict[str, Any] = (
+        {option.name: option.default for option in options_of(plugin.cls)} if plugin else {}
+    )
+    defaults |= (
+        {"seed": seed, "display": plugin.display} if plugin else {}
+    )  # of the run, unless it is given
+    return {
+        name: v
+        for name, v in record.items()
+        if name != "name" and plain_value(defaults.get(name, ...)) != v
+    }
 
 
 def metric_words(metric: str, variants: Collection[str]) -> list[str]:
@@ -212,4 +254,6 @@ def metric_words(metric: str, variants: Collection[str]) -> list[str]:
 def shell(words: Sequence[str]) -> str:
     """Words as a shell takes them: in double quotes where a word has single ones and nothing that is read within."""
     has_quote = ("'" in word and not set(word) & set('"$`\\!') for word in words)
-    return " ".join(f'"{w}"' if double else shlex.quote(w) for w, double in zip(words, has_quote, strict=True))
+    return " ".join(
+        f'"{w}"' if double else shlex.quote(w) for w, double in zip(words, has_quote, strict=True)
+    )

@@ -33,8 +33,12 @@ def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, t
     if content is None:
         return {}
     images = content.get("images") if isinstance(content, dict) else None
-    if not isinstance(images, dict) or not all(isinstance(charts, dict) for charts in images.values()):
-        raise InputError(f'{path}: no charts by image; write {{"images": {{"a.png": {{"chart1": [[x, y], ...]}}}}}}')
+    if not isinstance(images, dict) or not all(
+        isinstance(charts, dict) for charts in images.values()
+    ):
+        raise InputError(
+            f'{path}: no charts by image; write {{"images": {{"a.png": {{"chart1": [[x, y], ...]}}}}}}'
+        )
     for name in images:
         if name not in sizes:
             near = difflib.get_close_matches(name, sizes, n=1, cutoff=0)
@@ -42,13 +46,18 @@ def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, t
             raise InputError(what, path, f"write names as there, like '{near[0]}'")
     usual = content.get("kind", "dgk")
     return {
-        name: tuple(chart_of(path, name, chart, entry, usual, sizes[name]) for chart, entry in charts.items())
+        name: tuple(
+            chart_of(path, name, chart, entry, usual, sizes[name])
+            for chart, entry in charts.items()
+        )
         for name, charts in images.items()
         if charts
     }
 
 
-def chart_of(path: Path, image: str, name: str, entry: Any, kind: Any, size: tuple[int, int]) -> Chart:
+def chart_of(
+    path: Path, image: str, name: str, entry: Any, kind: Any, size: tuple[int, int]
+) -> Chart:
     """Return the chart that an entry of the file `path` describes. Raises InputError, naming a wrong entry.
 
     image, name: the image's and the chart's; kind: of a chart without one of its own; size: (width, height), the
@@ -69,5 +78,9 @@ def chart_of(path: Path, image: str, name: str, entry: Any, kind: Any, size: tup
         remedy = "give [x, y] of top left, top right, bottom right, bottom left"
         raise InputError("not four corners in this order", place, remedy)
     if (corners < 0).any() or (corners > size).any():
-        raise InputError(f"a corner is outside of the image of {size[0]}x{size[1]}", place, "give pixels of that image")
+        raise InputError(
+            f"a corner is outside of the image of {size[0]}x{size[1]}",
+            place,
+            "give pixels of that image",
+        )
     return Chart(name, kind, corners)

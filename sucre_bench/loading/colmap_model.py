@@ -34,15 +34,42 @@ from sucre_bench.scene import Encoding, Scene
 
 # By their number in cameras.bin.
 _CAMERA_MODELS = (
-    *("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV"),
-    *("SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE"),
+    *(
+        "SIMPLE_PINHOLE",
+        "PINHOLE",
+        "SIMPLE_RADIAL",
+        "RADIAL",
+        "OPENCV",
+        "OPENCV_FISHEYE",
+        "FULL_OPENCV",
+        "FOV",
+    ),
+    *(
+        "SIMPLE_RADIAL_FISHEYE",
+        "RADIAL_FISHEYE",
+        "THIN_PRISM_FISHEYE",
+        "RAD_TAN_THIN_PRISM_FISHEYE",
+    ),
     *("SIMPLE_DIVISION", "DIVISION", "SIMPLE_FISHEYE", "FISHEYE", "EUCM", "EQUIRECTANGULAR"),
 )
 # How many parameters a model has; all start with one focal length or two, and the principal point.
-_PARAMETERS = {"SIMPLE_PINHOLE": 3, "PINHOLE": 4, "SIMPLE_RADIAL": 4, "RADIAL": 5, "OPENCV": 8, "FULL_OPENCV": 12}
+_PARAMETERS = {
+    "SIMPLE_PINHOLE": 3,
+    "PINHOLE": 4,
+    "SIMPLE_RADIAL": 4,
+    "RADIAL": 5,
+    "OPENCV": 8,
+    "FULL_OPENCV": 12,
+}
 _PARAMETERS |= {"OPENCV_FISHEYE": 8, "SIMPLE_RADIAL_FISHEYE": 4, "RADIAL_FISHEYE": 5}
 _PINHOLE = ("SIMPLE_PINHOLE", "PINHOLE")
-_ONE_FOCAL = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
+_ONE_FOCAL = (
+    "SIMPLE_PINHOLE",
+    "SIMPLE_RADIAL",
+    "RADIAL",
+    "SIMPLE_RADIAL_FISHEYE",
+    "RADIAL_FISHEYE",
+)
 _MOST_MISSING = 100  # images; of more, one view tells: each view costs time, memory and a row
 _REMEDY = "copy the model again, or export it with 'colmap model_converter'"
 
@@ -66,7 +93,9 @@ _ImageRow = tuple[tuple[float, ...], int, str]  # qw qx qy qz tx ty tz, camera i
 _Row = TypeVar("_Row")
 
 
-def read_model(sparse: Path, images: Path, distorted: bool = False, remedy: str = "") -> list[Posed]:
+def read_model(
+    sparse: Path, images: Path, distorted: bool = False, remedy: str = ""
+) -> list[Posed]:
     """Return the registered images of the model in `sparse` or `sparse`/0, ordered by name.
 
     images: the image folder, for messages; distorted: accept distorted cameras; remedy: what accepts them. Raises
@@ -77,38 +106,64 @@ def read_model(sparse: Path, images: Path, distorted: bool = False, remedy: str 
     pairs = ((folder / f"cameras{suffix}", folder / f"images{suffix}") for folder, suffix in places)
     found = next((pair for pair in pairs if pair[0].is_file() and pair[1].is_file()), None)
     if found is None:
-        kind, fault = (InputError, "holds no COLMAP model") if sparse.is_dir() else (MissingFileError, "no such folder")
-        raise kind(fault, sparse, "put cameras.bin and images.bin (or .txt) there or set dataset.sparse=DIR")
+        kind, fault = (
+            (InputError, "holds no COLMAP model")
+            if sparse.is_dir()
+            else (MissingFileError, "no such folder")
+        )
+        raise kind(
+            fault,
+            sparse,
+            "put cameras.bin and images.bin (or .txt) there or set dataset.sparse=DIR",
+        )
     cameras_file, images_file = found
     paths = {"image": images, "input": cameras_file.parent, "output": sparse.parent / "undistorted"}
     given = " ".join(f"--{name}_path {shlex.quote(str(path))}" for name, path in paths.items())
     undistort = f"colmap image_undistorter {given} --output_type COLMAP"
-    cameras = _read_cameras(cameras_file, distorted, f"{remedy} or undistort: {undistort}".removeprefix(" or "))
+    cameras = _read_cameras(
+        cameras_file, distorted, f"{remedy} or undistort: {undistort}".removeprefix(" or ")
+    )
     posed: dict[str, Posed] = {}
-    for pose, number, name in _rows(images_file, _binary_images if images_file.suffix == ".bin" else _text_images):
+    for pose, number, name in _rows(
+        images_file, _binary_images if images_file.suffix == ".bin" else _text_images
+    ):
         place = f"{images_file}: image '{name}'"
         path = PurePosixPath(name)
         if not path.name or "\0" in name or path.is_absolute() or ".." in path.parts:
-            raise InputError(f"{place} is outside of the image folder, or no file; names must be relative to {images}")
+            raise InputError(
+                f"{place} is outside of the image folder, or no file; names must be relative to {images}"
+            )
         if name in posed:
-            raise InputError(f"{place} is there twice; every image needs a name of its own, rename and export again")
+            raise InputError(
+                f"{place} is there twice; every image needs a name of its own, rename and export again"
+            )
         if number not in cameras:
-            raise InputError(f"{place} has camera {number}, which {cameras_file.name} does not hold; {_REMEDY}")
+            raise InputError(
+                f"{place} has camera {number}, which {cameras_file.name} does not hold; {_REMEDY}"
+            )
         camera, distortion = cameras[number]
         posed[name] = Posed(name, camera, _rigid(pose, place), distortion)
     if not posed:
-        raise InputError("no image is registered", images_file, "run 'colmap mapper' on more, overlapping images")
+        raise InputError(
+            "no image is registered", images_file, "run 'colmap mapper' on more, overlapping images"
+        )
     return [posed[name] for name in sorted(posed)]
 
 
-def _read_cameras(file: Path, distorted: bool, remedy: str) -> dict[int, tuple[Camera, Lens | None]]:
+def _read_cameras(
+    file: Path, distorted: bool, remedy: str
+) -> dict[int, tuple[Camera, Lens | None]]:
     """Return each camera, undistorted, with its lens if that distorts. remedy: for one not accepted."""
     cameras: dict[int, tuple[Camera, Lens | None]] = {}
     read = _binary_cameras if file.suffix == ".bin" else _text_cameras
     for number, model, width, height, parameters in _rows(file, read):
         place = f"{file}: camera {number}"
         if model not in (_PARAMETERS if distorted else _PINHOLE):
-            usable = "of these distortions none is known here" if distorted else "only pinhole cameras can be used"
+            usable = (
+                "of these distortions none is known here"
+                if distorted
+                else "only pinhole cameras can be used"
+            )
             raise InputError(f"{place} is {model}, {usable}; {remedy}")
         focals = parameters[: 1 if model in _ONE_FOCAL else 2]
         is_size = 0 < min(width, height) <= max(width, height) <= 1e6  # what `Camera` takes
@@ -119,7 +174,9 @@ def _read_cameras(file: Path, distorted: bool, remedy: str) -> dict[int, tuple[C
         if model in _PINHOLE:
             cameras[number] = (lens.camera, None)
         elif lens.fault:
-            raise InputError(f"{place} is {model} with parameters {parameters}, {lens.fault}; {remedy}")
+            raise InputError(
+                f"{place} is {model} with parameters {parameters}, {lens.fault}; {remedy}"
+            )
         else:
             cameras[number] = (lens.pinhole, lens)
     return cameras
@@ -134,8 +191,12 @@ def lens_of_model(model: str, width: int, height: int, parameters: Sequence[floa
     """Return a camera of COLMAP with its distortion, none for a pinhole. parameters: in COLMAP's order."""
     inner = 3 if model in _ONE_FOCAL else 4  # focal length, or both, and principal point
     focal_x, focal_y, x, y = parameters[:4] if inner == 4 else (parameters[0], *parameters[:3])
-    camera = Camera(np.array([[focal_x, 0, x], [0, focal_y, y], [0, 0, 1]], dtype=np.float64), width, height)
-    return Lens(camera, "fisheye" if "FISHEYE" in model else "perspective", tuple(parameters[inner:]))
+    camera = Camera(
+        np.array([[focal_x, 0, x], [0, focal_y, y], [0, 0, 1]], dtype=np.float64), width, height
+    )
+    return Lens(
+        camera, "fisheye" if "FISHEYE" in model else "perspective", tuple(parameters[inner:])
+    )
 
 
 def _rigid(pose: tuple[float, ...], place: str) -> Array:
@@ -161,7 +222,9 @@ def _rows(path: Path, read: Callable[[Path], Iterator[_Row]]) -> Iterator[_Row]:
     except OSError as fault:
         raise file_error(path, fault, "check its permissions") from fault
     except (struct.error, ValueError) as fault:
-        raise DamagedFileError(f"breaks off or is not a COLMAP file ({fault})", path, _REMEDY) from fault
+        raise DamagedFileError(
+            f"breaks off or is not a COLMAP file ({fault})", path, _REMEDY
+        ) from fault
 
 
 # -- binary: little-endian, no padding ---------------------------------------------------------------------
@@ -221,7 +284,13 @@ def _text_cameras(path: Path) -> Iterator[_CameraRow]:
             words = line.split()
             if len(words) < 5 or len(words) - 4 != _PARAMETERS.get(words[1], len(words) - 4):
                 raise ValueError(f"no camera is written '{line.strip()}'")
-            yield int(words[0]), words[1], int(words[2]), int(words[3]), tuple(map(float, words[4:]))
+            yield (
+                int(words[0]),
+                words[1],
+                int(words[2]),
+                int(words[3]),
+                tuple(map(float, words[4:])),
+            )
 
 
 def _text_images(path: Path) -> Iterator[_ImageRow]:
@@ -230,12 +299,16 @@ def _text_images(path: Path) -> Iterator[_ImageRow]:
         for line in lines:
             if not line.strip() or line.startswith("#"):
                 continue
-            words = line.strip().split(maxsplit=9)  # the name is the rest of the line: it may hold spaces
+            words = line.strip().split(
+                maxsplit=9
+            )  # the name is the rest of the line: it may hold spaces
             if len(words) < 10:
                 raise ValueError(f"no image is written '{line.strip()}'")
             points = next(lines, "").rsplit(maxsplit=1)
             if points and not points[-1].lstrip("-").isdigit():
-                raise ValueError(f"after image '{words[-1]}' stands no line of points, not even an empty one")
+                raise ValueError(
+                    f"after image '{words[-1]}' stands no line of points, not even an empty one"
+                )
             yield tuple(map(float, words[1:8])), int(words[8]), words[9]
 
 
@@ -264,7 +337,10 @@ def registered_scene(
         raise MissingFileError(f"none {of} is there", next(iter(paths.values())), "copy them there")
     missing = [name for name, fault in wrong.items() if fault == NO_FILE]
     no_views = set(missing[1:]) if len(missing) > _MOST_MISSING else set[str]()
-    remedies = {name: f" ({len(missing)} {of} are missing: {first_few(missing, 3)}); copy them" for name in missing}
+    remedies = {
+        name: f" ({len(missing)} {of} are missing: {first_few(missing, 3)}); copy them"
+        for name in missing
+    }
     unusable = {
         name: f"{paths[name]}: {why}{remedies.get(name, '; copy it')} there"
         for name, why in wrong.items()

@@ -42,6 +42,8 @@ def _frame(patches: Array) -> Array:
     boxes = np.array([patch.box for patch in chart_kind("dgk").patches])
     (x0, y0), (x1, y1) = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
     extent = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], dtype=np.float32)
-    image_from_chart = cv2.getPerspectiveTransform(extent, patches.astype(np.float32)).astype(np.float64)
+    image_from_chart = cv2.getPerspectiveTransform(extent, patches.astype(np.float32)).astype(
+        np.float64
+    )
     unit = np.array([[[0, 0], [1, 0], [1, 1], [0, 1]]], dtype=np.float64)
     return np.asarray(cv2.perspectiveTransform(unit, image_from_chart)[0], dtype=np.float64)

@@ -23,8 +23,14 @@ from sucre_bench.machine.progress import say
 
 _FARTHEST_M = 1000.0
 _NONE = 65535  # of 16 bits
-_REPEATS, _BEYOND = 0.001, 8.0  # share of the pixels, and factor above the next value, of one that means "unknown"
-_FILTERED, _RAW = ".geometric.bin", ".photometric.bin"  # of COLMAP: of two maps of an image the first is taken
+_REPEATS, _BEYOND = (
+    0.001,
+    8.0,
+)  # share of the pixels, and factor above the next value, of one that means "unknown"
+_FILTERED, _RAW = (
+    ".geometric.bin",
+    ".photometric.bin",
+)  # of COLMAP: of two maps of an image the first is taken
 
 
 def find_depths(folder: Path, names: Sequence[str]) -> dict[str, Path | str]:
@@ -39,19 +45,28 @@ def find_depths(folder: Path, names: Sequence[str]) -> dict[str, Path | str]:
             path = (place / file).relative_to(folder).as_posix()
             if suffix := depth_suffix(file):
                 there[path[: -len(suffix)]].append(path)
-    claims: dict[str, list[tuple[int, str]]] = defaultdict(list)  # the file -> who may own it, how closely named
+    claims: dict[str, list[tuple[int, str]]] = defaultdict(
+        list
+    )  # the file -> who may own it, how closely named
     nearest: dict[str, str] = {}
     for name in names if there else ():
         image = PurePosixPath(name)
         places = dict.fromkeys(("" if (parent := str(image.parent)) == "." else f"{parent}/", ""))
-        stems = (image.name, f"depth_{image.stem}", f"depth{image.stem}", image.stem)  # the closest name first
+        stems = (
+            image.name,
+            f"depth_{image.stem}",
+            f"depth{image.stem}",
+            image.stem,
+        )  # the closest name first
         for rank, stem in enumerate(place + stem for place in places for stem in stems):
             if stem in there:
                 claims[stem].append((rank, name))
                 nearest.setdefault(name, stem)
     if there and not claims:
         example = f"depth_{PurePosixPath(names[0]).stem}.png"
-        raise InputError("no depth map is named after an image", folder, f"name them like {example}")
+        raise InputError(
+            "no depth map is named after an image", folder, f"name them like {example}"
+        )
 
     found: dict[str, Path | str] = {}
     for name, stem in nearest.items():
@@ -121,7 +136,11 @@ def read_numbers(path: Path) -> np.ndarray:
     """Return the array of an .npy, or that of an .npz called depth, or the only one. Raises as `read_array`."""
 
     def of_archive(names: list[str]) -> str:
-        known = [name for name in ("depth", "disparity", "disp", "inverse_depth", "arr_0") if name in names]
+        known = [
+            name
+            for name in ("depth", "disparity", "disp", "inverse_depth", "arr_0")
+            if name in names
+        ]
         if not known and len(names) != 1:
             raise ValueError(f"holds {', '.join(names)}, none called depth or disparity")
         return (known or names)[0]
@@ -139,12 +158,16 @@ def fitted(metres: Array, size: tuple[int, int], path: Path) -> Array:
 
     depth = np.where(np.isfinite(metres), metres, 0).astype(np.float32)
     if (depth < 0).any():
-        raise InputError(f"depth {depth.min():g} m is negative", path, "write 0 where there is no depth")
+        raise InputError(
+            f"depth {depth.min():g} m is negative", path, "write 0 where there is no depth"
+        )
     farthest = depth.max(initial=0)
     if farthest == 0:
         raise InputError("no pixel has a depth", path, "make the map again, or remove it")
     if farthest > _FARTHEST_M:
-        raise InputError(f"depth up to {farthest:.0f} m, it looks like millimetres", path, "divide by 1000")
+        raise InputError(
+            f"depth up to {farthest:.0f} m, it looks like millimetres", path, "divide by 1000"
+        )
     height, width = depth.shape
     if (width, height) == size:
         return depth
@@ -190,7 +213,9 @@ def _read_exr(path: Path) -> Array:
     try:
         exr = importlib.import_module("OpenEXR")
     except ImportError as fault:
-        raise InputError("OpenEXR files need a package of their own", path, "pip install OpenEXR") from fault
+        raise InputError(
+            "OpenEXR files need a package of their own", path, "pip install OpenEXR"
+        ) from fault
     with reading(path, "copy it again"):
         with exr.File(str(regular(path)), separate_channels=True, header_only=True) as file:
             least, most = np.array(file.header()["dataWindow"], dtype=np.int64)
@@ -199,9 +224,15 @@ def _read_exr(path: Path) -> Array:
         check_pixels(path, (most - least + 1).tolist(), channels=4)
         with exr.File(str(path), separate_channels=True) as file:
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
-    name = next(iter(channels)) if len(channels) == 1 else next((name for name in _DEPTH if name in channels), None)
+    name = (
+        next(iter(channels))
+        if len(channels) == 1
+        else next((name for name in _DEPTH if name in channels), None)
+    )
     if name is None or channels[name].ndim != 2 or channels[name].dtype.kind != "f":
-        raise InputError(f"has channels {', '.join(channels)}", path, "write float depth into one channel, Z")
+        raise InputError(
+            f"has channels {', '.join(channels)}", path, "write float depth into one channel, Z"
+        )
     return np.asarray(channels[name], dtype=np.float32)
 
 

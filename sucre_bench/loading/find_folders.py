@@ -36,7 +36,9 @@ def chosen(dataset: object, root: Path, option: str, kind: Literal["folder", "fi
     return root / expanded(getattr(dataset, option))
 
 
-def check_chosen(dataset: object, folders: Sequence[Path], option: str, kind: Literal["folder", "file"]) -> None:
+def check_chosen(
+    dataset: object, folders: Sequence[Path], option: str, kind: Literal["folder", "file"]
+) -> None:
     """Raise InputError if none of the folders has the path that an option names, as `kind` says.
 
     The option's default need not be there.
@@ -45,7 +47,11 @@ def check_chosen(dataset: object, folders: Sequence[Path], option: str, kind: Li
     places = [folder / expanded(given) for folder in folders]
     is_there = any(place.is_dir() if kind == "folder" else place.is_file() for place in places)
     if places and given != getattr(type(dataset), option) and not is_there:
-        error, fault = (InputError, f"is no {kind}") if places[0].exists() else (MissingFileError, f"no such {kind}")
+        error, fault = (
+            (InputError, f"is no {kind}")
+            if places[0].exists()
+            else (MissingFileError, f"no such {kind}")
+        )
         others = f", in none of {len(places)} folders" * (len(places) > 1)
         raise error(f"{fault}{others}", places[0], f"correct or drop dataset.{option}={given}")
 
@@ -64,7 +70,9 @@ def walk(root: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
             return
         if Path(fault.filename) == root:
             raise fault
-        say(f"{fault.filename}: {fault.strerror}, so this folder is left out; let this user read it if it holds data")
+        say(
+            f"{fault.filename}: {fault.strerror}, so this folder is left out; let this user read it if it holds data"
+        )
 
     seen = set()
     of_system = {Path(place).stat().st_dev for place in ("/proc", "/sys") if os.path.ismount(place)}
@@ -80,7 +88,9 @@ def walk(root: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
         yield folder, below, sorted(names)
 
 
-def folders_below(root: Path, wanted: Callable[[Path, set[str]], bool], lack: str = "") -> Iterator[Path]:
+def folders_below(
+    root: Path, wanted: Callable[[Path, set[str]], bool], lack: str = ""
+) -> Iterator[Path]:
     """Yield `root` and the folders below it, in order of name, that `wanted(folder, names of its folders)` accepts.
 
     Links are followed as by `walk`. Hidden folders and folders below an accepted one are not entered. Where there is
@@ -111,7 +121,9 @@ def inside(root: Path, base: Path, named: str) -> Path | None:
 def scene_name(folder: Path, root: Path) -> str:
     """Return a scene's name: its path below the root, without a part that repeats the one before (D1/D1)."""
     parts = folder.relative_to(root).parts or (folder.resolve().name,)
-    return "_".join(part for part, before in zip(parts, ("", *parts), strict=False) if part != before)
+    return "_".join(
+        part for part, before in zip(parts, ("", *parts), strict=False) if part != before
+    )
 
 
 Found: TypeAlias = Path | str | None  # a file, why it cannot be used, or none
@@ -167,7 +179,9 @@ def check_images(named: Iterable[tuple[str, str, str]]) -> None:
     faults = []
     for place, name, fault in named:
         if name in owners:
-            raise InputError(f"has the image {name}, as {owners[name]} has", place, "give it an image of its own")
+            raise InputError(
+                f"has the image {name}, as {owners[name]} has", place, "give it an image of its own"
+            )
         owners[name] = place
         faults.append(fault)
     if all(faults):
@@ -219,7 +233,9 @@ def _best(wanted: list[str], files: Iterable[str]) -> list[str]:
     """The files that agree with the most folders, read from the file's name upwards; of these, a whole path first."""
     ranked = defaultdict(list)
     for file in files:
-        folders = list(zip(reversed(wanted[:-1]), reversed(_parts(file.lower())[:-1]), strict=False))
+        folders = list(
+            zip(reversed(wanted[:-1]), reversed(_parts(file.lower())[:-1]), strict=False)
+        )
         agree = next((i for i, (one, other) in enumerate(folders) if one != other), len(folders))
         whole = len(_parts(file)) == len(wanted)
         ranked[agree, whole and agree == len(wanted) - 1].append(file)

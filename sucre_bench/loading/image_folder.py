@@ -27,16 +27,22 @@ def image_names(folder: Path, subfolders: bool = False, but: Path | None = None)
     but = but and but.resolve()
     for place, below, names in walk(folder):
         below[:] = [
-            name for name in below if subfolders and not name.startswith(".") and (place / name).resolve() != but
+            name
+            for name in below
+            if subfolders and not name.startswith(".") and (place / name).resolve() != but
         ]
-        images = (name for name in names if name.lower().endswith(SUFFIXES) and not name.startswith("."))
+        images = (
+            name for name in names if name.lower().endswith(SUFFIXES) and not name.startswith(".")
+        )
         found += [(place / name).relative_to(folder).as_posix() for name in images]
     if wrong := [name for name in found if not is_utf8(name)]:
         raise InputError("its name is no UTF-8", folder / wrong[0], "rename it")
     return sorted(found)
 
 
-def no_image(folder: Path, fault: str = "", remedy: str = "copy the images there", place: str = "") -> InputError:
+def no_image(
+    folder: Path, fault: str = "", remedy: str = "copy the images there", place: str = ""
+) -> InputError:
     """Return the error for a folder without images. It names a photograph of another format or a video there.
 
     place: what the user typed for the folder.
@@ -100,7 +106,9 @@ def _references(images: Iterable[str], folder: Path, subfolders: bool) -> dict[s
         files = [folder / name for name in ([image] if image in same else same)]
         found[image] = only(files) or f"{folder / image}: no such file; copy it there"
     if not any(_stem(image) in by_stem for image in found):
-        raise InputError("no file is named like an image", folder, f"name them like {next(iter(found))}")
+        raise InputError(
+            "no file is named like an image", folder, f"name them like {next(iter(found))}"
+        )
     return found
 
 
@@ -126,7 +134,9 @@ def paired_folders(
     found there.
     """
     inputs, references = list(inputs), list(references)
-    for place in folders_below(root, lambda _, below: bool({name.lower() for name in below} & set(inputs))):
+    for place in folders_below(
+        root, lambda _, below: bool({name.lower() for name in below} & set(inputs))
+    ):
         there = {path.name.lower(): path for path in sorted(place.iterdir()) if path.is_dir()}
         images = next(there[name] for name in inputs if name in there)
         targets = next((there[name] for name in references if name in there), None)
@@ -135,5 +145,9 @@ def paired_folders(
 
 def innermost(folder: Path) -> Path:
     """Return the innermost of folders that hold only one folder each, as archives unpack to raw-890/raw-890."""
-    below = [path for path in folder.iterdir() if path.is_dir() and not path.name.startswith((".", "__MACOSX"))]
+    below = [
+        path
+        for path in folder.iterdir()
+        if path.is_dir() and not path.name.startswith((".", "__MACOSX"))
+    ]
     return folder if len(below) != 1 or image_names(folder) else innermost(below[0])

@@ -46,13 +46,21 @@ class Lens:
     @property
     def identity(self) -> tuple[object, ...]:
         """What identifies this lens, for hashes."""
-        return (self.camera.K.tolist(), self.camera.width, self.camera.height, self.model, self.coefficients)
+        return (
+            self.camera.K.tolist(),
+            self.camera.width,
+            self.camera.height,
+            self.model,
+            self.coefficients,
+        )
 
     @property
     def pinhole(self) -> Camera:
         """The camera of the undistorted image, of the same size. Raises InputError if there is a `fault`."""
         if isinstance(self._pinhole, str):
-            raise InputError(f"a lens of distortion {self.coefficients}: {self.fault}; undistort the images before")
+            raise InputError(
+                f"a lens of distortion {self.coefficients}: {self.fault}; undistort the images before"
+            )
         return self._pinhole
 
     @property
@@ -63,12 +71,16 @@ class Lens:
     @functools.cached_property
     def _pinhole(self) -> Camera | str:
         K, width, height = self.camera.K, self.camera.width, self.camera.height
-        u, v = (a.ravel() for a in np.meshgrid(np.linspace(0, width, 33), np.linspace(0, height, 33)))
+        u, v = (
+            a.ravel() for a in np.meshgrid(np.linspace(0, width, 33), np.linspace(0, height, 33))
+        )
         sides = np.stack([u == 0, u == width, v == 0, v == height])
         edge = sides.any(axis=0)
         x, y = np.full((2, u.size), np.nan)
         x[edge], y[edge] = self.rays(np.stack([u[edge], v[edge]], -1)).T
-        away = np.where(sides, [-x, x, -y, y], np.nan)  # NaN where there is no ray, often in corners
+        away = np.where(
+            sides, [-x, x, -y, y], np.nan
+        )  # NaN where there is no ray, often in corners
         # How near each side of the photograph comes to the axis: the pinhole may not look beyond.
         nearest = np.fmin.reduce(away, axis=1, initial=np.inf)
         with np.errstate(all="ignore"):
@@ -84,10 +96,14 @@ class Lens:
         pinhole[0, 0] = focal_x
         pinhole[1, 1] = focal_y
         pinhole[0, 1] = 0
-        at = self._pixels((u - pinhole[0, 2]) / focal_x, (v - pinhole[1, 2]) / focal_y).reshape(33, 33, 2)
+        at = self._pixels((u - pinhole[0, 2]) / focal_x, (v - pinhole[1, 2]) / focal_y).reshape(
+            33, 33, 2
+        )
         within = (at >= -_NEAR_PX) & (at <= np.array([width, height]) + _NEAR_PX)
         right_of, below = np.diff(at, axis=1)[:-1], np.diff(at, axis=0)[:, :-1]
-        folded = right_of[..., 0] * below[..., 1] <= right_of[..., 1] * below[..., 0]  # the same place is seen twice
+        folded = (
+            right_of[..., 0] * below[..., 1] <= right_of[..., 1] * below[..., 0]
+        )  # the same place is seen twice
         return undone if folded.any() or not within.all() else Camera(pinhole, width, height)
 
     def undistorted(self, image: Array, size: tuple[int, int]) -> Array:
@@ -107,7 +123,11 @@ class Lens:
         """
         import cv2
 
-        how = (cv2.INTER_NEAREST, cv2.BORDER_CONSTANT) if nearest else (cv2.INTER_LINEAR, cv2.BORDER_REPLICATE)
+        how = (
+            (cv2.INTER_NEAREST, cv2.BORDER_CONSTANT)
+            if nearest
+            else (cv2.INTER_LINEAR, cv2.BORDER_REPLICATE)
+        )
         size = (image.shape[1], image.shape[0])
         straight = np.empty((to.height, to.width, *image.shape[2:]), dtype=image.dtype)
         rows = max(1, _AT_A_TIME // to.width)
@@ -115,7 +135,9 @@ class Lens:
             K = to.K.copy()
             K[1, 2] -= top
             x, y = self._sources(size, Camera(K, to.width, min(rows, to.height - top)))
-            straight[top : top + rows] = cv2.remap(image, x, y, how[0], borderMode=how[1], borderValue=0)
+            straight[top : top + rows] = cv2.remap(
+                image, x, y, how[0], borderMode=how[1], borderValue=0
+            )
         return straight
 
     def straightened(self, pixels: Array) -> Array:
@@ -129,7 +151,9 @@ class Lens:
         By Newton's method, started at the distorted place, from where it does not overshoot: a barrel's ray lies
         beyond it, a cushion's short of it.
         """
-        wanted = np.linalg.solve(self.camera.K, np.vstack([pixels.T, np.ones(len(pixels))]))[:2]  # (2, P)
+        wanted = np.linalg.solve(self.camera.K, np.vstack([pixels.T, np.ones(len(pixels))]))[
+            :2
+        ]  # (2, P)
         at = wanted
         h = 1e-6
         moves = [np.array(move)[:, None] for move in ((0, 0), (h, 0), (0, h))]
@@ -169,7 +193,11 @@ class Lens:
         import cv2
 
         K = scaled_camera(self.camera, size).K
-        make = cv2.initUndistortRectifyMap if self.model == "perspective" else cv2.fisheye.initUndistortRectifyMap
+        make = (
+            cv2.initUndistortRectifyMap
+            if self.model == "perspective"
+            else cv2.fisheye.initUndistortRectifyMap
+        )
         maps = make(_centred(K), self._padded, np.eye(3), _centred(to.K), to.size, cv2.CV_32FC1)
         return np.asarray(maps[0], dtype=np.float32), np.asarray(maps[1], dtype=np.float32)
 
@@ -200,7 +228,10 @@ def _centred(K: Array) -> Array:
 
 
 def lens_of(
-    camera: Camera, model: Literal["perspective", "fisheye"], k: tuple[float, ...], p: tuple[float, ...]
+    camera: Camera,
+    model: Literal["perspective", "fisheye"],
+    k: tuple[float, ...],
+    p: tuple[float, ...],
 ) -> Lens:
     """Return the lens of a camera, at its size, with k1 to k4 and p1 to p4 of the formulas above, the last left out."""
     k, p = (*k, *[0.0] * (4 - len(k))), (*p, *[0.0] * (4 - len(p)))
@@ -219,7 +250,14 @@ class BrownLens(Lens):
     @property
     def identity(self) -> tuple[object, ...]:
         """What identifies this lens, for hashes."""
-        return ("brown", self.camera.K.tolist(), self.camera.width, self.camera.height, self.model, self.coefficients)
+        return (
+            "brown",
+            self.camera.K.tolist(),
+            self.camera.width,
+            self.camera.height,
+            self.model,
+            self.coefficients,
+        )
 
     def bent(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Return x', y' of rays x, y at unit depth, arrays of one shape."""
@@ -241,7 +279,8 @@ class BrownLens(Lens):
             scaled_camera(self.camera, size).K[:2].tolist()
         )  # floats, which leave float32 as it is
         u, v = (
-            ((np.arange(side) + 0.5 - to.K[i, 2]) / to.K[i, i]).astype(np.float32) for i, side in enumerate(to.size)
+            ((np.arange(side) + 0.5 - to.K[i, 2]) / to.K[i, i]).astype(np.float32)
+            for i, side in enumerate(to.size)
         )
         x, y = self.bent(*np.meshgrid(u, v))
         return fx * x + skew * y + (cx - 0.5), fy * y + (cy - 0.5)
@@ -289,7 +328,9 @@ def read_kalibr(path: Path, size: tuple[int, int]) -> Lens:
         kind = (stored.get("camera_model", "pinhole"), stored.get("distortion_model", "none"))
         if kind[0] != "pinhole" or kind[1] not in _MODELS:
             raise ValueError(f"{kind[0]} with {kind[1]} distortion is not known here")
-        if not (np.isfinite([x, y, *coefficients]).all() and min(focal_x, focal_y, width, height) > 0):
+        if not (
+            np.isfinite([x, y, *coefficients]).all() and min(focal_x, focal_y, width, height) > 0
+        ):
             raise ValueError(f"focal length {focal_x:g}, {focal_y:g} for {width}x{height}")
     while coefficients and coefficients[-1] == 0:
         coefficients.pop()
@@ -299,6 +340,11 @@ def read_kalibr(path: Path, size: tuple[int, int]) -> Lens:
 
 def _report(text: str) -> dict[str, Any]:
     """Return the report's camera in the camchain's form."""
-    found = {name: match[1] for name, pattern in _REPORT.items() if (match := re.search(pattern, text))}
-    numbers = {name: found[name].replace(",", " ").split() for name in ("focal", "centre", "distortion_coeffs")}
+    found = {
+        name: match[1] for name, pattern in _REPORT.items() if (match := re.search(pattern, text))
+    }
+    numbers = {
+        name: found[name].replace(",", " ").split()
+        for name in ("focal", "centre", "distortion_coeffs")
+    }
     return {**found, **numbers, "intrinsics": numbers["focal"] + numbers["centre"]}

@@ -61,10 +61,14 @@ def print_of(image: npt.NDArray[Any]) -> Print:
     import cv2
 
     values = np.asarray(image, dtype=np.float32)
-    values = values if np.isfinite(values.sum()) else np.nan_to_num(values)  # no copy of large pictures
+    values = (
+        values if np.isfinite(values.sum()) else np.nan_to_num(values)
+    )  # no copy of large pictures
     small = cv2.resize(values, (_SIDE, _SIDE), interpolation=cv2.INTER_AREA)
     small = small if image.dtype == np.uint8 else small * 255
-    low = cv2.dct(np.asarray(small @ np.array([0.299, 0.587, 0.114], np.float32)))[:_FREQUENCIES, :_FREQUENCIES].ravel()
+    low = cv2.dct(np.asarray(small @ np.array([0.299, 0.587, 0.114], np.float32)))[
+        :_FREQUENCIES, :_FREQUENCIES
+    ].ravel()
     low[0] = 0  # brightness is no structure
     colour = np.rint(small.mean(axis=(0, 1)).clip(0, 255)).astype(np.uint8)
     return Print(np.packbits(low > np.median(low[1:])).tobytes(), colour.tobytes())
@@ -115,7 +119,9 @@ class NamedSet:
 @functools.cache
 def named_sets() -> Mapping[str, NamedSet]:
     """Return the shipped sets by name."""
-    tables = sorted((file for file in files(__package__).joinpath("sets").iterdir()), key=lambda file: file.name)
+    tables = sorted(
+        (file for file in files(__package__).joinpath("sets").iterdir()), key=lambda file: file.name
+    )
     texts = {table.name.removesuffix(".csv"): table.read_text(encoding="utf-8") for table in tables}
     return {name: _parsed(name, name, text) for name, text in texts.items()}
 
@@ -134,7 +140,11 @@ def named_set(name: str) -> NamedSet:
 def _parsed(name: str, place: str, text: str) -> NamedSet:
     comments = [line[1:].partition(":") for line in text.splitlines() if line.startswith("#")]
     about = {key.strip(): value.strip() for key, _, value in comments}
-    rows = list(csv.DictReader(line for line in text.splitlines() if line.strip() and not line.startswith("#")))
+    rows = list(
+        csv.DictReader(
+            line for line in text.splitlines() if line.strip() and not line.startswith("#")
+        )
+    )
     if not rows or not set(_HEAD) <= set(rows[0]):
         raise InputError("is no table of a test set", place, f"give the columns {', '.join(_HEAD)}")
     if twice := [key for key, n in Counter(row["name"] for row in rows).items() if n > 1]:
@@ -146,9 +156,15 @@ def _parsed(name: str, place: str, text: str) -> NamedSet:
             size = (int(row["width"]), int(row["height"])) if row["width"] else None
         except (ValueError, TypeError) as fault:
             remedy = "write the table again with `sucre-bench describe --write-set`"
-            raise InputError(f"has a wrong size or print in the row of '{row['name']}'", place, remedy) from fault
-        members.append(Member(row["name"], tuple(row["other_names"].split()), size, image, reference))
-    return NamedSet(name=name, members=tuple(members), **{key: about.get(key, "") for key in _ABOUT})
+            raise InputError(
+                f"has a wrong size or print in the row of '{row['name']}'", place, remedy
+            ) from fault
+        members.append(
+            Member(row["name"], tuple(row["other_names"].split()), size, image, reference)
+        )
+    return NamedSet(
+        name=name, members=tuple(members), **{key: about.get(key, "") for key in _ABOUT}
+    )
 
 
 def _print_in(text: str) -> Print | None:
@@ -211,13 +227,26 @@ class Found:
     def as_object(self) -> dict[str, Any]:
         """Return it as plain data for JSON."""
         lists = ("by_name", "changed", "twice", "others", "missing", "resized")
-        counts = {"name": self.of.name, "pictures": self.pictures, "found": len(self.members), "whole": self.is_whole}
-        return {**counts, **{name: list(getattr(self, name)) for name in lists}, "text": self.sentence()}
+        counts = {
+            "name": self.of.name,
+            "pictures": self.pictures,
+            "found": len(self.members),
+            "whole": self.is_whole,
+        }
+        return {
+            **counts,
+            **{name: list(getattr(self, name)) for name in lists},
+            "text": self.sentence(),
+        }
 
     def sentence(self) -> str:
         """Return what is found, in a line."""
         n, whole = len(self.members), len(self.of.members)
-        are_its = f"these are its {whole} pictures" if self.is_whole else f"{n} of {self.pictures} pictures are of it"
+        are_its = (
+            f"these are its {whole} pictures"
+            if self.is_whole
+            else f"{n} of {self.pictures} pictures are of it"
+        )
         lists = (
             (f"of its {whole} missing", self.missing),
             ("not of it", self.others),
@@ -226,7 +255,9 @@ class Found:
             ("known by name alone", self.by_name),
         )
         parts = [f"{self.of.name}: {are_its}"]
-        parts += [f"{len(names)} {verb}: {first_few(names, _SHOWN)}" for verb, names in lists if names]
+        parts += [
+            f"{len(names)} {verb}: {first_few(names, _SHOWN)}" for verb, names in lists if names
+        ]
         if self.resized:
             parts.append(f"they are {' and '.join(self.resized[:3])}, published at other sizes")
         return "; ".join(parts)
@@ -234,7 +265,11 @@ class Found:
     def place(self) -> str:
         """Return the set, or how much of it the pictures are, as a part of a sentence."""
         n, whole = len(self.members), len(self.of.members)
-        return f"{self.of.name} (all {whole})" if self.is_whole else f"{n} of {self.of.name}'s {whole} pictures"
+        return (
+            f"{self.of.name} (all {whole})"
+            if self.is_whole
+            else f"{n} of {self.of.name}'s {whole} pictures"
+        )
 
 
 def found_of(named: NamedSet, pictures: Mapping[str, Picture], of: Of = "either") -> Found:
@@ -247,14 +282,18 @@ def found_of(named: NamedSet, pictures: Mapping[str, Picture], of: Of = "either"
     # Each picture gets a member of its own: the nearest, of pictures alike in bits that of like colours.
     rows, columns = linear_sum_assignment(np.where(bits <= _ALIKE, bits + off / 256, 1e4))
     pairs = {int(i): int(k) for i, k in zip(rows, columns, strict=True) if bits[i, k] <= _ALIKE}
-    changed = tuple(names[i] for i, k in pairs.items() if bits[i, k] > _SAME or off[i, k] > _COLOURS)
+    changed = tuple(
+        names[i] for i, k in pairs.items() if bits[i, k] > _SAME or off[i, k] > _COLOURS
+    )
     stems = {_stem(member.name): k for k, member in enumerate(members) if _prints(member, of) == []}
     free = [i for i in range(len(names)) if i not in pairs]
     named_alike = {i: stems[_stem(names[i])] for i in free if _stem(names[i]) in stems}
     pairs |= named_alike
     rest = [i for i in range(len(names)) if i not in pairs]
     copies = tuple(names[i] for i in rest if (bits[i] <= _SAME).any())
-    sizes = {pictures[names[i]].size == members[k].size for i, k in pairs.items() if members[k].size}
+    sizes = {
+        pictures[names[i]].size == members[k].size for i, k in pairs.items() if members[k].size
+    }
     shown = dict.fromkeys("x".join(map(str, pictures[names[i]].size)) for i in pairs)
     return Found(
         of=named,
@@ -264,7 +303,9 @@ def found_of(named: NamedSet, pictures: Mapping[str, Picture], of: Of = "either"
         changed=changed,
         twice=copies,
         others=tuple(names[i] for i in rest if names[i] not in copies),
-        missing=tuple(member.title for k, member in enumerate(members) if k not in set(pairs.values())),
+        missing=tuple(
+            member.title for k, member in enumerate(members) if k not in set(pairs.values())
+        ),
         resized=tuple(shown) if sizes == {False} else (),
     )
 
@@ -274,9 +315,13 @@ def _prints(member: Member, of: Of) -> list[Print]:
     return [one for name, one in both.items() if of in (name, "either") and one is not None]
 
 
-def _differences(members: Sequence[Member], prints: Sequence[Print | None], of: Of) -> tuple[Array, Array]:
+def _differences(
+    members: Sequence[Member], prints: Sequence[Print | None], of: Of
+) -> tuple[Array, Array]:
     """Return in how many bits, and by how much of 255 in a colour, pictures differ from members, both (P, M)."""
-    bits, off = (np.full((len(prints), len(members)), value, np.float64) for value in (8.0 * 32, 255.0))
+    bits, off = (
+        np.full((len(prints), len(members)), value, np.float64) for value in (8.0 * 32, 255.0)
+    )
     known = [i for i, one in enumerate(prints) if one is not None]
     theirs = [(k, one) for k, member in enumerate(members) for one in _prints(member, of)]
     if not known or not theirs:
@@ -286,8 +331,12 @@ def _differences(members: Sequence[Member], prints: Sequence[Print | None], of: 
         return np.array([np.frombuffer(getattr(one, part), np.uint8) for one in chosen])
 
     ours, members_prints = [prints[i] for i in known], [one for _, one in theirs]
-    differing = np.bitwise_count(of_all(ours, "bits")[:, None] ^ of_all(members_prints, "bits")).sum(-1)
-    apart = np.abs(of_all(ours, "colour")[:, None] - of_all(members_prints, "colour").astype(np.int16)).max(-1)
+    differing = np.bitwise_count(
+        of_all(ours, "bits")[:, None] ^ of_all(members_prints, "bits")
+    ).sum(-1)
+    apart = np.abs(
+        of_all(ours, "colour")[:, None] - of_all(members_prints, "colour").astype(np.int16)
+    ).max(-1)
     # Of a member's photograph and reference, the one that is nearer in both.
     for j, (k, _) in enumerate(theirs):
         is_nearer = differing[:, j] + apart[:, j] < bits[known, k] + off[known, k]
@@ -328,7 +377,9 @@ def members_in(folder: Path, images: Sequence[str], split: str) -> tuple[str, li
         if names:
             raise InputError(fault, folder, remedy)
     if found.resized:
-        say(f"{folder}: the pictures are {' and '.join(found.resized[:3])}, and of {split} published at other sizes")
+        say(
+            f"{folder}: the pictures are {' and '.join(found.resized[:3])}, and of {split} published at other sizes"
+        )
     return named.name, sorted(found.members)
 
 
@@ -337,7 +388,9 @@ def picture_of(rgb: npt.NDArray[Any]) -> Picture:
     return Picture((rgb.shape[1], rgb.shape[0]), print_of(rgb))
 
 
-def recognised_sets(pictures: Mapping[str, Picture], of: Of = "either") -> tuple[list[Found], list[str]]:
+def recognised_sets(
+    pictures: Mapping[str, Picture], of: Of = "either"
+) -> tuple[list[Found], list[str]]:
     """Return the sets of which half is there, or that half of the pictures are of, the fullest first.
 
     And a line for the overlap with each other set of the same dataset. Names alone tell a set only if the pictures have
@@ -348,12 +401,18 @@ def recognised_sets(pictures: Mapping[str, Picture], of: Of = "either") -> tuple
     for named in named_sets().values():
         one = found_of(named, pictures, of)
         whole = len(named.members)
-        least = 0.9 * whole if len(one.by_name) > len(one.members) / 2 else 0.5 * min(one.pictures, whole)
+        least = (
+            0.9 * whole
+            if len(one.by_name) > len(one.members) / 2
+            else 0.5 * min(one.pictures, whole)
+        )
         if len(one.members) < max(1, least):
             shared += [one] if len(one.members) > len(one.by_name) else []
         else:
             found.append(one)
-    found.sort(key=lambda one: -len(one.members) / (one.pictures + len(one.of.members) - len(one.members)))
+    found.sort(
+        key=lambda one: -len(one.members) / (one.pictures + len(one.of.members) - len(one.members))
+    )
     parents = {one.of.of for one in found[:1]}
     lines = defaultdict[str, list[str]](list)
     for one in shared:

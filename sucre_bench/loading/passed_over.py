@@ -12,12 +12,40 @@ from sucre_bench.machine.progress import is_watched, say
 
 # Photographs that need the programs of cameras and telephones.
 OTHER_FORMATS = (
-    *(".arw", ".avif", ".cr2", ".cr3", ".crw", ".dng", ".gpr", ".heic", ".heif", ".insp", ".j2k", ".jfif"),
+    *(
+        ".arw",
+        ".avif",
+        ".cr2",
+        ".cr3",
+        ".crw",
+        ".dng",
+        ".gpr",
+        ".heic",
+        ".heif",
+        ".insp",
+        ".j2k",
+        ".jfif",
+    ),
     *(".jp2", ".jpe", ".jxl", ".nef", ".nrw", ".orf", ".pef", ".raf", ".rw2", ".srw"),
 )
 EXPORT = "export the photographs as .jpg, .png or .tif"
 _NOTES = (
-    *(".cfg", ".csv", ".db", ".htm", ".html", ".ini", ".json", ".jsonl", ".log", ".md", ".pdf", ".py", ".sh", ".txt"),
+    *(
+        ".cfg",
+        ".csv",
+        ".db",
+        ".htm",
+        ".html",
+        ".ini",
+        ".json",
+        ".jsonl",
+        ".log",
+        ".md",
+        ".pdf",
+        ".py",
+        ".sh",
+        ".txt",
+    ),
     *(".xml", ".xmp", ".yaml", ".yml"),
 )
 _MODEL = {"images.bin", "images.txt"}
@@ -32,17 +60,28 @@ def folders_in(folder: Path, but: Iterable[Path] = ()) -> list[Path]:
     found = []
     left_out = {place.resolve() for place in but}
     for place, below, _ in walk(folder):
-        below[:] = [name for name in below if not name.startswith(".") and (place / name).resolve() not in left_out]
+        below[:] = [
+            name
+            for name in below
+            if not name.startswith(".") and (place / name).resolve() not in left_out
+        ]
         found.append(place)
     return found
 
 
 def other_photographs(folder: Path) -> list[Path]:
     """Return the photographs below a folder that are in a format that is not read."""
-    return [path for place in folders_in(folder) for path in _files(place) if path.suffix.lower() in OTHER_FORMATS]
+    return [
+        path
+        for place in folders_in(folder)
+        for path in _files(place)
+        if path.suffix.lower() in OTHER_FORMATS
+    ]
 
 
-def say_passed_over(root: Path, folders: Iterable[Path], read: Iterable[Path], beside: bool = False) -> None:
+def say_passed_over(
+    root: Path, folders: Iterable[Path], read: Iterable[Path], beside: bool = False
+) -> None:
     """Say how many files of which kind in folders were not read, in one line, once.
 
     folders: without those below them; read: the files that were; beside: look for pictures, videos and depth maps in
@@ -59,7 +98,11 @@ def say_passed_over(root: Path, folders: Iterable[Path], read: Iterable[Path], b
     for folder in others:
         if folder.name != _OURS and not any(folder in (one, *one.parents) for one in folders):
             kinds = (*SUFFIXES, *OTHER_FORMATS, *VIDEOS, *DEPTH_SUFFIXES)
-            found.update((folder, _kind(path)) for path in _files(folder) if path.suffix and _kind(path) in kinds)
+            found.update(
+                (folder, _kind(path))
+                for path in _files(folder)
+                if path.suffix and _kind(path) in kinds
+            )
     if not found:
         return
     counts = [f"{n} {kind}{_within(root, folder)}" for (folder, kind), n in found.items()]
@@ -76,7 +119,11 @@ def say_passed_over(root: Path, folders: Iterable[Path], read: Iterable[Path], b
 def _files(folder: Path) -> list[Path]:
     """The files in a folder, in order of name, without hidden ones and notes."""
     there = sorted(folder.iterdir()) if folder.is_dir() else []
-    return [path for path in there if path.is_file() and path.name[0] != "." and path.suffix.lower() not in _NOTES]
+    return [
+        path
+        for path in there
+        if path.is_file() and path.name[0] != "." and path.suffix.lower() not in _NOTES
+    ]
 
 
 def _kind(path: Path) -> str:
@@ -85,4 +132,8 @@ def _kind(path: Path) -> str:
 
 def _within(root: Path, folder: Path) -> str:
     root = root.absolute()
-    return "" if folder == root else f" in {folder.relative_to(root) if root in folder.parents else folder}"
+    return (
+        ""
+        if folder == root
+        else f" in {folder.relative_to(root) if root in folder.parents else folder}"
+    )

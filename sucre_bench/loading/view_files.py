@@ -18,7 +18,14 @@ from sucre_bench.camera import Camera, scaled_camera
 from sucre_bench.errors import InputError, check_number
 from sucre_bench.imaging.chart_patches import scaled_chart
 from sucre_bench.imaging.colour_profiles import Profile, profile_of, read_srgb
-from sucre_bench.imaging.image_files import check_pixels, image_size, is_jpeg, read_rgb, resized, same_shape
+from sucre_bench.imaging.image_files import (
+    check_pixels,
+    image_size,
+    is_jpeg,
+    read_rgb,
+    resized,
+    same_shape,
+)
 from sucre_bench.imaging.orientation import lying_as
 from sucre_bench.loading.depth_maps import fitted, read_depth
 from sucre_bench.loading.find_folders import Found
@@ -71,10 +78,16 @@ class Files:
         if plane == "depth":
             return fitted(self.read_depth(path), self.size, path)
         read = self.read_image if plane == "rgb" else self._read_reference
-        return read(path, self.size) if self.lens is None else self.lens.undistorted(read(path, None), self.size)
+        return (
+            read(path, self.size)
+            if self.lens is None
+            else self.lens.undistorted(read(path, None), self.size)
+        )
 
     def _read_reference(self, path: Path, size: tuple[int, int] | None) -> Array:
-        found = lying_as(read_srgb(path)[0], path, lambda: self.read_image(self.image, None), self.image)
+        found = lying_as(
+            read_srgb(path)[0], path, lambda: self.read_image(self.image, None), self.image
+        )
         return resized(found, size, path)
 
 
@@ -85,7 +98,9 @@ def source_files(view: View) -> Iterator[Path]:
         pixels = getattr(pixels, "files", None) or getattr(pixels, "source", None)
         if pixels is None:
             return
-    yield from (path for path in (pixels.image, pixels.depth, pixels.reference) if isinstance(path, Path))
+    yield from (
+        path for path in (pixels.image, pixels.depth, pixels.reference) if isinstance(path, Path)
+    )
 
 
 def scaled_pose(cam_from_world: Array, metres_per_unit: float) -> Array:
@@ -131,7 +146,9 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
     lens, image, fault = photograph.lens, photograph.image, photograph.fault
     distorts = lens is not None and (bool(lens.coefficients) or lens.model == "fisheye")
     if lens is not None and distorts and lens.fault:
-        raise InputError(f"{lens.fault} (coefficients {lens.coefficients})", image, "undistort the images before")
+        raise InputError(
+            f"{lens.fault} (coefficients {lens.coefficients})", image, "undistort the images before"
+        )
     straight = None
     if lens is not None:
         straight = lens.pinhole if distorts else lens.camera
@@ -141,7 +158,9 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
     try:
         if undistorted is not None and not same_shape(size, undistorted):
             sizes = f"is {size[0]}x{size[1]}, its camera {undistorted[0]}x{undistorted[1]}"
-            raise InputError(sizes, image, "use the images that its camera was found for, uncropped")
+            raise InputError(
+                sizes, image, "use the images that its camera was found for, uncropped"
+            )
         check_pixels(image, size)
     except InputError as wrong_size:
         fault = fault or str(wrong_size)
@@ -171,17 +190,27 @@ def scene_of(
 
     more: what decides the views besides their files, for the data id. Raises InputError as `view_of` does.
     """
-    views = [view_of(photograph, image_scale, encoding) for photograph in track(photographs, "image sizes")]
+    views = [
+        view_of(photograph, image_scale, encoding)
+        for photograph in track(photographs, "image sizes")
+    ]
     has = {
         "poses": any(photograph.cam_from_world is not None for photograph in photographs),
         "depth": any(photograph.depth for photograph in photographs),
         "reference": any(photograph.reference for photograph in photographs),
         "charts": any(photograph.charts for photograph in photographs),
     }
-    return Scene(name, views, frozenset(what for what, there in has.items() if there), data_id=data_id_of(views, *more))
+    return Scene(
+        name,
+        views,
+        frozenset(what for what, there in has.items() if there),
+        data_id=data_id_of(views, *more),
+    )
 
 
-def _seen(chart: Chart, place: str, size: tuple[int, int], lens: Lens | None, target: tuple[int, int]) -> Chart:
+def _seen(
+    chart: Chart, place: str, size: tuple[int, int], lens: Lens | None, target: tuple[int, int]
+) -> Chart:
     """Transform a chart from the stored image, of `size` (width, height), to the view, of size `target`."""
     if lens is None:
         return scaled_chart(chart, size, target)
@@ -222,8 +251,12 @@ def data_id_of(views: Sequence[View], *more: object) -> str:
         K = None if view.camera is None else view.camera.K.tolist()
         pose = None if view.cam_from_world is None else view.cam_from_world.tolist()
         lenses: list[object] = [] if view.pixels.lens is None else [view.pixels.lens.identity]
-        lenses += [] if view.pixels.depth_lens is None else [("depth", view.pixels.depth_lens.identity)]
-        digest.update(repr((view.name, view.encoding, (K, view.pixels.size, pose, *lenses))).encode())
+        lenses += (
+            [] if view.pixels.depth_lens is None else [("depth", view.pixels.depth_lens.identity)]
+        )
+        digest.update(
+            repr((view.name, view.encoding, (K, view.pixels.size, pose, *lenses))).encode()
+        )
         for path in (view.pixels.image, view.pixels.depth, view.pixels.reference):
             digest.update(fingerprint(path) if isinstance(path, Path) else b"none")
     return digest.hexdigest()
@@ -258,14 +291,18 @@ def fingerprint(path: Path) -> bytes:
 class ImageScaleOption:
     """The option of datasets that can shrink their images. Raises InputError if an option is out of its range."""
 
-    ranges: ClassVar[Mapping[str, str]] = {}  # of other options; one whose default is none may be none
+    ranges: ClassVar[
+        Mapping[str, str]
+    ] = {}  # of other options; one whose default is none may be none
 
     image_scale: float = 1.0
     """Shrink images by this factor, above 0 up to 1; with them depth maps, references, cameras and chart corners."""
 
     def __post_init__(self: Any) -> None:
         for option, interval in {"image_scale": "(0, 1]", **self.ranges}.items():
-            if (value := getattr(self, option)) is not None or getattr(type(self), option) is not None:
+            if (value := getattr(self, option)) is not None or getattr(
+                type(self), option
+            ) is not None:
                 check_number(f"{type(self).__plugin__.name}.{option}", value, interval)
 
 
@@ -321,7 +358,9 @@ class SharedPixels:
                 return values
             levels = cv2.convertScaleAbs(values, alpha=255)
             bands = (slice(top, top + _ROWS) for top in range(0, len(values), _ROWS))
-            is_exact = all(np.array_equal(levels[band] / np.float32(255), values[band]) for band in bands)
+            is_exact = all(
+                np.array_equal(levels[band] / np.float32(255), values[band]) for band in bands
+            )
             return levels if is_exact else values
 
         return store.get(f"{self.key} {plane}", decoded)

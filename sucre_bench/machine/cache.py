@@ -143,7 +143,9 @@ class ArrayStore:
                 with suppress(OSError):
                     self._make_room(made[0].nbytes)
                 with path.open("wb") as file:
-                    np.lib.format.write_array(file, np.ascontiguousarray(made[0]), allow_pickle=False)
+                    np.lib.format.write_array(
+                        file, np.ascontiguousarray(made[0]), allow_pickle=False
+                    )
                 return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
             return made[0]
 

@@ -24,7 +24,9 @@ class CheckedCache(FunctionCache):
     def __init__(self, loop: Any) -> None:
         super().__init__(loop)
         self._base = self._impl.filename_base
-        self._cache_file = _CheckedFile(self.cache_path, self._base, self._impl.locator.get_source_stamp())
+        self._cache_file = _CheckedFile(
+            self.cache_path, self._base, self._impl.locator.get_source_stamp()
+        )
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the code for a signature; None if there is none, or if it is damaged."""

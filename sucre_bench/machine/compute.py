@@ -43,7 +43,9 @@ def compile_loop(loop: Callable[..., Any], **options: Any) -> Callable[..., Any]
         _tell(f"{str(fault.message).splitlines()[0].rstrip('.')}; correct it, or unset it")
     _announce_compiling()
     made: Callable[..., Any] = numba.njit(nogil=True, error_model="numpy", **options)(loop)
-    with suppress(RuntimeError):  # neither the folder of the package nor the user's cache can be written
+    with suppress(
+        RuntimeError
+    ):  # neither the folder of the package nor the user's cache can be written
         vars(made)["_cache"] = CheckedCache(loop)
     return made
 
@@ -76,7 +78,9 @@ def _announce_compiling() -> None:
             if self.is_said:
                 return
             self.is_said = True
-            _tell("compiling loops for this processor, once after each installation or update; up to a minute")
+            _tell(
+                "compiling loops for this processor, once after each installation or update; up to a minute"
+            )
 
         def on_end(self, event: object) -> None:
             pass

@@ -39,7 +39,20 @@ _DAY_S = 86_400
 _KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket"}
 
 
-VIDEOS = (".360", ".avi", ".insv", ".lrv", ".m4v", ".mkv", ".mov", ".mp4", ".mts", ".mxf", ".webm", ".wmv")
+VIDEOS = (
+    ".360",
+    ".avi",
+    ".insv",
+    ".lrv",
+    ".m4v",
+    ".mkv",
+    ".mov",
+    ".mp4",
+    ".mts",
+    ".mxf",
+    ".webm",
+    ".wmv",
+)
 FRAMES = "`ffmpeg -i VIDEO -vf fps=2 -qscale:v 2 FRAMES/%05d.jpg`"  # two pictures a second
 
 
@@ -73,7 +86,9 @@ def regular(path: Path, remedy: str = "") -> Path:
             raise MissingFileError("no such file", path, remedy) from None
         raise
     except PermissionError as fault:
-        raise ForbiddenFileError(f"cannot be read, {fault.strerror}", path, "let this user read it") from fault
+        raise ForbiddenFileError(
+            f"cannot be read, {fault.strerror}", path, "let this user read it"
+        ) from fault
     except (OSError, ValueError) as fault:  # a name that no file system has, a link to itself
         said = f"cannot be read, {getattr(fault, 'strerror', fault)}"
         raise NotAFileError(said, path, "give another file") from fault
@@ -108,7 +123,9 @@ def read_json(path: Path, remedy: str, of_data: bool = False) -> Any:
         except FileNotFoundError:
             return None
         if of_data:
-            json.dumps(content, ensure_ascii=False).encode()  # raises where "\\udce9" stands for what is no UTF-8
+            json.dumps(
+                content, ensure_ascii=False
+            ).encode()  # raises where "\\udce9" stands for what is no UTF-8
     return content
 
 
@@ -166,7 +183,9 @@ def open_atomically(path: Path) -> Iterator[IO[bytes]]:
             yield file
             file.flush()
             os.fsync(descriptor)
-            with suppress(PermissionError):  # some network disks have other rights; the file is what counts
+            with suppress(
+                PermissionError
+            ):  # some network disks have other rights; the file is what counts
                 os.fchmod(descriptor, 0o644)
             Path(unfinished).replace(path)
     except BaseException as fault:
@@ -211,15 +230,26 @@ def remove(path: Path) -> None:
 
 def is_want_of_room(fault: OSError) -> bool:
     """Whether a file cannot be written because the disk is full or read-only, or too many files are open."""
-    return fault.errno in (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EMFILE, errno.ENFILE)
+    return fault.errno in (
+        errno.ENOSPC,
+        errno.EDQUOT,
+        errno.EROFS,
+        errno.EFBIG,
+        errno.EMFILE,
+        errno.ENFILE,
+    )
 
 
 def not_writable(path: Path, fault: OSError) -> OutputError:
     """Return the error for a file that cannot be written."""
     if fault.errno == errno.EFBIG:
-        return OutputError("is larger than a file may be here", path, "raise that limit, `ulimit -f unlimited`")
+        return OutputError(
+            "is larger than a file may be here", path, "raise that limit, `ulimit -f unlimited`"
+        )
     if fault.errno in (errno.EMFILE, errno.ENFILE):
-        return OutputError("too many files are open", path, "allow more, for example `ulimit -n 1024`")
+        return OutputError(
+            "too many files are open", path, "allow more, for example `ulimit -n 1024`"
+        )
     if fault.errno in (errno.ENOSPC, errno.EDQUOT):
         return DiskFullError("the disk is full", path, "free some space and repeat the command")
     if blocking := next((folder for folder in path.parents if is_file(folder)), None):
@@ -249,7 +279,9 @@ def check_output(path: Path, kind: str, inputs: Iterable[Path] = (), force: bool
         raise InputError("is a folder", path, f"give a file, for example {example}")
     if path.suffix.lower() not in ENDINGS[kind]:
         noun = "picture" if kind == "contact sheet" else kind
-        raise InputError(f"has no suffix of a {noun}", path, f"end it in {' or '.join(ENDINGS[kind])}")
+        raise InputError(
+            f"has no suffix of a {noun}", path, f"end it in {' or '.join(ENDINGS[kind])}"
+        )
     try:
         regular(path)
     except FileNotFoundError:
@@ -273,7 +305,9 @@ def check_working_folder(out: Path, work: str, inputs: Iterable[Path]) -> None:
         if out.resolve() in (folder.resolve(), *folder.resolve().parents):
             raise InputError("holds the photographs themselves", out, "name a folder elsewhere")
     if any(out.glob("*")) and not (out / work).exists():
-        raise InputError(f"holds other files already, and no {work} to go on from", out, "name a new folder")
+        raise InputError(
+            f"holds other files already, and no {work} to go on from", out, "name a new folder"
+        )
     check_links(out)
 
 
@@ -288,7 +322,11 @@ def check_results_folder(folder: Path) -> None:
         return
     for name in (RESULTS_MARK, "config.yaml", "experiment.yaml"):
         if (folder / name).exists():
-            raise InputError("is there, in a folder without results", folder / name, "give another folder, out=results")
+            raise InputError(
+                "is there, in a folder without results",
+                folder / name,
+                "give another folder, out=results",
+            )
 
 
 def check_links(folder: Path) -> None:
@@ -296,12 +334,17 @@ def check_links(folder: Path) -> None:
     root = folder.resolve()
     for link in _links(folder):
         if not link.resolve().is_relative_to(root):
-            raise InputError("leads out of the folder", link, "put the file itself there, or remove the link")
+            raise InputError(
+                "leads out of the folder", link, "put the file itself there, or remove the link"
+            )
 
 
 def _links(folder: Path) -> Iterator[Path]:
     """The links in a folder and the folders in it; a link is not followed."""
-    with suppress(FileNotFoundError, NotADirectoryError, PermissionError), os.scandir(folder) as entries:
+    with (
+        suppress(FileNotFoundError, NotADirectoryError, PermissionError),
+        os.scandir(folder) as entries,
+    ):
         for entry in entries:
             if entry.is_symlink():
                 yield Path(entry.path)

@@ -18,7 +18,12 @@ def filled_in(package: str, template: str, **values: Any) -> bytes:
     In the template, `source(NAME)` is a style or script of the package, and `source_hash(NAME)` its `policy_hash`.
     Raises jinja2.UndefinedError if a value that the template uses is missing.
     """
-    return _templates(package).get_template(template).render(**values).encode(errors="backslashreplace")
+    return (
+        _templates(package)
+        .get_template(template)
+        .render(**values)
+        .encode(errors="backslashreplace")
+    )
 
 
 @functools.cache
@@ -26,7 +31,9 @@ def _templates(package: str) -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
-    pages = Environment(loader=PackageLoader(package, ""), autoescape=True, undefined=StrictUndefined)
+    pages = Environment(
+        loader=PackageLoader(package, ""), autoescape=True, undefined=StrictUndefined
+    )
     pages.globals["source"] = lambda name: Markup(source(package, name))
     pages.globals["source_hash"] = lambda name: policy_hash(source(package, name))
     return pages

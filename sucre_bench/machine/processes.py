@@ -53,11 +53,15 @@ def terminated_as_interrupt() -> Iterator[None]:
         if number != signal.SIGTERM:
             for descriptor in (1, 2):
                 with suppress(OSError):
-                    if stat.S_ISCHR(os.fstat(descriptor).st_mode):  # writing to a closed terminal would fail
+                    if stat.S_ISCHR(
+                        os.fstat(descriptor).st_mode
+                    ):  # writing to a closed terminal would fail
                         os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
         raise KeyboardInterrupt
 
-    before = {end: signal.getsignal(end) for end in _ENDS if signal.getsignal(end) is not signal.SIG_IGN}
+    before = {
+        end: signal.getsignal(end) for end in _ENDS if signal.getsignal(end) is not signal.SIG_IGN
+    }
     try:
         for end in before:
             signal.signal(end, interrupt)
@@ -75,7 +79,9 @@ def interrupts_held_back() -> Iterator[list[int]]:
     ends or removes it.
     """
     held: list[int] = []
-    if threading.current_thread() is not threading.main_thread():  # signals interrupt the main thread alone
+    if (
+        threading.current_thread() is not threading.main_thread()
+    ):  # signals interrupt the main thread alone
         yield held
         return
     stops = (signal.SIGINT, *_ENDS)
@@ -118,7 +124,9 @@ def isolated_children() -> Iterator[None]:
 
 def environment_of_programs() -> dict[str, str]:
     """Return the environment for a program of the user's, which may import what lies beside it."""
-    return {name: value for name, value in os.environ.items() if (name, value) != (_SAFE_PATH, _OURS)}
+    return {
+        name: value for name, value in os.environ.items() if (name, value) != (_SAFE_PATH, _OURS)
+    }
 
 
 def dying_with_parent(number: int = signal.SIGTERM) -> Callable[[], None] | None:
@@ -170,7 +178,11 @@ def step(name: str, limit_s: float | None = None) -> Iterator[None]:
 def can_fork() -> bool:
     """Whether a child of this process could go on with what it has: on Linux, without a debugger and JAX's threads."""
     jax = sys.modules.get("jax._src.xla_bridge")
-    return sys.platform == "linux" and sys.gettrace() is None and not (jax and jax.backends_are_initialized())
+    return (
+        sys.platform == "linux"
+        and sys.gettrace() is None
+        and not (jax and jax.backends_are_initialized())
+    )
 
 
 class Forked:
@@ -192,10 +204,19 @@ class Forked:
         self._lines: set[str] = set()  # of progress that are not finished
         self._received = bytearray()
         self.messages, sending = Pipe()
-        given = (work, faults, self.messages, sending, os.getpid(), dying_with_parent(signal.SIGKILL))
+        given = (
+            work,
+            faults,
+            self.messages,
+            sending,
+            os.getpid(),
+            dying_with_parent(signal.SIGKILL),
+        )
         self._process = get_context("fork").Process(target=_work_in_child, args=given)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # idle threads of BLAS count as threads
+            warnings.simplefilter(
+                "ignore", DeprecationWarning
+            )  # idle threads of BLAS count as threads
             self._process.start()
         sending.close()
         os.set_blocking(self.messages.fileno(), False)  # half a message must not hold this process
@@ -203,7 +224,11 @@ class Forked:
     @property
     def is_late(self) -> bool:
         """Whether its step takes longer than it may."""
-        return not self.has_ended and self.limit_s is not None and time.monotonic() - self._started > self.limit_s
+        return (
+            not self.has_ended
+            and self.limit_s is not None
+            and time.monotonic() - self._started > self.limit_s
+        )
 
     def give(self, value: object) -> None:
         """Give the child what it waits for with `take()`."""
@@ -214,7 +239,9 @@ class Forked:
         """Take the messages that are there, and notice if the child has died; return those of the work's own."""
         if self.has_ended:
             return []
-        is_dead = self._process.exitcode is not None  # whatever it has started may hold its end of the pipe open
+        is_dead = (
+            self._process.exitcode is not None
+        )  # whatever it has started may hold its end of the pipe open
         is_closed = self._read()
         own = [message for message in self._messages() if self._is_own(*message)]
         if not self.has_ended and (is_dead or is_closed):
@@ -347,7 +374,9 @@ def _work_in_child(
             with lock:
                 messages.send(message)
 
-    os.register_at_fork(after_in_child=messages.close)  # what lives longer than this process must not hold it
+    os.register_at_fork(
+        after_in_child=messages.close
+    )  # what lives longer than this process must not hold it
     die_with_parent()
     try:
         if os.getppid() != parent:
@@ -359,7 +388,9 @@ def _work_in_child(
         os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
         for number, name in ((1, "stdout"), (2, "stderr")):
             raw = io.BufferedWriter(_ToParent(send, number, name))
-            setattr(sys, name, io.TextIOWrapper(raw, "utf-8", "backslashreplace", line_buffering=True))
+            setattr(
+                sys, name, io.TextIOWrapper(raw, "utf-8", "backslashreplace", line_buffering=True)
+            )
         _reporting = send, faults, str(Path.cwd()), ""
         with progress.watched_by(lambda *event: send("progress", *event)):
             result = work(send, messages.recv)

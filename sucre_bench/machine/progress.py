@@ -122,7 +122,9 @@ class _Display:
             self._said.add(values)
         elif event == "started":
             number, what, total = values
-            added = self._bars.add_task("  " * len(self._tasks) + what, total=total, left="", what=what, told=now)
+            added = self._bars.add_task(
+                "  " * len(self._tasks) + what, total=total, left="", what=what, told=now
+            )
             self._tasks[number] = next(task for task in self._bars.tasks if task.id == added)
         elif event == "advanced":
             task = self._tasks[values[0]]
@@ -131,12 +133,16 @@ class _Display:
             self._bars.update(task.id, left=left)
             if is_plain and task.total and now - task.fields["told"] > _PLAIN_S:
                 self._bars.update(task.id, told=now)
-                terminal.err.print(f"{task.fields['what']}: {task.completed:.0f}/{task.total}{left and f', {left}'}")
+                terminal.err.print(
+                    f"{task.fields['what']}: {task.completed:.0f}/{task.total}{left and f', {left}'}"
+                )
         elif event == "finished":
             task = self._tasks.pop(values[0])
             self._bars.remove_task(task.id)
             if is_plain and not self._tasks and (took := task.elapsed or 0.0) > _WORTH_A_LINE_S:
-                terminal.err.print(f"{task.fields['what']}: {task.completed:.0f} done in {took:.1f} s")
+                terminal.err.print(
+                    f"{task.fields['what']}: {task.completed:.0f} done in {took:.1f} s"
+                )
         if now - self._drawn >= _DRAWN_S:  # no thread draws: this process forks others
             self._bars.refresh()
             self._drawn = now
@@ -145,7 +151,14 @@ class _Display:
 @contextmanager
 def live(plain: bool = False) -> Iterator[None]:
     """Show the progress of this block: bars in a terminal, lines elsewhere. plain: lines everywhere."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        SpinnerColumn,
+        TextColumn,
+        TimeElapsedColumn,
+    )
 
     columns = (
         SpinnerColumn(),
@@ -156,6 +169,12 @@ def live(plain: bool = False) -> Iterator[None]:
         TextColumn("{task.fields[left]}"),
     )
     is_plain = plain or not sys.stderr.isatty() or terminal.err.is_dumb_terminal
-    bars = Progress(*columns, console=terminal.err, auto_refresh=False, disable=is_plain, speed_estimate_period=_PACE_S)
+    bars = Progress(
+        *columns,
+        console=terminal.err,
+        auto_refresh=False,
+        disable=is_plain,
+        speed_estimate_period=_PACE_S,
+    )
     with bars, watched_by(_Display(bars)):
         yield

@@ -149,7 +149,9 @@ def environment(command: list[str], seed: int, data: dict[str, str]) -> dict[str
     processor = ""
     if sys.platform == "linux":
         lines = Path("/proc/cpuinfo").read_text().splitlines()
-        processor = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")
+        processor = next(
+            (line.partition(":")[2].strip() for line in lines if line.startswith("model name")), ""
+        )
     return {
         "command": command,
         "sucre_bench": version_of("sucre-bench"),
@@ -175,7 +177,10 @@ def source_commit() -> tuple[str | None, bool | None]:
     here = Path(__file__).resolve().parent.parent.parent
     if not (here / ".git").exists():
         return None, None
-    commit, status = (_output("git", "-C", str(here), *words) for words in (("rev-parse", "HEAD"), ("status", "-s")))
+    commit, status = (
+        _output("git", "-C", str(here), *words)
+        for words in (("rev-parse", "HEAD"), ("status", "-s"))
+    )
     return (None, None) if commit is None or status is None else (commit, bool(status))
 
 
@@ -189,7 +194,9 @@ def gpu() -> str | None:
 def _output(*command: str) -> str | None:
     """What a program prints, None if it fails."""
     try:
-        return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
+        return subprocess.run(
+            command, capture_output=True, text=True, timeout=10, check=True
+        ).stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return None
 
@@ -201,8 +208,19 @@ def write(path: Path, content: dict[str, Any]) -> None:
 
 # What `environment` returns: the page reads all of it.
 _TEXTS = Mapping[str, str]
-_TYPES: dict[str, Any] = {"command": list[str], "seed": int, "python": str, "data": _TEXTS, "packages": _TEXTS}
-_TYPES |= {"sucre_bench": str | None, "git_commit": str | None, "git_dirty": bool | None, "machine": Mapping[str, Any]}
+_TYPES: dict[str, Any] = {
+    "command": list[str],
+    "seed": int,
+    "python": str,
+    "data": _TEXTS,
+    "packages": _TEXTS,
+}
+_TYPES |= {
+    "sucre_bench": str | None,
+    "git_commit": str | None,
+    "git_dirty": bool | None,
+    "machine": Mapping[str, Any],
+}
 _OF_MACHINE = {"system", "processor", "cores", "memory_gb", "gpu"}
 
 
@@ -220,7 +238,16 @@ def read(path: Path) -> dict[str, Any] | None:
 # -- hashes of code ------------------------------------------------------------------------------------------
 
 # The rooms whose code decides a result, each with all its files. A hash adds the code of the plugins.
-_NUMERICS = ("arrays", "camera", "degrade", "imaging", "loading", "multiview", "restored_pair", "scene")
+_NUMERICS = (
+    "arrays",
+    "camera",
+    "degrade",
+    "imaging",
+    "loading",
+    "multiview",
+    "restored_pair",
+    "scene",
+)
 
 
 # Libraries that the numerics compute with. Those that plugins name come on top.
@@ -242,8 +269,12 @@ def hash_of(places: tuple[Path, ...], libraries: Iterable[str] = (), more: objec
     that counts, by its repr. Raises FileNotFoundError if a room of the numerics is not there.
     """
     engine = Path(__file__).parent.parent
-    numerics = (engine / name if (engine / name).is_dir() else engine / f"{name}.py" for name in _NUMERICS)
-    versions = [(name, version_of(distribution_of(name))) for name in sorted({*_LIBRARIES, *libraries})]
+    numerics = (
+        engine / name if (engine / name).is_dir() else engine / f"{name}.py" for name in _NUMERICS
+    )
+    versions = [
+        (name, version_of(distribution_of(name))) for name in sorted({*_LIBRARIES, *libraries})
+    ]
     code = _statements(*numerics).union(*map(_statements, places))
     made_of = (sorted(code), version_of("sucre-bench"), versions, more)
     return hashlib.blake2b(repr(made_of).encode(), digest_size=6).hexdigest()
@@ -257,11 +288,19 @@ def _statements(*places: Path) -> frozenset[bytes]:
     """
     inside = (place.rglob("*") if place.is_dir() else [place] for place in places)
     files = sorted(file for found in inside for file in found if file.suffix in (".py", ".csv"))
-    if len(files) == 1 and not files[0].resolve().is_relative_to(Path(__file__).resolve().parent.parent.parent):
+    if len(files) == 1 and not files[0].resolve().is_relative_to(
+        Path(__file__).resolve().parent.parent.parent
+    ):
         return frozenset(_digests_of(files[0]))
     states = [file.stat() for file in files]
     rule = _digest(Path(__file__).read_bytes()).hex()  # digests of another rule are not taken
-    of = [rule, *([str(file), state.st_size, state.st_mtime_ns] for file, state in zip(files, states, strict=True))]
+    of = [
+        rule,
+        *(
+            [str(file), state.st_size, state.st_mtime_ns]
+            for file, state in zip(files, states, strict=True)
+        ),
+    ]
 
     def read(path: Path) -> frozenset[bytes] | None:
         with suppress(OSError, ValueError, LookupError, TypeError, AttributeError):
@@ -272,11 +311,15 @@ def _statements(*places: Path) -> frozenset[bytes]:
     def make(path: Path) -> frozenset[bytes]:
         digests = frozenset(digest for file in files for digest in _digests_of(file))
         if time.time() - max((state.st_mtime for state in states), default=0) > _SETTLED_S:
-            path.write_text(json.dumps({"of": of, "digests": sorted(digest.hex() for digest in digests)}))
+            path.write_text(
+                json.dumps({"of": of, "digests": sorted(digest.hex() for digest in digests)})
+            )
         return digests
 
     try:
-        return get_or_make(user_cache() / "code" / f"{_digest(repr(places).encode()).hex()}.json", read, make)
+        return get_or_make(
+            user_cache() / "code" / f"{_digest(repr(places).encode()).hex()}.json", read, make
+        )
     except OSError:  # no place to write to
         return make(Path(os.devnull))
 
@@ -305,8 +348,15 @@ def _syntax(node: object) -> object:
     `ast.dump` is not used: its output differs between versions of Python.
     """
     if isinstance(node, ast.AST):
-        fields = ((name, _syntax(value)) for name, value in ast.iter_fields(node) if name not in ("kind", "ctx"))
-        return (type(node).__name__, *((name, value) for name, value in fields if value not in (None, ())))
+        fields = (
+            (name, _syntax(value))
+            for name, value in ast.iter_fields(node)
+            if name not in ("kind", "ctx")
+        )
+        return (
+            type(node).__name__,
+            *((name, value) for name, value in fields if value not in (None, ())),
+        )
     if isinstance(node, list):
         return tuple(_syntax(item) for item in node if not _is_no_code(item))
     return node if isinstance(node, (str, bytes, int, float, complex, type(None))) else repr(node)
@@ -317,7 +367,12 @@ def _is_no_code(node: object) -> bool:
     if isinstance(node, ast.Expr):
         return isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
     if isinstance(node, ast.ImportFrom):
-        return bool(node.level) or (node.module or "").split(".")[0] in ("sucre_bench", "__future__")
+        return bool(node.level) or (node.module or "").split(".")[0] in (
+            "sucre_bench",
+            "__future__",
+        )
     if isinstance(node, ast.Import):
         return all(name.name.split(".")[0] == "sucre_bench" for name in node.names)
-    return isinstance(node, ast.Assign) and any(isinstance(t, ast.Name) and t.id == "__all__" for t in node.targets)
+    return isinstance(node, ast.Assign) and any(
+        isinstance(t, ast.Name) and t.id == "__all__" for t in node.targets
+    )

@@ -19,7 +19,9 @@ from sucre_bench.machine.cache import waited_lock
 from sucre_bench.machine.files import is_file, not_writable, read_json, regular, write_atomically
 
 RECORDS = "records.jsonl"
-_PICTURE = "picture"  # the name in a record of the restored image, seen from the folder of the records
+_PICTURE = (
+    "picture"  # the name in a record of the restored image, seen from the folder of the records
+)
 
 # The newest lines of each file that was read, by picture; with the state that the file had then.
 _read: dict[Path, tuple[tuple[int, ...], Mapping[str, bytes]]] = {}
@@ -34,7 +36,9 @@ def add_record(folder: Path, picture: Path, record: Mapping[str, Any]) -> None:
         with _locked(folder), path.open("a+b") as file:
             if file.tell():
                 file.seek(-1, os.SEEK_END)
-                line = line if file.read(1) == b"\n" else b"\n" + line  # a killed process has left half a line
+                line = (
+                    line if file.read(1) == b"\n" else b"\n" + line
+                )  # a killed process has left half a line
             file.write(line)
     except OSError as fault:
         raise not_writable(path, fault) from fault

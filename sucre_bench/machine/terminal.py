@@ -18,7 +18,9 @@ from rich.text import Text
 from sucre_bench.machine.text_formats import masked
 
 # C0 and C1 but tab and newline; what reverses the direction of text; halves of characters, which no output encodes.
-_UNSAFE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+_UNSAFE = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
+)
 
 
 def escaped(text: str) -> str:
@@ -33,7 +35,9 @@ def escaped(text: str) -> str:
 class _Console(Console):
     """A console that writes out control characters of names and texts; styles are its own."""
 
-    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterable[Segment]:
         for text, style, control in super().render(renderable, options):
             yield Segment(text if control else escaped(text), style, control)
 

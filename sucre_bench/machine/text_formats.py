@@ -25,7 +25,13 @@ def read_yaml(text: str) -> Any:
 
     try:
         return yaml.load(text, _loader())
-    except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as fault:  # of tags with odd values
+    except (
+        ValueError,
+        TypeError,
+        LookupError,
+        AttributeError,
+        RecursionError,
+    ) as fault:  # of tags with odd values
         raise yaml.YAMLError(in_words(fault)) from fault
 
 
@@ -37,7 +43,9 @@ def _loader() -> type[Any]:
         def compose_node(self, parent: Any, index: Any) -> Any:
             event = self.peek_event()
             if isinstance(event, yaml.AliasEvent):
-                raise yaml.MarkedYAMLError(problem=f"*{event.anchor} is an alias", problem_mark=event.start_mark)
+                raise yaml.MarkedYAMLError(
+                    problem=f"*{event.anchor} is an alias", problem_mark=event.start_mark
+                )
             return super().compose_node(parent, index)
 
     def mapping(loader: Any, node: Any) -> dict[Any, Any]:
@@ -46,7 +54,9 @@ def _loader() -> type[Any]:
             if not isinstance(key, yaml.ScalarNode):
                 raise yaml.MarkedYAMLError(problem="a key is no word", problem_mark=key.start_mark)
             if key.value in keys:
-                raise yaml.MarkedYAMLError(problem=f"the key '{key.value}' stands twice", problem_mark=node.start_mark)
+                raise yaml.MarkedYAMLError(
+                    problem=f"the key '{key.value}' stands twice", problem_mark=node.start_mark
+                )
             keys.add(key.value)
         loader.flatten_mapping(node)
         return dict(loader.construct_pairs(node, deep=True))
@@ -64,8 +74,15 @@ def json_text(value: Any) -> str:
      "low": null
     }
     """
-    known = json.loads(json.dumps(value), parse_constant=lambda name: None if name == "NaN" else float(name))
-    return re.sub(r"^(.*?)(-?)Infinity(,?)$", r"\1\g<2>1e999\3", json.dumps(known, indent=1), flags=re.MULTILINE)
+    known = json.loads(
+        json.dumps(value), parse_constant=lambda name: None if name == "NaN" else float(name)
+    )
+    return re.sub(
+        r"^(.*?)(-?)Infinity(,?)$",
+        r"\1\g<2>1e999\3",
+        json.dumps(known, indent=1),
+        flags=re.MULTILINE,
+    )
 
 
 # -- rows, messages and logs -------------------------------------------------------------------------------

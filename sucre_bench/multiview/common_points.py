@@ -43,7 +43,12 @@ _NEIGHBOURS = 2
 
 def surface_of(view: View) -> Surface | None:
     """Return a view's pixels with depth as points; None if it has no camera, pose or depth."""
-    if view.camera is None or view.cam_from_world is None or not view.has_depth or not view.valid.any():
+    if (
+        view.camera is None
+        or view.cam_from_world is None
+        or not view.has_depth
+        or not view.valid.any()
+    ):
         return None
     return lift(view)
 
@@ -84,7 +89,9 @@ class SharedPoints:
             surface = self._surface(i)
             if surface is not None and len(surface.pixels):
                 shares[i] = visible_pixels(surface, self._views) / len(surface.pixels)
-        shares *= shares.T  # what a view sees of the other counts little if the other sees only a corner of it
+        shares *= (
+            shares.T
+        )  # what a view sees of the other counts little if the other sees only a corner of it
         np.fill_diagonal(shares, 0)
         chosen: dict[tuple[int, int], bool] = {}
         for i, shared in enumerate(shares):
@@ -103,7 +110,9 @@ class SharedPoints:
         first, second = self._surface(overlap.first), self._surface(overlap.second)
         if first is None or second is None:
             return None
-        if _footprint(second) > _footprint(first):  # patches are of the view with the larger pixels on the ground
+        if _footprint(second) > _footprint(
+            first
+        ):  # patches are of the view with the larger pixels on the ground
             points = _patches(second, self._views[overlap.first])
             return points and points.turned()
         return _patches(first, self._views[overlap.second])
@@ -133,7 +142,11 @@ def _filled(patch: Indices, most: int) -> Indices:
 
 def _footprint(surface: Surface) -> float:
     """The side of a pixel on the ground, metres."""
-    return float(np.median(surface.points[2])) / float(surface.camera.K[0, 0]) if len(surface.pixels) else 0.0
+    return (
+        float(np.median(surface.points[2])) / float(surface.camera.K[0, 0])
+        if len(surface.pixels)
+        else 0.0
+    )
 
 
 def _patches(surface: Surface, other: View) -> CommonPoints | None:
@@ -154,7 +167,9 @@ def _patches(surface: Surface, other: View) -> CommonPoints | None:
     distance_here = np.sqrt((points**2).sum(axis=0))
     samples, owner = _samples(others, points[2] / surface.camera.K[0, 0], other)
     sums = [np.bincount(number, of) for of in (distance_here, distance)]
-    return CommonPoints(pixels, samples, number, number[owner], np.stack(sums) / np.bincount(number))
+    return CommonPoints(
+        pixels, samples, number, number[owner], np.stack(sums) / np.bincount(number)
+    )
 
 
 def _samples(others: Indices, footprint: Array, view: View) -> tuple[Indices, Indices]:
@@ -171,7 +186,10 @@ def _samples(others: Indices, footprint: Array, view: View) -> tuple[Indices, In
         return others, np.arange(len(others))
     found, owners = [], []
     for v, u in np.ndindex(3, 3):
-        y, x = (np.floor(at + 0.5 + (step - 1) / 3 * side).astype(np.int64) for at, step in ((row, v), (column, u)))
+        y, x = (
+            np.floor(at + 0.5 + (step - 1) / 3 * side).astype(np.int64)
+            for at, step in ((row, v), (column, u))
+        )
         inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
         near = np.zeros(len(others))
         near[inside] = view.depth[y[inside], x[inside]]

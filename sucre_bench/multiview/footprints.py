@@ -111,13 +111,18 @@ def matched_footprints(
 
     with ThreadPoolExecutor(min(usable_cores(), len(chosen))) as pool:
         landings = [landing for landing in pool.map(land, chosen) if landing is not None]
-        smallest, coarsest = np.full(len(surface.pixels), np.inf), np.tile(np.eye(2), (len(surface.pixels), 1, 1))
+        smallest, coarsest = (
+            np.full(len(surface.pixels), np.inf),
+            np.tile(np.eye(2), (len(surface.pixels), 1, 1)),
+        )
         for landing in landings:
             area = np.abs(np.linalg.det(landing.to_view))
             smaller = area < smallest[landing.places]
             smallest[landing.places[smaller]] = area[smaller]
             coarsest[landing.places[smaller]] = landing.to_view[smaller]
-        common = np.linalg.inv(coarsest)  # A_c^-1 (P, 2, 2); the identity for points that no view shows
+        common = np.linalg.inv(
+            coarsest
+        )  # A_c^-1 (P, 2, 2); the identity for points that no view shows
         seen = list(pool.map(colours, landings))
     shape = surface.camera.height, surface.camera.width
     observations = arrange(shape, [one for one in seen if len(one.pixels)], with_view=with_view)
@@ -138,7 +143,9 @@ def _steps_on_planes(target: View, surface: Surface) -> list[Array]:
     around = target.depth[(y[:, None] + v).clip(0, height - 1), (x[:, None] + u).clip(0, width - 1)]
     known = inside & (around > 0).all(axis=1)
     here = 1 / surface.points[2].astype(np.float64)
-    inverse = np.where(known[:, None], 1 / np.where(around > 0, around, 1), here[:, None])  # (P, 25)
+    inverse = np.where(
+        known[:, None], 1 / np.where(around > 0, around, 1), here[:, None]
+    )  # (P, 25)
     squares = float((u * u).sum())
     slope = np.stack([inverse @ u, inverse @ v]) / squares  # (2, P) of 1 / depth, a pixel
     plane = inverse.mean(axis=1)[:, None] + slope[0][:, None] * u + slope[1][:, None] * v
@@ -147,7 +154,9 @@ def _steps_on_planes(target: View, surface: Surface) -> list[Array]:
     K_inv = np.linalg.inv(surface.camera.K)
     depth = surface.points[2].astype(np.float64)
     # X = K^-1 (u, v, 1) d, and d' = -d^2 (1 / d)'
-    return [K_inv[:, axis, None] * depth - surface.points * (depth * slope[axis]) for axis in range(2)]
+    return [
+        K_inv[:, axis, None] * depth - surface.points * (depth * slope[axis]) for axis in range(2)
+    ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,16 +176,30 @@ class _Landing:
     slope: Array
 
     def only(self, which: Mask) -> _Landing:
-        fields = {name: getattr(self, name)[which] for name in ("places", "at", "depth", "to_view", "slope")}
+        fields = {
+            name: getattr(self, name)[which]
+            for name in ("places", "at", "depth", "to_view", "slope")
+        }
         return replace(self, matches=self.matches.only(which), **fields)
 
 
 def _land(
-    view: View, target: View, surface: Surface, sides: Sequence[Array], place: Indices, rule: Rule, tolerance: float
+    view: View,
+    target: View,
+    surface: Surface,
+    sides: Sequence[Array],
+    place: Indices,
+    rule: Rule,
+    tolerance: float,
 ) -> _Landing | None:
     is_target = view.name == target.name
     matches = own_matches(surface) if is_target else match(surface, view, rule, tolerance)
-    if matches is None or not len(matches.pixels) or view.camera is None or view.cam_from_world is None:
+    if (
+        matches is None
+        or not len(matches.pixels)
+        or view.camera is None
+        or view.cam_from_world is None
+    ):
         return None
     places = place[matches.pixels]
     pose = relative_pose(view.cam_from_world, surface.cam_from_world)
@@ -185,7 +208,11 @@ def _land(
     # d (X / Z) = (dX - X / Z dZ) / Z
     steps = np.stack([pose[:3, :3] @ side[:, places] for side in sides], axis=-1)  # (3, M, 2)
     rays = points[:2] / points[2]
-    A = np.einsum("ij,jmk->mik", view.camera.K[:2, :2], (steps[:2] - rays[:, :, None] * steps[2]) / points[2][:, None])
+    A = np.einsum(
+        "ij,jmk->mik",
+        view.camera.K[:2, :2],
+        (steps[:2] - rays[:, :, None] * steps[2]) / points[2][:, None],
+    )
     is_seen = np.abs(np.linalg.det(A)) > 1e-6  # a plane seen from its edge has no area
     landing = _Landing(view, matches, places, at.T, points[2], A, np.zeros_like(at.T)).only(is_seen)
     slope = np.linalg.solve(landing.to_view.swapaxes(1, 2), steps[2][is_seen][..., None])[..., 0]
@@ -203,7 +230,10 @@ def _seen(landing: _Landing, common: Array, k: float, encoding: Kept, with_ray: 
     least = variances[usable, 0]
     view = landing.view
     rgb = srgb_decode(view.rgb) if encoding == "linear" and view.encoding == "gamma" else view.rgb
-    colour, share = np.full((len(S), 3), np.nan, dtype=np.float32), np.zeros(len(S), dtype=np.float32)
+    colour, share = (
+        np.full((len(S), 3), np.nan, dtype=np.float32),
+        np.zeros(len(S), dtype=np.float32),
+    )
     levels = np.maximum(np.floor(np.log2(np.maximum(least / _ENOUGH, 1)) / 2), 0).astype(np.int64)
     uncut = np.array(view.depth, np.float32)
     white = view.rgb >= _WHITE
@@ -217,7 +247,9 @@ def _seen(landing: _Landing, common: Array, k: float, encoding: Kept, with_ray: 
         spread = S[here] / block**2 - (1 - 1 / block**2) * _SQUARE * np.eye(2)
         places = landing.at[here] / block, landing.depth[here], landing.slope[here] * block
         means, used = np.empty((len(here), 3), np.float32), np.empty(len(here), np.float32)
-        compiled(_average)(locked(image), locked(depth), *places, np.linalg.inv(spread), means, used)
+        compiled(_average)(
+            locked(image), locked(depth), *places, np.linalg.inv(spread), means, used
+        )
         colour[here], share[here] = means, used
     enough = (share >= _SHARE) & np.isfinite(colour).all(axis=1)
     kept = landing.only(enough)
@@ -233,7 +265,10 @@ def _smaller(rgb: Array, depth: Array, last: int) -> Iterator[tuple[int, Array, 
     yield 0, image, mean
     for level in range(1, last + 1):
         image, mean = (np.stack(_quarters(plane)).mean(axis=0) for plane in (image, mean))
-        low, high = functools.reduce(np.minimum, _quarters(low)), functools.reduce(np.maximum, _quarters(high))
+        low, high = (
+            functools.reduce(np.minimum, _quarters(low)),
+            functools.reduce(np.maximum, _quarters(high)),
+        )
         whole = (low > 0) & (high - low <= 2 * _PLANE * low)
         if mean.size:
             yield level, image, np.where(whole, mean, 0)
@@ -246,7 +281,14 @@ def _quarters(plane: Array) -> list[Array]:
 
 
 def _average(
-    rgb: Array, depth: Array, at: Array, Z: Array, slope: Array, precision: Array, means: Array, share: Array
+    rgb: Array,
+    depth: Array,
+    at: Array,
+    Z: Array,
+    slope: Array,
+    precision: Array,
+    means: Array,
+    share: Array,
 ) -> None:
     """Write Gaussian means (M, 3) of an image around places `at`, and the share (M,) of each window that they used.
 

@@ -50,7 +50,9 @@ def mutual(
     there, back = _rows(camera.K @ to_view[:3]), _rows(target.K @ to_target[:3])
     rays = _rows(np.linalg.inv(camera.K))
     size = target.size
-    n = compiled(_pair)(points, pixels, ranges, there, depth, rays, back, size, found, others, distance)
+    n = compiled(_pair)(
+        points, pixels, ranges, there, depth, rays, back, size, found, others, distance
+    )
     for values in (found, others, distance):
         values.resize(n, refcheck=False)  # in place: a copy would cost a third of the time
     return found, others, distance
@@ -83,7 +85,11 @@ def _pair(
     one, half, none = np.float32(1), np.float32(0.5), np.float32(-1)
     rows, columns = np.float32(depth.shape[0]), np.float32(depth.shape[1])
     wide, high = np.float32(size[0]), np.float32(size[1])
-    u, v, d = np.empty(_CHUNK, np.float32), np.empty(_CHUNK, np.float32), np.empty(_CHUNK, np.float32)
+    u, v, d = (
+        np.empty(_CHUNK, np.float32),
+        np.empty(_CHUNK, np.float32),
+        np.empty(_CHUNK, np.float32),
+    )
     is_pair, z = np.empty(_CHUNK, np.bool_), np.empty(_CHUNK, np.float32)
     flat, landed = depth.reshape(-1), np.empty(_CHUNK, np.int32)
     n = 0
@@ -94,13 +100,19 @@ def _pair(
                 X, Y, Z = points[0, start + i], points[1, start + i], points[2, start + i]
                 w = there[2][0] * X + there[2][1] * Y + there[2][2] * Z + there[2][3]
                 s = one / w
-                x = np.floor((there[0][0] * X + there[0][1] * Y + there[0][2] * Z + there[0][3]) * s)
-                y = np.floor((there[1][0] * X + there[1][1] * Y + there[1][2] * Z + there[1][3]) * s)
+                x = np.floor(
+                    (there[0][0] * X + there[0][1] * Y + there[0][2] * Z + there[0][3]) * s
+                )
+                y = np.floor(
+                    (there[1][0] * X + there[1][1] * Y + there[1][2] * Z + there[1][3]) * s
+                )
                 is_inside = (w > 0) & (x >= 0) & (x < columns) & (y >= 0) & (y < rows)  # NaN is not
                 u[i] = x if is_inside else none
                 v[i] = y
             for i in range(m):
-                landed[i] = np.int32(v[i]) * np.int32(depth.shape[1]) + np.int32(u[i]) if u[i] >= 0 else 0
+                landed[i] = (
+                    np.int32(v[i]) * np.int32(depth.shape[1]) + np.int32(u[i]) if u[i] >= 0 else 0
+                )
             for i in range(m):
                 d[i] = flat[np.uint32(landed[i])]
             for i in range(m):
@@ -111,18 +123,36 @@ def _pair(
                 s = one / w
                 x = np.floor((back[0][0] * X + back[0][1] * Y + back[0][2] * d[i] + back[0][3]) * s)
                 y = np.floor((back[1][0] * X + back[1][1] * Y + back[1][2] * d[i] + back[1][3]) * s)
-                is_inside = (u[i] >= 0) & (d[i] > 0) & (w > 0) & (x >= 0) & (x < wide) & (y >= 0) & (y < high)
+                is_inside = (
+                    (u[i] >= 0)
+                    & (d[i] > 0)
+                    & (w > 0)
+                    & (x >= 0)
+                    & (x < wide)
+                    & (y >= 0)
+                    & (y < high)
+                )
                 x, y = x if is_inside else none, y if is_inside else none
-                is_pair[i] = is_inside & (np.int32(y) * np.int32(size[0]) + np.int32(x) == pixels[start + i])
+                is_pair[i] = is_inside & (
+                    np.int32(y) * np.int32(size[0]) + np.int32(x) == pixels[start + i]
+                )
                 z[i] = math.sqrt(X * X + Y * Y + d[i] * d[i])
-            for i in range(m):  # always written, counted if it is a pair: a branch would often be mispredicted
+            for i in range(
+                m
+            ):  # always written, counted if it is a pair: a branch would often be mispredicted
                 found[n], others[n], distance[n] = pixels[start + i], landed[i], z[i]
                 n += is_pair[i]
     return n
 
 
 def agreeing(
-    points: Array, pixels: Indices, ranges: Indices, camera: Camera, depth: Array, to_view: Array, tolerance: float
+    points: Array,
+    pixels: Indices,
+    ranges: Indices,
+    camera: Camera,
+    depth: Array,
+    to_view: Array,
+    tolerance: float,
 ) -> tuple[Indices, Indices, Array, Array, Mask]:
     """Return the pairs of a target and another view: pixels, others, distance, at, smooth, as `Matches` has them.
 
@@ -162,9 +192,24 @@ def _agree(
     n = 0
     for r in range(len(ranges)):
         for i in range(ranges[r, 0], ranges[r, 1]):
-            X = pose[0, 0] * points[0, i] + pose[0, 1] * points[1, i] + pose[0, 2] * points[2, i] + pose[0, 3]
-            Y = pose[1, 0] * points[0, i] + pose[1, 1] * points[1, i] + pose[1, 2] * points[2, i] + pose[1, 3]
-            Z = pose[2, 0] * points[0, i] + pose[2, 1] * points[1, i] + pose[2, 2] * points[2, i] + pose[2, 3]
+            X = (
+                pose[0, 0] * points[0, i]
+                + pose[0, 1] * points[1, i]
+                + pose[0, 2] * points[2, i]
+                + pose[0, 3]
+            )
+            Y = (
+                pose[1, 0] * points[0, i]
+                + pose[1, 1] * points[1, i]
+                + pose[1, 2] * points[2, i]
+                + pose[1, 3]
+            )
+            Z = (
+                pose[2, 0] * points[0, i]
+                + pose[2, 1] * points[1, i]
+                + pose[2, 2] * points[2, i]
+                + pose[2, 3]
+            )
             if not Z > 0:  # behind the camera; NaN
                 continue
             x = (K[0, 0] * X + K[0, 1] * Y) / Z + K[0, 2]
@@ -176,7 +221,10 @@ def _agree(
             d = depth[v, u]
             if not (d > 0 and abs(Z - d) <= most):
                 continue
-            left, top = math.floor(x - half), math.floor(y - half)  # the four pixels whose centres surround (x, y)
+            left, top = (
+                math.floor(x - half),
+                math.floor(y - half),
+            )  # the four pixels whose centres surround (x, y)
             agree = left >= 0 and top >= 0 and left + 1 < columns and top + 1 < rows
             if agree:
                 for j in range(4):

@@ -105,17 +105,29 @@ class Observations:
 
     def image(self, values: Array) -> Array:
         """Return pixels' colours (3, P), or one value each (P,), as an image (H, W[, 3]) float32, NaN elsewhere."""
-        image = np.full((self.shape[0] * self.shape[1], *values.shape[:-1]), np.nan, dtype=np.float32)
+        image = np.full(
+            (self.shape[0] * self.shape[1], *values.shape[:-1]), np.nan, dtype=np.float32
+        )
         image[self.pixels] = values.T
         return image.reshape(*self.shape, *values.shape[:-1])
 
     def take(self, places: Indices) -> Observations:
         """Return the observations of some pixels. places: (M,) rising indices into `pixels`."""
         counts = self.counts[places]
-        sizes = (counts[:, None] > np.arange(counts[0])).sum(axis=0) if len(places) else np.empty(0, dtype=np.int64)
-        at = np.concatenate([self.starts[k] + places[:n] for k, n in enumerate(sizes)]) if len(places) else places
+        sizes = (
+            (counts[:, None] > np.arange(counts[0])).sum(axis=0)
+            if len(places)
+            else np.empty(0, dtype=np.int64)
+        )
+        at = (
+            np.concatenate([self.starts[k] + places[:n] for k, n in enumerate(sizes)])
+            if len(places)
+            else places
+        )
         starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-        return replace(self, pixels=self.pixels[places], counts=counts, starts=starts, **self._at(at))
+        return replace(
+            self, pixels=self.pixels[places], counts=counts, starts=starts, **self._at(at)
+        )
 
     def in_views(self, kept: Mask) -> Observations:
         """Return the observations in some views, (V,) bool; pixels that none of them shows are left out."""
@@ -142,7 +154,11 @@ class Observations:
     def _at(self, at: Indices) -> dict[str, Any]:
         """Return the fields with one value an observation, at some of them."""
         per_observation = ("distance", "colour", "weight", "view", "ray")
-        return {name: values[..., at] for name in per_observation if (values := getattr(self, name)) is not None}
+        return {
+            name: values[..., at]
+            for name in per_observation
+            if (values := getattr(self, name)) is not None
+        }
 
 
 def pooled(parts: Sequence[Observations], views: Sequence[str]) -> Observations:
@@ -209,7 +225,9 @@ def compact(colour: Array) -> npt.NDArray[Any]:
     for dtype, tolerance in ((np.uint8, 1e-4), (np.uint16, 0.02)):
         levels = colour * np.float32(np.iinfo(dtype).max)
         rounded = np.rint(levels)
-        if not (rounded.min(initial=0) >= 0 and rounded.max(initial=0) <= np.iinfo(dtype).max):  # or NaN
+        if not (
+            rounded.min(initial=0) >= 0 and rounded.max(initial=0) <= np.iinfo(dtype).max
+        ):  # or NaN
             continue
         levels -= rounded
         if max(levels.max(initial=0), -levels.min(initial=0)) < tolerance:
@@ -242,13 +260,21 @@ def arrange(
     del order
     place = np.empty(n_pixels, dtype=np.int32)  # of each pixel in that order
     place[pixels] = np.arange(len(pixels), dtype=np.int32)
-    n_more = n_pixels - np.cumsum(np.bincount(counts))[:-1]  # pixels with more than k observations, (S,)
+    n_more = (
+        n_pixels - np.cumsum(np.bincount(counts))[:-1]
+    )  # pixels with more than k observations, (S,)
     starts = np.concatenate([[0], np.cumsum(n_more)]).astype(np.int64)
     filled, n = np.zeros(n_pixels, dtype=np.int32), int(starts[-1])  # the next slot of each pixel
-    finest = np.result_type(np.uint8, *(one.colour.dtype if one.colour.dtype.kind == "u" else "f4" for one in seen))
+    finest = np.result_type(
+        np.uint8, *(one.colour.dtype if one.colour.dtype.kind == "u" else "f4" for one in seen)
+    )
     distance, colour = empty("distance", (n,), np.float32), empty("colour", (3, n), finest)
     view = empty("view", (n,), np.uint16) if with_view else None
-    ray = empty("ray", (2, n), np.float32) if seen and all(one.ray is not None for one in seen) else None
+    ray = (
+        empty("ray", (2, n), np.float32)
+        if seen and all(one.ray is not None for one in seen)
+        else None
+    )
     names = tuple(one.name for one in seen)
     parts = seen if free else list(seen)
     for index in range(len(parts)):
@@ -260,12 +286,16 @@ def arrange(
             colours = (colours / np.float32(_full_scale(colours.dtype))).astype(finest)
         at = np.empty(0 if view is None and ray is None else len(one.pixels), dtype=np.int64)
         given = (locked(one.pixels), locked(one.distance), locked(np.ascontiguousarray(colours)))
-        _fill_in_threads(*given, starts, place, filled, at, np.asarray(distance), np.asarray(colour))
+        _fill_in_threads(
+            *given, starts, place, filled, at, np.asarray(distance), np.asarray(colour)
+        )
         if view is not None:
             view[at] = index
         if ray is not None:
             ray[:, at] = one.ray
-    return Observations(shape, names, pixels, counts[pixels], starts, distance, colour, view=view, ray=ray)
+    return Observations(
+        shape, names, pixels, counts[pixels], starts, distance, colour, view=view, ray=ray
+    )
 
 
 # Observations that are worth a thread.
@@ -312,7 +342,9 @@ def _fill(
         colour[0, k], colour[1, k], colour[2, k] = colours[i, 0], colours[i, 1], colours[i, 2]
 
 
-def new_file(folder: Path, name: str, shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+def new_file(
+    folder: Path, name: str, shape: tuple[int, ...], dtype: npt.DTypeLike
+) -> npt.NDArray[Any]:
     """Return a new, unfilled array in FOLDER/NAME.npy. Raises OSError if the disk has no room for it."""
     path = folder / f"{name}.npy"
     array = np.lib.format.open_memmap(path, mode="w+", dtype=np.dtype(dtype), shape=shape)
@@ -348,6 +380,12 @@ class Spool:
         self._file.flush()
         whole = np.memmap(self._file, np.uint8, "r") if self._parts else None
         return [
-            Seen(name, **{field: np.ndarray(shape, dtype, whole, at) for field, (at, dtype, shape) in where.items()})
+            Seen(
+                name,
+                **{
+                    field: np.ndarray(shape, dtype, whole, at)
+                    for field, (at, dtype, shape) in where.items()
+                },
+            )
             for name, where in self._parts
         ]

@@ -28,7 +28,15 @@ from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.machine.compute import compiled, usable_cores
 from sucre_bench.machine.progress import say, track
 from sucre_bench.multiview.observations import Observations, Seen, Spool, arrange, compact, new_file
-from sucre_bench.multiview.pairing import Matches, Rule, Surface, lift, match, own_matches, visible_pixels
+from sucre_bench.multiview.pairing import (
+    Matches,
+    Rule,
+    Surface,
+    lift,
+    match,
+    own_matches,
+    visible_pixels,
+)
 from sucre_bench.scene import View
 
 T = TypeVar("T")
@@ -80,15 +88,24 @@ def observe(
     if the target has no depth map or pose, or an option is wrong.
     """
     began = time.perf_counter()
-    for option, value, known in (("rule", rule, get_args(Rule)), ("encoding", encoding, get_args(Kept))):
+    for option, value, known in (
+        ("rule", rule, get_args(Rule)),
+        ("encoding", encoding, get_args(Kept)),
+    ):
         if value not in known:
             raise InputError("unknown", f"{option}={value}", did_you_mean(str(value), known))
     if not 0 < tolerance < 1:
-        raise InputError("not a share of the depth between 0 and 1", f"tolerance={tolerance}", "give 0.03 for 3 %")
+        raise InputError(
+            "not a share of the depth between 0 and 1",
+            f"tolerance={tolerance}",
+            "give 0.03 for 3 %",
+        )
     _, read_s = _timed(lambda: target.has_depth)
     surface = lift(target)
     if not len(surface.pixels):
-        raise NotApplicableError(f"{target.name}: no pixel has depth; check its depth map, 0 means unknown")
+        raise NotApplicableError(
+            f"{target.name}: no pixel has depth; check its depth map, 0 means unknown"
+        )
     if all(view.name != target.name for view in views):
         views = [target, *views]
     visible = visible_pixels(surface, views)
@@ -123,10 +140,17 @@ def observe(
         if spool is not None:
             seen = spool.parts()
     if not seen:
-        raise SolveError(f"{target.name}: no pixel has both depth and colour; check its image for NaN")
+        raise SolveError(
+            f"{target.name}: no pixel has both depth and colour; check its image for NaN"
+        )
     empty = None if folder is None else partial(new_file, folder)
     observations = arrange(shape, seen, with_view=with_view, free=True, empty=empty)
-    return replace(observations, unreadable=tuple(unreadable), read_s=read_s, pair_s=time.perf_counter() - began)
+    return replace(
+        observations,
+        unreadable=tuple(unreadable),
+        read_s=read_s,
+        pair_s=time.perf_counter() - began,
+    )
 
 
 def _timed(load: Callable[[], T]) -> tuple[T, float]:
@@ -167,8 +191,12 @@ def _see(
     read_s += time.perf_counter() - began
     assert view.camera is not None
     if rgb.shape[:2] != (view.camera.height, view.camera.width):
-        sizes = f"{rgb.shape[1]}x{rgb.shape[0]}, the camera's {view.camera.width}x{view.camera.height}"
-        raise InputError(f"the image is {sizes}", view.name, "use the images that the cameras belong to")
+        sizes = (
+            f"{rgb.shape[1]}x{rgb.shape[0]}, the camera's {view.camera.width}x{view.camera.height}"
+        )
+        raise InputError(
+            f"the image is {sizes}", view.name, "use the images that the cameras belong to"
+        )
     matches, colour = colours_at(matches, rgb, encoding == "linear" and view.encoding == "gamma")
     if not len(colour):
         return None, read_s
@@ -189,7 +217,9 @@ class _Held:
     def add(self, one: Seen, n_tried: int) -> None:
         """Count a view's observations. Raises SolveError as soon as the memory is bound to run out."""
         arrays = [one.distance, one.colour, *([] if one.ray is None else [one.ray])]
-        self.result += sum(array.nbytes for array in arrays) + (2 * len(one.pixels) if self.with_view else 0)
+        self.result += sum(array.nbytes for array in arrays) + (
+            2 * len(one.pixels) if self.with_view else 0
+        )
         self.parts += sum(array.nbytes for array in arrays) + one.pixels.nbytes
         share = n_tried / self.n_visible if n_tried > _TELLING_SHARE * self.n_visible else 1.0
         needed = (self.parts + self.result) / share
@@ -200,7 +230,9 @@ class _Held:
             raise SolveError(f"{self.target}: {sizes}; {cure}")
 
 
-def colours_at(matches: Matches, rgb: npt.NDArray[Any], decode: bool) -> tuple[Matches, npt.NDArray[Any]]:
+def colours_at(
+    matches: Matches, rgb: npt.NDArray[Any], decode: bool
+) -> tuple[Matches, npt.NDArray[Any]]:
     """Return the matches with a finite colour, and their colours (M, 3), uint8, uint16 or float32 (see `compact`).
 
     rgb: (H, W, 3) float32 in [0, 1], the view's; decode: convert sRGB to linear light, as uint16. Instead, for matches
@@ -208,7 +240,9 @@ def colours_at(matches: Matches, rgb: npt.NDArray[Any], decode: bool) -> tuple[M
     """
     if rgb.dtype == np.uint8:
         levels = np.empty((len(matches.others), 3), rgb.dtype)
-        compiled(_gather)(locked(np.ascontiguousarray(rgb).reshape(-1, 3)), locked(matches.others), levels)
+        compiled(_gather)(
+            locked(np.ascontiguousarray(rgb).reshape(-1, 3)), locked(matches.others), levels
+        )
         return matches, levels
     nearest = rgb.reshape(-1, 3)[matches.others]
     if matches.at is None or matches.smooth is None:
@@ -233,7 +267,11 @@ def colours_at(matches: Matches, rgb: npt.NDArray[Any], decode: bool) -> tuple[M
 def _gather(levels: npt.NDArray[Any], others: Indices, colours: npt.NDArray[Any]) -> None:
     for i in range(len(others)):
         pixel = others[i]
-        colours[i, 0], colours[i, 1], colours[i, 2] = levels[pixel, 0], levels[pixel, 1], levels[pixel, 2]
+        colours[i, 0], colours[i, 1], colours[i, 2] = (
+            levels[pixel, 0],
+            levels[pixel, 1],
+            levels[pixel, 2],
+        )
 
 
 def _levels(colours: Array, kind: type[np.unsignedinteger[Any]]) -> npt.NDArray[Any]:
@@ -269,6 +307,8 @@ def rays_at(matches: Matches, camera: Camera) -> Array:
     """Return the rays (2, M) float32 to the matched points: x / z and y / z in the frame of the view's camera."""
     at = matches.at
     if at is None:
-        at = np.stack([matches.others % camera.width, matches.others // camera.width], axis=1) + 0.5  # (M, 2)
+        at = (
+            np.stack([matches.others % camera.width, matches.others // camera.width], axis=1) + 0.5
+        )  # (M, 2)
     K_inv = np.linalg.inv(camera.K)
     return np.asarray(K_inv[:2, :2] @ at.T + K_inv[:2, 2:], dtype=np.float32)

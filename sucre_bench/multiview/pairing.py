@@ -51,7 +51,10 @@ class Surface:
         kept = np.isin(self.pixels, pixels)
         before = np.append(0, np.cumsum(kept))
         return replace(
-            self, pixels=self.pixels[kept], points=self.points[:, kept], tile_starts=before[self.tile_starts]
+            self,
+            pixels=self.pixels[kept],
+            points=self.points[:, kept],
+            tile_starts=before[self.tile_starts],
         )
 
 
@@ -85,12 +88,17 @@ def lift(view: View, tile_px: int = _TILE_PX) -> Surface:
     Raises InputError if the view has no camera, pose or depth map, or if the map's size is not the camera's.
     """
     if view.camera is None or view.cam_from_world is None:
-        raise InputError("the view has no camera pose", view.name, "pairing needs one, choose a registered view")
+        raise InputError(
+            "the view has no camera pose", view.name, "pairing needs one, choose a registered view"
+        )
     depth = _depth(view, view.camera)
     height, width = depth.shape
     index = np.arange(height * width, dtype=np.int32).reshape(height, width)
     corners = [(x, y) for y in range(0, height, tile_px) for x in range(0, width, tile_px)]
-    tiles = [index[y : y + tile_px, x : x + tile_px][depth[y : y + tile_px, x : x + tile_px] > 0] for x, y in corners]
+    tiles = [
+        index[y : y + tile_px, x : x + tile_px][depth[y : y + tile_px, x : x + tile_px] > 0]
+        for x, y in corners
+    ]
     sizes = np.array([len(tile) for tile in tiles])
     pixels = np.concatenate(tiles)
     d = depth.ravel()[pixels]
@@ -116,7 +124,9 @@ def lift(view: View, tile_px: int = _TILE_PX) -> Surface:
 def _depth(view: View, camera: Camera) -> Array:
     depth = view.depth
     if depth.shape != (camera.height, camera.width):
-        sizes = f"{depth.shape[1]}x{depth.shape[0]}, the camera's image {camera.width}x{camera.height}"
+        sizes = (
+            f"{depth.shape[1]}x{depth.shape[0]}, the camera's image {camera.width}x{camera.height}"
+        )
         raise InputError(f"the depth map is {sizes}", view.name, "resample it to the image's size")
     return depth
 
@@ -148,9 +158,15 @@ def visible_pixels(surface: Surface, views: Sequence[View]) -> Indices:
     remaining ones tile by tile.
     """
     most = np.zeros(len(views), dtype=np.int64)
-    posed = [k for k, view in enumerate(views) if view.camera is not None and view.cam_from_world is not None]
+    posed = [
+        k
+        for k, view in enumerate(views)
+        if view.camera is not None and view.cam_from_world is not None
+    ]
     if posed:
-        near = _may_be_seen(*_fields_of_view(surface, [views[k] for k in posed]), surface.corners).any(axis=-1)
+        near = _may_be_seen(
+            *_fields_of_view(surface, [views[k] for k in posed]), surface.corners
+        ).any(axis=-1)
         for k in np.array(posed)[near]:
             most[k] = np.diff(_visible_ranges(surface, views[k])).sum()
     return most
@@ -161,7 +177,11 @@ def _fields_of_view(surface: Surface, views: Sequence[View]) -> tuple[Array, Ind
     cameras = [view.camera for view in views if view.camera is not None]
     poses = [view.cam_from_world for view in views if view.cam_from_world is not None]
     sizes = np.array([camera.size for camera in cameras])
-    return np.stack([camera.K for camera in cameras]), sizes, relative_pose(np.stack(poses), surface.cam_from_world)
+    return (
+        np.stack([camera.K for camera in cameras]),
+        sizes,
+        relative_pose(np.stack(poses), surface.cam_from_world),
+    )
 
 
 def _visible_ranges(surface: Surface, view: View) -> Indices:
@@ -170,7 +190,9 @@ def _visible_ranges(surface: Surface, view: View) -> Indices:
     return np.stack([surface.tile_starts[:-1], surface.tile_starts[1:]], axis=1)[seen]
 
 
-def match(surface: Surface, view: View, rule: Rule = "mutual", tolerance: float = 0.03) -> Matches | None:
+def match(
+    surface: Surface, view: View, rule: Rule = "mutual", tolerance: float = 0.03
+) -> Matches | None:
     """Return the pairs of a target and another view; None if that view has no pose or depth, or cannot see the target.
 
     The view's depth map is read only if part of the target is in its field of view; its image is not read.
@@ -200,6 +222,10 @@ def _may_be_seen(K: Array, size: Indices, pose: Array, corners: Array) -> Mask:
     """
     x, y, z = np.moveaxis(K @ pose[..., :3, :], -2, 0)  # of (x w, y w, w): each (..., 4)
     width, height = size[..., :1], size[..., 1:]
-    half_spaces = np.stack([z, x + z, (width + 1) * z - x, y + z, (height + 1) * z - y], axis=-2)  # (..., 5, 4)
-    values = np.tensordot(half_spaces[..., :3], corners, axes=1) + half_spaces[..., 3, None, None]  # (..., 5, 8, T)
+    half_spaces = np.stack(
+        [z, x + z, (width + 1) * z - x, y + z, (height + 1) * z - y], axis=-2
+    )  # (..., 5, 4)
+    values = (
+        np.tensordot(half_spaces[..., :3], corners, axes=1) + half_spaces[..., 3, None, None]
+    )  # (..., 5, 8, T)
     return np.asarray(~(values < 0).all(axis=-2).any(axis=-2))

@@ -80,7 +80,10 @@ def paired(scene: Scene, target: View, **options: Unpack[Options]) -> Observatio
 
     try:
         kept = get_or_make(entry, read, lambda work: _make(work, scene, target, stored))
-    except (OSError, OutputError):  # the folder was removed, or the disk is full: the user did not ask for it
+    except (
+        OSError,
+        OutputError,
+    ):  # the folder was removed, or the disk is full: the user did not ask for it
         return observe(target, scene.views, **options)
     return kept if options.get("with_view") else dataclasses.replace(kept, view=None)
 
@@ -90,7 +93,9 @@ def _key(scene: Scene, target: View, options: Options) -> str:
     decided: dict[str, object] = {**_DEFAULTS, **options}
     if decided["rule"] == "mutual":
         del decided["tolerance"]  # the mutual rule does not compare depths
-    content = json.dumps([scene.data_id, target.name, names, decided, engine_hash()], sort_keys=True)
+    content = json.dumps(
+        [scene.data_id, target.name, names, decided, engine_hash()], sort_keys=True
+    )
     return hashlib.blake2b(content.encode(), digest_size=8).hexdigest()
 
 
@@ -104,7 +109,12 @@ def _make(work: Path, scene: Scene, target: View, options: Options) -> Observati
     for name in _PER_OBSERVATION:
         if isinstance(values := getattr(made, name), np.memmap):
             values.flush()  # else a crash of the machine could leave zeros in a file of full length
-    meta = {"shape": made.shape, "views": made.views, "unreadable": made.unreadable, "pair_s": made.pair_s}
+    meta = {
+        "shape": made.shape,
+        "views": made.views,
+        "unreadable": made.unreadable,
+        "pair_s": made.pair_s,
+    }
     arrays = {name: _layout(getattr(made, name)) for name in (*_PER_PIXEL, *_PER_OBSERVATION)}
     write_atomically(work / "meta.json", json.dumps({**meta, "arrays": arrays}).encode())
     stored = _read(work)
@@ -115,7 +125,9 @@ def _make(work: Path, scene: Scene, target: View, options: Options) -> Observati
 def _is_whole(kept: Observations) -> bool:
     """Whether the stored arrays are consistent; the compiled loops do no bounds checks."""
     height, width = kept.shape
-    slots = len(kept.pixels) - np.cumsum(np.bincount(kept.counts))[:-1]  # pixels with more than k observations
+    slots = (
+        len(kept.pixels) - np.cumsum(np.bincount(kept.counts))[:-1]
+    )  # pixels with more than k observations
     return bool(
         len(kept.pixels) == len(kept.counts)
         and (np.diff(kept.counts) <= 0).all()
@@ -140,11 +152,16 @@ def _read(entry: Path) -> Observations | None:
         for name, layout in meta["arrays"].items():
             if layout is not None:
                 # Copy on write: the file cannot be changed, and libraries that want writable arrays need no copy.
-                arrays[name] = np.asarray(np.load(entry / f"{name}.npy", mmap_mode="c", allow_pickle=False))
+                arrays[name] = np.asarray(
+                    np.load(entry / f"{name}.npy", mmap_mode="c", allow_pickle=False)
+                )
                 if _layout(arrays[name]) != layout:
                     return None
         height, width = meta["shape"]
-        about: dict[str, Any] = {"unreadable": tuple(meta["unreadable"]), "pair_s": float(meta["pair_s"])}
+        about: dict[str, Any] = {
+            "unreadable": tuple(meta["unreadable"]),
+            "pair_s": float(meta["pair_s"]),
+        }
         kept = Observations((height, width), tuple(meta["views"]), **about, **arrays)
         return kept if _is_whole(kept) else None
     except ANY_FAULT:  # reading a damaged file raises errors of many kinds

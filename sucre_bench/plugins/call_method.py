@@ -53,7 +53,10 @@ def with_truth(restoration: Restoration, scene: Scene, view: View) -> Restoratio
     """Return a restoration whose info holds the scene's "true_water" as well, where it is known."""
     if not scene.water:
         return restoration
-    return replace(restoration, info={**restoration.info, "true_water": _explaining(scene.water, view.encoding)})
+    return replace(
+        restoration,
+        info={**restoration.info, "true_water": _explaining(scene.water, view.encoding)},
+    )
 
 
 def checked_restore(method: Any, scene: Scene, view: View, word: str = "method") -> Restoration:
@@ -64,11 +67,19 @@ def checked_restore(method: Any, scene: Scene, view: View, word: str = "method")
     A method that assumes encoded intensities gets those of a linear view, and its image is decoded again. Raises
     PluginError when the result is not what a method must return, and what the method raises.
     """
-    if "depth" in method.__plugin__.needs and view.has_depth and view.depth.shape != view.rgb.shape[:2]:
+    if (
+        "depth" in method.__plugin__.needs
+        and view.has_depth
+        and view.depth.shape != view.rgb.shape[:2]
+    ):
         sizes = f"its depth has shape {view.depth.shape}, its image {view.rgb.shape[:2]}"
         raise InputError(sizes, view.name, "load both in one size")
     converts = method.__plugin__.encoding == "gamma" and view.encoding == "linear"
-    given = replace(view, pixels=_Encoded(view.pixels, view.is_jpeg), encoding="gamma") if converts else view
+    given = (
+        replace(view, pixels=_Encoded(view.pixels, view.is_jpeg), encoding="gamma")
+        if converts
+        else view
+    )
     try:
         restoration = method.restore(scene, given)
     except SucreBenchError as fault:
@@ -76,14 +87,18 @@ def checked_restore(method: Any, scene: Scene, view: View, word: str = "method")
         fault.reword(lambda text: with_name(text, name))
         raise
     if not isinstance(restoration, Restoration):
-        raise PluginError(f"the method returned {type(restoration).__name__}; a method returns a Restoration")
+        raise PluginError(
+            f"the method returned {type(restoration).__name__}; a method returns a Restoration"
+        )
     image = np.asarray(restoration.image)
     if image.shape != view.rgb.shape or not np.issubdtype(image.dtype, np.floating):
         raise PluginError(
             f"the method returned an image {image.shape} {image.dtype}; it must be {view.rgb.shape} and floating"
         )
     if not coloured(image).any():
-        raise PluginError(f"the method gave no pixel of {view.name} a colour; its result is all NaN or infinite")
+        raise PluginError(
+            f"the method gave no pixel of {view.name} a colour; its result is all NaN or infinite"
+        )
     water = restoration.water and _explaining(restoration.water, given.encoding)
     info = dict(restoration.info)
     if "device" in info and not is_utf8(device := str(info["device"])):
@@ -94,7 +109,9 @@ def checked_restore(method: Any, scene: Scene, view: View, word: str = "method")
     confidence, filled = restoration.confidence, restoration.filled
     if filled is not None:
         if np.shape(filled) != image.shape:
-            raise PluginError(f"the method returned filled {np.shape(filled)}; it must be {image.shape}, as its image")
+            raise PluginError(
+                f"the method returned filled {np.shape(filled)}; it must be {image.shape}, as its image"
+            )
         filled = srgb_decode(filled) if converts else np.asarray(filled)
         filled = np.where(coloured(image)[..., None], np.nan, filled).astype(np.float32)
     return replace(
@@ -102,7 +119,9 @@ def checked_restore(method: Any, scene: Scene, view: View, word: str = "method")
         image=image.astype(np.float32, copy=False),
         filled=filled,
         water=water,
-        confidence=None if confidence is None else np.asarray(confidence).astype(np.float32, copy=False),
+        confidence=None
+        if confidence is None
+        else np.asarray(confidence).astype(np.float32, copy=False),
         info=info,
     )
 
@@ -121,4 +140,6 @@ class _Encoded:
 
     def load(self, plane: Plane) -> Array | None:
         values = self.pixels.load(plane)
-        return values if values is None or plane == "depth" else srgb_encode(values).astype(np.float32)
+        return (
+            values if values is None or plane == "depth" else srgb_encode(values).astype(np.float32)
+        )

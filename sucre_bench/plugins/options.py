@@ -50,7 +50,9 @@ class Option:
     def choices(self) -> tuple[str, ...]:
         """The words a Literal admits, also one that is an alternative to a path or text; empty for any other type."""
         kinds = (self.type, *get_args(self.type))
-        return tuple(word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind))
+        return tuple(
+            word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind)
+        )
 
     @property
     def is_closed(self) -> bool:
@@ -68,7 +70,10 @@ def _options_of(cls: Any) -> tuple[Option, ...]:
     hints = get_type_hints(cls)
     given = sorted((f for f in fields(cls) if f.init), key=lambda f: bool(f.kw_only))
     defaults = (f.default if f.default_factory is MISSING else f.default_factory() for f in given)
-    return tuple(Option(f.name, hints[f.name], default, cls) for f, default in zip(given, defaults, strict=True))
+    return tuple(
+        Option(f.name, hints[f.name], default, cls)
+        for f, default in zip(given, defaults, strict=True)
+    )
 
 
 @functools.cache
@@ -88,7 +93,13 @@ def field_docs(cls: type[Any]) -> dict[str, str]:
     return docs
 
 
-_NOUNS = {int: "a whole number", float: "a number", str: "a word", Path: "a path", type(None): "none"}
+_NOUNS = {
+    int: "a whole number",
+    float: "a number",
+    str: "a word",
+    Path: "a path",
+    type(None): "none",
+}
 
 
 def _taken(kind: Any) -> list[str]:
@@ -100,7 +111,9 @@ def _taken(kind: Any) -> list[str]:
         return list(kinds)
     if origin in (tuple, list, Sequence):
         return ["a list"]
-    return [word for one in kinds for word in _taken(one)] or [_NOUNS.get(kind, "a group of options")]
+    return [word for one in kinds for word in _taken(one)] or [
+        _NOUNS.get(kind, "a group of options")
+    ]
 
 
 def checked_options(cls: Any, given: Mapping[str, Any], place: str = "") -> dict[str, Any]:
@@ -121,21 +134,29 @@ def checked_options(cls: Any, given: Mapping[str, Any], place: str = "") -> dict
             raise unknown_name(where, name, known)
         kind = known[name].type
         paths = value if isinstance(value, (list, tuple)) else [value]
-        if Path in (kind, *get_args(kind)) and any(isinstance(path, str) and not path.strip() for path in paths):
-            raise InputError("is empty", where, "give a path")  # else it would be the current folder
+        if Path in (kind, *get_args(kind)) and any(
+            isinstance(path, str) and not path.strip() for path in paths
+        ):
+            raise InputError(
+                "is empty", where, "give a path"
+            )  # else it would be the current folder
         value = typed(kind, value)
         if not fits(kind, value):
             *words, last = _taken(kind)
             takes = " or ".join(filter(None, [", ".join(words), last]))
             raise InputError(f"{shown_value(value)} is not {takes}", where, remedy)
         each = value if isinstance(value, (list, tuple)) else [value]
-        if any(isinstance(one, int) and abs(one) >= 2**63 for one in each):  # no table, and no generator, takes it
+        if any(
+            isinstance(one, int) and abs(one) >= 2**63 for one in each
+        ):  # no table, and no generator, takes it
             raise InputError(f"{value} is too large", where, "give a number below 2^63")
         # Options of a run have ranges, which name the numbers that are allowed.
         if plugin and not all(math.isfinite(one) for one in each if isinstance(one, float)):
             raise InputError(f"{value} is not a finite number", where, "give one")
         if known[name].is_closed and value not in known[name].choices:
-            raise InputError(f"'{value}' is not a choice", where, did_you_mean(str(value), known[name].choices))
+            raise InputError(
+                f"'{value}' is not a choice", where, did_you_mean(str(value), known[name].choices)
+            )
         values[name] = value
     for option in known.values():
         if option.default is MISSING and option.name not in values:
@@ -148,7 +169,9 @@ def typed(annotation: Any, value: Any) -> Any:
     """Return a value as an option's type has it, if it can be: text as path or number, 2 as 2.0, a list as a tuple."""
     if isinstance(value, (list, tuple)):  # of "a word, or a list of words" the list
         kinds = (annotation, *get_args(annotation))
-        annotation = next((kind for kind in kinds if get_origin(kind) in (tuple, list, Sequence)), annotation)
+        annotation = next(
+            (kind for kind in kinds if get_origin(kind) in (tuple, list, Sequence)), annotation
+        )
     origin = get_origin(annotation)
     kinds = (annotation, *get_args(annotation))
     if origin in (tuple, list) or origin is Sequence:
@@ -158,7 +181,9 @@ def typed(annotation: Any, value: Any) -> Any:
         return tuple(elements) if origin is tuple else elements
     if not isinstance(value, (str, Path, int, float)):
         return value
-    text = str(value).lower() if isinstance(value, bool) else str(value)  # as it was typed: a file may be called true
+    text = (
+        str(value).lower() if isinstance(value, bool) else str(value)
+    )  # as it was typed: a file may be called true
     if Path in kinds:
         return expanded(text)
     if float in kinds and int not in kinds and type(value) is int:
@@ -186,9 +211,15 @@ def check_ranges(options: Any, place: str | None = None, /, **ranges: str) -> No
     for option, interval in ranges.items():
         value = getattr(options, option)
         kinds = (types[option], *get_args(types[option]))
-        is_whole, is_many, is_optional = float not in kinds, get_origin(kinds[0]) is tuple, type(None) in kinds
+        is_whole, is_many, is_optional = (
+            float not in kinds,
+            get_origin(kinds[0]) is tuple,
+            type(None) in kinds,
+        )
         each = value if is_many and isinstance(value, (tuple, list)) else [value]
-        if is_many != (each is value) or not all(is_number_in(interval, one, is_whole) for one in each):
+        if is_many != (each is value) or not all(
+            is_number_in(interval, one, is_whole) for one in each
+        ):
             if value is None and is_optional:
                 continue
             before = type(options).__plugin__.name if place is None else place
@@ -218,7 +249,9 @@ def seed_of(seed: int, axis: Literal["dataset", "degrade", "method"], replicate:
 
     if not replicate:
         return seed
-    return int(np.random.SeedSequence([seed, zlib.crc32(axis.encode()), replicate]).generate_state(1)[0])
+    return int(
+        np.random.SeedSequence([seed, zlib.crc32(axis.encode()), replicate]).generate_state(1)[0]
+    )
 
 
 @dataclass(frozen=True)
@@ -245,22 +278,32 @@ class Choice:
     @property
     def seed(self) -> int | None:
         """The seed it draws with; None where it draws nothing."""
-        axis: Literal["dataset", "method"] = "dataset" if self.plugin.kind == "dataset" else "method"
-        return seed_of(self.options["seed"], axis, self.replicate) if "seed" in self.options else None
+        axis: Literal["dataset", "method"] = (
+            "dataset" if self.plugin.kind == "dataset" else "method"
+        )
+        return (
+            seed_of(self.options["seed"], axis, self.replicate) if "seed" in self.options else None
+        )
 
     @property
     def rests_on(self) -> tuple[list[Plugin], list[Path]]:
         """The other methods that options name, and the files and folders, with records that tell of them."""
         read = [read for _, read in read_by_options(self.plugin, self.options)]
         paths = [one for one in read if isinstance(one, Path)]
-        files = [path for path in (*paths, *filter(None, map(records_above, paths))) if path.exists()]
+        files = [
+            path for path in (*paths, *filter(None, map(records_above, paths))) if path.exists()
+        ]
         return [one for one in read if isinstance(one, Plugin)], files
 
     @property
     def record(self) -> dict[str, Any]:
         """What a row keeps as options."""
         display = {"display": self.display} if self.display else {}
-        return {"name": self.plugin.name, **display, **{k: plain_value(v) for k, v in self.options.items()}}
+        return {
+            "name": self.plugin.name,
+            **display,
+            **{k: plain_value(v) for k, v in self.options.items()},
+        }
 
 
 def plugin_choice(kind: Kind, values: Any) -> Choice:
@@ -270,7 +313,9 @@ def plugin_choice(kind: Kind, values: Any) -> Choice:
     """
     values = dict(values or {})
     if "name" not in values:
-        raise InputError(f"no {kind} is chosen; add {kind}=NAME, `sucre-bench list {kind}s` shows what there is")
+        raise InputError(
+            f"no {kind} is chosen; add {kind}=NAME, `sucre-bench list {kind}s` shows what there is"
+        )
     plugin = find(kind, values.pop("name"))
     label, display = typed(str | None, values.pop("label", None)), values.pop("display", "")
     check_argument(f"{kind}.label", label, str | None)
@@ -298,22 +343,32 @@ def create(plugin: Plugin, values: Mapping[str, Any], out: Path | None = None) -
     for option, path in read_by_options(plugin, values):
         if isinstance(path, Plugin):
             continue
-        is_ours = out is not None and Path(os.path.abspath(path)).is_relative_to(os.path.abspath(out))  # noqa: PTH100
+        # `Path.resolve` would follow links.
+        absolute = Path(os.path.abspath(path))  # noqa: PTH100
+        is_ours = out is not None and absolute.is_relative_to(os.path.abspath(out))  # noqa: PTH100
         may_come = not os.path.lexists(path) and (is_ours or stored_record(path))
         if not may_come and (fault := fault_of(path)) and not path.is_dir():
             words = f", or one of {', '.join(option.choices)}" if option.choices else ""
-            raise InputError(fault, path, f"give a path that exists in {plugin.kind}.{option.name}{words}")
+            raise InputError(
+                fault, path, f"give a path that exists in {plugin.kind}.{option.name}{words}"
+            )
     return made
 
 
-def read_by_options(plugin: Plugin, values: Mapping[str, Any]) -> Iterator[tuple[Option, Path | Plugin]]:
+def read_by_options(
+    plugin: Plugin, values: Mapping[str, Any]
+) -> Iterator[tuple[Option, Path | Plugin]]:
     """Yield what options of these values name for a plugin to read: a path, or another method.
 
     Words with a meaning of their own are left out.
     """
     for option in options_of(plugin.cls):
         value = values.get(option.name, "")
-        if option.name in plugin.reads and isinstance(value, (str, Path)) and value not in ("", *option.choices):
+        if (
+            option.name in plugin.reads
+            and isinstance(value, (str, Path))
+            and value not in ("", *option.choices)
+        ):
             method = get("method", value) if isinstance(value, str) else None
             if not isinstance(method, Broken):
                 yield option, method or expanded(value)
@@ -331,8 +386,17 @@ def source_hash(*used: Plugin, files: Iterable[Path] = ()) -> str:
     sources = [(plugin, _source_of(plugin)) for plugin in used]
     typed_in = []  # what there is of a plugin without a file: the compiled code of what its class defines
     for plugin in (plugin for plugin, source in sources if source is None):
-        codes = ((name, getattr(value, "__code__", None)) for name, value in sorted(vars(plugin.cls).items()))
-        typed_in.append([(name, (code.co_code, repr(code.co_consts), code.co_names)) for name, code in codes if code])
+        codes = (
+            (name, getattr(value, "__code__", None))
+            for name, value in sorted(vars(plugin.cls).items())
+        )
+        typed_in.append(
+            [
+                (name, (code.co_code, repr(code.co_consts), code.co_names))
+                for name, code in codes
+                if code
+            ]
+        )
     places = tuple(source for _, source in sources if source)
     stamps = [stamp for place in files for stamp in _stamps(place)]
     packages = {name for plugin in used for name in (*plugin.requires, *plugin.may_use)}
@@ -342,7 +406,9 @@ def source_hash(*used: Plugin, files: Iterable[Path] = ()) -> str:
 def _stamps(place: Path) -> Iterator[tuple[str, int, int]]:
     for path in sorted(place.rglob("*")) if place.is_dir() else [place]:
         within = path.relative_to(place)
-        if path.is_file() and not any(part.startswith(".") or part == "__pycache__" for part in within.parts):
+        if path.is_file() and not any(
+            part.startswith(".") or part == "__pycache__" for part in within.parts
+        ):
             state = path.stat()
             yield str(within), state.st_size, state.st_mtime_ns
 

@@ -86,7 +86,9 @@ class Metric(Protocol):
     gamma-encoded, NaN where there is no colour. Yields nothing where the view has nothing to score.
     """
 
-    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterable[Score]: ...
+    def score(
+        self, restored: Restoration, shown: Array, view: View, variant: str
+    ) -> Iterable[Score]: ...
 
 
 class PairMetric(Protocol):
@@ -201,10 +203,16 @@ def fits(annotation: Any, value: Any) -> bool:
     if origin in (tuple, list) or origin is Sequence:
         return isinstance(value, (list, tuple)) and all(fits(args[0], one) for one in value)
     if annotation is float or annotation is int:
-        return isinstance(value, (int, float) if annotation is float else int) and not isinstance(value, bool)
+        return isinstance(value, (int, float) if annotation is float else int) and not isinstance(
+            value, bool
+        )
     if annotation in (str, Path) or origin is Literal:
         return isinstance(value, (str, Path))
-    return not isinstance(annotation, type) or annotation not in (bool, type(None)) or isinstance(value, annotation)
+    return (
+        not isinstance(annotation, type)
+        or annotation not in (bool, type(None))
+        or isinstance(value, annotation)
+    )
 
 
 @dataclass(frozen=True)
@@ -215,7 +223,9 @@ class Broken:
     reason: str
 
 
-def missing_needs(plugin: Plugin, has: frozenset[str], of: Literal["scene", "view"] = "scene") -> str:
+def missing_needs(
+    plugin: Plugin, has: frozenset[str], of: Literal["scene", "view"] = "scene"
+) -> str:
     """Return what a plugin needs and a scene or view does not have, as the text of a `Lack`; empty if it has all."""
     absent = plugin.needs - has
     return str(Lack(tuple(sorted(absent)), tuple(sorted(has)), of)) if absent else ""
@@ -230,13 +240,23 @@ def _decorator(kind: Kind, name: str, needs: Iterable[str], **about: Any) -> Cal
     needs = frozenset(needs)
     known = NEEDS if kind == "metric" else NEEDS - {"restoration", "restored_views"}
     if needs - known:
-        raise PluginError(f"unknown needs {sorted(needs - known)}", kind, did_you_mean(min(needs - known), known))
+        raise PluginError(
+            f"unknown needs {sorted(needs - known)}", kind, did_you_mean(min(needs - known), known)
+        )
 
     def attach(cls: _C) -> _C:
         if not is_dataclass(cls) or not cls.__dataclass_params__.frozen:  # type: ignore[attr-defined]
-            raise PluginError("not a frozen dataclass", cls.__qualname__, f"put @dataclass(frozen=True) under @{kind}")
-        if kind == "metric" and not hasattr(cls, wanted := "score_pair" if "restored_views" in needs else "score"):
-            raise PluginError(f"has no {wanted}()", cls.__qualname__, "see docs/plugins.md, A metric")
+            raise PluginError(
+                "not a frozen dataclass",
+                cls.__qualname__,
+                f"put @dataclass(frozen=True) under @{kind}",
+            )
+        if kind == "metric" and not hasattr(
+            cls, wanted := "score_pair" if "restored_views" in needs else "score"
+        ):
+            raise PluginError(
+                f"has no {wanted}()", cls.__qualname__, "see docs/plugins.md, A metric"
+            )
         cls.__plugin__ = Plugin(  # type: ignore[attr-defined]
             kind, name or snake_case(cls.__name__), cls, needs, **about
         )
@@ -296,10 +316,21 @@ def method(
     normalisation(display)
     needs = frozenset(needs)
     if encoding == "gamma" and "poses" in needs:
-        raise PluginError("encoding=gamma is for methods of one view", "method", "other views are given as they are")
+        raise PluginError(
+            "encoding=gamma is for methods of one view",
+            "method",
+            "other views are given as they are",
+        )
     about: dict[str, Any] = {"display": display, "encoding": encoding, "reads": tuple(reads)}
-    about |= {"is_photograph": is_photograph, "may_use": tuple(may_use), "differs": differs, "opinions": opinions or {}}
-    return _decorator("method", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)
+    about |= {
+        "is_photograph": is_photograph,
+        "may_use": tuple(may_use),
+        "differs": differs,
+        "opinions": opinions or {},
+    }
+    return _decorator(
+        "method", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about
+    )
 
 
 @checked
@@ -346,10 +377,19 @@ def dataset(
     has = frozenset(has)
     unknown = has - HAS
     if unknown:
-        raise PluginError(f"unknown has {sorted(unknown)}", "dataset", did_you_mean(min(unknown), HAS))
-    about: dict[str, Any] = {"source": source, "proven": proven, "has": has, "charts_file": charts_file}
+        raise PluginError(
+            f"unknown has {sorted(unknown)}", "dataset", did_you_mean(min(unknown), HAS)
+        )
+    about: dict[str, Any] = {
+        "source": source,
+        "proven": proven,
+        "has": has,
+        "charts_file": charts_file,
+    }
     about["signs"] = tuple(signs)
-    return _decorator("dataset", name, (), requires=tuple(requires), cites=cites, licence=licence, **about)
+    return _decorator(
+        "dataset", name, (), requires=tuple(requires), cites=cites, licence=licence, **about
+    )
 
 
 @checked
@@ -409,11 +449,18 @@ def metric(
     ('own',)
     """
     chosen = tuple(default) or tuple(variants)[:1]
-    about: dict[str, Any] = {"unit": unit, "better": better, "range": range, "variants": dict(variants)}
+    about: dict[str, Any] = {
+        "unit": unit,
+        "better": better,
+        "range": range,
+        "variants": dict(variants),
+    }
     about |= {"default": chosen, "role": role, "symbol": symbol, "unranked": frozenset(unranked)}
     about |= {"faults": faults or {}, "may_need": frozenset(may_need)}
     about["agreement"] = dict(agreement or {})
-    return _decorator("metric", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)
+    return _decorator(
+        "metric", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about
+    )
 
 
 def snake_case(name: str) -> str:

@@ -20,7 +20,14 @@ from types import ModuleType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from sucre_bench.arguments import checked
-from sucre_bench.errors import ANY_FAULT, PluginError, UnknownPluginError, did_you_mean, one_line, raise_if_stop
+from sucre_bench.errors import (
+    ANY_FAULT,
+    PluginError,
+    UnknownPluginError,
+    did_you_mean,
+    one_line,
+    raise_if_stop,
+)
 from sucre_bench.machine.files import is_file
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 
@@ -74,7 +81,9 @@ def load_file(path: str | Path) -> list[Plugin]:
     ['gray_world']
     """
     if not is_file(Path(path)):
-        raise PluginError("no such plugin file", str(path) or "load_file('')", "give the path of a .py file")
+        raise PluginError(
+            "no such plugin file", str(path) or "load_file('')", "give the path of a .py file"
+        )
     registry, path = _current.get(), Path(path).resolve()
     if path not in registry.files:
         registry.files[path] = _module_of(path)
@@ -120,7 +129,9 @@ def find(kind: Kind, name: str) -> Plugin:
     if plugin is None:
         raise unknown(kind, name, discover(kind))
     if isinstance(plugin, Broken):
-        raise PluginError(f"{kind} '{name}': cannot be used, {plugin.reason}; mend it or leave it out")
+        raise PluginError(
+            f"{kind} '{name}': cannot be used, {plugin.reason}; mend it or leave it out"
+        )
     return plugin
 
 
@@ -145,7 +156,9 @@ def _found(kind: Kind, name: str = "") -> dict[str, Plugin | Broken]:
                 entry = Broken(entry.name, fault)
         other = found.get(entry.name)
         if other is not None and _where(other) != _where(entry):
-            entry = Broken(entry.name, f"two {kind}s have this name, in {_where(other)} and {_where(entry)}")
+            entry = Broken(
+                entry.name, f"two {kind}s have this name, in {_where(other)} and {_where(entry)}"
+            )
         found[entry.name] = entry
     return dict(sorted(found.items()))
 
@@ -155,8 +168,13 @@ def _defines(module: Path, name: str) -> bool:
     """Whether a file or folder may define a plugin: by a class that is called so, or by the name in quotes."""
     file = module.with_suffix(".py")  # a folder of that name may be left of an older version
     files = [file] if file.is_file() else module.rglob("*.py")
-    pattern = re.compile(rf"^ *class {re.escape(name.replace('_', ''))}\b|[\"']{re.escape(name)}[\"']", re.I | re.M)
-    return any(pattern.search(file.read_text(encoding="utf-8")) for file in files) or module.name == name
+    pattern = re.compile(
+        rf"^ *class {re.escape(name.replace('_', ''))}\b|[\"']{re.escape(name)}[\"']", re.I | re.M
+    )
+    return (
+        any(pattern.search(file.read_text(encoding="utf-8")) for file in files)
+        or module.name == name
+    )
 
 
 @functools.cache
@@ -167,7 +185,9 @@ def _entry_points(search_path: tuple[str, ...]) -> importlib.metadata.EntryPoint
 
 def _module_of(path: Path) -> ModuleType:
     """Import a plugin file. PluginError if it does not import or holds no plugin."""
-    of = hashlib.blake2b(str(path).encode(), digest_size=4).hexdigest()  # two files may have one name
+    of = hashlib.blake2b(
+        str(path).encode(), digest_size=4
+    ).hexdigest()  # two files may have one name
     spec = importlib.util.spec_from_file_location(f"sucre_bench_plugin_{path.stem}_{of}", path)
     if spec is None or spec.loader is None:
         raise PluginError("not a Python file", path, "give the path of a .py file")
@@ -183,7 +203,11 @@ def _module_of(path: Path) -> ModuleType:
     if not _plugins_in(module):
         places = sorted({_where(plugin) for plugin in _decorated(module)})
         remedy = "decorate a class with @method, @dataset or @metric"
-        raise PluginError("holds no plugin", path, f"give {places[0]}, from which it imports one" if places else remedy)
+        raise PluginError(
+            "holds no plugin",
+            path,
+            f"give {places[0]}, from which it imports one" if places else remedy,
+        )
     return module
 
 
@@ -217,13 +241,17 @@ def _decorated(module: ModuleType) -> list[Plugin]:
     return [vars(cls)["__plugin__"] for cls in classes if "__plugin__" in vars(cls)]
 
 
-def unknown(kind: str, name: str, known: Iterable[str], give: str = "--plugin ") -> UnknownPluginError:
+def unknown(
+    kind: str, name: str, known: Iterable[str], give: str = "--plugin "
+) -> UnknownPluginError:
     """Return what to say of a name that no plugin has: the nearest, or its file, where that lies here.
 
     give: what stands before a file in the command.
     """
     if is_file(Path(f"{name}.py")):
-        return UnknownPluginError(f"no {kind} is called '{name}', but {name}.py is here", kind, f"give {give}{name}.py")
+        return UnknownPluginError(
+            f"no {kind} is called '{name}', but {name}.py is here", kind, f"give {give}{name}.py"
+        )
     return UnknownPluginError(f"no {kind} is called '{name}'", kind, did_you_mean(name, known))
 
 
@@ -253,4 +281,8 @@ def _is_plain(annotation: Any) -> bool:
 
 
 def _where(plugin: Plugin | Broken) -> str:
-    return str(Path(inspect.getsourcefile(plugin.cls) or "").resolve()) if isinstance(plugin, Plugin) else plugin.name
+    return (
+        str(Path(inspect.getsourcefile(plugin.cls) or "").resolve())
+        if isinstance(plugin, Plugin)
+        else plugin.name
+    )

@@ -53,7 +53,11 @@ class Bundled:
 
 
 def bundle_results(
-    folder: Path, path: Path, pictures: Pictures = "none", by: str = "", texts: Mapping[str, str] | None = None
+    folder: Path,
+    path: Path,
+    pictures: Pictures = "none",
+    by: str = "",
+    texts: Mapping[str, str] | None = None,
 ) -> Bundled:
     """Write a bundle of a results folder. by: who publishes it; texts: more text files, by their names.
 
@@ -62,28 +66,49 @@ def bundle_results(
     import pandas as pd
 
     rows = results.read(folder)
-    found: dict[str, bytes | Path] = {name: folder / name for name in _TEXTS if is_file(folder / name)}
+    found: dict[str, bytes | Path] = {
+        name: folder / name for name in _TEXTS if is_file(folder / name)
+    }
     for row in restorations(rows).itertuples():
         place = layout.find(row.dataset, row.scene, row.view, folder)
         picture = place.restored(folder, row.method) if place else None
         if place is None or picture is None or (fault := fault_of(picture)):
             where = picture or f"{folder}: {row.dataset} / {row.method} / {row.view}"
-            fault = "the restored image is gone" if picture is None or not picture.exists() else fault
+            fault = (
+                "the restored image is gone" if picture is None or not picture.exists() else fault
+            )
             raise InputError(fault, where, "repeat the run's command, which makes it again")
         more = (place.original(folder), place.reference(folder))
-        found |= {file.relative_to(folder).as_posix(): file for file in (picture, *filter(is_file, more))}
+        found |= {
+            file.relative_to(folder).as_posix(): file for file in (picture, *filter(is_file, more))
+        }
         if record := record_of(picture):
             name = picture.with_suffix(".json").relative_to(folder).as_posix()
             found[name] = json.dumps(record, indent=1).encode()
-    inside = {"none": (), "restored": ("restored/",), "all": ("restored/", "views/", "references/")}[pictures]
-    files = {n: file for n, file in found.items() if n in _TEXTS or n.endswith(".json") or n.startswith(inside)}
-    outside = {n: hash_of(found[n]) for n in progress.track(sorted(found.keys() - files.keys()), "hashing pictures")}
+    inside = {
+        "none": (),
+        "restored": ("restored/",),
+        "all": ("restored/", "views/", "references/"),
+    }[pictures]
+    files = {
+        n: file
+        for n, file in found.items()
+        if n in _TEXTS or n.endswith(".json") or n.startswith(inside)
+    }
+    outside = {
+        n: hash_of(found[n])
+        for n in progress.track(sorted(found.keys() - files.keys()), "hashing pictures")
+    }
     n_inside = len(files.keys() - set(_TEXTS))
     files |= {name: text.encode() for name, text in (texts or {}).items()}
     every = pd.concat([rows, read_common(folder)])
     made = write_bundle(path, every, files, outside, by, version_of("sucre-bench") or "")
     scores = rows[(rows["status"] == "ok") & ~rows["metric"].isin(COSTS)]
-    counts = scores.groupby(["metric", "variant"], sort=False, observed=True).size() if pictures != "none" else {}
+    counts = (
+        scores.groupby(["metric", "variant"], sort=False, observed=True).size()
+        if pictures != "none"
+        else {}
+    )
     lost = {f"{m}:{v}": int(n) for (m, v), n in counts.items() if _needs_unrounded(str(m), str(v))}
     options = [json.loads(text) for text in rows["options"].unique()]
     local_paths = sorted({text for text in _strings(options) if text.startswith(("/", "~"))})
@@ -111,7 +136,9 @@ def _needs_unrounded(metric: str, variant: str) -> bool:
     if plugins.missing_needs(scorer.plugin, _HAS):
         return False
     rgb = np.linspace(0, 1, _SIDE * _SIDE * 3, dtype=np.float32).reshape(_SIDE, _SIDE, 3)
-    view = View("a.png", Arrays(rgb, depth=np.ones((_SIDE, _SIDE), np.float32), reference=rgb[::-1]))
+    view = View(
+        "a.png", Arrays(rgb, depth=np.ones((_SIDE, _SIDE), np.float32), reference=rgb[::-1])
+    )
     changes = partial(needs_unrounded, scorer, Restoration(rgb), view, _LIMIT_S)
     try:
         return processes.call(changes, "mend the metric") if scorer.plugin.is_foreign else changes()

@@ -112,11 +112,17 @@ def examine(out: Path = Path()) -> Examined:
     }
     cluster = "a cluster, by SLURM"
     no_program = [name for name in _SLURM if not shutil.which(name)]
-    tries: list[Callable[[], Feature]] = [partial(_packages, name, *imports) for name, imports in _REQUIRED.items()]
+    tries: list[Callable[[], Feature]] = [
+        partial(_packages, name, *imports) for name, imports in _REQUIRED.items()
+    ]
     tries += [partial(_gpu, gpu), _open3d]
-    tries += [partial(_packages, name, package, lacking="missing") for name, package in _OPTIONAL.items()]
+    tries += [
+        partial(_packages, name, package, lacking="missing") for name, package in _OPTIONAL.items()
+    ]
     if not no_program:
-        tries.append(partial(_packages, cluster, "hydra_plugins.hydra_submitit_launcher", lacking="missing"))
+        tries.append(
+            partial(_packages, cluster, "hydra_plugins.hydra_submitit_launcher", lacking="missing")
+        )
     with ThreadPoolExecutor(usable_cores()) as pool:  # each waits for a process that imports
         done = pool.map(lambda examined: examined(), tries)
         features = list(progress.track(done, "importing packages", len(tries)))
@@ -126,7 +132,9 @@ def examine(out: Path = Path()) -> Examined:
         missing = Feature(name, "missing", f"no {programs[0]}", _apt(programs[0]))
         features.append(Feature(name, "ready", found) if found else missing)
     if no_program:
-        features.append(Feature(cluster, "absent", f"no {no_program[0]}: not a login node of a cluster"))
+        features.append(
+            Feature(cluster, "absent", f"no {no_program[0]}: not a login node of a cluster")
+        )
     if disk.free < _LITTLE_DISK_GB * 2**30:
         said = f"less than {_LITTLE_DISK_GB:.0f} GB free; give another out=FOLDER"
         features.append(Feature("disk for results", "broken", said))
@@ -151,7 +159,9 @@ def _packages(name: str, *imports: str, lacking: State = "broken") -> Feature:
     if not works:
         remedy = _in_this_python(f"pip install --force-reinstall {' '.join(packages)}")
         return Feature(name, "broken", f"{' or '.join(imports)} does not import: {line}", remedy)
-    return Feature(name, "ready", ", ".join(f"{package} {version_of(package)}" for package in packages))
+    return Feature(
+        name, "ready", ", ".join(f"{package} {version_of(package)}" for package in packages)
+    )
 
 
 def _gpu(gpu: str | None) -> Feature:
@@ -162,7 +172,9 @@ def _gpu(gpu: str | None) -> Feature:
     if missing := absent("torch"):
         return Feature(name, "missing", missing.fault, _in_this_python(missing.install))
     if version and "+cpu" in version:
-        remedy = _in_this_python(f"pip install --force-reinstall torch=={version.partition('+')[0]}")
+        remedy = _in_this_python(
+            f"pip install --force-reinstall torch=={version.partition('+')[0]}"
+        )
         return Feature(name, "broken", f"torch {version} is built for CPUs alone", remedy)
     works, line = _try("import torch; torch.zeros(1).cuda(); print(torch.cuda.get_device_name())")
     if works:
@@ -197,14 +209,18 @@ def _open3d() -> Feature:
         except OSError:
             packages.append(package)
     if packages:
-        return Feature(feature.name, "broken", "open3d lacks libraries of the system", _apt(*packages))
+        return Feature(
+            feature.name, "broken", "open3d lacks libraries of the system", _apt(*packages)
+        )
     return feature
 
 
 def _try(code: str) -> tuple[bool, str]:
     """Run code in another Python. Return whether it succeeded, and its last line, of errors if it failed."""
     try:
-        done = subprocess.run(python("-c", code), capture_output=True, text=True, check=False, timeout=_LONGEST_S)
+        done = subprocess.run(
+            python("-c", code), capture_output=True, text=True, check=False, timeout=_LONGEST_S
+        )
     except subprocess.TimeoutExpired:
         return False, f"no end after {_LONGEST_S:.0f} s"
     lines = (done.stderr if done.returncode else done.stdout).strip().splitlines()

@@ -36,7 +36,13 @@ _NAMES = _OF_IMAGES | {"name", "method", "folder", "model"}
 _SHOWN = 3  # names in a warning
 _SIDE = 256  # at which papers score
 _FILTERS = ("", "-bilinear", "-nearest")  # see `imaging.resizing`
-_FURTHER = ("@y", "@crop4", "@crop4@y", "@range2", "@minmax")  # forms to try where none of the usual ones fits
+_FURTHER = (
+    "@y",
+    "@crop4",
+    "@crop4@y",
+    "@range2",
+    "@minmax",
+)  # forms to try where none of the usual ones fits
 # DNnet's program takes 255 x 250 as the square of PSNR's peak, and so gives this much less than any other, dB.
 _PEAK = "@peak250"
 _PEAK_LESS = 10 * math.log10(255 / 250)
@@ -102,7 +108,9 @@ class Candidate:
 # -- the table ---------------------------------------------------------------------------------------------------
 
 
-def read_table(table: str, root: Path, images: Mapping[str, Path], has_reference: bool) -> PublishedTable:
+def read_table(
+    table: str, root: Path, images: Mapping[str, Path], has_reference: bool
+) -> PublishedTable:
     """Read a published table, or numbers as "psnr=26.36,ssim=0.912".
 
     images: those under `root`, by name; has_reference: whether references are given.
@@ -120,35 +128,53 @@ def read_table(table: str, root: Path, images: Mapping[str, Path], has_reference
     alone = Counter(found[0] for _, found, _ in of if len(found) == 1)
     if len(images) > 1 and (twice := [name for name, n in alone.items() if n > 1]):
         raise InputError(
-            f"several rows name {first_few(twice, _SHOWN)}", table, "keep one of each, or add their folder"
+            f"several rows name {first_few(twice, _SHOWN)}",
+            table,
+            "keep one of each, or add their folder",
         )
     if unknown := [label for label, found, _ in of if not found]:
         warnings.append(
             f"{table}: {counted(len(unknown), 'row')} without an image in {root}: {first_few(unknown, _SHOWN)}"
         )
     if left := [name for name in images if not any(name in found for _, found, _ in of)]:
-        warnings.append(f"{table}: {counted(len(left), 'image')} without a row: {first_few(left, _SHOWN)}")
+        warnings.append(
+            f"{table}: {counted(len(left), 'image')} without a row: {first_few(left, _SHOWN)}"
+        )
     columns = []
     for header, name, place, n in metrics:
         metric, is_mse = ("psnr", True) if name == _MSE else (name, False)
-        numbers = [(label, found, _number(_part(row[header], place, n))) for label, found, row in of if found]
+        numbers = [
+            (label, found, _number(_part(row[header], place, n)))
+            for label, found, row in of
+            if found
+        ]
         if is_mse and re.search(r"10\s*\^?\s*[3³]|10³|1000", header):
-            numbers = [(label, found, n and (1000 * n[0], 1000 * n[1])) for label, found, n in numbers]
+            numbers = [
+                (label, found, n and (1000 * n[0], 1000 * n[1])) for label, found, n in numbers
+            ]
         top = plugins.usable("metric")[metric].range[1]
         values = [number[0] for *_, number in numbers if number]
         if values and math.isfinite(top) and top < min(values) and max(values) <= 100 * top:
-            warnings.append(f"{table}: column '{header}' is read as percent; divide it by 100 if you copy it")
-            numbers = [(label, found, n and (n[0] / 100, n[1] / 100)) for label, found, n in numbers]
+            warnings.append(
+                f"{table}: column '{header}' is read as percent; divide it by 100 if you copy it"
+            )
+            numbers = [
+                (label, found, n and (n[0] / 100, n[1] / 100)) for label, found, n in numbers
+            ]
         if blank := [label for label, _, number in numbers if number is None]:
             warnings.append(
                 f"{table}: column '{header}' has no number in {counted(len(blank), 'row')}: {first_few(blank, _SHOWN)}"
             )
-        if cells := tuple(Cell(label, found, *number) for label, found, number in numbers if number):
+        if cells := tuple(
+            Cell(label, found, *number) for label, found, number in numbers if number
+        ):
             is_of_bytes = is_mse and max(cell.value for cell in cells) > 1
             white = 255.0**2 if is_of_bytes else 1.0
             columns.append(Column(metric, header, cells, white if is_mse else 0.0))
     if not columns:
-        raise InputError(f"{table}: holds no number for the images in {root}; give the scores as plain numbers")
+        raise InputError(
+            f"{table}: holds no number for the images in {root}; give the scores as plain numbers"
+        )
     return PublishedTable(tuple(columns), tuple(warnings))
 
 
@@ -159,13 +185,20 @@ def _rows(table: str) -> list[dict[str, str]]:
     with reading(Path(table), "give a table of published numbers, CSV or Markdown, in UTF-8"):
         text = regular(Path(table)).read_text(encoding="utf-8-sig")
         lines = [line.strip() for line in text.splitlines() if line.strip()]
-        blocks = [[*block] for is_block, block in groupby(lines, key=lambda line: line.startswith("|")) if is_block]
+        blocks = [
+            [*block]
+            for is_block, block in groupby(lines, key=lambda line: line.startswith("|"))
+            if is_block
+        ]
         delimiter = "|" if blocks else max(",;\t", key=lines[0].count) if lines else ","
         tables = [_read(block, delimiter) for block in blocks or [lines]]
     forms = [form for rows in tables if rows for form in (rows, _turned(rows))]
     if not forms:
         raise InputError(f"{table}: has no rows; give a line of headers, then a line an image")
-    return next((rows for rows in forms if any(_number(row[h]) for row in rows for h in row if _named(h))), forms[0])
+    return next(
+        (rows for rows in forms if any(_number(row[h]) for row in rows for h in row if _named(h))),
+        forms[0],
+    )
 
 
 def _read(lines: Sequence[str], delimiter: str) -> list[dict[str, str]]:
@@ -173,7 +206,9 @@ def _read(lines: Sequence[str], delimiter: str) -> list[dict[str, str]]:
     if delimiter == "|":
         lines = [line.strip("|") for line in lines if set(line) - set("|:- ")]
     reader = csv.DictReader(lines, delimiter=delimiter, restkey="", restval="")
-    return [{key.strip(" *`"): row[key].strip(" *`") for key in row if key.strip()} for row in reader]
+    return [
+        {key.strip(" *`"): row[key].strip(" *`") for key in row if key.strip()} for row in reader
+    ]
 
 
 def _turned(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
@@ -187,7 +222,12 @@ def _named(header: str) -> list[str]:
     known = {*plugins.usable("metric"), _MSE}
     words = re.findall(r"[a-z0-9_]+", header.lower())
     return list(
-        dict.fromkeys(one for word in words for one in ([word] if word in known else word.split("_")) if one in known)
+        dict.fromkeys(
+            one
+            for word in words
+            for one in ([word] if word in known else word.split("_"))
+            if one in known
+        )
     )
 
 
@@ -211,14 +251,22 @@ def _metrics(
     warnings = []
     for header in headers:
         for place, name in enumerate(named := _named(header)):
-            lacking = known["psnr" if name == _MSE else name].needs - ({"reference"} if has_reference else set())
+            lacking = known["psnr" if name == _MSE else name].needs - (
+                {"reference"} if has_reference else set()
+            )
             if not lacking:
                 metrics.append((header, name, place, len(named)))
                 continue
-            remedy = "give --reference" if lacking == {"reference"} else "images alone do not have it"
-            warnings.append(f"{table}: column '{header}' needs {' and '.join(sorted(lacking))}; {remedy}")
+            remedy = (
+                "give --reference" if lacking == {"reference"} else "images alone do not have it"
+            )
+            warnings.append(
+                f"{table}: column '{header}' needs {' and '.join(sorted(lacking))}; {remedy}"
+            )
     if not metrics:
-        possible = ", ".join(sorted(name for name, plugin in known.items() if plugin.needs <= {"reference"}))
+        possible = ", ".join(
+            sorted(name for name, plugin in known.items() if plugin.needs <= {"reference"})
+        )
         none = f"{table}: no column is a metric, of {', '.join(headers)}; name them as here: {possible}"
         raise InputError(warnings[0] if warnings else none)
     return metrics, warnings
@@ -229,7 +277,9 @@ def _number(text: str) -> tuple[float, float] | None:
 
     A percent sign divides by 100.
     """
-    found = re.match(r"([+-]?\d*(?:[.,]\d+|\d)(?:[eE][+-]?\d+)?)\s*(%?)", text.replace("\N{MINUS SIGN}", "-"))
+    found = re.match(
+        r"([+-]?\d*(?:[.,]\d+|\d)(?:[eE][+-]?\d+)?)\s*(%?)", text.replace("\N{MINUS SIGN}", "-")
+    )
     if not found:
         return None
     try:
@@ -244,8 +294,17 @@ def _number(text: str) -> tuple[float, float] | None:
 class _Naming:
     """Finds the images that a row is of, by what its cells call the images or their folders."""
 
-    def __init__(self, rows: Sequence[Mapping[str, str]], headers: Sequence[str], root: Path, images: Iterable[str]):
-        self._files, self._folders = defaultdict[str, set[str]](set), defaultdict[str, set[str]](set)
+    def __init__(
+        self,
+        rows: Sequence[Mapping[str, str]],
+        headers: Sequence[str],
+        root: Path,
+        images: Iterable[str],
+    ):
+        self._files, self._folders = (
+            defaultdict[str, set[str]](set),
+            defaultdict[str, set[str]](set),
+        )
         images = list(images)
         bare = bare_stems(images)
         for name in images:
@@ -259,7 +318,11 @@ class _Naming:
         known = {*self._files, *self._folders}
         words = {header: set(re.findall(r"[a-z]+", header.lower())) for header in headers}
         likely = [header for header in headers if _NAMES & words[header]] or headers
-        self._headers = [header for header in likely if any(known.intersection(_keys(row[header])) for row in rows)]
+        self._headers = [
+            header
+            for header in likely
+            if any(known.intersection(_keys(row[header])) for row in rows)
+        ]
         is_of_all = len(rows) == 1 and not any(_OF_IMAGES & words[header] for header in headers)
         self._order = tuple(images) if self._headers or is_of_all else ()
 
@@ -273,12 +336,19 @@ class _Naming:
             return self._order
         cells = []  # of each the images, and the images of the folders, by its whole text, else by its last part
         for header in self._headers:
-            key = next((key for key in _keys(row[header]) if key in self._files or key in self._folders), None)
+            key = next(
+                (key for key in _keys(row[header]) if key in self._files or key in self._folders),
+                None,
+            )
             both = (self._files, self._folders)
             cells.append([set[str]() if key is None else of.get(key, set[str]()) for of in both])
         fitting = set.intersection(*(files | folders for files, folders in cells))
         of_one = any(fitting & files for files, _ in cells)
-        return tuple(name for name in self._order if name in fitting) if len(fitting) == 1 or not of_one else ()
+        return (
+            tuple(name for name in self._order if name in fitting)
+            if len(fitting) == 1 or not of_one
+            else ()
+        )
 
 
 def _key(name: str) -> str:
@@ -296,7 +366,9 @@ def _keys(cell: str) -> tuple[str, ...]:
 
 
 def search(
-    table: PublishedTable, sizes: set[tuple[int, int] | None], score: Callable[[Sequence[str]], DataFrame]
+    table: PublishedTable,
+    sizes: set[tuple[int, int] | None],
+    score: Callable[[Sequence[str]], DataFrame],
 ) -> DataFrame:
     """Return score rows of variants, tried until each column has one that fits.
 
@@ -308,10 +380,14 @@ def search(
 
     metrics = dict.fromkeys(column.metric for column in table.columns)
     every = list[str]()
-    for metric in metrics:  # the variants that differ on pictures without holes: of "masked" and "unmasked" the second
+    for metric in (
+        metrics
+    ):  # the variants that differ on pictures without holes: of "masked" and "unmasked" the second
         variants = plugins.usable("metric")[metric].variants
         whole = {name for name in variants if name.endswith("unmasked")}
-        twins = {name.removesuffix("-unmasked") for name in whole} | ({"masked", "raw"} if whole else set())
+        twins = {name.removesuffix("-unmasked") for name in whole} | (
+            {"masked", "raw"} if whole else set()
+        )
         every += [f"{metric}:{name}" for name in variants if name in whole or name not in twins]
     names = [f"{name}{size}" for size in _at(sizes) for name in every]
     scores = score([name for name in names if name.startswith("psnr:")] or names)
@@ -322,14 +398,23 @@ def search(
         more = list[str]()
         for metric, several in found:
             plugin = plugins.usable("metric")[metric]
-            if (several and several[0].fits) or (stage == "unusual" and "reference" not in plugin.needs):
+            if (several and several[0].fits) or (
+                stage == "unusual" and "reference" not in plugin.needs
+            ):
                 continue
             of_metric = [name for name in names if name.partition(":")[0] == metric]
             if stage == "unusual":  # forms of the two nearest variants, of those of every pixel
                 bases = [name for name in plugin.variants if name.endswith("unmasked")]
-                near = {one.variant.partition("@")[0].removesuffix("-unmasked") for one in several[:2]}
+                near = {
+                    one.variant.partition("@")[0].removesuffix("-unmasked") for one in several[:2]
+                }
                 bases = [name for name in bases if name.removesuffix("-unmasked") in near] or bases
-                of_metric = [f"{metric}:{b}{size}{form}" for b in bases for size in _at(sizes) for form in _FURTHER]
+                of_metric = [
+                    f"{metric}:{b}{size}{form}"
+                    for b in bases
+                    for size in _at(sizes)
+                    for form in _FURTHER
+                ]
             if stage == "of the fitting sizes":
                 of_metric = [name for name in of_metric if _size_of(name) in fitting]
             more += [name for name in of_metric if name not in tried]
@@ -360,16 +445,31 @@ def compare(column: Column, scores: DataFrame) -> list[Candidate]:
 
     Images that no variant has a score of, as those that cannot be read, are left out, also of means.
     """
-    ok = scores[(scores["metric"] == column.metric) & (scores["status"] == "ok") & (scores["region"] == "image")]
+    ok = scores[
+        (scores["metric"] == column.metric)
+        & (scores["status"] == "ok")
+        & (scores["region"] == "image")
+    ]
     scored = set(ok["view"])
-    of_scored = (replace(cell, images=tuple(name for name in cell.images if name in scored)) for cell in column.cells)
+    of_scored = (
+        replace(cell, images=tuple(name for name in cell.images if name in scored))
+        for cell in column.cells
+    )
     known = [cell for cell in of_scored if cell.images]
     candidates = []
-    forms = [(str(variant), rows["view"], rows["value"]) for variant, rows in ok.groupby("variant", sort=False)]
+    forms = [
+        (str(variant), rows["view"], rows["value"])
+        for variant, rows in ok.groupby("variant", sort=False)
+    ]
     if column.white:
-        forms = [(variant, views, column.white * 10 ** (-values / 10)) for variant, views, values in forms]
+        forms = [
+            (variant, views, column.white * 10 ** (-values / 10))
+            for variant, views, values in forms
+        ]
     elif column.metric == "psnr":
-        forms += [(f"{variant}{_PEAK}", views, values - _PEAK_LESS) for variant, views, values in forms]
+        forms += [
+            (f"{variant}{_PEAK}", views, values - _PEAK_LESS) for variant, views, values in forms
+        ]
     for variant, views, of_views in forms:
         values = dict(zip(views, of_views, strict=True))
         cells = [cell for cell in known if all(name in values for name in cell.images)]
@@ -384,7 +484,9 @@ def compare(column: Column, scores: DataFrame) -> list[Candidate]:
             published = np.array([cell.value for cell in cells])
             off = np.abs(computed - published)
             off[computed == published] = 0  # both infinite
-            close = off <= np.maximum([1.01 * cell.rounding for cell in cells], _CLOSE * np.abs(published))
+            close = off <= np.maximum(
+                [1.01 * cell.rounding for cell in cells], _CLOSE * np.abs(published)
+            )
             near = close | (off <= _NEAR * np.abs(published))
             value = float(computed.mean())
             mean = float(off.mean())
@@ -392,14 +494,18 @@ def compare(column: Column, scores: DataFrame) -> list[Candidate]:
             at = cells[int(off.argmax())].label
             fits = bool(not lacking and close.mean() >= _MOST and near.all())
         if fits or not variant.endswith(_PEAK):
-            candidates.append(Candidate(variant, value, mean, largest, at, len(cells), lacking, fits))
+            candidates.append(
+                Candidate(variant, value, mean, largest, at, len(cells), lacking, fits)
+            )
     return sorted(candidates, key=lambda c: (not c.fits, c.lacking, c.mean))
 
 
 # -- the answer in words -----------------------------------------------------------------------------------------
 
 
-def answer(column: Column, found: Sequence[Candidate], sets: Sequence[Found], size: tuple[int, int] | None) -> str:
+def answer(
+    column: Column, found: Sequence[Candidate], sets: Sequence[Found], size: tuple[int, int] | None
+) -> str:
     """Return which variant gives the published numbers, on which set, and what colour gives where they are of gray.
 
     found: as `compare` returns them; sets: of the references; size: of all files, None if they differ.
@@ -413,7 +519,9 @@ def answer(column: Column, found: Sequence[Candidate], sets: Sequence[Found], si
     best = usual[0] if by_chance else found[0]
     digits = max(0, -math.floor(math.log10(2 * column.cells[0].rounding)))
     yours = (
-        f"Your {numbers[0]:.{digits}f}" if len(numbers) == 1 else f"Your {len(numbers)} numbers of '{column.header}'"
+        f"Your {numbers[0]:.{digits}f}"
+        if len(numbers) == 1
+        else f"Your {len(numbers)} numbers of '{column.header}'"
     )
 
     def words_of(one: Candidate) -> str:
@@ -436,7 +544,11 @@ def answer(column: Column, found: Sequence[Candidate], sets: Sequence[Found], si
         text += f" ({words_of(found[0])} gives it{' too' * best.fits}, perhaps by chance)"
     base, *words = best.variant.removesuffix(_PEAK).split("@")
     # The variant "gray" resizes by itself. Y has the form of colours.
-    forms = ["@256", ""] if base == "gray" and not words else ["".join(f"@{word}" for word in words if word != "y")]
+    forms = (
+        ["@256", ""]
+        if base == "gray" and not words
+        else ["".join(f"@{word}" for word in words if word != "y")]
+    )
     colours = {f"{of_rgb}{form}" for of_rgb in ("unmasked", "gaussian-unmasked") for form in forms}
     rgb = next((one for one in found if one.variant in colours), None)
     if rgb and not what.startswith("RGB"):
@@ -465,6 +577,13 @@ def in_words(metric: str, variant: str, size: tuple[int, int] | None) -> str:
         name += " at 256x256 (bicubic)"
     else:
         name += f" at {size[0]}x{size[1]}" if size else " at the files' sizes"
-    changes = {"range2": " with a range of 2", "minmax": " of pictures stretched from least to most"}
+    changes = {
+        "range2": " with a range of 2",
+        "minmax": " of pictures stretched from least to most",
+    }
     name += f" without {form.crop} pixels at each edge" if form.crop else ""
-    return name + changes.get(form.change or "", "") + " with 255 x 250 as squared peak" * variant.endswith(_PEAK)
+    return (
+        name
+        + changes.get(form.change or "", "")
+        + " with 255 x 250 as squared peak" * variant.endswith(_PEAK)
+    )

@@ -36,7 +36,9 @@ class _Pictures:
 
     def load(self, plane: Plane) -> Array | None:
         if plane == "reference" and self.reference:
-            return lying_as(read_srgb(self.reference)[0], self.reference, lambda: self.rgb, self.path)
+            return lying_as(
+                read_srgb(self.reference)[0], self.reference, lambda: self.rgb, self.path
+            )
         return self.rgb if plane == "rgb" else None
 
 
@@ -51,7 +53,9 @@ class FolderScores:
     shared: Sequence[str]
 
 
-def score_folder(images: Path, reference: Path | None, metrics: Sequence[str], is_known: bool = False) -> FolderScores:
+def score_folder(
+    images: Path, reference: Path | None, metrics: Sequence[str], is_known: bool = False
+) -> FolderScores:
     """Score every image under a folder (or one file), the folder's name as the method, a whole named set as the scene.
 
     reference: a folder with the same names, or one file; metrics: names as `sucre_bench.score` takes them, none for
@@ -62,7 +66,9 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str], i
     import pandas as pd
 
     has = frozenset({"reference"} if reference else ())
-    applicable = [f"{name}:all" for name, plugin in plugins.usable("metric").items() if plugin.needs <= has]
+    applicable = [
+        f"{name}:all" for name, plugin in plugins.usable("metric").items() if plugin.needs <= has
+    ]
     names = list(metrics) or applicable
     chosen = metric_choices(names)  # raises for a mistyped name, before any image is read
     is_foreign = any(choice.plugin.is_foreign for choice in chosen)
@@ -94,22 +100,30 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str], i
                 at_a_size = [name for name in names if re.search(r"@\d", name)]
                 if rgb.shape[0] != rgb.shape[1] or not at_a_size:
                     sizes = [f"{w}x{h}" for h, w, _ in (rgb.shape, target.shape)]
-                    raise InputError(f"{path}: {sizes[0]}, but its reference is {sizes[1]}; give one of the same size")
+                    raise InputError(
+                        f"{path}: {sizes[0]}, but its reference is {sizes[1]}; give one of the same size"
+                    )
             del target  # it may have 1 GB
             picture = Restoration(rgb, info={"method": label})
             work = functools.partial(score, picture, view, names if is_alike else at_a_size)
-            tables.append(processes.call(work, "mend the metric, or leave it out") if is_foreign else work())
+            tables.append(
+                processes.call(work, "mend the metric, or leave it out") if is_foreign else work()
+            )
         except (InputError, PluginError) as fault:
             failed = row_without_value(results.Row(method=label, view=name), "failed", str(fault))
             tables.append(results.frame([failed]))
     if lossy:
         remedy = "for exact ones give the dataset's own references"
-        progress.say(f"{lossy[0]}: a JPEG file, which has lost detail, so scores are not exact; {remedy}")
+        progress.say(
+            f"{lossy[0]}: a JPEG file, which has lost detail, so scores are not exact; {remedy}"
+        )
     rows = pd.concat(tables, ignore_index=True)
     sets, shared = recognised_sets(pictures)
     rows = rows.assign(scene=next((found.of.name for found in sets if found.is_whole), ""))
     return FolderScores(
-        rows[~rows["metric"].isin(["peak_mb"]) & ~rows.index.isin(restorations(rows).index)], sets, shared
+        rows[~rows["metric"].isin(["peak_mb"]) & ~rows.index.isin(restorations(rows).index)],
+        sets,
+        shared,
     )
 
 
@@ -143,7 +157,11 @@ def _references(images: Path, names: Iterable[str], place: Path) -> dict[str, Pa
         files = [name]
         if not (place / name).is_file():
             folders = {file: PurePosixPath(file).parent.parts for file in folder.find(name)}
-            files = [file for file, of in folders.items() if not of or of[len(of) - len(wanted) :] == wanted]
+            files = [
+                file
+                for file, of in folders.items()
+                if not of or of[len(of) - len(wanted) :] == wanted
+            ]
         found[name] = [place / file for file in files]
     if not any(found.values()):  # as 1_ours.png and 1.png: without what all names share
         bare, of_bare = bare_stems(found), defaultdict[str, list[Path]](list)
@@ -156,7 +174,8 @@ def _references(images: Path, names: Iterable[str], place: Path) -> dict[str, Pa
         raise InputError(fault_text, place, "rename the references")
     stems = {name: PurePosixPath(name).stem for name in found}
     lack = {
-        name: f"{place / name}: no such reference; give a folder with an image named {stems[name]}" for name in found
+        name: f"{place / name}: no such reference; give a folder with an image named {stems[name]}"
+        for name in found
     }
     remedy = "give the folder of one of them as --reference"
     return {name: only(files, remedy) or lack[name] for name, files in found.items()}

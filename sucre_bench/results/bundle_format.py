@@ -151,9 +151,15 @@ def write_bundle(
 ) -> str:
     """Write a bundle and return its id. files: by their name in the bundle. Raises OutputError if that fails."""
     files = {SCORES: csv_text(rows).encode(), **files}
-    hashes = {"inside": {name: hash_of(content) for name, content in files.items()}, "outside": outside}
+    hashes = {
+        "inside": {name: hash_of(content) for name, content in files.items()},
+        "outside": outside,
+    }
     listed = {
-        where: {name: {"sha256": one.sha256, "bytes": one.size} for name, one in sorted(of_files.items())}
+        where: {
+            name: {"sha256": one.sha256, "bytes": one.size}
+            for name, one in sorted(of_files.items())
+        }
         for where, of_files in hashes.items()
     }
     about = {"format": _FORMAT, "version": _VERSION, "by": by, "sucre_bench": version, **listed}
@@ -162,7 +168,9 @@ def write_bundle(
         for name, content in sorted({MANIFEST: manifest, **files}.items()):
             entry = zipfile.ZipInfo(name, _DATE)  # no date and no owner
             entry.create_system, entry.external_attr = 3, _REGULAR_FILE << 16
-            entry.compress_type = zipfile.ZIP_STORED if name.endswith(_STORED) else zipfile.ZIP_DEFLATED
+            entry.compress_type = (
+                zipfile.ZIP_STORED if name.endswith(_STORED) else zipfile.ZIP_DEFLATED
+            )
             source = io.BytesIO(content) if isinstance(content, bytes) else content.open("rb")
             with source, archive.open(entry, "w", force_zip64=True) as target:
                 shutil.copyfileobj(source, target)
@@ -183,7 +191,11 @@ def open_bundle(path: Path, limits: Limits = LIMITS) -> Iterator[Bundle]:
     Raises InputError if the file is no bundle, or an entry's name, kind or size is not one that a bundle may have.
     """
     if path.is_dir():
-        raise NotAFileError("is a folder, not a bundle", path, f"`sucre-bench bundle {path} FILE.zip` makes one of it")
+        raise NotAFileError(
+            "is a folder, not a bundle",
+            path,
+            f"`sucre-bench bundle {path} FILE.zip` makes one of it",
+        )
     regular(path, "give a bundle that `sucre-bench bundle` wrote")
     with reading(path, "give a file that `sucre-bench bundle` wrote"):
         archive = zipfile.ZipFile(path)
@@ -214,14 +226,20 @@ def _fault_of_entry(info: zipfile.ZipInfo, limits: Limits) -> str:
     name, kind = info.orig_filename, stat.S_IFMT(info.external_attr >> 16)
     parts, size = name.split("/"), info.file_size
     faults = {
-        "is no plain path": name != info.filename or not name.isprintable() or "\\" in name or ":" in parts[0],
+        "is no plain path": name != info.filename
+        or not name.isprintable()
+        or "\\" in name
+        or ":" in parts[0],
         "is a link or a folder, not a file": name.endswith("/") or kind not in (0, stat.S_IFREG),
         "leads out of the bundle": any(part in ("", ".", "..") for part in parts),
         "has too long a name": len(name.encode(errors="replace")) > limits.name_bytes,
         "is encrypted": info.flag_bits & 0x1,
-        "is packed in an unknown way": info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED),
-        f"would unpack to {size / 1e6:.0f} MB": size > (limits.file_bytes if len(parts) > 1 else limits.table_bytes),
-        "would unpack to far more than its size": size > 1 << 20 and size > limits.ratio * info.compress_size,
+        "is packed in an unknown way": info.compress_type
+        not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED),
+        f"would unpack to {size / 1e6:.0f} MB": size
+        > (limits.file_bytes if len(parts) > 1 else limits.table_bytes),
+        "would unpack to far more than its size": size > 1 << 20
+        and size > limits.ratio * info.compress_size,
     }
     return next((fault for fault, is_so in faults.items() if is_so), "")
 
@@ -230,7 +248,9 @@ def _described(bundle: Bundle, manifest: bytes) -> Bundle:
     """The bundle with what its bundle.json says."""
     with reading(bundle.path / MANIFEST, "bundle again"):
         told = json.loads(manifest)
-        json.dumps(told, ensure_ascii=False).encode()  # raises where "\\udce9" stands for what is no UTF-8
+        json.dumps(
+            told, ensure_ascii=False
+        ).encode()  # raises where "\\udce9" stands for what is no UTF-8
         if (told["format"], told["version"]) != (_FORMAT, _VERSION):
             raise ValueError(f"it says {told['format']!r}, version {told['version']!r}")
         hashes = [
@@ -240,7 +260,9 @@ def _described(bundle: Bundle, manifest: bytes) -> Bundle:
         if any(type(one.size) is not int for listed in hashes for one in listed.values()):
             raise ValueError("the size of a file is no whole number of bytes")
         by, version = str(told["by"])[:200], str(told["sucre_bench"])[:40]
-    return replace(bundle, id=_id(manifest), by=by, version=version, inside=hashes[0], outside=hashes[1])
+    return replace(
+        bundle, id=_id(manifest), by=by, version=version, inside=hashes[0], outside=hashes[1]
+    )
 
 
 def _table(path: Path, content: bytes) -> DataFrame:
@@ -249,7 +271,9 @@ def _table(path: Path, content: bytes) -> DataFrame:
     from pyarrow import Table
 
     with reading(path, "bundle again"):
-        read = pd.read_csv(io.BytesIO(content), dtype="str", keep_default_na=False, usecols=list(COLUMNS))
+        read = pd.read_csv(
+            io.BytesIO(content), dtype="str", keep_default_na=False, usecols=list(COLUMNS)
+        )
         # Not by pandas: some of its versions lose the last digits of a number.
         numbers = {name: [float(text or "nan") for text in read[name]] for name in NUMBERS}
         rows = read.assign(**numbers).astype(frame([]).dtypes.to_dict())

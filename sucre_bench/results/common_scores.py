@@ -91,12 +91,17 @@ def common_pixels(masks: Mapping[str, Mask | None]) -> CommonPixels:
     for name, mask in others:
         if mask.shape != first.shape:
             sizes = [f"{w}x{h}" for h, w in (mask.shape, first.shape)]
-            fault, remedy = f"is {sizes[0]}, others are {sizes[1]}", "run that method again with overwrite=always"
+            fault, remedy = (
+                f"is {sizes[0]}, others are {sizes[1]}",
+                "run that method again with overwrite=always",
+            )
             raise InputError(fault, f"the mask of {name}", remedy)
     common = np.logical_and.reduce([*holed.values()])
     some = 1.0 if len(holed) < len(masks) else float(np.logical_or.reduce([*holed.values()]).mean())
     share = float(common.mean())
-    kind: Kind = "equal" if some - share <= LEAST_DIFFERENCE else "common" if common.any() else "none"
+    kind: Kind = (
+        "equal" if some - share <= LEAST_DIFFERENCE else "common" if common.any() else "none"
+    )
     return CommonPixels(common, share, kind, mask_id(common) if kind == "common" else "")
 
 

@@ -75,13 +75,17 @@ def restored_path(out: Path, dataset: str, method: str) -> Path:
     return out / "restored" / dataset / file_name(method)
 
 
-def places(dataset: str, scenes: Sequence[Scene], replicate: int = 0) -> dict[tuple[str, str], Place]:
+def places(
+    dataset: str, scenes: Sequence[Scene], replicate: int = 0
+) -> dict[tuple[str, str], Place]:
     """Return each view's place, by the names of scene and view."""
     first = PurePosixPath(f"replicate={replicate}") if replicate else PurePosixPath()
     several = slice(_FORMS, None) if len(scenes) > 1 else slice(_FORMS)
     named = ((scene.name, view.name) for scene in scenes for view in scene.views)
     stems = {names: stems_of(*names)[several] for names in named}
-    claims = Counter(chain.from_iterable({folded(stem) for stem in forms} for forms in stems.values()))
+    claims = Counter(
+        chain.from_iterable({folded(stem) for stem in forms} for forms in stems.values())
+    )
     found = {}
     for names, (unique, *forms) in stems.items():
         stem = next((stem for stem in reversed(forms) if claims[folded(stem)] == 1), unique)
@@ -91,7 +95,10 @@ def places(dataset: str, scenes: Sequence[Scene], replicate: int = 0) -> dict[tu
 
 def find(dataset: str, scene: str, view: str, out: Path) -> Place | None:
     """Return the place of a view, or of its restorations, from a row's names; None if no file exists."""
-    candidates, folder = possible_places(dataset, scene, view), out / "restored" / file_name(dataset)
+    candidates, folder = (
+        possible_places(dataset, scene, view),
+        out / "restored" / file_name(dataset),
+    )
     originals = ((place, place.original(out)) for place in candidates)
     restored = (
         (place, method / f"{place.stem}.png")
@@ -122,5 +129,11 @@ def stems_of(scene: str, view: str) -> tuple[PurePosixPath, ...]:
     if ".." in name.parts or name.is_absolute():
         raise InputError(f"{view}: a view's name leads out of the output folder; rename the image")
     folder = PurePosixPath(*map(portable_name, name.parts[:-1]))
-    forms = (portable_name(name.stem, f"{scene}/{view}"), portable_name(name.name), portable_name(name.stem))
-    return tuple(within / folder / form for within in (PurePosixPath(), file_name(scene)) for form in forms)
+    forms = (
+        portable_name(name.stem, f"{scene}/{view}"),
+        portable_name(name.name),
+        portable_name(name.stem),
+    )
+    return tuple(
+        within / folder / form for within in (PurePosixPath(), file_name(scene)) for form in forms
+    )

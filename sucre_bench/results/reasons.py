@@ -91,10 +91,16 @@ def unscored(rows: DataFrame, with_nothing_to_score: bool = False) -> Iterator[U
     skipped = rows[(rows["status"] == "skipped") & (rows["metric"] != RESTORATION)]
     if not with_nothing_to_score:
         skipped = skipped[skipped["reason"] != Reason.NOTHING_TO_SCORE.value]
-    n_views, n_methods = len(rows.loc[rows["view"] != "", _VIEW].drop_duplicates()), rows["method"].nunique()
+    n_views, n_methods = (
+        len(rows.loc[rows["view"] != "", _VIEW].drop_duplicates()),
+        rows["method"].nunique(),
+    )
     briefs = {text: brief(text) for text in skipped["reason"].unique()}
     for reason, of_reason in skipped.groupby(skipped["reason"].map(briefs), sort=False):
-        metrics = (_with_variants(name, scores, rows) for name, scores in of_reason.groupby("metric", sort=False))
+        metrics = (
+            _with_variants(name, scores, rows)
+            for name, scores in of_reason.groupby("metric", sort=False)
+        )
         methods = tuple(dict.fromkeys(of_reason["method"]))
         views = tuple(values_of(of_reason[_VIEW].drop_duplicates(), *_VIEW))
         yield Unscored(

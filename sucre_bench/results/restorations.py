@@ -24,7 +24,14 @@ from sucre_bench.arrays import Array, Mask, Picture
 from sucre_bench.errors import ANY_FAULT, DamagedFileError, InputError, NotApplicableError
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit, to_levels
-from sucre_bench.imaging.image_files import PNG_HEADER, check_pixels, decode, png_chunk, write_image, write_png
+from sucre_bench.imaging.image_files import (
+    PNG_HEADER,
+    check_pixels,
+    decode,
+    png_chunk,
+    write_image,
+    write_png,
+)
 from sucre_bench.machine.files import reading, regular, write_atomically
 from sucre_bench.machine.records import add_record, record_of
 from sucre_bench.results import layout
@@ -82,7 +89,9 @@ def write_pictures(
     water = {} if restoration.water is None else _water_record(restoration.water)
     more = {"write_seconds": time.perf_counter() - started, FILES: sizes}
     more |= {_SHOWN_OVER: shown_over} if shown_over else {}
-    text = json.dumps(water | restoration.info | water | more, default=_plain, skipkeys=True)  # the water first
+    text = json.dumps(
+        water | restoration.info | water | more, default=_plain, skipkeys=True
+    )  # the water first
     record = json.loads(text, parse_constant=lambda _: None)  # JSON knows no NaN
     add_record(layout.restored_path(out, place.dataset, method), path, record)
 
@@ -109,7 +118,8 @@ def are_stored(picture: Path, suffixes: Iterable[str], shown_over: str = "") -> 
         record = record_of(picture)
         sizes = record[FILES]
         return record.get(_SHOWN_OVER, "") == shown_over and all(
-            regular(picture.with_suffix(suffix)).stat().st_size == sizes[suffix] for suffix in suffixes
+            regular(picture.with_suffix(suffix)).stat().st_size == sizes[suffix]
+            for suffix in suffixes
         )
     except (OSError, InputError, TypeError, KeyError):
         return False
@@ -120,8 +130,15 @@ def write_full(path: Path, measured: Measured, base: Row) -> None:
 
     base: identifies options, data and code. If `info` cannot be stored losslessly as JSON, only the arrays are written.
     """
-    info = {name: value for name, value in measured.restoration.info.items() if name != "true_water"}
-    about = {"of": _identity(base), "seconds": measured.seconds, "peak_mb": measured.peak_mb, "info": info}
+    info = {
+        name: value for name, value in measured.restoration.info.items() if name != "true_water"
+    }
+    about = {
+        "of": _identity(base),
+        "seconds": measured.seconds,
+        "peak_mb": measured.peak_mb,
+        "info": info,
+    }
     try:
         text = json.dumps(about, default=_as_list)
         np.testing.assert_equal(json.loads(text, object_hook=_as_array), about)
@@ -152,10 +169,17 @@ def write_arrays(path: Path, restoration: Restoration, **more: Any) -> None:
     """Write a restoration's arrays as .npz: image (H, W, 3), and where known B, beta, gamma (3,), confidence (H, W)
     and filled (H, W, 3).
     """
-    named = {"image": restoration.image, "confidence": restoration.confidence, "filled": restoration.filled, **more}
+    named = {
+        "image": restoration.image,
+        "confidence": restoration.confidence,
+        "filled": restoration.filled,
+        **more,
+    }
     water = {} if restoration.water is None else _water_record(restoration.water)
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, **{name: array for name, array in (named | water).items() if array is not None})
+    np.savez_compressed(
+        buffer, **{name: array for name, array in (named | water).items() if array is not None}
+    )
     write_atomically(path, buffer.getvalue())
 
 
@@ -189,7 +213,10 @@ def read_record(row: Any, out: Path) -> dict[str, Any]:
 
     row: as `DataFrame.itertuples` gives it. Raises InputError if a .json file beside the picture is damaged.
     """
-    pictures = (place.restored(out, row.method) for place in layout.possible_places(row.dataset, row.scene, row.view))
+    pictures = (
+        place.restored(out, row.method)
+        for place in layout.possible_places(row.dataset, row.scene, row.view)
+    )
     return next(filter(None, map(record_of, pictures)), {})
 
 
@@ -289,7 +316,11 @@ def stored_mask(out: Path, place: Place, base: Row) -> Mask:
     path = place.restored(out, base.method)
     if (mask := read_mask(path)) is None:
         full = read_full(path.with_suffix(".npz"), base)
-        mask = full.restoration.valid if full else np.asarray(stored_picture(out, place, base.method).any(-1))
+        mask = (
+            full.restoration.valid
+            if full
+            else np.asarray(stored_picture(out, place, base.method).any(-1))
+        )
     if int(mask.sum()) != base.n_pixels:
         remedy = f"run {base.method} again with overwrite=always"
         raise DamagedFileError("has not the mask of its restoration", path, remedy)
@@ -302,7 +333,9 @@ def stored_restoration(out: Path, place: Place, base: Row, mask: Mask) -> Restor
     if kept is None:
         return PictureOnly(mask)
     restored = kept.restoration
-    return Restoration(masked(restored.image, mask), restored.water, restored.confidence, restored.info)
+    return Restoration(
+        masked(restored.image, mask), restored.water, restored.confidence, restored.info
+    )
 
 
 def masked(image: Array, mask: Mask) -> Array:

@@ -117,7 +117,9 @@ def as_arrow(rows: Sequence[Row]) -> pyarrow.Table:
     import pyarrow
 
     types = {name: pyarrow.type_for_alias(NUMBERS.get(name, "string")) for name in COLUMNS}
-    columns = [pyarrow.array(list(map(attrgetter(name), rows)), type=types[name]) for name in COLUMNS]
+    columns = [
+        pyarrow.array(list(map(attrgetter(name), rows)), type=types[name]) for name in COLUMNS
+    ]
     return pyarrow.Table.from_arrays(columns, schema=pyarrow.schema(types.items()))
 
 
@@ -150,7 +152,9 @@ def restorations(rows: DataFrame) -> DataFrame:
 
 def is_of_common_pixels(rows: DataFrame) -> Series:
     """Return which rows of a stored table are about common pixels."""
-    return rows["variant"].isin([variant for variant in rows["variant"].unique() if variant.endswith(COMMON)])
+    return rows["variant"].isin(
+        [variant for variant in rows["variant"].unique() if variant.endswith(COMMON)]
+    )
 
 
 By = Literal["method", "view", "region"]
@@ -172,7 +176,9 @@ def csv_text(table: DataFrame, for_spreadsheets: bool = False) -> str:
     colour-science leaves 12 digits of 17.
     """
     if for_spreadsheets:
-        table = table.map(lambda cell: f"'{cell}" if isinstance(cell, str) and cell.startswith(_FORMULA) else cell)
+        table = table.map(
+            lambda cell: f"'{cell}" if isinstance(cell, str) and cell.startswith(_FORMULA) else cell
+        )
     return str(table.to_csv(index=False, lineterminator="\n", float_format=float.__repr__))
 
 
@@ -195,13 +201,22 @@ def wide(rows: DataFrame) -> DataFrame:
     """
     needed = (*KEYS, "metric", "variant", "region", "value", "status")
     if absent := [name for name in needed if name not in getattr(rows, "columns", ())]:
-        raise InputError(f"has no column '{absent[0]}'", "wide(rows)", "pass the table that sucre_bench.score returns")
+        raise InputError(
+            f"has no column '{absent[0]}'",
+            "wide(rows)",
+            "pass the table that sucre_bench.score returns",
+        )
     scores = rows[(rows["status"] == "ok") & ~rows["region"].str.contains("/", regex=False)]
     several = rows.groupby("metric")["variant"].nunique() > 1
     full = scores["metric"] + ":" + scores["variant"]
     name = full.where(scores["metric"].map(several).astype(bool), scores["metric"])
     order = list(dict.fromkeys(name))
-    table = scores.assign(_name=name).groupby([*KEYS, "_name"], sort=False)["value"].mean().unstack("_name")
+    table = (
+        scores.assign(_name=name)
+        .groupby([*KEYS, "_name"], sort=False)["value"]
+        .mean()
+        .unstack("_name")
+    )
     every = rows.loc[rows["view"] != "", list(KEYS)].drop_duplicates()
     table = table.reindex(index=every.set_index(list(KEYS)).index, columns=order)
     return table.rename_axis(columns=None)

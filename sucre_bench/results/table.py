@@ -70,7 +70,9 @@ def read(out: str | Path, **labels: str) -> DataFrame:
     """
     files, rows = _files(Path(out), labels)
     if not files:
-        raise MissingFileError(f"no {TABLE} here", out, "give the folder that `sucre-bench run out=...` wrote")
+        raise MissingFileError(
+            f"no {TABLE} here", out, "give the folder that `sucre-bench run out=...` wrote"
+        )
     return _newest(rows[~is_of_common_pixels(rows)])
 
 
@@ -111,7 +113,9 @@ def _files(out: Path, labels: Mapping[str, str]) -> tuple[list[Path], DataFrame]
             raise file_error(out / PARTS, fault, "let this user read it") from fault
         paths.append(out / TABLE)  # last: a merge writes the table before it removes the parts
         found = {path: rows for path in paths if (rows := _rows_of_file(path, labels)) is not None}
-        if all(path in found for path in paths[:-1]):  # else a merge or a job has joined a part just now
+        if all(
+            path in found for path in paths[:-1]
+        ):  # else a merge or a job has joined a part just now
             break
     if not found:
         return [], frame([])
@@ -128,7 +132,9 @@ def _rows_of_file(path: Path, labels: Mapping[str, str]) -> pyarrow.Table | None
     column = "the file"
     try:
         content = regular(path).read_bytes()  # whole: the file may be replaced while it is read
-        held = ParquetFile(io.BytesIO(content), page_checksum_verification=True).read(use_threads=False)
+        held = ParquetFile(io.BytesIO(content), page_checksum_verification=True).read(
+            use_threads=False
+        )
         held.validate(full=True)  # text that is no text, and numbers that point to none
         read = {}
         for name in COLUMNS:
@@ -142,7 +148,9 @@ def _rows_of_file(path: Path, labels: Mapping[str, str]) -> pyarrow.Table | None
         raise file_error(path, fault, "let this user read it") from fault
     except (ForbiddenFileError, ImportError):
         raise
-    except ANY_FAULT as fault:  # unpacking damaged bytes raises errors of many kinds, pyarrow's OSError among them
+    except (
+        ANY_FAULT
+    ) as fault:  # unpacking damaged bytes raises errors of many kinds, pyarrow's OSError among them
         raise _damaged(path, f"{column}: {in_words(fault)}") from fault
     rows = pyarrow.table(read)
     check_values(path, rows)
@@ -151,7 +159,12 @@ def _rows_of_file(path: Path, labels: Mapping[str, str]) -> pyarrow.Table | None
     return rows
 
 
-_MAY_BE_ABSENT = ("value", "coverage", "seconds", "peak_mb")  # NaN, which some writers store as null
+_MAY_BE_ABSENT = (
+    "value",
+    "coverage",
+    "seconds",
+    "peak_mb",
+)  # NaN, which some writers store as null
 
 
 def check_values(path: Path, rows: pyarrow.Table) -> None:
@@ -180,14 +193,18 @@ def check_values(path: Path, rows: pyarrow.Table) -> None:
 def _is_object(text: str | None) -> bool:
     try:
         told = json.loads(text or "")
-        json.dumps(told, ensure_ascii=False).encode()  # raises where "\\udce9" stands for what is no UTF-8
+        json.dumps(
+            told, ensure_ascii=False
+        ).encode()  # raises where "\\udce9" stands for what is no UTF-8
         return isinstance(told, dict)
     except (ValueError, RecursionError):
         return False
 
 
 def _damaged(path: Path, fault: str) -> DamagedFileError:
-    return DamagedFileError(f"not a table of scores, {fault}", path, "restore a copy, or delete it and run again")
+    return DamagedFileError(
+        f"not a table of scores, {fault}", path, "restore a copy, or delete it and run again"
+    )
 
 
 def _newest(rows: DataFrame) -> DataFrame:
@@ -197,12 +214,18 @@ def _newest(rows: DataFrame) -> DataFrame:
     """
     import pandas as pd
 
-    when = pd.Series(pd.factorize(rows["time"], sort=True)[0], rows.index)  # numbers are compared faster than texts
+    when = pd.Series(
+        pd.factorize(rows["time"], sort=True)[0], rows.index
+    )  # numbers are compared faster than texts
     order = when.argsort(kind="stable")
     rows, when = rows.iloc[order], when.iloc[order]
     # Of the code, the part of the restoration alone.
     codes = {text: text.partition(".")[0] for text in rows["code"].unique()}
-    tried = rows.assign(code=rows["code"].map(codes)).groupby(["options_id", "data_id", "code"], sort=False).ngroup()
+    tried = (
+        rows.assign(code=rows["code"].map(codes))
+        .groupby(["options_id", "data_id", "code"], sort=False)
+        .ngroup()
+    )
     restoration = rows.groupby(list(KEYS), sort=False).ngroup()
     is_newest_try = tried == tried.groupby(restoration).transform("last")
     has_ended = is_newest_try & (rows["metric"] == RESTORATION) & (rows["status"] != "ok")
@@ -213,12 +236,16 @@ def _newest(rows: DataFrame) -> DataFrame:
     score = [*KEYS, "metric", "variant"]
     rows = rows[rows["time"] == rows.groupby(score, sort=False)["time"].transform("last")]
     rows = rows.drop_duplicates([*score, "region"]).sort_index()
-    return rows.sort_values(["dataset", "method", "scene", "view"], kind="stable", ignore_index=True)
+    return rows.sort_values(
+        ["dataset", "method", "scene", "view"], kind="stable", ignore_index=True
+    )
 
 
 def _newest_common(rows: DataFrame) -> DataFrame:
     """Keep the newest row of each score on common pixels."""
-    return rows.sort_values("time", kind="stable").drop_duplicates([*KEYS, "metric", "variant"], keep="last")
+    return rows.sort_values("time", kind="stable").drop_duplicates(
+        [*KEYS, "metric", "variant"], keep="last"
+    )
 
 
 def is_fresh(rows: DataFrame) -> Series:
@@ -226,7 +253,9 @@ def is_fresh(rows: DataFrame) -> Series:
     import pandas as pd
 
     data = rows[["dataset", "scene", "data_id"]].drop_duplicates()
-    if not data.duplicated(["dataset", "scene"]).any():  # as in most folders: no scene has older data too
+    if not data.duplicated(
+        ["dataset", "scene"]
+    ).any():  # as in most folders: no scene has older data too
         return pd.Series(True, rows.index)
     newest = rows.groupby(["dataset", "scene", "data_id"])["time"].transform("max")
     return newest == newest.groupby([rows["dataset"], rows["scene"]]).transform("max")
@@ -245,10 +274,15 @@ class Part:
     """
 
     def __init__(self, out: Path, job: str, flush_s: float = FLUSH_S) -> None:
-        self._folder, self._name = out / PARTS, f"{job}-{uuid.uuid4().hex}"  # no other run's, whatever its process id
+        self._folder, self._name = (
+            out / PARTS,
+            f"{job}-{uuid.uuid4().hex}",
+        )  # no other run's, whatever its process id
         self._flush_s, self._written, self._n_files = flush_s, time.monotonic(), 0
         self._pending: list[Row] = []
-        self._files: list[tuple[int, Path, pyarrow.Table]] = []  # how often they were joined, and their rows
+        self._files: list[
+            tuple[int, Path, pyarrow.Table]
+        ] = []  # how often they were joined, and their rows
 
     def add(self, rows: Sequence[Row]) -> None:
         """Store rows. Raises OutputError if they cannot be written."""
@@ -257,7 +291,9 @@ class Part:
         with suppress(OSError):  # no folder yet
             disk = os.statvfs(self._folder.parent)
             is_scarce = disk.f_bavail * disk.f_frsize < _SCARCE_BYTES
-        if is_scarce or time.monotonic() - self._written >= self._flush_s:  # a full disk would take no row that waits
+        if (
+            is_scarce or time.monotonic() - self._written >= self._flush_s
+        ):  # a full disk would take no row that waits
             self.flush()
 
     def flush(self) -> None:
@@ -271,7 +307,10 @@ class Part:
         while [file[0] for file in kept[1 - _JOINED :]] == [level] * (_JOINED - 1):
             tables = [*(file[2] for file in kept[1 - _JOINED :]), *tables]
             kept, level = kept[: 1 - _JOINED], level + 1
-        path, rows = self._folder / f"{self._name}-{self._n_files}.parquet", pyarrow.concat_tables(tables)
+        path, rows = (
+            self._folder / f"{self._name}-{self._n_files}.parquet",
+            pyarrow.concat_tables(tables),
+        )
         for attempt in range(_ATTEMPTS):
             try:
                 _write(path, rows)

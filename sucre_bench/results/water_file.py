@@ -35,7 +35,12 @@ class Lighting:
     falls_off: bool = False
 
 
-_ENCODINGS: dict[Any, Encoding | None] = {None: None, "view": None, "gamma": "gamma", "linear": "linear"}
+_ENCODINGS: dict[Any, Encoding | None] = {
+    None: None,
+    "view": None,
+    "gamma": "gamma",
+    "linear": "linear",
+}
 
 
 def read_water(path: Path) -> Water | None:
@@ -49,13 +54,18 @@ def read_water(path: Path) -> Water | None:
             return water_of(record, path)
         if path.suffix == ".npz":
             with zipfile.ZipFile(regular(path)) as archive:
-                known = {name.removesuffix(".npy") for name in archive.namelist()} & {*_NAMES, "encoding"}
+                known = {name.removesuffix(".npy") for name in archive.namelist()} & {
+                    *_NAMES,
+                    "encoding",
+                }
             return water_of({name: read_array(path, _chooser(name)) for name in known}, path)
         return water_of(json.loads(regular(path).read_text(encoding="utf-8")), path)
     except (FileNotFoundError, InputError):
         raise
     except (OSError, ValueError, TypeError, EOFError, RecursionError, zipfile.BadZipFile) as fault:
-        raise InputError(f"{path}: does not hold B, beta and gamma ({fault}); give three numbers of each") from fault
+        raise InputError(
+            f"{path}: does not hold B, beta and gamma ({fault}); give three numbers of each"
+        ) from fault
 
 
 def read_lighting(path: Path) -> Lighting:
@@ -104,6 +114,8 @@ def water_of(content: Any, path: Path) -> Water | None:
         values = content.get(name)
         triples.append(np.full(3, np.nan) if values is None else np.array(values, dtype=np.float64))
         if triples[-1].shape != (3,):
-            raise InputError(f"{path}: {name} must be three numbers, red, green and blue; mend it there")
+            raise InputError(
+                f"{path}: {name} must be three numbers, red, green and blue; mend it there"
+            )
     B, beta, gamma = triples
     return Water(B, beta, gamma, _ENCODINGS[encoding])

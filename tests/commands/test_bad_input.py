@@ -27,7 +27,15 @@ def dive(tmp_path: Path) -> Path:
 
 
 def run(bench, dive: Path, *overrides: str):
-    base = ["run", "-m", "dataset=colmap", f"dataset.root={dive}", METHODS, "metrics=[uciqe]", "tracking.uri=off"]
+    base = [
+        "run",
+        "-m",
+        "dataset=colmap",
+        f"dataset.root={dive}",
+        METHODS,
+        "metrics=[uciqe]",
+        "tracking.uri=off",
+    ]
     return bench(*base, "out=results", "workers=0", "report=false", *overrides)
 
 
@@ -42,7 +50,11 @@ FAULTS: list[tuple[str, set[str], Callable[[Path, Path], object]]] = [
     ("images/{}.png", {"cut", "copy"}, lambda image, depth: cut(image)),
     ("images/{}.png", {"70x20"}, lambda image, depth: write_image(image, picture(1, 70, 20))),
     ("depths/depth_{}.png", {"cut", "copy"}, lambda image, depth: cut(depth)),
-    ("depths/depth_{}.png", {"uint8"}, lambda image, depth: write_image(depth, np.full((30, 40), 9, np.uint8))),
+    (
+        "depths/depth_{}.png",
+        {"uint8"},
+        lambda image, depth: write_image(depth, np.full((30, 40), 9, np.uint8)),
+    ),
 ]
 
 
@@ -56,7 +68,9 @@ def test_a_fault_of_one_view_is_said_and_the_other_views_go_on(bench, tmp_path: 
     whole = rows[rows["metric"] == "seconds"].set_index(["method", "view"])
     page = html.unescape((tmp_path / "results" / "report" / "index.html").read_text())
     for method in ("gray_world", "stitching"):
-        assert whole.loc[(method, "a.png"), "status"] == whole.loc[(method, "c.png"), "status"] == "ok"
+        assert (
+            whole.loc[(method, "a.png"), "status"] == whole.loc[(method, "c.png"), "status"] == "ok"
+        )
         for name, (path, named, _) in zip(bad, FAULTS, strict=True):
             row, place = whole.loc[(method, f"{name}.png")], dive / path.format(name)
             assert row["status"] == "failed"
@@ -105,7 +119,9 @@ def test_a_scene_without_depth_skips_what_needs_it_with_the_reason(bench, tmp_pa
 
 
 @pytest.mark.parametrize(("metrics", "code"), [("[psnr]", 1), ("[psnr,uciqe]", 0)])
-def test_a_run_that_can_score_nothing_names_what_the_dataset_lacks(bench, dive: Path, metrics: str, code: int):
+def test_a_run_that_can_score_nothing_names_what_the_dataset_lacks(
+    bench, dive: Path, metrics: str, code: int
+):
     done = run(bench, dive, "views=[a.png]", "method=gray_world", f"metrics={metrics}")
     assert done.returncode == code
     (line,) = [line for line in done.stdout.splitlines() if line.startswith("not scored")]
@@ -132,7 +148,10 @@ def test_two_dives_in_one_sweep_are_told_apart_by_their_folders(bench, dive: Pat
     other = write_dive(tmp_path / "other", NAMES)
     done = run(bench, f"{dive},{other}")
     assert done.returncode == 0, done.stderr
-    assert {p.name for p in (tmp_path / "results" / "restored").iterdir()} == {"colmap,root=dive", "colmap,root=other"}
+    assert {p.name for p in (tmp_path / "results" / "restored").iterdir()} == {
+        "colmap,root=dive",
+        "colmap,root=other",
+    }
 
 
 def test_a_folder_with_an_unusual_name_works_quoted_and_the_remedy_says_so(bench, tmp_path: Path):
@@ -143,7 +162,10 @@ def test_a_folder_with_an_unusual_name_works_quoted_and_the_remedy_says_so(bench
 
 @pytest.mark.parametrize(
     "command",
-    [("charts", "~nosuchuser/x"), ("run", "dataset=colmap", "dataset.root='~nosuchuser/x'", "method=gray_world")],
+    [
+        ("charts", "~nosuchuser/x"),
+        ("run", "dataset=colmap", "dataset.root='~nosuchuser/x'", "method=gray_world"),
+    ],
 )
 def test_the_home_of_nobody_is_no_folder(bench, command: tuple[str, ...]):
     done = bench(*command)
@@ -201,7 +223,9 @@ def test_every_command_has_a_mistake() -> None:
 
 
 @pytest.mark.parametrize("command", MISTAKES)
-def test_a_mistake_is_answered_in_one_line_on_stderr(command: str, bench: Callable[..., Done]) -> None:
+def test_a_mistake_is_answered_in_one_line_on_stderr(
+    command: str, bench: Callable[..., Done]
+) -> None:
     done = bench(command, *MISTAKES[command])
     file = GOLDEN / f"{command}.txt"
     said = re.sub(

@@ -19,9 +19,13 @@ def offered(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
 
     def ask(line: str) -> list[str]:
         monkeypatch.setenv("COMP_WORDS", line)
-        monkeypatch.setenv("COMP_CWORD", str(len(split_arg_string(line)) - (not line.endswith(" "))))
+        monkeypatch.setenv(
+            "COMP_CWORD", str(len(split_arg_string(line)) - (not line.endswith(" ")))
+        )
         shell_complete(cli, {}, "sucre-bench", "_SUCRE_BENCH_COMPLETE", "zsh_complete")
-        answers = capsys.readouterr().out.strip().splitlines()  # a kind, a word and its meaning by turns
+        answers = (
+            capsys.readouterr().out.strip().splitlines()
+        )  # a kind, a word and its meaning by turns
         return [word.replace("\\:", ":") for word in answers[1::3]]
 
     return ask
@@ -42,8 +46,14 @@ def offered(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
         ("sucre-bench run metrics=psi,psn", ["metrics=[psi,psnr]"]),
         ("sucre-bench run 'metrics=[psn", ["metrics=[psnr]"]),
         ("sucre-bench run metrics=[psi,psn", ["metrics=[psi,psnr]"]),
-        ("sucre-bench run method=sucre method.pairing=", ["method.pairing=mutual", "method.pairing=depth"]),
-        ("sucre-bench run method.physical=t", ["method.physical=true"]),  # of the method that runs by default
+        (
+            "sucre-bench run method=sucre method.pairing=",
+            ["method.pairing=mutual", "method.pairing=depth"],
+        ),
+        (
+            "sucre-bench run method.physical=t",
+            ["method.physical=true"],
+        ),  # of the method that runs by default
         ("sucre-bench run method=sucre_torch method.pair", ["method.pairing="]),  # of a preset
         ("sucre-bench run method=gray_world method.pairing=", []),
         ("sucre-bench run dataset.water=d", ["dataset.water=deep_sea"]),
@@ -82,7 +92,9 @@ def test_every_method_is_offered_with_what_it_is(monkeypatch: pytest.MonkeyPatch
     assert (name, said) == ("plain,method=gray_world", plugins.find("method", "gray_world").summary)
 
 
-def test_paths_are_completed_also_behind_an_equals_sign(offered, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_paths_are_completed_also_behind_an_equals_sign(
+    offered, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     (tmp_path / "a dive").mkdir()
     (tmp_path / "a file.png").write_text("")
     (tmp_path / ".hidden").write_text("")
@@ -95,7 +107,9 @@ def test_paths_are_completed_also_behind_an_equals_sign(offered, tmp_path: Path,
     assert offered("sucre-bench run out=nowhere/") == []
 
 
-def test_experiments_and_folders_of_data_are_completed(offered, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_experiments_and_folders_of_data_are_completed(
+    offered, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "paper").mkdir()
     (tmp_path / "paper.yaml").write_text("every: 4\n")
@@ -113,9 +127,23 @@ def test_completion_imports_nothing_heavy():
     env = {**os.environ, "_SUCRE_BENCH_COMPLETE": "zsh_complete"}
     env |= {"COMP_WORDS": "sucre-bench run method=", "COMP_CWORD": "2"}
     code = "import sys; sys.argv[0] = 'sucre-bench'\n" + code
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=env, check=True
+    )
     assert "method=sucre" in done.stdout
-    heavy = {"torch", "jax", "open3d", "mlflow", "pycolmap", "colour", "pandas", "skimage", "cv2", "hydra", "scipy"}
+    heavy = {
+        "torch",
+        "jax",
+        "open3d",
+        "mlflow",
+        "pycolmap",
+        "colour",
+        "pandas",
+        "skimage",
+        "cv2",
+        "hydra",
+        "scipy",
+    }
     assert not heavy & set(done.stderr.split())
 
 
@@ -141,7 +169,9 @@ def test_bash_completes_a_line_on_tab(tmp_path: Path):
         "compare x --metric psnr:unm": "compare x --metric psnr:unmasked",
         "xyz fo": "xyz fo",
     }
-    typed = "".join(f"sucre-bench {line}\t\x14\x05\x15" for line in lines)  # Ctrl-T shows the line, Ctrl-U clears it
+    typed = "".join(
+        f"sucre-bench {line}\t\x14\x05\x15" for line in lines
+    )  # Ctrl-T shows the line, Ctrl-U clears it
     shown = r"""bind -x '"\C-t": echo "$READLINE_LINE" >> lines'"""
     env = {**os.environ, "PATH": f"{FOLDER}:{os.environ['PATH']}", "TERM": "vt100"}
     done = subprocess.run(
@@ -153,10 +183,14 @@ def test_bash_completes_a_line_on_tab(tmp_path: Path):
         cwd=tmp_path,
         check=True,
     )
-    assert (tmp_path / "lines").read_text().splitlines() == [f"sucre-bench {line}" for line in lines.values()]
+    assert (tmp_path / "lines").read_text().splitlines() == [
+        f"sucre-bench {line}" for line in lines.values()
+    ]
     assert "no command" not in done.stdout + done.stderr
 
 
 def test_fish_keeps_what_follows_a_comma_of_a_word(capsys: pytest.CaptureFixture[str]):
     cli(["completion", "fish"], standalone_mode=False)
-    assert 'string split -m 1 "," $completion' in capsys.readouterr().out  # of "plain,metrics=[psi,psnr]"
+    assert (
+        'string split -m 1 "," $completion' in capsys.readouterr().out
+    )  # of "plain,metrics=[psi,psnr]"

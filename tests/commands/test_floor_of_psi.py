@@ -10,10 +10,22 @@ from support.command_line import Done
 
 
 @pytest.mark.parametrize("encoding", ["linear", "gamma"])
-def test_only_linear_data_have_a_floor(tmp_path: Path, bench: Callable[..., Done], encoding: str) -> None:
+def test_only_linear_data_have_a_floor(
+    tmp_path: Path, bench: Callable[..., Done], encoding: str
+) -> None:
     dive = write_dive(tmp_path / "dive")
     corners = [[1, 1], [WIDTH - 1, 1], [WIDTH - 1, HEIGHT - 1], [1, HEIGHT - 1]]
-    (dive / "charts.json").write_text(json.dumps({"kind": "colorchecker24", "images": {"a.png": {"near": corners}}}))
-    words = ("dataset=./dive", f"dataset.encoding={encoding}", "method=gray_world", "metrics=[psi]", "report=false")
+    (dive / "charts.json").write_text(
+        json.dumps({"kind": "colorchecker24", "images": {"a.png": {"near": corners}}})
+    )
+    words = (
+        "dataset=./dive",
+        f"dataset.encoding={encoding}",
+        "method=gray_world",
+        "metrics=[psi]",
+        "report=false",
+    )
     done = bench("run", *words, "tracking.uri=off", "workers=0")
-    assert ("psi" in done.stderr and "# camera:" in done.stderr) == (encoding == "linear"), done.stderr
+    assert ("psi" in done.stderr and "# camera:" in done.stderr) == (encoding == "linear"), (
+        done.stderr
+    )

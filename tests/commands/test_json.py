@@ -63,14 +63,20 @@ def helps() -> list[tuple[str, click.Command]]:
 
 
 @pytest.mark.parametrize("width", [80, 120])
-@pytest.mark.parametrize(("name", "command"), helps(), ids=lambda value: value if isinstance(value, str) else "")
+@pytest.mark.parametrize(
+    ("name", "command"), helps(), ids=lambda value: value if isinstance(value, str) else ""
+)
 def test_help_fits_the_terminal(name: str, command: click.Command, width: int):
-    said = CliRunner().invoke(cli, [*([name] if name else []), "--help"], terminal_width=width).output
+    said = (
+        CliRunner().invoke(cli, [*([name] if name else []), "--help"], terminal_width=width).output
+    )
     assert not [line for line in said.splitlines() if len(line) > width]
     assert said.startswith("Usage: ")
 
 
-@pytest.mark.parametrize(("name", "command"), helps(), ids=lambda value: value if isinstance(value, str) else "")
+@pytest.mark.parametrize(
+    ("name", "command"), helps(), ids=lambda value: value if isinstance(value, str) else ""
+)
 def test_help_begins_with_examples_that_name_real_options(
     name: str, command: click.Command, examples_folder: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -86,7 +92,9 @@ def test_help_begins_with_examples_that_name_real_options(
         known = {option for p in own.params for option in (*p.opts, *p.secondary_opts)}
         assert {word for word in words[1:] if word.startswith("-")} <= known
         if words[0] == "run" and "--config-dir" not in words:
-            assert config.jobs([w for w in words[1:] if not w.startswith("-")], multirun="-m" in words).jobs
+            assert config.jobs(
+                [w for w in words[1:] if not w.startswith("-")], multirun="-m" in words
+            ).jobs
 
 
 def test_every_command_has_its_place_in_the_help():

@@ -15,12 +15,20 @@ RNG = np.random.default_rng(4)
 
 
 def picture() -> np.ndarray:
-    return cv2.resize(RNG.integers(0, 255, (9, 12, 3), dtype=np.uint8), (120, 90), interpolation=cv2.INTER_CUBIC)
+    return cv2.resize(
+        RNG.integers(0, 255, (9, 12, 3), dtype=np.uint8), (120, 90), interpolation=cv2.INTER_CUBIC
+    )
 
 
 @pytest.mark.parametrize(
     ("said", "seen"),
-    [("Reef less own", 2), ("other", 2), ("Reef less nothing", 0), ("Names", 0), ("a thousand pictures", 0)],
+    [
+        ("Reef less own", 2),
+        ("other", 2),
+        ("Reef less nothing", 0),
+        ("Names", 0),
+        ("a thousand pictures", 0),
+    ],
 )
 def test_compare_warns_of_test_pictures_that_were_in_the_training_set(
     said: str, seen: int, bench: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -32,15 +40,32 @@ def test_compare_warns_of_test_pictures_that_were_in_the_training_set(
             cv2.imwrite(str(tmp_path / folder / f"{name}.png"), bgr)
 
     def named(name: str, *of: str) -> NamedSet:
-        members = (Member(f"{one}.png", (), None, print_of(pictures[one][..., ::-1]), None) for one in of)
+        members = (
+            Member(f"{one}.png", (), None, print_of(pictures[one][..., ::-1]), None) for one in of
+        )
         return NamedSet(name, "", "Reef", "", "", "", tuple(members))
 
     sets = {"own": named("own", "c"), "other": named("other", "a", "b"), "more": named("more", "c")}
-    sets["names"] = NamedSet("names", "", "Names", "", "", "", (Member("a.png", (), None, None, None),))
+    sets["names"] = NamedSet(
+        "names", "", "Names", "", "", "", (Member("a.png", (), None, None, None),)
+    )
     monkeypatch.setattr(named_sets, "named_sets", lambda: sets)
     monkeypatch.setattr("sucre_bench.engine.training_pictures.named_sets", lambda: sets)
-    words = ("dataset=./photographs", "method=precomputed", "method.folder=restored", "metrics=[uciqe]", "out=out")
-    done = bench("run", *words, f"method.trained_on='{said}'", "workers=0", "tracking.uri=off", "report=false")
+    words = (
+        "dataset=./photographs",
+        "method=precomputed",
+        "method.folder=restored",
+        "metrics=[uciqe]",
+        "out=out",
+    )
+    done = bench(
+        "run",
+        *words,
+        f"method.trained_on='{said}'",
+        "workers=0",
+        "tracking.uri=off",
+        "report=false",
+    )
     assert done.returncode == 0, done.stderr
     done = bench("compare", "out")
     assert f"trained on: {said}" in " ".join(done.stdout.split())
@@ -49,10 +74,22 @@ def test_compare_warns_of_test_pictures_that_were_in_the_training_set(
         assert f"{seen} of 3 pictures" in done.stderr
 
 
-def test_a_table_says_which_method_is_this_projects(bench: Callable[..., Any], tmp_path: Path) -> None:
+def test_a_table_says_which_method_is_this_projects(
+    bench: Callable[..., Any], tmp_path: Path
+) -> None:
     (tmp_path / "photographs").mkdir()
     cv2.imwrite(str(tmp_path / "photographs" / "a.png"), picture())
-    words = ("dataset=./photographs", "metrics=[uciqe]", "workers=0", "tracking.uri=off", "report=false", "out=out")
+    words = (
+        "dataset=./photographs",
+        "metrics=[uciqe]",
+        "workers=0",
+        "tracking.uri=off",
+        "report=false",
+        "out=out",
+    )
     assert bench("run", "-m", *words, "method=gray_world,sucre_plus").returncode == 0
     said = " ".join(bench("compare", "out").stdout.split())
-    assert "sucre_plus: by this project, after Boittiaux et al. 2024; its authors have not seen it" in said
+    assert (
+        "sucre_plus: by this project, after Boittiaux et al. 2024; its authors have not seen it"
+        in said
+    )

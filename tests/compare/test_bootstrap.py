@@ -47,7 +47,9 @@ def test_views_of_a_scene_are_not_independent(scenes: int, views: int, between: 
 
 @pytest.mark.parametrize("of_views", [0.3, 1.0])
 @pytest.mark.parametrize("n", [4, 8])
-def test_scores_of_pairs_keep_the_promise_as_pseudo_values_and_not_as_they_are(n: int, of_views: float):
+def test_scores_of_pairs_keep_the_promise_as_pseudo_values_and_not_as_they_are(
+    n: int, of_views: float
+):
     """Each pair's score has a part of either view and one of its own; a view's score is the mean over its pairs."""
     rng = np.random.default_rng(n)
     views = of_views * rng.normal(size=(n, SIMULATED))
@@ -79,7 +81,9 @@ def test_one_pair_is_judged_as_students_paired_test_judges_it():
 
 def test_the_error_of_a_difference_is_that_of_the_theory_of_clusters():
     """Scenes of equal size: the variance of the difference's mean is that of the scenes' means over their number."""
-    values = np.random.default_rng(3).normal(size=(6, 5, 2)) + np.random.default_rng(4).normal(size=(6, 1, 2))
+    values = np.random.default_rng(3).normal(size=(6, 5, 2)) + np.random.default_rng(4).normal(
+        size=(6, 1, 2)
+    )
     (half,) = differences(Units.of(values.reshape(30, 2), [5] * 6), [(0, 1)])
     of_scenes = (values[..., 0] - values[..., 1]).mean(axis=1)
     assert half == pytest.approx(scipy.stats.t.ppf(0.975, 5) * of_scenes.std(ddof=1) / np.sqrt(6))
@@ -108,7 +112,9 @@ def test_draws_are_the_same_every_time():
     units = Units.of(np.random.default_rng(4).normal(size=(7, 3)), [7])
     state = np.random.get_state()[1].tolist()
     assert np.array_equal(mean_intervals(units), mean_intervals(units))
-    assert np.array_equal(differences(units, [(0, 1), (1, 2)]), differences(units, [(0, 1), (1, 2)]))
+    assert np.array_equal(
+        differences(units, [(0, 1), (1, 2)]), differences(units, [(0, 1), (1, 2)])
+    )
     assert np.random.get_state()[1].tolist() == state
 
 

@@ -85,7 +85,10 @@ def test_charts_of_one_view_are_not_independent():
 
 
 def test_patches_are_not_counted_beside_their_charts():
-    rows = [replace(ROW, metric="psi", region=r, value=v) for r, v in (("c", 10.0), ("c/1-red", 20.0), ("c/2-x", 0.0))]
+    rows = [
+        replace(ROW, metric="psi", region=r, value=v)
+        for r, v in (("c", 10.0), ("c/1-red", 20.0), ("c/2-x", 0.0))
+    ]
     (comparison,) = compare.compare(frame(rows))
     assert comparison.columns[0].n_units == 1
 
@@ -108,7 +111,10 @@ def test_rows_come_in_the_order_they_were_run():
 
 
 def test_methods_that_ran_on_older_data_are_left_out_and_named():
-    rows = [replace(ROW, method="old", data_id="d1"), replace(ROW, method="new", data_id="d2", time="2026-01-02")]
+    rows = [
+        replace(ROW, method="old", data_id="d1"),
+        replace(ROW, method="new", data_id="d2", time="2026-01-02"),
+    ]
     (comparison,) = compare.compare(frame(rows))
     assert comparison.methods == ("new",)
     assert comparison.notes == (Note("older data", ("old",)),)
@@ -116,15 +122,22 @@ def test_methods_that_ran_on_older_data_are_left_out_and_named():
 
 def test_a_scene_that_a_method_restored_from_older_data_is_no_scene_it_did_not_run():
     done = [("a", "d", "new"), ("a", "d", "old"), ("b", "d1", "old"), ("b", "d2", "new")]
-    rows = [replace(ROW, scene=s, data_id=d, method=m, time=f"2026-01-0{n}") for n, (s, d, m) in enumerate(done, 1)]
-    (comparison,) = compare.compare(frame([*rows, *(replace(row, metric="seconds", variant="wall") for row in rows)]))
+    rows = [
+        replace(ROW, scene=s, data_id=d, method=m, time=f"2026-01-0{n}")
+        for n, (s, d, m) in enumerate(done, 1)
+    ]
+    (comparison,) = compare.compare(
+        frame([*rows, *(replace(row, metric="seconds", variant="wall") for row in rows)])
+    )
     (lost,) = [note for note in comparison.notes if note.kind == "images lost"]
     assert (lost.methods, lost.reasons) == (("old",), "1 of other data")
 
 
 def test_by_view_ranks_methods_within_each_view():
     scores = (("a", "v0", 9), ("b", "v0", 8), ("a", "v1", 1), ("b", "v1", 2))
-    first, second = compare.compare(frame([replace(ROW, method=m, view=v, value=x) for m, v, x in scores]), by="view")
+    first, second = compare.compare(
+        frame([replace(ROW, method=m, view=v, value=x) for m, v, x in scores]), by="view"
+    )
     assert (first.title, second.title) == ("sea · v0", "sea · v1")
     assert (cells(first)["a"].rank, cells(second)["a"].rank) == (1, 2)
 
@@ -150,7 +163,10 @@ def test_folders_with_other_values_of_one_score_are_named(bench, tmp_path):
         ("two", 2.0, "2026-01-01"),
     ):
         (tmp_path / name).mkdir()
-        rows = [replace(ROW, time=time, value=1.0 if view == "a" else value, view=view) for view in "abc"]
+        rows = [
+            replace(ROW, time=time, value=1.0 if view == "a" else value, view=view)
+            for view in "abc"
+        ]
         frame(rows).to_parquet(tmp_path / name / "scores.parquet")
     done = bench("compare", "one", "two", "--format", "csv")
     assert re.match(r"one and two .* 3 .* 2 .*\(sea / m\).* from one\.", done.stderr)
@@ -162,7 +178,16 @@ def test_ranks_tie_where_chance_cannot_be_told_from_a_lead():
     """b is a little behind a in every view, c far behind both, d as good as c but for noise."""
     noise = np.random.default_rng(4).normal(0, 0.1, 12)
     far = list(np.linspace(10, 20, 12))
-    made = cells(table({"d": list(far + noise - 5), "a": far, "b": [x - 0.5 for x in far], "c": [x - 5 for x in far]}))
+    made = cells(
+        table(
+            {
+                "d": list(far + noise - 5),
+                "a": far,
+                "b": [x - 0.5 for x in far],
+                "c": [x - 5 for x in far],
+            }
+        )
+    )
     assert {name: cell.rank for name, cell in made.items()} == {"a": 1, "b": 2, "c": 3, "d": 3}
     assert {made["c"].place, made["d"].place} == {3, 4}
     assert not any(cell.tie for cell in made.values())
@@ -170,7 +195,11 @@ def test_ranks_tie_where_chance_cannot_be_told_from_a_lead():
 
 def test_wins_and_effect_are_those_counted_by_hand():
     made = cells(table({"a": [3, 5, 4, 1], "b": [2, 3, 1, 1], "c": [0, 5, 0, 0]}))
-    assert {name: cell.wins for name, cell in made.items()} == {"a": 1 + 0.5 + 1 + 0.5, "b": 0.5, "c": 0.5}
+    assert {name: cell.wins for name, cell in made.items()} == {
+        "a": 1 + 0.5 + 1 + 0.5,
+        "b": 0.5,
+        "c": 0.5,
+    }
     differences = np.array([-1, -2, -3, 0])
     assert made["b"].effect == pytest.approx(differences.mean() / differences.std(ddof=1))
     assert np.isnan(made["a"].effect)
@@ -236,7 +265,12 @@ def test_nobody_wins_or_ties_by_what_a_restoration_takes():
 @pytest.mark.parametrize(
     ("metric", "values", "low", "high"),
     [
-        ("uiqm", [0.1, 2.0], -7.6598, 9.7598),  # of two views, 12.7062 / 1.96 * sqrt(2) times half their difference
+        (
+            "uiqm",
+            [0.1, 2.0],
+            -7.6598,
+            9.7598,
+        ),  # of two views, 12.7062 / 1.96 * sqrt(2) times half their difference
         ("peak_mb", [0.1, 2.0], 0, 9.7598),
         ("ssim", [0.9, 1.0], 0.4916, 1),
         ("nobodys", [0.1, 2.0], -7.6598, 9.7598),
@@ -252,7 +286,9 @@ def test_no_interval_goes_beyond_what_a_metrics_values_can_be(
 def test_repetitions_of_a_view_are_one_view():
     """Three repeats of two views: as many views as without, each the mean of its repeats."""
     rows = [
-        replace(ROW, view=f"v{v}", scene=f"reef,replicate={n}" if n else "reef", value=float(10 * v + n))
+        replace(
+            ROW, view=f"v{v}", scene=f"reef,replicate={n}" if n else "reef", value=float(10 * v + n)
+        )
         for v, n in itertools.product(range(2), range(3))
     ]
     (comparison,) = compare.compare(frame(rows))
@@ -290,13 +326,21 @@ def test_a_replicate_that_failed_as_a_whole_is_lost():
 def images_lost(comparison: compare.Comparison) -> list[tuple[str, str, int, int, int]]:
     """Method, metrics, how many of how many images it lost, and how many are left."""
     return [
-        (*note.methods, " ".join(column.metric for column in note.columns), note.n, note.total, note.left)
+        (
+            *note.methods,
+            " ".join(column.metric for column in note.columns),
+            note.n,
+            note.total,
+            note.left,
+        )
         for note in comparison.notes
         if note.kind == "images lost"
     ]
 
 
-def restored(method: str, view: str, reason: str = "", status: str = "ok", **more: str) -> list[Row]:
+def restored(
+    method: str, view: str, reason: str = "", status: str = "ok", **more: str
+) -> list[Row]:
     """A restoration and its score, or why there is none."""
     row = replace(ROW, method=method, view=view, status=status, reason=reason, **more)
     row = row if status == "ok" else replace(row, value=np.nan)
@@ -309,7 +353,9 @@ def test_holes_are_counted_and_said_with_their_reasons():
     rows = [row for view in views for row in restored("a", view)]
     rows += [row for view in views[3:] for row in restored("b", view)]
     rows += restored("b", "v0", "v0 has no depth map", "skipped")
-    rows += [row for view in ("v1", "v2") for row in restored("b", view, "ValueError: boom", "failed")]
+    rows += [
+        row for view in ("v1", "v2") for row in restored("b", view, "ValueError: boom", "failed")
+    ]
     (comparison,) = compare.compare(frame(rows), ["psnr"])
     assert images_lost(comparison) == [("b", "", 3, 8, 5)]
     assert comparison.notes[0].reasons == "2 failed: ValueError: boom; 1 skipped: has no depth map"
@@ -330,7 +376,10 @@ def test_some_charts_of_a_view_that_lack_a_score_are_counted_as_charts():
     rows[-1] = replace(rows[-1], status="skipped", reason="no value (NaN)", value=np.nan)
     (comparison,) = compare.compare(frame(rows))
     assert images_lost(comparison)[0][:4] == ("b", "psi", 1, 3)
-    assert (comparison.notes[0].unit, comparison.notes[0].reasons) == ("chart", "1 skipped: no value (NaN)")
+    assert (comparison.notes[0].unit, comparison.notes[0].reasons) == (
+        "chart",
+        "1 skipped: no value (NaN)",
+    )
 
 
 def test_a_method_that_gave_nothing_is_a_row_of_holes_and_said():
@@ -343,12 +392,17 @@ def test_a_method_that_gave_nothing_is_a_row_of_holes_and_said():
 def test_methods_without_a_common_view_are_not_compared():
     comparison = table({"a": [1, None], "b": [None, 2]})
     assert comparison.cells == {}
-    assert ("nothing shared", ("a", "b")) in [(note.kind, note.methods) for note in comparison.notes]
+    assert ("nothing shared", ("a", "b")) in [
+        (note.kind, note.methods) for note in comparison.notes
+    ]
 
 
 def test_by_region_a_view_that_failed_is_a_hole_of_every_region():
     charts = [
-        replace(ROW, method=m, view=v, metric="psi", region=c) for m in "ab" for v in ("v0", "v1") for c in ("c0", "c1")
+        replace(ROW, method=m, view=v, metric="psi", region=c)
+        for m in "ab"
+        for v in ("v0", "v1")
+        for c in ("c0", "c1")
     ]
     whole = [row for m in "ab" for v in ("v0", "v1") for row in restored(m, v)[:1]]
     failed = restored("b", "v1", "boom", "failed")
@@ -364,7 +418,9 @@ def test_by_region_a_view_that_failed_is_a_hole_of_every_region():
 def test_the_order_of_rows_changes_nothing():
     rng = np.random.default_rng(5)
     rows = [
-        replace(ROW, method=m, scene=s, view=f"{s}{v}", region=f"c{c}", metric="psi", value=rng.normal())
+        replace(
+            ROW, method=m, scene=s, view=f"{s}{v}", region=f"c{c}", metric="psi", value=rng.normal()
+        )
         for m, s, v, c in itertools.product("abc", ("x", "y"), range(4), range(3))
     ]
     (one,) = compare.compare(frame(rows), order="abc")
@@ -386,8 +442,12 @@ def test_a_score_that_nobody_has_is_in_no_note_about_pixels():
         for kind in kinds
     )
     on_common = np.where(rows["metric"] == "uciqe", "common", "own")
-    (comparison,) = compare.compare(rows.assign(pixels=on_common, pixels_share=0.5, pixels_reason=""))
-    named = [(note.kind, {c.metric for c in note.columns}) for note in comparison.notes if note.columns]
+    (comparison,) = compare.compare(
+        rows.assign(pixels=on_common, pixels_share=0.5, pixels_reason="")
+    )
+    named = [
+        (note.kind, {c.metric for c in note.columns}) for note in comparison.notes if note.columns
+    ]
     assert named == [("common pixels", {"uciqe"})]
 
 
@@ -401,5 +461,8 @@ def test_differences_between_views_of_a_scene_are_shown_and_only_the_relative_on
         for variant in ("patches", "relative")
     )
     (comparison,) = compare.compare(rows)
-    assert {column.variant: column.better for column in comparison.columns} == {"patches": "none", "relative": "lower"}
+    assert {column.variant: column.better for column in comparison.columns} == {
+        "patches": "none",
+        "relative": "lower",
+    }
     assert len(comparison.cells) == 4

@@ -19,13 +19,31 @@ from sucre_bench.compare.terminal_table import as_table
 from sucre_bench.compare.words import legend, number, title, verdict_text
 from sucre_bench.results.rows import Row, frame
 
-ROW = Row(dataset="sea", scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", data_id="d")
+ROW = Row(
+    dataset="sea",
+    scene="reef",
+    metric="psnr",
+    variant="masked",
+    unit="dB",
+    better="higher",
+    data_id="d",
+)
 
 
-def table(scores: dict[str, list[float | None]], baseline: str = "", **kind: str) -> compare.Comparison:
+def table(
+    scores: dict[str, list[float | None]], baseline: str = "", **kind: str
+) -> compare.Comparison:
     """A comparison of methods whose values by view are given; None is a failed view."""
     rows = [
-        replace(ROW, method=method, view=f"v{view:03}", value=np.nan, status="failed", reason="boom", **kind)
+        replace(
+            ROW,
+            method=method,
+            view=f"v{view:03}",
+            value=np.nan,
+            status="failed",
+            reason="boom",
+            **kind,
+        )
         if value is None
         else replace(ROW, method=method, view=f"v{view:03}", value=value, **kind)
         for method, values in scores.items()
@@ -35,16 +53,25 @@ def table(scores: dict[str, list[float | None]], baseline: str = "", **kind: str
     return comparison
 
 
-def terminal(comparison: compare.Comparison, width: int = 120, colours: bool = False, spread: bool = False) -> str:
+def terminal(
+    comparison: compare.Comparison, width: int = 120, colours: bool = False, spread: bool = False
+) -> str:
     console = Console(
-        file=io.StringIO(), width=width, force_terminal=colours, color_system="standard" if colours else None
+        file=io.StringIO(),
+        width=width,
+        force_terminal=colours,
+        color_system="standard" if colours else None,
     )
     console.print(as_table(comparison, width, spread))
     return console.file.getvalue()
 
 
-def test_seconds_and_memory_are_in_a_document_only_when_asked_for(bench, tmp_path: Path, small_demo: list[str]):
-    assert bench("run", *small_demo, "method=gray_world", "tracking.uri=off", "out=r").returncode == 0
+def test_seconds_and_memory_are_in_a_document_only_when_asked_for(
+    bench, tmp_path: Path, small_demo: list[str]
+):
+    assert (
+        bench("run", *small_demo, "method=gray_world", "tracking.uri=off", "out=r").returncode == 0
+    )
     plain = bench("compare", "r", "--format", "latex").stdout
     for asked in ("--all-metrics", "--metric=seconds"):
         assert "seconds" in bench("compare", "r", "--format", "latex", asked).stdout
@@ -55,7 +82,9 @@ def test_seconds_and_memory_are_in_a_document_only_when_asked_for(bench, tmp_pat
 
 
 def test_several_tables_are_one_text_a_program_can_read():
-    both = compare.compare(frame([replace(ROW, method="m", view="a", value=1.0, dataset=d) for d in ("sea", "lake")]))
+    both = compare.compare(
+        frame([replace(ROW, method="m", view="a", value=1.0, dataset=d) for d in ("sea", "lake")])
+    )
     assert [line["table"] for line in json.loads(as_text(both, "json"))] == ["sea", "lake"]
     assert as_text(both, "csv").count("metric,variant") == 1
     assert "**lake**" in as_text(both, "md")
@@ -118,13 +147,20 @@ def test_latex_compiles_as_is(baseline: str, tmp_path: Path):
         said = "no pdflatex here; install Debian's packages texlive-latex-base and texlive-latex-recommended"
         pytest.fail(said) if os.environ.get("SUCRE_BENCH_TEST_LATEX") == "1" else pytest.skip(said)
     signs = "".join(map(chr, range(1, 0x180)))
-    scores = {label: [n + 1.0, n * n + 0.5, 7.0 - n] for n, label in enumerate(["a", signs, "[c] *d*", "β 水"])}
-    (tmp_path / "scores.tex").write_text(as_text([table(scores, baseline=baseline)], "latex", spread=True))
+    scores = {
+        label: [n + 1.0, n * n + 0.5, 7.0 - n]
+        for n, label in enumerate(["a", signs, "[c] *d*", "β 水"])
+    }
+    (tmp_path / "scores.tex").write_text(
+        as_text([table(scores, baseline=baseline)], "latex", spread=True)
+    )
     (tmp_path / "paper.tex").write_text(
         "\\documentclass{article}\n\\usepackage{booktabs}\n\\begin{document}\n\\input{scores}\n\\end{document}\n"
     )
     done = subprocess.run(
-        [program, "-interaction=nonstopmode", "-halt-on-error", "paper.tex"], cwd=tmp_path, capture_output=True
+        [program, "-interaction=nonstopmode", "-halt-on-error", "paper.tex"],
+        cwd=tmp_path,
+        capture_output=True,
     )
     assert done.returncode == 0, done.stdout.decode(errors="replace")[-1500:]
     assert (tmp_path / "paper.pdf").stat().st_size > 10_000
@@ -208,7 +244,9 @@ def test_the_legend_says_over_what_and_explains_only_marks_that_are_there():
 def test_charts_are_counted_in_the_legend():
     rows = [
         replace(ROW, method="a", metric=m, region=r, view=v, value=1.0)
-        for (m, r), v in itertools.product((("psi", "c0"), ("psi", "c1"), ("psnr", "image")), ("v0", "v1"))
+        for (m, r), v in itertools.product(
+            (("psi", "c0"), ("psi", "c1"), ("psnr", "image")), ("v0", "v1")
+        )
     ]
     (comparison,) = compare.compare(frame(rows))
     assert "2 views (4 charts)" in legend(comparison)
@@ -217,18 +255,34 @@ def test_charts_are_counted_in_the_legend():
 def test_a_verdict_says_gap_interval_wins_effect_and_chance():
     comparison = table({"a": [1.0, 9, 5], "b": [2.0, 8, 4.9]})
     (verdict,) = compare.verdicts(comparison)
-    assert (verdict.leader, verdict.second, verdict.wins, verdict.may_be_chance) == ("a", "b", 2, True)
+    assert (verdict.leader, verdict.second, verdict.wins, verdict.may_be_chance) == (
+        "a",
+        "b",
+        2,
+        True,
+    )
     assert verdict.difference == pytest.approx(0.1 / 3)
     said = verdict_text(comparison, verdict)
-    assert re.fullmatch(r"psnr: a .*b .*0\.033 dB \[-\S+, \S+\], .*2 of 3 views, effect 0\.0, .*chance", said)
+    assert re.fullmatch(
+        r"psnr: a .*b .*0\.033 dB \[-\S+, \S+\], .*2 of 3 views, effect 0\.0, .*chance", said
+    )
 
 
 def test_a_verdict_against_a_baseline_is_a_sentence_a_method():
-    comparison = table({"base": [1.0, 2, 3], "m": [2.0, 3.1, 3.9], "n": [1.0, 2, 3]}, baseline="base", better="lower")
+    comparison = table(
+        {"base": [1.0, 2, 3], "m": [2.0, 3.1, 3.9], "n": [1.0, 2, 3]},
+        baseline="base",
+        better="lower",
+    )
     verdicts = compare.verdicts(comparison)
-    assert [(v.leader, v.second, v.wins) for v in verdicts] == [("base", "m", 3), ("n", "base", 1.5)]
+    assert [(v.leader, v.second, v.wins) for v in verdicts] == [
+        ("base", "m", 3),
+        ("n", "base", 1.5),
+    ]
     first, second = (verdict_text(comparison, verdict) for verdict in verdicts)
-    assert re.fullmatch(r"psnr: m .*worse.* base .*1\.00 dB \[.*\], .*3 of 3 views, effect 10\.0", first)
+    assert re.fullmatch(
+        r"psnr: m .*worse.* base .*1\.00 dB \[.*\], .*3 of 3 views, effect 10\.0", first
+    )
     assert re.fullmatch(r"psnr: n .*equal.* base", second)
 
 

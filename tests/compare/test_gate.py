@@ -23,11 +23,25 @@ def table(**changes: np.ndarray) -> pd.DataFrame:
     for method, change in {"old": np.zeros(6), **changes}.items():
         for n, value in enumerate(OLD + change):
             base = Row("reef", "cove", f"v{n}.png", method, options_id=method, data_id="d")
-            known = {"value": float(value)} if np.isfinite(value) else {"status": "failed", "reason": "boom"}
+            known = (
+                {"value": float(value)}
+                if np.isfinite(value)
+                else {"status": "failed", "reason": "boom"}
+            )
             rows.append(replace(base, value=1.0, **({} if np.isfinite(value) else known)))
-            rows.append(replace(base, metric="psnr", variant="masked", unit="dB", better="higher", **known))
+            rows.append(
+                replace(base, metric="psnr", variant="masked", unit="dB", better="higher", **known)
+            )
             if "value" in known:
-                rows.append(replace(base, metric="error", variant="plain", better="lower", value=50 - float(value)))
+                rows.append(
+                    replace(
+                        base,
+                        metric="error",
+                        variant="plain",
+                        better="lower",
+                        value=50 - float(value),
+                    )
+                )
     return results.frame(rows)
 
 
@@ -73,7 +87,9 @@ def test_one_view_has_no_interval(change: np.ndarray):
     assert (found.outcome, found.fails) == ("unknown", False)
 
 
-@pytest.mark.parametrize("text", ["psnr", "psnr=", "psnr=a", "=-1", "psnr=0.5", "psnr=nan", "psnr=-inf", "new/=-1"])
+@pytest.mark.parametrize(
+    "text", ["psnr", "psnr=", "psnr=a", "=-1", "psnr=0.5", "psnr=nan", "psnr=-inf", "new/=-1"]
+)
 def test_what_is_no_limit_is_refused(text: str):
     with pytest.raises(InputError, match="--fail-below"):
         Gate.read(text)

@@ -50,8 +50,12 @@ def test_nineteen_of_twenty_tables_have_no_false_lead(means: list[float], n: int
     assert false_leads(means, n, tables) < at_most(tables)
 
 
-@pytest.mark.parametrize(("others", "least"), [(np.linspace(-2, -9, 16).tolist(), 0.9), ([-EFFECT] * 3, 0.8)])
-def test_a_lead_over_the_second_is_found_however_many_others_there_are(others: list[float], least: float):
+@pytest.mark.parametrize(
+    ("others", "least"), [(np.linspace(-2, -9, 16).tolist(), 0.9), ([-EFFECT] * 3, 0.8)]
+)
+def test_a_lead_over_the_second_is_found_however_many_others_there_are(
+    others: list[float], least: float
+):
     """Eight views. By intervals for all pairs of 18 methods it is found in 16 % of tables."""
     rng = np.random.default_rng(1)
     found = [led(scores([0, -EFFECT, *others], 8, rng)) for _ in range(150)]
@@ -109,7 +113,9 @@ def track(n: int, methods: int, alike: float, rng: np.random.Generator) -> np.nd
 
 
 @pytest.mark.parametrize(("n", "methods", "alike", "target"), [(8, 5, 0.5, 0.12), (8, 2, 0.8, 0.2)])
-def test_neighbours_that_are_alike_seldom_make_a_false_lead(n: int, methods: int, alike: float, target: float):
+def test_neighbours_that_are_alike_seldom_make_a_false_lead(
+    n: int, methods: int, alike: float, target: float
+):
     """Taken as independent, they make one in 25 to 80 % of tables."""
     tables, false = 200, np.zeros(2)
     rng = np.random.default_rng(8)
@@ -117,7 +123,9 @@ def test_neighbours_that_are_alike_seldom_make_a_false_lead(n: int, methods: int
         views = track(n, methods, alike, rng)
         best = int(views.mean(axis=0).argmax())
         gaps = views.mean(axis=0)[best] - views.mean(axis=0)
-        false += [(gaps > leads(Units.of(views, [n], in_order), best)).any() for in_order in (True, False)]
+        false += [
+            (gaps > leads(Units.of(views, [n], in_order), best)).any() for in_order in (True, False)
+        ]
     assert false[0] / tables < target + 3 * np.sqrt(target * (1 - target) / tables)
     assert false[1] / tables > 0.18
 
@@ -129,10 +137,14 @@ def test_the_error_of_neighbours_is_that_of_a_series_with_their_correlation():
     places = np.arange(12)
     correlations = units.alike ** np.abs(places - places[:, None])
     gain = views[:, 0] - views[:, 1]
-    variance = gain.var(ddof=0) / (1 - correlations.mean())  # what a sample variance is of, on average
+    variance = gain.var(ddof=0) / (
+        1 - correlations.mean()
+    )  # what a sample variance is of, on average
     error = np.sqrt(variance * correlations.mean())
     freedom = max(3, 11 / (12 * correlations.mean()))
-    assert differences(units, [(0, 1)])[0] == pytest.approx(scipy.stats.t.ppf(0.975, freedom) * error)
+    assert differences(units, [(0, 1)])[0] == pytest.approx(
+        scipy.stats.t.ppf(0.975, freedom) * error
+    )
     assert units.worth == pytest.approx(1 / correlations.mean())
 
 

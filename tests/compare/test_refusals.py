@@ -11,7 +11,15 @@ from sucre_bench.cli import cli
 from sucre_bench.compare.choose_rows import NotComparableError
 from sucre_bench.results.rows import Row, frame, replicated
 
-ROW = Row(dataset="sea", scene="reef", metric="psnr", variant="masked", value=1.0, better="higher", data_id="d")
+ROW = Row(
+    dataset="sea",
+    scene="reef",
+    metric="psnr",
+    variant="masked",
+    value=1.0,
+    better="higher",
+    data_id="d",
+)
 
 
 def run_of(method: str, views: str = "abcd", **kind: Any) -> list[Row]:
@@ -41,12 +49,18 @@ def test_as_many_but_other_images_are_different_images():
 
 
 def test_nothing_in_common_is_refused_even_so():
-    refused([*run_of("a", "ab"), *run_of("b", "cd")], "different images", r"a on 2, b on 2", common=True)
+    refused(
+        [*run_of("a", "ab"), *run_of("b", "cd")], "different images", r"a on 2, b on 2", common=True
+    )
 
 
 def test_pictures_of_two_named_sets_are_not_averaged():
-    of_both = [row for scene in ("u90", "t90") for method in "ab" for row in run_of(method, scene=scene)]
-    refused(of_both, "rows are of the test sets t90 and u90", r"^sea: .* dataset\.label ", common=True)
+    of_both = [
+        row for scene in ("u90", "t90") for method in "ab" for row in run_of(method, scene=scene)
+    ]
+    refused(
+        of_both, "rows are of the test sets t90 and u90", r"^sea: .* dataset\.label ", common=True
+    )
     compare.refuse(frame([row for row in of_both if row.scene == "u90"]))
 
 
@@ -56,7 +70,9 @@ def test_an_image_that_failed_was_run_on():
 
 
 def test_a_job_that_failed_as_a_whole_was_run_on_everything():
-    compare.refuse(frame([*run_of("a"), replace(ROW, method="b", scene="", view="", status="failed")]))
+    compare.refuse(
+        frame([*run_of("a"), replace(ROW, method="b", scene="", view="", status="failed")])
+    )
 
 
 def repeated(method: str, *replicates: int) -> list[Row]:
@@ -76,7 +92,11 @@ def test_methods_that_ran_on_different_replicates_are_refused_and_the_difference
 
 def test_replicates_in_common_are_compared_where_that_is_wanted():
     rows = [*repeated("a", 0, 1, 2), *repeated("b", 0, 2), *repeated("c", 0, 2)]
-    refused(rows, "different replicates", r"^sea: .* reef/a\.png: a 0, 1, 2; b and c 0, 2; .* --common .* 4 ")
+    refused(
+        rows,
+        "different replicates",
+        r"^sea: .* reef/a\.png: a 0, 1, 2; b and c 0, 2; .* --common .* 4 ",
+    )
     compare.refuse(frame(rows), common=True)
 
 
@@ -85,7 +105,10 @@ def test_other_datasets_are_other_tables():
 
 
 def test_methods_scored_in_different_variants_only_are_refused():
-    rows = [replace(ROW, method=m, view="a.png", metric="uciqe", variant=v) for m, v in (("a", "x"), ("b", "y"))]
+    rows = [
+        replace(ROW, method=m, view="a.png", metric="uciqe", variant=v)
+        for m, v in (("a", "x"), ("b", "y"))
+    ]
     refused(rows, "in variant", r"uciqe: a .* x, b .* y; .*metrics\.uciqe\.variants=\[x\]")
     compare.refuse(frame([*rows, replace(rows[1], variant="x")]))
 
@@ -93,24 +116,42 @@ def test_methods_scored_in_different_variants_only_are_refused():
 @pytest.mark.parametrize(
     ("one", "other", "why"), [("one", "two", "other versions"), ("one-x", "one-y", "other options")]
 )
-def test_scores_of_different_versions_or_options_of_a_metric_are_refused(one: str, other: str, why: str):
-    rows = [*run_of("a", code=f"r.{one}", time="2026-01-01"), *run_of("b", code=f"s.{other}", time="2026-01-02")]
+def test_scores_of_different_versions_or_options_of_a_metric_are_refused(
+    one: str, other: str, why: str
+):
+    rows = [
+        *run_of("a", code=f"r.{one}", time="2026-01-01"),
+        *run_of("b", code=f"s.{other}", time="2026-01-02"),
+    ]
     refused(rows, why, r"psnr \(masked\): a .* b; .* a ")
     compare.refuse(frame([*run_of("a", code="r.one"), *run_of("b", code="s.one")]))
 
 
 def test_views_from_different_versions_of_a_methods_code_are_refused():
     old, new = f"{'0' * 12}.m", f"{'1' * 12}.m"
-    rows = [*run_of("a", "ab", code=old, time="2026-01-01"), *run_of("a", "cd", code=new, time="2026-01-02")]
-    refused([*rows, *run_of("b", code=old)], "another version of its code", r"^sea: a: a\.png, b\.png .* d\.png; ")
+    rows = [
+        *run_of("a", "ab", code=old, time="2026-01-01"),
+        *run_of("a", "cd", code=new, time="2026-01-02"),
+    ]
+    refused(
+        [*rows, *run_of("b", code=old)],
+        "another version of its code",
+        r"^sea: a: a\.png, b\.png .* d\.png; ",
+    )
     (table,) = compare.compare(frame(rows))
     assert [note.methods for note in table.notes if note.kind == "mixed codes"] == [("a",)]
-    charts = [*run_of("a", "ab", code=old), *run_of("a", "cd", scene="wall", code=f"{'0' * 12}{'c' * 12}.m")]
+    charts = [
+        *run_of("a", "ab", code=old),
+        *run_of("a", "cd", scene="wall", code=f"{'0' * 12}{'c' * 12}.m"),
+    ]
     compare.refuse(frame(charts))
 
 
 def test_metrics_that_are_not_asked_for_refuse_nothing():
-    rows = [*run_of("a", code="r.one", time="2026-01-01"), *run_of("b", code="s.two", time="2026-01-02")]
+    rows = [
+        *run_of("a", code="r.one", time="2026-01-01"),
+        *run_of("b", code="s.two", time="2026-01-02"),
+    ]
     rows += [replace(row, metric="ssim", code="r.one") for row in rows if row.metric == "psnr"]
     compare.refuse(frame(rows), metrics=["ssim"])
 
@@ -130,12 +171,18 @@ def test_one_method_shown_in_two_ways_is_refused_unless_a_label_says_so():
 def test_a_configuration_for_linear_light_has_a_display_of_its_own() -> None:
     options = {"name": "sucre_plus", "display": "black-0.5-white-99", "encoding": "view"}
     linear = {**options, "display": "white-99", "encoding": "linear"}
-    rows = [run_of(label, options=json.dumps(o)) for label, o in (("sucre_plus", options), ("linear", linear))]
+    rows = [
+        run_of(label, options=json.dumps(o))
+        for label, o in (("sucre_plus", options), ("linear", linear))
+    ]
     compare.refuse(frame([*rows[0], *rows[1]]))
 
 
 def test_every_fault_is_a_line():
-    rows = [*run_of("a", code="r.one", time="2026-01-01"), *run_of("b", "ab", code="s.two", time="2026-01-02")]
+    rows = [
+        *run_of("a", code="r.one", time="2026-01-01"),
+        *run_of("b", "ab", code="s.two", time="2026-01-02"),
+    ]
     with pytest.raises(NotComparableError) as fault:
         compare.refuse(frame(rows))
     assert len(str(fault.value).splitlines()) == 2
@@ -145,6 +192,8 @@ def test_the_command_refuses_and_compares_what_is_common(tmp_path):
     frame([*run_of("a"), *run_of("b", "ab")]).to_parquet(tmp_path / "scores.parquet")
     done = CliRunner().invoke(cli, ["compare", str(tmp_path)])
     assert isinstance(done.exception, NotComparableError)
-    done = CliRunner().invoke(cli, ["compare", str(tmp_path), "--common", "--metric", "psnr", "--format", "md"])
+    done = CliRunner().invoke(
+        cli, ["compare", str(tmp_path), "--common", "--metric", "psnr", "--format", "md"]
+    )
     assert done.exit_code == 0
     assert re.search(r"\bb .* 2 of 4 images \(2 not run\)", done.output)

@@ -14,7 +14,15 @@ from sucre_bench.compare.documents import as_text
 from sucre_bench.compare.terminal_table import as_blocks, as_table
 from sucre_bench.results.rows import Row, frame
 
-PSNR = Row(dataset="sea", scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", data_id="d")
+PSNR = Row(
+    dataset="sea",
+    scene="reef",
+    metric="psnr",
+    variant="masked",
+    unit="dB",
+    better="higher",
+    data_id="d",
+)
 UCIQE = replace(PSNR, metric="uciqe", variant="cielab", unit="")
 SECONDS = replace(PSNR, metric="seconds", variant="wall", unit="s", better="lower", value=0.5)
 COVERAGE = replace(PSNR, metric="coverage", variant="image", unit="share")
@@ -24,13 +32,21 @@ KINDS = {
     "psnr": PSNR,
     "ssim": replace(PSNR, metric="ssim", variant="gaussian", unit=""),
     "colours": replace(PSNR, metric="colours", variant="raw"),
-    "colours_de00": replace(PSNR, metric="colours_de00", variant="gain", unit="dE00", better="lower"),
-    "psi": replace(PSNR, metric="psi", variant="colour", unit="deg", better="lower", region="chart"),
-    "de00": replace(PSNR, metric="de00", variant="lab", unit="dE00", better="lower", region="chart"),
+    "colours_de00": replace(
+        PSNR, metric="colours_de00", variant="gain", unit="dE00", better="lower"
+    ),
+    "psi": replace(
+        PSNR, metric="psi", variant="colour", unit="deg", better="lower", region="chart"
+    ),
+    "de00": replace(
+        PSNR, metric="de00", variant="lab", unit="dE00", better="lower", region="chart"
+    ),
     "uciqe": UCIQE,
     "uiqm": replace(PSNR, metric="uiqm", variant="panetta2016", unit=""),
     "preference": replace(PSNR, metric="preference", variant="bradley-terry", unit=""),
-    "saturated_red": replace(PSNR, metric="saturated_red", variant="hsv", unit="share", better="lower"),
+    "saturated_red": replace(
+        PSNR, metric="saturated_red", variant="hsv", unit="share", better="lower"
+    ),
     "water": replace(PSNR, metric="water", variant="attenuation", unit="relative", better="lower"),
     "coverage": COVERAGE,
     "mine": replace(PSNR, metric="mine", variant="own", unit=""),
@@ -38,7 +54,10 @@ KINDS = {
 
 
 def compared(
-    scores: dict[str, dict[str, list[float]]], photograph: str = "", datasets: tuple[str, ...] = ("sea",), **how: str
+    scores: dict[str, dict[str, list[float]]],
+    photograph: str = "",
+    datasets: tuple[str, ...] = ("sea",),
+    **how: str,
 ) -> list[compare.Comparison]:
     """Comparisons of scores by metric, method and view; one method may be the photograph itself."""
     rows = []
@@ -46,7 +65,12 @@ def compared(
         for method, values in by_method.items():
             options = PHOTOGRAPH if method == photograph else json.dumps({"name": "gray_world"})
             for view, value in enumerate(values):
-                place = {"dataset": dataset, "method": method, "view": f"v{view}", "options": options}
+                place = {
+                    "dataset": dataset,
+                    "method": method,
+                    "view": f"v{view}",
+                    "options": options,
+                }
                 rows += [replace(KINDS[metric], value=value, **place), replace(SECONDS, **place)]
     return compare.compare(frame(rows), order=list(next(iter(scores.values()))), **how)
 
@@ -59,7 +83,9 @@ class Block:
 
     @property
     def heads(self) -> list[str]:
-        return re.split(r"\s{2,}", next(line for line in self.lines if line.startswith("method")))[1:]
+        return re.split(r"\s{2,}", next(line for line in self.lines if line.startswith("method")))[
+            1:
+        ]
 
     @property
     def names(self) -> list[str]:
@@ -71,10 +97,16 @@ class Block:
 
 
 def printed(
-    comparisons: list[compare.Comparison], width: int = 80, colours: bool = False, every: bool = False
+    comparisons: list[compare.Comparison],
+    width: int = 80,
+    colours: bool = False,
+    every: bool = False,
 ) -> Block:
     console = Console(
-        file=io.StringIO(), width=width, force_terminal=colours, color_system="standard" if colours else None
+        file=io.StringIO(),
+        width=width,
+        force_terminal=colours,
+        color_system="standard" if colours else None,
     )
     for block in as_blocks(comparisons, width, every):
         console.print(block)
@@ -83,12 +115,21 @@ def printed(
 
 MANY = {
     metric: {"plain": [1.0 * n, 2, 3, 4, 5, 6], "clever": [2.0 * n, 4, 6, 8, 10, 12]}
-    for n, metric in enumerate(("uciqe", "water", "psnr", "ssim", "psi", "de00", "coverage"), start=1)
+    for n, metric in enumerate(
+        ("uciqe", "water", "psnr", "ssim", "psi", "de00", "coverage"), start=1
+    )
 }
 
 
 def test_the_columns_that_decide_are_those_that_know_the_true_colours():
-    assert printed(compared(MANY)).heads == ["psnr ↑", "ssim ↑", "psi ↓", "de00 ↓", "filled", "s/view"]
+    assert printed(compared(MANY)).heads == [
+        "psnr ↑",
+        "ssim ↑",
+        "psi ↓",
+        "de00 ↓",
+        "filled",
+        "s/view",
+    ]
     computed = dict.fromkeys(("colours_de00", "colours"), MANY["psnr"])
     heads = ["colours_de00 ↓", "colours ↑", "psnr ↑", "psi ↓", "filled", "s/view"]
     assert printed(compared(MANY | computed)).heads == heads
@@ -100,9 +141,12 @@ WINNING = re.compile(r"lead|ahead|best|better|≈|more than chance")
 
 @pytest.mark.parametrize("names", [("uciqe", "coverage"), ("uciqe", "saturated_red")])
 @pytest.mark.parametrize("baseline", ["", "plain"])
-def test_without_a_reference_or_charts_nobody_wins_and_the_order_is_as_asked(names: tuple[str, ...], baseline: str):
+def test_without_a_reference_or_charts_nobody_wins_and_the_order_is_as_asked(
+    names: tuple[str, ...], baseline: str
+):
     (comparison,) = compared(
-        {name: MANY["uciqe" if name == "saturated_red" else name] for name in names}, baseline=baseline
+        {name: MANY["uciqe" if name == "saturated_red" else name] for name in names},
+        baseline=baseline,
     )
     block = printed([comparison])
     assert block.heads[0] == "uciqe ↑"
@@ -114,9 +158,9 @@ def test_without_a_reference_or_charts_nobody_wins_and_the_order_is_as_asked(nam
         assert not WINNING.search(text)
     assert "1;32m" not in printed([comparison], colours=True).text
     records = json.loads(as_text([comparison], "json"))
-    assert {(r["place"], r["rank"], r["tie_with_best"]) for r in records if r["metric"] in names[::2]} <= {
-        (0, 0, False)
-    }
+    assert {
+        (r["place"], r["rank"], r["tie_with_best"]) for r in records if r["metric"] in names[::2]
+    } <= {(0, 0, False)}
 
 
 def test_a_score_that_is_taste_stands_last_and_nobody_wins_by_it_beside_truth_either():
@@ -126,7 +170,11 @@ def test_a_score_that_is_taste_stands_last_and_nobody_wins_by_it_beside_truth_ei
     assert block.names == ["clever", "plain"]
     assert block.heads[:2] == ["psnr ↑", "mine ↑"]
     records = json.loads(as_text(compared(scores), "json"))
-    assert {r["metric"]: r["knows"] for r in records} == {"psnr": "truth", "mine": "taste", "seconds": "truth"}
+    assert {r["metric"]: r["knows"] for r in records} == {
+        "psnr": "truth",
+        "mine": "taste",
+        "seconds": "truth",
+    }
     assert {r["place"] for r in records if r["metric"] == "mine"} == {0}
     assert all("mine" not in line for line in block.lines[-2:])
 
@@ -191,10 +239,23 @@ def test_a_table_says_in_words_what_is_wrong_with_the_pictures():
         *(("whole", "clipped", "image", v, 0.9 * (v == 0)) for v in range(10)),
     ]
     rows = [
-        replace(PSNR, metric="faults", unit="", method=m, variant=variant, region=r, view=f"v{v}", value=value)
+        replace(
+            PSNR,
+            metric="faults",
+            unit="",
+            method=m,
+            variant=variant,
+            region=r,
+            view=f"v{v}",
+            value=value,
+        )
         for m, variant, r, v, value in scores
     ]
-    rows += [replace(PSNR, method=m, view=f"v{v}", value=3.0) for m in ("holed", "orange", "whole") for v in range(10)]
+    rows += [
+        replace(PSNR, method=m, view=f"v{v}", value=3.0)
+        for m in ("holed", "orange", "whole")
+        for v in range(10)
+    ]
     block = printed(compare.compare(frame(rows)))
     said = "What is wrong with the pictures: holed: 50 % of it is black in 5 of 10 views; orange: orange cast "
     assert said in block.text + " "
@@ -204,7 +265,9 @@ def test_a_table_says_in_words_what_is_wrong_with_the_pictures():
 
 
 @pytest.mark.parametrize(("dataset", "is_track"), [("demo", True), ("photos", False)])
-def test_views_along_a_track_are_worth_fewer_than_photographs_without_poses(dataset: str, is_track: bool):
+def test_views_along_a_track_are_worth_fewer_than_photographs_without_poses(
+    dataset: str, is_track: bool
+):
     gains = [0.2, 0.3, 0.9, 1.0, 1.1, 1.0, 0.4, 0.2]
     options = json.dumps({"name": "gray_world", "dataset": {"name": dataset}})
     rows = [
@@ -219,7 +282,9 @@ def test_views_along_a_track_are_worth_fewer_than_photographs_without_poses(data
 
 def test_views_of_several_scenes_are_not_called_neighbours():
     rows = [
-        replace(PSNR, method=method, scene=scene, view=f"v{view}", value=20.0 + view + gain * (view + 1))
+        replace(
+            PSNR, method=method, scene=scene, view=f"v{view}", value=20.0 + view + gain * (view + 1)
+        )
         for method, gain in (("a", 0), ("b", 1))
         for scene in ("reef", "wreck")
         for view in range(6)
@@ -234,7 +299,10 @@ def test_where_nothing_knows_the_true_colours_people_decide():
     }
     block = printed(compared(votes))
     assert block.heads[0] == "preference ↑"
-    assert printed(compared({**votes, "psnr": votes["uciqe"]})).heads[:2] == ["psnr ↑", "preference ↑"]
+    assert printed(compared({**votes, "psnr": votes["uciqe"]})).heads[:2] == [
+        "psnr ↑",
+        "preference ↑",
+    ]
 
 
 def test_a_metric_of_ones_own_is_shown_and_all_that_are_asked_for():
@@ -245,7 +313,9 @@ def test_a_metric_of_ones_own_is_shown_and_all_that_are_asked_for():
 
 
 def test_the_best_stands_first_and_the_photograph_last_however_good_it_is():
-    scores = {"psnr": {"low": [1.0] * 5, "photo": [9.0] * 5, "high": [5.0] * 5, "middle": [3.0] * 5}}
+    scores = {
+        "psnr": {"low": [1.0] * 5, "photo": [9.0] * 5, "high": [5.0] * 5, "middle": [3.0] * 5}
+    }
     block = printed(compared(scores, photograph="photo"))
     assert block.names == ["high", "middle", "low", "photo"]
     assert re.search(r"psnr: no method beats the photograph", block.text)
@@ -289,27 +359,40 @@ def test_each_column_says_over_how_few_views_it_is():
 
 
 def test_against_a_baseline_shares_of_pixels_are_per_cent_and_equal_ones_differ_by_nothing():
-    scores = {"psnr": {key: [1.0, 2, 4] for key in "abc"}, "coverage": {"a": [1.0] * 3, "b": [1.0] * 3, "c": [0.6] * 3}}
+    scores = {
+        "psnr": {key: [1.0, 2, 4] for key in "abc"},
+        "coverage": {"a": [1.0] * 3, "b": [1.0] * 3, "c": [0.6] * 3},
+    }
     block = printed(compared(scores, baseline="a"))
-    assert [line.split()[2] for line in block.lines if line[:2] in ("a ", "b ", "c ")] == ["100", "0", "-40"]
+    assert [line.split()[2] for line in block.lines if line[:2] in ("a ", "b ", "c ")] == [
+        "100",
+        "0",
+        "-40",
+    ]
     assert "≈" not in block.text
 
 
 def test_scores_that_differ_by_rounding_are_equal():
     base = [20.0, 25, 30, 27, 22]
     scores = {"psnr": {"a": base, "b": [x + 1.2e-6 for x in base], "c": [x - 3 for x in base]}}
-    assert not re.search("a (leads|is ahead of) b|b (leads|is ahead of) a", printed(compared(scores)).text)
+    assert not re.search(
+        "a (leads|is ahead of) b|b (leads|is ahead of) a", printed(compared(scores)).text
+    )
     assert re.search(r"psnr: (a equals b|b equals a)", printed(compared(scores, baseline="a")).text)
 
 
 def test_the_whole_table_has_the_order_and_the_width_of_the_block():
     photo, low, high = [40.0] * 6, [1.0, 2, 3, 4, 5, 6], [5.0, 7, 7, 9, 8, 11]
-    (comparison,) = compared({"psnr": {"photo": photo, LONG[:30]: low, "high": high}}, photograph="photo")
+    (comparison,) = compared(
+        {"psnr": {"photo": photo, LONG[:30]: low, "high": high}}, photograph="photo"
+    )
     console = Console(file=io.StringIO(), width=80, soft_wrap=True)  # as in a pipe
     console.print(as_table(comparison, 80))
     lines = console.file.getvalue().splitlines()
     assert max(map(len, lines)) <= 80
-    rows = [line.split()[0] for line in lines if "[" in line and line.split()[0] in comparison.methods]
+    rows = [
+        line.split()[0] for line in lines if "[" in line and line.split()[0] in comparison.methods
+    ]
     assert rows == ["high", LONG[:30], "photo"]
     assert any("high leads" in line for line in lines)
 
@@ -322,11 +405,16 @@ def test_a_share_of_nearly_all_pixels_is_not_called_all():
 def test_many_datasets_are_one_block_with_the_main_score_of_each():
     titles = tuple(f"sea,noise={n}" for n in (0, 0.01, 0.02, 0.05))
     block = printed(
-        compared({"psnr": {"a": [1.0, 2], "b": [3.0, 4]}, "ssim": {"a": [0.5], "b": [0.6]}}, datasets=titles)
+        compared(
+            {"psnr": {"a": [1.0, 2], "b": [3.0, 4]}, "ssim": {"a": [0.5], "b": [0.6]}},
+            datasets=titles,
+        )
     )
     assert block.heads == ["0", "0.01", "0.02", "0.05"]
     assert len(block.lines) < 8
-    tables = compared({key: {"a": [1.0, 2], "b": [3.0, 4]} for key in ("psnr", "ssim", "water")}, datasets=titles)
+    tables = compared(
+        {key: {"a": [1.0, 2], "b": [3.0, 4]} for key in ("psnr", "ssim", "water")}, datasets=titles
+    )
     named = printed([compare.only(table, ["water", "psnr"]) for table in tables], every=True).text
     assert re.findall(r"(\w+) [↑↓][^:]*? of 4 tables", named) == ["water", "psnr"]
 
@@ -371,7 +459,10 @@ LONG = "sucre,pairing=depth,solver=exact,physical=true,footprints=false,neighbou
 @pytest.mark.parametrize("width", [60, 80, 120])
 @pytest.mark.parametrize("label", ["short", LONG[:40], LONG[:50]])
 def test_no_line_is_wider_than_the_terminal_and_no_word_is_cut(width: int, label: str):
-    renamed = {metric: {label if m == "plain" else m: v for m, v in own.items()} for metric, own in MANY.items()}
+    renamed = {
+        metric: {label if m == "plain" else m: v for m, v in own.items()}
+        for metric, own in MANY.items()
+    }
     (comparison,) = compared(renamed)
     block = printed([comparison], width)
     assert max(map(len, block.lines)) <= width

@@ -26,7 +26,9 @@ from sucre_bench.datasets.aqualoc import Aqualoc
 from sucre_bench.errors import InputError
 from sucre_bench.scene import Scene
 
-K = np.array([[110.0, 0, 82.5], [0, 112, 56.5], [0, 0, 1]])  # of Kalibr: pixel centres at whole numbers
+K = np.array(
+    [[110.0, 0, 82.5], [0, 112, 56.5], [0, 0, 1]]
+)  # of Kalibr: pixel centres at whole numbers
 BENT = np.array([-0.06, -0.004, 0.027, -0.03])
 CALIBRATION = f"""cam0:
   camera_model: pinhole
@@ -44,7 +46,10 @@ def spot(world_from_cam: np.ndarray) -> np.ndarray:
 
 
 def write_site(
-    root: Path, site: str = "harbor", folder: str = "harbor_images_sequence_07", trajectory: str = "07"
+    root: Path,
+    site: str = "harbor",
+    folder: str = "harbor_images_sequence_07",
+    trajectory: str = "07",
 ) -> Path:
     """Frames 5 and 12 with poses, 20 without; an older trajectory whose scale is wrong."""
     frames = root / "raw_data" / folder
@@ -52,7 +57,9 @@ def write_site(
     for frame, one in zip((5, 12), BOTH, strict=True):
         pose = pose_of(*one)
         write_spot(frames / f"frame{frame:06d}.png", spot(pose))
-        lines.append(" ".join(map(str, [frame, *pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_quat()])))
+        lines.append(
+            " ".join(map(str, [frame, *pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_quat()]))
+        )
     write_spot(frames / "frame000020.png", np.array([3.0, 4.0]))
     (root / f"{site}_calibration_files").mkdir(exist_ok=True)
     (root / f"{site}_calibration_files" / f"{site}_camera_calib.yaml").write_text(CALIBRATION)
@@ -69,15 +76,25 @@ def load(root: Path, **options: object) -> Scene:
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
-def test_a_known_point_is_seen_where_it_is_in_undistorted_frames(tmp_path: Path, scale: float) -> None:
+def test_a_known_point_is_seen_where_it_is_in_undistorted_frames(
+    tmp_path: Path, scale: float
+) -> None:
     scene = load(write_site(tmp_path), image_scale=scale)
     assert (scene.name, scene.has) == ("harbor_07", {"poses"})
-    assert [view.name for view in scene] == ["frame000005.png", "frame000012.png", "frame000020.png"]
+    assert [view.name for view in scene] == [
+        "frame000005.png",
+        "frame000012.png",
+        "frame000020.png",
+    ]
     for view, one in zip(scene.views[:2], BOTH, strict=True):
         camera, pose = camera_and_pose(view)
-        np.testing.assert_allclose(centre(view.rgb), project(camera, pose[:3, :3] @ POINT + pose[:3, 3])[0], atol=0.1)
+        np.testing.assert_allclose(
+            centre(view.rgb), project(camera, pose[:3, :3] @ POINT + pose[:3, 3])[0], atol=0.1
+        )
         np.testing.assert_allclose(np.linalg.inv(pose)[:3, 3], one[0], atol=1e-12)
-        assert np.abs(centre(view.rgb) / scale - spot(pose_of(*one))).max() > 0.5, "it lies elsewhere in the frame"
+        assert np.abs(centre(view.rgb) / scale - spot(pose_of(*one))).max() > 0.5, (
+            "it lies elsewhere in the frame"
+        )
     assert scene.views[2].camera is not None
     assert scene.views[2].cam_from_world is None
 
@@ -96,7 +113,11 @@ def test_two_files_of_a_frame_are_a_fault_of_that_view(tmp_path: Path) -> None:
     frames = write_site(tmp_path) / "raw_data" / "harbor_images_sequence_07"
     write_spot(frames / "frame5.jpg", np.ones(2))
     scene = load(tmp_path)
-    assert [view.name for view in scene] == ["frame000005.png", "frame000012.png", "frame000020.png"]
+    assert [view.name for view in scene] == [
+        "frame000005.png",
+        "frame000012.png",
+        "frame000020.png",
+    ]
     with pytest.raises(InputError, match=r"frame000005\.png: .*frame5\.jpg "):
         _ = scene.views[0].rgb
     assert scene.views[1].rgb.max() > 0.5
@@ -127,7 +148,9 @@ def test_without_a_trajectory_there_are_no_poses(tmp_path: Path) -> None:
     ],
 )
 def test_a_wrong_trajectory_is_named_by_line(tmp_path: Path, line: str, part: str) -> None:
-    path = write_site(tmp_path) / "harbor_groundtruth_files" / "new_harbor_colmap_traj_sequence_07.txt"
+    path = (
+        write_site(tmp_path) / "harbor_groundtruth_files" / "new_harbor_colmap_traj_sequence_07.txt"
+    )
     path.write_text(f"# a comment\n{line}\n")
     with one_line(str(path), part):
         load(tmp_path)
@@ -146,7 +169,9 @@ def test_what_is_missing_or_damaged_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"harbor_camera_calib\.yaml: "):
         load(tmp_path)
     calibration.unlink()
-    with pytest.raises(InputError, match=r"copy harbor_calibration_files/harbor_camera_calib\.yaml there"):
+    with pytest.raises(
+        InputError, match=r"copy harbor_calibration_files/harbor_camera_calib\.yaml there"
+    ):
         load(tmp_path)
     with pytest.raises(InputError, match=r"aqualoc\.image_scale"):
         Aqualoc(tmp_path, image_scale=-1)

@@ -47,7 +47,9 @@ def pixel_of(view: View, world: list[float]) -> Array:
 
 @pytest.mark.parametrize("binary", [False, True], ids=["text", "binary"])
 @pytest.mark.parametrize("sparse", ["sparse", "sparse/0"])
-def test_a_known_point_falls_on_the_pixels_worked_out_by_hand(tmp_path: Path, sparse: str, binary: bool) -> None:
+def test_a_known_point_falls_on_the_pixels_worked_out_by_hand(
+    tmp_path: Path, sparse: str, binary: bool
+) -> None:
     write_dive(tmp_path)
     shutil.rmtree(tmp_path / "sparse")
     write_model(tmp_path / sparse, [("b.png", SIDEWAYS, 1), ("a.png", FORWARD, 1)])
@@ -56,7 +58,9 @@ def test_a_known_point_falls_on_the_pixels_worked_out_by_hand(tmp_path: Path, sp
     a, b = load(tmp_path)
     assert (a.name, b.name) == ("a.png", "b.png"), "in order of name"
     assert pixel_of(a, [1, 2, 10]) == pytest.approx([50 * 1 / 10 + 20.5, 60 * 2 / 10 + 14.5])
-    assert pixel_of(b, [1, 2, 10]) == pytest.approx([20.5, 60 * 2 / 4 + 14.5])  # 4 m ahead, in the middle, 2 m lower
+    assert pixel_of(b, [1, 2, 10]) == pytest.approx(
+        [20.5, 60 * 2 / 4 + 14.5]
+    )  # 4 m ahead, in the middle, 2 m lower
     assert pixel_of(b, [1, 0, 11]) == pytest.approx([50 * 1 / 4 + 20.5, 14.5])
 
 
@@ -69,7 +73,11 @@ def test_poses_and_cameras_are_those_that_pycolmap_reads(tmp_path: Path, binary:
     quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
     poses = np.hstack([quaternions, rng.normal(size=(9, 3))])
     names = [f"run{i % 3}/é_{i}.png" for i in range(9)]
-    cameras = [CAMERA, f"7 SIMPLE_PINHOLE {WIDTH} {HEIGHT} 33.25 19 16", f"3 PINHOLE {WIDTH} {HEIGHT} 51 52 18 13"]
+    cameras = [
+        CAMERA,
+        f"7 SIMPLE_PINHOLE {WIDTH} {HEIGHT} 33.25 19 16",
+        f"3 PINHOLE {WIDTH} {HEIGHT} 51 52 18 13",
+    ]
     write_dive(tmp_path, names)
     write_model(
         tmp_path / "sparse",
@@ -94,7 +102,9 @@ def test_poses_and_cameras_are_those_that_pycolmap_reads(tmp_path: Path, binary:
         assert (view.camera.width, view.camera.height) == (WIDTH, HEIGHT)
 
 
-def test_names_may_hold_spaces_and_two_images_of_one_basename_keep_their_own_pixels(tmp_path: Path) -> None:
+def test_names_may_hold_spaces_and_two_images_of_one_basename_keep_their_own_pixels(
+    tmp_path: Path,
+) -> None:
     names = ["first dive/a 1.png", "second dive/a 1.png"]
     scene = load(write_dive(tmp_path, names))
     assert [view.name for view in scene] == names
@@ -146,9 +156,13 @@ def test_gray_is_repeated_and_transparency_dropped(tmp_path: Path) -> None:
     values = picture(0)
     write_image(tmp_path / "images" / "a.png", values[..., 0])
     alpha = np.full((HEIGHT, WIDTH, 1), 7, np.uint8)
-    cv2.imwrite(str(tmp_path / "images" / "b.png"), np.concatenate([values[..., ::-1], alpha], axis=-1))
+    cv2.imwrite(
+        str(tmp_path / "images" / "b.png"), np.concatenate([values[..., ::-1], alpha], axis=-1)
+    )
     scene = load(tmp_path)
-    np.testing.assert_allclose(scene["a.png"].rgb, np.repeat(values[..., :1], 3, axis=-1) / 255, atol=1e-6)
+    np.testing.assert_allclose(
+        scene["a.png"].rgb, np.repeat(values[..., :1], 3, axis=-1) / 255, atol=1e-6
+    )
     np.testing.assert_allclose(scene["b.png"].rgb, values / 255, atol=1e-6)
 
 
@@ -210,7 +224,9 @@ def test_float_tiffs_of_other_programs_are_read(tmp_path: Path, kind: str) -> No
     if kind == "lzw":
         cv2.imwrite(str(path), metres.astype(np.float32), [cv2.IMWRITE_TIFF_COMPRESSION, 5])
     else:
-        tifffile.imwrite(path, metres.astype(np.float16 if kind == "half precision" else np.float64))
+        tifffile.imwrite(
+            path, metres.astype(np.float16 if kind == "half precision" else np.float64)
+        )
     tolerance = 2**-11 if kind == "half precision" else 1e-6
     np.testing.assert_allclose(load(tmp_path)["a.png"].depth, metres, rtol=tolerance)
 
@@ -239,14 +255,20 @@ def test_a_depth_map_of_half_the_size_gives_each_value_to_four_pixels(tmp_path: 
     write_dive(tmp_path)
     half = np.random.default_rng(0).integers(1, 9000, (HEIGHT // 2, WIDTH // 2)).astype(np.uint16)
     write_image(tmp_path / "depths" / "depth_a.png", half)
-    np.testing.assert_array_equal(load(tmp_path)["a.png"].depth, np.float32(np.kron(half, np.ones((2, 2))) / 1000))
+    np.testing.assert_array_equal(
+        load(tmp_path)["a.png"].depth, np.float32(np.kron(half, np.ones((2, 2))) / 1000)
+    )
 
 
-def test_a_depth_map_three_times_as_large_is_read_at_the_middle_of_each_pixel(tmp_path: Path) -> None:
+def test_a_depth_map_three_times_as_large_is_read_at_the_middle_of_each_pixel(
+    tmp_path: Path,
+) -> None:
     write_dive(tmp_path)
     large = np.random.default_rng(0).integers(1, 9000, (3 * HEIGHT, 3 * WIDTH)).astype(np.uint16)
     write_image(tmp_path / "depths" / "depth_a.png", large)
-    np.testing.assert_array_equal(load(tmp_path)["a.png"].depth, np.float32(large[1::3, 1::3] / 1000))
+    np.testing.assert_array_equal(
+        load(tmp_path)["a.png"].depth, np.float32(large[1::3, 1::3] / 1000)
+    )
 
 
 # Depth files, what each image then has: the file's number, None for no map, or "ambiguous".
@@ -268,7 +290,9 @@ NAMING: list[tuple[list[str], list[str], list[int | str | None]]] = [
 ]
 
 
-@pytest.mark.parametrize(("files", "names", "expected"), NAMING, ids=lambda x: " ".join(map(str, x)))
+@pytest.mark.parametrize(
+    ("files", "names", "expected"), NAMING, ids=lambda x: " ".join(map(str, x))
+)
 def test_each_image_gets_its_own_depth_map_or_none(
     tmp_path: Path, files: list[str], names: list[str], expected: list[int | str | None]
 ) -> None:
@@ -285,7 +309,9 @@ def test_each_image_gets_its_own_depth_map_or_none(
                 _ = scene[name].depth
             said = str(fault.value).replace(f"{tmp_path}/depths/", "")
             named = set(re.findall(r"[\w/.]+\.(?:png|jpg|tif|npy)", said))
-            assert named in ({files[-1], *names}, set(files)), "a file, and the images or the other file it vies with"
+            assert named in ({files[-1], *names}, set(files)), (
+                "a file, and the images or the other file it vies with"
+            )
         elif wanted is None:
             assert not scene[name].has_depth
         else:
@@ -300,12 +326,19 @@ SQUARE = [[4.0, 2.0], [20.0, 3.0], [21.0, 12.0], [5.0, 11.0]]
 def test_charts_have_their_own_kind_or_that_of_the_file(tmp_path: Path) -> None:
     write_dive(tmp_path)
     charts = {"near": SQUARE, "far": {"kind": "dgk", "corners": SQUARE}}
-    content = {"kind": "colorchecker24", "note": "by hand", "images": {"b.png": charts, "a.png": {}}}
+    content = {
+        "kind": "colorchecker24",
+        "note": "by hand",
+        "images": {"b.png": charts, "a.png": {}},
+    }
     (tmp_path / "charts.json").write_text(json.dumps(content))
     scene = load(tmp_path)
     assert scene.has == {"poses", "depth", "charts"}
     assert list(scene["a.png"].charts) == []
-    assert [(chart.name, chart.kind) for chart in scene["b.png"].charts] == [("near", "colorchecker24"), ("far", "dgk")]
+    assert [(chart.name, chart.kind) for chart in scene["b.png"].charts] == [
+        ("near", "colorchecker24"),
+        ("far", "dgk"),
+    ]
     np.testing.assert_array_equal(scene["b.png"].charts[1].corners, SQUARE)
 
 
@@ -322,7 +355,9 @@ def test_image_scale_shrinks_pixels_depth_camera_and_charts_alike(tmp_path: Path
     np.testing.assert_allclose(half.charts[0].corners, np.array(SQUARE) / 2)
     assert half.depth.shape == (HEIGHT // 2, WIDTH // 2)
     assert np.isin(half.depth, whole.depth).all(), "nearest: no depth that was not measured"
-    assert np.abs(half.depth[:, 1:] - whole.depth[::2, 2::2]).max() < 0.0015, "within a pixel of its place"
+    assert np.abs(half.depth[:, 1:] - whole.depth[::2, 2::2]).max() < 0.0015, (
+        "within a pixel of its place"
+    )
 
 
 def test_an_uneven_image_scale_keeps_the_fields_of_view(tmp_path: Path) -> None:
@@ -372,7 +407,11 @@ def test_data_id_changes_with_the_data(tmp_path: Path, change: object) -> None:
 
 def test_data_id_changes_with_options_that_change_the_pixels(tmp_path: Path) -> None:
     write_dive(tmp_path)
-    ids = {load(tmp_path).data_id, load(tmp_path, image_scale=0.5).data_id, load(tmp_path, encoding="linear").data_id}
+    ids = {
+        load(tmp_path).data_id,
+        load(tmp_path, image_scale=0.5).data_id,
+        load(tmp_path, encoding="linear").data_id,
+    }
     assert len(ids) == 3
 
 

@@ -69,37 +69,92 @@ IN = [(4.0, 2.0), (20.0, 3.0), (21.0, 12.0), (5.0, 11.0)]
 
 DATASET: dict[str, tuple[Change, list[str]]] = {
     "no root": (shutil.rmtree, ["no such folder", "dataset.root="]),
-    "no images": (lambda root: shutil.rmtree(root / "images"), ["images: none of the model's 2 images", "a.png"]),
-    "no sparse": (lambda root: shutil.rmtree(root / "sparse"), ["sparse: no such folder", "cameras.bin"]),
-    "empty sparse": (lambda root: (root / "sparse/images.txt").unlink(), ["sparse: holds no COLMAP model"]),
+    "no images": (
+        lambda root: shutil.rmtree(root / "images"),
+        ["images: none of the model's 2 images", "a.png"],
+    ),
+    "no sparse": (
+        lambda root: shutil.rmtree(root / "sparse"),
+        ["sparse: no such folder", "cameras.bin"],
+    ),
+    "empty sparse": (
+        lambda root: (root / "sparse/images.txt").unlink(),
+        ["sparse: holds no COLMAP model"],
+    ),
     "no registered image": (images(), ["images.txt: no image is registered", "mapper"]),
     "distorted": (
         cameras(f"1 OPENCV {WIDTH} {HEIGHT} 50 50 20 15 0 0 0 0"),
-        ["cameras.txt: camera 1 is OPENCV", "colmap image_undistorter --image_path ", "--output_type COLMAP"],
+        [
+            "cameras.txt: camera 1 is OPENCV",
+            "colmap image_undistorter --image_path ",
+            "--output_type COLMAP",
+        ],
     ),
-    "too few parameters": (cameras(f"1 PINHOLE {WIDTH} {HEIGHT} 50 20 15"), ["cameras.txt", "model_converter"]),
-    "no focal length": (cameras(f"1 PINHOLE {WIDTH} {HEIGHT} 0 50 20 15"), ["camera 1", "which no camera has"]),
-    "camera not there": (cameras(CAMERA.replace("1 ", "2 ", 1)), ["images.txt: image 'a.png' has camera 1"]),
+    "too few parameters": (
+        cameras(f"1 PINHOLE {WIDTH} {HEIGHT} 50 20 15"),
+        ["cameras.txt", "model_converter"],
+    ),
+    "no focal length": (
+        cameras(f"1 PINHOLE {WIDTH} {HEIGHT} 0 50 20 15"),
+        ["camera 1", "which no camera has"],
+    ),
+    "camera not there": (
+        cameras(CAMERA.replace("1 ", "2 ", 1)),
+        ["images.txt: image 'a.png' has camera 1"],
+    ),
     "null quaternion": (images(("a.png", (0.0,) * 7, 1)), ["image 'a.png'", "no usable pose"]),
-    "name twice": (images(("a.png", FORWARD, 1), ("a.png", FORWARD, 1)), ["image 'a.png' is there twice"]),
-    "name above the root": (images(("../../etc/x.png", FORWARD, 1)), ["'../../etc/x.png' is outside", "relative"]),
+    "name twice": (
+        images(("a.png", FORWARD, 1), ("a.png", FORWARD, 1)),
+        ["image 'a.png' is there twice"],
+    ),
+    "name above the root": (
+        images(("../../etc/x.png", FORWARD, 1)),
+        ["'../../etc/x.png' is outside", "relative"],
+    ),
     "absolute name": (images(("/etc/x.png", FORWARD, 1)), ["'/etc/x.png' is outside"]),
-    "name of the root": (images((".", FORWARD, 1)), ["image '.' is outside", "no file", "relative"]),
+    "name of the root": (
+        images((".", FORWARD, 1)),
+        ["image '.' is outside", "no file", "relative"],
+    ),
     "no points lines": (
         text("sparse/images.txt", f"1 1 0 0 0 0 0 0 1 a.png\n2 1 0 0 0 0 0 0 1 b.png\n{CAMERA}\n"),
         ["images.txt", "after image 'a.png' stands no line of points"],
     ),
-    "short image line": (text("sparse/images.txt", "1 1 0 0 0 a.png\n\n"), ["images.txt", "1 1 0 0 0 a.png"]),
-    "not text": (lambda root: (root / "sparse/images.txt").write_bytes(b"\xff\xfe1"), ["images.txt", "not a COLMAP"]),
-    "depths misnamed": (misname_depths, ["depths: no depth map is named after an image", "depth_a.png"]),
-    "empty reference": (lambda root: (root / "reference").mkdir(), ["reference: no file is named", "a.png"]),
-    "charts: not JSON": (text("charts.json", '{"images": '), ["charts.json: cannot be read", "line 1"]),
+    "short image line": (
+        text("sparse/images.txt", "1 1 0 0 0 a.png\n\n"),
+        ["images.txt", "1 1 0 0 0 a.png"],
+    ),
+    "not text": (
+        lambda root: (root / "sparse/images.txt").write_bytes(b"\xff\xfe1"),
+        ["images.txt", "not a COLMAP"],
+    ),
+    "depths misnamed": (
+        misname_depths,
+        ["depths: no depth map is named after an image", "depth_a.png"],
+    ),
+    "empty reference": (
+        lambda root: (root / "reference").mkdir(),
+        ["reference: no file is named", "a.png"],
+    ),
+    "charts: not JSON": (
+        text("charts.json", '{"images": '),
+        ["charts.json: cannot be read", "line 1"],
+    ),
     "charts: no images": (charts({"a.png": {}}), ["charts.json: no charts by image", "write"]),
-    "charts: image unknown": (charts({"images": {"aa.png": {"left": IN}}}), ["charts.json: 'aa.png'", "like 'a.png'"]),
-    "charts: kind unknown": (chart({"kind": "dkg", "corners": IN}), ["charts.json: a.png, left", "'dkg'", "'dgk'"]),
+    "charts: image unknown": (
+        charts({"images": {"aa.png": {"left": IN}}}),
+        ["charts.json: 'aa.png'", "like 'a.png'"],
+    ),
+    "charts: kind unknown": (
+        chart({"kind": "dkg", "corners": IN}),
+        ["charts.json: a.png, left", "'dkg'", "'dgk'"],
+    ),
     "charts: three corners": (corners(*IN[:3]), ["charts.json: a.png, left: not four corners"]),
     "charts: nan": (corners((np.nan, 1), *IN[1:]), ["charts.json: a.png, left: not four corners"]),
-    "charts: outside": (corners(IN[0], (41.0, 3.0), *IN[2:]), ["charts.json: a.png, left: a corner", "40x30"]),
+    "charts: outside": (
+        corners(IN[0], (41.0, 3.0), *IN[2:]),
+        ["charts.json: a.png, left: a corner", "40x30"],
+    ),
     "charts: crossed": (
         corners(IN[0], IN[1], IN[3], IN[2]),
         ["charts.json: a.png, left: not four corners in"],
@@ -109,7 +164,9 @@ DATASET: dict[str, tuple[Change, list[str]]] = {
 
 
 @pytest.mark.parametrize(("change", "parts"), DATASET.values(), ids=list(DATASET))
-def test_a_fault_of_the_dataset_is_one_line_with_file_and_remedy(tmp_path: Path, change: Change, parts: list[str]):
+def test_a_fault_of_the_dataset_is_one_line_with_file_and_remedy(
+    tmp_path: Path, change: Change, parts: list[str]
+):
     root = write_dive(tmp_path / "dive")
     change(root)
     with one_line(str(root), *parts):
@@ -185,7 +242,9 @@ def depth_npy(values: np.ndarray) -> Change:
 def forged_npy(shape: tuple[int, int]) -> bytes:
     """A file of four numbers that says to hold an array of a shape."""
     file = io.BytesIO()
-    np.lib.format.write_array_header_1_0(file, {"descr": "<f4", "fortran_order": False, "shape": shape})
+    np.lib.format.write_array_header_1_0(
+        file, {"descr": "<f4", "fortran_order": False, "shape": shape}
+    )
     return file.getvalue() + bytes(16)
 
 
@@ -203,43 +262,88 @@ def jpeg(name: str) -> Change:
 METRES = np.full((HEIGHT, WIDTH), 2.5)
 
 VIEW: dict[str, tuple[str, Change, list[str]]] = {
-    "image missing": ("rgb", lambda root: (root / "images/a.png").unlink(), ["images/a.png", "1 of the model's 2"]),
+    "image missing": (
+        "rgb",
+        lambda root: (root / "images/a.png").unlink(),
+        ["images/a.png", "1 of the model's 2"],
+    ),
     "image empty": ("rgb", text("images/a.png", ""), ["images/a.png", "copy"]),
     "PNG cut": ("rgb", cut("images/a.png"), ["images/a.png", "cut short", "copy"]),
     "JPEG cut": ("rgb", jpeg("images/a.png"), ["images/a.png", "truncated", "copy"]),
-    "image of another shape": ("rgb", image(picture(0, WIDTH, 20)), ["images/a.png", "40x20", "40x30"]),
+    "image of another shape": (
+        "rgb",
+        image(picture(0, WIDTH, 20)),
+        ["images/a.png", "40x20", "40x30"],
+    ),
     "reference of another shape": (
         "reference",
         lambda root: write_image(root / "reference/a.png", picture(0, WIDTH, 20)),
         ["reference/a.png", "40x20", "40x30"],
     ),
-    "depth PNG cut": ("depth", cut("depths/depth_a.png"), ["depths/depth_a.png", "cut short", "copy"]),
-    "depth 8-bit": ("depth", depth_png(np.ones((HEIGHT, WIDTH), np.uint8)), ["uint8", "16-bit millimetres"]),
-    "depth in colour": ("depth", depth_png(np.dstack([depth_mm()] * 3)), ["30x40x3", "one channel"]),
+    "depth PNG cut": (
+        "depth",
+        cut("depths/depth_a.png"),
+        ["depths/depth_a.png", "cut short", "copy"],
+    ),
+    "depth 8-bit": (
+        "depth",
+        depth_png(np.ones((HEIGHT, WIDTH), np.uint8)),
+        ["uint8", "16-bit millimetres"],
+    ),
+    "depth in colour": (
+        "depth",
+        depth_png(np.dstack([depth_mm()] * 3)),
+        ["30x40x3", "one channel"],
+    ),
     "depth all 0": ("depth", depth_png(0 * depth_mm()), ["depth_a.png: no pixel has a depth"]),
     "depth all NaN": ("depth", depth_npy(np.nan * METRES), ["depth_a.npy: no pixel has a depth"]),
-    "depth negative": ("depth", depth_npy(-METRES), ["depth_a.npy: depth -2.5 m is negative", "write 0"]),
-    "depth in mm": ("depth", depth_npy(1000 * METRES), ["depth_a.npy: depth up to 2500 m", "divide by 1000"]),
-    "depth of 8 bits": ("depth", depth_npy(depth_mm().astype("u1")), ["depth_a.npy: is uint8", "float metres"]),
-    "depth of another shape": ("depth", depth_npy(METRES[:20]), ["depth_a.npy", "40x20", "a size that cannot match"]),
+    "depth negative": (
+        "depth",
+        depth_npy(-METRES),
+        ["depth_a.npy: depth -2.5 m is negative", "write 0"],
+    ),
+    "depth in mm": (
+        "depth",
+        depth_npy(1000 * METRES),
+        ["depth_a.npy: depth up to 2500 m", "divide by 1000"],
+    ),
+    "depth of 8 bits": (
+        "depth",
+        depth_npy(depth_mm().astype("u1")),
+        ["depth_a.npy: is uint8", "float metres"],
+    ),
+    "depth of another shape": (
+        "depth",
+        depth_npy(METRES[:20]),
+        ["depth_a.npy", "40x20", "a size that cannot match"],
+    ),
     "depth pickled": (
         "depth",
-        replaced("depths/depth_a.npy", lambda path: np.save(path, np.array([{}]), allow_pickle=True)),
+        replaced(
+            "depths/depth_a.npy", lambda path: np.save(path, np.array([{}]), allow_pickle=True)
+        ),
         ["depth_a.npy: cannot be read", "numpy.save"],
     ),
     "depth npy of a forged shape": (
         "depth",
-        replaced("depths/depth_a.npy", lambda path: path.write_bytes(forged_npy((1 << 20, 1 << 30)))),
+        replaced(
+            "depths/depth_a.npy", lambda path: path.write_bytes(forged_npy((1 << 20, 1 << 30)))
+        ),
         ["depth_a.npy: cannot be read", "numpy.save"],
     ),
     "depth npy cut": (
         "depth",
-        replaced("depths/depth_a.npy", lambda path: (np.save(path, METRES), cut(path.name)(path.parent))),
+        replaced(
+            "depths/depth_a.npy", lambda path: (np.save(path, METRES), cut(path.name)(path.parent))
+        ),
         ["depth_a.npy: cannot be read", "numpy.save"],
     ),
     "depth tif cut": (
         "depth",
-        replaced("depths/depth_a.tif", lambda path: (tifffile.imwrite(path, METRES), cut(path.name)(path.parent))),
+        replaced(
+            "depths/depth_a.tif",
+            lambda path: (tifffile.imwrite(path, METRES), cut(path.name)(path.parent)),
+        ),
         ["depth_a.tif: cannot be read", "copy"],
     ),
 }
@@ -259,7 +363,9 @@ def test_a_fault_of_one_view_is_raised_with_its_pixels_and_other_views_go_on(
 
 
 @pytest.mark.parametrize(("missing", "views"), [(4, 6), (101, 3)])
-def test_of_very_many_missing_images_one_is_a_view_that_says_how_many_are(tmp_path: Path, missing: int, views: int):
+def test_of_very_many_missing_images_one_is_a_view_that_says_how_many_are(
+    tmp_path: Path, missing: int, views: int
+):
     """A model of 100,000 images of which 4 were copied is no reason for 99,996 failed views."""
     names = ["a.png", *(f"b{n:03}.png" for n in range(missing)), "c.png"]
     root = write_dive(tmp_path, names)
@@ -268,7 +374,11 @@ def test_of_very_many_missing_images_one_is_a_view_that_says_how_many_are(tmp_pa
     scene = load(root)
     assert len(scene) == views
     assert [scene[n].name for n in (0, 1, -1)] == ["a.png", "b000.png", "c.png"]
-    with one_line("images/b000.png: no such file", f"{missing} of the model's {missing + 2}", "b000.png, b001.png"):
+    with one_line(
+        "images/b000.png: no such file",
+        f"{missing} of the model's {missing + 2}",
+        "b000.png, b001.png",
+    ):
         _ = scene["b000.png"].rgb
 
 
@@ -277,7 +387,12 @@ def test_an_image_of_floats_is_refused(tmp_path: Path, channels: int) -> None:
     """Its range is anybody's guess."""
     root = write_dive(tmp_path, ["a.tif"])
     values = np.dstack([picture(0), np.ones((HEIGHT, WIDTH, channels - 3))]).astype(np.float32)
-    tifffile.imwrite(root / "images/a.tif", values, photometric="rgb", extrasamples=["unassalpha"][: channels - 3])
+    tifffile.imwrite(
+        root / "images/a.tif",
+        values,
+        photometric="rgb",
+        extrasamples=["unassalpha"][: channels - 3],
+    )
     with one_line("images/a.tif: is float32", "8 or 16 bits"):
         _ = load(root)["a.tif"].rgb
 

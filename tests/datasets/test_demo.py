@@ -14,7 +14,16 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import pixel_rays
 from sucre_bench.datasets.demo import Demo, Preset, made_scene, water_of
 from sucre_bench.datasets.demo.made_scene import MadeScene, make, make_once
-from sucre_bench.datasets.demo.render import LAMP, RayCaster, apply, build, lamp_light, make_camera, render, underwater
+from sucre_bench.datasets.demo.render import (
+    LAMP,
+    RayCaster,
+    apply,
+    build,
+    lamp_light,
+    make_camera,
+    render,
+    underwater,
+)
 from sucre_bench.datasets.demo.seabed import (
     SITES,
     Grid,
@@ -78,16 +87,24 @@ def chart_centre(corners: Array) -> Array:
 # -- made once, the same for everybody -----------------------------------------------------------------------
 
 
-def test_equal_seeds_give_equal_bytes_and_another_seed_gives_other_ones(tmp_path: Path, small: MadeScene) -> None:
+def test_equal_seeds_give_equal_bytes_and_another_seed_gives_other_ones(
+    tmp_path: Path, small: MadeScene
+) -> None:
     def content(folder: Path) -> dict[str, bytes]:
-        return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+        return {
+            str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()
+        }
 
     one = content(make_once(tmp_path / "small", lambda: small))
-    other, same = (content(Demo(**SMALL, seed=n, root=tmp_path).folder()) for n in (1, 0))  # keeps the last seabed
+    other, same = (
+        content(Demo(**SMALL, seed=n, root=tmp_path).folder()) for n in (1, 0)
+    )  # keeps the last seabed
     assert one == same
     assert one.keys() == other.keys()
     differing = {name for name in one if one[name] != other[name]}
-    assert differing == {name for name in one if not name.endswith(("water.json", "cameras.txt", "points3D.txt"))}
+    assert differing == {
+        name for name in one if not name.endswith(("water.json", "cameras.txt", "points3D.txt"))
+    }
 
 
 def test_options_have_folders_of_their_own(tmp_path: Path) -> None:
@@ -132,17 +149,24 @@ def test_a_scene_that_cannot_be_written_is_an_error_of_its_own_folder(
     tmp_path: Path, small: MadeScene, monkeypatch: pytest.MonkeyPatch, place: str
 ) -> None:
     def full(_: MadeScene, folder: Path) -> None:
-        raise DiskFullError("disk is full", folder / place if place.startswith("images") else place, "make room")
+        raise DiskFullError(
+            "disk is full", folder / place if place.startswith("images") else place, "make room"
+        )
 
     monkeypatch.setattr(made_scene, "write_made_scene", full)
     with pytest.raises(DiskFullError) as fault:
         make_once(tmp_path / "scene", lambda: small)
     expected = str(tmp_path / "scene" / place) if place.startswith("images") else place
-    assert (fault.value.place, fault.value.fault, fault.value.remedy) == (expected, "disk is full", "make room")
+    assert (fault.value.place, fault.value.fault, fault.value.remedy) == (
+        expected,
+        "disk is full",
+        "make room",
+    )
 
 
 @pytest.mark.parametrize(
-    ("options", "at_fault"), [({"views": 1}, "views"), ({"width": 8}, "width"), ({"noise": -1}, "noise")]
+    ("options", "at_fault"),
+    [({"views": 1}, "views"), ({"width": 8}, "width"), ({"noise": -1}, "noise")],
 )
 def test_an_option_out_of_range_is_named(options: dict[str, int], at_fault: str) -> None:
     with pytest.raises(InputError, match=f"demo.{at_fault}: "):
@@ -152,7 +176,9 @@ def test_an_option_out_of_range_is_named(options: dict[str, int], at_fault: str)
 # -- what is read back is what was made ----------------------------------------------------------------------
 
 
-def test_files_in_the_users_cache_hold_the_arrays(tmp_path: Path, small: MadeScene, monkeypatch: pytest.MonkeyPatch):
+def test_files_in_the_users_cache_hold_the_arrays(
+    tmp_path: Path, small: MadeScene, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr("platformdirs.user_cache_path", lambda name, appauthor: tmp_path / name)
     scene = next(iter(Demo(**SMALL).scenes()))
     assert len(shown_in(tmp_path / "sucre_bench" / "demo")) == 1
@@ -185,7 +211,9 @@ def test_depth_maps_of_two_views_agree(survey: Scene) -> None:
         if 0 <= x < 480 and 0 <= y < 360:
             errors.append(abs(second.depth[int(y), int(x)] - z) / z)
             if errors[-1] < 0.01:
-                colours.append(np.abs(first.reference[v, u] - second.reference[int(y), int(x)]) / LEVEL)
+                colours.append(
+                    np.abs(first.reference[v, u] - second.reference[int(y), int(x)]) / LEVEL
+                )
     assert len(errors) > 1000
     assert np.mean(np.array(errors) < 0.01) > 0.9  # the rest is hidden in one of them
     assert np.median(colours) < 5
@@ -195,7 +223,9 @@ def test_a_charts_centre_is_one_point_of_the_world(survey: Scene) -> None:
     centres: dict[str, list[Array]] = {}
     for view in survey:
         for chart in view.charts:
-            centres.setdefault(chart.name, []).append(world_point(view, *chart_centre(chart.corners)))
+            centres.setdefault(chart.name, []).append(
+                world_point(view, *chart_centre(chart.corners))
+            )
     assert {len(points) >= 3 for points in centres.values()} == {True}
     for points in centres.values():
         assert np.ptp(points, axis=0).max() < 0.02
@@ -205,7 +235,11 @@ def test_rays_meet_the_ground_and_a_board_where_plane_geometry_says() -> None:
     """Against every triangle for every ray (Moeller and Trumbore 1997), in float64."""
     rng = np.random.default_rng(0)
     grid = Grid(-1.0, 2.0, 1.5, 1.0, 0.05)
-    terrain = Terrain(grid, rng.normal(0, 0.06, grid.shape).astype(np.float32), *np.zeros((2, *grid.shape), np.float32))
+    terrain = Terrain(
+        grid,
+        rng.normal(0, 0.06, grid.shape).astype(np.float32),
+        *np.zeros((2, *grid.shape), np.float32),
+    )
     board = place_board(replace(SITES[0], x=-0.3, y=2.5), terrain, 0.05)
     x, y = grid.axes()
     points = np.stack([*np.meshgrid(x, y), terrain.height], axis=-1).astype(np.float64)
@@ -242,7 +276,9 @@ def test_images_follow_the_model_within_noise_and_rounding(survey: Scene) -> Non
             ray = ((u + 0.5 - K[0, 2]) / K[0, 0], (v + 0.5 - K[1, 2]) / K[1, 1], 1.0)
             z = view.depth[v, u] * np.sqrt(sum(r * r for r in ray))
             for c in range(3):
-                I = view.reference[v, u, c] * np.exp(-beta[c] * z) + B[c] * (1 - np.exp(-gamma[c] * z))  # noqa: E741
+                I = view.reference[v, u, c] * np.exp(-beta[c] * z) + B[c] * (
+                    1 - np.exp(-gamma[c] * z)
+                )
                 residuals.append((view.rgb[v, u, c] - I) / LEVEL)
     # noise .004 = 1.02 levels, rounding 0.29, the rounded reference at most 0.29
     assert abs(np.mean(residuals)) < 0.06
@@ -268,10 +304,14 @@ def test_open_water_has_no_depth_and_shows_the_veil() -> None:
     assert not depth.any()
     assert not J.any()
     shown = underwater(J, pixel_rays(camera), depth, "coastal")
-    np.testing.assert_allclose(shown, np.broadcast_to(water_of("coastal").veiling_light, shown.shape))
+    np.testing.assert_allclose(
+        shown, np.broadcast_to(water_of("coastal").veiling_light, shown.shape)
+    )
 
 
-def test_the_deep_sea_is_lit_by_a_lamp_whose_light_falls_and_crosses_the_water_too(deep: MadeScene) -> None:
+def test_the_deep_sea_is_lit_by_a_lamp_whose_light_falls_and_crosses_the_water_too(
+    deep: MadeScene,
+) -> None:
     """Without its veil, summed up finely along the ray, I / J tells the lobe; all channels must tell the same."""
     B, beta, gamma = np.array([(0.02, 0.17), (0.19, 0.055), (0.08, 0.07)])
     K = deep.camera.K
@@ -283,7 +323,9 @@ def test_the_deep_sea_is_lit_by_a_lamp_whose_light_falls_and_crosses_the_water_t
         light, way = lamp_light(LAMP, point * steps[:, None])
         lit = light[:, None] * np.exp(-gamma * z * steps[:, None] - beta * way[:, None])
         on_ground, way = lamp_light(LAMP, point)
-        expected = pixel[1] * on_ground * np.exp(-beta * (z + way)) + B * gamma * z * lit.mean(axis=0)
+        expected = pixel[1] * on_ground * np.exp(-beta * (z + way)) + B * gamma * z * lit.mean(
+            axis=0
+        )
         np.testing.assert_allclose(pixel[0], expected, atol=0.02)
 
 

@@ -29,7 +29,9 @@ def test_each_visit_is_a_scene_and_one_can_be_chosen(tmp_path: Path) -> None:
         ("2015", list(NAMES)),
         ("2018", ["a.jpg", "b.jpg"]),
     ]
-    assert load(tmp_path, year="2018").data_id == scenes[1].data_id == load(tmp_path / "2018").data_id
+    assert (
+        load(tmp_path, year="2018").data_id == scenes[1].data_id == load(tmp_path / "2018").data_id
+    )
     with pytest.raises(InputError, match=r"2015"):
         load(tmp_path / "2018", year="2015")
 
@@ -47,7 +49,9 @@ def test_images_of_the_global_model_are_found_in_their_years(
     tmp_path: Path, names: tuple[str, str], places: tuple[str, str]
 ) -> None:
     write_photographs([tmp_path / place for place in places], tmp_path / "global" / "sfm", names)
-    check_dive(lambda **options: load(tmp_path, year="global", **options), tmp_path / "global" / "depths")
+    check_dive(
+        lambda **options: load(tmp_path, year="global", **options), tmp_path / "global" / "depths"
+    )
     scene = load(tmp_path, year="global")
     assert (scene.name, tuple(view.name for view in scene)) == ("global", names)
 
@@ -57,7 +61,11 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
         (lambda: None, {}, ["folder 2015"]),
         (lambda: write_year(tmp_path), {"year": "2016"}, ["2016/sfm: ", "folder"]),
         (lambda: None, {"depths": "maps"}, ["2015/maps: ", "folder"]),
-        (lambda: shutil.rmtree(tmp_path / "2015" / "images"), {}, [f"2015/images/{NAMES[0]}: ", "2 images"]),
+        (
+            lambda: shutil.rmtree(tmp_path / "2015" / "images"),
+            {},
+            [f"2015/images/{NAMES[0]}: ", "2 images"],
+        ),
     ]:
         change()
         with one_line(*parts):

@@ -15,7 +15,9 @@ from sucre_bench.errors import InputError
 from sucre_bench.machine.progress import watched_by
 from sucre_bench.scene import Scene
 
-K = np.array([[150.0, 0, 82.5], [0, 148, 56.5], [0, 0, 1]])  # of Kalibr: pixel centres at whole numbers
+K = np.array(
+    [[150.0, 0, 82.5], [0, 148, 56.5], [0, 0, 1]]
+)  # of Kalibr: pixel centres at whole numbers
 BENT = np.array([-0.3, 0.1, 0.004, -0.003])
 POINT = np.array([1.6, -1.1, 5.0])  # of the camera, in a corner of the image
 REPORT = f"""Calibration results
@@ -70,7 +72,9 @@ def test_a_known_point_is_seen_where_it_is_with_its_depth(tmp_path: Path, scale:
     depth = view.depth[int(at[1]), int(at[0])]
     assert depth == 5.0
     assert view.distance[int(at[1]), int(at[0])] == pytest.approx(np.linalg.norm(POINT), rel=2e-3)
-    np.testing.assert_allclose(unproject(view.camera, at[0], at[1], np.float64(depth)), POINT, atol=0.01)
+    np.testing.assert_allclose(
+        unproject(view.camera, at[0], at[1], np.float64(depth)), POINT, atol=0.01
+    )
     assert np.abs(at / scale - spot()).max() > 1, "it lies elsewhere in the photograph"
 
 
@@ -90,7 +94,10 @@ def test_a_camchain_in_place_of_the_report_is_the_same_camera(tmp_path: Path) ->
 
 def test_without_undistortion_views_are_as_stored_and_have_no_camera(tmp_path: Path) -> None:
     dive = write_dive(tmp_path)
-    for scene in (load(tmp_path, undistort=False), load(dive)):  # from the dive, the calibration is not in sight
+    for scene in (
+        load(tmp_path, undistort=False),
+        load(dive),
+    ):  # from the dive, the calibration is not in sight
         view = scene.views[0]
         assert view.camera is None
         np.testing.assert_allclose(centre(view.rgb), spot(), atol=0.02)
@@ -147,7 +154,9 @@ def test_what_is_missing_or_damaged_is_named(tmp_path: Path) -> None:
     maps[1].rename(dive / "depth" / "other.tif")
     with one_line(f"{FRAMES[0]}_SeaErra_abs_depth.tif"):
         load(tmp_path)
-    (tmp_path / "canyons" / "calibration" / "seaErra-kalibr-results-imucam.txt").write_text(REPORT[:200])
+    (tmp_path / "canyons" / "calibration" / "seaErra-kalibr-results-imucam.txt").write_text(
+        REPORT[:200]
+    )
     (dive / "depth" / "other.tif").unlink()
     with pytest.raises(InputError, match=r"imucam\.txt: "):
         load(tmp_path)

@@ -50,7 +50,9 @@ def load(root: Path, **options: object) -> Scene:
 @pytest.mark.parametrize("lens", LENSES)
 def test_a_known_point_is_seen_where_it_is_in_both_views(tmp_path: Path, lens: str) -> None:
     scene = load(write_survey(tmp_path, lens))
-    assert [view.name for view in scene] == ["DSC_0.png", "DSC_1.png"], "aligned, enabled, found without suffix"
+    assert [view.name for view in scene] == ["DSC_0.png", "DSC_1.png"], (
+        "aligned, enabled, found without suffix"
+    )
     assert scene.has == {"poses", "depth"}
     check_both(*scene, point=WORLD_POINT)
     check_both(*load(tmp_path, image_scale=0.5), point=WORLD_POINT)
@@ -68,7 +70,9 @@ def test_depth_maps_that_match_the_photographs(tmp_path: Path, lens: str) -> Non
     for number in range(2):
         point = seen(pose_of(*BOTH[number]))
         depth = disk_depth(imaged(point, lens), SCALE * point[2]).astype(np.float16)
-        tifffile.imwrite(tmp_path / f"depths/DSC_{number}.tif", depth, compression="deflate")  # as Metashape may
+        tifffile.imwrite(
+            tmp_path / f"depths/DSC_{number}.tif", depth, compression="deflate"
+        )  # as Metashape may
     check_both(*load(tmp_path, depth_camera="image"), point=WORLD_POINT)
 
 
@@ -85,14 +89,18 @@ def test_images_that_undistort_photos_wrote(tmp_path: Path) -> None:
 
 def test_a_rig_puts_the_second_camera_by_its_sensor(tmp_path: Path) -> None:
     offset = np.linalg.inv(pose_of(*BOTH[0])) @ pose_of(*BOTH[1])
-    numbers = (" ".join(map(repr, part.ravel().tolist())) for part in (offset[:3, :3], offset[:3, 3]))
+    numbers = (
+        " ".join(map(repr, part.ravel().tolist())) for part in (offset[:3, :3], offset[:3, 3])
+    )
     slave = (
         f'<sensor id="1" label="right" type="frame" master_id="0"><calibration type="frame" class="adjusted">'
         f'<resolution width="{WIDTH}" height="{HEIGHT}"/>'
         + "".join(f"<{name}>{value!r}</{name}>" for name, value in INNER.items())
         + "</calibration><rotation>{}</rotation><location>{}</location></sensor>".format(*numbers)
     )
-    second = camera_xml(1, "DSC_1", 'master_id="0"', posed=False).replace('sensor_id="0"', 'sensor_id="1"')
+    second = camera_xml(1, "DSC_1", 'master_id="0"', posed=False).replace(
+        'sensor_id="0"', 'sensor_id="1"'
+    )
     write_survey(tmp_path, "pinhole")
     chunk = chunk_xml("pinhole", camera_xml(0, "DSC_0") + second, sensors=slave)
     (tmp_path / "cameras.xml").write_text(f"<document>{chunk}</document>")
@@ -116,15 +124,25 @@ def write_project(root: Path, suffix: str) -> Path:
     for number, side in enumerate(("port", "starboard")):
         (root / "images" / side).mkdir()
         (root / f"images/DSC_{number}.png").rename(root / "images" / side / "D.png")
-    photos = "".join(f'<camera camera_id="{i}"><photo path="{path}"/></camera>' for i, path in enumerate(paths))
+    photos = "".join(
+        f'<camera camera_id="{i}"><photo path="{path}"/></camera>' for i, path in enumerate(paths)
+    )
     frame = f"<cameras>{photos}</cameras></frame>"
     if suffix == ".psz":
         chunk = chunk_xml("usual", CAMERAS, frames=f'<frames><frame id="0">{frame}</frames>')
-        archive(root / "dive.psz", f'<document version="1.2.0"><chunks active_id="0">{chunk}</chunks></document>')
+        archive(
+            root / "dive.psz",
+            f'<document version="1.2.0"><chunks active_id="0">{chunk}</chunks></document>',
+        )
         return root
-    (root / "dive.psx").write_text('<document version="1.2.0" path="{projectname}.files/project.zip"/>')
+    (root / "dive.psx").write_text(
+        '<document version="1.2.0" path="{projectname}.files/project.zip"/>'
+    )
     listed = '<chunk id="0" path="0/chunk.zip"/><chunk id="3" path="3/chunk.zip"/>'
-    archive(root / "dive.files/project.zip", f'<document><chunks active_id="3">{listed}</chunks></document>')
+    archive(
+        root / "dive.files/project.zip",
+        f'<document><chunks active_id="3">{listed}</chunks></document>',
+    )
     archive(root / "dive.files/0/chunk.zip", '<chunk label="Other"><sensors/><cameras/></chunk>')
     frames = '<frames next_id="1"><frame id="0" path="0/frame.zip"/></frames>'
     archive(root / "dive.files/3/chunk.zip", chunk_xml("usual", CAMERAS, frames=frames))
@@ -156,7 +174,8 @@ def test_groups_tell_photographs_of_one_name_apart(tmp_path: Path) -> None:
         (tmp_path / f"images/DSC_{number}.png").rename(tmp_path / "images" / side / "D.png")
         (tmp_path / f"depths/DSC_{number}.tif").rename(tmp_path / "depths" / side / "D.tif")
     grouped = "".join(
-        f'<group id="{i}" label="{side}">{camera_xml(i, "D")}</group>' for i, side in enumerate(("port", "starboard"))
+        f'<group id="{i}" label="{side}">{camera_xml(i, "D")}</group>'
+        for i, side in enumerate(("port", "starboard"))
     )
     (tmp_path / "cameras.xml").write_text(f"<document>{chunk_xml('usual', grouped)}</document>")
     scene = load(tmp_path)
@@ -169,14 +188,17 @@ def test_each_component_is_a_scene(tmp_path: Path) -> None:
     text = (tmp_path / "cameras.xml").read_text()
     text = text.replace("</components>", '<component id="1" label="Component 2"/></components>')
     text = text.replace(
-        '<camera id="1" sensor_id="0" component_id="0"', '<camera id="1" sensor_id="0" component_id="1"'
+        '<camera id="1" sensor_id="0" component_id="0"',
+        '<camera id="1" sensor_id="0" component_id="1"',
     )
     (tmp_path / "cameras.xml").write_text(text)
     said = Lines()
     with watched_by(said):
         one, two = Metashape(root=tmp_path).scenes()
     assert (one.name, two.name) == (f"{tmp_path.name}/Component 1", f"{tmp_path.name}/Component 2")
-    assert any("Component 2 " in text for text in said.lines), "its lengths are not metres, which is said"
+    assert any("Component 2 " in text for text in said.lines), (
+        "its lengths are not metres, which is said"
+    )
     assert any("2 of 5 cameras" in text for text in said.lines)
 
 
@@ -194,29 +216,57 @@ def text(old: str, new: str) -> Change:
 
 SCENE: dict[str, tuple[Change, list[str]]] = {
     "no document": (lambda root: (root / "cameras.xml").unlink(), ["no cameras.xml, .psx or .psz"]),
-    "two documents": (lambda root: shutil.copy(root / "cameras.xml", root / "b.xml"), ["b.xml, cameras.xml are there"]),
-    "cut": (lambda root: cut(root / "cameras.xml"), ["cameras.xml: cannot be read", "Export Cameras"]),
+    "two documents": (
+        lambda root: shutil.copy(root / "cameras.xml", root / "b.xml"),
+        ["b.xml, cameras.xml are there"],
+    ),
+    "cut": (
+        lambda root: cut(root / "cameras.xml"),
+        ["cameras.xml: cannot be read", "Export Cameras"],
+    ),
     "nothing aligned": (text("<transform>", "<other>"), ["cameras.xml"]),
-    "a damaged pose": (text(" 0.0 0.0 0.0 1.0</transform>", "</transform>"), ["cameras.xml", "reshape"]),
-    "a scaled pose": (text("0.0 0.0 0.0 1.0</transform>", "0.0 0.0 0.0 2.0</transform>"), ["DSC_0.JPG", "not rigid"]),
-    "a number that is none": (text("<f>150.0</f>", "<f>wide</f>"), ["cameras.xml: ", "Export Cameras"]),
+    "a damaged pose": (
+        text(" 0.0 0.0 0.0 1.0</transform>", "</transform>"),
+        ["cameras.xml", "reshape"],
+    ),
+    "a scaled pose": (
+        text("0.0 0.0 0.0 1.0</transform>", "0.0 0.0 0.0 2.0</transform>"),
+        ["DSC_0.JPG", "not rigid"],
+    ),
+    "a number that is none": (
+        text("<f>150.0</f>", "<f>wide</f>"),
+        ["cameras.xml: ", "Export Cameras"],
+    ),
     "no focal length": (text("<f>150.0</f>", "<f>-1</f>"), ["sensor 'GoPro'", "f = -1"]),
-    "a spherical sensor": (text('type="frame"', 'type="spherical"'), ["sensor 'GoPro' is spherical"]),
-    "one image twice": (text('label="DSC_1"', 'label="dsc_0"'), ["cameras.xml", "'dsc_0'", "DSC_0.png"]),
-    "no image folder": (lambda root: shutil.rmtree(root / "images"), ["images: ", "folder", "dataset.images"]),
+    "a spherical sensor": (
+        text('type="frame"', 'type="spherical"'),
+        ["sensor 'GoPro' is spherical"],
+    ),
+    "one image twice": (
+        text('label="DSC_1"', 'label="dsc_0"'),
+        ["cameras.xml", "'dsc_0'", "DSC_0.png"],
+    ),
+    "no image folder": (
+        lambda root: shutil.rmtree(root / "images"),
+        ["images: ", "folder", "dataset.images"],
+    ),
     "no images": (
         lambda root: [path.unlink() for path in root.glob("images/*")],
         ["images: no image", "'DSC_0.JPG' of cameras.xml"],
     ),
     "others' depth maps": (
-        lambda root: [path.rename(path.with_name(f"x{path.name}")) for path in root.glob("depths/*")],
+        lambda root: [
+            path.rename(path.with_name(f"x{path.name}")) for path in root.glob("depths/*")
+        ],
         ["depths: ", "depth map"],
     ),
 }
 
 
 @pytest.mark.parametrize(("change", "parts"), SCENE.values(), ids=list(SCENE))
-def test_a_fault_of_the_scene_is_one_line_about_the_file(tmp_path: Path, change: Change, parts: list[str]) -> None:
+def test_a_fault_of_the_scene_is_one_line_about_the_file(
+    tmp_path: Path, change: Change, parts: list[str]
+) -> None:
     change(write_survey(tmp_path))
     check_scene_fault(lambda: load(tmp_path), tmp_path, parts)
 
@@ -225,21 +275,31 @@ def test_a_fault_of_the_scene_is_one_line_about_the_file(tmp_path: Path, change:
 @pytest.mark.parametrize("damage", ["missing", "cut", "not an archive"])
 def test_a_damaged_project_is_refused(tmp_path: Path, name: str, damage: str) -> None:
     path = write_project(tmp_path, ".psx") / "dive.files" / name
-    path.unlink() if damage == "missing" else cut(path) if damage == "cut" else path.write_text("hello")
+    path.unlink() if damage == "missing" else cut(path) if damage == "cut" else path.write_text(
+        "hello"
+    )
     with one_line(str(path), "Export Cameras"):
         load(tmp_path)
 
 
 @pytest.mark.parametrize("path", ["/etc/x.zip", "../../../out.zip", "C:\\out.zip", "a/../../../.."])
 @pytest.mark.parametrize("name", ["dive.psx", "dive.files/project.zip", "dive.files/3/chunk.zip"])
-def test_a_project_names_no_part_outside_of_its_folder(tmp_path: Path, name: str, path: str) -> None:
+def test_a_project_names_no_part_outside_of_its_folder(
+    tmp_path: Path, name: str, path: str
+) -> None:
     root = write_project(tmp_path / "survey", ".psx")
     if name == "dive.psx":
         (root / name).write_text(f'<document path="{path}"/>')
     elif "chunk" in name:
-        archive(root / name, chunk_xml("usual", CAMERAS, frames=f'<frames><frame id="0" path="{path}"/></frames>'))
+        archive(
+            root / name,
+            chunk_xml("usual", CAMERAS, frames=f'<frames><frame id="0" path="{path}"/></frames>'),
+        )
     else:
-        archive(root / name, f'<document><chunks active_id="3"><chunk id="3" path="{path}"/></chunks></document>')
+        archive(
+            root / name,
+            f'<document><chunks active_id="3"><chunk id="3" path="{path}"/></chunks></document>',
+        )
     with one_line("dive.psx: ", f"'{path}'", f"outside of {root}"):
         load(root)
 
@@ -259,7 +319,9 @@ def test_xml_of_more_than_256_mebibytes_is_not_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("label", ["a/../../x", "C:/dive/x", "/x", "./.x/../x"])
-def test_a_camera_without_image_is_called_by_a_path_that_cannot_leave(tmp_path: Path, label: str) -> None:
+def test_a_camera_without_image_is_called_by_a_path_that_cannot_leave(
+    tmp_path: Path, label: str
+) -> None:
     write_survey(tmp_path, cameras=camera_xml(0, label) + camera_xml(1, "DSC_1"))
     (tmp_path / "depths/DSC_0.tif").unlink()
     bad = next(view for view in load(tmp_path) if view.name != "DSC_1.png")
@@ -285,7 +347,11 @@ def two_in_folders(root: Path) -> None:
 
 
 VIEW: dict[str, tuple[str, Change, list[str]]] = {
-    "image missing": ("rgb", lambda root: (root / "images/DSC_0.png").unlink(), ["'DSC_0.JPG' of cameras.xml"]),
+    "image missing": (
+        "rgb",
+        lambda root: (root / "images/DSC_0.png").unlink(),
+        ["'DSC_0.JPG' of cameras.xml"],
+    ),
     "image twice": ("rgb", two_in_folders, ["a/DSC_0.tif and b/DSC_0.tif"]),
     "depth of another shape": (
         "depth",
@@ -301,7 +367,9 @@ VIEW: dict[str, tuple[str, Change, list[str]]] = {
 
 
 @pytest.mark.parametrize(("plane", "change", "parts"), VIEW.values(), ids=list(VIEW))
-def test_a_fault_of_one_view_leaves_the_other(tmp_path: Path, plane: str, change: Change, parts: list[str]) -> None:
+def test_a_fault_of_one_view_leaves_the_other(
+    tmp_path: Path, plane: str, change: Change, parts: list[str]
+) -> None:
     change(write_survey(tmp_path))
     views = {view.name: view for view in load(tmp_path)}
     good = views.pop("DSC_1.png")

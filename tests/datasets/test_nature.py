@@ -88,8 +88,12 @@ def relative_error(nature: Nature) -> Array:
     return np.where(true > 0, given / np.maximum(true, 1e-6) - 1, np.nan)
 
 
-@pytest.mark.parametrize(("condition", "errors", "rms"), [("depth_3", "none", 0.03), ("plain", "mild", 0.005)])
-def test_depth_is_wrong_in_patches_by_what_is_said(exact: Nature, condition: Any, errors: Any, rms: float):
+@pytest.mark.parametrize(
+    ("condition", "errors", "rms"), [("depth_3", "none", 0.03), ("plain", "mild", 0.005)]
+)
+def test_depth_is_wrong_in_patches_by_what_is_said(
+    exact: Nature, condition: Any, errors: Any, rms: float
+):
     error = relative_error(replace(exact, condition=condition, errors=errors))
     assert np.sqrt(np.nanmean(error**2)) == pytest.approx(rms, rel=0.1)
     neighbours = np.nanmean(error[:, :, 1:] * error[:, :, :-1]) / np.nanmean(error**2)
@@ -98,8 +102,12 @@ def test_depth_is_wrong_in_patches_by_what_is_said(exact: Nature, condition: Any
     assert abs(far) < 0.4
 
 
-@pytest.mark.parametrize(("condition", "errors", "px"), [("pose_2", "none", 2.0), ("plain", "mild", 0.5)])
-def test_poses_drift_by_the_pixels_that_are_said(exact: Nature, condition: Any, errors: Any, px: float):
+@pytest.mark.parametrize(
+    ("condition", "errors", "px"), [("pose_2", "none", 2.0), ("plain", "mild", 0.5)]
+)
+def test_poses_drift_by_the_pixels_that_are_said(
+    exact: Nature, condition: Any, errors: Any, px: float
+):
     """A point in the middle of each image, projected by the true and by the given pose."""
     wrong = replace(exact, condition=condition, errors=errors, views=12)
     true, given = replace(exact, views=12).arrays(), scene_of(wrong)
@@ -130,7 +138,9 @@ def test_conditions_do_what_they_say(exact: Nature):
     assert np.median(lens[corner] / plain[corner]) == pytest.approx(0.65, abs=0.05)
     assert np.median(lens[middle] / plain[middle]) == pytest.approx(1, abs=0.02)
     assert made("auto_exposure").mean(axis=(1, 2, 3)) == pytest.approx(np.full(4, 0.4), abs=0.02)
-    balanced, unbalanced = (images.mean(axis=(1, 2)) for images in (made("auto_white_balance"), plain))
+    balanced, unbalanced = (
+        images.mean(axis=(1, 2)) for images in (made("auto_white_balance"), plain)
+    )
     assert (np.ptp(balanced, axis=1) < 0.7 * np.ptp(unbalanced, axis=1)).all()
     air = scene_of(replace(exact, condition="air"))
     assert np.abs(air[0].rgb - air[0].reference)[air[0].valid].mean() < 0.01
@@ -150,7 +160,13 @@ def test_every_condition_loads(root: Path, condition: Any):
 def test_all_names_have_a_condition_and_the_water_is_told_only_where_it_holds(root: Path):
     assert set(CONDITIONS) == set(get_args(Name))
     assert len(CONDITIONS) >= 20
-    told = {"plain": True, "strobe": False, "camera": False, "exposure_30": False, "patchy_water": False}
+    told = {
+        "plain": True,
+        "strobe": False,
+        "camera": False,
+        "exposure_30": False,
+        "patchy_water": False,
+    }
     for condition, is_told in told.items():
         name: Any = condition
         scene = scene_of(Nature(root=root, condition=name, **SMALL))

@@ -30,8 +30,20 @@ INTRINSICS = {"fl_x": 150.0, "fl_y": 140.0, "cx": 83.0, "cy": 57.5}
 LENSES: dict[str, dict[str, Any]] = {
     "pinhole": {"camera_model": "PINHOLE"},
     "perspective": {"camera_model": "OPENCV", "k1": -0.5, "k2": 0.15, "p1": 0.004, "p2": -0.006},
-    "four radial terms": {"camera_model": "OPENCV", "k1": -0.12, "k2": 0.03, "k3": -0.02, "k4": 0.02},
-    "fisheye": {"camera_model": "OPENCV_FISHEYE", "k1": 0.02, "k2": -0.03, "k3": 0.004, "k4": -0.001},
+    "four radial terms": {
+        "camera_model": "OPENCV",
+        "k1": -0.12,
+        "k2": 0.03,
+        "k3": -0.02,
+        "k4": 0.02,
+    },
+    "fisheye": {
+        "camera_model": "OPENCV_FISHEYE",
+        "k1": 0.02,
+        "k2": -0.03,
+        "k3": 0.004,
+        "k4": -0.001,
+    },
 }
 
 
@@ -41,14 +53,18 @@ def photographed(x: float, y: float, lens: dict[str, Any]) -> np.ndarray:
     r = np.hypot(x, y)
     if "FISHEYE" in lens["camera_model"]:
         t = np.arctan(r)
-        x, y = (v * t / r * (1 + k[0] * t**2 + k[1] * t**4 + k[2] * t**6 + k[3] * t**8) for v in (x, y))
+        x, y = (
+            v * t / r * (1 + k[0] * t**2 + k[1] * t**4 + k[2] * t**6 + k[3] * t**8) for v in (x, y)
+        )
     else:
         radial = 1 + k[0] * r**2 + k[1] * r**4 + k[2] * r**6 + k[3] * r**8
         x, y = (
             x * radial + 2 * p[0] * x * y + p[1] * (r**2 + 2 * x**2),
             y * radial + p[0] * (r**2 + 2 * y**2) + 2 * p[1] * x * y,
         )
-    return np.array([INTRINSICS["fl_x"] * x + INTRINSICS["cx"], INTRINSICS["fl_y"] * y + INTRINSICS["cy"]])
+    return np.array(
+        [INTRINSICS["fl_x"] * x + INTRINSICS["cx"], INTRINSICS["fl_y"] * y + INTRINSICS["cy"]]
+    )
 
 
 def frame_of(number: int, scale: float = 1.0) -> tuple[np.ndarray, list[list[float]]]:
@@ -69,7 +85,9 @@ def write_scene(root: Path, lens: str = "pinhole", **more: Any) -> Path:
         write_spot(root / f"images/{number}.png", at)
         unit = more.get("depth_unit_scale_factor", 0.001)
         (root / "depths").mkdir(exist_ok=True)
-        cv2.imwrite(str(root / f"depths/{number}.png"), np.rint(disk_depth(at, z) / unit).astype(np.uint16))
+        cv2.imwrite(
+            str(root / f"depths/{number}.png"), np.rint(disk_depth(at, z) / unit).astype(np.uint16)
+        )
         name = {"file_path": f"./images/{number}.png", "depth_file_path": f"depths/{number}.png"}
         frames.append({**name, "transform_matrix": matrix})
     (root / "transforms.json").write_text(json.dumps({**common, "frames": frames}))
@@ -93,9 +111,16 @@ def edit(change: Any, name: str = "transforms.json") -> Change:
 
 
 def test_a_pose_that_was_written_with_three_digits_is_one(tmp_path: Path) -> None:
-    pose = [[-0.589, -0.075, 0.805, 0], [0.762, -0.385, 0.521, 0], [0.271, 0.92, 0.283, 2], [0, 0, 0, 1]]
+    pose = [
+        [-0.589, -0.075, 0.805, 0],
+        [0.762, -0.385, 0.521, 0],
+        [0.271, 0.92, 0.283, 2],
+        [0, 0, 0, 1],
+    ]
     edit(lambda content: content["frames"][0].update(transform_matrix=pose))(write_scene(tmp_path))
-    assert load(tmp_path)["images/0.png"].cam_from_world @ [0, 0, 2, 1] == pytest.approx([0, 0, 0, 1])
+    assert load(tmp_path)["images/0.png"].cam_from_world @ [0, 0, 2, 1] == pytest.approx(
+        [0, 0, 0, 1]
+    )
 
 
 @pytest.mark.parametrize("lens", LENSES)
@@ -121,9 +146,15 @@ def test_float_depth_maps_are_multiplied_too(tmp_path: Path, suffix: str) -> Non
         metres = disk_depth(photographed(x / z, y / z, LENSES["pinhole"]), z)
         path = tmp_path / f"depths/{number}{suffix}"
         np.save(path, metres) if suffix == ".npy" else tifffile.imwrite(path, metres)
-    edit(lambda c: [f.update(depth_file_path=f["depth_file_path"][:-4] + suffix) for f in c["frames"]])(tmp_path)
+    edit(
+        lambda c: [
+            f.update(depth_file_path=f["depth_file_path"][:-4] + suffix) for f in c["frames"]
+        ]
+    )(tmp_path)
     check_both(*load(tmp_path, depth_scale=1.0))
-    assert load(tmp_path).views[0].depth.max() == pytest.approx(9.0 / 1000), "0.001, where nothing else is said"
+    assert load(tmp_path).views[0].depth.max() == pytest.approx(9.0 / 1000), (
+        "0.001, where nothing else is said"
+    )
 
 
 @pytest.mark.parametrize(
@@ -183,7 +214,13 @@ def test_blender_scenes_have_a_field_of_view_and_names_without_suffix(tmp_path: 
         at = np.array([focal * x / z + WIDTH / 2, focal * y / z + HEIGHT / 2])
         write_spot(tmp_path / split / "r_0.png", at)
         np.save(tmp_path / split / "d.npy", disk_depth(at, z))
-        frames = [{"file_path": f"./{split}/r_0", "depth_file_path": f"{split}/d.npy", "transform_matrix": matrix}]
+        frames = [
+            {
+                "file_path": f"./{split}/r_0",
+                "depth_file_path": f"{split}/d.npy",
+                "transform_matrix": matrix,
+            }
+        ]
         content = {"camera_angle_x": angle, "frames": frames}
         (tmp_path / f"transforms_{split}.json").write_text(json.dumps(content))
     scene = load(tmp_path, depth_scale=1.0)
@@ -208,7 +245,11 @@ def test_masked_pixels_have_no_depth(tmp_path: Path, suffix: str) -> None:
 
 def test_data_id_changes_with_the_unit_of_depth(tmp_path: Path) -> None:
     write_scene(tmp_path)
-    assert load(tmp_path).data_id == load(tmp_path, depth_scale=0.001).data_id != load(tmp_path, depth_scale=1).data_id
+    assert (
+        load(tmp_path).data_id
+        == load(tmp_path, depth_scale=0.001).data_id
+        != load(tmp_path, depth_scale=1).data_id
+    )
 
 
 def frame(**values: Any) -> Change:
@@ -221,19 +262,40 @@ SCENE: dict[str, tuple[Change, list[str]]] = {
         lambda root: (root / "transforms.json").unlink(),
         ["transforms.json: ", "file; ", "dataset.transforms"],
     ),
-    "cut": (lambda root: cut(root / "transforms.json"), ["transforms.json: cannot be read", "line 1"]),
-    "no frames": (edit(lambda content: content.update(frames=[])), ["transforms.json: ", "no frames"]),
-    "a list": (lambda root: (root / "transforms.json").write_text("[1]"), ["transforms.json: ", "no frames"]),
+    "cut": (
+        lambda root: cut(root / "transforms.json"),
+        ["transforms.json: cannot be read", "line 1"],
+    ),
+    "no frames": (
+        edit(lambda content: content.update(frames=[])),
+        ["transforms.json: ", "no frames"],
+    ),
+    "a list": (
+        lambda root: (root / "transforms.json").write_text("[1]"),
+        ["transforms.json: ", "no frames"],
+    ),
     "no path": (frame(file_path=None), ["no usable file_path"]),
     "an image twice": (frame(file_path="images/1.png"), ["images/1.png", "frame 0", "frame 1"]),
     "a mirrored pose": (frame(transform_matrix=FLIPPED), ["images/0.png", "transform_matrix"]),
     "a scaled pose": (frame(transform_matrix=(2 * np.eye(4)).tolist()), ["transform_matrix"]),
-    "nothing applied": (edit(lambda c: c.update(applied_scale=0)), ["transforms.json: applied_scale is 0"]),
-    "no unit": (edit(lambda c: c.update(depth_unit_scale_factor=-1)), ["depth_unit_scale_factor is -1"]),
+    "nothing applied": (
+        edit(lambda c: c.update(applied_scale=0)),
+        ["transforms.json: applied_scale is 0"],
+    ),
+    "no unit": (
+        edit(lambda c: c.update(depth_unit_scale_factor=-1)),
+        ["depth_unit_scale_factor is -1"],
+    ),
     "no pose": (frame(transform_matrix="identity"), ["transform_matrix"]),
     "text for a number": (frame(fl_x="150"), ["fl_x is '150'", "number"]),
-    "no focal length": (edit(lambda content: [content.pop(key) for key in ("fl_x", "fl_y")]), ["camera_angle_x"]),
-    "an unknown lens": (edit(lambda content: content.update(camera_model="EQUIRECTANGULAR")), ["EQUIRECTANGULAR"]),
+    "no focal length": (
+        edit(lambda content: [content.pop(key) for key in ("fl_x", "fl_y")]),
+        ["camera_angle_x"],
+    ),
+    "an unknown lens": (
+        edit(lambda content: content.update(camera_model="EQUIRECTANGULAR")),
+        ["EQUIRECTANGULAR"],
+    ),
     "a name that is no UTF-8": (frame(file_path="caf\udce9.png"), ["transforms.json: ", "udce9"]),
     "no images": (
         lambda root: [path.unlink() for path in root.glob("images/*")],
@@ -243,23 +305,51 @@ SCENE: dict[str, tuple[Change, list[str]]] = {
 
 
 @pytest.mark.parametrize(("change", "parts"), SCENE.values(), ids=list(SCENE))
-def test_a_fault_of_the_scene_is_one_line_about_the_file(tmp_path: Path, change: Change, parts: list[str]) -> None:
+def test_a_fault_of_the_scene_is_one_line_about_the_file(
+    tmp_path: Path, change: Change, parts: list[str]
+) -> None:
     change(write_scene(tmp_path))
     check_scene_fault(lambda: load(tmp_path), tmp_path, parts)
 
 
 VIEW: dict[str, tuple[str, Change, list[str]]] = {
-    "image missing": ("rgb", lambda root: (root / "images/0.png").unlink(), ["images/0.png: ", "transforms.json"]),
-    "depth missing": ("depth", lambda root: (root / "depths/0.png").unlink(), ["depths/0.png: ", "transforms.json"]),
-    "a path above": ("rgb", lambda root: frame(file_path="../a.png")(root), ["a.png: no such file"]),
-    "a path from the top": ("rgb", lambda root: frame(file_path="/etc/passwd")(root), ["etc/passwd: no such file"]),
-    "another drive": ("depth", lambda root: frame(depth_file_path="C:\\depth.png")(root), ["depth.png: no such"]),
+    "image missing": (
+        "rgb",
+        lambda root: (root / "images/0.png").unlink(),
+        ["images/0.png: ", "transforms.json"],
+    ),
+    "depth missing": (
+        "depth",
+        lambda root: (root / "depths/0.png").unlink(),
+        ["depths/0.png: ", "transforms.json"],
+    ),
+    "a path above": (
+        "rgb",
+        lambda root: frame(file_path="../a.png")(root),
+        ["a.png: no such file"],
+    ),
+    "a path from the top": (
+        "rgb",
+        lambda root: frame(file_path="/etc/passwd")(root),
+        ["etc/passwd: no such file"],
+    ),
+    "another drive": (
+        "depth",
+        lambda root: frame(depth_file_path="C:\\depth.png")(root),
+        ["depth.png: no such"],
+    ),
     "a mask above": ("depth", lambda root: frame(mask_path="a/../../m.png")(root), ["m.png: "]),
-    "depth of a kind": ("depth", lambda root: frame(depth_file_path="images/0.jpg")(root), ["images/0.jpg"]),
+    "depth of a kind": (
+        "depth",
+        lambda root: frame(depth_file_path="images/0.jpg")(root),
+        ["images/0.jpg"],
+    ),
 }
 
 
 @pytest.mark.parametrize(("plane", "change", "parts"), VIEW.values(), ids=list(VIEW))
-def test_a_fault_of_one_view_leaves_the_other(tmp_path: Path, plane: str, change: Change, parts: list[str]) -> None:
+def test_a_fault_of_one_view_leaves_the_other(
+    tmp_path: Path, plane: str, change: Change, parts: list[str]
+) -> None:
     change(write_scene(tmp_path))
     check_view_fault(*load(tmp_path), plane, tmp_path, parts)

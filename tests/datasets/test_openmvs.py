@@ -24,7 +24,9 @@ from sucre_bench.datasets.openmvs import Openmvs, read_dmap_depth
 from sucre_bench.errors import InputError
 from sucre_bench.scene import Scene
 
-K = np.array([[210.0, 0, 77.25], [0, 190.0, 61.5], [0, 0, 1]])  # pixel centres at whole numbers, as OpenMVS has them
+K = np.array(
+    [[210.0, 0, 77.25], [0, 190.0, 61.5], [0, 0, 1]]
+)  # pixel centres at whole numbers, as OpenMVS has them
 METRES = 0.4  # in a unit of the reconstruction
 
 
@@ -43,19 +45,29 @@ def dmap(
     head = magic + struct.pack("<Bb4I2f", flags, exponent, WIDTH, HEIGHT, width, height, 0.5, 20.0)
     if magic == b"D2":
         head += struct.pack("<f", 1.0)
-    head += struct.pack("<H", len(image.encode())) + image.encode() + struct.pack(f"<I{views}I", views, *range(views))
+    head += (
+        struct.pack("<H", len(image.encode()))
+        + image.encode()
+        + struct.pack(f"<I{views}I", views, *range(views))
+    )
     head += struct.pack("<21d", *K.ravel(), *pose[:3, :3].T.ravel(), *pose[:3, 3])
     stored = (depth / 2**exponent).astype("<f2") if magic == b"D2" else depth.astype("<f4")
-    return head + stored.tobytes() + bytes(16 * depth.size)  # normals and confidence, which are not ours to read
+    return (
+        head + stored.tobytes() + bytes(16 * depth.size)
+    )  # normals and confidence, which are not ours to read
 
 
-def write_scene(root: Path, magic: bytes = b"DR", step: int = 1, name: str = "images/{}.jpg") -> Path:
+def write_scene(
+    root: Path, magic: bytes = b"DR", step: int = 1, name: str = "images/{}.jpg"
+) -> Path:
     """Two images with a spot, in units of the reconstruction: lengths are divided by METRES."""
     for number, (where, turn) in enumerate(BOTH):
         pose = pose_of(where, turn)
         at = (K @ seen(pose))[:2] / seen(pose)[2]
         write_spot(root / f"images/{number}.png", at + 0.5)
-        coarse = disk_depth((at + 0.5) / step, seen(pose)[2] / METRES, (WIDTH // step, HEIGHT // step))
+        coarse = disk_depth(
+            (at + 0.5) / step, seen(pose)[2] / METRES, (WIDTH // step, HEIGHT // step)
+        )
         pose[:3, 3] /= METRES
         content = dmap(name.format(number), K, pose, coarse, magic)
         (root / f"depth{number:04}.dmap").write_bytes(content)
@@ -69,16 +81,23 @@ def load(root: Path, **options: object) -> Scene:
 
 @pytest.mark.parametrize("magic", [b"DR", b"D2"], ids=["floats", "halves"])
 @pytest.mark.parametrize("step", [1, 2])
-def test_a_known_point_is_seen_where_it_is_in_both_views(tmp_path: Path, magic: bytes, step: int) -> None:
+def test_a_known_point_is_seen_where_it_is_in_both_views(
+    tmp_path: Path, magic: bytes, step: int
+) -> None:
     scene = load(write_scene(tmp_path, magic, step))
     assert [view.name for view in scene] == ["images/0.png", "images/1.png"]
     assert scene.has == {"poses", "depth"}
     check_both(*scene)
 
 
-@pytest.mark.parametrize("name", ["D:\\dive\\undistorted\\images\\{}.JPG", "/mnt/x/images/{}.jpg", "{}.tif"])
+@pytest.mark.parametrize(
+    "name", ["D:\\dive\\undistorted\\images\\{}.JPG", "/mnt/x/images/{}.jpg", "{}.tif"]
+)
 def test_images_are_found_by_whatever_path_they_had_elsewhere(tmp_path: Path, name: str) -> None:
-    assert [view.name for view in load(write_scene(tmp_path, name=name))] == ["images/0.png", "images/1.png"]
+    assert [view.name for view in load(write_scene(tmp_path, name=name))] == [
+        "images/0.png",
+        "images/1.png",
+    ]
 
 
 def test_image_scale_shrinks_all_alike(tmp_path: Path) -> None:
@@ -89,7 +108,11 @@ def test_image_scale_shrinks_all_alike(tmp_path: Path) -> None:
 
 def test_data_id_changes_with_the_scale_and_with_a_depth(tmp_path: Path) -> None:
     write_scene(tmp_path)
-    ids = {load(tmp_path).data_id, load(tmp_path).data_id, load(tmp_path, metres_per_unit=1.0).data_id}
+    ids = {
+        load(tmp_path).data_id,
+        load(tmp_path).data_id,
+        load(tmp_path, metres_per_unit=1.0).data_id,
+    }
     path = tmp_path / "depth0000.dmap"
     path.write_bytes(path.read_bytes()[:-4] + b"\1\1\1\1")
     assert len(ids | {load(tmp_path).data_id}) == 3
@@ -106,13 +129,25 @@ def other_bytes(offset: int, layout: str, *values: object) -> Change:
 
 # The name is 12 bytes from 30 on, the ids are from 42, K is from 58, R from 130 to 202.
 SCENE: dict[str, tuple[Change, list[str]]] = {
-    "no depth map": (lambda root: [path.unlink() for path in root.glob("*.dmap")], ["*.dmap: no depth map"]),
-    "cut in the header": (lambda root: cut(root / "depth0000.dmap", 0.0001), ["depth0000.dmap: cannot be read"]),
+    "no depth map": (
+        lambda root: [path.unlink() for path in root.glob("*.dmap")],
+        ["*.dmap: no depth map"],
+    ),
+    "cut in the header": (
+        lambda root: cut(root / "depth0000.dmap", 0.0001),
+        ["depth0000.dmap: cannot be read"],
+    ),
     "another format": (other_bytes(0, "2s", b"DX"), ["depth0000.dmap: cannot be read", "Densify"]),
     "no depth in it": (other_bytes(2, "B", 2), ["depth0000.dmap", "flags 2"]),
-    "a huge depth map": (other_bytes(4, "4I", *[2**31] * 4), ["depth0000.dmap: cannot be read", "Densify"]),
+    "a huge depth map": (
+        other_bytes(4, "4I", *[2**31] * 4),
+        ["depth0000.dmap: cannot be read", "Densify"],
+    ),
     "many views": (other_bytes(42, "I", 2**32 - 1), ["depth0000.dmap", "4294967295 views"]),
-    "a name that is no text": (other_bytes(30, "2B", 255, 254), ["depth0000.dmap: cannot be read", "Densify"]),
+    "a name that is no text": (
+        other_bytes(30, "2B", 255, 254),
+        ["depth0000.dmap: cannot be read", "Densify"],
+    ),
     "no focal length": (other_bytes(58, "d", 0.0), ["depth0000.dmap", "K is no"]),
     "no rotation": (other_bytes(130, "d", 7.0), ["depth0000.dmap", "no pose"]),
     "a NaN": (other_bytes(58, "d", float("nan")), ["depth0000.dmap", "K is no"]),
@@ -120,24 +155,39 @@ SCENE: dict[str, tuple[Change, list[str]]] = {
         lambda root: (root / "x.dmap").write_bytes((root / "depth0000.dmap").read_bytes()),
         ["x.dmap: ", "images/0.png", "depth0000.dmap"],
     ),
-    "no images": (lambda root: [path.unlink() for path in root.glob("images/*")], ["0.jpg", "depth0000.dmap"]),
+    "no images": (
+        lambda root: [path.unlink() for path in root.glob("images/*")],
+        ["0.jpg", "depth0000.dmap"],
+    ),
 }
 
 
 @pytest.mark.parametrize(("change", "parts"), SCENE.values(), ids=list(SCENE))
-def test_a_fault_of_the_scene_is_one_line_about_the_file(tmp_path: Path, change: Change, parts: list[str]) -> None:
+def test_a_fault_of_the_scene_is_one_line_about_the_file(
+    tmp_path: Path, change: Change, parts: list[str]
+) -> None:
     change(write_scene(tmp_path))
     check_scene_fault(lambda: load(tmp_path), tmp_path, parts)
 
 
 VIEW: dict[str, tuple[str, Change, list[str]]] = {
-    "depths cut": ("depth", lambda root: cut(root / "depth0000.dmap", 0.1), ["depth0000.dmap: cut short", "copy"]),
-    "image missing": ("rgb", lambda root: (root / "images/0.png").unlink(), ["images/0.jpg", "depth0000.dmap"]),
+    "depths cut": (
+        "depth",
+        lambda root: cut(root / "depth0000.dmap", 0.1),
+        ["depth0000.dmap: cut short", "copy"],
+    ),
+    "image missing": (
+        "rgb",
+        lambda root: (root / "images/0.png").unlink(),
+        ["images/0.jpg", "depth0000.dmap"],
+    ),
 }
 
 
 @pytest.mark.parametrize(("plane", "change", "parts"), VIEW.values(), ids=list(VIEW))
-def test_a_fault_of_one_view_leaves_the_other(tmp_path: Path, plane: str, change: Change, parts: list[str]) -> None:
+def test_a_fault_of_one_view_leaves_the_other(
+    tmp_path: Path, plane: str, change: Change, parts: list[str]
+) -> None:
     change(write_scene(tmp_path))
     check_view_fault(*load(tmp_path), plane, tmp_path, parts)
 
@@ -147,7 +197,9 @@ def test_the_folder_tells_which_of_two_images_is_meant(tmp_path: Path) -> None:
     assert load(tmp_path).views[0].name == "images/0.png"
 
 
-@pytest.mark.parametrize("name", ["{}/out/0.png", "../out/0.png", "images/../../out/0.png", "C:/out/0.png", "..", ""])
+@pytest.mark.parametrize(
+    "name", ["{}/out/0.png", "../out/0.png", "images/../../out/0.png", "C:/out/0.png", "..", ""]
+)
 def test_nothing_outside_of_root_is_named_or_opened(tmp_path: Path, name: str) -> None:
     """A view's name becomes the path of its results."""
     root = write_scene(tmp_path / "root")

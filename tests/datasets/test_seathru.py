@@ -54,7 +54,9 @@ def test_each_set_is_a_scene_and_odd_files_are_left_alone(tmp_path: Path) -> Non
     write_set(tmp_path / "D3" / "D3", ("LFT_0001",), "depthMaps")
     write_set(tmp_path / "D4" / "D4", ("a", "b"), "depth_resized")
     (tmp_path / "D4/D4/depth").mkdir()
-    tifffile.imwrite(tmp_path / "D4/D4/depth/depth_a.tif", np.ones((HEIGHT // 2, WIDTH // 2), np.float32))
+    tifffile.imwrite(
+        tmp_path / "D4/D4/depth/depth_a.tif", np.ones((HEIGHT // 2, WIDTH // 2), np.float32)
+    )
     (tmp_path / "D4/D4/linearPNG/._a.png").write_bytes(b"resource fork")
     (tmp_path / "D4/D4/depth_resized/depthb.tif").unlink()
     first, second = Seathru(tmp_path).scenes()
@@ -63,8 +65,12 @@ def test_each_set_is_a_scene_and_odd_files_are_left_alone(tmp_path: Path) -> Non
     assert second["a.png"].depth[39, 59] == 22, "the resized map, not the other"
     assert not second["b.png"].has_depth
     assert first.views[0].depth[39, 59] == 22
-    tifffile.imwrite(tmp_path / "D4/D4/depth_resized/depthb.tif", np.ones((HEIGHT, WIDTH), np.float32))
-    assert all(view.has_depth for view in list(Seathru(tmp_path).scenes())[1]), "also where every image has one"
+    tifffile.imwrite(
+        tmp_path / "D4/D4/depth_resized/depthb.tif", np.ones((HEIGHT, WIDTH), np.float32)
+    )
+    assert all(view.has_depth for view in list(Seathru(tmp_path).scenes())[1]), (
+        "also where every image has one"
+    )
 
 
 def test_half_size_and_a_focal_length_make_a_camera(tmp_path: Path) -> None:
@@ -73,7 +79,9 @@ def test_half_size_and_a_focal_length_make_a_camera(tmp_path: Path) -> None:
     assert view.rgb.shape == (20, 30, 3)
     assert view.depth.shape == (20, 30)
     far = view.depth[19, 29]
-    assert view.distance[19, 29] == pytest.approx(far * np.sqrt(1 + (14.5 / 25) ** 2 + (9.5 / 25) ** 2))
+    assert view.distance[19, 29] == pytest.approx(
+        far * np.sqrt(1 + (14.5 / 25) ** 2 + (9.5 / 25) ** 2)
+    )
     with pytest.raises(InputError, match=r"seathru\.focal_px"):
         Seathru(tmp_path, focal_px=-1)
 
@@ -81,7 +89,10 @@ def test_half_size_and_a_focal_length_make_a_camera(tmp_path: Path) -> None:
 def test_a_model_beside_the_images_gives_poses_in_metres(tmp_path: Path) -> None:
     write_set(tmp_path)
     cameras = [f"1 PINHOLE {WIDTH * 2} {HEIGHT * 2} 100 100 62 38"]  # made of copies twice as large
-    model = [("T_S01.jpg", (1.0, 0, 0, 0, 0, 0, 0), 1), ("T_S02.jpg", (1.0, 0, 1.0, 0, -2.5, 0, 1.25), 1)]
+    model = [
+        ("T_S01.jpg", (1.0, 0, 0, 0, 0, 0, 0), 1),
+        ("T_S02.jpg", (1.0, 0, 1.0, 0, -2.5, 0, 1.25), 1),
+    ]
     write_model(tmp_path / "sparse", model, cameras)
     scene = load(tmp_path, metres_per_unit=4.0)
     assert sorted(scene.has) == ["depth", "poses"]
@@ -89,20 +100,29 @@ def test_a_model_beside_the_images_gives_poses_in_metres(tmp_path: Path) -> None
     for view in scene:
         pixels.append(project(view.camera, (view.cam_from_world @ [1.0, 2.0, 10.0, 1.0])[:3]))
     assert pixels[0][0] == pytest.approx([50 / 10 + 31, 50 * 2 / 10 + 19])
-    assert pixels[1][0] == pytest.approx([31, 50 * 2 / 4 + 19]), "at (5, 0, 10), looking along -x: 4 m before it"
+    assert pixels[1][0] == pytest.approx([31, 50 * 2 / 4 + 19]), (
+        "at (5, 0, 10), looking along -x: 4 m before it"
+    )
     assert pixels[1][1] == pytest.approx(4)
     with pytest.raises(InputError, match=r"model: .* dataset\.sparse=model"):
         load(tmp_path, sparse="model")
 
 
-def test_a_model_of_other_images_is_refused_and_one_of_copies_may_not_be_a_guess(tmp_path: Path) -> None:
+def test_a_model_of_other_images_is_refused_and_one_of_copies_may_not_be_a_guess(
+    tmp_path: Path,
+) -> None:
     write_set(tmp_path)
     cameras = [f"1 PINHOLE {WIDTH} {HEIGHT} 50 50 30 20"]
     at, away = (1.0, 0, 0, 0, 0, 0, 0), (1.0, 0, 0, 0, 7.0, 0, 0)
     write_model(tmp_path / "sparse", [("a.png", at, 1)], cameras)
     with pytest.raises(InputError, match=r"sparse: .* a\.png .*linearPNG"):
         load(tmp_path)
-    several = [("T_S01.jpg", at, 1), ("T_S01.png", away, 1), ("a/T_S02.jpg", at, 1), ("b/T_S02.jpg", away, 1)]
+    several = [
+        ("T_S01.jpg", at, 1),
+        ("T_S01.png", away, 1),
+        ("a/T_S02.jpg", at, 1),
+        ("b/T_S02.jpg", away, 1),
+    ]
     write_model(tmp_path / "sparse", several, cameras)
     first, second = load(tmp_path)
     assert first.cam_from_world[0, 3] == 7, "the one of its own name"
@@ -129,7 +149,10 @@ def test_all_published_charts_are_there_and_lie_as_charts_do() -> None:
     for seen in charts.values():
         for chart in seen:
             edge = np.roll(chart.corners, -1, axis=0) - chart.corners
-            turn = edge[:, 0] * np.roll(edge, -1, axis=0)[:, 1] - edge[:, 1] * np.roll(edge, -1, axis=0)[:, 0]
+            turn = (
+                edge[:, 0] * np.roll(edge, -1, axis=0)[:, 1]
+                - edge[:, 1] * np.roll(edge, -1, axis=0)[:, 0]
+            )
             assert (turn > 0).all(), "clockwise and convex"
             assert chart.corners.min() > 0
             assert (chart.corners < (7360, 4912)).all()
@@ -140,7 +163,10 @@ def test_published_charts_come_to_the_frames_read_by_hand() -> None:
     if not folder.is_dir():
         pytest.skip("no real images of D5 here")
     (scene,) = Colmap(folder).scenes()
-    lens, focal = np.array([-0.083, 0, 0, 0]), 4 * 1891.0  # as that copy was undistorted, at the photographs' size
+    lens, focal = (
+        np.array([-0.083, 0, 0, 0]),
+        4 * 1891.0,
+    )  # as that copy was undistorted, at the photographs' size
     K = np.array([[focal, 0, 3680], [0, focal, 2456], [0, 0, 1]])
     for name, stem in (("D5_fig01_LFT_3374.png", "LFT_3374"), ("LFT_3411.png", "LFT_3411")):
         view = scene[name]
@@ -149,7 +175,9 @@ def test_published_charts_come_to_the_frames_read_by_hand() -> None:
         for chart, by_hand in zip(published, view.charts, strict=True):
             rays = cv2.undistortPoints(chart.corners[:, None], K, lens)[:, 0]
             corners = rays * np.diag(view.camera.K)[:2] + view.camera.K[:2, 2]
-            assert np.linalg.norm(corners - by_hand.corners, axis=1).mean() < 4, f"{name}, {chart.name}"
+            assert np.linalg.norm(corners - by_hand.corners, axis=1).mean() < 4, (
+                f"{name}, {chart.name}"
+            )
 
 
 def test_charts_of_d5_are_scaled_to_the_image_and_ones_own_go_first(tmp_path: Path) -> None:
@@ -161,9 +189,13 @@ def test_charts_of_d5_are_scaled_to_the_image_and_ones_own_go_first(tmp_path: Pa
     outward = chart.corners[0] - white
     assert (outward < 0).all()
     assert np.linalg.norm(outward) < 0.08 * np.linalg.norm(chart.corners[1] - chart.corners[0])
-    np.testing.assert_allclose(load(tmp_path, image_scale=0.5).views[0].charts[0].corners, chart.corners / 2)
+    np.testing.assert_allclose(
+        load(tmp_path, image_scale=0.5).views[0].charts[0].corners, chart.corners / 2
+    )
     corners = [[1, 1], [7, 1], [7, 5], [1, 5]]
-    (tmp_path / "charts.json").write_text(json.dumps({"images": {"LFT_9999.png": {"mine": corners}}}))
+    (tmp_path / "charts.json").write_text(
+        json.dumps({"images": {"LFT_9999.png": {"mine": corners}}})
+    )
     first, second = load(tmp_path, image_scale=0.5)
     assert first.charts == ()
     np.testing.assert_array_equal(second.charts[0].corners, np.array(corners) / 2)
@@ -183,7 +215,12 @@ class Raw:
     def __enter__(self) -> Raw:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, fault: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        fault: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
         pass
 
     def postprocess(self, **asked: Any) -> np.ndarray:
@@ -202,8 +239,13 @@ def rawpy(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
         return Raw()
 
     module = ModuleType("rawpy")
-    spaces, demosaics = SimpleNamespace(raw="camera", sRGB="srgb"), SimpleNamespace(LINEAR="bilinear")
-    vars(module).update(imread=imread, LibRawError=LibRawError, ColorSpace=spaces, DemosaicAlgorithm=demosaics)
+    spaces, demosaics = (
+        SimpleNamespace(raw="camera", sRGB="srgb"),
+        SimpleNamespace(LINEAR="bilinear"),
+    )
+    vars(module).update(
+        imread=imread, LibRawError=LibRawError, ColorSpace=spaces, DemosaicAlgorithm=demosaics
+    )
     monkeypatch.setitem(sys.modules, "rawpy", module)
     return module
 
@@ -219,10 +261,18 @@ def write_raw(place: Path) -> Path:
 
 def test_raw_files_come_linear_and_without_white_balance(tmp_path: Path, rawpy: ModuleType) -> None:
     scene = load(write_raw(tmp_path / "3585_3685"))
-    assert (scene.name, scene.views[0].name, scene.views[0].encoding) == ("3585_3685", "T_S01.ARW", "linear")
+    assert (scene.name, scene.views[0].name, scene.views[0].encoding) == (
+        "3585_3685",
+        "T_S01.ARW",
+        "linear",
+    )
     np.testing.assert_array_equal(np.rint(scene.views[0].rgb * 65535), picture16(5))
     assert Raw.asked["user_wb"] == [1, 1, 1, 1]
-    assert (Raw.asked["gamma"], Raw.asked["output_bps"], Raw.asked["output_color"]) == ((1, 1), 16, "camera")
+    assert (Raw.asked["gamma"], Raw.asked["output_bps"], Raw.asked["output_color"]) == (
+        (1, 1),
+        16,
+        "camera",
+    )
     assert (Raw.asked["no_auto_bright"], Raw.asked["adjust_maximum_thr"]) == (True, 0)
     assert scene.views[0].depth[39, 59] == 22
     half: Array = load(tmp_path, image_scale=0.5).views[0].rgb
@@ -233,7 +283,9 @@ def test_raw_files_come_linear_and_without_white_balance(tmp_path: Path, rawpy: 
         _ = load(tmp_path).views[1].rgb
 
 
-def test_without_rawpy_the_message_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_rawpy_the_message_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "rawpy", None)
     with pytest.raises(InputError, match=r"T_S01\.ARW: .*\(pip install rawpy\)"):
         load(write_raw(tmp_path))

@@ -6,7 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.colmap_folder import picture, write_image, write_model
-from support.miniatures import CAMERA, HEIGHT, REEF as NAMES, WIDTH, check_dive, model_pose, one_line, write_reef
+from support.miniatures import (
+    CAMERA,
+    HEIGHT,
+    REEF as NAMES,
+    WIDTH,
+    check_dive,
+    model_pose,
+    one_line,
+    write_reef,
+)
 
 from sucre_bench.datasets.seathru_nerf import SeathruNerf
 from sucre_bench.errors import InputError
@@ -20,7 +29,10 @@ def load(root: Path, **options: object) -> Scene:
 
 def test_a_known_point_is_seen_where_it_is_in_undistorted_views(tmp_path: Path) -> None:
     write_reef(tmp_path / "Panama", units=4.0)
-    check_dive(lambda **options: load(tmp_path, metres_per_unit=4.0, **options), tmp_path / "Panama" / "depths")
+    check_dive(
+        lambda **options: load(tmp_path, metres_per_unit=4.0, **options),
+        tmp_path / "Panama" / "depths",
+    )
     scene = load(tmp_path)
     assert (scene.name, {view.encoding for view in scene}) == ("Panama", {"linear"})
     assert scene.data_id != load(tmp_path, encoding="gamma").data_id
@@ -42,7 +54,11 @@ def test_every_eighth_image_from_the_first_is_the_test(tmp_path: Path) -> None:
     names = [f"{i:02d}.png" for i in range(18)]
     for name in names:
         write_image(tmp_path / "images_wb" / name, picture(0, WIDTH, HEIGHT))
-    write_model(tmp_path / "sparse", [(name, model_pose(np.eye(4)), 1) for name in reversed(names)], [CAMERA])
+    write_model(
+        tmp_path / "sparse",
+        [(name, model_pose(np.eye(4)), 1) for name in reversed(names)],
+        [CAMERA],
+    )
     assert [view.name for view in load(tmp_path, split="test")] == ["00.png", "08.png", "16.png"]
     train = [view.name for view in load(tmp_path, split="train")]
     assert len(train) == 15

@@ -32,23 +32,39 @@ def test_photos_are_views_without_depth_or_camera(tmp_path: Path) -> None:
     root = write_images(tmp_path / "dive", "b.png", "a.tif", ".hidden.png", "sub/c.png")
     (root / "notes.txt").write_text("no image")
     scene = only(Photos(root, encoding="linear"))
-    assert (scene.name, scene.has, [view.name for view in scene]) == ("dive", frozenset(), ["a.tif", "b.png"])
+    assert (scene.name, scene.has, [view.name for view in scene]) == (
+        "dive",
+        frozenset(),
+        ["a.tif", "b.png"],
+    )
     view = scene["b.png"]
     same(view.rgb, 0)
-    assert (view.has_depth, view.camera, view.cam_from_world, view.reference) == (False, None, None, None)
+    assert (view.has_depth, view.camera, view.cam_from_world, view.reference) == (
+        False,
+        None,
+        None,
+        None,
+    )
     assert view.encoding == "linear"
     assert view.valid.all()
     half = only(Photos(root, image_scale=0.5))
     assert half.views[0].rgb.shape == (HEIGHT // 2, WIDTH // 2, 3)
     assert half.data_id != scene.data_id
-    assert [view.name for view in only(Photos(root, subfolders=True))] == ["a.tif", "b.png", "sub/c.png"]
+    assert [view.name for view in only(Photos(root, subfolders=True))] == [
+        "a.tif",
+        "b.png",
+        "sub/c.png",
+    ]
 
 
 def test_photos_have_references_of_the_same_path(tmp_path: Path) -> None:
     write_images(tmp_path, "1.png", "2.jpg", "sub/1.png")
     write_images(tmp_path / "reference", "1.png", "2.png", "sub/1.png", seed=10)
     scene = only(Photos(tmp_path, subfolders=True))
-    assert ([view.name for view in scene], scene.has) == (["1.png", "2.jpg", "sub/1.png"], {"reference"})
+    assert ([view.name for view in scene], scene.has) == (
+        ["1.png", "2.jpg", "sub/1.png"],
+        {"reference"},
+    )
     for view, seed in zip(scene, (10, 11, 12), strict=True):
         same(view.reference, seed)
     (tmp_path / "reference").rename(tmp_path.with_name("truth"))
@@ -73,7 +89,9 @@ def test_photos_have_colour_charts_that_are_measured(tmp_path: Path) -> None:
         (chart,) = view.charts
         np.testing.assert_allclose(chart.corners, TILTED)
         rows = sb.score(sb.Restoration(view.rgb), view, metrics=["psi"])
-        assert rows.loc[rows["region"] == "chart1", "value"].item() < 0.2  # the chart in its own colours
+        assert (
+            rows.loc[rows["region"] == "chart1", "value"].item() < 0.2
+        )  # the chart in its own colours
     half = only(Photos(tmp_path, subfolders=True, image_scale=0.5))
     np.testing.assert_allclose(half.views[0].charts[0].corners, TILTED / 2)
     (tmp_path / "charts.json").rename(tmp_path / "marked.json")
@@ -107,7 +125,11 @@ def test_uieb_pairs_by_name_also_where_archives_unpacked_twice(tmp_path: Path) -
     same(scene["2_img_.png"].rgb, 1)
     same(scene["2_img_.png"].reference, 6)
     hard = only(Uieb(tmp_path / "UIEB", subset="challenging"))
-    assert (hard.name, hard.has, [view.name for view in hard]) == ("challenging", frozenset(), ["9.png"])
+    assert (hard.name, hard.has, [view.name for view in hard]) == (
+        "challenging",
+        frozenset(),
+        ["9.png"],
+    )
 
 
 def test_lsui_has_a_scene_for_each_part(tmp_path: Path) -> None:
@@ -130,7 +152,10 @@ def test_of_lsui_only_the_part_that_has_the_named_set_is_read(tmp_path: Path) ->
     table = tmp_path / "mine.csv"
     table.write_text(set_table("mine", members))
     scene = only(Lsui(tmp_path, split=str(table)))
-    assert (scene.name, scene.data_id) == ("mine", only(Lsui(tmp_path / "train", split=str(table))).data_id)
+    assert (scene.name, scene.data_id) == (
+        "mine",
+        only(Lsui(tmp_path / "train", split=str(table))).data_id,
+    )
     write_images(tmp_path / "u45" / "input", "1.png")  # of another set, without references
     assert only(Lsui(tmp_path, split=str(table))).name == "mine"
     (tmp_path / "train" / "input" / "2.png").unlink()
@@ -142,7 +167,11 @@ def test_u45_is_found_beside_results_of_others(tmp_path: Path) -> None:
     write_images(tmp_path / "upload" / "U45" / "U45", "1.png", "2.png")
     write_images(tmp_path / "upload" / "FGAN", "1.png")
     scene = only(U45(tmp_path))
-    assert (scene.name, scene.has, [view.name for view in scene]) == ("U45", frozenset(), ["1.png", "2.png"])
+    assert (scene.name, scene.has, [view.name for view in scene]) == (
+        "U45",
+        frozenset(),
+        ["1.png", "2.png"],
+    )
     assert only(U45(tmp_path / "upload" / "U45" / "U45")).data_id == scene.data_id
 
 
@@ -156,14 +185,21 @@ def test_u45_is_found_beside_results_of_others(tmp_path: Path) -> None:
         (Uieb, [], {"folder", "raw-890"}),
         (Uieb, ["raw-890/1.png"], {"reference-890", "folder"}),
         (Uieb, ["raw-890/1.png", "reference-890/2.png"], {"reference-890", "name"}),
-        (lambda root: Uieb(root, subset="challenging"), ["raw-890/1.png"], {"folder", "challenging-60"}),
+        (
+            lambda root: Uieb(root, subset="challenging"),
+            ["raw-890/1.png"],
+            {"folder", "challenging-60"},
+        ),
         (Lsui, ["GT/1.png"], {"folder", "input"}),
         (Lsui, ["input/1.png"], {"GT", "folder"}),
         (U45, ["other/1.png"], {"folder", "U45"}),
     ],
 )
 def test_what_is_missing_is_named(
-    tmp_path: Path, make: Callable[[Path], Photos | Uieb | Lsui | U45], there: list[str], named: set[str]
+    tmp_path: Path,
+    make: Callable[[Path], Photos | Uieb | Lsui | U45],
+    there: list[str],
+    named: set[str],
 ) -> None:
     write_images(tmp_path, *there)
     with pytest.raises(InputError) as fault:

@@ -21,8 +21,14 @@ from sucre_bench.errors import InputError
 from sucre_bench.scene import Scene
 
 # As MATLAB writes them: matrices stand transposed, pixels count from 1, rows are points, millimetres.
-LEFT: dict[str, Any] = {"IntrinsicMatrix": [[50.0, 0, 0], [0, 50, 0], [20.5, 15.5, 1]], "ImageSize": [[30.0, 40.0]]}
-RIGHT: dict[str, Any] = {"IntrinsicMatrix": [[60.0, 0, 0], [0, 60, 0], [22.5, 15.5, 1]], "ImageSize": [[30.0, 40.0]]}
+LEFT: dict[str, Any] = {
+    "IntrinsicMatrix": [[50.0, 0, 0], [0, 50, 0], [20.5, 15.5, 1]],
+    "ImageSize": [[30.0, 40.0]],
+}
+RIGHT: dict[str, Any] = {
+    "IntrinsicMatrix": [[60.0, 0, 0], [0, 60, 0], [22.5, 15.5, 1]],
+    "ImageSize": [[30.0, 40.0]],
+}
 ROTATION, TRANSLATION = [[0.96, 0, 0.28], [0, 1, 0], [-0.28, 0, 0.96]], [[-150.0, 20.0, 400.0]]
 STEREO: dict[str, Any] = {
     "CameraParameters1": LEFT | {"WorldUnits": "mm"},
@@ -41,13 +47,18 @@ def picture16(seed: int) -> np.ndarray:
     return np.random.default_rng(seed).integers(0, 65536, (HEIGHT, WIDTH, 3), dtype=np.uint16)
 
 
-def write_site(site: Path, sets: tuple[str, ...] = ("image_set_01",), stereo: object = STEREO) -> Path:
+def write_site(
+    site: Path, sets: tuple[str, ...] = ("image_set_01",), stereo: object = STEREO
+) -> Path:
     """Pairs of images, and distances that are 9 m but at the world point's pixels, and NaN in the first row."""
     for number, name in enumerate(sets):
         (site / name).mkdir(parents=True)
         maps = {}
         for seed, (image, key, pixel, point) in enumerate(
-            [("LFT_4007", "dist_map_l", LEFT_PIXEL, WORLD), ("RGT_4011", "dist_map_r", RIGHT_PIXEL, RIGHT_POINT)]
+            [
+                ("LFT_4007", "dist_map_l", LEFT_PIXEL, WORLD),
+                ("RGT_4011", "dist_map_r", RIGHT_PIXEL, RIGHT_POINT),
+            ]
         ):
             shown = picture16(2 * number + seed)[..., ::-1]
             assert cv2.imwrite(str(site / name / f"{image}resizedUndistort.tif"), shown)
@@ -106,7 +117,10 @@ def test_a_world_point_falls_on_its_mark_at_its_planar_depth_in_both_views(tmp_p
     check_pair(scene)
     assert (scene.name, sorted(scene.has)) == ("Katzaa_image_set_01", ["depth", "poses"])
     left, right = scene
-    assert [left.name, right.name] == ["LFT_4007resizedUndistort.tif", "RGT_4011resizedUndistort.tif"]
+    assert [left.name, right.name] == [
+        "LFT_4007resizedUndistort.tif",
+        "RGT_4011resizedUndistort.tif",
+    ]
     assert left.encoding == "linear"
     np.testing.assert_array_equal(np.rint(right.rgb * 65535), picture16(1))
     ray = np.linalg.norm([(39.5 - 20) / 50, (29.5 - 15) / 50, 1])
@@ -128,12 +142,18 @@ def test_half_size_is_the_same_scene(tmp_path: Path) -> None:
 
 def test_sites_and_sets_are_scenes_and_their_charts_are_read(tmp_path: Path) -> None:
     write_site(tmp_path / "Satil", ("image_set_01", "image_set_02"))
-    shutil.copytree(tmp_path / "Satil", tmp_path / "Katzaa", ignore=shutil.ignore_patterns("image_set_02"))
+    shutil.copytree(
+        tmp_path / "Satil", tmp_path / "Katzaa", ignore=shutil.ignore_patterns("image_set_02")
+    )
     corners = [[4, 4], [16, 4], [16, 12], [4, 12]]
     charts = {"images": {"RGT_4011resizedUndistort.tif": {"near": corners}}}
     (tmp_path / "Satil/image_set_02/charts.json").write_text(json.dumps(charts))
     scenes = list(Squid(tmp_path, image_scale=0.5).scenes())
-    assert [scene.name for scene in scenes] == ["Katzaa_image_set_01", "Satil_image_set_01", "Satil_image_set_02"]
+    assert [scene.name for scene in scenes] == [
+        "Katzaa_image_set_01",
+        "Satil_image_set_01",
+        "Satil_image_set_02",
+    ]
     assert ["charts" in scene.has for scene in scenes] == [False, False, True]
     np.testing.assert_array_equal(scenes[2].views[1].charts[0].corners, np.array(corners) / 2)
     assert len({scene.data_id for scene in scenes}) == 2, "Satil's second set differs"
@@ -148,7 +168,10 @@ def test_charts_that_are_asked_for_must_be_in_one_of_the_sets(tmp_path: Path, gi
     corners = [[4, 4], [16, 4], [16, 12], [4, 12]]
     charts = {"images": {"RGT_4011resizedUndistort.tif": {"near": corners}}}
     (tmp_path / "image_set_02" / "mine.json").write_text(json.dumps(charts))
-    assert ["charts" in scene.has for scene in Squid(tmp_path, charts="mine.json").scenes()] == [False, True]
+    assert ["charts" in scene.has for scene in Squid(tmp_path, charts="mine.json").scenes()] == [
+        False,
+        True,
+    ]
 
 
 @pytest.mark.parametrize("change", ["metres", "upright K", "no size"])
@@ -169,15 +192,23 @@ def test_other_ways_to_write_the_same_calibration(tmp_path: Path, change: str) -
         _ = right.rgb
 
 
-def test_a_calibration_saved_as_an_object_is_read_with_mat_io(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_calibration_saved_as_an_object_is_read_with_mat_io(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_site(tmp_path, stereo=OBJECT)
     monkeypatch.setitem(sys.modules, "matio", None)
     with pytest.raises(InputError, match=r"stereoParams0\.5\.mat: .* mat-io"):
         load(tmp_path)
 
     def made(path: str) -> dict[str, object]:
-        sides = {f"CameraParameters{k}": SimpleNamespace(properties=p) for k, p in ((1, LEFT), (2, RIGHT))}
-        pair = {"RotationOfCamera2": np.array(ROTATION), "TranslationOfCamera2": np.array(TRANSLATION)}
+        sides = {
+            f"CameraParameters{k}": SimpleNamespace(properties=p)
+            for k, p in ((1, LEFT), (2, RIGHT))
+        }
+        pair = {
+            "RotationOfCamera2": np.array(ROTATION),
+            "TranslationOfCamera2": np.array(TRANSLATION),
+        }
         return {"stereoParams": SimpleNamespace(properties=sides | pair)}
 
     module = ModuleType("matio")
@@ -188,7 +219,10 @@ def test_a_calibration_saved_as_an_object_is_read_with_mat_io(tmp_path: Path, mo
 
 def test_what_is_wrong_with_a_calibration_is_named(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
-    write_site(tmp_path, stereo={key: value for key, value in STEREO.items() if key != "TranslationOfCamera2"})
+    write_site(
+        tmp_path,
+        stereo={key: value for key, value in STEREO.items() if key != "TranslationOfCamera2"},
+    )
     path = tmp_path / "stereoParams0.5.mat"
     with pytest.raises(InputError, match=r"stereoParams0\.5\.mat: .*cameras"):
         load(tmp_path)
@@ -217,7 +251,9 @@ def test_what_is_wrong_with_one_view_leaves_the_other_alone(tmp_path: Path) -> N
         _ = left.depth
     assert right.rgb.shape == (HEIGHT, WIDTH, 3)
     assert right.depth.max() > 8
-    (folder / "distanceFromCamera.mat").write_bytes((folder / "distanceFromCamera.mat").read_bytes()[:300])
+    (folder / "distanceFromCamera.mat").write_bytes(
+        (folder / "distanceFromCamera.mat").read_bytes()[:300]
+    )
     with pytest.raises(InputError, match=r"distanceFromCamera\.mat: .*MATLAB"):
         _ = load(tmp_path).views[1].depth
     (folder / "distanceFromCamera.mat").unlink()

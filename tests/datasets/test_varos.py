@@ -69,13 +69,17 @@ def test_a_world_point_falls_on_its_mark_at_its_depth_in_both_views(tmp_path: Pa
     cam = write_dive(tmp_path / "2021-08-17_SEQ1" / "vehicle0" / "cam0")
     scene = load(tmp_path)
     assert scene.name == "2021-08-17_SEQ1_vehicle0_cam0"
-    assert [view.name for view in scene] == [f"seq01_veh0_camM0_A-0000000{frame}.png" for frame in (7, 8)]
+    assert [view.name for view in scene] == [
+        f"seq01_veh0_camM0_A-0000000{frame}.png" for frame in (7, 8)
+    ]
     assert scene.has == {"poses", "depth", "reference"}
     for view, pixel, depth in zip(scene, ((19.0, 12.0), (16.0, 16.5)), (10.0, 4.0), strict=True):
         at, z = seen(view)
         assert at == pytest.approx(pixel)
         assert z == pytest.approx(depth)
-        assert view.depth[int(at[1]), int(at[0])] == pytest.approx(depth, abs=25 / 65535), "the mark is there"
+        assert view.depth[int(at[1]), int(at[0])] == pytest.approx(depth, abs=25 / 65535), (
+            "the mark is there"
+        )
     assert scene.views[0].depth[3, 5] == pytest.approx(20.0, abs=25 / 65535)
     assert scene.views[0].depth[0, 0] == 0, "25 m and more is unknown"
     assert scene.views[0].distance[3, 5] > 20.5
@@ -94,7 +98,9 @@ def test_half_size_halves_the_pixel(tmp_path: Path) -> None:
 
 def test_folders_of_ones_own_are_found_with_the_camera_above_them(tmp_path: Path) -> None:
     write_dive(
-        tmp_path / "cam0", "%YAML:1.0\n---\nfocal_length: 30\nsensor_width: 32\nresolution: [32, 18]\n", sub="train"
+        tmp_path / "cam0",
+        "%YAML:1.0\n---\nfocal_length: 30\nsensor_width: 32\nresolution: [32, 18]\n",
+        sub="train",
     )
     for sub in ("val", "test"):
         write_image(tmp_path / "cam0" / sub / "A" / "frame-00000008.png", picture(1, WIDTH, HEIGHT))
@@ -128,7 +134,8 @@ def test_a_frame_without_a_pose_of_its_time_has_none(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["camM0.yaml", "camM0_timestamps.csv", "camM0_poses/camM0_poses_transformation_matrix.csv"]
+    "name",
+    ["camM0.yaml", "camM0_timestamps.csv", "camM0_poses/camM0_poses_transformation_matrix.csv"],
 )
 def test_a_missing_or_wrong_file_is_named(tmp_path: Path, name: str) -> None:
     cam = write_dive(tmp_path / "cam0")
@@ -164,6 +171,8 @@ def test_a_folder_without_the_layout_says_what_is_expected(tmp_path: Path) -> No
     with pytest.raises(InputError, match=r"nowhere: .* dataset\.root=DIR"):
         list(Varos(tmp_path / "nowhere").scenes())
     cam = write_dive(tmp_path / "cam0")
-    (cam / POSE_FILE).write_text(f"{HEADER}\n700000000,{POSES[7]}\n800000000,0,0,-1,5, 0,1,0,0, 2,0,0,10\n")
+    (cam / POSE_FILE).write_text(
+        f"{HEADER}\n700000000,{POSES[7]}\n800000000,0,0,-1,5, 0,1,0,0, 2,0,0,10\n"
+    )
     with pytest.raises(InputError, match=r"row 3 .*rotation"):
         load(cam)

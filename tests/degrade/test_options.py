@@ -33,7 +33,11 @@ def test_data_are_equal_exactly_where_their_hashes_are():
     ids = [degraded(scene, **one).data_id for one in options]
     assert len(set(ids)) == len(ids)
     assert ids[0] == scene.data_id
-    same = [{"bits": 8, "seed": 3}, {"bits": 8, "depth_hole_px": 4.0}, {"bits": 8, "target": "v4.png", "within": 99}]
+    same = [
+        {"bits": 8, "seed": 3},
+        {"bits": 8, "depth_hole_px": 4.0},
+        {"bits": 8, "target": "v4.png", "within": 99},
+    ]
     assert {degraded(scene, **one).data_id for one in same} == {ids[4]}
     assert degraded(replace(scene, data_id="other"), bits=8).data_id != ids[4]
     assert degraded(replace(scene, data_id=""), bits=8).data_id == ""
@@ -69,17 +73,27 @@ class Diary:
 def run(tmp_path: Path, toys: str):
     (tmp_path / "diary.py").write_text(METHOD)
     plugins.load_file(tmp_path / "diary.py")
-    base = ["dataset=toy", "method=diary", f"method.log={tmp_path / 'log'}", "metrics=[psnr]", "report=false"]
+    base = [
+        "dataset=toy",
+        "method=diary",
+        f"method.log={tmp_path / 'log'}",
+        "metrics=[psnr]",
+        "report=false",
+    ]
 
     def run(*overrides: str) -> tuple[Outcome, list[str]]:
         before = len((tmp_path / "log").read_text().split()) if (tmp_path / "log").exists() else 0
-        outcome = run_jobs([*base, "tracking.uri=off", f"out={tmp_path / 'out'}", *overrides], multirun=True)
+        outcome = run_jobs(
+            [*base, "tracking.uri=off", f"out={tmp_path / 'out'}", *overrides], multirun=True
+        )
         return outcome, (tmp_path / "log").read_text().split()[before:]
 
     return run
 
 
-def test_a_sweep_over_degradations_keeps_them_apart_and_goes_on_where_it_stopped(run, tmp_path: Path):
+def test_a_sweep_over_degradations_keeps_them_apart_and_goes_on_where_it_stopped(
+    run, tmp_path: Path
+):
     swept = ("degrade.bits=2,null", "degrade.within=1")
     first, told = run(*swept)
     assert (first.ok, first.failed) == (6, ())
@@ -88,18 +102,30 @@ def test_a_sweep_over_degradations_keeps_them_apart_and_goes_on_where_it_stopped
     assert sorted(int(line.split(":")[2]) <= 4 for line in told) == [False] * 3 + [True] * 3
     ids = first.rows.groupby("dataset")["data_id"].unique()
     assert set(ids.index) == {"toy,within=1", "toy,within=1,bits=2"}
-    assert all(len(one) == 1 for one in ids)  # one per scene, whichever the target, as comparisons want it
+    assert all(
+        len(one) == 1 for one in ids
+    )  # one per scene, whichever the target, as comparisons want it
     assert len({one[0] for one in ids}) == 2
     assert (tmp_path / "out" / "restored" / "toy,within=1,bits=2" / "diary" / "v1.png").is_file()
-    assert set(json.loads((tmp_path / "out" / "environment.json").read_text())["data"]) == set(ids.index)
+    assert set(json.loads((tmp_path / "out" / "environment.json").read_text())["data"]) == set(
+        ids.index
+    )
     again, told = run(*swept)
     assert (again.cached, told) == (6, [])
     more, told = run("degrade.bits=2,3", "degrade.within=1", "views=[v1.png]")
     assert (more.ok, [line.split(":")[0] for line in told]) == (2, ["v1.png"])
 
 
-def test_a_scene_that_lacks_what_is_to_be_degraded_is_refused_before_any_work(toys: str, tmp_path: Path):
-    base = ["dataset=two_scenes", "method=gain", "metrics=[redness]", f"out={tmp_path}", "tracking.uri=off"]
+def test_a_scene_that_lacks_what_is_to_be_degraded_is_refused_before_any_work(
+    toys: str, tmp_path: Path
+):
+    base = [
+        "dataset=two_scenes",
+        "method=gain",
+        "metrics=[redness]",
+        f"out={tmp_path}",
+        "tracking.uri=off",
+    ]
     for option, lacking in (("depth_holes=0.1", "depth"), ("pose_noise_m=1", "poses")):
         with pytest.raises(preflight.ProblemsError, match=rf"'left' .*{lacking};"):
             run_jobs([*base, f"degrade.{option}"], multirun=False)
@@ -126,7 +152,9 @@ def test_a_scene_that_lacks_what_is_to_be_degraded_is_refused_before_any_work(to
 )
 def test_a_wrong_option_is_said_in_one_line(toys: str, override: str, named: set[str]):
     with refused(*named):
-        compose_jobs.jobs(["dataset=toy", "method=gain", "metrics=[psnr]", f"degrade.{override}"], multirun=False)
+        compose_jobs.jobs(
+            ["dataset=toy", "method=gain", "metrics=[psnr]", f"degrade.{override}"], multirun=False
+        )
 
 
 def test_python_callers_are_told_as_well():
@@ -139,10 +167,18 @@ def test_python_callers_are_told_as_well():
         degraded(scene, within=1, target="v77.png")
     with pytest.raises(InputError, match="beside a Degradation"):
         degraded(scene, Degradation(bits=8), noise=0.1)
-    assert np.array_equal(degraded(scene, Degradation(bits=2))["v1.png"].rgb, degraded(scene, bits=2)["v1.png"].rgb)
+    assert np.array_equal(
+        degraded(scene, Degradation(bits=2))["v1.png"].rgb, degraded(scene, bits=2)["v1.png"].rgb
+    )
 
 
-RANDOM = {"noise": 0.1, "depth_noise": 0.1, "depth_holes": 0.2, "pose_noise_m": 0.1, "pose_noise_deg": 1.0}
+RANDOM = {
+    "noise": 0.1,
+    "depth_noise": 0.1,
+    "depth_holes": 0.2,
+    "pose_noise_m": 0.1,
+    "pose_noise_deg": 1.0,
+}
 
 
 def planes(view: View) -> list[Array]:
@@ -159,18 +195,26 @@ def test_random_numbers_are_a_views_own_whatever_else_there_is():
             assert np.array_equal(one, other)
     whole, again, reseeded = (degraded(scene, seed=seed, **RANDOM) for seed in (0, 0, 1))
     for one, same, other, neighbour in zip(
-        *(planes(v) for v in (whole["v2.png"], again["v2.png"], reseeded["v2.png"], whole["v3.png"])), strict=True
+        *(
+            planes(v)
+            for v in (whole["v2.png"], again["v2.png"], reseeded["v2.png"], whole["v3.png"])
+        ),
+        strict=True,
     ):
         assert np.array_equal(one, same)
         assert not np.array_equal(one, other)
         assert not np.array_equal(one, neighbour)
-    alone = degraded(scene, noise=0.1)["v2.png"]  # one kind of noise does not shift another's numbers
+    alone = degraded(scene, noise=0.1)[
+        "v2.png"
+    ]  # one kind of noise does not shift another's numbers
     assert np.array_equal(alone.rgb, whole["v2.png"].rgb)
 
 
 def test_all_at_once_is_one_after_the_other_in_the_order_of_light():
     scene = of(photo(), np.full((60, 80), 2.0), camera=Camera(np.diag([50.0, 50, 1]), 80, 60))
-    at_once = degraded(scene, jpeg_quality=40, bits=5, noise=0.05, scale=0.5, blur_px=1.5, add_water=NINE)["a.png"]
+    at_once = degraded(
+        scene, jpeg_quality=40, bits=5, noise=0.05, scale=0.5, blur_px=1.5, add_water=NINE
+    )["a.png"]
     for step in (
         {"add_water": NINE}, {"blur_px": 1.5}, {"scale": 0.5}, {"noise": 0.05}, {"bits": 5}, {"jpeg_quality": 40},
     ):  # fmt: skip
@@ -214,7 +258,12 @@ def test_within_and_keep_choose_views_in_capture_order():
 
     assert names(within=2) == ["v2.png", "v3.png", "v4.png", "v5.png", "v6.png"]
     assert names(within=0) == names(keep=1) == ["v4.png"]
-    assert [v.name for v in degraded(scene, target="v1.png", within=2)] == ["v0.png", "v1.png", "v2.png", "v3.png"]
+    assert [v.name for v in degraded(scene, target="v1.png", within=2)] == [
+        "v0.png",
+        "v1.png",
+        "v2.png",
+        "v3.png",
+    ]
     drawn = [names(keep=count) for count in range(1, 10)]
     for count, chosen in enumerate(drawn, start=1):
         assert len(chosen) == count

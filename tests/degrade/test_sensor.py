@@ -39,8 +39,12 @@ def test_jpeg_is_what_a_jpeg_file_gives_back():
     stored = np.rint(photo() * 255).astype(np.uint8)
     _, file = cv2.imencode(".jpg", stored[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 30])
     expected = cv2.imdecode(file, cv2.IMREAD_COLOR)[..., ::-1] / 255
-    np.testing.assert_allclose(degraded(of(photo()), jpeg_quality=30)["a.png"].rgb, expected, atol=1e-6)
-    linear = of(srgb_decode(photo()), encoding="linear")  # the file holds the picture as it is shown
+    np.testing.assert_allclose(
+        degraded(of(photo()), jpeg_quality=30)["a.png"].rgb, expected, atol=1e-6
+    )
+    linear = of(
+        srgb_decode(photo()), encoding="linear"
+    )  # the file holds the picture as it is shown
     view = degraded(linear, jpeg_quality=30)["a.png"]
     assert view.encoding == "linear"
     np.testing.assert_allclose(srgb_encode(view.rgb), expected, atol=1e-5)

@@ -24,7 +24,9 @@ def test_added_water_follows_the_model_at_the_distance_from_the_camera():
     view = made["a.png"]
     z = 2 * np.sqrt(1 + (39.5 / 40) ** 2 + (29.5 / 40) ** 2)
     J, B, beta, gamma = photo()[0, 0], *np.reshape(NINE, (3, 3))
-    np.testing.assert_allclose(view.rgb[0, 0], J * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z)), atol=1e-6)
+    np.testing.assert_allclose(
+        view.rgb[0, 0], J * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z)), atol=1e-6
+    )
     assert np.array_equal(view.reference, photo())
     assert made.has == {"depth", "poses", "reference", "truth"}
     assert np.array_equal(made.water.attenuation, beta)
@@ -34,7 +36,9 @@ def test_a_dry_scene_under_water_is_the_wet_scene():
     camera, pose = make_camera(60, 44, 56), make_pose((0.1, 0, 0))
     dry, wet = (make_view("a.png", camera, pose, water) for water in (None, WATER))
     scene = Scene("made", [dry], frozenset({"depth"}))
-    np.testing.assert_allclose(degraded(scene, add_water=WATER)["a.png"].rgb, wet.rgb, atol=1.01 / 255)
+    np.testing.assert_allclose(
+        degraded(scene, add_water=WATER)["a.png"].rgb, wet.rgb, atol=1.01 / 255
+    )
 
 
 def test_water_goes_over_the_reference_where_the_scene_has_some():
@@ -63,7 +67,10 @@ def test_water_is_given_as_numbers_or_a_file_or_itself(tmp_path: Path):
     file = tmp_path / "bay.json"
     B, beta, gamma = np.reshape(NINE, (3, 3))
     file.write_text(json.dumps({"B": list(B), "beta": list(beta), "gamma": list(gamma), "else": 1}))
-    given = [Degradation(add_water=w) for w in (list(NINE), str(file), file, Water(B, beta, gamma), np.array(NINE))]
+    given = [
+        Degradation(add_water=w)
+        for w in (list(NINE), str(file), file, Water(B, beta, gamma), np.array(NINE))
+    ]
     assert len({d.data_id("x") for d in given}) == 1
     assert given[0].labelled("air") == "air,add_water=0.1_0.2_0.3_0.4_0.2_0.1_0.3_0.2_0.15"
     assert given[1].labelled("air").startswith("air,add_water=bay-")
@@ -83,7 +90,10 @@ def test_water_is_given_as_numbers_or_a_file_or_itself(tmp_path: Path):
         ("[1]", {"B", "beta", "gamma"}),
         ('{"B": [1, 1, 1], "beta": [1, 1, 1]}', {"values", "B", "[0, 1]", "beta", "gamma"}),
         ('{"B": 1, "beta": [1, 1, 1], "gamma": [1, 1, 1]}', {"B", "three"}),
-        ('{"B": [1, 1, 1], "beta": [1, 1, null], "gamma": [1, 1, 1]}', {"values", "B", "[0, 1]", "beta"}),
+        (
+            '{"B": [1, 1, 1], "beta": [1, 1, null], "gamma": [1, 1, 1]}',
+            {"values", "B", "[0, 1]", "beta"},
+        ),
     ],
 )
 def test_a_water_file_that_is_none_is_named(tmp_path: Path, content: str, named: set[str]):
@@ -93,7 +103,13 @@ def test_a_water_file_that_is_none_is_named(tmp_path: Path, content: str, named:
 
 
 def test_a_water_that_a_run_left_is_added_again_to_intensities_that_it_explains(tmp_path: Path):
-    told = {"B": [0.1, 0.2, 0.3], "beta": [0.4, 0.2, 0.1], "gamma": [0.3, 0.2, 0.1], "encoding": "gamma", "cost": [1]}
+    told = {
+        "B": [0.1, 0.2, 0.3],
+        "beta": [0.4, 0.2, 0.1],
+        "gamma": [0.3, 0.2, 0.1],
+        "encoding": "gamma",
+        "cost": [1],
+    }
     (tmp_path / "w.json").write_text(json.dumps(told))
     scene = degraded(many(), add_water=tmp_path / "w.json")
     numbers = [*told["B"], *told["beta"], *told["gamma"]]
@@ -138,7 +154,11 @@ def test_pose_noise_moves_the_centre_and_turns_the_camera_by_what_is_asked():
     moved, turned = degraded(scene, pose_noise_m=0.05), degraded(scene, pose_noise_deg=2.0)
     shifts, turns = [], []
     for view in scene:
-        at, before, after = view.cam_from_world, moved[view.name].cam_from_world, turned[view.name].cam_from_world
+        at, before, after = (
+            view.cam_from_world,
+            moved[view.name].cam_from_world,
+            turned[view.name].cam_from_world,
+        )
         shifts.append(np.linalg.inv(before)[:3, 3] - np.linalg.inv(at)[:3, 3])
         np.testing.assert_allclose(before[:3, :3], at[:3, :3], atol=1e-12)
         turns.append(Rotation.from_matrix(after[:3, :3] @ at[:3, :3].T).as_rotvec(degrees=True))

@@ -49,7 +49,11 @@ def mentioned() -> list[str]:
 def check_options(words: list[str]) -> None:
     """Of a command other than run."""
     command = commands_by_name()[words[0]]
-    known = {"-h", "--help", *(option for p in command.params for option in (*p.opts, *p.secondary_opts))}
+    known = {
+        "-h",
+        "--help",
+        *(option for p in command.params for option in (*p.opts, *p.secondary_opts)),
+    }
     assert {word.split("=")[0] for word in words[1:] if word.startswith("--")} <= known
 
 
@@ -65,7 +69,10 @@ def with_one_method(words: list[str], composed: set[str]) -> list[str]:
     composed: the experiments of the commands before; this one is added. What words name of a method stays.
     """
     (experiment,) = [word for word in words if word.startswith("experiment=")] or ("",)
-    general = all(re.match(r"(experiment|dataset|every|out|views|degrade)[.=]|-m$|run$", word) for word in words)
+    general = all(
+        re.match(r"(experiment|dataset|every|out|views|degrade)[.=]|-m$|run$", word)
+        for word in words
+    )
     if experiment in composed and general:
         return [*words, "method=gray_world"]
     composed.update({experiment} - {""})
@@ -78,8 +85,14 @@ def documented() -> list[list[str]]:
     composed: set[str] = set()
     for line in commands():
         words = shlex.split(re.split(r"  #| \| ", line)[0])[1:]
-        sweep = ("-m",) * (not any("experiment=" in word or word.endswith(".yaml") for word in words) and "-m" in words)
-        alike = (*(ROOT_KEY.sub("dataset.root=", word) for word in words if not FREE.match(word)), *sweep)
+        sweep = ("-m",) * (
+            not any("experiment=" in word or word.endswith(".yaml") for word in words)
+            and "-m" in words
+        )
+        alike = (
+            *(ROOT_KEY.sub("dataset.root=", word) for word in words if not FREE.match(word)),
+            *sweep,
+        )
         if not any(plugin in line for plugin in PLUGINS_OF_EXAMPLES):
             found.setdefault(alike if words[0] == "run" else line, [few(word) for word in words])
     return [with_one_method(words, composed) for words in sorted(found.values(), key=len)]
@@ -140,12 +153,18 @@ def test_every_page_is_in_the_sites_navigation():
         assert f" {page.name}\n" in nav, page.name
 
 
-METRIC_PAGES = "".join((ROOT / "docs" / page).read_text(encoding="utf-8") for page in ("metrics.md", "formulas.md"))
+METRIC_PAGES = "".join(
+    (ROOT / "docs" / page).read_text(encoding="utf-8") for page in ("metrics.md", "formulas.md")
+)
 
 
 def built_in(kind: Any) -> dict[str, Plugin]:
     found = plugins.discover(kind)
-    return {n: p for n, p in found.items() if isinstance(p, Plugin) and p.cls.__module__.startswith("sucre_bench.")}
+    return {
+        n: p
+        for n, p in found.items()
+        if isinstance(p, Plugin) and p.cls.__module__.startswith("sucre_bench.")
+    }
 
 
 def test_every_metric_and_variant_is_explained():
@@ -172,16 +191,23 @@ def test_contributing_names_files_that_are_there():
     places = {place for place in re.findall(r"`([\w./-]+)`", text) if place.endswith(("/", ".py"))}
     assert places
     roots = (ROOT, ROOT / "sucre_bench")
-    assert not sorted(place for place in places if not any((root / place).exists() for root in roots))
+    assert not sorted(
+        place for place in places if not any((root / place).exists() for root in roots)
+    )
 
 
 def test_contributing_has_the_floors_of_the_import_contract():
     """Each floor's rooms, bottom up: those of pyproject.toml's layers, top down."""
-    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
-        "contracts"
-    ]
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"][
+        "importlinter"
+    ]["contracts"]
     layers = next(contract["layers"] for contract in contracts if contract["type"] == "layers")
-    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("\n## The rooms")[1].split("\n## ")[0]
+    text = (
+        (ROOT / "CONTRIBUTING.md")
+        .read_text(encoding="utf-8")
+        .split("\n## The rooms")[1]
+        .split("\n## ")[0]
+    )
     floors: list[set[str]] = []
     for floor, rooms in re.findall(r"^\| (\d*) ?\| ([^|]+) \|", text, flags=re.MULTILINE):
         floors += [set()] if floor else []
@@ -189,7 +215,9 @@ def test_contributing_has_the_floors_of_the_import_contract():
     assert floors == [set(re.split(r" [|:] ", layer)) for layer in reversed(layers)]
 
 
-def test_the_readmes_commands_run_as_they_stand(bench: Callable[..., Any], tmp_path: Path, small_demo: list[str]):
+def test_the_readmes_commands_run_as_they_stand(
+    bench: Callable[..., Any], tmp_path: Path, small_demo: list[str]
+):
     """All but `restore`, which other tests run; scores are of pictures that `run` made."""
     lines = [line for code in blocks(ROOT / "README.md", "sh") for line in code.splitlines()]
     lines = [line for line in lines if line.startswith("sucre-bench ")]
@@ -206,22 +234,38 @@ def test_the_readmes_commands_run_as_they_stand(bench: Callable[..., Any], tmp_p
 
 def test_the_readmes_table_has_the_demos_methods_and_its_bold_means_are_the_best():
     lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
-    start = next(n for n, line in enumerate(lines) if line.startswith("| method |") and "PSNR" in line)
-    table = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[start:] if line.startswith("| ")][
-        :9
-    ]
+    start = next(
+        n for n, line in enumerate(lines) if line.startswith("| method |") and "PSNR" in line
+    )
+    table = [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in lines[start:]
+        if line.startswith("| ")
+    ][:9]
     (_, *heads), _, (_, *_), *competitors = table
     rows = {row[0].split("`")[1]: row[1:] for row in table[2:]}
-    assert set(rows) == {job.method.label for job in config.jobs(["experiment=demo"], multirun=True).jobs}
+    assert set(rows) == {
+        job.method.label for job in config.jobs(["experiment=demo"], multirun=True).jobs
+    }
     for column, head in enumerate(heads):
-        numbers = {name: [float(n) for n in re.findall(r"\d+(?:\.\d+)?", row[column])] for name, row in rows.items()}
+        numbers = {
+            name: [float(n) for n in re.findall(r"\d+(?:\.\d+)?", row[column])]
+            for name, row in rows.items()
+        }
         assert all(low <= mean <= high for mean, low, high in numbers.values())
-        best = (max if "↑" in head else min)(numbers, key=lambda name, numbers=numbers: numbers[name][0])
+        best = (max if "↑" in head else min)(
+            numbers, key=lambda name, numbers=numbers: numbers[name][0]
+        )
         assert [row[0].split("`")[1] for row in competitors if "**" in row[column + 1]] == [best]
 
 
 BUNDLES = sorted((ROOT / "docs" / "board" / "bundles").glob("*.zip"))
-COLUMNS = [("colours", "raw"), ("colours_de00", "gain"), ("psnr", "masked"), ("psi", "colour")]  # of README's table
+COLUMNS = [
+    ("colours", "raw"),
+    ("colours_de00", "gain"),
+    ("psnr", "masked"),
+    ("psi", "colour"),
+]  # of README's table
 
 
 @pytest.mark.parametrize("bundle", BUNDLES, ids=lambda path: path.stem)
@@ -233,14 +277,21 @@ def test_a_bundle_is_whole_and_small(bench, bundle):
 
 
 def test_the_readmes_table_has_the_numbers_of_the_demos_bundle(bench):
-    records = json.loads(bench("compare", str(ROOT / "docs/board/bundles/demo.zip"), "--json").stdout)
-    public = {(r["method"], r["metric"], r["variant"]): (r["mean"], r["low"], r["high"]) for r in records}
+    records = json.loads(
+        bench("compare", str(ROOT / "docs/board/bundles/demo.zip"), "--json").stdout
+    )
+    public = {
+        (r["method"], r["metric"], r["variant"]): (r["mean"], r["low"], r["high"]) for r in records
+    }
     text = (ROOT / "README.md").read_text(encoding="utf-8").split("| method | colours")[1]
     rows = [line.split("|")[1:-1] for line in text.splitlines() if line.startswith("| `")][:7]
     for name, *cells in rows:
         for column, cell in zip(COLUMNS, cells, strict=True):
             shown = [float(number) for number in re.findall(r"\d+(?:\.\d+)?", cell)]
-            assert shown == pytest.approx(public[name.split("`")[1], *column], rel=0.02, abs=0.3), (name, column)
+            assert shown == pytest.approx(public[name.split("`")[1], *column], rel=0.02, abs=0.3), (
+                name,
+                column,
+            )
 
 
 def documented_keys(command: str) -> set[str]:

@@ -29,8 +29,15 @@ def installed(copied: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(target)
 
 
-def test_all_that_it_brings_is_run_together_with_what_is_built_in(program: Bench, installed: str, tmp_path: Path):
-    job = ["dataset=ramp", "method=underwater,white_patch", "metrics=[psnr,colourfulness]", "out=results"]
+def test_all_that_it_brings_is_run_together_with_what_is_built_in(
+    program: Bench, installed: str, tmp_path: Path
+):
+    job = [
+        "dataset=ramp",
+        "method=underwater,white_patch",
+        "metrics=[psnr,colourfulness]",
+        "out=results",
+    ]
     done = program("run", "-m", *job, "tracking.uri=off", "report=false", PYTHONPATH=installed)
     assert done.returncode == 0, done.stderr
     assert "8 ok, 0 failed, 0 skipped" in done.stdout

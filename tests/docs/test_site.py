@@ -15,7 +15,16 @@ from support.places import ROOT
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+    command = [
+        sys.executable,
+        "-m",
+        "mkdocs",
+        "build",
+        "--strict",
+        "--quiet",
+        "--site-dir",
+        str(folder),
+    ]
     quiet = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, env=quiet)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -34,7 +43,9 @@ class Loaded(HTMLParser):
         if tag == "link" and given.get("rel") not in ("canonical", "next", "prev"):
             self.addresses.append(given.get("href") or "")
         elif tag != "a":
-            self.addresses += [given[name] or "" for name in ("src", "srcset", "data") if name in given]
+            self.addresses += [
+                given[name] or "" for name in ("src", "srcset", "data") if name in given
+            ]
 
 
 def test_no_page_asks_for_anything_from_elsewhere_and_nothing_is_missing(site: Path):
@@ -44,9 +55,13 @@ def test_no_page_asks_for_anything_from_elsewhere_and_nothing_is_missing(site: P
         for address in (one for one in loaded.addresses if not one.startswith("data:")):
             assert not re.match(r"(https?:)?//", address), f"{page.name}: {address}"
             # The page that says "not found" is served from any address, and so takes its own from the root.
-            assert page.name == "404.html" or (page.parent / address.split("?")[0]).exists(), f"{page.name}: {address}"
+            assert page.name == "404.html" or (page.parent / address.split("?")[0]).exists(), (
+                f"{page.name}: {address}"
+            )
     for style in site.rglob("*.css"):
-        assert not re.search(r"(url\(|@import)\s*[\"']?(https?:)?//", style.read_text(encoding="utf-8")), style
+        assert not re.search(
+            r"(url\(|@import)\s*[\"']?(https?:)?//", style.read_text(encoding="utf-8")
+        ), style
 
 
 def test_every_formula_is_written_for_the_browser(site: Path):
@@ -75,7 +90,9 @@ def test_the_reference_has_what_the_package_offers(site: Path):
 def test_it_is_searched_from_disk(chrome: Browser, site: Path):
     chrome.open((site / "index.html").as_uri())
     chrome.click(".md-search__input")
-    chrome.until("document.querySelector('.md-search-result__meta').textContent.trim() === 'Type to start searching'")
+    chrome.until(
+        "document.querySelector('.md-search-result__meta').textContent.trim() === 'Type to start searching'"
+    )
     chrome.write("variable projectio")
     chrome.press("n")  # the search listens to keys
     found = "[...document.querySelectorAll('.md-search-result__item a')].map(link => link.href)"

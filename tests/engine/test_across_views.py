@@ -31,7 +31,10 @@ def scores(rows: pd.DataFrame) -> pd.DataFrame:
 def test_a_views_score_is_the_mean_over_its_pairs_of_stored_pictures(out: Path):
     rows = scores(apart(out).rows)
     assert set(rows["status"]) == {"ok"}
-    pictures = [decode(out / "restored" / "toy" / "gain" / f"v{n}.png", 1)[..., ::-1] / 255 for n in range(3)]
+    pictures = [
+        decode(out / "restored" / "toy" / "gain" / f"v{n}.png", 1)[..., ::-1] / 255
+        for n in range(3)
+    ]
     # All toy views have one camera, so that patches are blocks of 8 x 8 pixels: 5 x 7 of them are whole.
     patches = [p[:, :56].reshape(5, 8, 7, 8, 3).mean(axis=(1, 3)) for p in pictures]
     between = {(i, j): np.abs(patches[i] - patches[j]).mean() for i in range(3) for j in range(3)}
@@ -88,7 +91,9 @@ def test_what_was_computed_is_scored_where_it_is_stored(out: Path):
     rows = apart(out, *words).rows
     assert set(rows[rows["variant"] == "computed"]["reason"]) == {"not stored"}
     stored = apart(out, *words, "save=full").rows
-    both = stored[stored["metric"] == "apart"].pivot(index="view", columns="variant", values="value")
+    both = stored[stored["metric"] == "apart"].pivot(
+        index="view", columns="variant", values="value"
+    )
     assert both["computed"].to_numpy() == pytest.approx(both["shown"].to_numpy(), rel=1e-2)
 
 
@@ -134,7 +139,9 @@ def test_a_fault_of_a_metric_is_a_row_and_other_metrics_go_on(out: Path):
 def test_single_pictures_are_skipped_with_the_reason(bench, tmp_path: Path, out: Path, toys: str):
     apart(out)
     pictures = out / "restored" / "toy" / "gain"
-    done = bench("score", str(pictures), "--metrics", "apart,uciqe", "--plugin", toys, "--csv", "scores.csv")
+    done = bench(
+        "score", str(pictures), "--metrics", "apart,uciqe", "--plugin", toys, "--csv", "scores.csv"
+    )
     assert done.returncode == 1, "a metric that was asked for gives nothing"
     rows = pd.read_csv(next(tmp_path.rglob("scores.csv")))
     assert set(rows.loc[rows["metric"] == "apart", "status"]) == {"skipped"}

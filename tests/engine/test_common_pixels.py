@@ -63,7 +63,9 @@ def test_equal_restorations_tie_on_common_pixels_whatever_their_holes(both: Path
     stored = pd.read_parquet(both / "scores.parquet")
     is_own = ~stored["variant"].str.endswith("@common")
     psnrs = stored[(stored["metric"] == "psnr") & (stored["method"] == "gain") & is_own]["value"]
-    np.testing.assert_allclose(psnrs, psnr(slice(None)), atol=1e-3)  # a row a score, on all its pixels
+    np.testing.assert_allclose(
+        psnrs, psnr(slice(None)), atol=1e-3
+    )  # a row a score, on all its pixels
 
 
 def test_nothing_is_kept_or_computed_where_all_pixels_are_filled(tmp_path: Path, toys: str):
@@ -93,7 +95,9 @@ def test_a_method_that_comes_later_changes_the_common_pixels_of_all(tmp_path: Pa
     pd.testing.assert_frame_equal(scores(later, "common"), scores(tmp_path / "once", "common"))
 
 
-def test_the_same_command_again_scores_nothing_and_goes_on_where_it_was_stopped(tmp_path: Path, toys: str):
+def test_the_same_command_again_scores_nothing_and_goes_on_where_it_was_stopped(
+    tmp_path: Path, toys: str
+):
     sweep(tmp_path, "gain,left_half", "first=1")
     before = read_common(tmp_path)
     sweep(tmp_path, "gain,left_half")
@@ -118,7 +122,9 @@ def test_shards_give_the_same(tmp_path: Path, both: Path):
     pd.testing.assert_frame_equal(scores(both, "common"), scores(tmp_path / "shards", "common"))
 
 
-def test_a_method_that_fails_or_fills_next_to_nothing_leaves_the_others_their_pixels(tmp_path: Path, toys: str):
+def test_a_method_that_fails_or_fills_next_to_nothing_leaves_the_others_their_pixels(
+    tmp_path: Path, toys: str
+):
     sweep(tmp_path, "gain,left_half,faulty")
     assert scores(tmp_path, "common").loc["v1.png"].isna().to_dict() == {
         "gain": False,
@@ -137,7 +143,9 @@ def test_a_method_with_holes_on_older_data_takes_no_part(both: Path):
     np.testing.assert_allclose(scores(both, "common")["gain2"], psnr(slice(0, 60)), rtol=1e-3)
 
 
-def test_methods_that_share_no_pixel_have_no_score_and_this_is_said(tmp_path: Path, toys: str, bench):
+def test_methods_that_share_no_pixel_have_no_score_and_this_is_said(
+    tmp_path: Path, toys: str, bench
+):
     sweep(tmp_path, "left_half,right_half")
     assert scores(tmp_path, "common").isna().all(axis=None)
     done = bench("compare", str(tmp_path))
@@ -156,7 +164,9 @@ def rewrite(picture: Path) -> None:
 
 
 def test_a_damaged_mask_or_picture_is_named_and_other_views_go_on(tmp_path: Path, toys: str, bench):
-    run(tmp_path, "method=left_half", "method.gain=0")  # all black: the picture does not show the holes
+    run(
+        tmp_path, "method=left_half", "method.gain=0"
+    )  # all black: the picture does not show the holes
     pictures = tmp_path / "restored" / "toy" / "left_half"
     rewrite(pictures / "v0.png")
     (pictures / "v1.png").write_bytes((pictures / "v1.png").read_bytes()[:40])
@@ -180,7 +190,9 @@ def test_a_mask_that_is_gone_is_read_off_a_picture_without_black(tmp_path: Path,
 # -- what cannot be scored again ---------------------------------------------------------------------------
 
 
-def test_the_computed_image_is_scored_on_common_pixels_only_where_it_is_stored(tmp_path: Path, toys: str):
+def test_the_computed_image_is_scored_on_common_pixels_only_where_it_is_stored(
+    tmp_path: Path, toys: str
+):
     raw = ["metrics.psnr.variants=[raw]"]
     (scene,) = Toy().scenes()
     expected = [
@@ -189,7 +201,9 @@ def test_the_computed_image_is_scored_on_common_pixels_only_where_it_is_stored(t
         if view.reference is not None
     ]
     sweep(tmp_path / "display", "gain,left_half", *raw)
-    pd.testing.assert_frame_equal(scores(tmp_path / "display", "common"), scores(tmp_path / "display", "own"))
+    pd.testing.assert_frame_equal(
+        scores(tmp_path / "display", "common"), scores(tmp_path / "display", "own")
+    )
     sweep(tmp_path / "full", "gain,left_half", *raw, "save=full")
     np.testing.assert_allclose(scores(tmp_path / "full", "common")["gain"], expected, rtol=1e-6)
 
@@ -200,21 +214,29 @@ def compared(bench, *words: str) -> dict[str, dict]:
     return {record["method"]: record for record in told if record["metric"] == "psnr"}
 
 
-def test_folders_with_a_method_each_are_compared_on_common_pixels_as_one_folder_is(tmp_path: Path, toys: str, bench):
+def test_folders_with_a_method_each_are_compared_on_common_pixels_as_one_folder_is(
+    tmp_path: Path, toys: str, bench
+):
     one, two, both = (str(tmp_path / name) for name in ("one", "two", "both"))
     run(tmp_path / "one", "method=gain", f"plugins=[{toys}]")
     run(tmp_path / "two", "method=left_half", f"plugins=[{toys}]")
     sweep(tmp_path / "both", "gain,left_half", f"plugins=[{toys}]")
-    apart, together = (compared(bench, *folders, "--plugin", toys) for folders in ((one, two), (both,)))
+    apart, together = (
+        compared(bench, *folders, "--plugin", toys) for folders in ((one, two), (both,))
+    )
     assert {record["pixels"] for record in apart.values()} == {"common"}
     assert {name: record["mean"] for name, record in apart.items()} == {
         name: record["mean"] for name, record in together.items()
     }
     assert not len(read_common(tmp_path / "one"))
-    assert {record["pixels"] for record in compared(bench, one, two, "--pixels", "own").values()} == {"own"}
+    assert {
+        record["pixels"] for record in compared(bench, one, two, "--pixels", "own").values()
+    } == {"own"}
 
 
-def test_folders_whose_data_are_not_known_are_compared_on_own_pixels_with_the_reason(tmp_path: Path, toys: str, bench):
+def test_folders_whose_data_are_not_known_are_compared_on_own_pixels_with_the_reason(
+    tmp_path: Path, toys: str, bench
+):
     run(tmp_path / "one", "method=gain", f"plugins=[{toys}]")
     run(tmp_path / "two", "method=left_half", f"plugins=[{toys}]")
     places = (str(tmp_path / "one"), str(tmp_path / "two"))
@@ -228,13 +250,19 @@ def test_folders_whose_data_are_not_known_are_compared_on_own_pixels_with_the_re
 
 
 def test_tables_say_which_pixels_were_used_and_how_much_each_method_fills(both: Path, bench):
-    for pixels, words in (("common", "that all methods fill: 50.0 %"), ("own", "each method's own pixels")):
+    for pixels, words in (
+        ("common", "that all methods fill: 50.0 %"),
+        ("own", "each method's own pixels"),
+    ):
         said = bench("compare", str(both), "--metric", "psnr", "--pixels", pixels).stdout
         assert words in said
         assert "filled" in said
         told = json.loads(bench("compare", str(both), "--pixels", pixels, "--json").stdout)
         psnrs = {record["method"]: record for record in told if record["metric"] == "psnr"}
-        assert {name: record["filled"] for name, record in psnrs.items()} == {"gain": 1, "left_half": 0.5}
+        assert {name: record["filled"] for name, record in psnrs.items()} == {
+            "gain": 1,
+            "left_half": 0.5,
+        }
         assert {record["pixels"] for record in psnrs.values()} == {pixels}
     assert {record["pixels"] for record in compared(bench, str(both)).values()} == {"common"}
 

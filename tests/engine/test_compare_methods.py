@@ -52,7 +52,9 @@ def test_tables_and_pictures_are_of_every_view_and_method(scene: sb.Scene):
     assert psnr.xs(("a.png", "as it is"), level=("view", "method")).iloc[0] == pytest.approx(
         -10 * np.log10(np.mean((scene[0].rgb - scene[0].reference) ** 2)), abs=1e-3
     )
-    assert set(compared.pictures) == {(v, m) for v in ("a.png", "b.png") for m in methods} | {("c.png", "as it is")}
+    assert set(compared.pictures) == {(v, m) for v in ("a.png", "b.png") for m in methods} | {
+        ("c.png", "as it is")
+    }
     assert np.abs(compared.pictures["a.png", "full"] / 255 - scene[0].reference).max() < 0.003
     failed = compared.rows[compared.rows["status"] == "failed"]
     assert set(failed["view"]) == {"c.png"}
@@ -60,13 +62,17 @@ def test_tables_and_pictures_are_of_every_view_and_method(scene: sb.Scene):
 
 
 def test_it_prints_a_table_and_plots_before_and_after(scene: sb.Scene):
-    compared = sb.compare_methods(scene, ["underwater", Brighten()], metrics=["psnr"], views=["b.png", 0])
+    compared = sb.compare_methods(
+        scene, ["underwater", Brighten()], metrics=["psnr"], views=["b.png", 0]
+    )
     assert "brighten" in str(compared)
     assert "peak_mb" not in str(compared)
     assert set(compared.rows["view"]) == {"a.png", "b.png"}
     picture = compared.plot("b.png", height=120)
     assert picture.size == (4 * 160 + 3 * 4, 120)
-    panels = [np.asarray(picture)[60:, n * 164 : n * 164 + 160] / 255 for n in range(4)]  # below the captions
+    panels = [
+        np.asarray(picture)[60:, n * 164 : n * 164 + 160] / 255 for n in range(4)
+    ]  # below the captions
     means = [panel.mean() for panel in panels]  # photograph, underwater, brighten, reference
     assert means[0] == pytest.approx(means[1], abs=0.01)
     assert means[2] == pytest.approx(means[3], abs=0.01)
@@ -79,7 +85,9 @@ def test_methods_that_fill_different_pixels_are_compared_on_those_that_all_fill(
     (column,) = (column for column in compared.comparison.columns if column.metric == "psnr")
     left = np.floor(compared.pictures["a.png", "whole"][:, :16]) / 255 - scene[0].reference[:, :16]
     assert column.pixels == "common"
-    assert compared.comparison.cells["whole", column].mean == pytest.approx(-10 * np.log10(np.mean(left**2)), rel=1e-5)
+    assert compared.comparison.cells["whole", column].mean == pytest.approx(
+        -10 * np.log10(np.mean(left**2)), rel=1e-5
+    )
     by_itself = sb.compare_methods(scene, methods, ["psnr"], views=[0], pixels="own").comparison
     assert {column.pixels for column in by_itself.columns} == {"own"}
 
@@ -102,7 +110,12 @@ def test_what_a_scene_lacks_is_a_skipped_row(scene: sb.Scene):
 
 @pytest.mark.parametrize(
     ("methods", "named"),
-    [(["sucer"], "sucre"), ("sucre", "list"), (["underwater", "underwater"], "underwater"), ({"a": {"nme": "x"}}, "a")],
+    [
+        (["sucer"], "sucre"),
+        ("sucre", "list"),
+        (["underwater", "underwater"], "underwater"),
+        ({"a": {"nme": "x"}}, "a"),
+    ],
 )
 def test_a_mistake_is_said_before_any_work(scene: sb.Scene, methods: object, named: str):
     with pytest.raises(sb.InputError, match=named):

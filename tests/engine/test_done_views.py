@@ -12,13 +12,30 @@ from sucre_bench.engine.hydra_run import run_words as run
 from sucre_bench.engine.run import Outcome
 
 
-def test_the_same_command_twice_gives_the_same_table_but_for_times(tmp_path: Path, small_demo: list[str]):
+def test_the_same_command_twice_gives_the_same_table_but_for_times(
+    tmp_path: Path, small_demo: list[str]
+):
     """Those that the contract's test does not run in another process, and one that works on threads."""
-    command = ["run", "-m", *small_demo, "first=1", "metrics=[psnr,uciqe]", "tracking.uri=off", "report=false"]
-    command += ["degrade.noise=0.01", "sucre_paper.steps=20", "workers=0"]  # each worker would import torch
+    command = [
+        "run",
+        "-m",
+        *small_demo,
+        "first=1",
+        "metrics=[psnr,uciqe]",
+        "tracking.uri=off",
+        "report=false",
+    ]
+    command += [
+        "degrade.noise=0.01",
+        "sucre_paper.steps=20",
+        "workers=0",
+    ]  # each worker would import torch
     command += ["method=ibla,sucre_paper,sucre_plus"]
     tables = []
-    here, there = run_here(tmp_path, *command, "out=here"), Started(tmp_path, *command, "out=there").ended()
+    here, there = (
+        run_here(tmp_path, *command, "out=here"),
+        Started(tmp_path, *command, "out=there").ended(),
+    )
     for out, done in (("here", here), ("there", there)):
         assert done.returncode == 0, done.stdout + done.stderr
         tables.append(but_times(results.read(tmp_path / out)))
@@ -29,7 +46,13 @@ def test_the_same_command_twice_gives_the_same_table_but_for_times(tmp_path: Pat
 
 
 def toy(out: Path, *overrides: str) -> Outcome:
-    base = ["dataset=toy", "dataset.views=7", "dataset.label=toy", "method=gain", "metrics=[psnr,redness]"]
+    base = [
+        "dataset=toy",
+        "dataset.views=7",
+        "dataset.label=toy",
+        "method=gain",
+        "metrics=[psnr,redness]",
+    ]
     return run([*base, "tracking.uri=off", f"out={out}", *overrides], True)
 
 
@@ -42,7 +65,10 @@ def test_shards_together_are_the_whole(tmp_path: Path, toys: str):
 
 def test_a_shard_has_neighbours_and_every_view_is_in_one(tmp_path: Path, toys: str):
     views = [
-        list(dict.fromkeys(toy(tmp_path / str(n), "shard.count=3", f"shard.index={n}").rows["view"])) for n in range(3)
+        list(
+            dict.fromkeys(toy(tmp_path / str(n), "shard.count=3", f"shard.index={n}").rows["view"])
+        )
+        for n in range(3)
     ]
     assert views == [["v0.png", "v1.png"], ["v2.png", "v3.png"], ["v4.png", "v5.png", "v6.png"]]
 
@@ -68,9 +94,17 @@ def test_data_of_a_replicate_are_the_same_for_every_method(tmp_path: Path, toys:
     assert (values["gain"] == values["gain2"]).all()
 
 
-def test_variants_of_one_sweep_use_the_same_pairs_and_say_what_they_cost(tmp_path: Path, small_demo: list[str]):
+def test_variants_of_one_sweep_use_the_same_pairs_and_say_what_they_cost(
+    tmp_path: Path, small_demo: list[str]
+):
     """Paired once, on the disk while the sweep runs; each is told to have taken the time of pairing."""
-    words = ["method=sucre,sucre_paper", "metrics=[coverage]", "first=1", "tracking.uri=off", f"out={tmp_path}"]
+    words = [
+        "method=sucre,sucre_paper",
+        "metrics=[coverage]",
+        "first=1",
+        "tracking.uri=off",
+        f"out={tmp_path}",
+    ]
     outcome = run([*small_demo, *words], True)
     assert outcome.ok == 2
     told = [json.loads(path.read_text()) for path in (tmp_path / "restored").rglob("records.jsonl")]
@@ -84,14 +118,23 @@ def test_variants_of_one_sweep_use_the_same_pairs_and_say_what_they_cost(tmp_pat
 
 def test_a_chart_that_is_marked_later_is_scored_and_nothing_is_restored_again(tmp_path: Path):
     dive, out = write_dive(tmp_path / "dive"), tmp_path / "out"
-    words = [f"dataset.root={dive}", "method=gray_world", "save=full", "report=false", "tracking.uri=off", f"out={out}"]
+    words = [
+        f"dataset.root={dive}",
+        "method=gray_world",
+        "save=full",
+        "report=false",
+        "tracking.uri=off",
+        f"out={out}",
+    ]
 
     def psi_by_view(corner: int) -> tuple[dict[str, float], list[bytes]]:
         corners = [[corner, 2], [36, 3], [35, 27], [5, 26]]
         (dive / "charts.json").write_text(json.dumps({"images": {"a.png": {"chart": corners}}}))
         rows = run(["dataset=colmap", *words, "metrics=[psi,coverage]"], True).rows
         psi = rows[(rows["metric"] == "psi") & (rows["region"] == "chart")]
-        return dict(zip(psi["view"], psi["value"], strict=True)), [f.read_bytes() for f in sorted(out.rglob("*.npz"))]
+        return dict(zip(psi["view"], psi["value"], strict=True)), [
+            f.read_bytes() for f in sorted(out.rglob("*.npz"))
+        ]
 
     run(["dataset=colmap", *words, "metrics=[coverage]"], True)
     before = [file.read_bytes() for file in sorted(out.rglob("*.npz"))]

@@ -34,7 +34,17 @@ def test_it_says_what_is_stored_and_writes_nothing_to_the_results_folder(tmp_pat
 def test_the_command_prints_parts_of_the_views_as_one_line_and_an_object_for_programs(
     bench: Callable[..., Done], toys: str, tmp_path: Path
 ):
-    words = ["run", "--dry-run", "--plugin", toys, *WORDS, "-m", "method=gain", "shard.count=3", "shard.index=range(3)"]
+    words = [
+        "run",
+        "--dry-run",
+        "--plugin",
+        toys,
+        *WORDS,
+        "-m",
+        "method=gain",
+        "shard.count=3",
+        "shard.index=range(3)",
+    ]
     run(tmp_path / "out", "first=1")
     done = bench(*words, "out=out")
     assert done.returncode == 0, done.stderr

@@ -23,7 +23,14 @@ class Dim:
             hints.insert(0, "its edge is odd; use method=gray_world")
         return Restoration(view.rgb * self.gain, info={"hints": hints})
 '''
-DEMO = ("dataset=demo", "dataset.width=64", "dataset.height=48", "dataset.views=3", "dataset.root=demo", "report=false")
+DEMO = (
+    "dataset=demo",
+    "dataset.width=64",
+    "dataset.height=48",
+    "dataset.views=3",
+    "dataset.root=demo",
+    "report=false",
+)
 
 
 def test_one_hint_a_method_after_the_table(tmp_path: Path, bench: Callable[..., Done]) -> None:
@@ -38,16 +45,26 @@ def test_one_hint_a_method_after_the_table(tmp_path: Path, bench: Callable[..., 
     assert "demo / dim, in 3 of 3 views" in lines[0]
     assert "dim.gain=2" in lines[0]
     assert "hint" not in done.stderr
-    assert bench("run", "-m", *DEMO, "method=dim,gray_world", "dim.gain=2", "overwrite=always", *words).returncode == 0
+    assert (
+        bench(
+            "run", "-m", *DEMO, "method=dim,gray_world", "dim.gain=2", "overwrite=always", *words
+        ).returncode
+        == 0
+    )
 
 
-def test_a_reason_names_an_option_as_the_command_takes_it(tmp_path: Path, bench: Callable[..., Done]) -> None:
+def test_a_reason_names_an_option_as_the_command_takes_it(
+    tmp_path: Path, bench: Callable[..., Done]
+) -> None:
     broken = PLUGIN.replace("import Restoration", "import Restoration, SolveError")
     broken = broken.replace(
-        "        return", '        raise SolveError("all is dark; use method.gain=2")\n        return'
+        "        return",
+        '        raise SolveError("all is dark; use method.gain=2")\n        return',
     )
     (tmp_path / "dim.py").write_text(broken)
-    (tmp_path / "mine.yaml").write_text("hydra: {mode: MULTIRUN, sweeper: {methods: [{method: dim, label: bright}]}}\n")
+    (tmp_path / "mine.yaml").write_text(
+        "hydra: {mode: MULTIRUN, sweeper: {methods: [{method: dim, label: bright}]}}\n"
+    )
     words = ("first=1", "tracking.uri=off", "out=results", "workers=0", "--plugin", "dim.py")
     bench("run", "mine.yaml", "metrics=[psnr]", *DEMO, *words)
     (reason,) = set(pd.read_parquet(tmp_path / "results/scores.parquet").reason)
@@ -68,8 +85,16 @@ def test_a_run_says_if_the_chosen_views_are_neighbours(
     small_demo: list[str], bench: Callable[..., Done], words: tuple[str, ...], n_named: str
 ) -> None:
     done = bench(
-        "run", *words, *small_demo, "method=gray_world", "metrics=[coverage]", "tracking.uri=off", "report=false"
+        "run",
+        *words,
+        *small_demo,
+        "method=gray_world",
+        "metrics=[coverage]",
+        "tracking.uri=off",
+        "report=false",
     )
     assert done.returncode == 0, done.stderr
-    found = re.findall(r"these (\d) of 4 views are neighbours.* every=2 ", done.stdout + done.stderr)
+    found = re.findall(
+        r"these (\d) of 4 views are neighbours.* every=2 ", done.stdout + done.stderr
+    )
     assert found == ([n_named] if n_named else [])

@@ -21,7 +21,9 @@ def out(tmp_path: Path, toys: str) -> Path:
 
 
 def shown(out: Path, name: str) -> np.ndarray:
-    return cv2.imread(str(out / "restored" / "toy" / "gain" / f"{name}.png"))[..., ::-1].astype(float)
+    return cv2.imread(str(out / "restored" / "toy" / "gain" / f"{name}.png"))[..., ::-1].astype(
+        float
+    )
 
 
 def test_all_views_are_shown_with_percentiles_of_the_scene(out: Path, tmp_path: Path) -> None:
@@ -29,8 +31,13 @@ def test_all_views_are_shown_with_percentiles_of_the_scene(out: Path, tmp_path: 
     outcome = run(out, "save=full", "method.display=stretch-5-95@scene", f"method.log={log}")
     assert (outcome.ok, outcome.exit_code) == (3, 0)
     assert calls(log) == ["v0.png", "v1.png", "v2.png"], "each view is restored once"
-    J = {name: np.load(out / "restored" / "toy" / "gain" / f"{name}.npz")["image"].astype(float) for name in NAMES}
-    low, high = np.percentile(np.concatenate([J[name].reshape(-1, 3) for name in NAMES]), [5, 95], axis=0)
+    J = {
+        name: np.load(out / "restored" / "toy" / "gain" / f"{name}.npz")["image"].astype(float)
+        for name in NAMES
+    }
+    low, high = np.percentile(
+        np.concatenate([J[name].reshape(-1, 3) for name in NAMES]), [5, 95], axis=0
+    )
     for name in NAMES:
         expected = 255 * ((J[name] - low) / (high - low)).clip(0, 1)
         np.testing.assert_allclose(shown(out, name), expected, atol=0.51)
@@ -42,7 +49,10 @@ def test_a_view_that_is_added_changes_how_all_are_shown(out: Path) -> None:
     alone = shown(out, "v0")
     outcome = run(out, *command)
     assert (outcome.ok, outcome.exit_code) == (3, 0)
-    J = [np.load(out / "restored" / "toy" / "gain" / f"{name}.npz")["image"].astype(float) for name in NAMES]
+    J = [
+        np.load(out / "restored" / "toy" / "gain" / f"{name}.npz")["image"].astype(float)
+        for name in NAMES
+    ]
     top = np.percentile(np.concatenate([image.reshape(-1, 3) for image in J]), 90, axis=0)
     assert np.abs(shown(out, "v0") - alone).max() >= 1
     np.testing.assert_allclose(shown(out, "v0"), 255 * (J[0] / top).clip(0, 1), atol=0.51)
@@ -61,9 +71,16 @@ def test_shards_show_all_views_alike_and_are_not_done_again(out: Path, tmp_path:
     assert calls(log) == before
 
 
-def test_a_view_that_fails_at_first_changes_how_all_are_shown_when_it_is_restored(out: Path, tmp_path: Path) -> None:
+def test_a_view_that_fails_at_first_changes_how_all_are_shown_when_it_is_restored(
+    out: Path, tmp_path: Path
+) -> None:
     gate = tmp_path / "gate"
-    command = ("method=gated", "method.label=gain", "method.display=white-90@scene", f"method.gate={gate}")
+    command = (
+        "method=gated",
+        "method.label=gain",
+        "method.display=white-90@scene",
+        f"method.gate={gate}",
+    )
     assert len(run(out, *command).failed) == 1
     gate.touch()
     assert run(out, *command).ok == 3
@@ -73,10 +90,17 @@ def test_a_view_that_fails_at_first_changes_how_all_are_shown_when_it_is_restore
     assert run(out, *command).cached == 3
 
 
-def test_a_view_that_decides_how_all_are_shown_is_stored_as_save_full_wants_it(out: Path, tmp_path: Path) -> None:
+def test_a_view_that_decides_how_all_are_shown_is_stored_as_save_full_wants_it(
+    out: Path, tmp_path: Path
+) -> None:
     gate = tmp_path / "gate"
     gate.touch()
-    command = ("method=gated", "method.label=gain", "method.display=white-90@scene", f"method.gate={gate}")
+    command = (
+        "method=gated",
+        "method.label=gain",
+        "method.display=white-90@scene",
+        f"method.gate={gate}",
+    )
     run(out, *command)
     run(out, *command, "save=full")
     for name in NAMES:

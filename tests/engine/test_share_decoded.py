@@ -11,7 +11,13 @@ from sucre_bench import results
 from sucre_bench.engine.hydra_run import run_words as run
 from sucre_bench.loading.view_files import Files
 
-WORDS = ["dataset=photos", "method=underwater,gray_world", "metrics=[negative]", "tracking.uri=off", "report=false"]
+WORDS = [
+    "dataset=photos",
+    "method=underwater,gray_world",
+    "metrics=[negative]",
+    "tracking.uri=off",
+    "report=false",
+]
 
 
 @pytest.fixture
@@ -53,10 +59,14 @@ def decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Decoded:
 
 
 def _run(out: Path, photos: Path, *words: str) -> None:
-    assert run([*WORDS, f"dataset.root={photos}", f"out={out}", *words], multirun=True).exit_code == 0
+    assert (
+        run([*WORDS, f"dataset.root={photos}", f"out={out}", *words], multirun=True).exit_code == 0
+    )
 
 
-def test_two_methods_decode_an_image_once_with_the_same_scores(tmp_path: Path, photos: Path, decoded: Decoded):
+def test_two_methods_decode_an_image_once_with_the_same_scores(
+    tmp_path: Path, photos: Path, decoded: Decoded
+):
     _run(tmp_path / "shared", photos)
     assert {plane: n for plane, n in decoded.counts.items() if plane.endswith("rgb")} == {
         f"{n}.png rgb": 1 for n in range(3)
@@ -65,8 +75,22 @@ def test_two_methods_decode_an_image_once_with_the_same_scores(tmp_path: Path, p
     _run(tmp_path / "each", photos, "cache_gb=0")
     assert decoded.counts["0.png rgb"] == 2
     one, other = (results.read(tmp_path / name) for name in ("shared", "each"))
-    one, other = (rows[~rows["metric"].isin(["seconds", "peak_mb"])].reset_index(drop=True) for rows in (one, other))
-    columns = ["scene", "view", "method", "metric", "value", "n_pixels", "coverage", "options_id", "data_id", "code"]
+    one, other = (
+        rows[~rows["metric"].isin(["seconds", "peak_mb"])].reset_index(drop=True)
+        for rows in (one, other)
+    )
+    columns = [
+        "scene",
+        "view",
+        "method",
+        "metric",
+        "value",
+        "n_pixels",
+        "coverage",
+        "options_id",
+        "data_id",
+        "code",
+    ]
     assert one[columns].equals(other[columns])
 
 

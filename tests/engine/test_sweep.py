@@ -72,7 +72,9 @@ def test_run_twice_computes_nothing_again(out: Path, tmp_path: Path):
         ("views=[v1.png]", 0),
     ],
 )
-def test_what_changed_is_computed_again_and_nothing_else(out: Path, tmp_path: Path, change: str, again: int):
+def test_what_changed_is_computed_again_and_nothing_else(
+    out: Path, tmp_path: Path, change: str, again: int
+):
     log = f"method.log={tmp_path / 'log'}"
     run(out, log)
     run(out, log, "dataset.label=toy", change)
@@ -84,7 +86,10 @@ def test_a_file_that_results_rest_on_is_followed(out: Path, tmp_path: Path, fold
     table = tmp_path / "table"
     if folder:
         table.mkdir()
-    file, options = table / "gain" if folder else table, ("method=tabulated", f"method.table={table}")
+    file, options = (
+        table / "gain" if folder else table,
+        ("method=tabulated", f"method.table={table}"),
+    )
     file.write_text("1.5")
     assert run(out, *options).cached == 0
     first = run(out, *options)
@@ -92,13 +97,23 @@ def test_a_file_that_results_rest_on_is_followed(out: Path, tmp_path: Path, fold
     file.write_text("2.25")
     changed = run(out, *options)
     assert changed.cached == 0
-    psnr = [o.rows.query("metric == 'psnr' and view == 'v0.png'")["value"].item() for o in (first, changed)]
+    psnr = [
+        o.rows.query("metric == 'psnr' and view == 'v0.png'")["value"].item()
+        for o in (first, changed)
+    ]
     assert psnr[0] != psnr[1]
 
 
 def test_a_job_reads_what_an_earlier_job_of_its_sweep_writes(out: Path):
     size = ("dataset.width=64", "dataset.height=48", "dataset.views=3")
-    words = ("dataset=demo", *size, "first=1", "metrics=[coverage]", "method=sucre,sucre_plus", "report=false")
+    words = (
+        "dataset=demo",
+        *size,
+        "first=1",
+        "metrics=[coverage]",
+        "method=sucre,sucre_plus",
+        "report=false",
+    )
     other = out.with_name("other") / "restored/demo/sucre"
     with pytest.raises(SucreBenchError, match=rf"^{re.escape(str(other))}: .*sucre_plus\.water"):
         run(out, *words, f"sucre_plus.water={other}", multirun=True)
@@ -107,7 +122,9 @@ def test_a_job_reads_what_an_earlier_job_of_its_sweep_writes(out: Path):
     assert (outcome.ok, outcome.failed) == (2, ())
 
 
-def test_a_view_that_a_method_has_nothing_to_say_about_is_skipped_with_its_reason(out: Path, tmp_path: Path):
+def test_a_view_that_a_method_has_nothing_to_say_about_is_skipped_with_its_reason(
+    out: Path, tmp_path: Path
+):
     (tmp_path / "table").write_text("1")
     outcome = run(out, "method=tabulated", f"method.table={tmp_path / 'table'}")
     assert (outcome.ok, outcome.failed, outcome.exit_code) == (2, (), 0)
@@ -124,8 +141,17 @@ def test_what_a_method_took_elsewhere_counts_and_what_it_tells_is_json(out: Path
     told = (out / "restored" / "toy" / "tabulated" / "records.jsonl").read_text().splitlines()
     content = json.loads(told[0], parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
     assert content["picture"] == "v0.png"
-    assert (content["B"], content["beta"], content["deviation"]) == ([0.2] * 3, [None] * 3, [1.0, None])
-    assert content["true_water"] == {"B": [0.1] * 3, "beta": [0.2] * 3, "gamma": [0.3] * 3, "encoding": "gamma"}
+    assert (content["B"], content["beta"], content["deviation"]) == (
+        [0.2] * 3,
+        [None] * 3,
+        [1.0, None],
+    )
+    assert content["true_water"] == {
+        "B": [0.1] * 3,
+        "beta": [0.2] * 3,
+        "gamma": [0.3] * 3,
+        "encoding": "gamma",
+    }
 
 
 def test_a_method_for_encoded_intensities_gets_them_and_its_result_is_brought_back(toys: str):
@@ -136,7 +162,9 @@ def test_a_method_for_encoded_intensities_gets_them_and_its_result_is_brought_ba
     np.testing.assert_allclose(result.image, srgb_decode(srgb_encode(linear) / 2), atol=1e-6)
     assert "converted" in result.info
     plain = sb.View("a.png", sb.Arrays(linear))
-    assert np.array_equal(sb.restore("halved", sb.Scene("one", [plain], frozenset()), plain).image, linear / 2)
+    assert np.array_equal(
+        sb.restore("halved", sb.Scene("one", [plain], frozenset()), plain).image, linear / 2
+    )
 
 
 def test_a_picture_that_is_gone_is_made_again(out: Path, tmp_path: Path):
@@ -162,7 +190,8 @@ def test_a_label_does_not_change_its_meaning_silently(out: Path):
 
 
 @pytest.mark.parametrize(
-    ("choice", "kept"), [("views=[v2.png]", {"v2.png"}), ("every=2", {"v0.png", "v2.png"}), ("first=1", {"v0.png"})]
+    ("choice", "kept"),
+    [("views=[v2.png]", {"v2.png"}), ("every=2", {"v0.png", "v2.png"}), ("first=1", {"v0.png"})],
 )
 def test_views_can_be_chosen(out: Path, choice: str, kept: set[str]):
     assert set(run(out, choice).rows["view"]) == kept
@@ -192,7 +221,11 @@ def test_a_fault_on_one_view_is_a_row_and_the_others_go_on(out: Path, fault: str
     assert list(failed["view"]) == ["v1.png"]
     assert named <= names(failed["reason"].item())
     assert "\n" not in failed["reason"].item()
-    assert "Traceback" in (out / "logs" / "failures.log").read_text() or fault in ("shape", "nan", "none")
+    assert "Traceback" in (out / "logs" / "failures.log").read_text() or fault in (
+        "shape",
+        "nan",
+        "none",
+    )
 
 
 def test_a_view_that_fails_now_has_no_scores_left_from_before(out: Path):
@@ -224,7 +257,10 @@ def test_a_package_that_breaks_when_imported_fails_the_job_with_its_reason(
     outcome = run(out, "method=uses,gain", multirun=True)
     assert (outcome.ok, outcome.exit_code) == (3, 1)
     (reason,) = {f.reason for f in outcome.failed}
-    assert "broken_library_xyz does not import, OSError: libcudart.so: cannot open; `sucre-bench doctor`" in reason
+    assert (
+        "broken_library_xyz does not import, OSError: libcudart.so: cannot open; `sucre-bench doctor`"
+        in reason
+    )
 
 
 def test_a_failing_metric_costs_only_its_own_score(out: Path):
@@ -235,7 +271,9 @@ def test_a_failing_metric_costs_only_its_own_score(out: Path):
     assert (rows.loc[rows["metric"] == "psnr", "status"] == "ok").all()
 
 
-def test_a_metric_without_a_value_says_so_and_one_that_writes_into_the_picture_is_stopped(out: Path):
+def test_a_metric_without_a_value_says_so_and_one_that_writes_into_the_picture_is_stopped(
+    out: Path,
+):
     rows = run(out, "metrics=[redness,undefined,painter,uciqe]").rows.set_index("metric")
     assert set(rows.loc["undefined", "status"]) == {"skipped"}
     assert set(rows.loc["undefined", "reason"]) == {"no value (NaN)"}
@@ -243,8 +281,12 @@ def test_a_metric_without_a_value_says_so_and_one_that_writes_into_the_picture_i
     assert (rows.loc["redness", "value"] > 0).all()
 
 
-@pytest.mark.parametrize(("dataset", "named"), [("twins", r"two views .*'a.png'"), ("namesakes", r"2 scenes .*'one'")])
-def test_a_dataset_with_two_views_or_scenes_of_one_name_is_refused(out: Path, dataset: str, named: str):
+@pytest.mark.parametrize(
+    ("dataset", "named"), [("twins", r"two views .*'a.png'"), ("namesakes", r"2 scenes .*'one'")]
+)
+def test_a_dataset_with_two_views_or_scenes_of_one_name_is_refused(
+    out: Path, dataset: str, named: str
+):
     with pytest.raises(preflight.ProblemsError, match=named):
         run(out, f"dataset={dataset}")
 
@@ -269,7 +311,9 @@ def test_a_method_whose_needs_are_not_met_is_skipped_with_the_reason(out: Path):
     outcome = run(out, "method=gain,needs_charts", "metrics=[psnr,psi]", multirun=True)
     assert (outcome.ok, len(outcome.skipped), outcome.exit_code) == (3, 3, 0)
     assert set(outcome.rows.loc[outcome.rows["metric"] == "psi", "status"]) == {"skipped"}
-    assert {f.reason for f in outcome.skipped} == {str(Lack(("charts",), ("depth", "poses", "reference", "truth")))}
+    assert {f.reason for f in outcome.skipped} == {
+        str(Lack(("charts",), ("depth", "poses", "reference", "truth")))
+    }
 
 
 @pytest.mark.parametrize("words", [["workers=2"]])
@@ -278,10 +322,26 @@ def test_one_failing_job_of_a_sweep_stops_no_other_however_many_jobs_run_at_once
 ):
     one = run(out / "one", "method=faulty,gain", multirun=True)
     assert (one.ok, len(one.failed), one.exit_code) == (5, 1, 1)
-    assert "failed  toy / toy / v1.png / faulty: ValueError: boom" in capsys.readouterr().err  # as it happens
+    assert (
+        "failed  toy / toy / v1.png / faulty: ValueError: boom" in capsys.readouterr().err
+    )  # as it happens
     two = run(out / "two", "method=faulty,gain", *words, multirun=True)
-    same = ["dataset", "scene", "view", "method", "metric", "variant", "region", "value", "status", "reason"]
-    plain = [o.rows[~o.rows["metric"].isin(["seconds", "peak_mb"])][same].reset_index(drop=True) for o in (one, two)]
+    same = [
+        "dataset",
+        "scene",
+        "view",
+        "method",
+        "metric",
+        "variant",
+        "region",
+        "value",
+        "status",
+        "reason",
+    ]
+    plain = [
+        o.rows[~o.rows["metric"].isin(["seconds", "peak_mb"])][same].reset_index(drop=True)
+        for o in (one, two)
+    ]
     pd.testing.assert_frame_equal(*plain)
 
 
@@ -300,7 +360,9 @@ def test_two_scenes_with_equal_view_names_do_not_overwrite_each_other(out: Path)
     assert levels == [pytest.approx(51, abs=1), pytest.approx(204, abs=1)]
 
 
-def test_a_full_disk_is_one_line_and_the_old_table_stays_whole(out: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_full_disk_is_one_line_and_the_old_table_stays_whole(
+    out: Path, monkeypatch: pytest.MonkeyPatch
+):
     run(out)
     before = (out / "scores.parquet").read_bytes()
 
@@ -338,7 +400,14 @@ def test_a_full_disk_of_a_methods_own_files_ends_the_view_alone(out: Path):
     assert outcome.ok == 2 * len(set(outcome.rows["view"]) - {""}) - 1
 
 
-STAYING = ["run", "dataset=toy", "dataset.views=5", "dataset.label=toy", "method=gain", "metrics=[psnr]"]
+STAYING = [
+    "run",
+    "dataset=toy",
+    "dataset.views=5",
+    "dataset.label=toy",
+    "method=gain",
+    "metrics=[psnr]",
+]
 STAYING += ["tracking.uri=off", "method.label=staying"]
 
 
@@ -354,7 +423,10 @@ def wait_until_it_stays_at(view: str, log: Path) -> None:
 
 
 def test_a_killed_run_goes_on_where_it_was(out: Path, toys: str, tmp_path: Path):
-    log, words = tmp_path / "log", ("method.pause=0.5", "method.stays_at=v3.png")  # rows are written within a second
+    log, words = (
+        tmp_path / "log",
+        ("method.pause=0.5", "method.stays_at=v3.png"),
+    )  # rows are written within a second
     killed = start(out, toys, log, *words)
     wait_until_it_stays_at("v3.png", log)
     killed.send(signal.SIGKILL, to_group=True)
@@ -369,7 +441,9 @@ def test_a_killed_run_goes_on_where_it_was(out: Path, toys: str, tmp_path: Path)
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
-def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(out: Path, toys: str, tmp_path: Path, how: signal.Signals):
+def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(
+    out: Path, toys: str, tmp_path: Path, how: signal.Signals
+):
     log = tmp_path / "log"
     words = [word for word in STAYING if word != "tracking.uri=off"]
     more = (f"out={out}", f"method.log={log}", "method.stays_at=v2.png", "--plugin", toys)

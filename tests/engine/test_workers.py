@@ -11,7 +11,15 @@ from support.places import TOYS
 
 from sucre_bench import results
 
-FIXED = ["run", "-m", "--plugin", str(TOYS), "dataset=stages", "metrics=[coverage,uciqe]", "report=false"]
+FIXED = [
+    "run",
+    "-m",
+    "--plugin",
+    str(TOYS),
+    "dataset=stages",
+    "metrics=[coverage,uciqe]",
+    "report=false",
+]
 
 
 def rows_of(folder: Path, *words: str) -> pd.DataFrame:
@@ -30,7 +38,9 @@ def test_rows_do_not_depend_on_the_number_of_workers(tmp_path: Path, methods: st
         used = rows[rows["method"] == "named"]["device"].nunique()
         assert (used == 1) == (n_workers == 1), "one worker, or several for one method"
         found.append(
-            rows[~rows["metric"].isin(["seconds", "peak_mb"])].drop(columns=["time", "seconds", "peak_mb", "device"])
+            rows[~rows["metric"].isin(["seconds", "peak_mb"])].drop(
+                columns=["time", "seconds", "peak_mb", "device"]
+            )
         )
     pd.testing.assert_frame_equal(*found)
 

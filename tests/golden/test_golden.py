@@ -20,7 +20,18 @@ HERE = Path(__file__).parent
 KEYS = ["view", "metric", "variant", "region"]
 COSTS = ("seconds", "peak_mb")
 GOLDEN: Sequence[Mapping[str, Any]] = json.loads((HERE / "jobs.json").read_text(encoding="utf-8"))
-_OPTIONS = ("every", "first", "overwrite", "workers", "save", "bits", "seed", "report", "pairs_gb", "cache_gb")
+_OPTIONS = (
+    "every",
+    "first",
+    "overwrite",
+    "workers",
+    "save",
+    "bits",
+    "seed",
+    "report",
+    "pairs_gb",
+    "cache_gb",
+)
 _OPTIONS += ("cache_keep", "replicate", "baseline", "view_timeout_s")
 
 
@@ -28,7 +39,11 @@ def as_data(job: Any) -> dict[str, Any]:
     """What a job does: labels, names and options that are not as by default, metrics, and other settings."""
     from sucre_bench.jobs.words import given
 
-    run = {name: value for name in _OPTIONS if (value := getattr(job, name)) != getattr(type(job), name)}
+    run = {
+        name: value
+        for name in _OPTIONS
+        if (value := getattr(job, name)) != getattr(type(job), name)
+    }
     run |= {"views": list(job.views)} if job.views is not None else {}
     run |= {"shard": [job.shard.index, job.shard.count]} if job.shard.count > 1 else {}
     run |= {"degrade": job.degrade.record} if job.degrade.record else {}
@@ -36,16 +51,30 @@ def as_data(job: Any) -> dict[str, Any]:
         run |= {"study": study.name, "figures": list(study.figures), "along": study.along}
         run |= {"study.baseline": study.baseline, "columns": list(study.metrics)}
     return {
-        "dataset": [job.dataset.label, job.dataset.plugin.name, given("dataset", job.dataset.record, job.seed)],
-        "method": [job.method.label, job.method.plugin.name, given("method", job.method.record, job.seed)],
-        "metrics": [f"{metric.plugin.name}:{variant}" for metric in job.metrics for variant in metric.variants],
+        "dataset": [
+            job.dataset.label,
+            job.dataset.plugin.name,
+            given("dataset", job.dataset.record, job.seed),
+        ],
+        "method": [
+            job.method.label,
+            job.method.plugin.name,
+            given("method", job.method.record, job.seed),
+        ],
+        "metrics": [
+            f"{metric.plugin.name}:{variant}"
+            for metric in job.metrics
+            for variant in metric.variants
+        ],
         "out": str(job.out),
         "run": run,
     }
 
 
 @pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: " ".join(golden["command"]))
-def test_a_command_has_these_jobs(golden: Mapping[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_command_has_these_jobs(
+    golden: Mapping[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from support.colmap_folder import write_dive
 
     from sucre_bench.jobs import compose_jobs
@@ -56,7 +85,8 @@ def test_a_command_has_these_jobs(golden: Mapping[str, Any], tmp_path: Path, mon
     is_sweep = words[0] == "-m" or words[0].startswith("experiment=")
     found = compose_jobs.jobs([word for word in words if word != "-m"], is_sweep).jobs
     expected = [
-        {**golden["shared"], **job, "run": golden["shared"]["run"] | job.get("run", {})} for job in golden["jobs"]
+        {**golden["shared"], **job, "run": golden["shared"]["run"] | job.get("run", {})}
+        for job in golden["jobs"]
     ]
     assert json.loads(json.dumps([as_data(job) for job in found])) == expected
 
@@ -64,7 +94,10 @@ def test_a_command_has_these_jobs(golden: Mapping[str, Any], tmp_path: Path, mon
 def table(rows: pd.DataFrame) -> pd.DataFrame:
     """A row for each score, a column for each method: the value, or the status of a score without one."""
     rows = rows[~rows["metric"].isin(COSTS)]
-    values = [f"{value:.9g}" if status == "ok" else status for value, status in rows[["value", "status"]].to_numpy()]
+    values = [
+        f"{value:.9g}" if status == "ok" else status
+        for value, status in rows[["value", "status"]].to_numpy()
+    ]
     return rows.assign(value=values).pivot(index=KEYS, columns="method", values="value")
 
 
@@ -75,10 +108,18 @@ def test_every_method_has_these_scores(tmp_path: Path) -> None:
     from sucre_bench import results
 
     expected = pd.read_csv(HERE / "scores.csv", dtype=str, keep_default_na=False).set_index(KEYS)
-    scene = ["dataset=demo", "dataset.width=160", "dataset.height=120", "dataset.views=8", "every=4"]
+    scene = [
+        "dataset=demo",
+        "dataset.width=160",
+        "dataset.height=120",
+        "dataset.views=8",
+        "every=4",
+    ]
     metrics = dict.fromkeys(f"{name}:all" for name in expected.index.get_level_values("metric"))
     chosen = [f"method={','.join(expected.columns)}", f"metrics=[{','.join(metrics)}]"]
-    done = run_program(tmp_path, "run", "-m", *scene, *chosen, "out=out", "report=false", "tracking.uri=off")
+    done = run_program(
+        tmp_path, "run", "-m", *scene, *chosen, "out=out", "report=false", "tracking.uri=off"
+    )
     assert done.returncode == 0, done.stderr
     found = table(results.read(tmp_path / "out"))
     assert set(found.index) == set(expected.index)
@@ -88,7 +129,10 @@ def test_every_method_has_these_scores(tmp_path: Path) -> None:
     is_other = ~np.isclose(new, old, rtol=1e-6, atol=1e-6, equal_nan=True) | (
         np.isnan(old) & (expected.to_numpy() != found.to_numpy())
     )
-    names = [f"{expected.columns[k]} {expected.index[i]}: {old[i, k]} -> {new[i, k]}" for i, k in np.argwhere(is_other)]
+    names = [
+        f"{expected.columns[k]} {expected.index[i]}: {old[i, k]} -> {new[i, k]}"
+        for i, k in np.argwhere(is_other)
+    ]
     assert not names, "\n".join(names[:20])
 
 

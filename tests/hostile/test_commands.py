@@ -33,12 +33,24 @@ RUN_COMMAND = RUN.replace("=gray_world", "=command \"method.run='cp {input} {out
 CASES: dict[str, tuple[str, int, str]] = {
     "no results folder's name": (f"{RUN} out=", 2, r"^error: out: .*empty; "),
     "no time for a view": (f"{RUN} view_timeout_s=0", 2, r"view_timeout_s"),
-    "a word for overwrite that is none": (f"{RUN} overwrite=perhaps", 2, r"overwrite.*(missing|always)"),
+    "a word for overwrite that is none": (
+        f"{RUN} overwrite=perhaps",
+        2,
+        r"overwrite.*(missing|always)",
+    ),
     "a file as results folder": (f"{RUN} out=dive/images/a.png", 2, r"a\.png: .*file; "),
-    "a water that is not there": (f"{RUN_SUCRE} method.water=none.json", 2, r"none\.json: .*; .*method\.water"),
+    "a water that is not there": (
+        f"{RUN_SUCRE} method.water=none.json",
+        2,
+        r"none\.json: .*; .*method\.water",
+    ),
     "a pipe as water": (f"{RUN_SUCRE} method.water=pipe.yaml", 2, r"pipe\.yaml: .*pipe; "),
     "no water in a file": (f"{RUN_SUCRE} method.water=empty.json", 2, r"empty\.json: .*\bB\b.*; "),
-    "no water in a folder": (f"{RUN_SUCRE} method.water=dive/images", 2, r"dive/images: holds no \.json.*; "),
+    "no water in a folder": (
+        f"{RUN_SUCRE} method.water=dive/images",
+        2,
+        r"dive/images: holds no \.json.*; ",
+    ),
     "a pipe as network": (
         "run dataset=colmap dataset.root=dive method=onnx method.model=pipe.onnx",
         2,
@@ -60,12 +72,24 @@ CASES: dict[str, tuple[str, int, str]] = {
     "a seed of 77 bits": (f"{RUN} seed=99999999999999999999999", 2, r"seed: 9+ .*; "),
     "a list as label": (f"{RUN} method.label=[1]", 2, r"method\.label: .*\[1\]; .*text"),
     "a reference to nothing": (f"{RUN} baseline='${{nope}}'", 2, r"baseline: .*'nope'.*; "),
-    "an image whose name is no UTF-8": ("score latin", 2, r"^error: latin/\\udce9\.png: .*UTF-8; rename"),
+    "an image whose name is no UTF-8": (
+        "score latin",
+        2,
+        r"^error: latin/\\udce9\.png: .*UTF-8; rename",
+    ),
     "a folder whose name is no UTF-8": ("compare '\udce9'", 2, r"^error: \\udce9: .*UTF-8; rename"),
     "a method twice in an experiment": ("run twice.yaml", 2, r"two jobs .* are the same, .*clahe"),
-    "a pixel at infinity": ("prepare dive/images out --length a.png inf 1 2 2 1", 2, r"--length: inf; "),
+    "a pixel at infinity": (
+        "prepare dive/images out --length a.png inf 1 2 2 1",
+        2,
+        r"--length: inf; ",
+    ),
     "a link to itself": ("restore loop out", 2, r"/loop: links to itself; "),
-    "a name of six lines": ("compare 'a\r\v\f\x85\u2028b'", 2, r"^error: a\\r\\x0b\\x0c\\x85\\u2028b: .*; .*\n$"),
+    "a name of six lines": (
+        "compare 'a\r\v\f\x85\u2028b'",
+        2,
+        r"^error: a\\r\\x0b\\x0c\\x85\\u2028b: .*; .*\n$",
+    ),
     "a pipe as plugin": ("run --plugin pipe.py method=x", 2, r"pipe\.py: .*; "),
     "a deep experiment": ("run deep.yaml", 2, r"deep\.yaml: cannot be read, .*depth.*; "),
     "a long path to run": (f"run dataset=colmap dataset.root={LONG} method=gray_world", 2, LONG),
@@ -92,7 +116,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(("command", "status", "said"), CASES.values(), ids=CASES)
-def test_a_fault_is_one_line_that_names_place_and_remedy(place: Path, command: str, status: int, said: str):
+def test_a_fault_is_one_line_that_names_place_and_remedy(
+    place: Path, command: str, status: int, said: str
+):
     runs = run_bounded if re.search(r"pipe|/dev/|deep|views\.txt", command) else run_here
     done = runs(place, *shlex.split(command))
     assert done.returncode == status
@@ -178,8 +204,12 @@ REQUESTS = {
     "no address": b"GET http://[ HTTP/1.1\r\nHost: x\r\n\r\n",
     "no length": b"POST /%b/save HTTP/1.1\r\nHost: %h\r\nContent-Type: application/json\r\n\r\n",
     "a negative length": b"POST /%b/save HTTP/1.1\r\nHost: %h\r\nContent-Length: -1\r\n\r\n",
-    "a length of 5,000 digits": b"POST /%b/save HTTP/1.1\r\nHost: %h\r\nContent-Length: " + b"9" * 5000 + b"\r\n\r\n",
-    "a length in other digits": "POST /%b/save HTTP/1.1\r\nHost: %h\r\nContent-Length: ²\r\n\r\n".encode("latin-1"),
+    "a length of 5,000 digits": b"POST /%b/save HTTP/1.1\r\nHost: %h\r\nContent-Length: "
+    + b"9" * 5000
+    + b"\r\n\r\n",
+    "a length in other digits": "POST /%b/save HTTP/1.1\r\nHost: %h\r\nContent-Length: ²\r\n\r\n".encode(
+        "latin-1"
+    ),
 }
 
 
@@ -189,8 +219,12 @@ def test_the_charts_server_refuses_what_is_no_request_of_its_page_and_goes_on(
     with serving(place) as server:
         host = f"127.0.0.1:{server.server_port}".encode()
         for name, request in REQUESTS.items():
-            with socket.create_connection(("127.0.0.1", server.server_port), timeout=300) as connection:
-                connection.sendall(request.replace(b"%b", server.token.encode()).replace(b"%h", host))
+            with socket.create_connection(
+                ("127.0.0.1", server.server_port), timeout=300
+            ) as connection:
+                connection.sendall(
+                    request.replace(b"%b", server.token.encode()).replace(b"%h", host)
+                )
                 answer = connection.recv(1000)
             assert re.match(rb"HTTP/1.. 4\d\d ", answer), (name, answer)
         page = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=300)

@@ -69,15 +69,30 @@ def trapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def done(trapped: Path, tmp_path_factory: pytest.TempPathFactory) -> subprocess.CompletedProcess[str]:
+def done(
+    trapped: Path, tmp_path_factory: pytest.TempPathFactory
+) -> subprocess.CompletedProcess[str]:
     """All commands, run in that folder."""
     program = tmp_path_factory.mktemp("program") / "all.py"
     program.write_text(ONE_PROCESS)
-    words, environment = [sys.executable, program, *COMMANDS], {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.run(words, cwd=trapped, env=environment, capture_output=True, text=True, check=False, timeout=900)
+    words, environment = (
+        [sys.executable, program, *COMMANDS],
+        {**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    return subprocess.run(
+        words,
+        cwd=trapped,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=900,
+    )
 
 
-def test_no_command_imports_from_the_current_folder(trapped: Path, done: subprocess.CompletedProcess[str]):
+def test_no_command_imports_from_the_current_folder(
+    trapped: Path, done: subprocess.CompletedProcess[str]
+):
     assert not (trapped / "sprung").exists(), (trapped / "sprung").read_text()
     assert "Traceback" not in done.stderr
     made = ("results/report/index.html", "bundles/results.zip")
@@ -96,5 +111,7 @@ def test_a_program_of_the_user_imports_what_lies_beside_it(tmp_path: Path):
     (tmp_path / "program.py").write_text("import beside; print(beside.found)")
     with isolated_children():
         words = [sys.executable, tmp_path / "program.py"]
-        done = subprocess.run(words, env=environment_of_programs(), capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            words, env=environment_of_programs(), capture_output=True, text=True, check=True
+        )
     assert done.stdout == "beside\n"

@@ -30,7 +30,9 @@ def png_of_size(width: int, height: int) -> bytes:
     """A PNG of a few bytes whose header says a size."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        return (
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        )
 
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     return (
@@ -58,7 +60,9 @@ def tiff_of_size(width: int, height: int) -> bytes:
 def npz_of_shape(shape: tuple[int, ...]) -> bytes:
     """An .npz of some kilobytes whose array "image" is all zeros, of as many GB as the shape says."""
     header = io.BytesIO()
-    np.lib.format.write_array_header_1_0(header, {"descr": "<f4", "fortran_order": False, "shape": shape})
+    np.lib.format.write_array_header_1_0(
+        header, {"descr": "<f4", "fortran_order": False, "shape": shape}
+    )
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("image.npy", header.getvalue() + bytes(1 << 16))
@@ -128,7 +132,11 @@ TWO = (picture(1), picture(2))
 IMAGES: dict[str, tuple[str, Callable[[Path], None], str]] = {
     "a cut TIFF": (".tif", written(cut_tiff()), "cannot be read"),
     "a PNG of a forged size": (".png", written(png_of_size(30000, 30000)), "is 30000x30000"),
-    "a PNG of a forged size of the camera's shape": (".png", written(png_of_size(40000, 30000)), "megapixels"),
+    "a PNG of a forged size of the camera's shape": (
+        ".png",
+        written(png_of_size(40000, 30000)),
+        "megapixels",
+    ),
     "a TIFF of a forged size": (".tif", written(tiff_of_size(40000, 30000)), "megapixels"),
     "a TIFF of two pages": (".tif", written(tiff_of_pages(*TWO)), "several pictures"),
     "a TIFF that begins with a thumbnail": (
@@ -157,12 +165,22 @@ DEPTHS: dict[str, tuple[str, Callable[[Path], None], str]] = {
 
 
 def peak_mb() -> float:
-    line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+    line = next(
+        line
+        for line in Path("/proc/self/status").read_text().splitlines()
+        if line.startswith("VmHWM")
+    )
     return int(line.split()[1]) / 1024
 
 
 def run(folder: Path, *more: str) -> Done:
-    words = ("dataset=colmap", "dataset.root=dive", "metrics=[coverage]", "tracking.uri=off", "report=false")
+    words = (
+        "dataset=colmap",
+        "dataset.root=dive",
+        "metrics=[coverage]",
+        "tracking.uri=off",
+        "report=false",
+    )
     return run_here(folder, "run", *words, "out=results", *more)
 
 
@@ -187,7 +205,10 @@ def test_a_file_that_is_none_costs_its_view_alone(tmp_path: Path):
     rows = results.read(tmp_path / "results")
     rows = rows[(rows["metric"] == "seconds")]
     # gray_world needs no depth map; stitching does, and the image of the long name has none.
-    rows = rows[rows["method"] == rows["view"].map(lambda view: "gray_world" if view == missing else "stitching")]
+    rows = rows[
+        rows["method"]
+        == rows["view"].map(lambda view: "gray_world" if view == missing else "stitching")
+    ]
     rows = rows.set_index("view")
     for name, said in {**names, **deep, missing: os.strerror(errno.ENAMETOOLONG)}.items():
         assert rows.loc[name, "status"] == "failed", name
@@ -214,11 +235,15 @@ def test_transparent_pixels_keep_their_colours_and_are_said_once(tmp_path: Path,
         if suffix == ".png":
             assert cv2.imwrite(str(path), np.dstack([TWO[0][..., ::-1], alpha]))
         else:
-            tifffile.imwrite(path, np.dstack([TWO[0], alpha]), photometric="rgb", extrasamples=["unassalpha"])
+            tifffile.imwrite(
+                path, np.dstack([TWO[0], alpha]), photometric="rgb", extrasamples=["unassalpha"]
+            )
     lines = Lines()
     with progress.watched_by(lines):
         for name in ("a", "b"):
-            np.testing.assert_allclose(read_rgb(tmp_path / f"{name}{suffix}"), TWO[0] / 255, atol=1e-6)
+            np.testing.assert_allclose(
+                read_rgb(tmp_path / f"{name}{suffix}"), TWO[0] / 255, atol=1e-6
+            )
     assert len(lines.lines) == 1
     assert "6 pixels" in lines.lines[0]
 
@@ -232,7 +257,9 @@ def with_alpha(dtype: type) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("compression", "channels"), [("packbits", [0, 1, 2, 3]), ("raw", [0, 3])])
-def test_colours_below_transparency_are_those_stored(tmp_path: Path, compression: str, channels: list[int]) -> None:
+def test_colours_below_transparency_are_those_stored(
+    tmp_path: Path, compression: str, channels: list[int]
+) -> None:
     values = np.ascontiguousarray(with_alpha(np.uint8)[..., channels])
     Image.fromarray(values).save(tmp_path / "a.tif", compression=compression)
     expected = np.broadcast_to(values[..., :-1], (HEIGHT, WIDTH, 3))
@@ -242,10 +269,17 @@ def test_colours_below_transparency_are_those_stored(tmp_path: Path, compression
 @pytest.mark.parametrize("n", [3, 4])
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 @pytest.mark.parametrize("compression", [None, "zlib"])
-def test_planes_of_a_tiff_are_its_channels(tmp_path: Path, n: int, dtype: type, compression: str | None) -> None:
+def test_planes_of_a_tiff_are_its_channels(
+    tmp_path: Path, n: int, dtype: type, compression: str | None
+) -> None:
     planes = np.moveaxis(with_alpha(dtype)[..., :n], -1, 0)
     extra = ["unassalpha"][: n - 3]
-    how = {"photometric": "rgb", "planarconfig": "separate", "extrasamples": extra, "compression": compression}
+    how = {
+        "photometric": "rgb",
+        "planarconfig": "separate",
+        "extrasamples": extra,
+        "compression": compression,
+    }
     tifffile.imwrite(tmp_path / "a.tif", planes, **how)
     np.testing.assert_allclose(read_rgb(tmp_path / "a.tif"), TWO[0] / 255, atol=1e-6)
 
@@ -274,7 +308,8 @@ PRECOMPUTED: dict[str, tuple[str, bytes, str]] = {
     "one pixel": (".png", one_pixel(".png"), "is 1x1"),
     "an object": (
         ".npy",
-        b"\x93NUMPY\x01\x00v\x00{'descr': '|O', 'fortran_order': False, 'shape': (1,), }" + b" " * 60,
+        b"\x93NUMPY\x01\x00v\x00{'descr': '|O', 'fortran_order': False, 'shape': (1,), }"
+        + b" " * 60,
         "cannot be read",
     ),
 }
@@ -300,7 +335,9 @@ def test_restorations_of_others_are_held_against_the_view_before_they_are_decode
     assert "Traceback" not in done.stdout + done.stderr
 
 
-def test_the_limit_of_pixels_is_raised_as_the_message_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_limit_of_pixels_is_raised_as_the_message_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     write_dive(tmp_path / "dive", ["a.png"])
     monkeypatch.setenv("SUCRE_BENCH_MAX_MEGAPIXELS", "0.001")  # the images have 1,200 pixels
     done = run(tmp_path, "method=gray_world")
@@ -312,11 +349,15 @@ def test_the_limit_of_pixels_is_raised_as_the_message_says(tmp_path: Path, monke
 
 
 def test_an_array_is_read_in_any_order_and_version(tmp_path: Path):
-    for number, array in enumerate((np.arange(6).reshape(2, 3), np.asfortranarray(np.arange(6.0).reshape(2, 3)))):
+    for number, array in enumerate(
+        (np.arange(6).reshape(2, 3), np.asfortranarray(np.arange(6.0).reshape(2, 3)))
+    ):
         np.save(tmp_path / f"{number}.npy", array)
         np.testing.assert_array_equal(read_array(tmp_path / f"{number}.npy"), array)
         np.savez_compressed(tmp_path / f"{number}.npz", other=1, image=array)
-        np.testing.assert_array_equal(read_array(tmp_path / f"{number}.npz", lambda _: "image"), array)
+        np.testing.assert_array_equal(
+            read_array(tmp_path / f"{number}.npz", lambda _: "image"), array
+        )
     with pytest.raises(InputError, match=r"0.npz: cannot be read"):
         read_array(tmp_path / "0.npz", lambda _: "no such name")
 
@@ -330,11 +371,15 @@ def test_an_array_is_read_in_any_order_and_version(tmp_path: Path):
         ((1920, 1080), (480, 270), True),
     ],
 )
-def test_one_pixel_has_no_shape_and_a_rounded_size_has(one: tuple[int, int], other: tuple[int, int], same: bool):
+def test_one_pixel_has_no_shape_and_a_rounded_size_has(
+    one: tuple[int, int], other: tuple[int, int], same: bool
+):
     assert same_shape(one, other) == same == same_shape(other, one)
 
 
-@pytest.mark.parametrize("content", ["[" * 100_000, '{"images":' * 50_000, "\0", '{"images": {"a.png": {"c": 1e999}}}'])
+@pytest.mark.parametrize(
+    "content", ["[" * 100_000, '{"images":' * 50_000, "\0", '{"images": {"a.png": {"c": 1e999}}}']
+)
 def test_a_charts_file_that_is_none_is_named_in_one_line(tmp_path: Path, content: str):
     write_dive(tmp_path / "dive", ["a.png"])
     (tmp_path / "dive" / "charts.json").write_text(content)

@@ -29,7 +29,15 @@ from sucre_bench import results
 
 KILLS = int(os.environ.get("FUZZ_KILLS", "0"))
 SEED = int(os.environ.get("FUZZ_SEED", "0"))
-RUN = ["run", "-m", "--plugin", str(TOYS), "dataset=toy", "method=gain,faulty", "metrics=[psnr,redness]"]
+RUN = [
+    "run",
+    "-m",
+    "--plugin",
+    str(TOYS),
+    "dataset=toy",
+    "method=gain,faulty",
+    "metrics=[psnr,redness]",
+]
 RUN += ["tracking.uri=off", "report=false", "out=results"]
 
 
@@ -50,7 +58,9 @@ def bundled(folder: Path) -> Any:
 
 def tracked(folder: Path) -> Any:
     """The runs that are the newest, how they ended, and their numbers."""
-    latest = "JOIN tags ON tags.run_uuid = runs.run_uuid AND tags.key = 'latest' AND tags.value = 'yes'"
+    latest = (
+        "JOIN tags ON tags.run_uuid = runs.run_uuid AND tags.key = 'latest' AND tags.value = 'yes'"
+    )
     with sqlite3.connect(folder / "mlflow.db") as store:
         runs = store.execute(f"SELECT name, status FROM runs {latest} ORDER BY 1").fetchall()
         numbers = f"SELECT name, m.key, m.value FROM runs JOIN latest_metrics m ON m.run_uuid = runs.run_uuid {latest}"
@@ -58,9 +68,14 @@ def tracked(folder: Path) -> Any:
 
 
 def prepared(folder: Path) -> Any:
-    files = sorted(path for name in ("images", "sparse") for path in (folder / "out" / name).rglob("*.*"))
+    files = sorted(
+        path for name in ("images", "sparse") for path in (folder / "out" / name).rglob("*.*")
+    )
     depths = [path.name for path in sorted((folder / "out" / "depths").iterdir())]
-    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}, depths
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in files
+    }, depths
 
 
 @dataclass(frozen=True)
@@ -82,7 +97,12 @@ CASES = {
     "report": Case(["report", "results"], page),
     "bundle": Case(["bundle", "results", "b.zip"], bundled),
     "track": Case(["track", "results", "--uri", "sqlite:///mlflow.db"], tracked, kills=0),
-    "prepare": Case(["prepare", "photos", "out", "--scale", "2", "--surface", "sparse"], prepared, "photos", kills=0),
+    "prepare": Case(
+        ["prepare", "photos", "out", "--scale", "2", "--surface", "sparse"],
+        prepared,
+        "photos",
+        kills=0,
+    ),
 }
 
 
@@ -104,7 +124,9 @@ def killed_at(moment: int, folder: Path, words: list[str]) -> int:
 
 
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if KILLS or case.kills])
-def test_a_command_that_was_killed_gives_what_it_gives_undisturbed(before: Path, tmp_path: Path, name: str):
+def test_a_command_that_was_killed_gives_what_it_gives_undisturbed(
+    before: Path, tmp_path: Path, name: str
+):
     case = CASES[name]
     for place in ("undisturbed", "killed"):
         (tmp_path / place).mkdir()
@@ -117,15 +139,22 @@ def test_a_command_that_was_killed_gives_what_it_gives_undisturbed(before: Path,
     moments = [draw.randint(1, alone.changes) for _ in range(KILLS or case.kills)]
     # The number of changes differs: quick machines write rows together, and some rows are there already.
     ends = [killed_at(moment, tmp_path / "killed", case.words) for moment in moments]
-    assert -signal.SIGKILL in ends or killed_at(1, tmp_path / "killed", case.words) == -signal.SIGKILL
+    assert (
+        -signal.SIGKILL in ends or killed_at(1, tmp_path / "killed", case.words) == -signal.SIGKILL
+    )
     again = Started(tmp_path / "killed", *case.words).ended()
     assert again.returncode == done.returncode, again.stderr
     assert case.made(tmp_path / "killed") == case.made(tmp_path / "undisturbed")
 
 
-def test_what_a_killed_process_was_writing_is_no_result_and_goes_after_a_day(before: Path, tmp_path: Path):
+def test_what_a_killed_process_was_writing_is_no_result_and_goes_after_a_day(
+    before: Path, tmp_path: Path
+):
     shutil.copytree(before / "results", tmp_path / "results")
-    left = [tmp_path / "results" / place / ".writing-abc" for place in ("", "parts", "restored/toy/gain", "report")]
+    left = [
+        tmp_path / "results" / place / ".writing-abc"
+        for place in ("", "parts", "restored/toy/gain", "report")
+    ]
     for path in left:
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(b"half a file")
@@ -135,9 +164,13 @@ def test_what_a_killed_process_was_writing_is_no_result_and_goes_after_a_day(bef
     assert all(path.exists() for path in left)  # another process may be at it
     for path in left:
         os.utime(path, (0, 0))
-    shutil.copytree(tmp_path / "results", tmp_path / "later" / "results")  # a folder that this process has not seen
+    shutil.copytree(
+        tmp_path / "results", tmp_path / "later" / "results"
+    )  # a folder that this process has not seen
     assert run_here(tmp_path / "later", *RUN, "overwrite=always").returncode == 1
-    assert not [path for path in (tmp_path / "later").rglob(".writing-*") if path.parent.name != "report"]
+    assert not [
+        path for path in (tmp_path / "later").rglob(".writing-*") if path.parent.name != "report"
+    ]
 
 
 SLEEPING = "import os, pathlib, sys, time; pathlib.Path(sys.argv[1]).write_text(str(os.getpid())); time.sleep(600)"
@@ -151,7 +184,15 @@ def test_no_program_of_a_method_lives_longer_than_the_command(tmp_path: Path, en
     started, terminal = pty.fork()
     if not started:
         os.chdir(tmp_path)
-        words = ["run", "--plugin", str(TOYS), "dataset=acts", "method=command", program, "metrics=[coverage]"]
+        words = [
+            "run",
+            "--plugin",
+            str(TOYS),
+            "dataset=acts",
+            "method=command",
+            program,
+            "metrics=[coverage]",
+        ]
         os.execv(PROGRAM, [PROGRAM, *words, "tracking.uri=off", "report=false"])
     try:
         deadline = time.monotonic() + 300
@@ -164,5 +205,7 @@ def test_no_program_of_a_method_lives_longer_than_the_command(tmp_path: Path, en
     finally:
         os.close(terminal)
     _, status = os.waitpid(started, 0)
-    assert os.waitstatus_to_exitcode(status) == (130 if end == "the terminal closes" else -signal.SIGKILL)
+    assert os.waitstatus_to_exitcode(status) == (
+        130 if end == "the terminal closes" else -signal.SIGKILL
+    )
     of_method.wait(300)

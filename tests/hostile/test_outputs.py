@@ -26,7 +26,11 @@ CASES: dict[str, tuple[str, str, str]] = {
         "published.csv",
         "input.*another file",
     ),
-    "scores into a pipe": ("score dive/images --metrics uciqe --csv pipe.csv", "pipe.csv", "pipe.*another file"),
+    "scores into a pipe": (
+        "score dive/images --metrics uciqe --csv pipe.csv",
+        "pipe.csv",
+        "pipe.*another file",
+    ),
     "a study over the score table": (
         "study results --methods gray_world,clahe --out results/scores.parquet",
         "results/scores.parquet",
@@ -63,10 +67,18 @@ CASES: dict[str, tuple[str, str, str]] = {
         "project/config.yaml",
         "without results.*out=",
     ),
-    "pictures over the photographs": ("restore dive/images dive/images", "dive/images", "photographs"),
+    "pictures over the photographs": (
+        "restore dive/images dive/images",
+        "dive/images",
+        "photographs",
+    ),
     "pictures over an album": ("restore dive/images album", "album", "other files"),
     "pictures beside a thesis": ("restore dive/images mine", "mine", "other files"),
-    "pictures where a link leads": ("restore dive/images linked", "linked/pictures", "leads out of the folder;"),
+    "pictures where a link leads": (
+        "restore dive/images linked",
+        "linked/pictures",
+        "leads out of the folder;",
+    ),
     "a scene over a project": ("prepare dive/images project", "project", "other files"),
 }
 
@@ -117,16 +129,23 @@ def test_an_output_that_would_destroy_something_is_refused(place: Path, case: tu
 def _state(path: Path) -> list[tuple[Path, int, int, bytes]]:
     """What a file is, or a folder and all in it."""
     every = [path, *sorted(path.rglob("*"))] if os.path.lexists(path) else []
-    return [(p, p.lstat().st_mode, p.lstat().st_ino, p.read_bytes() if p.is_file() else b"") for p in every]
+    return [
+        (p, p.lstat().st_mode, p.lstat().st_ino, p.read_bytes() if p.is_file() else b"")
+        for p in every
+    ]
 
 
 def test_force_writes_over_a_file_of_others(place: Path):
-    done = run_here(place, "score", "dive/images", "--metrics", "uciqe", "--csv", "theirs.csv", "--force")
+    done = run_here(
+        place, "score", "dive/images", "--metrics", "uciqe", "--csv", "theirs.csv", "--force"
+    )
     assert done.returncode == 0
     assert (place / "theirs.csv").read_text().startswith("dataset,")
 
 
-@pytest.mark.parametrize("command", ["report results", "run dataset=colmap dataset.root=dive method=clahe out=results"])
+@pytest.mark.parametrize(
+    "command", ["report results", "run dataset=colmap dataset.root=dive method=clahe out=results"]
+)
 def test_nothing_is_written_where_a_link_leads_out_of_the_results(place: Path, command: str):
     (place / "results/report").rename(place / "elsewhere")
     (place / "results/report").symlink_to("../elsewhere")

@@ -17,7 +17,15 @@ PLUGINS = str(TOYS)
 
 
 def words(acts: str, *more: str) -> list[str]:
-    fixed = ["run", "--plugin", PLUGINS, "dataset=acts", f"dataset.acts=[{acts}]", "tracking.uri=off", "report=false"]
+    fixed = [
+        "run",
+        "--plugin",
+        PLUGINS,
+        "dataset=acts",
+        f"dataset.acts=[{acts}]",
+        "tracking.uri=off",
+        "report=false",
+    ]
     return [*fixed, "out=results", *more]
 
 
@@ -70,7 +78,11 @@ def died_at_fine(folder: Path) -> dict[str, str]:
     table = folder / "results" / "scores.parquet"
     rows = pd.read_parquet(table)
     died = rows["view"] == "fine.png"
-    rows.loc[died, ["status", "reason", "value"]] = ["failed", str(DiedError("signal 11", "method 'actor'")), np.nan]
+    rows.loc[died, ["status", "reason", "value"]] = [
+        "failed",
+        str(DiedError("signal 11", "method 'actor'")),
+        np.nan,
+    ]
     rows[~died | (rows["metric"] == "seconds")].to_parquet(table)
     return restorations(folder)["time"].to_dict()
 
@@ -84,7 +96,9 @@ def died_at_fine(folder: Path) -> dict[str, str]:
         ("always", {"before.png", "fine.png", "after.png"}),
     ],
 )
-def test_a_view_at_which_a_process_died_is_tried_again_only_if_asked(tmp_path: Path, overwrite: str, again: set[str]):
+def test_a_view_at_which_a_process_died_is_tried_again_only_if_asked(
+    tmp_path: Path, overwrite: str, again: set[str]
+):
     before = died_at_fine(tmp_path)
     done = run_here(tmp_path, *ACTOR, f"overwrite={overwrite}")
     after = restorations(tmp_path)["time"].to_dict()
@@ -108,10 +122,16 @@ def test_a_view_that_fails_or_comes_to_no_end_costs_itself(tmp_path: Path):
     """One view leaves a thread behind that sleeps for an hour. The command ends all the same."""
     acts = ",".join(FAULTS)
     told = f"3 ok, {len(FAULTS)} failed, 0 skipped"
-    for limit_s in (2, 20, 200):  # seconds that views which do nothing are given; the next on a busy machine
+    for limit_s in (
+        2,
+        20,
+        200,
+    ):  # seconds that views which do nothing are given; the next on a busy machine
         folder = tmp_path / str(limit_s)
         folder.mkdir()
-        limited = words(f"{acts},thread", "method=actor", "metrics=[coverage]", f"view_timeout_s={limit_s}")
+        limited = words(
+            f"{acts},thread", "method=actor", "metrics=[coverage]", f"view_timeout_s={limit_s}"
+        )
         done = Started(folder, *limited).ended()
         if told in done.stdout:
             break
@@ -121,9 +141,16 @@ def test_a_view_that_fails_or_comes_to_no_end_costs_itself(tmp_path: Path):
 
 def test_text_that_is_no_utf8_costs_its_view_alone(tmp_path: Path):
     acts = "odd-text,odd-device"
-    sweep = words(f"odd-hint,{acts}", "-m", "method=actor,gray_world", "metrics=[coverage]", "report=true")
+    sweep = words(
+        f"odd-hint,{acts}", "-m", "method=actor,gray_world", "metrics=[coverage]", "report=true"
+    )
     done = run_here(tmp_path, *sweep)
-    check(done, tmp_path, acts, {"odd-text": r"caf\udce9.png is bad", "odd-device": r"device 'caf\udce9'"})
+    check(
+        done,
+        tmp_path,
+        acts,
+        {"odd-text": r"caf\udce9.png is bad", "odd-device": r"device 'caf\udce9'"},
+    )
     assert set(restorations(tmp_path, "gray_world")["status"]) == {"ok"}
     (log,) = (tmp_path / "results").rglob("*.log")
     assert r"caf\udce9.png is bad" in log.read_text(encoding="utf-8")
@@ -151,13 +178,19 @@ def test_a_view_that_leaves_no_room_for_files_fails_alone(tmp_path: Path):
 
 
 def test_a_view_that_removes_its_folder_costs_no_view(tmp_path: Path):
-    done = Started(tmp_path, *words("removed-folder,elsewhere", "method=actor", "metrics=[coverage]")).ended()
+    done = Started(
+        tmp_path, *words("removed-folder,elsewhere", "method=actor", "metrics=[coverage]")
+    ).ended()
     assert done.returncode == 0, done.stderr
     assert "4 ok, 0 failed" in done.stdout
 
 
-@pytest.mark.parametrize("at_once", [("workers=2",), ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")])
-def test_jobs_side_by_side_lose_no_more_than_the_view_at_which_one_dies(tmp_path: Path, at_once: tuple[str, ...]):
+@pytest.mark.parametrize(
+    "at_once", [("workers=2",), ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")]
+)
+def test_jobs_side_by_side_lose_no_more_than_the_view_at_which_one_dies(
+    tmp_path: Path, at_once: tuple[str, ...]
+):
     sweep = words("segfault", "-m", "method=actor,gray_world", "metrics=[coverage]", *at_once)
     done = Started(tmp_path, *sweep).ended()
     check(done, tmp_path, "segfault", {"segfault": "the process died (signal 11)"})
@@ -176,7 +209,10 @@ def test_a_score_at_which_the_process_dies_fails_alone(tmp_path: Path):
 @pytest.mark.parametrize("region", ["image", "patch 7"])
 def test_two_scores_of_one_region_are_none(tmp_path: Path, region: str):
     done = run_here(
-        tmp_path, *words("fine", "method=actor", "metrics=[coverage,twice]", f"metrics.twice.region={region}")
+        tmp_path,
+        *words(
+            "fine", "method=actor", "metrics=[coverage,twice]", f"metrics.twice.region={region}"
+        ),
     )
     rows = results.read(tmp_path / "results").set_index("metric")
     assert set(rows.loc["twice", "status"]) == {"failed"}
@@ -187,8 +223,16 @@ def test_two_scores_of_one_region_are_none(tmp_path: Path, region: str):
 
 @pytest.mark.parametrize("kind", ["view", "scene"])
 @pytest.mark.parametrize("name", ["''", ".", "/", "./"])
-def test_a_view_or_scene_without_a_name_is_one_line_that_names_the_dataset(tmp_path: Path, kind: str, name: str):
-    called = ["dataset=called", f"dataset.{kind}={name}", "method=gray_world", "tracking.uri=off", "report=false"]
+def test_a_view_or_scene_without_a_name_is_one_line_that_names_the_dataset(
+    tmp_path: Path, kind: str, name: str
+):
+    called = [
+        "dataset=called",
+        f"dataset.{kind}={name}",
+        "method=gray_world",
+        "tracking.uri=off",
+        "report=false",
+    ]
     done = run_here(tmp_path, "run", "--plugin", PLUGINS, *called, "out=results")
     assert done.returncode == 2
     (line,) = done.errors

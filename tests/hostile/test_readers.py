@@ -71,7 +71,10 @@ FORMATS: dict[str, tuple[bytes, Callable[[Path], Any]]] = {
     ),
     "water.json": (b'{"B": [1, 2, 3], "beta": [0.1, 0.2, 0.3]}', read_water),
     "water.npz": (through(lambda file: np.savez(file, B=np.ones(3), beta=np.ones(3))), read_water),
-    "mine.yaml": (b"every: 4\nhydra: {sweeper: {methods: [gray_world]}}\n", lambda path: jobs([str(path)], True)),
+    "mine.yaml": (
+        b"every: 4\nhydra: {sweeper: {methods: [gray_world]}}\n",
+        lambda path: jobs([str(path)], True),
+    ),
 }
 
 
@@ -125,9 +128,15 @@ def model() -> dict[str, bytes]:
 
 
 @tried
-@given(name=st.sampled_from(["cameras.bin", "images.bin"]), end=st.floats(0, 1) | st.just(1.0), spots=changes)
+@given(
+    name=st.sampled_from(["cameras.bin", "images.bin"]),
+    end=st.floats(0, 1) | st.just(1.0),
+    spots=changes,
+)
 @example(name="cameras.bin", end=1.0, spots=[(0.4375, b"\x01")])  # a height of 4,294,967,326 pixels
-@example(name="cameras.bin", end=1.0, spots=[(0.984375, bytes(8)), (0.5625, b"T"), (0.65625, b"\x00l")])  # focal 1e212
+@example(
+    name="cameras.bin", end=1.0, spots=[(0.984375, bytes(8)), (0.5625, b"T"), (0.65625, b"\x00l")]
+)  # focal 1e212
 def test_cut_and_changed_models_are_named(name: str, end: float, spots: list[tuple[float, bytes]]):
     with tempfile.TemporaryDirectory() as folder:
         sparse = Path(folder)
@@ -141,12 +150,18 @@ def test_cut_and_changed_models_are_named(name: str, end: float, spots: list[tup
 
 values = st.recursive(
     st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=5),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=4),
+    lambda inner: (
+        st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=4)
+    ),
     max_leaves=12,
 )
 corners = st.lists(st.lists(st.floats() | st.integers(), max_size=3), max_size=5)
 charts = st.fixed_dictionaries(
-    {"images": st.dictionaries(st.just("a.png"), st.dictionaries(st.text(max_size=3), corners | values))}
+    {
+        "images": st.dictionaries(
+            st.just("a.png"), st.dictionaries(st.text(max_size=3), corners | values)
+        )
+    }
 )
 
 
@@ -165,7 +180,9 @@ def test_made_up_charts_are_named(content: Any):
             check_names(fault, "charts.json")
 
 
-ROWS = results.frame([Row("d", "s", "v.png", "m", value=1.0), Row("d", "s", "w.png", "m", status="failed")])
+ROWS = results.frame(
+    [Row("d", "s", "v.png", "m", value=1.0), Row("d", "s", "w.png", "m", status="failed")]
+)
 
 
 @tried
@@ -179,7 +196,11 @@ def test_made_up_tables_are_named(name: str, column: list[Any], end: float):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scores.parquet"
         try:
-            content = through(lambda file: ROWS.drop(columns=name).assign(**{name: pd.Series(column)}).to_parquet(file))
+            content = through(
+                lambda file: (
+                    ROWS.drop(columns=name).assign(**{name: pd.Series(column)}).to_parquet(file)
+                )
+            )
         except Exception:  # no table can hold these
             return
         path.write_bytes(content[: round(end * len(content))])

@@ -54,7 +54,9 @@ def with_small_files(n_bytes: int) -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, n_bytes))
 
 
-def on_small_disk(folder: Path, name: str, n_bytes: int, script: str) -> subprocess.CompletedProcess[str]:
+def on_small_disk(
+    folder: Path, name: str, n_bytes: int, script: str
+) -> subprocess.CompletedProcess[str]:
     """Run a shell script in a folder, with a disk of some bytes mounted at folder/name. Skips where none can be."""
     (folder / name).mkdir()
     mount = ["unshare", "--mount", "sh", "-c"]
@@ -65,7 +67,9 @@ def on_small_disk(folder: Path, name: str, n_bytes: int, script: str) -> subproc
         pytest.skip("this user may mount no disk here")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     whole = [*mount, f"{disk} && {script}"]
-    return subprocess.run(whole, cwd=folder, check=False, capture_output=True, text=True, timeout=600, env=environment)
+    return subprocess.run(
+        whole, cwd=folder, check=False, capture_output=True, text=True, timeout=600, env=environment
+    )
 
 
 RUN = "run -m dataset=colmap dataset.root=dive method=gray_world,underwater metrics=[coverage] tracking.uri=off"
@@ -74,17 +78,42 @@ RESULTS = f"{RUN} report=false save=full out=results"
 # What this user must not do, a command, and a pattern of its line.
 FORBIDDEN: dict[str, tuple[str, int, str, str]] = {
     "enter a dataset": ("dive", 0o600, f"{RUN} out=x", r"dive/\S+: .*Permission denied; "),
-    "enter a folder of images": ("dive/images", 0o600, f"{RUN} out=x", r"dive/images/a\.png: .*Permission denied; "),
+    "enter a folder of images": (
+        "dive/images",
+        0o600,
+        f"{RUN} out=x",
+        r"dive/images/a\.png: .*Permission denied; ",
+    ),
     "list a folder of images": (
         "dive/images",
         0o300,
         "run dataset=photos dataset.root=dive/images method=gray_world out=x",
         r"dive/images: .*Permission denied; ",
     ),
-    "enter a folder of photos": ("dive/images", 0o600, "prepare dive/images x", r"\ba\.png: .*Permission"),
-    "read a score table": ("results/scores.parquet", 0o200, "compare results", r"parquet: .*Permission denied; let"),
-    "read the score table of a run": ("results/scores.parquet", 0o200, RESULTS, r"parquet: .*Permission denied; let"),
-    "enter a results folder": ("results", 0o600, "compare results", r"results/.*Permission denied; let"),
+    "enter a folder of photos": (
+        "dive/images",
+        0o600,
+        "prepare dive/images x",
+        r"\ba\.png: .*Permission",
+    ),
+    "read a score table": (
+        "results/scores.parquet",
+        0o200,
+        "compare results",
+        r"parquet: .*Permission denied; let",
+    ),
+    "read the score table of a run": (
+        "results/scores.parquet",
+        0o200,
+        RESULTS,
+        r"parquet: .*Permission denied; let",
+    ),
+    "enter a results folder": (
+        "results",
+        0o600,
+        "compare results",
+        r"results/.*Permission denied; let",
+    ),
     "list the parts of a score table": (
         "parted/parts",
         0o300,
@@ -136,15 +165,27 @@ def test_stored_restorations_that_cannot_be_replaced_keep_their_rows(place: Path
     assert re.search(r"gray_world/a\.\w+: .*written.*; ", done.stdout + done.stderr)
     of_method = before[before["method"] == "gray_world"]
     after = results.read(place / "results")
-    assert after[after["method"] == "gray_world"].reset_index(drop=True).equals(of_method.reset_index(drop=True))
+    assert (
+        after[after["method"] == "gray_world"]
+        .reset_index(drop=True)
+        .equals(of_method.reset_index(drop=True))
+    )
     assert set(after["status"].unique()) == {"ok"}
 
 
 def test_a_disk_that_fills_in_the_middle_keeps_what_is_finished(place: Path, tmp_path: Path):
     (tmp_path / "dive").symlink_to(place / "dive")
-    needed = sum(path.stat().st_blocks * 512 for path in (place / "results").rglob("*") if path.is_file())
+    needed = sum(
+        path.stat().st_blocks * 512 for path in (place / "results").rglob("*") if path.is_file()
+    )
     run = f"'{PROGRAM}' {RESULTS.replace('out=results', 'out=disk')}"
-    steps = (f"{run} 2>first", "echo $?", "cp -r disk kept", "mount -o remount,size=64M disk", f"{run} 2>second")
+    steps = (
+        f"{run} 2>first",
+        "echo $?",
+        "cp -r disk kept",
+        "mount -o remount,size=64M disk",
+        f"{run} 2>second",
+    )
     script = "; ".join((*steps, "echo $?", "cp -r disk end"))
     done = on_small_disk(tmp_path, "disk", needed * 2 // 3, script)
     first, second = (int(line) for line in done.stdout.splitlines() if line.strip().isdigit())
@@ -158,7 +199,9 @@ def test_a_disk_that_fills_in_the_middle_keeps_what_is_finished(place: Path, tmp
     assert set(end["status"].unique()) == {"ok"}
 
 
-def test_a_limit_on_the_size_of_files_stops_a_run_with_a_remedy_that_works(place: Path, tmp_path: Path):
+def test_a_limit_on_the_size_of_files_stops_a_run_with_a_remedy_that_works(
+    place: Path, tmp_path: Path
+):
     (tmp_path / "dive").symlink_to(place / "dive")
     words = [*RESULTS.split(), "out=small"]
     done = Started(tmp_path, *words, before=functools.partial(with_small_files, 4096)).ended()

@@ -42,7 +42,9 @@ def damaged_table(folder: Path) -> None:
 
 PRECOMPUTED = f"{RUN} method=precomputed method.folder=restored metrics=[coverage]"
 CASES = {
-    "a mistyped command": Case(f"rn {GRAY}", r"did you mean '(run)'", (f"{RUN.replace('run ', '{1} ')} {GRAY}",)),
+    "a mistyped command": Case(
+        f"rn {GRAY}", r"did you mean '(run)'", (f"{RUN.replace('run ', '{1} ')} {GRAY}",)
+    ),
     "a mistyped method": Case(
         f"{RUN} method=gray_wrld metrics=[coverage]",
         r"did you mean '(\w+)'",
@@ -54,7 +56,9 @@ CASES = {
     "an option of a method among those of run": Case(
         f"{RUN} {GRAY} display=none", r"write (method\.display=none)", (f"{RUN} {GRAY} {{1}}",)
     ),
-    "a mistyped view": Case(f"{RUN} {GRAY} views=[aa.png]", r"did you mean '(.*?)'", (f"{RUN} {GRAY} views=[{{1}}]",)),
+    "a mistyped view": Case(
+        f"{RUN} {GRAY} views=[aa.png]", r"did you mean '(.*?)'", (f"{RUN} {GRAY} views=[{{1}}]",)
+    ),
     "a word without =": Case(f"{RUN} {GRAY} gray_wrld", r"write sucre-bench (run .*)", ("{1}",)),
     "no metric": Case(
         f"{RUN} method=gray_world metrics=[]",
@@ -80,11 +84,21 @@ CASES = {
         ),
     ),
     "restorations of another size": Case(
-        PRECOMPUTED, r"or give (precomputed\.resize=true)", (f"{PRECOMPUTED} {{1}}",), small_restorations, 1
+        PRECOMPUTED,
+        r"or give (precomputed\.resize=true)",
+        (f"{PRECOMPUTED} {{1}}",),
+        small_restorations,
+        1,
     ),
-    "a damaged table": Case("compare done", r"; .*delete", (f"{RUN} {GRAY} out=fresh", "compare fresh"), damaged_table),
-    "no results to compare": Case("compare results", RESULTS, (f"{RUN} {GRAY} {{1}}results", "compare results")),
-    "no bundle": Case("verify b.zip", r"`sucre-bench (bundle)` wrote", ("{1} done b.zip", "verify b.zip")),
+    "a damaged table": Case(
+        "compare done", r"; .*delete", (f"{RUN} {GRAY} out=fresh", "compare fresh"), damaged_table
+    ),
+    "no results to compare": Case(
+        "compare results", RESULTS, (f"{RUN} {GRAY} {{1}}results", "compare results")
+    ),
+    "no bundle": Case(
+        "verify b.zip", r"`sucre-bench (bundle)` wrote", ("{1} done b.zip", "verify b.zip")
+    ),
     "a bundle of another suffix": Case("bundle done b.txt", r"; .*(\.zip)", ("bundle done b{1}",)),
     "a limit without a baseline": Case(
         "compare done --fail-below coverage=-0.5",
@@ -96,7 +110,9 @@ CASES = {
         r"write METRIC=NUMBER",
         ("compare done --baseline gray_world --fail-below coverage=-1",),
     ),
-    "a metric without scores": Case("compare done --metric nope", r"known: (\w+)", ("compare done --metric {1}",)),
+    "a metric without scores": Case(
+        "compare done --metric nope", r"known: (\w+)", ("compare done --metric {1}",)
+    ),
     "a study of one method": Case(
         "study done --methods gray_world --out a.html",
         r"--methods.*two",
@@ -111,7 +127,9 @@ CASES = {
         "describe colmap", r"add (dataset\.root=)", ("describe colmap {1}dive --no-sheet",)
     ),
     "a folder that is nowhere": Case(
-        f"{RUN} {GRAY} dataset.root=nowhere", r"as (dataset\.root=)DIR", (f"{RUN} {GRAY} {{1}}dive",)
+        f"{RUN} {GRAY} dataset.root=nowhere",
+        r"as (dataset\.root=)DIR",
+        (f"{RUN} {GRAY} {{1}}dive",),
     ),
     "a plugin's name in capitals": Case("new method Mine", r"; .* (\w+)$", ("new method {1}",)),
 }

@@ -54,7 +54,13 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("made")
     write_dive(place / "dive")
     (place / "evil.py").write_text(EVIL)
-    words = ["dataset=colmap", "dataset.root=dive", "metrics=[uciqe]", "tracking.uri=off", "report=false"]
+    words = [
+        "dataset=colmap",
+        "dataset.root=dive",
+        "metrics=[uciqe]",
+        "tracking.uri=off",
+        "report=false",
+    ]
     theirs = (*words, "method=evil,clahe", "out=theirs")
     assert run_here(place, "run", "-m", "--plugin", "evil.py", *theirs).returncode == 0
     assert run_here(place, "run", *words, "method=gray_world", "out=mine").returncode == 0
@@ -109,7 +115,9 @@ def test_a_bundle_publishes_nothing_that_a_link_leads_to(place: Path, name: str)
     link = place / "theirs" / name
     link.unlink()
     link.symlink_to(place / "secret")
-    done = run_here(place, "bundle", "theirs", "out.zip", "--pictures", "all", "--plugin", "evil.py")
+    done = run_here(
+        place, "bundle", "theirs", "out.zip", "--pictures", "all", "--plugin", "evil.py"
+    )
     assert done.returncode == 2
     assert f"{name}: leads out of the folder; " in done.stderr
     assert not (place / "out.zip").exists()
@@ -118,8 +126,12 @@ def test_a_bundle_publishes_nothing_that_a_link_leads_to(place: Path, name: str)
 @pytest.mark.parametrize("name", ["report", "study", "track"])
 def test_no_page_log_or_picture_shows_what_a_link_leads_to(place: Path, name: str):
     (place / "theirs/restored/colmap/clahe/a.png").unlink()
-    (place / "theirs/restored/colmap/clahe/a.png").symlink_to(place / "mine/restored/colmap/gray_world/a.png")
-    done = run_here(place, *COMMANDS[name].split(), *(["--plugin", "evil.py"] if name in OF_CONFIG else []))
+    (place / "theirs/restored/colmap/clahe/a.png").symlink_to(
+        place / "mine/restored/colmap/gray_world/a.png"
+    )
+    done = run_here(
+        place, *COMMANDS[name].split(), *(["--plugin", "evil.py"] if name in OF_CONFIG else [])
+    )
     assert done.returncode == 2
     assert "a.png: leads out of the folder; " in done.stderr
 
@@ -141,7 +153,9 @@ def test_yaml_that_stands_for_more_than_it_is_long_is_refused_by_each_reader(pla
     assert run_here(place, "report", "mine").returncode == 0
 
 
-@pytest.mark.parametrize("text", ["? [a]\n: b", "!!int x", "!!bool x", "a: !!python/object/apply:os.system [id]"])
+@pytest.mark.parametrize(
+    "text", ["? [a]\n: b", "!!int x", "!!bool x", "a: !!python/object/apply:os.system [id]"]
+)
 def test_odd_yaml_is_one_kind_of_error(text: str):
     with pytest.raises(yaml.YAMLError):
         read_yaml(text)
@@ -155,8 +169,12 @@ def test_a_bundle_without_a_score_is_one_line(place: Path):
     assert "empty.zip: no score there; " in done.stderr
 
 
-@pytest.mark.parametrize("changed", [{"git_dirty": "x"}, {"git_commit": 5}, {"machine": {}}, {"command": ["\udc80"]}])
-def test_an_environment_of_another_form_is_no_part_of_the_page(place: Path, changed: dict[str, object]):
+@pytest.mark.parametrize(
+    "changed", [{"git_dirty": "x"}, {"git_commit": 5}, {"machine": {}}, {"command": ["\udc80"]}]
+)
+def test_an_environment_of_another_form_is_no_part_of_the_page(
+    place: Path, changed: dict[str, object]
+):
     path = place / "mine/environment.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), **changed}))
     done = run_here(place, "report", "mine")

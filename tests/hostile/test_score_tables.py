@@ -71,7 +71,15 @@ FAULTS: dict[str, tuple[Callable[[Path], None], str]] = {
 COMMANDS = {
     "compare": ("compare", "results"),
     "report": ("report", "results"),
-    "run": ("run", "--plugin", str(TOYS), "dataset=toy", "method=gain", "metrics=[redness]", "out=results"),
+    "run": (
+        "run",
+        "--plugin",
+        str(TOYS),
+        "dataset=toy",
+        "method=gain",
+        "metrics=[redness]",
+        "out=results",
+    ),
 }
 
 
@@ -99,7 +107,9 @@ def test_a_table_of_nothing_but_nan_is_one_line_with_a_remedy(tmp_path: Path):
     column("value", float("nan"))(tmp_path / "results/scores.parquet")
     done = run_here(tmp_path, "compare", "results")
     assert done.returncode == 2
-    assert [re.fullmatch(r"error: results: .*gain.*; [^;]+", line) is not None for line in done.errors] == [True]
+    assert [
+        re.fullmatch(r"error: results: .*gain.*; [^;]+", line) is not None for line in done.errors
+    ] == [True]
 
 
 def fault_of_reading(folder: Path) -> str:

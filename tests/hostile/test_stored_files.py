@@ -8,7 +8,15 @@ import pytest
 from support.command_line import run_here
 from support.places import TOYS
 
-RUN = ("run", "--plugin", str(TOYS), "dataset=toy", "method=gain", "method.gain=0.5", "metrics=[coverage]")
+RUN = (
+    "run",
+    "--plugin",
+    str(TOYS),
+    "dataset=toy",
+    "method=gain",
+    "method.gain=0.5",
+    "metrics=[coverage]",
+)
 MORE = ("tracking.uri=off", "report=false", "out=results", "method.log=log", "save=full")
 STORED = Path("restored/toy/gain/v1")
 
@@ -43,12 +51,18 @@ def test_a_view_without_a_whole_record_is_written_again_and_others_keep_theirs(
     pictures = [path.with_name(f"v{n}.png") for n in range(3)]
     times = [picture.stat().st_mtime_ns for picture in pictures]
     assert restored_views(tmp_path) == []  # the .npz has all of it
-    assert [picture.stat().st_mtime_ns > time for picture, time in zip(pictures, times, strict=True)] == [
+    assert [
+        picture.stat().st_mtime_ns > time for picture, time in zip(pictures, times, strict=True)
+    ] == [
         False,
         True,
         False,
     ]
-    readable = [json.loads(one) for one in path.read_bytes().split(b"\n") if b'"files"' in one and one != line]
+    readable = [
+        json.loads(one)
+        for one in path.read_bytes().split(b"\n")
+        if b'"files"' in one and one != line
+    ]
     assert [one["picture"] for one in readable] == ["v0.png", "v2.png", "v1.png"]
 
 

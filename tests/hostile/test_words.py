@@ -27,7 +27,9 @@ VALUES += ["", "\x1b[2J", "\u202e", "a\nb"]
 texts = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="/"), max_size=8)
 values = st.sampled_from(VALUES) | texts | st.integers().map(str) | st.floats().map(str)
 keys = st.sampled_from(KEYS) | texts
-words = st.builds("{}{}={}".format, st.sampled_from(["", "", "", "+", "++", "~"]), keys, values) | texts
+words = (
+    st.builds("{}{}={}".format, st.sampled_from(["", "", "", "+", "++", "~"]), keys, values) | texts
+)
 
 
 @settings(

@@ -38,7 +38,9 @@ def test_dgk_has_the_six_grays_and_twelve_colours_that_psi_is_averaged_over() ->
     assert (np.diff(grays.mean(axis=1)) < 0).all(), "white to black"
 
 
-def test_colorchecker_lab_agrees_with_the_spectral_measurement_published_for_the_same_charts() -> None:
+def test_colorchecker_lab_agrees_with_the_spectral_measurement_published_for_the_same_charts() -> (
+    None
+):
     colour = colour_science()
 
     published = colour.CCS_COLOURCHECKERS["ColorChecker 2005"]
@@ -56,7 +58,9 @@ def test_a_painted_chart_is_read_back_however_it_lies(kind: ChartKind, turn: int
     corners = np.roll(TILTED, turn, axis=0)
     readings = measure(painted(kind, corners), Chart("c", kind.name, corners))
     assert [r.patch for r in readings] == list(kind.patches)
-    np.testing.assert_allclose([r.rgb for r in readings], [r.patch.srgb for r in readings], atol=1e-6)
+    np.testing.assert_allclose(
+        [r.rgb for r in readings], [r.patch.srgb for r in readings], atol=1e-6
+    )
     assert all(r.coverage == 1 and r.n_pixels > 50 for r in readings)
 
 
@@ -66,7 +70,9 @@ def test_only_the_inner_half_of_a_patch_is_read() -> None:
     np.testing.assert_allclose([r.rgb for r in half], [p.srgb for p in kind.patches], atol=1e-6)
     rim = painted(kind, TILTED, share=0.5)
     rim[np.all(rim == 1, axis=-1)] = np.nan
-    assert all(r.coverage == 1 for r in measure(rim, Chart("c", "dgk", TILTED))[1:])  # 1 is as white as the rim
+    assert all(
+        r.coverage == 1 for r in measure(rim, Chart("c", "dgk", TILTED))[1:]
+    )  # 1 is as white as the rim
 
 
 def test_pixel_centres_lie_at_one_half() -> None:
@@ -148,7 +154,9 @@ def test_colorchecker_sg_has_the_colorcheckers_24_colours_inside_a_rim_of_gray()
     for k in range(18):  # E2 to J4 are the Classic's three rows of colours, in other dyes
         row, column = divmod(k, 6)
         own = lab[f"{'EFGHIJ'[column]}{row + 2}"]
-        assert own[1:] @ classic[k][1:] > 0.85 * np.hypot(*own[1:]) * np.hypot(*classic[k][1:]), "of one hue"
+        assert own[1:] @ classic[k][1:] > 0.85 * np.hypot(*own[1:]) * np.hypot(*classic[k][1:]), (
+            "of one hue"
+        )
     readings = measure(painted(sg, TILTED, (300, 420)), Chart("c", "colorchecker_sg", TILTED))
     np.testing.assert_allclose([r.rgb for r in readings], [p.srgb for p in sg.patches], atol=1e-6)
 
@@ -165,14 +173,22 @@ gray,60,40,120,80,53.39,0,0
 
 def test_a_chart_of_ones_own_is_read_under_its_illuminant(tmp_path: Path) -> None:
     path = tmp_path / "own.csv"
-    path.write_text(OWN.format(illuminant="D65"))  # sRGB's primaries under its own white (Lindbloom)
+    path.write_text(
+        OWN.format(illuminant="D65")
+    )  # sRGB's primaries under its own white (Lindbloom)
     kind = chart_kind(str(path))
-    assert (kind.width, kind.height, [p.name for p in kind.patches]) == (120, 80, ["white", "red", "blue", "gray"])
+    assert (kind.width, kind.height, [p.name for p in kind.patches]) == (
+        120,
+        80,
+        ["white", "red", "blue", "gray"],
+    )
     assert [p.is_chromatic for p in kind.patches] == [False, True, True, False]
     assert kind.patches[1].box == (0.5, 0, 1, 0.5)
     expected = [(1, 1, 1), (1, 0, 0), (0, 0, 1), (0.5, 0.5, 0.5)]
     np.testing.assert_allclose([p.srgb for p in kind.patches], expected, atol=5e-3)
-    np.testing.assert_allclose(kind.patches[1].lab, (54.29, 80.80, 69.89), atol=0.05)  # under D50, as in ICC profiles
+    np.testing.assert_allclose(
+        kind.patches[1].lab, (54.29, 80.80, 69.89), atol=0.05
+    )  # under D50, as in ICC profiles
     same = kind_id(str(path))
     path.write_text(OWN.format(illuminant="D50"))
     assert kind_id(str(path)) != same
@@ -206,7 +222,9 @@ def test_given_srgb_is_taken_and_the_loader_finds_the_file_beside_its_own(tmp_pa
         ((",L,a,b", ",X,Y,Z"), {"column", "'L'"}),
     ],
 )
-def test_no_description_is_refused_by_line(tmp_path: Path, change: tuple[str, str], named: set[str]) -> None:
+def test_no_description_is_refused_by_line(
+    tmp_path: Path, change: tuple[str, str], named: set[str]
+) -> None:
     path = tmp_path / "own.csv"
     path.write_text(OWN.replace(*change).replace("{illuminant}", "D65"))
     with pytest.raises(InputError, match=r"own\.csv: ") as fault:
@@ -214,8 +232,13 @@ def test_no_description_is_refused_by_line(tmp_path: Path, change: tuple[str, st
     assert named <= names(fault.value)
 
 
-def write_spectra(path: Path, header: str, nm: Iterable[int], patches: dict[str, list[float]]) -> None:
-    rows = [f"{name},0,{k},9,{k + 1},{','.join(map(str, of_one))}" for k, (name, of_one) in enumerate(patches.items())]
+def write_spectra(
+    path: Path, header: str, nm: Iterable[int], patches: dict[str, list[float]]
+) -> None:
+    rows = [
+        f"{name},0,{k},9,{k + 1},{','.join(map(str, of_one))}"
+        for k, (name, of_one) in enumerate(patches.items())
+    ]
     top = f"{header}# frame: 9 x 24\nname,x0,y0,x1,y1,{','.join(map(str, nm))}"
     path.write_text("\n".join([top, *rows]))
 
@@ -223,24 +246,41 @@ def write_spectra(path: Path, header: str, nm: Iterable[int], patches: dict[str,
 def test_measured_reflectances_give_the_colours_that_are_published_of_them(tmp_path: Path) -> None:
     colour = colour_science()
     spectra, published = (
-        table["BabelColor Average"] for table in (colour.SDS_COLOURCHECKERS, colour.CCS_COLOURCHECKERS)
+        table["BabelColor Average"]
+        for table in (colour.SDS_COLOURCHECKERS, colour.CCS_COLOURCHECKERS)
     )
     path, nm = tmp_path / "own.csv", range(380, 740, 10)
-    write_spectra(path, "# illuminant: D50\n", nm, {name: spectra[name].values.tolist() for name in spectra})
+    write_spectra(
+        path, "# illuminant: D50\n", nm, {name: spectra[name].values.tolist() for name in spectra}
+    )
     lab = np.array([patch.lab for patch in chart_kind(str(path)).patches])
     xyY = np.array([published.data[name] for name in spectra])
-    np.testing.assert_allclose(lab, colour.XYZ_to_Lab(colour.xyY_to_XYZ(xyY), published.illuminant), atol=0.8)
+    np.testing.assert_allclose(
+        lab, colour.XYZ_to_Lab(colour.xyY_to_XYZ(xyY), published.illuminant), atol=0.8
+    )
 
 
 def test_a_camera_and_an_illuminant_of_ones_own_say_how_a_reflectance_looks(tmp_path: Path) -> None:
     half = [0.5] * 4
     (tmp_path / "lamp.csv").write_text("wavelength,power\n400,1\n700,4\n")
     # A camera whose red is all that is over 600 nm, and so on; the second patch reflects that alone.
-    edges = {400: (0, 0, 1), 499: (0, 0, 1), 500: (0, 1, 0), 599: (0, 1, 0), 600: (1, 0, 0), 700: (1, 0, 0)}
-    (tmp_path / "camera.csv").write_text("nm,R,G,B\n" + "\n".join(f"{n},{r},{g},{b}" for n, (r, g, b) in edges.items()))
+    edges = {
+        400: (0, 0, 1),
+        499: (0, 0, 1),
+        500: (0, 1, 0),
+        599: (0, 1, 0),
+        600: (1, 0, 0),
+        700: (1, 0, 0),
+    }
+    (tmp_path / "camera.csv").write_text(
+        "nm,R,G,B\n" + "\n".join(f"{n},{r},{g},{b}" for n, (r, g, b) in edges.items())
+    )
     path = tmp_path / "own.csv"
     write_spectra(
-        path, "# illuminant: lamp.csv\n# camera: camera.csv\n", (400, 599, 600, 700), {"a": half, "b": [0, 0, 1, 1]}
+        path,
+        "# illuminant: lamp.csv\n# camera: camera.csv\n",
+        (400, 599, 600, 700),
+        {"a": half, "b": [0, 0, 1, 1]},
     )
     gray, red = chart_kind(str(path)).patches
     np.testing.assert_allclose(gray.lab, (76.07, 0, 0), atol=0.01)  # a gray under any light

@@ -20,9 +20,14 @@ _ADOBE = ((0.60974, 0.31111, 0.01947), (0.20528, 0.62567, 0.06087), (0.14919, 0.
 _P3 = ((0.51512, 0.2412, -0.00105), (0.29198, 0.69225, 0.04189), (0.1571, 0.06657, 0.78407))
 _ADOBE_CURVE = b"curv" + struct.pack(">4xIH", 1, 563)
 _SRGB_CURVE = b"para" + struct.pack(
-    ">4xHH5i", 3, 0, *(round(x * 65536) for x in (2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045))
+    ">4xHH5i",
+    3,
+    0,
+    *(round(x * 65536) for x in (2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045)),
 )
-_TABLE = b"curv" + struct.pack(">4xI256H", 256, *(round(65535 * (k / 255) ** 1.8) for k in range(256)))
+_TABLE = b"curv" + struct.pack(
+    ">4xI256H", 256, *(round(65535 * (k / 255) ** 1.8) for k in range(256))
+)
 
 
 def icc(primaries: tuple[tuple[float, ...], ...], curve: bytes, space: bytes = b"RGB ") -> bytes:
@@ -38,7 +43,14 @@ def icc(primaries: tuple[tuple[float, ...], ...], curve: bytes, space: bytes = b
         table += name + struct.pack(">II", 132 + 12 * len(tags) + len(body), len(tag))
         body += tag + bytes(-len(tag) % 4)
     size = struct.pack(">I", 132 + len(table) + len(body))
-    about = b"\x02\x40\0\0mntr" + space + b"XYZ " + struct.pack(">6H", 2026, 1, 1, 0, 0, 0) + b"acsp" + bytes(28)
+    about = (
+        b"\x02\x40\0\0mntr"
+        + space
+        + b"XYZ "
+        + struct.pack(">6H", 2026, 1, 1, 0, 0, 0)
+        + b"acsp"
+        + bytes(28)
+    )
     white = b"".join(struct.pack(">i", round(x * 65536)) for x in (0.9642, 1, 0.8249))
     return size + bytes(4) + about + white + bytes(48) + struct.pack(">I", len(tags)) + table + body
 
@@ -58,13 +70,19 @@ def chunk(content: bytes) -> bytes:
 
 
 @pytest.mark.parametrize("suffix", ["png", "tif", "webp"])
-@pytest.mark.parametrize(("primaries", "curve"), [(_ADOBE, _ADOBE_CURVE), (_P3, _SRGB_CURVE), (_P3, _TABLE)])
-def test_icc_profiles_give_the_colours_of_littlecms(tmp_path: Path, suffix: str, primaries, curve: bytes) -> None:
+@pytest.mark.parametrize(
+    ("primaries", "curve"), [(_ADOBE, _ADOBE_CURVE), (_P3, _SRGB_CURVE), (_P3, _TABLE)]
+)
+def test_icc_profiles_give_the_colours_of_littlecms(
+    tmp_path: Path, suffix: str, primaries, curve: bytes
+) -> None:
     path, profile = tmp_path / f"a.{suffix}", icc(primaries, curve)
     picture = Image.fromarray(colours())
     picture.save(path, icc_profile=profile, lossless=True)
     known, srgb = ImageCms.ImageCmsProfile(io.BytesIO(profile)), ImageCms.createProfile("sRGB")
-    expected = np.asarray(ImageCms.profileToProfile(picture, known, srgb, ImageCms.Intent.RELATIVE_COLORIMETRIC))
+    expected = np.asarray(
+        ImageCms.profileToProfile(picture, known, srgb, ImageCms.Intent.RELATIVE_COLORIMETRIC)
+    )
     found, of = read_srgb(path)
     assert of is not None
     assert of.name == "Deep Sea RGB"
@@ -76,7 +94,10 @@ def test_icc_profiles_give_the_colours_of_littlecms(tmp_path: Path, suffix: str,
 
 def test_what_exif_and_png_say_is_the_same_as_an_icc_profile(tmp_path: Path) -> None:
     adobe, p3 = icc(_ADOBE, _ADOBE_CURVE), icc(_P3, _SRGB_CURVE)
-    for name, exif in (("space", {0x8769: {0xA001: 2}}), ("rule", {0x8769: {0xA001: 65535, 0xA005: {1: "R03"}}})):
+    for name, exif in (
+        ("space", {0x8769: {0xA001: 2}}),
+        ("rule", {0x8769: {0xA001: 65535, 0xA005: {1: "R03"}}}),
+    ):
         tags = Image.Exif()
         for tag, value in exif.items():
             tags[tag] = value
@@ -97,7 +118,11 @@ def test_what_exif_and_png_say_is_the_same_as_an_icc_profile(tmp_path: Path) -> 
 
 def test_srgb_by_any_name_and_damaged_profiles_change_nothing(tmp_path: Path) -> None:
     srgb = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
-    for name, profile in (("srgb", srgb), ("cut", icc(_P3, _TABLE)[:300]), ("cmyk", icc(_P3, b"junk"))):
+    for name, profile in (
+        ("srgb", srgb),
+        ("cut", icc(_P3, _TABLE)[:300]),
+        ("cmyk", icc(_P3, b"junk")),
+    ):
         Image.fromarray(colours()).save(tmp_path / f"{name}.png", icc_profile=profile)
         assert profile_of(tmp_path / f"{name}.png") is None
     png(tmp_path / "usual.png", chunk(b"gAMA" + struct.pack(">I", 45455)), colours())

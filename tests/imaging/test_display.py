@@ -44,9 +44,13 @@ def test_one_black_for_all_channels_is_subtracted_before_each_is_scaled() -> Non
 
 def test_white_by_the_veil_undoes_the_colour_of_the_light() -> None:
     light = np.array([0.2, 0.7, 0.9])
-    gray = np.random.default_rng(1).uniform(0.1, 0.9, (30, 40, 1)) * light  # linear light on gray things
+    gray = (
+        np.random.default_rng(1).uniform(0.1, 0.9, (30, 40, 1)) * light
+    )  # linear light on gray things
     rate = np.array([0.3, 0.2, 0.1])
-    water = Water(light / rate, np.full(3, 0.2), rate)  # whose veil near the camera has the colour of the light
+    water = Water(
+        light / rate, np.full(3, 0.2), rate
+    )  # whose veil near the camera has the colour of the light
     shown = display(srgb_encode(gray), "linear-white-veil", water=water)
     np.testing.assert_allclose(shown, shown[..., :1].repeat(3, axis=-1), atol=1e-5)
     top = np.percentile(gray[..., 0] / 0.2, 99)
@@ -89,7 +93,9 @@ def test_a_linear_stretch_is_a_stretch_of_light() -> None:
     ],
 )
 def test_other_names_are_refused_with_those_there_are(how: str) -> None:
-    with pytest.raises(InputError, match=rf"^display '{how}': .*none, gray-world or stretch-LOW-HIGH"):
+    with pytest.raises(
+        InputError, match=rf"^display '{how}': .*none, gray-world or stretch-LOW-HIGH"
+    ):
         display(IMAGE, how)
 
 
@@ -112,7 +118,15 @@ Q = [0, 1, 37.5, 99, 100]
 def images() -> list[np.ndarray]:
     rng = np.random.default_rng(0)
     wide = rng.normal(0, 1, (31, 57, 3))
-    return [wide, wide.round(1), wide.clip(0, 0.5), 1e30 * wide, wide[:1, :1], np.zeros((4, 4, 3)), -np.abs(wide)]
+    return [
+        wide,
+        wide.round(1),
+        wide.clip(0, 0.5),
+        1e30 * wide,
+        wide[:1, :1],
+        np.zeros((4, 4, 3)),
+        -np.abs(wide),
+    ]
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -124,7 +138,9 @@ def test_they_are_numpys_of_every_channel(dtype: type) -> None:
         expected = np.percentile(image.reshape(-1, 3).astype(np.float64), Q, axis=0)
         np.testing.assert_allclose(channel_percentiles(image, Q), expected, rtol=1e-13, atol=1e-13)
         expected = np.percentile(image[valid].astype(np.float64), Q, axis=0)
-        np.testing.assert_allclose(channel_percentiles(image, Q, valid), expected, rtol=1e-13, atol=1e-13)
+        np.testing.assert_allclose(
+            channel_percentiles(image, Q, valid), expected, rtol=1e-13, atol=1e-13
+        )
 
 
 def test_pixels_that_do_not_count_may_hold_anything() -> None:
@@ -133,7 +149,9 @@ def test_pixels_that_do_not_count_may_hold_anything() -> None:
     valid[3:9] = False
     holed = image.copy()
     holed[3:9] = np.nan
-    np.testing.assert_array_equal(channel_percentiles(holed, Q, valid), channel_percentiles(image[valid], Q))
+    np.testing.assert_array_equal(
+        channel_percentiles(holed, Q, valid), channel_percentiles(image[valid], Q)
+    )
 
 
 CALLS: list[float] = []

@@ -45,7 +45,9 @@ def guided_by_hand(guide: np.ndarray, plane: np.ndarray, radius: int, eps: float
     for y, x in np.ndindex(plane.shape):
         colours = guide[window(y, x, radius)].reshape(-1, guide.shape[2])
         values = plane[window(y, x, radius)].ravel().astype(np.float64)
-        covariance = np.cov(colours.T, bias=True).reshape(guide.shape[2], -1) + eps * np.eye(guide.shape[2])
+        covariance = np.cov(colours.T, bias=True).reshape(guide.shape[2], -1) + eps * np.eye(
+            guide.shape[2]
+        )
         cross = ((colours - colours.mean(0)) * (values - values.mean())[:, None]).mean(0)
         slope[y, x] = np.linalg.solve(covariance, cross)
         offset[y, x] = values.mean() - slope[y, x] @ colours.mean(0)
@@ -59,7 +61,9 @@ def guided_by_hand(guide: np.ndarray, plane: np.ndarray, radius: int, eps: float
 @pytest.mark.parametrize("guide", [IMAGE, IMAGE[..., 1]], ids=["colour", "gray"])
 @pytest.mark.parametrize("eps", [1e-2, 1e-4])
 def test_the_guided_filter_is_the_least_squares_of_its_paper(guide: np.ndarray, eps: float):
-    np.testing.assert_allclose(guided_filter(guide, PLANE, 3, eps), guided_by_hand(guide, PLANE, 3, eps), atol=2e-5)
+    np.testing.assert_allclose(
+        guided_filter(guide, PLANE, 3, eps), guided_by_hand(guide, PLANE, 3, eps), atol=2e-5
+    )
 
 
 @pytest.mark.parametrize("guide", [np.zeros((9, 9, 3)), np.zeros((9, 9)), np.zeros((1, 1, 3))])
@@ -79,7 +83,12 @@ def test_the_dark_channel_is_the_least_value_around():
 def test_lab_is_that_of_the_standard():
     """Red, green, blue and mid gray of sRGB, D65 (Lindbloom)."""
     rgb = np.float32([[[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0.5, 0.5]]])
-    expected = [[53.24, 80.09, 67.20], [87.73, -86.18, 83.18], [32.30, 79.19, -107.86], [53.39, 0, 0]]
+    expected = [
+        [53.24, 80.09, 67.20],
+        [87.73, -86.18, 83.18],
+        [32.30, 79.19, -107.86],
+        [53.39, 0, 0],
+    ]
     np.testing.assert_allclose(to_lab(rgb)[0], expected, atol=0.3)
     np.testing.assert_allclose(from_lab(to_lab(IMAGE)), IMAGE, atol=3e-3)
 
@@ -95,7 +104,9 @@ def test_equalisation_spreads_lightness_and_keeps_hue():
 
 def test_red_is_lifted_where_green_is_strong_and_only_where_it_is_lacking():
     image = np.float32([[[0.1, 0.8, 0.5], [0.1, 0.0, 0.5]]])  # mean green 0.4, mean red 0.1
-    np.testing.assert_allclose(red_from_green(image)[0, :, 0], [0.1 + 0.3 * 0.9 * 0.8, 0.1], rtol=1e-6)
+    np.testing.assert_allclose(
+        red_from_green(image)[0, :, 0], [0.1 + 0.3 * 0.9 * 0.8, 0.1], rtol=1e-6
+    )
     np.testing.assert_array_equal(red_from_green(image)[..., 1:], image[..., 1:])
     reddish = image[..., ::-1]
     assert np.array_equal(red_from_green(reddish * [1, 0.1, 0.1]), reddish * [1, 0.1, 0.1])
@@ -111,7 +122,9 @@ def test_a_common_stretch_keeps_the_ratio_of_differences_between_channels():
     image = np.float32(0.2) + np.float32(0.3) * IMAGE * np.float32([0.5, 1, 0.7])
     stretched = stretched_together(image, 0)
     assert (stretched.min(), stretched.max()) == (0, 1)
-    np.testing.assert_allclose(stretched.std(axis=(0, 1)) / image.std(axis=(0, 1)), 1 / np.ptp(image), rtol=1e-5)
+    np.testing.assert_allclose(
+        stretched.std(axis=(0, 1)) / image.std(axis=(0, 1)), 1 / np.ptp(image), rtol=1e-5
+    )
     cut = stretched_together(image, 5)
     assert (cut == 0).mean() == pytest.approx(0.05, abs=0.01)
     assert (cut == 1).mean() == pytest.approx(0.05, abs=0.01)
@@ -125,7 +138,9 @@ def test_the_weaker_a_channel_the_more_of_it_the_stretch_cuts():
     balanced = stretched_by_weakness(rgb)
     for c, cut in ((0, 0.05), (1, 0.005)):  # red is ten times weaker
         # The k-th smallest of 1000 is the quantile (k - .5) / 1000: .05 is between the 50th and the 51st.
-        bottom, top = (np.interp(q * 1000, np.arange(1000) + 0.5, rgb[..., c].ravel()) for q in (cut, 1 - cut))
+        bottom, top = (
+            np.interp(q * 1000, np.arange(1000) + 0.5, rgb[..., c].ravel()) for q in (cut, 1 - cut)
+        )
         expected = ((rgb[..., c].astype(np.float64) - bottom) / (top - bottom)).clip(0, 1)
         np.testing.assert_allclose(balanced[..., c], expected, atol=1e-5)
 
@@ -141,19 +156,24 @@ def test_the_stretch_by_weakness_neither_inverts_a_channel_that_is_almost_black_
 
 
 def test_luma_is_of_red_green_and_blue_in_this_order_and_gray_keeps_its_value():
-    np.testing.assert_allclose(luma(IMAGE), IMAGE.astype(np.float64) @ [0.299, 0.587, 0.114], atol=1e-6)
+    np.testing.assert_allclose(
+        luma(IMAGE), IMAGE.astype(np.float64) @ [0.299, 0.587, 0.114], atol=1e-6
+    )
     np.testing.assert_allclose(luma(np.full((2, 3, 3), 0.3, np.float32)), 0.3, atol=1e-6)
 
 
 def test_noise_below_its_limit_is_taken_out_and_an_edge_above_it_kept():
     """The weights of a bilateral filter, in float64: nearness within 5 pixels times likeness by |dR| + |dG| + |dB|."""
-    noisy = (np.where(np.arange(23) < 11, 0.2, 0.8)[None, :, None] + RNG.normal(0, 0.02, IMAGE.shape)).astype(
-        np.float32
-    )
+    noisy = (
+        np.where(np.arange(23) < 11, 0.2, 0.8)[None, :, None] + RNG.normal(0, 0.02, IMAGE.shape)
+    ).astype(np.float32)
     found = denoised(noisy, 0.1)
     y, x, reach = 9, 9, 2
     around = [
-        (dy, dx) for dy in range(-reach, reach + 1) for dx in range(-reach, reach + 1) if np.hypot(dy, dx) <= reach
+        (dy, dx)
+        for dy in range(-reach, reach + 1)
+        for dx in range(-reach, reach + 1)
+        if np.hypot(dy, dx) <= reach
     ]
     colours = np.array([noisy[y + dy, x + dx] for dy, dx in around], np.float64)
     near = np.exp([-(dy**2 + dx**2) / (2 * 3**2) for dy, dx in around])
@@ -182,7 +202,9 @@ def test_with_constant_weights_it_is_the_weighted_mean(size: tuple[int, int], le
     inputs = images(size, 3)
     shares = [0.2, 0.5, 0.3]
     weights = [np.full(size, share, np.float32) for share in shares]
-    expected = sum(share * image.astype(np.float64) for share, image in zip(shares, inputs, strict=True))
+    expected = sum(
+        share * image.astype(np.float64) for share, image in zip(shares, inputs, strict=True)
+    )
     np.testing.assert_allclose(blended(inputs, weights, levels), expected, atol=2e-6)
 
 
@@ -214,7 +236,9 @@ def test_coarse_bands_are_weighted_by_smoothed_weights():
     weight = RNG.random((21, 17), dtype=np.float32)
     kernel = np.outer([1, 4, 6, 4, 1], [1, 4, 6, 4, 1]) / 256
     enlarged = np.zeros(weight.shape)
-    enlarged[::2, ::2] = 4 * ndimage.correlate(weight.astype(np.float64), kernel, mode="mirror")[::2, ::2]
+    enlarged[::2, ::2] = (
+        4 * ndimage.correlate(weight.astype(np.float64), kernel, mode="mirror")[::2, ::2]
+    )
     enlarged = ndimage.correlate(enlarged, kernel, mode="mirror")
     white, black = np.ones((21, 17, 3), np.float32), np.zeros((21, 17, 3), np.float32)
     found = blended([white, black], [weight, 1 - weight], 2)
@@ -236,7 +260,9 @@ def test_fine_detail_follows_the_weights_where_it_is():
 @pytest.mark.parametrize(
     ("shape", "levels"), [((1, 1), 1), ((2, 3), 1), ((4, 6), 2), ((61, 47), 5), ((4000, 6000), 11)]
 )
-def test_an_image_has_room_for_as_many_levels_as_it_can_be_halved(shape: tuple[int, int], levels: int):
+def test_an_image_has_room_for_as_many_levels_as_it_can_be_halved(
+    shape: tuple[int, int], levels: int
+):
     assert most_levels(shape) == levels
 
 
@@ -276,12 +302,16 @@ def test_nothing_is_nearer_or_farther_than_what_is_known_around_a_hole() -> None
 def scene() -> tuple[Scene, np.ndarray]:
     """A textured plane at a slant in known water, with holes in its depth map; and its colours without water."""
     rng = np.random.default_rng(3)
-    camera = Camera(np.array([[100.0, 0, WIDTH / 2], [0, 100, HEIGHT / 2], [0, 0, 1]]), WIDTH, HEIGHT)
+    camera = Camera(
+        np.array([[100.0, 0, WIDTH / 2], [0, 100, HEIGHT / 2], [0, 0, 1]]), WIDTH, HEIGHT
+    )
     depth = (8 / (1 + V / HEIGHT)).astype(np.float32)
     J = rng.uniform(0.1, 0.9, (HEIGHT, WIDTH, 3))
     water = Water(np.array([0.1, 0.3, 0.4]), np.array([0.4, 0.15, 0.1]), np.array([0.3, 0.2, 0.15]))
     z = View("x", Arrays(J, depth), camera).distance[..., None]
-    seen = J * np.exp(-water.attenuation * z) + water.veiling_light * (1 - np.exp(-water.backscatter * z))
+    seen = J * np.exp(-water.attenuation * z) + water.veiling_light * (
+        1 - np.exp(-water.backscatter * z)
+    )
     holed = depth.copy()
     holed[30:50, 40:70] = 0
     view = View("a.png", Arrays(seen, holed, J), camera, np.eye(4))
@@ -289,14 +319,25 @@ def scene() -> tuple[Scene, np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    "method", ["sucre", "sucre_plus", "sucre_paper", "seathru", "gaussian_seathru", "stitching", "dive_gray_world"]
+    "method",
+    [
+        "sucre",
+        "sucre_plus",
+        "sucre_paper",
+        "seathru",
+        "gaussian_seathru",
+        "stitching",
+        "dive_gray_world",
+    ],
 )
 def test_every_method_that_needs_depth_fills_and_leaves_the_rest_as_it_is(method: str) -> None:
     made, _ = scene()
     view = made[0]
-    options = {"sucre": {"water": "truth"}, "sucre_plus": {"water": "truth"}, "sucre_paper": {"steps": 3}}.get(
-        method, {}
-    )
+    options = {
+        "sucre": {"water": "truth"},
+        "sucre_plus": {"water": "truth"},
+        "sucre_paper": {"steps": 3},
+    }.get(method, {})
     plain, filled = (sb.restore(method, made, view, fill=fill, **options) for fill in (False, True))
     holes = view.depth == 0
     assert plain.filled is None
@@ -318,7 +359,9 @@ def test_filled_pixels_have_their_own_colour_in_the_same_water_and_less_confiden
     np.testing.assert_allclose(result.filled[holes], J[holes], atol=0.06)
     known = np.isfinite(result.confidence) & ~holes
     assert np.isfinite(result.confidence[holes]).all()
-    assert not known.any() or np.median(result.confidence[holes]) > np.median(result.confidence[known])
+    assert not known.any() or np.median(result.confidence[holes]) > np.median(
+        result.confidence[known]
+    )
 
 
 BYTES = np.random.default_rng(0).integers(0, 256, (96, 128, 3), np.uint8)
@@ -331,7 +374,11 @@ PICTURE = BYTES.astype(np.float32) / 255
         ("funie", "funie", None),
         ("funie@256", "funie", Form(Resizing(256, "bicubic"))),
         ("all@64-bilinear", "all", Form(Resizing(64, "bilinear"))),
-        ("gray-unmasked@100-nearest@crop4@y", "gray-unmasked", Form(Resizing(100, "nearest"), 4, "y")),
+        (
+            "gray-unmasked@100-nearest@crop4@y",
+            "gray-unmasked",
+            Form(Resizing(100, "nearest"), 4, "y"),
+        ),
     ],
 )
 def test_a_variant_says_its_form(text: str, name: str, form: Form | None) -> None:
@@ -339,16 +386,25 @@ def test_a_variant_says_its_form(text: str, name: str, form: Form | None) -> Non
 
 
 def psnr(form: str, image: np.ndarray = PICTURE, *, truth: np.ndarray) -> float:
-    rows = sb.score(Restoration(image), View("a.png", Arrays(image, None, truth)), [f"psnr:unmasked{form}"])
+    rows = sb.score(
+        Restoration(image), View("a.png", Arrays(image, None, truth)), [f"psnr:unmasked{form}"]
+    )
     return float(rows[rows["metric"] == "psnr"]["value"].item())
 
 
 def test_forms_are_those_of_papers() -> None:
     """Against the formulas themselves: of shaved edges, MATLAB's Y, a range of 2, torchvision's normalize."""
     truth = np.roll(PICTURE, 1, axis=1)
-    assert psnr("@crop4", truth=truth) == pytest.approx(psnr("", PICTURE[4:-4, 4:-4], truth=truth[4:-4, 4:-4]))
-    y = [(16 + 65.481 * x[..., 0] + 128.553 * x[..., 1] + 24.966 * x[..., 2]) / 255 for x in (PICTURE, truth)]
-    assert psnr("@y", truth=truth) == pytest.approx(-10 * np.log10(np.mean((y[0] - y[1]) ** 2)), abs=1e-3)
+    assert psnr("@crop4", truth=truth) == pytest.approx(
+        psnr("", PICTURE[4:-4, 4:-4], truth=truth[4:-4, 4:-4])
+    )
+    y = [
+        (16 + 65.481 * x[..., 0] + 128.553 * x[..., 1] + 24.966 * x[..., 2]) / 255
+        for x in (PICTURE, truth)
+    ]
+    assert psnr("@y", truth=truth) == pytest.approx(
+        -10 * np.log10(np.mean((y[0] - y[1]) ** 2)), abs=1e-3
+    )
     assert psnr("@range2", truth=truth) == pytest.approx(psnr("", truth=truth) + 20 * np.log10(2))
     dull = np.rint((0.2 + 0.5 * PICTURE) * 255).astype(np.float32) / 255
     assert psnr("@minmax", dull, truth=PICTURE) > 45 > psnr("", dull, truth=PICTURE)
@@ -376,11 +432,20 @@ def test_the_filters_are_those_of_the_packages() -> None:
 
 def test_a_score_at_256_is_that_of_the_pictures_resized_in_8_bits() -> None:
     reference = np.roll(PICTURE, 1, axis=1)
-    small = (resized((x * 255 + 0.5).astype(np.uint8), Resizing(48)) / np.float32(255) for x in (PICTURE, reference))
+    small = (
+        resized((x * 255 + 0.5).astype(np.uint8), Resizing(48)) / np.float32(255)
+        for x in (PICTURE, reference)
+    )
     image, truth = small
-    named = sb.score(Restoration(PICTURE), View("a.png", Arrays(PICTURE, None, reference)), ["psnr:masked@48"])
-    by_hand = sb.score(Restoration(image), View("a.png", Arrays(image, None, truth)), ["psnr:masked"])
-    (found,), (expected,) = (rows[rows["metric"] == "psnr"].to_dict("records") for rows in (named, by_hand))
+    named = sb.score(
+        Restoration(PICTURE), View("a.png", Arrays(PICTURE, None, reference)), ["psnr:masked@48"]
+    )
+    by_hand = sb.score(
+        Restoration(image), View("a.png", Arrays(image, None, truth)), ["psnr:masked"]
+    )
+    (found,), (expected,) = (
+        rows[rows["metric"] == "psnr"].to_dict("records") for rows in (named, by_hand)
+    )
     assert found["variant"] == "masked@48"
     assert found["value"] == pytest.approx(expected["value"])
     assert found["n_pixels"] == 48 * 48
@@ -390,7 +455,9 @@ def test_holes_are_black_at_another_size_and_coverage_is_the_share_that_has_a_co
     holed = PICTURE.copy()
     holed[:24] = np.nan
     rows = sb.score(
-        Restoration(holed), View("a.png", Arrays(PICTURE, None, PICTURE)), ["ssim:uniform7@64", "uiqm:all@64"]
+        Restoration(holed),
+        View("a.png", Arrays(PICTURE, None, PICTURE)),
+        ["ssim:uniform7@64", "uiqm:all@64"],
     )
     rows = rows[rows["variant"].str.contains("@")]
     assert len(rows) > 10
@@ -402,7 +469,9 @@ def test_holes_are_black_at_another_size_and_coverage_is_the_share_that_has_a_co
 def test_a_linear_restoration_is_compared_as_it_is_shown() -> None:
     linear = srgb_decode(PICTURE).astype(np.float32)
     view = View("a.exr", Arrays(linear, None, linear), encoding="linear")
-    rows = sb.score(Restoration(linear), view, ["psnr:raw@64", "psnr:masked@64"]).query("metric == 'psnr'")
+    rows = sb.score(Restoration(linear), view, ["psnr:raw@64", "psnr:masked@64"]).query(
+        "metric == 'psnr'"
+    )
     assert (rows["value"] > 45).all()  # but for rounding to 8 bits
 
 

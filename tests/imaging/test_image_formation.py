@@ -108,7 +108,9 @@ def water_of(result: Restoration) -> Water:
 
 def veil(water: Water) -> np.ndarray:
     """B and gamma change places more than what they make together, from 2 to 8 m."""
-    return np.asarray(water.veiling_light * (1 - np.exp(-np.outer(np.linspace(2, 8, 20), water.backscatter))))
+    return np.asarray(
+        water.veiling_light * (1 - np.exp(-np.outer(np.linspace(2, 8, 20), water.backscatter)))
+    )
 
 
 def normal_seabed(seed: int = 0) -> View:
@@ -172,7 +174,9 @@ def test_a_view_without_any_depth_is_not_applicable(method: str):
 
 @each
 def test_a_single_distance_is_said_to_tell_nothing(method: str):
-    view = View("wall.png", Arrays(np.random.default_rng(0).random((20, 30, 3)), np.full((20, 30), 3.0)))
+    view = View(
+        "wall.png", Arrays(np.random.default_rng(0).random((20, 30, 3)), np.full((20, 30), 3.0))
+    )
     result = restore(method, view)
     assert "equally far" in result.info["undetermined"]
     assert np.isfinite(result.image).all()
@@ -187,7 +191,9 @@ def test_distances_gone_astray_hardly_move_the_water(method: str, astray_m: floa
     depth = view.depth.copy()
     depth.ravel()[np.random.default_rng(0).permutation(depth.size)[:60]] = astray_m
     options = {"attenuation": "two_term"} if method == "seathru" else {}
-    clean, astray = (restore(method, v, **options) for v in (view, replace(view, pixels=Arrays(view.rgb, depth))))
+    clean, astray = (
+        restore(method, v, **options) for v in (view, replace(view, pixels=Arrays(view.rgb, depth)))
+    )
     np.testing.assert_allclose(veil(water_of(astray)), veil(water_of(clean)), atol=0.015)
     np.testing.assert_allclose(water_of(astray).attenuation, water_of(clean).attenuation, rtol=0.04)
     same = depth < 9

@@ -21,12 +21,16 @@ def scene(path: Path, orientation: int) -> None:
 
 @pytest.mark.parametrize("orientation", range(1, 9))
 @pytest.mark.parametrize("program", ["turns", "does not turn", "keeps the tag"])
-def test_the_output_of_any_program_lies_as_its_photograph(tmp_path: Path, orientation: int, program: str) -> None:
+def test_the_output_of_any_program_lies_as_its_photograph(
+    tmp_path: Path, orientation: int, program: str
+) -> None:
     photograph, output = tmp_path / "in.png", tmp_path / "out.png"
     scene(photograph, orientation)
     with Image.open(photograph) as image:
         turned = np.asarray(ImageOps.exif_transpose(image)) / np.float32(255)
-        Image.fromarray(np.asarray(ImageOps.exif_transpose(image) if program == "turns" else image)).save(output)
+        Image.fromarray(
+            np.asarray(ImageOps.exif_transpose(image) if program == "turns" else image)
+        ).save(output)
     if program == "keeps the tag":
         scene(output, orientation)
     stored = read_rgb(photograph)

@@ -40,7 +40,10 @@ def jobs(*overrides: str, multirun: bool = False) -> compose_jobs.Command:
         ("method.gain=much", {"method.gain", "much", "number"}),
         ("dataset.views=2.5", {"dataset.views", "2.5", "whole"}),
         ("method.mode=fanci", {"method.mode", "fanci", "'fancy'"}),
-        ("method.display=strech", {"method.display", "strech", "none", "gray-world", "stretch-LOW-HIGH"}),
+        (
+            "method.display=strech",
+            {"method.display", "strech", "none", "gray-world", "stretch-LOW-HIGH"},
+        ),
         ("metrics.psnr.variants=[mask]", {"psnr", "mask", "'masked'"}),
         ("overwrite=alway", {"overwrite", "alway", "'always'"}),
         ("save=all", {"save", "all", "'full'", "display"}),
@@ -83,9 +86,13 @@ def test_options_reach_the_plugin_with_their_types(tmp_path: Path):
     assert (method.gain, method.log, method.mode) == (2.0, tmp_path / "log", "plain")
 
 
-@pytest.mark.parametrize("typed", ["2026_11_22", "3.10", "1e3", "1_000", "+1", "007", "true", "nan", "plain-1"])
+@pytest.mark.parametrize(
+    "typed", ["2026_11_22", "3.10", "1e3", "1_000", "+1", "007", "true", "nan", "plain-1"]
+)
 def test_names_and_paths_stay_as_typed(typed: str):
-    (one,) = jobs(f"out={typed}", f"method.label={typed}", f"dataset.label={typed}", f"method.log={typed}").jobs
+    (one,) = jobs(
+        f"out={typed}", f"method.label={typed}", f"dataset.label={typed}", f"method.log={typed}"
+    ).jobs
     assert (str(one.out), one.method.label, one.dataset.label) == (typed, typed, typed)
     assert one.method.options["log"] == Path(typed)
     assert jobs(f"views=[{typed},b.png]").jobs[0].views == (typed, "b.png")
@@ -106,7 +113,9 @@ def test_the_label_is_the_methods_name_and_what_the_sweep_changed():
     assert label() == "gain"
     assert label("method.gain=0.5", "method.log=/tmp/x") == "gain"
     assert label("method.gain=2", "method.label=mine") == "mine"
-    swept = jobs("method.gain=0.5,1", "method.log=/tmp/x,/elsewhere/y", "method.mode=fancy", multirun=True)
+    swept = jobs(
+        "method.gain=0.5,1", "method.log=/tmp/x,/elsewhere/y", "method.mode=fancy", multirun=True
+    )
     assert [j.method.label for j in swept.jobs] == [
         "gain,gain=0.5,log=x", "gain,gain=0.5,log=y", "gain,gain=1.0,log=x", "gain,gain=1.0,log=y",
     ]  # fmt: skip
@@ -115,7 +124,9 @@ def test_the_label_is_the_methods_name_and_what_the_sweep_changed():
 def test_a_label_of_ones_own_says_which_swept_value_it_has():
     sweep = jobs("method.gain=1,2", "method.label=my own", multirun=True)
     assert [job.method.label for job in sweep.jobs] == ["my own,gain=1.0", "my own,gain=2.0"]
-    own = jobs("method.gain=1,2", "method.mode=plain,fancy", "method.label='gain {gain}'", multirun=True)
+    own = jobs(
+        "method.gain=1,2", "method.mode=plain,fancy", "method.label='gain {gain}'", multirun=True
+    )
     assert [job.method.label for job in own.jobs] == [
         f"gain {n}.0,mode={m}" for n in (1, 2) for m in ("plain", "fancy")
     ]
@@ -201,10 +212,20 @@ def test_a_datasets_option_without_a_dataset_is_refused():
 
 
 def test_a_jobs_values_give_the_same_job_in_another_process():
-    words = ["method.gain=1,2", "dataset.views=2,3", "degrade.noise=0.1", "views=[v0.png]", "save=full"]
+    words = [
+        "method.gain=1,2",
+        "dataset.views=2,3",
+        "degrade.noise=0.1",
+        "views=[v0.png]",
+        "save=full",
+    ]
     for one in jobs(*words, multirun=True).jobs:
         again = Job.of(one.values)
-        assert (again.method, again.dataset, again.degrade) == (one.method, one.dataset, one.degrade)
+        assert (again.method, again.dataset, again.degrade) == (
+            one.method,
+            one.dataset,
+            one.degrade,
+        )
         assert (again.views, again.save, again.out) == (one.views, one.save, one.out)
 
 
@@ -215,19 +236,40 @@ def test_labels_of_a_folder_that_names_the_swept_keys_are_as_they_were():
 
 
 LETTERS = "\\'$ {}a1."
-TEXTS = ["true", "Null", "nan", "inf", "5", ".5", ".5e-3", "1e-3", "C:\\dive\\", "${out}", "a,b", "~/dive", "ünï", ""]
+TEXTS = [
+    "true",
+    "Null",
+    "nan",
+    "inf",
+    "5",
+    ".5",
+    ".5e-3",
+    "1e-3",
+    "C:\\dive\\",
+    "${out}",
+    "a,b",
+    "~/dive",
+    "ünï",
+    "",
+]
 
 
 def test_any_text_is_read_back_as_the_same_text():
     parser = OverridesParser.create()
-    short = ("".join(letters) for length in (1, 2, 3) for letters in itertools.product(LETTERS, repeat=length))
+    short = (
+        "".join(letters)
+        for length in (1, 2, 3)
+        for letters in itertools.product(LETTERS, repeat=length)
+    )
     for text in [*TEXTS, *short]:
         read = parser.parse_override(f"key={quoted(text)}").value()
         assert isinstance(read, str), text
         assert OmegaConf.create({"key": str(read), "out": "other"}).key == text
 
 
-@pytest.mark.parametrize("value", [None, True, 5, 0.25, "null", ["a", "true", 1], {"a_b": [1, None]}])
+@pytest.mark.parametrize(
+    "value", [None, True, 5, 0.25, "null", ["a", "true", 1], {"a_b": [1, None]}]
+)
 def test_any_value_of_an_option_is_read_back(value: object):
     read = OverridesParser.create().parse_override(f"key={value_of(value)}").value()
     assert OmegaConf.to_container(OmegaConf.create({"key": read})) == {"key": value}
@@ -273,7 +315,10 @@ def test_a_folder_is_recognised_by_its_files(tmp_path: Path, monkeypatch: pytest
         assert dataset_of(f"dataset=./{name}") == (name, name)
     assert dataset_of("dataset=./dive") == ("colmap", "dive")
     assert dataset_of("dataset=./photos") == ("photos", "photos")
-    assert dataset_of(f"dataset={tmp_path / 'dive'}", "colmap.image_scale=0.5") == ("colmap", str(tmp_path / "dive"))
+    assert dataset_of(f"dataset={tmp_path / 'dive'}", "colmap.image_scale=0.5") == (
+        "colmap",
+        str(tmp_path / "dive"),
+    )
 
 
 def test_a_scene_with_poses_is_preferred_to_the_photographs_in_its_folder(tmp_path: Path):
@@ -312,7 +357,10 @@ def test_a_folder_that_fits_nothing_is_one_line(bench, tmp_path: Path, word: str
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").touch()
     write_image(tmp_path / "above" / "photos" / "a.png", picture(1))
-    for done in (bench("run", word, "method=gray_world"), bench("describe", word.partition("=")[2])):
+    for done in (
+        bench("run", word, "method=gray_world"),
+        bench("describe", word.partition("=")[2]),
+    ):
         assert (done.returncode, len(done.errors)) == (2, 1)
         assert named <= names(done.stderr)
 
@@ -327,7 +375,10 @@ def test_what_a_folder_is_is_said_in_a_line(bench, tmp_path: Path):
 def test_a_folder_with_the_name_of_a_dataset_is_read(bench, tmp_path: Path):
     """`photos` is both. Where nothing else names the data, the folder is meant."""
     write_image(tmp_path / "photos" / "a.png", picture(1))
-    for words in (["describe", "photos", "--no-sheet"], ["run", "dataset=photos", "method=gray_world", "--cfg"]):
+    for words in (
+        ["describe", "photos", "--no-sheet"],
+        ["run", "dataset=photos", "method=gray_world", "--cfg"],
+    ):
         assert bench(*words).returncode == 0
     refused = bench("run", "photos", "method=gray_world").stderr
     assert "write sucre-bench run dataset=photos method=gray_world" in refused
@@ -335,6 +386,8 @@ def test_a_folder_with_the_name_of_a_dataset_is_read(bench, tmp_path: Path):
 
 
 def test_every_dataset_of_files_can_be_recognised():
-    known = [plugin for plugin in plugins.discover("dataset").values() if isinstance(plugin, Plugin)]
+    known = [
+        plugin for plugin in plugins.discover("dataset").values() if isinstance(plugin, Plugin)
+    ]
     own = [plugin for plugin in known if plugin.cls.__module__.startswith("sucre_bench.")]
     assert {plugin.name for plugin in own if not plugin.signs} == {"demo", "nature"}

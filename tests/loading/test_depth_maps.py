@@ -59,7 +59,9 @@ def test_without_the_package_it_is_named(tmp_path: Path, monkeypatch: pytest.Mon
 
 MILLIMETRES = np.rint(1000 * METRES).astype(np.uint16)
 FORMS: dict[str, Callable[[Path], object]] = {
-    "a.pfm": lambda path: path.write_bytes(b"Pf\n40 30\n-1.0\n" + METRES[::-1].tobytes()),  # rows from the bottom
+    "a.pfm": lambda path: path.write_bytes(
+        b"Pf\n40 30\n-1.0\n" + METRES[::-1].tobytes()
+    ),  # rows from the bottom
     "a.jpg.geometric.bin": lambda path: path.write_bytes(b"40&30&1&" + METRES.tobytes()),
     "a.jpg.photometric.bin": lambda path: path.write_bytes(b"40&30&1&" + METRES.tobytes()),
     "a.npy": lambda path: np.save(path, METRES[None]),
@@ -70,7 +72,9 @@ FORMS: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize(("name", "write_it"), FORMS.items(), ids=list(FORMS))
-def test_a_map_is_found_and_read_in_metres(tmp_path: Path, name: str, write_it: Callable[[Path], object]) -> None:
+def test_a_map_is_found_and_read_in_metres(
+    tmp_path: Path, name: str, write_it: Callable[[Path], object]
+) -> None:
     write_it(tmp_path / name)
     path = find_depths(tmp_path, ["a.jpg"])["a.jpg"]
     assert isinstance(path, Path)
@@ -93,9 +97,12 @@ def test_a_damaged_map_by_colmap_is_one_line(tmp_path: Path, cut: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "none"), [(MILLIMETRES, 65535), (METRES, 99999), (METRES, 1000), (METRES, np.inf), (METRES, 100)]
+    ("values", "none"),
+    [(MILLIMETRES, 65535), (METRES, 99999), (METRES, 1000), (METRES, np.inf), (METRES, 100)],
 )
-def test_a_value_that_means_none_is_no_depth(tmp_path: Path, values: np.ndarray, none: float) -> None:
+def test_a_value_that_means_none_is_no_depth(
+    tmp_path: Path, values: np.ndarray, none: float
+) -> None:
     values = values.copy()
     values[:10] = none
     np.save(tmp_path / "a.npy", values)

@@ -46,7 +46,9 @@ def test_links_in_a_circle_end_and_each_folder_is_there_once(tmp_path: Path) -> 
     ]
     assert image_names(tmp_path, subfolders=True) == ["a/linearPNG/a.png", "a/to_b/linearPNG/b.png"]
     assert ImageFolder(tmp_path).find("a") == ["a/linearPNG/a.png"]
-    assert find_depths(tmp_path, ["a/linearPNG/a.jpg"]) == {"a/linearPNG/a.jpg": tmp_path / "a/linearPNG/a.png"}
+    assert find_depths(tmp_path, ["a/linearPNG/a.jpg"]) == {
+        "a/linearPNG/a.jpg": tmp_path / "a/linearPNG/a.png"
+    }
     assert len(list(Seathru(tmp_path).scenes())) == 2
     (scene,) = Photos(tmp_path, subfolders=True).scenes()
     assert len(scene) == 2
@@ -55,7 +57,9 @@ def test_links_in_a_circle_end_and_each_folder_is_there_once(tmp_path: Path) -> 
 def test_a_link_to_a_scene_is_not_a_second_one(tmp_path: Path) -> None:
     write_image(tmp_path / "D1" / "linearPNG" / "a.png", picture(0))
     (tmp_path / "A_latest").symlink_to(tmp_path / "D1")
-    assert [scene.name for scene in Seathru(tmp_path).scenes()] == ["D1"], "the folder itself, not the link"
+    assert [scene.name for scene in Seathru(tmp_path).scenes()] == ["D1"], (
+        "the folder itself, not the link"
+    )
 
 
 @pytest.mark.parametrize("named", ["~/chosen", "chosen"])
@@ -83,7 +87,13 @@ def test_a_file_for_a_folder_or_a_folder_for_a_file_is_refused(
     root = tmp_path / "dive"
     root.mkdir()
     write(root)
-    place = tmp_path / "home" if named.startswith("~") else root / "2015" if plugin is EiffelTower else root
+    place = (
+        tmp_path / "home"
+        if named.startswith("~")
+        else root / "2015"
+        if plugin is EiffelTower
+        else root
+    )
     monkeypatch.setenv("HOME", str(place))
     place.mkdir(exist_ok=True)
     for option in (*files, *folders):
@@ -98,7 +108,9 @@ def test_a_folder_in_ones_home_is_read(tmp_path: Path, monkeypatch: pytest.Monke
     root = write_dive(tmp_path / "dive")
     for name in ("images", "sparse", "depths"):
         (root / name).rename(tmp_path / f"my_{name}")
-    (scene,) = Colmap(root, images="~/my_images", sparse="~/my_sparse", depths="~/my_depths").scenes()
+    (scene,) = Colmap(
+        root, images="~/my_images", sparse="~/my_sparse", depths="~/my_depths"
+    ).scenes()
     assert scene.has == {"poses", "depth"}
     assert scene["a.png"].rgb.shape == picture(0).shape
     with pytest.raises(InputError, match="~no_such_user"):
@@ -141,7 +153,9 @@ def changed(path: Path, at: int) -> bytes:
     return after
 
 
-def test_a_fingerprint_is_of_all_of_a_small_file_and_of_blocks_of_a_large_one(tmp_path: Path) -> None:
+def test_a_fingerprint_is_of_all_of_a_small_file_and_of_blocks_of_a_large_one(
+    tmp_path: Path,
+) -> None:
     small, large = tmp_path / "small.tif", tmp_path / "large.tif"
     small.write_bytes(np.random.default_rng(0).bytes(1 << 20))
     large.write_bytes(np.random.default_rng(1).bytes(3 << 20))
@@ -151,7 +165,9 @@ def test_a_fingerprint_is_of_all_of_a_small_file_and_of_blocks_of_a_large_one(tm
         assert fingerprint(path) == own, "whatever its date"
     assert all(changed(small, at) != fingerprint(small) for at in (0, 5000, 500_000, (1 << 20) - 1))
     own, size = fingerprint(large), 3 << 20
-    assert all(changed(large, (size - 4096) * i // 15 + 100) != own for i in range(16)), "sixteen even distances"
+    assert all(changed(large, (size - 4096) * i // 15 + 100) != own for i in range(16)), (
+        "sixteen even distances"
+    )
     assert changed(large, 0) != own != changed(large, size - 1)
     assert changed(large, 10_000) == own, "the limit that is documented"
     large.write_bytes(large.read_bytes() + b"x")

@@ -36,20 +36,36 @@ def write(folder: Path, pictures: dict[str, np.ndarray]) -> str:
 def made(bench: Bench, tmp_path: Path) -> Path:
     """The table of a set of four pictures, written by `describe`."""
     root = write(tmp_path / "made", {f"{k}.png": scenery(k) for k in range(N)})
-    done = bench("describe", "photos", f"dataset.root={root}", "--no-sheet", "--write-set", str(tmp_path / "made4.csv"))
+    done = bench(
+        "describe",
+        "photos",
+        f"dataset.root={root}",
+        "--no-sheet",
+        "--write-set",
+        str(tmp_path / "made4.csv"),
+    )
     assert done.returncode == 0, done.stderr
     return tmp_path / "made4.csv"
 
 
 def scene_of(bench: Bench, root: str, table: Path) -> Done:
-    return bench("describe", "photos", f"dataset.root={root}", f"dataset.split={table}", "--no-sheet", "--json")
+    return bench(
+        "describe",
+        "photos",
+        f"dataset.root={root}",
+        f"dataset.split={table}",
+        "--no-sheet",
+        "--json",
+    )
 
 
 def test_a_split_takes_the_sets_pictures_renamed_resized_as_jpeg_and_names_the_scene(
     bench: Bench, made: Path, tmp_path: Path
 ) -> None:
     theirs = {f"x{k}.jpg": cv2.resize(scenery(k), (128, 128)) for k in range(N)}
-    root = write(tmp_path / "theirs", {**theirs, **{f"other{k}.png": scenery(50 + k) for k in range(3)}})
+    root = write(
+        tmp_path / "theirs", {**theirs, **{f"other{k}.png": scenery(50 + k) for k in range(3)}}
+    )
     done = scene_of(bench, root, made)
     (scene,) = json.loads(done.stdout)
     assert (scene["scene"], [view["name"] for view in scene["views"]]) == ("made4", sorted(theirs))
@@ -86,11 +102,16 @@ def test_a_set_that_is_not_as_published_is_one_line(
     ("text", "named"),
     [
         ("image\na.png\n", {"columns", "other_names"}),
-        ("name,other_names,width,height,image,reference\na.png,,,,,\na.png,,,,,\n", {"a.png", "twice"}),
+        (
+            "name,other_names,width,height,image,reference\na.png,,,,,\na.png,,,,,\n",
+            {"a.png", "twice"},
+        ),
         ("name,other_names,width,height,image,reference\na.png,,8,8,abc,\n", {"a.png", "print"}),
     ],
 )
-def test_a_wrong_table_is_one_line(bench: Bench, tmp_path: Path, text: str, named: set[str]) -> None:
+def test_a_wrong_table_is_one_line(
+    bench: Bench, tmp_path: Path, text: str, named: set[str]
+) -> None:
     (tmp_path / "t.csv").write_text(text)
     done = scene_of(bench, write(tmp_path / "made", {"a.png": scenery(0)}), tmp_path / "t.csv")
     assert done.returncode == 2
@@ -104,24 +125,46 @@ def test_an_unknown_set_is_one_line_with_the_nearest_name(bench: Bench, tmp_path
     assert "'u90'" in done.stderr
 
 
-def test_the_shipped_sets_are_listed_and_share_the_pictures_that_their_authors_share(bench: Bench) -> None:
+def test_the_shipped_sets_are_listed_and_share_the_pictures_that_their_authors_share(
+    bench: Bench,
+) -> None:
     listed = {one["name"]: one for one in json.loads(bench("list", "sets", "--json").stdout)}
     assert {listed[name]["pictures"] for name in ("u90", "t90", "dnnet90", "sfhformer90")} == {90}
     assert "Test_400" in listed["lsui400"]["source"]
-    members = {name: {one.name for one in named_sets()[name].members} for name in ("u90", "t90", "dnnet90")}
+    members = {
+        name: {one.name for one in named_sets()[name].members} for name in ("u90", "t90", "dnnet90")
+    }
     # As the lists of names share them, which prints have no part in.
-    shared = [len(members[a] & members[b]) for a, b in (("u90", "t90"), ("u90", "dnnet90"), ("t90", "dnnet90"))]
+    shared = [
+        len(members[a] & members[b])
+        for a, b in (("u90", "t90"), ("u90", "dnnet90"), ("t90", "dnnet90"))
+    ]
     assert shared == [19, 9, 9]
     for a, b in (("u90", "t90"), ("u90", "dnnet90")):
-        prints = {one.image.bits for one in named_sets()[a].members if one.name in members[b] and one.image}
-        others = {one.image.bits for one in named_sets()[b].members if one.name in members[a] and one.image}
-        far = [min(bin(int.from_bytes(x) ^ int.from_bytes(y)).count("1") for y in others) for x in prints]
+        prints = {
+            one.image.bits
+            for one in named_sets()[a].members
+            if one.name in members[b] and one.image
+        }
+        others = {
+            one.image.bits
+            for one in named_sets()[b].members
+            if one.name in members[a] and one.image
+        }
+        far = [
+            min(bin(int.from_bytes(x) ^ int.from_bytes(y)).count("1") for y in others)
+            for x in prints
+        ]
         assert max(far) <= 8  # of 256: the same picture, in the files of two groups
 
 
 def test_other_pictures_are_of_no_set_and_what_a_method_made_of_its_own_are() -> None:
     strangers = {f"{k}.png": picture_of(scenery(k)) for k in range(30)}
-    assert not any(found_of(named, strangers).members for named in named_sets().values() if named.members[0].image)
+    assert not any(
+        found_of(named, strangers).members
+        for named in named_sets().values()
+        if named.members[0].image
+    )
 
 
 def test_scores_say_the_set_of_the_references_and_the_rows_keep_it(
@@ -130,7 +173,9 @@ def test_scores_say_the_set_of_the_references_and_the_rows_keep_it(
     from sucre_bench.loading import named_sets as room
 
     monkeypatch.setattr(room, "named_sets", lambda: {"made4": room.named_set(str(made))})
-    restored = {f"{k}.png": np.clip(scenery(k) * 1.2 + 9, 0, 255).astype(np.uint8) for k in range(N)}
+    restored = {
+        f"{k}.png": np.clip(scenery(k) * 1.2 + 9, 0, 255).astype(np.uint8) for k in range(N)
+    }
     root, truth = write(tmp_path / "out", restored), str(tmp_path / "made")
     done = bench("score", root, "--reference", truth, "--metrics", "psnr", "--format", "csv")
     assert set(pd.read_csv(io.StringIO(done.stdout))["scene"]) == {"made4"}
@@ -146,7 +191,14 @@ def test_a_set_that_would_lack_pictures_is_refused_before_any_is_read(
 ) -> None:
     root = write(tmp_path / "made", {f"{k}.png": scenery(k) for k in range(N)})
     monkeypatch.setattr("sucre_bench.programs.describe.description.look_at", None)
-    words = ("describe", "photos", f"dataset.root={root}", "--no-sheet", "--write-set", str(tmp_path / "few.csv"))
+    words = (
+        "describe",
+        "photos",
+        f"dataset.root={root}",
+        "--no-sheet",
+        "--write-set",
+        str(tmp_path / "few.csv"),
+    )
     for word in ("--most=2", "every=2"):
         done = bench(*words, word)
         assert (done.returncode, len(done.errors)) == (2, 1), done.stderr

@@ -16,7 +16,9 @@ from sucre_bench.programs.score_folder import score_folder
 def said_of(work: object, monkeypatch: pytest.MonkeyPatch) -> str:
     lines: list[str] = []
     monkeypatch.setattr(passed_over, "_said", set())
-    with progress.watched_by(lambda event, *values: lines.append(values[0]) if event == "said" else None):
+    with progress.watched_by(
+        lambda event, *values: lines.append(values[0]) if event == "said" else None
+    ):
         work()  # type: ignore[operator]
     (line,) = [line for line in lines if "not read" in line] or [""]
     return line
@@ -31,8 +33,20 @@ def photographs(folder: Path, *others: str) -> Path:
     return folder
 
 
-def test_a_folder_of_photographs_says_what_else_it_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = photographs(tmp_path / "p", "c.HEIC", "d.heic", "e.GPR", "f.jp2", "g.xyz", "v.MP4", "README.md", ".hidden")
+def test_a_folder_of_photographs_says_what_else_it_holds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = photographs(
+        tmp_path / "p",
+        "c.HEIC",
+        "d.heic",
+        "e.GPR",
+        "f.jp2",
+        "g.xyz",
+        "v.MP4",
+        "README.md",
+        ".hidden",
+    )
     for work in (
         lambda: select(["dataset=photos", f"dataset.root={folder}"]),
         lambda: score_folder(folder, None, ["uciqe"]),
@@ -43,10 +57,17 @@ def test_a_folder_of_photographs_says_what_else_it_holds(tmp_path: Path, monkeyp
         assert ".md" not in line
 
 
-def test_a_dive_says_which_of_its_files_no_view_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_dive_says_which_of_its_files_no_view_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     dive = write_dive(tmp_path)
     assert not said_of(lambda: select(["dataset=colmap", f"dataset.root={dive}"]), monkeypatch)
-    for name in ("images/unplaced.png", "depths/a.unknown", "stereo/b.png.geometric.bin", "depth_origin/a.png"):
+    for name in (
+        "images/unplaced.png",
+        "depths/a.unknown",
+        "stereo/b.png.geometric.bin",
+        "depth_origin/a.png",
+    ):
         (dive / name).parent.mkdir(exist_ok=True)
         (dive / name).write_bytes(np.random.default_rng(0).bytes(9))
     line = said_of(lambda: select(["dataset=colmap", f"dataset.root={dive}"]), monkeypatch)

@@ -22,13 +22,18 @@ W, H = 400, 300
 def files(request: pytest.FixtureRequest, tmp_path: Path) -> Files:
     rng = np.random.default_rng(0)
     most = np.iinfo(request.param).max
-    cv2.imwrite(str(tmp_path / "a.png"), rng.integers(0, most, (H, W, 3), endpoint=True, dtype=request.param))
+    cv2.imwrite(
+        str(tmp_path / "a.png"),
+        rng.integers(0, most, (H, W, 3), endpoint=True, dtype=request.param),
+    )
     cv2.imwrite(str(tmp_path / "depth.png"), rng.integers(0, 5000, (H, W), dtype=np.uint16))
     return Files(tmp_path / "a.png", (W, H), depth=tmp_path / "depth.png")
 
 
 def _shared(files: Files) -> View:
-    return with_shared_pixels(Scene("reef", [View("a.png", files)], frozenset(), data_id="1")).views[0]
+    return with_shared_pixels(
+        Scene("reef", [View("a.png", files)], frozenset(), data_id="1")
+    ).views[0]
 
 
 def test_stored_planes_equal_decoded_ones_bit_by_bit(files: Files, tmp_path: Path):
@@ -64,7 +69,8 @@ def test_a_scene_that_cannot_be_known_again_is_left_as_it_is(files: Files):
 
 
 @pytest.mark.parametrize(
-    ("name", "suffix", "is_jpeg"), [("a.png", ".jpg", True), ("a.jpg", ".png", False), ("b.png", "", True)]
+    ("name", "suffix", "is_jpeg"),
+    [("a.png", ".jpg", True), ("a.jpg", ".png", False), ("b.png", "", True)],
 )
 def test_a_jpeg_is_known_by_its_content_and_a_png_that_was_made_of_one(
     tmp_path: Path, name: str, suffix: str, is_jpeg: bool

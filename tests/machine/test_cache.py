@@ -46,7 +46,10 @@ def test_an_array_is_made_once_for_all_threads_and_processes(tmp_path: Path):
 
 
 def test_a_full_store_drops_what_was_used_longest_ago(tmp_path: Path):
-    store, makers = ArrayStore(tmp_path, 2.5 * 8 * N), {name: _Maker(n) for n, name in enumerate("abc")}
+    store, makers = (
+        ArrayStore(tmp_path, 2.5 * 8 * N),
+        {name: _Maker(n) for n, name in enumerate("abc")},
+    )
     a = store.get("a", makers["a"])
     for n, file in enumerate(sorted(tmp_path.glob("*.npy"))):
         os.utime(file, (1000 + n, 1000 + n))
@@ -79,7 +82,9 @@ def test_without_a_place_to_write_to_arrays_are_made(tmp_path: Path):
     assert (ArrayStore(tmp_path / "file", 1e9).get("a", make) == 4).all()
 
 
-@pytest.mark.parametrize("code", [errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP], ids=errno.errorcode.get)
+@pytest.mark.parametrize(
+    "code", [errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP], ids=errno.errorcode.get
+)
 def test_one_process_at_a_time_holds_a_lock_where_the_file_system_has_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
 ):
@@ -108,7 +113,9 @@ def test_compiling_is_announced_once_on_a_machine(tmp_path: Path):
 
     def told() -> str:
         here = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
-        ran = subprocess.run([sys.executable, "-c", _SCRIPT], env=here, capture_output=True, text=True, check=True)
+        ran = subprocess.run(
+            [sys.executable, "-c", _SCRIPT], env=here, capture_output=True, text=True, check=True
+        )
         return ran.stderr
 
     assert "compiling" in told()
@@ -118,7 +125,9 @@ def test_compiling_is_announced_once_on_a_machine(tmp_path: Path):
 def test_a_loop_is_compiled_where_no_place_can_keep_it():
     """As for a user who can write neither the package's folder nor a home: numba refuses to cache such a function."""
     names: dict[str, Any] = {}
-    exec("def double(x):\n    return 2 * x\n", names)  # has no file, so numba finds no place beside it
+    exec(
+        "def double(x):\n    return 2 * x\n", names
+    )  # has no file, so numba finds no place beside it
     assert compiled(names["double"])(21) == 42
 
 
@@ -181,7 +190,9 @@ def unread(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(provenance.ast, "parse", refuse)
 
 
-def test_a_later_process_takes_what_an_earlier_one_found(cache: Path, code: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_later_process_takes_what_an_earlier_one_found(
+    cache: Path, code: Path, monkeypatch: pytest.MonkeyPatch
+):
     first = hash_in_new_process(code)
     unread(monkeypatch)
     assert hash_in_new_process(code) == first
@@ -203,7 +214,9 @@ def test_a_file_that_may_still_change_is_not_stored(cache: Path, code: Path):
 
 
 @pytest.mark.parametrize("content", [b'{"of": 3}', b"\xff"])
-def test_a_damaged_cache_is_made_again(cache: Path, code: Path, monkeypatch: pytest.MonkeyPatch, content: bytes):
+def test_a_damaged_cache_is_made_again(
+    cache: Path, code: Path, monkeypatch: pytest.MonkeyPatch, content: bytes
+):
     first = hash_in_new_process(code)
     for file in (cache / "code").glob("*.json"):
         file.write_bytes(content)
@@ -212,7 +225,9 @@ def test_a_damaged_cache_is_made_again(cache: Path, code: Path, monkeypatch: pyt
     assert hash_in_new_process(code) == first
 
 
-def test_without_a_place_to_write_to_code_is_read(cache: Path, code: Path, monkeypatch: pytest.MonkeyPatch):
+def test_without_a_place_to_write_to_code_is_read(
+    cache: Path, code: Path, monkeypatch: pytest.MonkeyPatch
+):
     first = hash_in_new_process(code)
     monkeypatch.setattr(provenance, "user_cache", lambda: Path("/proc/none"))
     assert hash_in_new_process(code) == first

@@ -19,8 +19,18 @@ from sucre_bench.machine import provenance
     [
         (["run", "method=sucre_paper"], "torch", "method 'sucre_paper'", "torch"),
         (["run", "method=sucre", "method.backend=jax"], "jax", "sucre.backend=jax", "jax"),
-        (["run", "method=sucre_plus", "method.backend=torch"], "torch", "sucre_plus.backend=torch", "torch"),
-        (["run", "method=gray_world", "tracking.uri=sqlite:///elsewhere.db"], "mlflow", "tracking.uri", "mlflow"),
+        (
+            ["run", "method=sucre_plus", "method.backend=torch"],
+            "torch",
+            "sucre_plus.backend=torch",
+            "torch",
+        ),
+        (
+            ["run", "method=gray_world", "tracking.uri=sqlite:///elsewhere.db"],
+            "mlflow",
+            "tracking.uri",
+            "mlflow",
+        ),
         (["track", "."], "mlflow", "track", "mlflow"),
         (["prepare", "photos", "dive"], "pycolmap", "prepare", "prepare"),
         (["prepare", "photos", "dive"], "open3d", "prepare", "surfaces"),
@@ -28,7 +38,14 @@ from sucre_bench.machine import provenance
     ],
 )
 def test_what_is_missing_is_said_before_any_work(
-    bench, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, small_demo, words: list[str], hidden: str, place, extra: str
+    bench,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    small_demo,
+    words: list[str],
+    hidden: str,
+    place,
+    extra: str,
 ):
     hide(monkeypatch, hidden)
     write_image(tmp_path / "photos/a.jpg", np.full((30, 40, 3), 90, np.uint8))
@@ -46,7 +63,9 @@ def test_an_onnx_network_names_its_extra(monkeypatch: pytest.MonkeyPatch, tmp_pa
         sb.restore("onnx", scene, 0, model="network.onnx")
 
 
-def test_a_run_without_mlflow_and_torch_is_silent_about_them(bench, monkeypatch: pytest.MonkeyPatch, small_demo):
+def test_a_run_without_mlflow_and_torch_is_silent_about_them(
+    bench, monkeypatch: pytest.MonkeyPatch, small_demo
+):
     hide(monkeypatch)
     done = bench("run", "method=gray_world", *small_demo, "workers=0", "first=1")
     assert done.returncode == 0, done.stderr
@@ -57,31 +76,48 @@ def test_a_run_without_mlflow_and_torch_is_silent_about_them(bench, monkeypatch:
     assert all(installed[name] for name in ("sucre", "sucre_plus", "gray_world"))
 
 
-def test_an_experiment_goes_on_without_a_method_that_lacks_an_extra(bench, monkeypatch: pytest.MonkeyPatch, small_demo):
+def test_an_experiment_goes_on_without_a_method_that_lacks_an_extra(
+    bench, monkeypatch: pytest.MonkeyPatch, small_demo
+):
     hide(monkeypatch, "torch")
     done = bench("run", "-m", "experiment=demo", *small_demo, "--dry-run")
     assert done.returncode == 0, done.stderr
-    assert "sucre_paper is left out: torch is not installed; pip install 'sucre-bench[torch]'" in done.stderr
+    assert (
+        "sucre_paper is left out: torch is not installed; pip install 'sucre-bench[torch]'"
+        in done.stderr
+    )
     assert "sucre_plus" in done.stdout
     refused = bench("run", "-m", "experiment=residuals", *small_demo, "--dry-run")
     assert refused.returncode == 2
     assert "method 'sucre_paper': torch is not installed" in refused.stderr
 
 
-def test_a_package_that_is_too_old_or_does_not_import_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_a_package_that_is_too_old_or_does_not_import_is_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
     version_of = provenance.version_of
-    monkeypatch.setattr(provenance, "version_of", lambda name: "3.9" if name == "pycolmap" else version_of(name))
-    with pytest.raises(InputError, match=r"prepare: pycolmap is 3\.9, not >=4\.0; pip install .*prepare"):
+    monkeypatch.setattr(
+        provenance, "version_of", lambda name: "3.9" if name == "pycolmap" else version_of(name)
+    )
+    with pytest.raises(
+        InputError, match=r"prepare: pycolmap is 3\.9, not >=4\.0; pip install .*prepare"
+    ):
         provenance.require("prepare", "pycolmap")
     (tmp_path / "broken_library_xyz.py").write_text("raise OSError('libGL.so.1: cannot open')\n")
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(InputError, match=r"texture: broken_library_xyz does not import, .*libGL\.so\.1.*doctor"):
+    with pytest.raises(
+        InputError, match=r"texture: broken_library_xyz does not import, .*libGL\.so\.1.*doctor"
+    ):
         provenance.load("texture", "broken_library_xyz")
 
 
-def test_a_run_says_that_a_package_of_the_core_is_too_old(bench, monkeypatch: pytest.MonkeyPatch, small_demo):
+def test_a_run_says_that_a_package_of_the_core_is_too_old(
+    bench, monkeypatch: pytest.MonkeyPatch, small_demo
+):
     version_of = provenance.version_of
-    monkeypatch.setattr(provenance, "version_of", lambda name: "1.0" if name == "numpy" else version_of(name))
+    monkeypatch.setattr(
+        provenance, "version_of", lambda name: "1.0" if name == "numpy" else version_of(name)
+    )
     done = bench("run", *small_demo, "method=underwater", "--dry-run")
     assert done.returncode == 0, done.stderr
     assert re.search(r"packages: numpy is 1\.0, not >=.*; pip install 'numpy>=", done.stderr)
@@ -96,7 +132,11 @@ def test_a_library_of_the_core_that_is_there_but_broken_is_named(
     hide(monkeypatch)
     done = bench("doctor", "--json")
     assert done.returncode == 1
-    faults = {one["said"]: one["remedy"] for one in json.loads(done.stdout)["features"] if one["state"] == "broken"}
+    faults = {
+        one["said"]: one["remedy"]
+        for one in json.loads(done.stdout)["features"]
+        if one["state"] == "broken"
+    }
     assert any("numba does not import: ImportError: libtbb.so.12" in said for said in faults)
     assert all("pip install" in remedy for remedy in faults.values())
     refused = program("score", str(tmp_path), PYTHONPATH=str(tmp_path))
@@ -107,5 +147,13 @@ def test_a_library_of_the_core_that_is_there_but_broken_is_named(
 
 def test_every_package_of_an_extra_stands_in_one_so_that_messages_can_name_it():
     extras = {name: extra for name, (_, extra) in provenance.requirements().items() if extra}
-    assert extras.items() >= {"torch": "torch", "open3d": "surfaces", "pycolmap": "prepare", "mlflow": "mlflow"}.items()
+    assert (
+        extras.items()
+        >= {
+            "torch": "torch",
+            "open3d": "surfaces",
+            "pycolmap": "prepare",
+            "mlflow": "mlflow",
+        }.items()
+    )
     assert not {"torch", "jax", "open3d", "mlflow", "pycolmap", "onnxruntime"} - extras.keys()

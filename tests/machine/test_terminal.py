@@ -28,8 +28,14 @@ def in_terminal(*arguments: str, folder: Path, **environment: str) -> str:
     """What a real terminal gets to see."""
     parent, child = pty.openpty()
     unset = ("NO_COLOR", "FORCE_COLOR", "TERM", "COLORTERM")
-    env = {k: v for k, v in os.environ.items() if k not in unset} | {"TERM": "xterm-256color"} | environment
-    with subprocess.Popen([PROGRAM, *arguments], stdout=child, stderr=child, stdin=child, cwd=folder, env=env):
+    env = (
+        {k: v for k, v in os.environ.items() if k not in unset}
+        | {"TERM": "xterm-256color"}
+        | environment
+    )
+    with subprocess.Popen(
+        [PROGRAM, *arguments], stdout=child, stderr=child, stdin=child, cwd=folder, env=env
+    ):
         os.close(child)
         said = b""
         while True:
@@ -69,7 +75,9 @@ def test_a_reader_that_has_enough_is_no_fault(tmp_path: Path):
     reading, writing = os.pipe()
     os.close(reading)
     env = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
-    done = subprocess.run([PROGRAM, "run", "--help"], stdout=writing, stderr=subprocess.PIPE, cwd=tmp_path, env=env)
+    done = subprocess.run(
+        [PROGRAM, "run", "--help"], stdout=writing, stderr=subprocess.PIPE, cwd=tmp_path, env=env
+    )
     os.close(writing)
     assert (done.stderr, done.returncode) == (b"", 141)
 
@@ -127,7 +135,10 @@ def test_an_interrupted_file_is_the_old_one_and_nothing_is_left_beside_it(tmp_pa
         ("https://host/#access_token=abc", "https://host/#access_token=***"),
         ("sqlite:////home/me@lab/mlflow.db", "sqlite:////home/me@lab/mlflow.db"),
         ("http://host:5000/runs", "http://host:5000/runs"),
-        ("me@host.org, see (https://host:80/a) or b@c", "me@host.org, see (https://host:80/a) or b@c"),
+        (
+            "me@host.org, see (https://host:80/a) or b@c",
+            "me@host.org, see (https://host:80/a) or b@c",
+        ),
     ],
 )
 def test_a_password_is_masked_and_nothing_else(address: str, shown: str):

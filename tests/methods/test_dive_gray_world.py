@@ -21,7 +21,9 @@ def in_water(seed: int, nearest: float, farthest: float, name: str = "") -> tupl
     z = rng.uniform(nearest, farthest, (HEIGHT, WIDTH)).astype(np.float32)
     J = rng.normal([0.5, 0.4, 0.6], [0.1, 0.15, 0.05], (HEIGHT, WIDTH, 3))
     veil = WATER.veiling_light * (1 - np.exp(-WATER.backscatter * z[..., None]))
-    return View(name or f"{seed}.png", Arrays(J * np.exp(-WATER.attenuation * z[..., None]) + veil, z)), J
+    return View(
+        name or f"{seed}.png", Arrays(J * np.exp(-WATER.attenuation * z[..., None]) + veil, z)
+    ), J
 
 
 def dive(*views: View) -> Scene:
@@ -147,7 +149,9 @@ def test_by_place_evens_the_light_of_a_lamp_over_the_dive():
     views = []
     for seed in range(24):
         view, _ = in_water(seed, 1, 4)
-        views.append(replace(view, pixels=Arrays((view.rgb * light).astype(np.float32), view.depth)))
+        views.append(
+            replace(view, pixels=Arrays((view.rgb * light).astype(np.float32), view.depth))
+        )
     scene = dive(*views)
     unevenness = {}
     for by_place in (False, True):

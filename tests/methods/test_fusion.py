@@ -43,7 +43,9 @@ def laplacian(light: np.ndarray) -> np.ndarray:
 
 
 def test_saliency_is_the_distance_of_the_smoothed_colour_from_the_mean_colour():
-    np.testing.assert_allclose(saliency(IMAGE), saliency_by_hand(IMAGE), atol=3e-3)  # OpenCV's L*a*b* is approximate
+    np.testing.assert_allclose(
+        saliency(IMAGE), saliency_by_hand(IMAGE), atol=3e-3
+    )  # OpenCV's L*a*b* is approximate
 
 
 def test_the_binomial_halves_a_wave_at_the_cut_off_the_papers_name():
@@ -70,14 +72,19 @@ def test_the_weights_of_2018_are_its_three_measures():
 
 @pytest.mark.parametrize("weight", [weight_2012, weight_2018])
 @pytest.mark.parametrize("size", [(61, 47), (4, 6), (1, 1)])
-def test_an_input_fused_with_itself_is_itself_so_the_weights_sum_to_one(weight, size: tuple[int, int]):
+def test_an_input_fused_with_itself_is_itself_so_the_weights_sum_to_one(
+    weight, size: tuple[int, int]
+):
     image = RNG.random((*size, 3), dtype=np.float32)
     np.testing.assert_allclose(blend(image, image, weight, 0.1, 5), image, atol=2e-6)
 
 
 def test_the_cast_that_stays_is_the_share_lambda_of_it():
     """Where weights are equal and nothing is clipped, the result's means are those of the white-balanced photograph."""
-    dull = np.float32([0.3, 0.4, 0.5]) + np.float32(0.02) * (np.indices((64, 64)).sum(axis=0) % 2 - 0.5)[..., None]
+    dull = (
+        np.float32([0.3, 0.4, 0.5])
+        + np.float32(0.02) * (np.indices((64, 64)).sum(axis=0) % 2 - 0.5)[..., None]
+    )
     for kept in (0.0, 0.2):
         result = restored(Fusion2012(illuminant=kept, percent=0, noise=0, clip=1e-9), dull)
         spread = 0.02 + kept * 0.2  # of all values: the pattern and the cast that stays
@@ -86,15 +93,21 @@ def test_the_cast_that_stays_is_the_share_lambda_of_it():
 
 
 def test_a_dead_channel_gains_no_noise():
-    nearly_dead = IMAGE * np.float32([0, 1, 1]) + np.float32([0.002, 0, 0]) * RNG.random((13, 17, 3), dtype=np.float32)
-    shifted, stretched = (restored(Fusion2012(balance=kind), nearly_dead)[..., 0] for kind in ("shift", "stretch"))
+    nearly_dead = IMAGE * np.float32([0, 1, 1]) + np.float32([0.002, 0, 0]) * RNG.random(
+        (13, 17, 3), dtype=np.float32
+    )
+    shifted, stretched = (
+        restored(Fusion2012(balance=kind), nearly_dead)[..., 0] for kind in ("shift", "stretch")
+    )
     assert shifted.std() < 0.5 * stretched.std()
 
 
 def test_the_sharpened_input_is_the_mean_of_the_image_and_its_stretched_detail():
     image = IMAGE.astype(np.float64)
     detail = image - ndimage.gaussian_filter(image, 2, mode="mirror", axes=(0, 1), truncate=4)
-    stretched = (detail - detail.min()) / (detail.max() - detail.min())  # one range for the three channels
+    stretched = (detail - detail.min()) / (
+        detail.max() - detail.min()
+    )  # one range for the three channels
     np.testing.assert_allclose(sharpened(IMAGE, 2), (image + stretched) / 2, atol=2e-4)
 
 
@@ -108,7 +121,9 @@ def test_red_is_what_fusion_2018_lifts_and_nothing_where_blue_is_lacking():
     lifted, left = restored(Fusion2018(), WATER), restored(Fusion2018(red=0), WATER)
     assert np.abs(lifted - left).max() > 0.05
     swapped = np.ascontiguousarray(WATER[..., ::-1])
-    np.testing.assert_array_equal(restored(Fusion2018(), swapped), restored(Fusion2018(red=0), swapped))
+    np.testing.assert_array_equal(
+        restored(Fusion2018(), swapped), restored(Fusion2018(red=0), swapped)
+    )
 
 
 def test_blue_is_lifted_where_it_is_asked_for_and_lacking():
@@ -126,11 +141,15 @@ def test_blue_is_lifted_where_it_is_asked_for_and_lacking():
         ],
         axis=-1,
     )
-    np.testing.assert_allclose(restored(both, greenish), restored(Fusion2018(red=0), by_hand), atol=1e-4)
+    np.testing.assert_allclose(
+        restored(both, greenish), restored(Fusion2018(red=0), by_hand), atol=1e-4
+    )
 
 
 def test_noise_is_smoothed_before_it_is_equalised():
-    ramp = np.linspace(0.1, 0.9, 64)[:, None, None]  # contrast, or the stretch would be of noise alone
+    ramp = np.linspace(0.1, 0.9, 64)[
+        :, None, None
+    ]  # contrast, or the stretch would be of noise alone
     noisy = (ramp + RNG.normal(0, 0.02, (64, 64, 3))).astype(np.float32)
     rough, smooth = (restored(Fusion2012(noise=noise), noisy) for noise in (0, 0.2))
     assert np.abs(np.diff(smooth, axis=1)).mean() < 0.9 * np.abs(np.diff(rough, axis=1)).mean()

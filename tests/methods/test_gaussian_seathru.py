@@ -35,8 +35,12 @@ def test_the_likelihood_is_that_of_a_normal_distribution(B: float, gamma: float,
     fading = np.exp(-(beta.a * np.exp(-beta.b * z) + beta.c * np.exp(-beta.d * z)) * z)
     veil = B * (1 - np.exp(-gamma * z))
     J = (intensity - veil) / fading
-    expected = -scipy.stats.norm.logpdf(intensity, J.mean() * fading + veil, J.std() * fading).mean()
-    assert negative_log_likelihood(ChannelWater(B, gamma, beta), intensity, z) == pytest.approx(expected, rel=1e-10)
+    expected = -scipy.stats.norm.logpdf(
+        intensity, J.mean() * fading + veil, J.std() * fading
+    ).mean()
+    assert negative_log_likelihood(ChannelWater(B, gamma, beta), intensity, z) == pytest.approx(
+        expected, rel=1e-10
+    )
 
 
 def test_the_likelihood_has_a_value_where_exponentials_have_none():
@@ -46,17 +50,28 @@ def test_the_likelihood_has_a_value_where_exponentials_have_none():
     # What is multiplied by exp(1500) outweighs the others: sigma^2 = x^2 (1 / n - 1 / n^2), x = (0.9 - B) exp(1500).
     log_sigma = np.log(0.9 - 0.25) + 1500 + 0.5 * np.log(1 / 4 - 1 / 16)
     expected = log_sigma + 0.5 * np.log(2 * np.pi) - 5 * z.mean() + 0.5
-    assert negative_log_likelihood(ChannelWater(0.25, 5.0, TwoTerm(5.0)), intensity, z) == pytest.approx(expected)
+    assert negative_log_likelihood(
+        ChannelWater(0.25, 5.0, TwoTerm(5.0)), intensity, z
+    ) == pytest.approx(expected)
 
 
 def test_colours_without_any_spread_are_not_the_likeliest():
-    assert negative_log_likelihood(ChannelWater(0.0, 1.0, TwoTerm(0.0)), np.full(9, 0.3), np.arange(9.0)) == np.inf
+    assert (
+        negative_log_likelihood(
+            ChannelWater(0.0, 1.0, TwoTerm(0.0)), np.full(9, 0.3), np.arange(9.0)
+        )
+        == np.inf
+    )
 
 
 def test_a_simplex_that_does_not_come_to_rest_is_named():
     view = drawn_view(1, 40, 30)
-    assert "unfinished" not in sb.restore("gaussian_seathru", alone(view), view).info["undetermined"]
-    told = sb.restore("gaussian_seathru", alone(view), view, most_evaluations=30).info["undetermined"]
+    assert (
+        "unfinished" not in sb.restore("gaussian_seathru", alone(view), view).info["undetermined"]
+    )
+    told = sb.restore("gaussian_seathru", alone(view), view, most_evaluations=30).info[
+        "undetermined"
+    ]
     assert re.search("simplex, .*red, green, blue", told)
 
 
@@ -97,9 +112,13 @@ def test_two_terms_contain_the_constant():
     z = rng.uniform(1, 9, (60, 80)).astype(np.float32)
     beta = (0.6 * np.exp(-0.5 * z) + 0.1)[..., None]
     J = rng.normal(0.5, 0.15, (60, 80, 3))
-    view = View("a.png", Arrays(J * np.exp(-beta * z[..., None]) + 0.2 * (1 - np.exp(-0.3 * z[..., None])), z))
+    view = View(
+        "a.png",
+        Arrays(J * np.exp(-beta * z[..., None]) + 0.2 * (1 - np.exp(-0.3 * z[..., None])), z),
+    )
     one, two = (
-        sb.restore("gaussian_seathru", alone(view), view, attenuation=kind) for kind in ("constant", "two_term")
+        sb.restore("gaussian_seathru", alone(view), view, attenuation=kind)
+        for kind in ("constant", "two_term")
     )
     assert (np.array(two.info["cost"]) < np.array(one.info["cost"]) - 0.001).all()
 
@@ -112,7 +131,9 @@ def test_the_best_of_all_starts_is_taken():
     result = sb.restore("gaussian_seathru", alone(view), view)
     for c in range(3):
         own = view.rgb[..., c][fitted].astype(np.float64)
-        true = ChannelWater(WATER.veiling_light[c], WATER.backscatter[c], TwoTerm(WATER.attenuation[c]))
+        true = ChannelWater(
+            WATER.veiling_light[c], WATER.backscatter[c], TwoTerm(WATER.attenuation[c])
+        )
         assert result.info["cost"][c] <= negative_log_likelihood(true, own, z) + 1e-6
 
 
@@ -121,13 +142,16 @@ def test_restoring_inverts_the_model_it_reports():
     result = sb.restore("gaussian_seathru", alone(view), view)
     water, z = result.water, view.depth[..., None].astype(np.float64)
     veil = water.veiling_light * (1 - np.exp(-water.backscatter * z))
-    np.testing.assert_allclose(result.image, (view.rgb - veil) * np.exp(water.attenuation * z), atol=1e-4)
+    np.testing.assert_allclose(
+        result.image, (view.rgb - veil) * np.exp(water.attenuation * z), atol=1e-4
+    )
 
 
 def test_the_sample_is_drawn_with_the_seed_alone():
     view = drawn_view(6)
     first, again, other = (
-        sb.restore("gaussian_seathru", alone(view), view, sample=5000, seed=seed).image for seed in (0, 0, 1)
+        sb.restore("gaussian_seathru", alone(view), view, sample=5000, seed=seed).image
+        for seed in (0, 0, 1)
     )
     np.testing.assert_array_equal(first, again)
     assert np.abs(first - other).max() > 0

@@ -42,14 +42,17 @@ def made(name: str, noise: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 
 @pytest.mark.parametrize(
-    ("name", "linear"), [("I", True), ("II", True), ("1C", True), ("3C", True), ("5C", True), ("3C", False)]
+    ("name", "linear"),
+    [("I", True), ("II", True), ("1C", True), ("3C", True), ("5C", True), ("3C", False)],
 )
 def test_the_waters_type_and_veiling_light_are_found(name: str, linear: bool) -> None:
     image = made(name)[0]
     rgb = (srgb_encode(image) if linear else image).clip(0, 1).astype(np.float32)
     result = restored(HazeLines(linear=linear), rgb)
     assert result.info["water_type"] == name
-    np.testing.assert_allclose(result.water.veiling_light, srgb_encode(A) if linear else A, atol=1e-3)
+    np.testing.assert_allclose(
+        result.water.veiling_light, srgb_encode(A) if linear else A, atol=1e-3
+    )
 
 
 @pytest.mark.parametrize("name", ["III", "3C"])
@@ -62,7 +65,9 @@ def test_noise_moves_neither_far(name: str) -> None:
 
 def test_the_colours_without_water_come_back_but_for_their_scale() -> None:
     image, t, J = made("3C")
-    restored_linear = srgb_decode(restored(HazeLines(), srgb_encode(image).clip(0, 1).astype(np.float32)).image)
+    restored_linear = srgb_decode(
+        restored(HazeLines(), srgb_encode(image).clip(0, 1).astype(np.float32)).image
+    )
     near = t > 0.5
     before = np.corrcoef(image[near].ravel(), J[near].ravel())[0, 1]
     after = np.corrcoef(restored_linear[near].ravel(), J[near].ravel())[0, 1]
@@ -87,7 +92,13 @@ def test_what_looks_like_water_gets_the_least_transmission_its_colour_allows() -
     image = (A + np.random.default_rng(0).uniform(0, 0.01, (30, 40, 3))).astype(np.float32)
     about = {"lines": 50, "radius": 3, "eps": 1e-3, "least": 0.1}
     t = [
-        transmission(image, A.astype(np.float32), TYPE["III"], np.full((30, 40), likeness, np.float32), **about)
+        transmission(
+            image,
+            A.astype(np.float32),
+            TYPE["III"],
+            np.full((30, 40), likeness, np.float32),
+            **about,
+        )
         for likeness in (0.0, 0.5, 1.0)
     ]
     assert t[0].mean() > 0.3
@@ -102,7 +113,9 @@ def test_in_compensated_space_a_fading_colour_moves_straight_to_the_veiling_ligh
     points = compensated(seen.astype(np.float32), A.astype(np.float32), water)[0]
     lengths = np.linalg.norm(points, axis=1)
     np.testing.assert_allclose(lengths / lengths[0], t / t[0], rtol=1e-4)
-    np.testing.assert_allclose(points / lengths[:, None], np.tile(points[0] / lengths[0], (3, 1)), atol=1e-4)
+    np.testing.assert_allclose(
+        points / lengths[:, None], np.tile(points[0] / lengths[0], (3, 1)), atol=1e-4
+    )
     assert (np.sign(points[0]) == [1, -1, 1]).all()
 
 
@@ -130,7 +143,9 @@ def test_the_directions_cover_the_sphere_evenly() -> None:
     points = directions(500)
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1)
     nearest = np.sort(np.arccos((points @ points.T).clip(-1, 1)), axis=1)[:, 1]
-    ideal = np.sqrt(8 * np.pi / (np.sqrt(3) * 500))  # spacing of a hexagonal lattice with 4 pi / 500 a point
+    ideal = np.sqrt(
+        8 * np.pi / (np.sqrt(3) * 500)
+    )  # spacing of a hexagonal lattice with 4 pi / 500 a point
     assert nearest.min() > 0.7 * ideal
     assert nearest.max() < ideal
 
@@ -158,12 +173,16 @@ def test_the_area_without_texture_is_the_largest_connected_one() -> None:
     assert not area[60:].any()
 
 
-def test_the_veiling_light_is_the_colour_of_median_luminance_and_likeness_falls_with_the_distance_from_it() -> None:
+def test_the_veiling_light_is_the_colour_of_median_luminance_and_likeness_falls_with_the_distance_from_it() -> (
+    None
+):
     colours = (A + np.random.default_rng(0).normal(0, 0.01, (999, 3))).astype(np.float32)
     luminance = colours @ np.float32([0.2126, 0.7152, 0.0722])
     water = OpenWater.of(colours)
     np.testing.assert_array_equal(water.veiling_light, colours[np.argsort(luminance)[499]])
-    likeness = water.likeness((A + np.linspace(0, 0.1, 11)[None, :, None] * [0, 0, 1]).astype(np.float32))[0]
+    likeness = water.likeness(
+        (A + np.linspace(0, 0.1, 11)[None, :, None] * [0, 0, 1]).astype(np.float32)
+    )[0]
     assert likeness[0] == 1
     assert likeness[-1] == 0
     assert (np.diff(likeness) <= 0).all()
@@ -176,9 +195,9 @@ def test_an_unwanted_image_gets_finite_colours_in_gamma_encoding_too(kind: str) 
 
 def test_the_picture_is_balanced_over_what_is_not_water() -> None:
     image, t, _ = made("3C")
-    mean = srgb_decode(restored(HazeLines(), srgb_encode(image).clip(0, 1).astype(np.float32)).image)[t > 0].mean(
-        axis=0
-    )
+    mean = srgb_decode(
+        restored(HazeLines(), srgb_encode(image).clip(0, 1).astype(np.float32)).image
+    )[t > 0].mean(axis=0)
     np.testing.assert_allclose(mean, mean.mean(), rtol=0.05)
     assert np.isfinite(restored(HazeLines(), NOISE).image).all()
 
@@ -191,7 +210,9 @@ def test_the_veiling_light_is_told_as_a_gamma_encoded_colour_and_named_so(linear
     for encoding in ("gamma", "linear"):
         pixels = (srgb_encode(image) if encoding == "gamma" else image).astype(np.float32)
         view = View("photo.png", Arrays(pixels), encoding=encoding)
-        of[encoding] = checked_restore(HazeLines(linear=linear), Scene("photo", [view], frozenset()), view)
+        of[encoding] = checked_restore(
+            HazeLines(linear=linear), Scene("photo", [view], frozenset()), view
+        )
         water = of[encoding].water
         assert water.encoding == "gamma"
         np.testing.assert_allclose(water.veiling_light, srgb_encode(A), atol=1e-3)

@@ -16,18 +16,31 @@ from sucre_bench.methods.sucre import Sucre, SucrePaper, SucrePlus
 from sucre_bench.methods.sucre.record import faults_of_colours
 from sucre_bench.plugins.options import options_of
 
-_WORD = re.compile(r"(?<![\w.{-])(?:(?P<owner>[a-z_]+)\.)?(?P<option>[a-z_]+)=(?P<value>[A-Za-z0-9-][\w-]*)")
+_WORD = re.compile(
+    r"(?<![\w.{-])(?:(?P<owner>[a-z_]+)\.)?(?P<option>[a-z_]+)=(?P<value>[A-Za-z0-9-][\w-]*)"
+)
 
 
 def texts(file: Path) -> Iterator[str]:
     """The texts of a file's code, without docstrings; {} where a text takes in a value."""
     tree = ast.parse(file.read_text())
     documented = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-    parts = {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values}
+    parts = {
+        id(part)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.JoinedStr)
+        for part in node.values
+    }
     for node in ast.walk(tree):
         if isinstance(node, ast.JoinedStr):
-            yield "".join(str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values)
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in documented | parts:
+            yield "".join(
+                str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values
+            )
+        elif (
+            isinstance(node, ast.Constant)
+            and isinstance(node.value, str)
+            and id(node) not in documented | parts
+        ):
             yield node.value
 
 
@@ -38,7 +51,12 @@ def advised() -> Iterator[tuple[str, str, str, str]]:
     for file in sorted({*folder.rglob("*.py")} - of_program):
         for text in texts(file):
             for found in _WORD.finditer(text):
-                yield str(file.relative_to(folder)), found["owner"] or "", found["option"], found["value"]
+                yield (
+                    str(file.relative_to(folder)),
+                    found["owner"] or "",
+                    found["option"],
+                    found["value"],
+                )
 
 
 def methods_of(file: str) -> list[str]:
@@ -55,7 +73,11 @@ def words() -> list[tuple[str, str]]:
         if option in ("method", "dataset"):
             continue
         owners = methods_of(file) if owner == "method" else [owner]
-        having = [name for name in owners if option in {o.name for o in options_of(plugins.find("method", name).cls)}]
+        having = [
+            name
+            for name in owners
+            if option in {o.name for o in options_of(plugins.find("method", name).cls)}
+        ]
         assert having or option == "display", f"{file}: no method has {owner}.{option}={value}"
         found |= {(name, f"{name}.{option}={value}") for name in having}
     return sorted(found)
@@ -63,12 +85,18 @@ def words() -> list[tuple[str, str]]:
 
 def test_options_stand_after_a_method():
     of_sucre = {o.name for o in options_of(Sucre)}
-    bare = [f"{file}: {option}={value}" for file, owner, option, value in advised() if not owner and option in of_sucre]
+    bare = [
+        f"{file}: {option}={value}"
+        for file, owner, option, value in advised()
+        if not owner and option in of_sucre
+    ]
     assert bare == []
 
 
 def test_every_advised_word_can_be_typed(tmp_path: Path):
-    (tmp_path / "water.json").write_text('{"B": [0.1, 0.2, 0.3], "beta": [0.4, 0.2, 0.1], "gamma": [0.3, 0.2, 0.1]}')
+    (tmp_path / "water.json").write_text(
+        '{"B": [0.1, 0.2, 0.3], "beta": [0.4, 0.2, 0.1], "gamma": [0.3, 0.2, 0.1]}'
+    )
     places = {"FILE": tmp_path / "water.json", "FOLDER": tmp_path}
     must = {
         "onnx": "onnx.model=net.onnx",
@@ -79,7 +107,9 @@ def test_every_advised_word_can_be_typed(tmp_path: Path):
         key, _, value = word.partition("=")
         needed = [must[method]] if method in must and must[method].partition("=")[0] != key else []
         advised = f"{key}={places.get(value, value)}"
-        (job,) = compose_jobs.jobs(["dataset=demo", f"method={method}", "metrics=[psnr]", *needed, advised], False).jobs
+        (job,) = compose_jobs.jobs(
+            ["dataset=demo", f"method={method}", "metrics=[psnr]", *needed, advised], False
+        ).jobs
         assert job.method.plugin.name == method
 
 

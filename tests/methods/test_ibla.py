@@ -23,7 +23,9 @@ def made() -> tuple[np.ndarray, np.ndarray]:
     """Speckled ground, 1 m off at the lower border, 12 m at the upper and blurred there: image, metres."""
     z = np.linspace(12, 1, 150)[:, None] * np.ones((1, 200))
     speckles = RNG.random((150, 200, 1)) * [0.9, 0.8, 0.7]
-    blurred = np.stack([cv2.GaussianBlur(speckles, (0, 0), 0.3 * m)[y] for y, m in enumerate(z[:, 0])])
+    blurred = np.stack(
+        [cv2.GaussianBlur(speckles, (0, 0), 0.3 * m)[y] for y, m in enumerate(z[:, 0])]
+    )
     return hazy(blurred, WATER, np.exp(-z[..., None] * [0.4, 0.12, 0.1])).astype(np.float32), z
 
 
@@ -31,7 +33,9 @@ def test_the_ratio_of_attenuation_is_that_of_the_wavelengths_and_the_veiling_lig
     """By hand: m l + i = .92457, 1.01497, 1.11667; .2 * 1.01497 / (.5 * .92457), .2 * 1.11667 / (.6 * .92457)."""
     ratio = attenuation_ratio(np.array([0.2, 0.5, 0.6]))
     np.testing.assert_allclose(ratio, [1, 0.439110, 0.402591], atol=1e-6)
-    assert attenuation_ratio(np.array([0.3, 0.3, 0.3]))[2] > 1  # blue scatters more: the wavelengths are not swapped
+    assert (
+        attenuation_ratio(np.array([0.3, 0.3, 0.3]))[2] > 1
+    )  # blue scatters more: the wavelengths are not swapped
 
 
 def test_a_veiling_light_without_red_still_gives_green_and_blue_an_attenuation() -> None:
@@ -67,7 +71,9 @@ def test_blurriness_is_the_mean_difference_from_the_gaussians() -> None:
         line = np.exp(-((np.arange(size) - size // 2) ** 2) / (2 * size**2))
         left.append(1 - (1 / line.sum()) ** 2)
     sharpness = sharpness_map(gray, scales=4, window=7)
-    np.testing.assert_allclose(sharpness[67:74, 67:74], np.mean(left), rtol=1e-4)  # the maximum of a 7 x 7 window
+    np.testing.assert_allclose(
+        sharpness[67:74, 67:74], np.mean(left), rtol=1e-4
+    )  # the maximum of a 7 x 7 window
     assert sharpness[:30].max() == 0
 
 
@@ -99,7 +105,9 @@ def test_the_search_for_a_block_ends_in_images_of_any_size(size: tuple[int, int]
 
 
 @pytest.mark.parametrize(("level", "expected"), [(0.3, "least"), (0.8, "greatest")])
-def test_the_veiling_light_is_the_least_candidate_in_dark_water_and_the_greatest_in_bright(level: float, expected: str):
+def test_the_veiling_light_is_the_least_candidate_in_dark_water_and_the_greatest_in_bright(
+    level: float, expected: str
+):
     """The flat quarter is the block of least variance, the corner what is most blurred."""
     rgb = (level + RNG.uniform(-0.1, 0.1, (64, 64, 1)) * np.ones(3)).astype(np.float32)
     rgb[:33, :33] = level - 0.05

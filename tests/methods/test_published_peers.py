@@ -32,16 +32,24 @@ def test_fusion_2012_gives_what_its_authors_show(name: str):
     ("method", "column", "typical_db", "least_db"),
     [
         (Fusion2012(balance="stretch"), "FE", 29, 26),
-        (Ibla(), "UIBLA", 36, 14),  # 27 and more but on one photograph, whose veiling light is another
+        (
+            Ibla(),
+            "UIBLA",
+            36,
+            14,
+        ),  # 27 and more but on one photograph, whose veiling light is another
         (Udcp(), "UDCP", 21, 14),
     ],
     ids=["fusion_2012", "ibla", "udcp"],
 )
-def test_a_column_of_u45_comes_back(method: object, column: str, typical_db: float, least_db: float):
+def test_a_column_of_u45_comes_back(
+    method: object, column: str, typical_db: float, least_db: float
+):
     folder = published("u45_published")
     names = sorted(file.name for file in (folder / column).iterdir())
     level = [
-        psnr_db(restored(method, read(folder / "Raws" / name)).image, read(folder / column / name)) for name in names
+        psnr_db(restored(method, read(folder / "Raws" / name)).image, read(folder / column / name))
+        for name in names
     ]
     assert np.median(level) > typical_db
     assert min(level) > least_db
@@ -56,7 +64,10 @@ def test_ulap_does_not_flood_a_reef_with_red():
 
 def test_physicalnn_raises_the_no_reference_scores_of_u45():
     """The recipe of docs/doors.md with the authors' weights; the figures are those it names."""
-    weights, folder = published("published_weights") / "physicalnn" / "physicalnn.onnx", published("u45_published")
+    weights, folder = (
+        published("published_weights") / "physicalnn" / "physicalnn.onnx",
+        published("u45_published"),
+    )
     network = Onnx(model=weights, tile=None)
     before, after = [], []
     for file in sorted((folder / "Raws").iterdir()):

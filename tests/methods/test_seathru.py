@@ -40,7 +40,9 @@ def test_dark_pixels_are_the_darkest_of_each_bin():
     chosen = dark_pixels(intensity, z, bins=10, share=0.01, most=3)
     edges, grey = np.linspace(z.min(), z.max(), 11), intensity.mean(axis=1)
     expected: list[int] = []
-    for a, b in itertools.pairwise(edges[1:]):  # the first of ten bins is the nearest tenth of the range
+    for a, b in itertools.pairwise(
+        edges[1:]
+    ):  # the first of ten bins is the nearest tenth of the range
         inside = np.flatnonzero((z > a) & (z <= b))
         expected += sorted(inside, key=lambda i: grey[i])[:3]
     assert sorted(chosen.tolist()) == sorted(expected)
@@ -102,9 +104,13 @@ def slow_average(direct: np.ndarray, z: np.ndarray, p: float, eps: float) -> np.
         for y in range(height):
             for x in range(width):
                 around = [(y + 1, x), (y - 1, x), (y, x + 1), (y, x - 1)]
-                inside = [n for n in around if 0 <= n[0] < height and 0 <= n[1] < width and z[n] > 0]
+                inside = [
+                    n for n in around if 0 <= n[0] < height and 0 <= n[1] < width and z[n] > 0
+                ]
                 near = [a[n] for n in inside if abs(z[n] - z[y, x]) <= tolerance]
-                new[y, x] = p * direct[y, x] + (1 - p) * np.mean(near, axis=0) if near else direct[y, x]
+                new[y, x] = (
+                    p * direct[y, x] + (1 - p) * np.mean(near, axis=0) if near else direct[y, x]
+                )
         if np.abs(new - a).max() < 1e-9:
             return new
         a = new
@@ -174,7 +180,8 @@ def test_a_made_seabed_comes_back():
     assert psnr(result.image, truth) > 35 > 17 > psnr(view.rgb, truth)
     np.testing.assert_allclose(result.water.attenuation, CLEAR.attenuation, rtol=0.1)
     veil, true = (
-        w.veiling_light * (1 - np.exp(-np.outer(np.linspace(2, 8, 20), w.backscatter))) for w in (result.water, CLEAR)
+        w.veiling_light * (1 - np.exp(-np.outer(np.linspace(2, 8, 20), w.backscatter)))
+        for w in (result.water, CLEAR)
     )
     np.testing.assert_allclose(veil, true, atol=0.012)
 
@@ -182,10 +189,19 @@ def test_a_made_seabed_comes_back():
 def test_a_constant_attenuation_restores_what_it_reports():
     """SUCRe, eq. 3, with the water reported, before white balance."""
     view = random_seabed(1)
-    result = sb.restore("seathru", alone(view), view, attenuation="constant", white_balance="none", amplification=1e3)
+    result = sb.restore(
+        "seathru",
+        alone(view),
+        view,
+        attenuation="constant",
+        white_balance="none",
+        amplification=1e3,
+    )
     water, z = result.water, view.depth[..., None].astype(np.float64)
     veil = water.veiling_light * (1 - np.exp(-water.backscatter * z))
-    np.testing.assert_allclose(result.image, (view.rgb - veil) * np.exp(water.attenuation * z), atol=2e-4)
+    np.testing.assert_allclose(
+        result.image, (view.rgb - veil) * np.exp(water.attenuation * z), atol=2e-4
+    )
 
 
 def test_raw_works_in_linear_light():
@@ -208,7 +224,8 @@ def test_white_balance_equals_the_means_of_what_is_shown():
     J[..., 0] = 0.05 + 0.9 * rng.random(J.shape[:2]) ** 4
     view = view_in_water(J, seabed.depth, CLEAR)
     plain, balanced = (
-        sb.restore("seathru", alone(view), view, p=1.0, white_balance=how).image for how in ("none", "gray-world")
+        sb.restore("seathru", alone(view), view, p=1.0, white_balance=how).image
+        for how in ("none", "gray-world")
     )
     mean = plain.clip(0, 1).mean(axis=(0, 1), dtype=np.float64)
     assert plain.max() > 1.5
@@ -239,7 +256,9 @@ def test_one_pixel_with_depth_is_enough():
 
 def test_estimating_on_fewer_pixels_hardly_changes_the_result():
     view = random_seabed(6)
-    large = view_in_water(*(np.repeat(np.repeat(x, 2, 0), 2, 1) for x in (view.reference, view.depth)), CLEAR)
+    large = view_in_water(
+        *(np.repeat(np.repeat(x, 2, 0), 2, 1) for x in (view.reference, view.depth)), CLEAR
+    )
     one, two = (sb.restore("seathru", alone(v), v, size=160).image for v in (view, large))
     np.testing.assert_allclose(two[::2, ::2], one, atol=2e-2)
 
@@ -271,7 +290,8 @@ def test_a_water_that_does_not_fade_is_named():
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"f": float("inf")}, {"p": float("nan")}, {"share": 2.0}, {"bins": 0}, {"amplification": 0.5}]
+    "wrong",
+    [{"f": float("inf")}, {"p": float("nan")}, {"share": 2.0}, {"bins": 0}, {"amplification": 0.5}],
 )
 def test_options_that_mean_nothing_are_refused(wrong: dict[str, float]):
     with pytest.raises(InputError, match=next(iter(wrong))):

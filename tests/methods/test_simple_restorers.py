@@ -18,7 +18,13 @@ from sucre_bench.imaging.display import display
 from sucre_bench.methods.clahe import Clahe
 from sucre_bench.methods.gray_world import GrayWorld
 from sucre_bench.methods.histogram_stretch import HistogramStretch
-from sucre_bench.methods.mlle import Mlle, balanced_chroma, colour_transfer, corrected, enhanced_lightness
+from sucre_bench.methods.mlle import (
+    Mlle,
+    balanced_chroma,
+    colour_transfer,
+    corrected,
+    enhanced_lightness,
+)
 from sucre_bench.methods.red_compensation import RedCompensation
 from sucre_bench.methods.rghs import Rghs
 from sucre_bench.methods.stitching import Stitching
@@ -74,7 +80,9 @@ def test_gray_world_leaves_a_black_channel_black() -> None:
 def test_the_stretch_is_the_display_normalisation_of_the_papers_tables() -> None:
     view = photo(TARGET.rgb)
     np.testing.assert_allclose(
-        HistogramStretch().restore(alone(view), view).image, display(view.rgb, "stretch-1-99"), atol=1e-6
+        HistogramStretch().restore(alone(view), view).image,
+        display(view.rgb, "stretch-1-99"),
+        atol=1e-6,
     )
 
 
@@ -104,7 +112,10 @@ def test_the_stretch_refuses_percentiles_that_are_none(low: float, high: float) 
 
 
 def test_stitching_takes_the_closest_observation() -> None:
-    nearest = {p: (TARGET.distance.ravel()[p], TARGET.rgb.reshape(-1, 3)[p]) for p in np.flatnonzero(TARGET.depth)}
+    nearest = {
+        p: (TARGET.distance.ravel()[p], TARGET.rgb.reshape(-1, 3)[p])
+        for p in np.flatnonzero(TARGET.depth)
+    }
     for view in SCENE:
         if view is not TARGET:
             found = match(lift(TARGET), view)
@@ -118,7 +129,12 @@ def test_stitching_takes_the_closest_observation() -> None:
 
 
 def test_stitching_a_view_without_any_depth_is_an_error_that_says_so() -> None:
-    blind = View("blind.png", Arrays(TARGET.rgb, np.zeros(TARGET.depth.shape)), TARGET.camera, TARGET.cam_from_world)
+    blind = View(
+        "blind.png",
+        Arrays(TARGET.rgb, np.zeros(TARGET.depth.shape)),
+        TARGET.camera,
+        TARGET.cam_from_world,
+    )
     with pytest.raises(SolveError, match=r"^blind\.png: .*depth;"):
         Stitching().restore(SCENE, blind)
 
@@ -145,7 +161,9 @@ def test_lightness_is_not_reduced_to_a_few_values():
 
 
 def test_one_tile_treats_equal_pixels_equally_and_many_do_not():
-    halves = np.where(np.arange(128)[None, :, None] < 64, 0.2, 0.6) + 0.05 * RNG.random((128, 128, 1))
+    halves = np.where(np.arange(128)[None, :, None] < 64, 0.2, 0.6) + 0.05 * RNG.random(
+        (128, 128, 1)
+    )
     halves = np.repeat(halves, 3, axis=-1)
     halves[5, 5] = halves[5, 120] = 0.4
     one, many = (restored(Clahe(tiles=tiles), halves) for tiles in (1, 4))
@@ -165,19 +183,26 @@ def test_it_is_red_from_green_then_gray_world_then_a_stretch(strength: float, pe
     image = np.minimum(image * (image.mean() / image.mean(axis=(0, 1))), 1)
     low, high = np.percentile(image, [percent, 100 - percent], axis=(0, 1))
     expected = ((image - low) / (high - low)).clip(0, 1)
-    np.testing.assert_allclose(restored(RedCompensation(strength, percent), WATER), expected, atol=1e-5)
+    np.testing.assert_allclose(
+        restored(RedCompensation(strength, percent), WATER), expected, atol=1e-5
+    )
 
 
 def test_red_is_lifted_and_nothing_where_blue_is_lacking():
     lifted, left = restored(RedCompensation(), WATER), restored(RedCompensation(strength=0), WATER)
     assert np.abs(lifted - left)[..., 0].max() > 0.05
     swapped = np.ascontiguousarray(WATER[..., ::-1])
-    np.testing.assert_array_equal(restored(RedCompensation(), swapped), restored(RedCompensation(strength=0), swapped))
+    np.testing.assert_array_equal(
+        restored(RedCompensation(), swapped), restored(RedCompensation(strength=0), swapped)
+    )
 
 
 RED_LOST = np.float32([0.15, 0.4, 0.5]) * (0.6 + 0.8 * RNG.random((61, 47, 3), dtype=np.float32))
 SPREAD = 0.655136  # of a Rayleigh distribution of mode 1, sqrt((4 - pi) / 2)
-KEPT = np.array([1.1, 0.9, 0.9]), np.array([0.83, 0.95, 0.97])  # kappa, and what a metre of water leaves
+KEPT = (
+    np.array([1.1, 0.9, 0.9]),
+    np.array([0.83, 0.95, 0.97]),
+)  # kappa, and what a metre of water leaves
 
 
 def by_hand(rgb: np.ndarray, distance_m: float, tail: float) -> np.ndarray:
@@ -191,7 +216,9 @@ def by_hand(rgb: np.ndarray, distance_m: float, tail: float) -> np.ndarray:
         left, right = (np.sort(plane[side]) for side in (plane < mode, plane >= mode))
         low = np.interp(tail / 100 * (len(left) - 1), np.arange(len(left)), left)
         high = np.interp((1 - tail / 100) * (len(right) - 1), np.arange(len(right)), right)
-        tops = (mode + np.arange(-200, 200) * SPREAD * mode) / (KEPT[0][c] * KEPT[1][c] ** distance_m)
+        tops = (mode + np.arange(-200, 200) * SPREAD * mode) / (
+            KEPT[0][c] * KEPT[1][c] ** distance_m
+        )
         fitting = tops[(tops >= high) & (tops <= 1)]
         top, bottom = fitting.mean() if len(fitting) else 1, min((1 - SPREAD) * mode, low)
         rgb[..., c] = ((plane - low) * (top - bottom) / (high - low) + bottom).clip(0, 1)
@@ -205,14 +232,24 @@ def by_hand(rgb: np.ndarray, distance_m: float, tail: float) -> np.ndarray:
 
 def image_of(mode: float, low: float, high: float) -> np.ndarray:
     """Each channel spread over [low, high], and a third of it at the mode."""
-    planes = [np.r_[RNG.uniform(low, high, 1800), np.full(900, mode)] * factor for factor in (0.5, 0.8, 1)]
-    return np.stack([RNG.permutation(plane).reshape(54, 50) for plane in planes], axis=-1).astype(np.float32)
+    planes = [
+        np.r_[RNG.uniform(low, high, 1800), np.full(900, mode)] * factor for factor in (0.5, 0.8, 1)
+    ]
+    return np.stack([RNG.permutation(plane).reshape(54, 50) for plane in planes], axis=-1).astype(
+        np.float32
+    )
 
 
 @pytest.mark.parametrize(("distance_m", "tail"), [(3, 0.1), (0, 10), (8, 1)])
 @pytest.mark.parametrize(
     "image",
-    [RED_LOST, image_of(0.22, 0.1, 0.5), image_of(0.5, 0.02, 0.9), image_of(0.05, 0.01, 0.3), image_of(0.7, 0.6, 0.8)],
+    [
+        RED_LOST,
+        image_of(0.22, 0.1, 0.5),
+        image_of(0.5, 0.02, 0.9),
+        image_of(0.05, 0.01, 0.3),
+        image_of(0.7, 0.6, 0.8),
+    ],
     ids=["water", "a range that grows", "a wide range", "dark", "bright"],
 )
 def test_an_image_is_stretched_as_published(image: np.ndarray, distance_m: float, tail: float):
@@ -249,7 +286,9 @@ def by_blocks(light: np.ndarray, side: int, contrast: float) -> np.ndarray:
     """Each pixel's lightness moved from its block's mean, pixel by pixel."""
     result = np.empty_like(light)
     for y, x in np.ndindex(*light.shape):
-        block = light[max(0, y - side // 2) : y + side // 2 + 1, max(0, x - side // 2) : x + side // 2 + 1]
+        block = light[
+            max(0, y - side // 2) : y + side // 2 + 1, max(0, x - side // 2) : x + side // 2 + 1
+        ]
         gain = min(light.var() / max(block.var(), 1e-8), contrast)
         result[y, x] = block.mean() + gain * (light[y, x] - block.mean())
     return result
@@ -264,12 +303,18 @@ def test_colours_are_replaced_most_where_a_channel_is_dark() -> None:
     share = 1 - rgb.min(axis=-1, keepdims=True) ** 1.2
     detail = rgb - gaussian_filter(rgb, 1, mode="mirror", axes=(0, 1))
     expected = detail + share * transferred(rgb) + (1 - share) * rgb
-    np.testing.assert_allclose(corrected(MURK, 1.2), expected, atol=5e-3)  # OpenCV cuts the Gaussian at 3 sigma
+    np.testing.assert_allclose(
+        corrected(MURK, 1.2), expected, atol=5e-3
+    )  # OpenCV cuts the Gaussian at 3 sigma
 
 
 @pytest.mark.parametrize("side", [3, 25])
-def test_lightness_moves_from_the_mean_of_its_block_by_no_more_than_the_greatest_gain(side: int) -> None:
-    light = RNG.random((30, 40)) * np.linspace(0.05, 1, 40)  # smooth blocks on the left, rough ones on the right
+def test_lightness_moves_from_the_mean_of_its_block_by_no_more_than_the_greatest_gain(
+    side: int,
+) -> None:
+    light = RNG.random((30, 40)) * np.linspace(
+        0.05, 1, 40
+    )  # smooth blocks on the left, rough ones on the right
     enhanced = enhanced_lightness(light.astype(np.float32), side, 2)
     np.testing.assert_allclose(enhanced, by_blocks(light, side, 2), atol=1e-4)
 

@@ -23,7 +23,9 @@ from sucre_bench.methods.ulap import Ulap, depth_prior
         ((100 / 255, 200 / 255, 50 / 255), 0.55283920),  # of 8 bits: not divided as integers
     ],
 )
-def test_depth_is_linear_in_red_and_in_the_stronger_of_green_and_blue(colour: tuple[float, ...], expected: float):
+def test_depth_is_linear_in_red_and_in_the_stronger_of_green_and_blue(
+    colour: tuple[float, ...], expected: float
+):
     image = np.tile(np.float32(colour), (2, 3, 1))
     np.testing.assert_allclose(depth_prior(image), expected, atol=2e-6)
 
@@ -42,12 +44,20 @@ def test_the_transmission_of_each_channel_is_what_remains_after_the_stretched_de
     image = np.empty((40, 90, 3), np.float32)
     image[:, :30], image[:, 30:60], image[:, 60:] = near, (near + far) / 2, far
     result = restored(Ulap(radius=3, eps=1e-6, greatest=1), image)
-    prior = [0.51157954 + 0.50516165 * max(c[1:]) - 0.90511117 * c[0] for c in (near, (near + far) / 2, far)]
+    prior = [
+        0.51157954 + 0.50516165 * max(c[1:]) - 0.90511117 * c[0]
+        for c in (near, (near + far) / 2, far)
+    ]
     nearest = 1 - 0.5 / 0.9  # red differs most from the veiling light, .1, and could by .9
     t = transmission_of(image, result)
-    for columns, depth in ((slice(5, 25), 0.0), (slice(35, 55), (prior[1] - prior[0]) / (prior[2] - prior[0]))):
+    for columns, depth in (
+        (slice(5, 25), 0.0),
+        (slice(35, 55), (prior[1] - prior[0]) / (prior[2] - prior[0])),
+    ):
         expected = np.array([0.83, 0.95, 0.97]) ** (8 * (depth + nearest))
-        np.testing.assert_allclose(t[:, columns].reshape(-1, 3), np.tile(expected, (800, 1)), atol=2e-3)
+        np.testing.assert_allclose(
+            t[:, columns].reshape(-1, 3), np.tile(expected, (800, 1)), atol=2e-3
+        )
 
 
 @pytest.mark.parametrize("remaining", [(), (0.8, 0.9), (0.8, 0.9, 0.9, 0.9)])
@@ -61,7 +71,13 @@ A = np.array([0.1, 0.7, 0.8])
 
 def made() -> tuple[np.ndarray, np.ndarray]:
     """Open water above (t = 0), below it a mosaic in which every window has a dark tile; (image, t)."""
-    J = tiles(96, 128, 3, np.array([[0.9, 0, 0], [0.1, 0.6, 0.2], [0.3, 0.1, 0.0], [0.2, 0.2, 0.7]]), seed=1)
+    J = tiles(
+        96,
+        128,
+        3,
+        np.array([[0.9, 0, 0], [0.1, 0.6, 0.2], [0.3, 0.1, 0.0], [0.2, 0.2, 0.7]]),
+        seed=1,
+    )
     t = np.zeros((96, 128))
     t[24:] = np.linspace(0.25, 0.85, 72)[:, None]
     return hazy(J, A, t).astype(np.float32), t
@@ -75,14 +91,18 @@ def dark_by_hand(image: np.ndarray, side: int) -> np.ndarray:
     t, half = np.empty(image.shape[:2]), side // 2
     relative = image[..., 1:].astype(np.float64) / A[1:]
     for y, x in np.ndindex(t.shape):
-        t[y, x] = 1 - relative[max(0, y - half) : y + half + 1, max(0, x - half) : x + half + 1].min()
+        t[y, x] = (
+            1 - relative[max(0, y - half) : y + half + 1, max(0, x - half) : x + half + 1].min()
+        )
     return t
 
 
 def test_the_transmission_is_one_less_the_dark_channel_of_green_and_blue() -> None:
     """Refined by the guided filter, which has tests of its own."""
     result = restored(Udcp(window=5, radius=4, greatest=1), WITH_OPEN_WATER)
-    expected = guided_filter(WITH_OPEN_WATER, dark_by_hand(WITH_OPEN_WATER, 5).astype(np.float32), 4, 1e-3)
+    expected = guided_filter(
+        WITH_OPEN_WATER, dark_by_hand(WITH_OPEN_WATER, 5).astype(np.float32), 4, 1e-3
+    )
     found = transmission_of(WITH_OPEN_WATER, result)
     expected = np.where(np.isnan(found), np.nan, expected.clip(0.2, 1)[..., None])
     np.testing.assert_allclose(found, expected, atol=1e-3)

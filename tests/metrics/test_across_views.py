@@ -20,16 +20,23 @@ from sucre_bench.restored_pair import RestoredView
 from sucre_bench.results.rows import Row
 
 
-def pair_scores(scene: Scene, images: Mapping[str, Mapping[str, np.ndarray]], *metrics: str) -> pd.DataFrame:
+def pair_scores(
+    scene: Scene, images: Mapping[str, Mapping[str, np.ndarray]], *metrics: str
+) -> pd.DataFrame:
     """The rows of some methods. images: what each method made of each view; metrics: as `sucre_bench.score` takes."""
     chosen = scorers(metric_choices(metrics))
 
     def entrant(method: str) -> Entrant:
         def opened(name: str) -> RestoredView:
             image = images[method][name].astype(np.float32)
-            return RestoredView(scene[name], lambda: display(image, "none", scene[name].encoding), lambda: image)
+            return RestoredView(
+                scene[name], lambda: display(image, "none", scene[name].encoding), lambda: image
+            )
 
-        bases = {name: Row(dataset="made", scene=scene.name, view=name, method=method) for name in images[method]}
+        bases = {
+            name: Row(dataset="made", scene=scene.name, view=name, method=method)
+            for name in images[method]
+        }
         return Entrant(bases, opened, chosen)
 
     made = pair_rows(scene, [entrant(method) for method in images])
@@ -45,7 +52,9 @@ def inputs(scene: Scene) -> dict[str, np.ndarray]:
 
 
 def mean(rows: pd.DataFrame, method: str, metric: str, variant: str) -> float:
-    chosen = rows[(rows["method"] == method) & (rows["metric"] == metric) & (rows["variant"] == variant)]
+    chosen = rows[
+        (rows["method"] == method) & (rows["metric"] == metric) & (rows["variant"] == variant)
+    ]
     chosen = chosen[chosen["region"] == "image"]
     assert (chosen["status"] == "ok").all(), chosen["reason"].tolist()
     return float(chosen["value"].mean())
@@ -66,18 +75,30 @@ def in_linear_light(scene: Scene) -> Scene:
 def test_in_water_without_veil_the_inputs_slope_is_minus_the_attenuation():
     beta = (0.3, 0.12, 0.05)
     scene = in_linear_light(make_ground(water((0, 0, 0), beta, (0.1, 0.1, 0.1)), noise=0))
-    rows = pair_scores(scene, {"input": inputs(scene), "truth": references(scene)}, "range_slope:all")
+    rows = pair_scores(
+        scene, {"input": inputs(scene), "truth": references(scene)}, "range_slope:all"
+    )
     for channel, attenuation in zip(("red", "green", "blue"), beta, strict=True):
         assert mean(rows, "input", "range_slope", channel) == pytest.approx(-attenuation, abs=0.003)
     assert mean(rows, "input", "range_slope", "mean") == pytest.approx(-np.mean(beta), abs=0.003)
 
 
 @pytest.mark.parametrize("is_linear", [False, True])
-def test_the_truths_slope_is_zero_within_its_interval_and_the_inputs_is_not(hazy: Scene, is_linear: bool):
+def test_the_truths_slope_is_zero_within_its_interval_and_the_inputs_is_not(
+    hazy: Scene, is_linear: bool
+):
     scene = in_linear_light(hazy) if is_linear else hazy
-    rows = pair_scores(scene, {"truth": references(scene), "input": inputs(scene)}, "range_slope", "range_slope_error")
+    rows = pair_scores(
+        scene,
+        {"truth": references(scene), "input": inputs(scene)},
+        "range_slope",
+        "range_slope_error",
+    )
     (table,) = compare(rows)
-    cells = {(method, column.metric, column.variant): cell for (method, column), cell in table.cells.items()}
+    cells = {
+        (method, column.metric, column.variant): cell
+        for (method, column), cell in table.cells.items()
+    }
     for channel in ("red", "green", "blue"):
         cell = cells["truth", "range_slope", channel]
         assert cell.low <= 0 <= cell.high
@@ -103,7 +124,10 @@ def test_too_strong_a_correction_has_a_positive_slope():
 def test_consistency_is_the_difference_between_two_flat_colours(hazy: Scene):
     colours = (np.full(3, 0.4), np.full(3, 0.45))  # grays: their Lab is the same under every white
     scene = replace(hazy, views=hazy.views[:2])
-    images = {view.name: np.ones_like(view.rgb) * colour for view, colour in zip(scene, colours, strict=True)}
+    images = {
+        view.name: np.ones_like(view.rgb) * colour
+        for view, colour in zip(scene, colours, strict=True)
+    }
     rows = pair_scores(scene, {"flat": images}, "consistency:all", "point_contrast")
     expected = deltaE_ciede2000(*(rgb2lab(colour) for colour in colours))
     assert mean(rows, "flat", "consistency", "patches") == pytest.approx(expected, rel=1e-3)
@@ -113,10 +137,18 @@ def test_consistency_is_the_difference_between_two_flat_colours(hazy: Scene):
 
 
 def test_the_truth_is_consistent_and_the_input_is_not():
-    places = [((0.1, 0.05, 0.6), 0.06), ((0, 0, 0), 0.0), ((0.3, -0.2, -0.6), -0.12), ((-0.3, 0.1, -2.4), 0.04)]
+    places = [
+        ((0.1, 0.05, 0.6), 0.06),
+        ((0, 0, 0), 0.0),
+        ((0.3, -0.2, -0.6), -0.12),
+        ((-0.3, 0.1, -2.4), 0.04),
+    ]
     cameras = [make_camera(160, 120, focal) for focal in (130, 140, 150, 180)]
     wet, dry = (
-        [make_view(f"{n}.png", cameras[n], make_pose(*place), water) for n, place in enumerate(places)]
+        [
+            make_view(f"{n}.png", cameras[n], make_pose(*place), water)
+            for n, place in enumerate(places)
+        ]
         for water in (WATER, None)
     )
     scene = Scene("made", wet, frozenset({"depth", "poses"}))
@@ -124,8 +156,13 @@ def test_the_truth_is_consistent_and_the_input_is_not():
     rows = pair_scores(scene, images, "consistency:all", "point_contrast")
     assert mean(rows, "truth", "consistency", "patches") < 0.3
     assert mean(rows, "input", "consistency", "patches") > 3
-    assert mean(rows, "truth", "consistency", "relative") < mean(rows, "input", "consistency", "relative") / 20
-    assert mean(rows, "truth", "point_contrast", "patches") > mean(rows, "input", "point_contrast", "patches")
+    assert (
+        mean(rows, "truth", "consistency", "relative")
+        < mean(rows, "input", "consistency", "relative") / 20
+    )
+    assert mean(rows, "truth", "point_contrast", "patches") > mean(
+        rows, "input", "point_contrast", "patches"
+    )
 
 
 def test_differences_of_colour_grow_with_differences_of_distance(hazy: Scene):
@@ -139,7 +176,9 @@ def test_only_points_with_a_colour_in_both_views_count(hazy: Scene):
     half["0.png"] = half["0.png"].copy()
     half["0.png"][:, :60] = np.nan
     rows = pair_scores(hazy, {"whole": inputs(hazy), "half": half}, "consistency:patches")
-    coverage = rows[(rows["region"] == "image") & (rows["view"] == "0.png")].set_index("method")["coverage"]
+    coverage = rows[(rows["region"] == "image") & (rows["view"] == "0.png")].set_index("method")[
+        "coverage"
+    ]
     assert coverage["whole"] == 1
     assert 0.3 < coverage["half"] < 0.7
 

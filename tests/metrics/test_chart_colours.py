@@ -77,7 +77,9 @@ def test_lab_and_srgb_invert_each_other_inside_the_gamut_and_lab_is_clipped_outs
 
 def test_the_two_dgk_lists_agree_on_the_mixed_colours_and_differ_on_the_primaries() -> None:
     patches = chart_kind("dgk").patches
-    difference = ciede2000(lab_d50(np.array([p.srgb for p in patches])), np.array([p.lab for p in patches], float))
+    difference = ciede2000(
+        lab_d50(np.array([p.srgb for p in patches])), np.array([p.lab for p in patches], float)
+    )
     assert difference[12:].max() < 1
     assert difference[6:12].min() > 4
     assert difference[6:12].max() < 12
@@ -149,7 +151,9 @@ def blanked(colour: float) -> tuple[dict[str, Score], dict[str, Score]]:
 
 
 @pytest.mark.parametrize("colour", [np.nan, 0.0], ids=["hole", "black"])
-def test_a_patch_without_a_direction_is_left_out_of_the_mean_and_lowers_the_coverage(colour: float) -> None:
+def test_a_patch_without_a_direction_is_left_out_of_the_mean_and_lowers_the_coverage(
+    colour: float,
+) -> None:
     whole, holed = blanked(colour)
     others = [s.value for region, s in whole.items() if region not in ("c", "c/7-red")]
     assert holed["c"].value == pytest.approx(np.mean(others))
@@ -171,7 +175,9 @@ def test_a_chart_nobody_restored_is_nan_with_coverage_0(metric: Psi | De00) -> N
 def test_the_reference_list_shifts_psi() -> None:
     shown = painted(chart_kind("dgk"), TILTED)
     by_lab = scores(Psi(), shown, "colour-lab")
-    assert by_lab["c/12-magenta"].value == pytest.approx(13.8, abs=0.1)  # the lists' largest disagreement
+    assert by_lab["c/12-magenta"].value == pytest.approx(
+        13.8, abs=0.1
+    )  # the lists' largest disagreement
     assert by_lab["c/13-brick"].value < 0.5
 
 
@@ -187,12 +193,16 @@ def test_measured_reflectances_are_the_third_list_and_other_charts_lack_it() -> 
 def test_patch_colour_gives_each_channel_as_shown_and_as_the_list_has_it() -> None:
     shown = painted(chart_kind("dgk"), TILTED) * np.float32([0.5, 0.25, 1])
     for c, channel in enumerate(("red", "green", "blue")):
-        measured, expected = (scores(PatchColour(), shown, f"{channel}{end}") for end in ("", "-expected"))
+        measured, expected = (
+            scores(PatchColour(), shown, f"{channel}{end}") for end in ("", "-expected")
+        )
         assert len(measured) == 18
         assert "c/7-red" in measured
         listed = np.array([expected[region].value for region in measured])
         np.testing.assert_allclose(listed, [p.srgb[c] for p in chart_kind("dgk").patches])
-        np.testing.assert_allclose([s.value for s in measured.values()], listed * (0.5, 0.25, 1)[c], atol=1e-6)
+        np.testing.assert_allclose(
+            [s.value for s in measured.values()], listed * (0.5, 0.25, 1)[c], atol=1e-6
+        )
 
 
 @pytest.mark.parametrize(
@@ -207,7 +217,9 @@ def test_patch_colour_gives_each_channel_as_shown_and_as_the_list_has_it() -> No
         ((1, 0.8, 1), 300),
     ],
 )
-def test_hsv_hue_is_the_angle_on_the_hexagon_whatever_saturation_and_value(rgb: Array, hue: float) -> None:
+def test_hsv_hue_is_the_angle_on_the_hexagon_whatever_saturation_and_value(
+    rgb: Array, hue: float
+) -> None:
     assert hue_deg(np.array(rgb, float), "hsv") == pytest.approx(hue, abs=1e-9)
 
 
@@ -216,12 +228,16 @@ def test_hsv_hue_is_the_angle_on_the_hexagon_whatever_saturation_and_value(rgb: 
     [((1, 0, 0), 80.80, 69.89), ((0, 1, 0), -79.29, 80.99), ((0, 0, 1), 68.30, -112.03)],
 )
 def test_lab_hue_is_that_of_the_primaries_under_d50(rgb: Array, a: float, b: float) -> None:
-    assert hue_deg(np.array(rgb, float), "lab") == pytest.approx(np.degrees(np.arctan2(b, a)) % 360, abs=0.03)
+    assert hue_deg(np.array(rgb, float), "lab") == pytest.approx(
+        np.degrees(np.arctan2(b, a)) % 360, abs=0.03
+    )
 
 
 @pytest.mark.parametrize("form", ["hsv", "lab"])
 def test_grays_and_holes_have_no_hue(form: str) -> None:
-    assert np.isnan(hue_deg(np.array([[0.5, 0.5, 0.5], [0, 0, 0], [np.nan, np.nan, np.nan]]), form)).all()
+    assert np.isnan(
+        hue_deg(np.array([[0.5, 0.5, 0.5], [0, 0, 0], [np.nan, np.nan, np.nan]]), form)
+    ).all()
 
 
 def test_a_turn_is_the_shorter_way_round() -> None:
@@ -233,10 +249,14 @@ def test_a_turn_is_the_shorter_way_round() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_colour_patch_has_a_hue_and_the_chart_has_none(kind: str) -> None:
     shown = painted(chart_kind(kind), TILTED)
-    measured, expected = (scores(Hue(), shown, variant, kind) for variant in ("hsv", "hsv-expected"))
+    measured, expected = (
+        scores(Hue(), shown, variant, kind) for variant in ("hsv", "hsv-expected")
+    )
     chromatic = [f"c/{p.number}-{p.name}" for p in chart_kind(kind).patches if p.is_chromatic]
     assert list(measured) == list(expected) == chromatic
-    np.testing.assert_allclose([s.value for s in measured.values()], [s.value for s in expected.values()], atol=1e-4)
+    np.testing.assert_allclose(
+        [s.value for s in measured.values()], [s.value for s in expected.values()], atol=1e-4
+    )
 
 
 def test_expected_hues_are_those_of_the_published_lists() -> None:
@@ -248,13 +268,17 @@ def test_expected_hues_are_those_of_the_published_lists() -> None:
 
 
 @pytest.mark.parametrize("order", [[2, 0, 1], [1, 2, 0]])
-def test_channels_turned_round_are_a_hue_error_of_120_degrees_in_every_patch(order: list[int]) -> None:
+def test_channels_turned_round_are_a_hue_error_of_120_degrees_in_every_patch(
+    order: list[int],
+) -> None:
     found = scores(HueError(), painted(chart_kind("dgk"), TILTED)[..., order], "hsv")
     assert len(found) == 13
     np.testing.assert_allclose([s.value for s in found.values()], 120, atol=1e-3)
 
 
-def test_a_patch_that_lost_its_hue_counts_90_degrees_and_one_that_was_not_restored_nothing() -> None:
+def test_a_patch_that_lost_its_hue_counts_90_degrees_and_one_that_was_not_restored_nothing() -> (
+    None
+):
     shown = painted(chart_kind("dgk"), TILTED)[..., [2, 0, 1]].copy()
     red = np.isclose(shown, np.array(chart_kind("dgk").patches[6].srgb)[[2, 0, 1]]).all(axis=-1)
     shown[red] = 0.4
@@ -272,7 +296,10 @@ def test_a_picture_of_one_colour_has_that_colours_chroma_in_every_gray_patch() -
     shown = np.empty((300, 420, 3), np.float32)
     shown[:] = (1, 0, 0)  # Lab under D50: 54.29, 80.80, 69.89 (Lindbloom)
     found = scores(Neutral(), shown, "chroma")
-    assert list(found) == ["c", *(f"c/{p.number}-{p.name}" for p in chart_kind("dgk").patches if not p.is_chromatic)]
+    assert list(found) == [
+        "c",
+        *(f"c/{p.number}-{p.name}" for p in chart_kind("dgk").patches if not p.is_chromatic),
+    ]
     np.testing.assert_allclose([s.value for s in found.values()], np.hypot(80.80, 69.89), atol=0.06)
 
 
@@ -281,4 +308,6 @@ def test_grays_of_any_brightness_have_no_chroma_and_colours_do_not_count() -> No
     is_gray = np.ptp(shown, axis=-1) < 0.03
     shown[is_gray] = shown[is_gray].mean(axis=-1, keepdims=True)
     assert scores(Neutral(), shown, "chroma")["c"].value == pytest.approx(0, abs=0.05)
-    assert scores(Neutral(), shown[..., [2, 0, 1]], "chroma")["c"].value == pytest.approx(0, abs=0.05)
+    assert scores(Neutral(), shown[..., [2, 0, 1]], "chroma")["c"].value == pytest.approx(
+        0, abs=0.05
+    )

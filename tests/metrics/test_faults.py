@@ -14,9 +14,13 @@ from sucre_bench.scene import Arrays, Restoration, View
 pytestmark = pytest.mark.short
 RNG = np.random.default_rng(11)
 GROUND = 0.4 + 0.05 * np.kron(RNG.normal(size=(12, 16, 3)), np.ones((10, 10, 1)))
-PHOTOGRAPH = (GROUND * [0.3, 0.8, 0.9] + RNG.normal(0, 0.002, GROUND.shape)).clip(0, 1).astype(np.float32)
+PHOTOGRAPH = (
+    (GROUND * [0.3, 0.8, 0.9] + RNG.normal(0, 0.002, GROUND.shape)).clip(0, 1).astype(np.float32)
+)
 CAMERA = Camera(np.array([[200, 0, 80], [0, 200, 60], [0, 0, 1.0]]), 160, 120)
-DEPTH = np.where(np.arange(160) < 80, 2, 4) * np.ones((120, 1), np.float32)  # a wall at 2 m before one at 4 m
+DEPTH = np.where(np.arange(160) < 80, 2, 4) * np.ones(
+    (120, 1), np.float32
+)  # a wall at 2 m before one at 4 m
 TRUE = (PHOTOGRAPH / np.float32([0.3, 0.8, 0.9])).clip(0, 1)
 
 
@@ -102,7 +106,12 @@ def test_blue_tiles_are_no_cast_and_brown_ones_are() -> None:
 def test_a_dive_that_turns_is_seen_in_the_pictures_that_differ_from_the_others() -> None:
     tints = [[1, 1, 1], [1, 1, 1], [1.02, 1, 1], [0.7, 1, 1]]
     looks = [look_at((TRUE * np.float32(tint)).clip(0, 1), PHOTOGRAPH, DEPTH) for tint in tints]
-    assert [[fault.kind for fault in found] for found in faults_of_dive(looks)] == [[], [], [], ["turning"]]
+    assert [[fault.kind for fault in found] for found in faults_of_dive(looks)] == [
+        [],
+        [],
+        [],
+        ["turning"],
+    ]
     tinted = [(TRUE * np.float32(tint)).clip(0, 1) for tint in tints]
     same = [look_at(picture, picture, DEPTH) for picture in tinted]
     assert not any(fault.kind == "turning" for found in faults_of_dive(same) for fault in found)
@@ -110,4 +119,6 @@ def test_a_dive_that_turns_is_seen_in_the_pictures_that_differ_from_the_others()
 
 def test_a_picture_without_any_colour_has_holes_and_no_other_fault() -> None:
     empty = Made(np.full_like(TRUE, np.nan))
-    assert {fault for fault in FAULTS if scores(empty, fault)["image"] > FAULTS[fault].limit} == {"holes"}
+    assert {fault for fault in FAULTS if scores(empty, fault)["image"] > FAULTS[fault].limit} == {
+        "holes"
+    }

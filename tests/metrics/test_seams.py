@@ -23,7 +23,9 @@ def photograph(seed: int = 0, noise: float = 0.004) -> tuple[Array, Array]:
         J[(y - cy) ** 2 + (x - cx) ** 2 < r * r] = rng.uniform(0.1, 0.9, 3)
     J += 0.03 * rng.standard_normal(J.shape)
     image = J * np.exp(-0.3 * z[..., None]) + 0.3 * (1 - np.exp(-0.2 * z[..., None]))
-    return (image + noise * rng.standard_normal(J.shape)).clip(0, 1).astype(np.float32), z.astype(np.float32)
+    return (image + noise * rng.standard_normal(J.shape)).clip(0, 1).astype(np.float32), z.astype(
+        np.float32
+    )
 
 
 IMAGE, Z = photograph()
@@ -36,7 +38,9 @@ def share(picture: Array, image: Array = IMAGE, z: Array | None = Z) -> float:
 
 def in_air(image: Array, z: Array) -> Array:
     """Noise and all, as a restorer of single images gives it."""
-    return ((image - 0.3 * (1 - np.exp(-0.2 * z[..., None]))) / np.exp(-0.3 * z[..., None])).clip(0, 1)
+    return ((image - 0.3 * (1 - np.exp(-0.2 * z[..., None]))) / np.exp(-0.3 * z[..., None])).clip(
+        0, 1
+    )
 
 
 @pytest.mark.parametrize(
@@ -49,7 +53,14 @@ def in_air(image: Array, z: Array) -> Array:
         lambda image, z: image[..., ::-1] + 0.05 * np.sin(3 * z[..., None]),
         lambda image, z: np.clip(image, 0.25, 0.45),
     ],
-    ids=["itself", "gain", "gamma", "water-taken-out", "channels-swapped-and-bands-of-distance", "clipped"],
+    ids=[
+        "itself",
+        "gain",
+        "gamma",
+        "water-taken-out",
+        "channels-swapped-and-bands-of-distance",
+        "clipped",
+    ],
 )
 def test_functions_of_colour_and_distance_have_no_seam(restore: object) -> None:
     assert share(restore(IMAGE, Z)) < 2e-4
@@ -79,7 +90,9 @@ def test_a_seam_is_found_along_its_length_whatever_its_direction(angle: int) -> 
 
 
 @pytest.mark.parametrize("height", [0.1, 0.2, 0.4])
-def test_the_excess_is_the_height_of_the_seam_and_falls_as_the_strips_leave_it(height: float) -> None:
+def test_the_excess_is_the_height_of_the_seam_and_falls_as_the_strips_leave_it(
+    height: float,
+) -> None:
     flat = np.full_like(IMAGE, 0.5)
     flat[:, :40], flat[:, -40:] = 0, 1  # what contrast is measured by
     picture = flat.copy()
@@ -87,7 +100,9 @@ def test_the_excess_is_the_height_of_the_seam_and_falls_as_the_strips_leave_it(h
     found = find_seams(picture, flat, np.ones_like(Z))
     # Strips of 5 pixels beside a pixel k pixels off the line: 5 - k of them lie on the other side of it.
     expected = height * np.array([0.4, 0.6, 0.8, 1, 1, 0.8, 0.6, 0.4])
-    np.testing.assert_allclose(found.excess[40:-40, W // 2 - 4 : W // 2 + 4], np.tile(expected, (H - 80, 1)), rtol=0.02)
+    np.testing.assert_allclose(
+        found.excess[40:-40, W // 2 - 4 : W // 2 + 4], np.tile(expected, (H - 80, 1)), rtol=0.02
+    )
     assert found.is_seam[40:-40, W // 2 - 2 : W // 2 + 2].all()
 
 

@@ -61,10 +61,14 @@ def test_a_picture_without_colours_has_no_score() -> None:
 
 
 NAN = np.nan
-IMAGE = np.array([[[0.1, 0.2, 0.3], [-0.1, 0.2, -0.3]], [[NAN, 0.2, 0.3], [1.5, -0.2, 0.0]]], np.float32)
+IMAGE = np.array(
+    [[[0.1, 0.2, 0.3], [-0.1, 0.2, -0.3]], [[NAN, 0.2, 0.3], [1.5, -0.2, 0.0]]], np.float32
+)
 
 
-def counted(metric: Coverage | Negative, variant: str, image: Array = IMAGE, depth: Array | None = None) -> list[Score]:
+def counted(
+    metric: Coverage | Negative, variant: str, image: Array = IMAGE, depth: Array | None = None
+) -> list[Score]:
     view = View("a.png", Arrays(np.zeros_like(image), depth))
     return list(metric.score(Restoration(image), image, view, variant))
 

@@ -36,7 +36,9 @@ def holed(mask: Mask) -> Array:
 
 def test_a_difference_of_a_tenth_is_20_db() -> None:
     reference = np.full((8, 8, 3), 0.5, np.float32)
-    assert score(Psnr(), "masked", reference + np.float32(0.1), reference).value == pytest.approx(20, abs=1e-4)
+    assert score(Psnr(), "masked", reference + np.float32(0.1), reference).value == pytest.approx(
+        20, abs=1e-4
+    )
 
 
 def test_equal_images_are_infinitely_similar_by_psnr_and_1_by_ssim() -> None:
@@ -70,7 +72,10 @@ def test_unmasked_takes_every_pixel_and_holes_as_black(metric: Psnr | Ssim) -> N
     given = RNG.random((40, 50)) < 0.7
     variant = "unmasked" if isinstance(metric, Psnr) else "gaussian-unmasked"
     found = score(metric, variant, holed(given), depth=np.zeros((40, 50), np.float32))
-    assert found.value == score(metric, variant, np.where(given[..., None], SHOWN, np.float32(0))).value
+    assert (
+        found.value
+        == score(metric, variant, np.where(given[..., None], SHOWN, np.float32(0))).value
+    )
     assert found.coverage == (1 if isinstance(metric, Psnr) else 30 * 40 / 2000)
 
 
@@ -103,10 +108,15 @@ def slow_ssim(x: Array, y: Array, mask: Mask, weights: Array, sample: bool) -> t
                 a, b = x[part].astype(float), y[part].astype(float)
                 ma, mb = (weights * a).sum(), (weights * b).sum()
                 norm = size**2 / (size**2 - 1) if sample else 1
-                va, vb = norm * (weights * (a - ma) ** 2).sum(), norm * (weights * (b - mb) ** 2).sum()
+                va, vb = (
+                    norm * (weights * (a - ma) ** 2).sum(),
+                    norm * (weights * (b - mb) ** 2).sum(),
+                )
                 cov = norm * (weights * (a - ma) * (b - mb)).sum()
                 c1, c2 = 0.01**2, 0.03**2
-                found.append((2 * ma * mb + c1) * (2 * cov + c2) / ((ma**2 + mb**2 + c1) * (va + vb + c2)))
+                found.append(
+                    (2 * ma * mb + c1) * (2 * cov + c2) / ((ma**2 + mb**2 + c1) * (va + vb + c2))
+                )
     return float(np.mean(found)), len(found)
 
 
@@ -118,12 +128,21 @@ def test_ssim_is_the_published_formula_over_whole_windows(variant: str) -> None:
     shown = holed(given)
     offset = np.arange(-5, 6)
     gauss = np.exp(-(offset**2) / (2 * 1.5**2))
-    weights = np.full((7, 7), 1 / 49) if "uniform7" in variant else np.outer(gauss, gauss) / gauss.sum() ** 2
+    weights = (
+        np.full((7, 7), 1 / 49)
+        if "uniform7" in variant
+        else np.outer(gauss, gauss) / gauss.sum() ** 2
+    )
     mask = np.ones_like(given) if "unmasked" in variant else given
     x, y = np.nan_to_num(shown, nan=0.0), REFERENCE
     if "gray" in variant:
-        x, y = ((0.299 * z[..., 0] + 0.587 * z[..., 1] + 0.114 * z[..., 2])[..., None] for z in (x, y))
-    truth = [slow_ssim(x[..., k], y[..., k], mask, weights, "uniform7" in variant) for k in range(x.shape[-1])]
+        x, y = (
+            (0.299 * z[..., 0] + 0.587 * z[..., 1] + 0.114 * z[..., 2])[..., None] for z in (x, y)
+        )
+    truth = [
+        slow_ssim(x[..., k], y[..., k], mask, weights, "uniform7" in variant)
+        for k in range(x.shape[-1])
+    ]
     found = score(Ssim(), variant, shown)
     assert found.value == pytest.approx(np.mean([value for value, _ in truth]), abs=1e-5)
     assert found.n_pixels == truth[0][1]
@@ -137,7 +156,9 @@ def test_ssim_of_funie_gan_has_the_windows_of_scipy_beyond_the_borders() -> None
         ma, mb, aa, bb, ab = (gaussian_filter(z, 1.5) for z in (a, b, a * a, b * b, a * b))
         va, vb, cov = (25 / 24 * (z - w) for z, w in ((aa, ma * ma), (bb, mb * mb), (ab, ma * mb)))
         c1, c2 = 2.55**2, 7.65**2
-        truth.append(np.mean((2 * ma * mb + c1) * (2 * cov + c2) / ((ma**2 + mb**2 + c1) * (va + vb + c2))))
+        truth.append(
+            np.mean((2 * ma * mb + c1) * (2 * cov + c2) / ((ma**2 + mb**2 + c1) * (va + vb + c2)))
+        )
     found = score(Ssim(), "funie", (x / 255).astype(np.float32), (y / 255).astype(np.float32))
     assert found.value == pytest.approx(np.mean(truth), abs=1e-5)
 
@@ -152,7 +173,9 @@ def test_what_is_in_a_hole_of_the_reference_or_outside_the_depth_moves_no_masked
     other[30:, 40:] = 0.9
     for metric in (Psnr(), Ssim()):
         variant = metric.__plugin__.default[0]
-        first, second = (score(metric, variant, image, reference, depth) for image in (SHOWN, other))
+        first, second = (
+            score(metric, variant, image, reference, depth) for image in (SHOWN, other)
+        )
         assert first == second
         assert 0 < first.coverage < 0.7
 
@@ -191,10 +214,14 @@ def test_gray_is_of_luma_at_256_by_pillow() -> None:
 
     levels = []
     for image in (SHOWN, REFERENCE):
-        small = Image.fromarray((image * 255 + 0.5).astype(np.uint8)).resize((256, 256), Image.Resampling.BICUBIC)
+        small = Image.fromarray((image * 255 + 0.5).astype(np.uint8)).resize(
+            (256, 256), Image.Resampling.BICUBIC
+        )
         levels.append(np.asarray(ImageOps.grayscale(small)).astype(float) / 255)
     found = score(Psnr(), "gray")
-    assert found.value == pytest.approx(-10 * np.log10(np.mean((levels[0] - levels[1]) ** 2)), abs=1e-3)
+    assert found.value == pytest.approx(
+        -10 * np.log10(np.mean((levels[0] - levels[1]) ** 2)), abs=1e-3
+    )
     assert (found.n_pixels, found.coverage) == (256 * 256, 1)
     holed = np.where(np.arange(40)[:, None, None] < 20, np.float32(np.nan), SHOWN)
     assert score(Psnr(), "gray", holed).value == score(Psnr(), "gray", np.nan_to_num(holed)).value
@@ -211,7 +238,11 @@ def test_ssim_of_dark_and_smooth_pictures_is_that_of_scikit_image_in_float64(var
     x, y, channel = shown.astype(float), reference.astype(float), -1
     if variant == "gray":
         (x, y), channel = (z @ [0.299, 0.587, 0.114] for z in (x, y)), None
-    window = {"win_size": 7} if variant == "uniform7" else {"gaussian_weights": True, "use_sample_covariance": False}
+    window = (
+        {"win_size": 7}
+        if variant == "uniform7"
+        else {"gaussian_weights": True, "use_sample_covariance": False}
+    )
     edge = 3 if variant == "uniform7" else 5
     _, full = structural_similarity(x, y, data_range=1, channel_axis=channel, full=True, **window)
     assert score(Ssim(), variant, shown, reference).value == pytest.approx(

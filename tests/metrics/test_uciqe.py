@@ -23,7 +23,9 @@ def score(shown: Array, variant: str = "yang2015") -> Score:
 
 def of(pixels: Any, variant: str = "yang2015") -> float:
     """Of 8-bit pixels (P, 3) or (H, W, 3)."""
-    return score(np.float32(np.atleast_3d(pixels).reshape(-1, 1, 3)) / np.float32(255), variant).value
+    return score(
+        np.float32(np.atleast_3d(pixels).reshape(-1, 1, 3)) / np.float32(255), variant
+    ).value
 
 
 def picture(name: str) -> Bytes:
@@ -44,7 +46,9 @@ def picture(name: str) -> Bytes:
         ("centred", 0.404, 0.420, 0.001),
     ],
 )
-def test_public_programs_give_these_values(variant: str, astronaut: float, coffee: float, digit: float) -> None:
+def test_public_programs_give_these_values(
+    variant: str, astronaut: float, coffee: float, digit: float
+) -> None:
     for name, value in [("astronaut", astronaut), ("coffee", coffee)]:
         found = score(np.float32(picture(name)) / np.float32(255), variant)
         assert found.value == pytest.approx(value, abs=digit * 0.51)
@@ -53,7 +57,9 @@ def test_public_programs_give_these_values(variant: str, astronaut: float, coffe
 
 def test_matlab_gives_the_scores_that_u45_publishes() -> None:
     for row in u45_rows():
-        assert score(read_rgb(row.path), "matlab").value == pytest.approx(row.uciqe, abs=1e-4), row.path
+        assert score(read_rgb(row.path), "matlab").value == pytest.approx(row.uciqe, abs=1e-4), (
+            row.path
+        )
 
 
 def test_the_default_is_the_form_whose_values_lie_in_0_to_1() -> None:
@@ -72,12 +78,18 @@ def reference(image: Bytes, variant: str) -> float:
     one_percent = max(len(pixels) // 100, 1)
     if variant in ("hue", "hue-bgr", "hsv-bytes"):
         given = np.ascontiguousarray(pixels[:, ::-1] if variant == "hue-bgr" else pixels)[None]
-        H, S, V = (x.astype(float).ravel() for x in cv2.split(cv2.cvtColor(given, cv2.COLOR_RGB2HSV)))
+        H, S, V = (
+            x.astype(float).ravel() for x in cv2.split(cv2.cvtColor(given, cv2.COLOR_RGB2HSV))
+        )
         V.sort()
         if variant == "hsv-bytes":
             return 0.4680 * H.std() + 0.2745 * V[-one_percent:].mean() + 0.2576 * S.mean()
         contrast = (V[-one_percent:].mean() - V[:one_percent].mean()) / 255
-        return 0.4680 * H.std() / 180 + 0.2745 * contrast + (0.2576 - 0.0001 * ("bgr" in variant)) * S.mean() / 255
+        return (
+            0.4680 * H.std() / 180
+            + 0.2745 * contrast
+            + (0.2576 - 0.0001 * ("bgr" in variant)) * S.mean() / 255
+        )
     if variant in ("yang2015", "range-contrast", "ratio", "centred"):
         L, a, b = cv2.cvtColor(pixels[None], cv2.COLOR_RGB2LAB).reshape(-1, 3).T / 255
     else:
@@ -142,14 +154,18 @@ def test_black_and_white_by_hand() -> None:
     saturation = (c / np.hypot(c, 1) + 1) / 2
     for variant in ("yang2015", "matlab"):
         assert of(pixels, variant) == pytest.approx(0.2745 + 0.2576 * saturation)
-    assert of(pixels, "ratio") == pytest.approx(0.2745 + 0.2576 * c / 2)  # black is without saturation
+    assert of(pixels, "ratio") == pytest.approx(
+        0.2745 + 0.2576 * c / 2
+    )  # black is without saturation
     for variant in ("cielab", "cielab-range", "hsv"):
         assert of(pixels, variant) == pytest.approx(0.2745 * 100, abs=5e-3)
     assert of(pixels, "strided") == pytest.approx(0, abs=0.02), "the copied slip hides the contrast"
 
 
 @pytest.mark.parametrize(("tails", "contrast"), [(1, 0.0), (2, 1.0)])
-def test_matlabs_limits_are_levels_that_more_than_one_percent_reach(tails: int, contrast: float) -> None:
+def test_matlabs_limits_are_levels_that_more_than_one_percent_reach(
+    tails: int, contrast: float
+) -> None:
     gray = np.repeat([0, 119, 255], [tails, 100 - 2 * tails, tails])
     levels = np.repeat([0, 128, 255], [tails, 100 - 2 * tails, tails])  # L in 8 bits
     saturation = (C / np.hypot(C, levels)).mean()

@@ -31,7 +31,9 @@ def of(image: Image, variant: str = "panetta2016", metric: Metric = UIQM) -> flo
 def noise(h: int, w: int, darkest: int = 0, seed: int = 5) -> Image:
     """Smooth patches and noise, with a flat dark corner: every branch of the block measures is met."""
     rng = np.random.default_rng(seed)
-    image = np.kron(rng.integers(0, 256, (h // 8 + 1, w // 8 + 1, 3)), np.ones((8, 8, 1), int))[:h, :w]
+    image = np.kron(rng.integers(0, 256, (h // 8 + 1, w // 8 + 1, 3)), np.ones((8, 8, 1), int))[
+        :h, :w
+    ]
     image = np.clip(image + rng.integers(-9, 10, image.shape), 0, 255)
     image[:20, :20] = darkest
     return image.astype(np.uint8)
@@ -43,17 +45,27 @@ def noise(h: int, w: int, darkest: int = 0, seed: int = 5) -> Image:
 def test_u45s_published_scores_are_those_of_matlab_first_output() -> None:
     for row in u45_rows():
         shown = read_rgb(row.path)
-        published = [(Uicm(), row.uicm), (Uism(), row.uism), (Uiconm(), row.uiconm), (Uiqm(), row.uiqm)]
+        published = [
+            (Uicm(), row.uicm),
+            (Uism(), row.uism),
+            (Uiconm(), row.uiconm),
+            (Uiqm(), row.uiqm),
+        ]
         for metric, value in published:
             variant = "matlab" if isinstance(metric, (Uism, Uiconm)) else "matlab-first-output"
-            assert score(shown, variant, metric).value == pytest.approx(value, abs=1e-6), (row.path, metric)
+            assert score(shown, variant, metric).value == pytest.approx(value, abs=1e-6), (
+                row.path,
+                metric,
+            )
 
 
 # -- by hand -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_a_constant_gray_picture_has_neither_colour_nor_sharpness_nor_contrast(variant: str) -> None:
+def test_a_constant_gray_picture_has_neither_colour_nor_sharpness_nor_contrast(
+    variant: str,
+) -> None:
     # R + G wraps to 144 in a byte: YB = -128 for the variants that let it
     wraps = variant in ("wraparound", "chen", "chen-bgr", "uwcnn-plus")
     expected = -0.0268 * 128 * 0.0282 if wraps else 0.0
@@ -71,9 +83,27 @@ def test_the_tails_of_ten_and_of_fifteen_pixels() -> None:
 
     values = [20, 2, 4, 6, 8, 10, 12, 14, 16, -50]
     assert first_opponent(values, "matlab-first-output") == pytest.approx(9)  # without -50 and 20
-    fifteen = [-18, -16, 2, 4, 6, 8, 10, 12, 14, 16, 18, 98, 96, 94, 92]  # 1.5 pixels: two low, one high are dropped
+    fifteen = [
+        -18,
+        -16,
+        2,
+        4,
+        6,
+        8,
+        10,
+        12,
+        14,
+        16,
+        18,
+        98,
+        96,
+        94,
+        92,
+    ]  # 1.5 pixels: two low, one high are dropped
     # matlab: 2 low and 1 high (the nearest numbers of 1.5 and 13.5 pixels), over 12 pixels
-    assert first_opponent(fifteen, "matlab-first-output") == pytest.approx(sum([*fifteen[2:11], 96, 94, 92]) / 12)
+    assert first_opponent(fifteen, "matlab-first-output") == pytest.approx(
+        sum([*fifteen[2:11], 96, 94, 92]) / 12
+    )
 
 
 def test_sharpness_of_a_ramp_by_hand() -> None:
@@ -149,7 +179,11 @@ def slow_enlarged(plane: Array, side: int) -> Array:
 def blocks(plane: Array, side: int, partial: bool) -> list[Array]:
     h, w = plane.shape[:2]
     k1, k2 = (math.ceil(h / side), math.ceil(w / side)) if partial else (h // side, w // side)
-    return [plane[i * side : (i + 1) * side, j * side : (j + 1) * side] for i in range(k1) for j in range(k2)]
+    return [
+        plane[i * side : (i + 1) * side, j * side : (j + 1) * side]
+        for i in range(k1)
+        for j in range(k2)
+    ]
 
 
 def slow_uicm(image: Image, variant: str) -> float:
@@ -181,7 +215,11 @@ def slow_uicm(image: Image, variant: str) -> float:
 def slow_uism(image: Image, variant: str) -> float:
     from skimage.filters import sobel
 
-    weights = [0.299, 0.587, 0.144 if variant.startswith(("blue144", "funie", "getuiqm1")) else 0.114]
+    weights = [
+        0.299,
+        0.587,
+        0.144 if variant.startswith(("blue144", "funie", "getuiqm1")) else 0.114,
+    ]
     if "bgr" in variant:
         weights = weights[::-1]
     if variant == "uwcnn-plus":
@@ -226,7 +264,11 @@ def slow_uiconm(image: Image, variant: str) -> float:
         found = []
         for k in range(3):
             every = blocks(slow_enlarged(x[..., k], 5), 5, False)
-            ms = [complex((b.max() - b.min()) / (b.max() + b.min())) for b in every if b.max() + b.min() != 0]
+            ms = [
+                complex((b.max() - b.min()) / (b.max() + b.min()))
+                for b in every
+                if b.max() + b.min() != 0
+            ]
             found.append(abs(sum(m * np.log(m) for m in ms if m != 0)) / len(every))
         return sum(found)
     side = 5 if variant == "block5" else 8 if slow_side_8(variant) else 10
@@ -248,7 +290,11 @@ def slow_uiconm(image: Image, variant: str) -> float:
         return sum(entropies) / ((h / 10) * (w / 10) if variant == "getuiqm1" else len(entropies))
     total = 0.0
     for e in entropies:  # the PLIP sum, or a plain one of the terms as printed
-        total = total - e if variant in ("chen", "chen-bgr", "uwcnn-plus") else total + e - total * e / 1026
+        total = (
+            total - e
+            if variant in ("chen", "chen-bgr", "uwcnn-plus")
+            else total + e - total * e / 1026
+        )
     return 1026 - 1026 * (1 - total / 1026) ** (1 / len(entropies))  # scaled by the PLIP product
 
 
@@ -262,7 +308,9 @@ def test_each_variant_is_its_formula_written_out_block_by_block(variant: str) ->
             exact = 1e-3 if "chen" in variant and isinstance(metric, Uism) else 1e-6
             assert of(image, variant, metric) == pytest.approx(expected, rel=exact), metric
     weights = (0.0282, 0.2953, 0.6765 if variant == "uwcnn-plus" else 3.5753)
-    assert of(image, variant) == pytest.approx(np.dot(weights, parts), rel=1e-3 if "chen" in variant else 1e-6)
+    assert of(image, variant) == pytest.approx(
+        np.dot(weights, parts), rel=1e-3 if "chen" in variant else 1e-6
+    )
 
 
 # -- holes -------------------------------------------------------------------------------------------------------
@@ -304,7 +352,9 @@ def test_what_surrounds_a_hole_adds_no_sharpness_or_contrast() -> None:
 
 @pytest.mark.parametrize("shape", [(5, 50, 3), (40, 40, 3)])
 @pytest.mark.parametrize("variant", ["panetta2016", "matlab"])
-def test_a_picture_without_a_whole_block_is_nan_with_coverage_0(shape: tuple[int, int, int], variant: str) -> None:
+def test_a_picture_without_a_whole_block_is_nan_with_coverage_0(
+    shape: tuple[int, int, int], variant: str
+) -> None:
     shown = np.full(shape, 0.5, np.float32)
     shown[::5, ::5] = np.nan
     for metric in (Uiqm(), Uism(), Uiconm()):

@@ -12,11 +12,15 @@ from sucre_bench.scene import Arrays, Restoration, Score, View, Water as SceneWa
 
 IMAGE = np.zeros((2, 2, 3), np.float32)
 TRUTH = SceneWater(np.array([0.1, 0.2, 0.4]), np.array([0.4, 0.2, 0.1]), np.array([0.3, 0.0, 0.2]))
-ESTIMATE = SceneWater(np.array([0.11, 0.2, 0.2]), np.array([0.2, 0.3, 0.1]), np.array([0.3, 0.1, 0.1]))
+ESTIMATE = SceneWater(
+    np.array([0.11, 0.2, 0.2]), np.array([0.2, 0.3, 0.1]), np.array([0.3, 0.1, 0.1])
+)
 
 
 def scores(variant: str, restored: Restoration) -> dict[str, Score]:
-    return {s.region: s for s in Water().score(restored, IMAGE, View("a.png", Arrays(IMAGE)), variant)}
+    return {
+        s.region: s for s in Water().score(restored, IMAGE, View("a.png", Arrays(IMAGE)), variant)
+    }
 
 
 @pytest.mark.parametrize(
@@ -27,14 +31,19 @@ def scores(variant: str, restored: Restoration) -> dict[str, Score]:
         ("backscatter", [0, np.nan, 0.5], 0.25),  # no relative error of a true 0
     ],
 )
-def test_error_is_relative_to_the_truth_by_channel_and_in_the_mean(variant: str, errors: list[float], mean: float):
+def test_error_is_relative_to_the_truth_by_channel_and_in_the_mean(
+    variant: str, errors: list[float], mean: float
+):
     found = scores(variant, Restoration(IMAGE, ESTIMATE, info={"true_water": TRUTH}))
     assert list(found) == ["image", "image/red", "image/green", "image/blue"]
     np.testing.assert_allclose([s.value for s in found.values()], [mean, *errors], atol=1e-12)
 
 
 def test_an_exact_estimate_has_no_error() -> None:
-    assert scores("attenuation", Restoration(IMAGE, TRUTH, info={"true_water": TRUTH}))["image"].value == 0
+    assert (
+        scores("attenuation", Restoration(IMAGE, TRUTH, info={"true_water": TRUTH}))["image"].value
+        == 0
+    )
 
 
 def test_without_an_estimate_or_a_truth_there_is_no_score() -> None:
@@ -44,7 +53,9 @@ def test_without_an_estimate_or_a_truth_there_is_no_score() -> None:
 
 def test_a_parameter_that_is_not_estimated_has_no_score_and_the_others_have() -> None:
     unknown = np.full(3, np.nan)
-    restored = Restoration(IMAGE, SceneWater(np.array([0.1, 0.2, 0.2]), unknown, unknown), info={"true_water": TRUTH})
+    restored = Restoration(
+        IMAGE, SceneWater(np.array([0.1, 0.2, 0.2]), unknown, unknown), info={"true_water": TRUTH}
+    )
     assert not scores("attenuation", restored)
     assert scores("veiling_light", restored)["image"].value == pytest.approx(0.5 / 3)
 
@@ -53,16 +64,26 @@ def test_all_three_parameters_are_scored_by_default() -> None:
     assert Water.__plugin__.default == ("attenuation", "backscatter", "veiling_light")
 
 
-KNOWN = SceneWater(np.array([0.1, 0.2, 0.4]), np.array([0.5, 0.3, 0.2]), np.array([0.7, np.nan, 0.6]))
+KNOWN = SceneWater(
+    np.array([0.1, 0.2, 0.4]), np.array([0.5, 0.3, 0.2]), np.array([0.7, np.nan, 0.6])
+)
 
 
 def parameters(variant: str, water: SceneWater | None, image: Array = IMAGE) -> list[Score]:
-    return list(WaterParameters().score(Restoration(image, water), image, View("a.png", Arrays(IMAGE)), variant))
+    return list(
+        WaterParameters().score(
+            Restoration(image, water), image, View("a.png", Arrays(IMAGE)), variant
+        )
+    )
 
 
 @pytest.mark.parametrize(
     ("name", "values"),
-    [("veiling_light", [0.1, 0.2, 0.4]), ("attenuation", [0.5, 0.3, 0.2]), ("backscatter", [0.7, np.nan, 0.6])],
+    [
+        ("veiling_light", [0.1, 0.2, 0.4]),
+        ("attenuation", [0.5, 0.3, 0.2]),
+        ("backscatter", [0.7, np.nan, 0.6]),
+    ],
 )
 def test_every_channel_of_every_parameter_passes_through(name: str, values: list[float]) -> None:
     found = [parameters(f"{name}-{channel}", KNOWN) for channel in ("red", "green", "blue")]
@@ -86,6 +107,8 @@ def test_coverage_is_that_of_the_restoration() -> None:
     assert (score.n_pixels, score.coverage) == (3, 0.75)
 
 
-@pytest.mark.parametrize("name", ["water_parameters", "distance_variance", "chart_distance", "hue", "patch_colour"])
+@pytest.mark.parametrize(
+    "name", ["water_parameters", "distance_variance", "chart_distance", "hue", "patch_colour"]
+)
 def test_what_describes_is_no_contest(name: str) -> None:
     assert plugins.find("metric", name).better == "none"

@@ -21,7 +21,10 @@ def two_views() -> list[Seen]:
     """Pixel 1 of two, seen finely by "b"; both, seen in 8 bits by "a"."""
     fine = np.float32([[0.1234567, 0.5, 0.7654321]])
     coarse = np.uint8([[51, 102, 255], [0, 1, 2]])
-    return [Seen("b", np.array([1]), np.float32([2]), fine), Seen("a", np.array([0, 1]), np.float32([1, 3]), coarse)]
+    return [
+        Seen("b", np.array([1]), np.float32([2]), fine),
+        Seen("a", np.array([0, 1]), np.float32([1, 3]), coarse),
+    ]
 
 
 def test_finer_colours_are_kept_as_they_are_beside_eight_bit_ones() -> None:
@@ -32,7 +35,9 @@ def test_finer_colours_are_kept_as_they_are_beside_eight_bit_ones() -> None:
     assert observations.view.tolist() == [0, 1, 1]
     assert observations.distance.tolist() == [2, 1, 3]
     assert observations.colour.dtype == np.float32
-    expected = np.float32([[0.1234567, 0.5, 0.7654321], [51 / 255, 102 / 255, 1], [0, 1 / 255, 2 / 255]])
+    expected = np.float32(
+        [[0.1234567, 0.5, 0.7654321], [51 / 255, 102 / 255, 1], [0, 1 / 255, 2 / 255]]
+    )
     np.testing.assert_allclose(observations.colour.T, expected, rtol=1e-7)
 
 
@@ -41,7 +46,11 @@ def test_eight_and_sixteen_bits_meet_in_sixteen() -> None:
     sixteen = Seen("b", fine.pixels, fine.distance, np.uint16([[1, 2, 65535]]))
     observations = arrange((1, 2), [sixteen, coarse])
     assert observations.colour.dtype == np.uint16
-    assert observations.colour.T.tolist() == [[1, 2, 65535], [51 * 257, 102 * 257, 65535], [0, 257, 514]]
+    assert observations.colour.T.tolist() == [
+        [1, 2, 65535],
+        [51 * 257, 102 * 257, 65535],
+        [0, 257, 514],
+    ]
 
 
 def test_parts_go_as_the_store_comes_if_they_may() -> None:
@@ -71,7 +80,9 @@ def test_some_pixels_can_be_taken_with_all_their_observations() -> None:
     for k, (n, part) in enumerate(some.slots()):
         at = observations.starts[k] + places[:n]
         for field in ("distance", "colour", "view", "ray"):
-            assert np.array_equal(getattr(some, field)[..., part], getattr(observations, field)[..., at])
+            assert np.array_equal(
+                getattr(some, field)[..., part], getattr(observations, field)[..., at]
+            )
 
 
 def test_colours_go_back_to_their_pixels() -> None:
@@ -91,7 +102,8 @@ def test_many_observations_lie_where_a_plain_sort_puts_them() -> None:
         seen.append(Seen(str(k), pixels, rng.random(len(pixels), dtype=np.float32), colour))
     found = arrange(shape, seen, with_view=True)
     pixels, distance, colour = (
-        np.concatenate([getattr(one, name) for one in seen]) for name in ("pixels", "distance", "colour")
+        np.concatenate([getattr(one, name) for one in seen])
+        for name in ("pixels", "distance", "colour")
     )
     view = np.repeat(np.arange(3), [len(one.pixels) for one in seen])
     counts = np.bincount(pixels, minlength=700 * 900)
@@ -100,7 +112,9 @@ def test_many_observations_lie_where_a_plain_sort_puts_them() -> None:
     starts = np.append(0, np.cumsum(counts))[:-1]
     slot[by_pixel] = np.arange(len(pixels)) - np.repeat(starts, counts)
     order = np.lexsort((pixels, -counts[pixels], slot))
-    assert np.array_equal(found.pixels, np.lexsort((np.arange(len(counts)), -counts))[: (counts > 0).sum()])
+    assert np.array_equal(
+        found.pixels, np.lexsort((np.arange(len(counts)), -counts))[: (counts > 0).sum()]
+    )
     assert np.array_equal(found.distance, distance[order])
     assert np.array_equal(found.colour.T, colour[order])
     assert np.array_equal(found.view, view[order])
@@ -112,7 +126,7 @@ NO_WATER = water((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.1, 0.1, 0.1))
 def spread(observations: Observations) -> float:
     """The standard deviation of colours about the mean of their pixel, root mean square."""
     place = np.concatenate([np.arange(n) for n, _ in observations.slots()])
-    I = observations.intensity(slice(None)).astype(np.float64)  # noqa: E741
+    I = observations.intensity(slice(None)).astype(np.float64)
     n = len(observations.pixels)
     means = np.stack([np.bincount(place, i, n) / np.bincount(place, minlength=n) for i in I])
     return float(np.sqrt(((I - means[:, place]) ** 2).mean()))
@@ -120,7 +134,9 @@ def spread(observations: Observations) -> float:
 
 def with_pictures(scene: Scene, change: dict[str, np.ndarray]) -> list[View]:
     views = scene.views
-    return [replace(v, pixels=Arrays(change[v.name], v.depth)) if v.name in change else v for v in views]
+    return [
+        replace(v, pixels=Arrays(change[v.name], v.depth)) if v.name in change else v for v in views
+    ]
 
 
 def test_all_observations_of_a_point_average_the_same_ground() -> None:
@@ -163,7 +179,11 @@ def painted(view: View) -> np.ndarray:
     """0.9 where the box of the made scene is seen, black elsewhere."""
     camera, pose = view.camera, view.cam_from_world
     v, u = np.mgrid[0.5 : camera.height, 0.5 : camera.width]
-    points = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(camera.K).T * view.depth[..., None]
+    points = (
+        np.stack([u, v, np.ones_like(u)], axis=-1)
+        @ np.linalg.inv(camera.K).T
+        * view.depth[..., None]
+    )
     world = (points - pose[:3, 3]) @ pose[:3, :3]
     on_box = ((world > BOX[0] - 1e-3) & (world < BOX[1] + 1e-3)).all(axis=-1) & (view.depth > 0)
     return 0.9 * np.repeat(on_box[..., None], 3, axis=2)
@@ -187,5 +207,7 @@ def test_colours_that_are_not_finite_and_views_that_cannot_be_read_are_left_out(
 def test_the_rule_of_pairing_decides_who_sees_a_point() -> None:
     scene = make_ground(NO_WATER)
     pixels = np.arange(0, 90 * 120, 7)
-    mutual, depth = (matched_footprints(scene["1.png"], scene.views, pixels, rule=r) for r in ("mutual", "depth"))
+    mutual, depth = (
+        matched_footprints(scene["1.png"], scene.views, pixels, rule=r) for r in ("mutual", "depth")
+    )
     assert len(depth) > len(mutual) > 1000

@@ -36,7 +36,9 @@ def by_pixel(observations: Observations) -> Seen:
         colours = observations.intensity(part).T
         for k, pixel in enumerate(observations.pixels[:n].tolist()):
             at = part.start + k
-            found[pixel].append((int(observations.view[at]), float(observations.distance[at]), tuple(colours[k])))
+            found[pixel].append(
+                (int(observations.view[at]), float(observations.distance[at]), tuple(colours[k]))
+            )
     return dict(found)
 
 
@@ -68,14 +70,22 @@ def test_other_observations_are_the_matches_with_the_other_views_colours() -> No
 def test_slots_follow_the_order_of_views_and_eight_bit_colours_stay_so() -> None:
     observations = observe(TARGET, SCENE.views, with_view=True)
     assert observations.views == tuple(view.name for view in SCENE)
-    assert all(views == sorted(views) for views in ([s[0] for s in seen] for seen in by_pixel(observations).values()))
+    assert all(
+        views == sorted(views)
+        for views in ([s[0] for s in seen] for seen in by_pixel(observations).values())
+    )
     assert (observations.colour.dtype, observations.distance.dtype) == (np.uint8, np.float32)
     assert min(observations.read_s, observations.pair_s) > 0
 
 
 def test_views_without_pose_or_depth_are_left_out() -> None:
     lost = replace(SCENE["side.png"], name="lost.png", cam_from_world=None)
-    flat = View("flat.png", Arrays(SCENE["far.png"].rgb), SCENE["far.png"].camera, SCENE["far.png"].cam_from_world)
+    flat = View(
+        "flat.png",
+        Arrays(SCENE["far.png"].rgb),
+        SCENE["far.png"].camera,
+        SCENE["far.png"].cam_from_world,
+    )
     views = [lost, *SCENE.views, flat]
     assert observe(TARGET, views).views == tuple(view.name for view in SCENE)
 
@@ -88,7 +98,9 @@ def test_a_target_that_is_not_among_the_views_takes_part_all_the_same() -> None:
 
 
 def test_a_targets_own_observations_do_not_hang_on_rounding() -> None:
-    pose = make_pose((1e15, 3e14, -1e14), 0.3, 0.2, 0.1)  # so far out that float64 cannot take the camera to itself
+    pose = make_pose(
+        (1e15, 3e14, -1e14), 0.3, 0.2, 0.1
+    )  # so far out that float64 cannot take the camera to itself
     remote = replace(TARGET, cam_from_world=pose)
     by_arithmetic = match(lift(remote), remote)
     assert by_arithmetic is None or len(by_arithmetic.pixels) < (TARGET.depth > 0).sum()
@@ -96,7 +108,11 @@ def test_a_targets_own_observations_do_not_hang_on_rounding() -> None:
 
 
 def test_views_that_show_next_to_nothing_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    shares = {v.name: len(match(lift(TARGET), v).pixels) / TARGET.depth.size for v in SCENE if v is not TARGET}
+    shares = {
+        v.name: len(match(lift(TARGET), v).pixels) / TARGET.depth.size
+        for v in SCENE
+        if v is not TARGET
+    }
     least = min(shares, key=shares.__getitem__)
     monkeypatch.setattr(module, "MIN_SHARE", shares[least])
     assert set(observe(TARGET, SCENE.views).views) == {view.name for view in SCENE} - {least}
@@ -111,13 +127,20 @@ def test_a_target_without_any_depth_is_an_error_that_says_so() -> None:
         observe(replace(blind, name="b.png", pixels=Arrays(arrays.rgb)), [blind])
 
 
-def flat_view(name: str, paint: Callable[[np.ndarray, np.ndarray], np.ndarray], at: float, encoding: str = "gamma"):
+def flat_view(
+    name: str,
+    paint: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    at: float,
+    encoding: str = "gamma",
+):
     """A camera at (at, 0, 0) before the plane Z = 2 that is painted with a colour for X and Y in metres."""
     camera = make_camera(32, 24, 20)
     u, v = np.meshgrid(np.arange(32) + 0.5, np.arange(24) + 0.5)
     K = camera.K
     rgb = paint((u - K[0, 2]) / K[0, 0] * 2 + at, (v - K[1, 2]) / K[1, 1] * 2)
-    return View(name, Arrays(rgb, np.full((24, 32), 2.0)), camera, make_pose((at, 0, 0)), encoding=encoding)
+    return View(
+        name, Arrays(rgb, np.full((24, 32), 2.0)), camera, make_pose((at, 0, 0)), encoding=encoding
+    )
 
 
 def ramp(X: np.ndarray, Y: np.ndarray) -> np.ndarray:
@@ -153,11 +176,15 @@ def test_by_the_mutual_rule_rays_are_those_of_the_pixels_that_are_seen() -> None
     matches = match(lift(TARGET), SCENE["far.png"])
     K = SCENE["far.png"].camera.K
     u, v = matches.others % 56 + 0.5, matches.others // 56 + 0.5
-    rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]], axis=1)[np.argsort(matches.pixels)]
+    rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]], axis=1)[
+        np.argsort(matches.pixels)
+    ]
     target_pixels = np.concatenate([observations.pixels[:n] for n, _ in observations.slots()])
     far = observations.view == 3
     np.testing.assert_array_equal(np.sort(target_pixels[far]), np.sort(matches.pixels))
-    np.testing.assert_allclose(observations.ray[:, far].T[np.argsort(target_pixels[far])], rays, atol=1e-6)
+    np.testing.assert_allclose(
+        observations.ray[:, far].T[np.argsort(target_pixels[far])], rays, atol=1e-6
+    )
 
 
 def test_by_depth_eight_bit_colours_stay_eight_bit_and_nothing_bleeds_over_an_outline() -> None:
@@ -169,7 +196,9 @@ def test_by_depth_eight_bit_colours_stay_eight_bit_and_nothing_bleeds_over_an_ou
         points = lift(view).points.T @ world_from_cam[:3, :3].T + world_from_cam[:3, 3]
         rgb = np.zeros((view.camera.height * view.camera.width, 3))
         rgb[lift(view).pixels] = (np.abs(points @ PLANE - 1) > 1e-3)[:, None]
-        return replace(view, pixels=Arrays(rgb.reshape(view.camera.height, view.camera.width, 3), view.depth))
+        return replace(
+            view, pixels=Arrays(rgb.reshape(view.camera.height, view.camera.width, 3), view.depth)
+        )
 
     views = [black_and_white(view) for view in SCENE]
     observations = observe(views[OWN], views, rule="depth")
@@ -183,7 +212,9 @@ def test_by_depth_eight_bit_colours_stay_eight_bit_and_nothing_bleeds_over_an_ou
 def test_by_depth_no_pixel_with_one_observation_is_left_amid_those_with_more() -> None:
     near = SCENE["near.png"]  # its pixels are smaller than the others'
     windows = np.lib.stride_tricks.sliding_window_view(near.depth, (3, 3))
-    is_smooth = windows.max(axis=(2, 3)) < 1.1 * windows.min(axis=(2, 3))  # no outline, behind which points are hidden
+    is_smooth = windows.max(axis=(2, 3)) < 1.1 * windows.min(
+        axis=(2, 3)
+    )  # no outline, behind which points are hidden
     dotted = {}
     for rule in ("mutual", "depth"):
         observations = observe(near, [near, SCENE["side.png"], SCENE["far.png"]], rule=rule)
@@ -202,8 +233,12 @@ def test_linear_light_is_decoded_from_srgb_and_kept_in_sixteen_bits(rule: str) -
     white = flat_view("b", lambda X, Y: np.ones((*X.shape, 3)), 0.1)
     observations = observe(target, [target, white], rule=rule, encoding="linear", with_view=True)
     assert observations.colour.dtype == np.uint16
-    assert set(map(tuple, observations.colour[:, observations.view == 0].T.tolist())) == {(0, 199, 14146)}
-    assert set(map(tuple, observations.colour[:, observations.view == 1].T.tolist())) == {(65535, 65535, 65535)}
+    assert set(map(tuple, observations.colour[:, observations.view == 0].T.tolist())) == {
+        (0, 199, 14146)
+    }
+    assert set(map(tuple, observations.colour[:, observations.view == 1].T.tolist())) == {
+        (65535, 65535, 65535)
+    }
 
 
 def test_views_that_are_linear_already_are_not_decoded_again() -> None:
@@ -246,18 +281,28 @@ class Watched:
 
 
 def test_a_damaged_image_costs_its_own_observations_only_and_is_told() -> None:
-    views = [replace(v, pixels=Watched(v.pixels, "side.png: damaged" if v.name == "side.png" else "")) for v in SCENE]
+    views = [
+        replace(v, pixels=Watched(v.pixels, "side.png: damaged" if v.name == "side.png" else ""))
+        for v in SCENE
+    ]
     observations = observe(TARGET, views)
     assert observations.views == ("near.png", "a.png", "far.png")
     assert observations.unreadable == ("side.png: damaged",)
-    views = [replace(v, pixels=Watched(v.pixels, "a.png: damaged" if v.name == "a.png" else "")) for v in SCENE]
+    views = [
+        replace(v, pixels=Watched(v.pixels, "a.png: damaged" if v.name == "a.png" else ""))
+        for v in SCENE
+    ]
     with pytest.raises(InputError, match=r"^a\.png: damaged$"):
         observe(views[OWN], views)
 
 
-def test_no_file_is_read_of_a_view_that_looks_elsewhere_and_no_image_of_one_that_shows_nothing() -> None:
+def test_no_file_is_read_of_a_view_that_looks_elsewhere_and_no_image_of_one_that_shows_nothing() -> (
+    None
+):
     away = Watched(Arrays(np.zeros((30, 40, 3)), np.ones((30, 40))))
-    hidden = Watched(Arrays(np.zeros((30, 40, 3)), np.full((30, 40), 0.1)))  # something right before the lens
+    hidden = Watched(
+        Arrays(np.zeros((30, 40, 3)), np.full((30, 40), 0.1))
+    )  # something right before the lens
     views = [
         TARGET,
         View("away.png", away, make_camera(40, 30, 40), make_pose((0, 0, 0), yaw=np.pi)),
@@ -269,12 +314,16 @@ def test_no_file_is_read_of_a_view_that_looks_elsewhere_and_no_image_of_one_that
 
 
 def test_an_image_of_another_size_than_its_cameras_is_left_out_and_told() -> None:
-    wrong = replace(SCENE["far.png"], pixels=Arrays(SCENE["far.png"].rgb[:-1], SCENE["far.png"].depth[:-1]))
+    wrong = replace(
+        SCENE["far.png"], pixels=Arrays(SCENE["far.png"].rgb[:-1], SCENE["far.png"].depth[:-1])
+    )
     (fault,) = observe(TARGET, [TARGET, wrong]).unreadable
     assert re.match(r"far\.png: .*56x49, .*56x50; ", fault)
 
 
-def test_the_result_does_not_depend_on_how_many_threads_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_result_does_not_depend_on_how_many_threads_there_are(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     made = []
     for n in (1, 3):
         monkeypatch.setattr(module, "usable_cores", lambda n=n: n)
@@ -313,9 +362,13 @@ def test_work_runs_only_a_little_ahead_of_what_is_taken(monkeypatch: pytest.Monk
     assert all(n <= taken + 3 for taken, n in enumerate(begun, 1))
 
 
-def test_too_little_memory_is_told_early_and_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_too_little_memory_is_told_early_and_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     views = [replace(TARGET, name=f"{k}.png", pixels=Watched(TARGET.pixels)) for k in range(60)]
-    free = SimpleNamespace(available=18 * 30 * 2400)  # bytes an observation x views x pixels: for half of them
+    free = SimpleNamespace(
+        available=18 * 30 * 2400
+    )  # bytes an observation x views x pixels: for half of them
     monkeypatch.setattr(module.psutil, "virtual_memory", lambda: free)
     monkeypatch.setattr(module, "usable_cores", lambda: 2)
     with pytest.raises(SolveError, match=r"^0\.png: .* 0\.0 GB .* smaller images") as told:
@@ -343,8 +396,12 @@ def test_wrong_options_are_told_with_what_there_is() -> None:
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason=f"{REAL} is absent")
-@pytest.mark.parametrize(("name", "published"), [("LFT_3411.png", 2_173_610), ("D5_fig01_LFT_3374.png", 3_145_256)])
-def test_real_images_give_as_many_observations_as_the_two_map_form(name: str, published: int) -> None:
+@pytest.mark.parametrize(
+    ("name", "published"), [("LFT_3411.png", 2_173_610), ("D5_fig01_LFT_3374.png", 3_145_256)]
+)
+def test_real_images_give_as_many_observations_as_the_two_map_form(
+    name: str, published: int
+) -> None:
     import sucre_bench as sb
 
     scene = next(iter(sb.load_scenes("colmap", root=str(REAL))))

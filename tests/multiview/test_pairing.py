@@ -31,18 +31,26 @@ def literal_pairs(target: View, other: View) -> tuple[dict[int, tuple[int, float
         if landed is None:
             continue
         u2, v2 = floor(landed[0]), floor(landed[1])
-        if not (0 <= u2 < other.camera.width and 0 <= v2 < other.camera.height) or depths[1][v2, u2] == 0:
+        if (
+            not (0 <= u2 < other.camera.width and 0 <= v2 < other.camera.height)
+            or depths[1][v2, u2] == 0
+        ):
             continue
         returned = _carry(other.camera, target.camera, back, u2, v2, depths[1][v2, u2])
         if any(abs(x - round(x)) < BORDER_PX for x in (*landed, *(returned or ()))):
             doubtful.add(pixel)
         elif returned is not None and (floor(returned[0]), floor(returned[1])) == (u1, v1):
             ray = np.linalg.inv(other.camera.K) @ [u2 + 0.5, v2 + 0.5, 1]
-            pairs[pixel] = (v2 * other.camera.width + u2, float(np.linalg.norm(ray * depths[1][v2, u2])))
+            pairs[pixel] = (
+                v2 * other.camera.width + u2,
+                float(np.linalg.norm(ray * depths[1][v2, u2])),
+            )
     return pairs, doubtful
 
 
-def _carry(one: Camera, two: Camera, pose: np.ndarray, u: int, v: int, depth: float) -> tuple[float, float] | None:
+def _carry(
+    one: Camera, two: Camera, pose: np.ndarray, u: int, v: int, depth: float
+) -> tuple[float, float] | None:
     point = pose @ np.append(np.linalg.inv(one.K) @ [u + 0.5, v + 0.5, 1] * depth, 1)
     if point[2] <= 0:
         return None
@@ -55,7 +63,11 @@ def test_pairs_are_those_of_a_literal_float64_reading(name: str) -> None:
     expected, doubtful = literal_pairs(TARGET, SCENE[name])
     found = match(lift(TARGET), SCENE[name])
     pairs = dict(
-        zip(found.pixels.tolist(), zip(found.others.tolist(), found.distance.tolist(), strict=True), strict=True)
+        zip(
+            found.pixels.tolist(),
+            zip(found.others.tolist(), found.distance.tolist(), strict=True),
+            strict=True,
+        )
     )
     assert len(expected) > 200
     assert len(doubtful) < 0.05 * len(expected)
@@ -65,7 +77,9 @@ def test_pairs_are_those_of_a_literal_float64_reading(name: str) -> None:
         assert pairs[pixel][1] == pytest.approx(distance, rel=1e-6)
 
 
-def literal_agreement(target: View, other: View, tolerance: float) -> tuple[dict[int, tuple[float, ...]], set[int]]:
+def literal_agreement(
+    target: View, other: View, tolerance: float
+) -> tuple[dict[int, tuple[float, ...]], set[int]]:
     """The rule by depth, a pixel at a time in float64: flat pixel -> (other, distance, x, y, smooth), and doubtful."""
     pairs, doubtful = {}, set()
     there = other.cam_from_world @ np.linalg.inv(target.cam_from_world)
@@ -83,7 +97,9 @@ def literal_agreement(target: View, other: View, tolerance: float) -> tuple[dict
         left, top = floor(x - 0.5), floor(y - 0.5)
         around = [(v, u) for v in (top, top + 1) for u in (left, left + 1)]
         inside = all(0 <= v < rows and 0 <= u < columns for v, u in around)
-        depths = np.array([float(other.depth[at]) for at in [(v2, u2), *(around if inside else [])]])
+        depths = np.array(
+            [float(other.depth[at]) for at in [(v2, u2), *(around if inside else [])]]
+        )
         error = np.where(depths > 0, np.abs(point[2] - depths) / point[2], np.inf)
         near_border = any(abs(2 * c - round(2 * c)) < BORDER_PX for c in (x, y))
         if near_border or (np.abs(error - tolerance) < 1e-5).any():
@@ -101,7 +117,9 @@ def test_pairs_by_depth_are_those_of_a_literal_float64_reading(name: str, tolera
     found = match(lift(TARGET), SCENE[name], "depth", tolerance)
     pairs = {
         int(p): (o, z, *at, s)
-        for p, o, z, at, s in zip(found.pixels, found.others, found.distance, found.at, found.smooth, strict=True)
+        for p, o, z, at, s in zip(
+            found.pixels, found.others, found.distance, found.at, found.smooth, strict=True
+        )
     }
     assert len(expected) > 500
     assert len(doubtful) < 0.05 * len(expected)
@@ -122,10 +140,14 @@ def test_by_depth_every_point_in_view_is_paired_and_no_hidden_one(name: str) -> 
     towards = surface.points.T.astype(np.float64) - centre  # the target's frame is the world's
     # The other view's rays are apart by a pixel: what it sees of an outline is known to that, and so to 0.1 m here.
     shifts = 0.1 * np.vstack([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
-    first = np.stack([hit(centre, towards + shift) for shift in shifts])  # 1 where the point itself is the first
+    first = np.stack(
+        [hit(centre, towards + shift) for shift in shifts]
+    )  # 1 where the point itself is the first
     camera = (other.cam_from_world[:3, :3] @ towards.T).T
     xy = (camera @ other.camera.K.T)[:, :2] / camera[:, 2:]
-    in_view = (camera[:, 2] > 0) & ((xy >= 0) & (xy < [other.camera.width, other.camera.height])).all(axis=-1)
+    in_view = (camera[:, 2] > 0) & (
+        (xy >= 0) & (xy < [other.camera.width, other.camera.height])
+    ).all(axis=-1)
     visible = in_view & (np.abs(first[0] - 1) < 1e-3) & (np.abs(first - 1) < 0.1).all(axis=0)
     hidden = (first < 0.9).all(axis=0)
     assert visible.sum() > 500
@@ -154,7 +176,9 @@ def test_a_point_that_lands_left_of_the_other_view_is_not_matched() -> None:
     # (.5 + 1.8) / 3 = .77, it would seem matched.
     found = match(lift(line_view("a", 1, 0)), line_view("b", 3, -1.8))
     assert 0 not in found.pixels
-    assert found.pixels.tolist() == [1]  # 2.7 -> pixel 2, back (2.5 + 1.8) / 3 = 1.43; 2 and 3 land outside
+    assert found.pixels.tolist() == [
+        1
+    ]  # 2.7 -> pixel 2, back (2.5 + 1.8) / 3 = 1.43; 2 and 3 land outside
 
 
 def test_a_point_that_comes_back_left_of_the_target_is_not_matched() -> None:
@@ -167,7 +191,9 @@ def test_a_point_that_comes_back_left_of_the_target_is_not_matched() -> None:
 def everywhere(surface: Surface) -> Surface:
     """The surface with tiles that reach a kilometre in every direction: every view may see them."""
     corner = np.array(list(itertools.product((-1e3, 1e3), repeat=3))).T  # (3, 8)
-    return replace(surface, tile_corners=np.repeat(corner[..., None], surface.tile_corners.shape[-1], axis=-1))
+    return replace(
+        surface, tile_corners=np.repeat(corner[..., None], surface.tile_corners.shape[-1], axis=-1)
+    )
 
 
 @pytest.mark.parametrize("rule", ["mutual", "depth"])
@@ -181,12 +207,17 @@ def test_points_behind_the_other_camera_are_not_matched(rule: str) -> None:
 
 
 @pytest.mark.parametrize("ahead_m", [3, -3])
-def test_a_point_behind_either_camera_is_not_matched_through_its_mirror_image(ahead_m: float) -> None:
+def test_a_point_behind_either_camera_is_not_matched_through_its_mirror_image(
+    ahead_m: float,
+) -> None:
     # On one axis. 3 m ahead, the other camera has the target's point behind it, and would see it, mirrored, in its
     # middle, whose own point is before the target; 3 m back, it is the other way round.
     camera = Camera(np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1.0]]), 1, 1)
     arrays = Arrays(np.zeros((1, 1, 3)), np.ones((1, 1)))
-    target, other = View("a", arrays, camera, np.eye(4)), View("b", arrays, camera, make_pose((0, 0, ahead_m)))
+    target, other = (
+        View("a", arrays, camera, np.eye(4)),
+        View("b", arrays, camera, make_pose((0, 0, ahead_m))),
+    )
     assert len(match(everywhere(lift(target)), other).pixels) == 0
 
 
@@ -194,7 +225,8 @@ def test_culling_never_drops_a_match() -> None:
     surface = lift(make_view("a.png", make_camera(96, 72, 80), make_pose((0, 0, 0))), tile_px=8)
     rng = np.random.default_rng(0)
     poses = [
-        make_pose(tuple(rng.uniform(-1.5, 1.5, 3)), *rng.uniform(-1.2, 1.2, 2), rng.uniform(-3, 3)) for _ in range(40)
+        make_pose(tuple(rng.uniform(-1.5, 1.5, 3)), *rng.uniform(-1.2, 1.2, 2), rng.uniform(-3, 3))
+        for _ in range(40)
     ]
     views = [make_view(f"{k}.png", make_camera(64, 48, 50), pose) for k, pose in enumerate(poses)]
     kept = [(match(surface, view), match(surface, view, "depth")) for view in views]
@@ -214,12 +246,16 @@ def test_views_without_camera_pose_or_depth_have_no_matches() -> None:
     assert match(surface, View("b", rgb, camera, None)) is None
     assert match(surface, View("b", rgb, None, np.eye(4))) is None
     assert match(surface, View("b", rgb, camera, np.eye(4))) is None
-    assert visible_pixels(surface, [View("b", rgb, camera, None), View("b", rgb, None, np.eye(4))]).tolist() == [0, 0]
+    assert visible_pixels(
+        surface, [View("b", rgb, camera, None), View("b", rgb, None, np.eye(4))]
+    ).tolist() == [0, 0]
 
 
 def test_matches_do_not_depend_on_how_the_points_are_cut_up() -> None:
     def fields(found: Matches) -> list[list[float]]:
-        return sorted(zip(found.pixels.tolist(), found.others.tolist(), found.distance.tolist(), strict=True))
+        return sorted(
+            zip(found.pixels.tolist(), found.others.tolist(), found.distance.tolist(), strict=True)
+        )
 
     whole = fields(match(lift(TARGET), SCENE["side.png"]))
     assert fields(match(lift(TARGET, tile_px=7), SCENE["side.png"])) == whole

@@ -31,7 +31,9 @@ class Counted:
 
 def counted_scene(data_id: str = "0123") -> Scene:
     scene = make_scene()
-    return replace(scene, views=[replace(v, pixels=Counted(v.pixels)) for v in scene], data_id=data_id)
+    return replace(
+        scene, views=[replace(v, pixels=Counted(v.pixels)) for v in scene], data_id=data_id
+    )
 
 
 def stored(scene: Scene, target: View, folder: Path, **options: object) -> Observations:
@@ -55,9 +57,13 @@ def assert_equal(one: Observations, other: Observations) -> None:
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"rule": "depth", "encoding": "linear"}, {"with_view": True, "with_ray": True}], ids=str
+    "options",
+    [{}, {"rule": "depth", "encoding": "linear"}, {"with_view": True, "with_ray": True}],
+    ids=str,
 )
-def test_what_is_kept_equals_what_memory_holds_and_is_reused_without_reading(tmp_path: Path, options: dict) -> None:
+def test_what_is_kept_equals_what_memory_holds_and_is_reused_without_reading(
+    tmp_path: Path, options: dict
+) -> None:
     scene = counted_scene()
     in_memory = observe(scene["a.png"], scene.views, **options)
     first = stored(scene, scene["a.png"], tmp_path / "pairs", **options)
@@ -87,7 +93,9 @@ def test_methods_share_what_they_pair_while_there_is_room(tmp_path: Path) -> Non
     assert n_read(1e9, rule="depth") == 0
 
 
-def test_other_data_views_targets_options_or_source_are_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_other_data_views_targets_options_or_source_are_made_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     scene = counted_scene()
     stored(scene, scene["a.png"], tmp_path)
     others = {
@@ -123,8 +131,12 @@ DAMAGE: dict[str, Callable[[Path], object]] = {
     "a missing array": lambda entry: (entry / "colour.npy").unlink(),
     "an array of another size": saved("distance", lambda _: np.zeros(3, np.float32)),
     "counts of zero": saved("counts", np.zeros_like),
-    "starts that do not fit": saved("starts", lambda starts: starts + 5 * (np.arange(len(starts)) == 1)),
-    "a pickle": lambda entry: np.save(entry / "colour.npy", np.array([print], dtype=object), allow_pickle=True),
+    "starts that do not fit": saved(
+        "starts", lambda starts: starts + 5 * (np.arange(len(starts)) == 1)
+    ),
+    "a pickle": lambda entry: np.save(
+        entry / "colour.npy", np.array([print], dtype=object), allow_pickle=True
+    ),
     "no meta.json": lambda entry: (entry / "meta.json").unlink(),
 }
 
@@ -180,7 +192,9 @@ def test_a_scene_without_an_id_is_not_kept(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_folder_that_cannot_be_written_is_no_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_that_cannot_be_written_is_no_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     scene = counted_scene()
     in_memory = observe(scene["a.png"], scene.views)
     (tmp_path / "file").touch()

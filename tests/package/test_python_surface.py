@@ -25,11 +25,17 @@ def scene() -> sb.Scene:
     depth = np.ones((48, 64), np.float32)
     depth[:, :32] = 0
     arrays = [sb.Arrays(rng.uniform(0.2, 0.8, (48, 64, 3)), depth=depth) for _ in range(2)]
-    return sb.Scene("reef", [sb.View(f"{n}.png", a) for n, a in zip("ab", arrays, strict=True)], frozenset({"depth"}))
+    return sb.Scene(
+        "reef",
+        [sb.View(f"{n}.png", a) for n, a in zip("ab", arrays, strict=True)],
+        frozenset({"depth"}),
+    )
 
 
 def test_a_view_is_given_by_object_name_or_place(scene: sb.Scene):
-    by = [sb.restore("gray_world", scene, which).image for which in (scene["b.png"], "b.png", 1, -1)]
+    by = [
+        sb.restore("gray_world", scene, which).image for which in (scene["b.png"], "b.png", 1, -1)
+    ]
     assert all(np.array_equal(image, by[0]) for image in by)
     with pytest.raises(sb.InputError, match=r"c\.png"):
         sb.restore("gray_world", scene, "c.png")
@@ -65,7 +71,9 @@ class Asking:
 def test_a_method_knows_the_display_that_was_asked_for(scene: sb.Scene, tmp_path: Path):
     (tmp_path / "asking.py").write_text(ASKING)
     sb.load_file(tmp_path / "asking.py")
-    shown = [sb.restore("asking", scene, 0, **options).info for options in ({}, {"display": "none"})]
+    shown = [
+        sb.restore("asking", scene, 0, **options).info for options in ({}, {"display": "none"})
+    ]
     assert [info["seen"] for info in shown] == [info["display"] for info in shown]
     assert shown[1]["seen"] == "none"
 
@@ -85,7 +93,9 @@ def test_the_saved_picture_is_the_restored_image_in_8_bits(scene: sb.Scene, tmp_
 def test_scores_are_of_what_is_shown(scene: sb.Scene):
     result = sb.restore("histogram_stretch", scene, 0)
     shown = sb.Restoration(result.shown)
-    ours, again = (sb.score(r, scene[0], "uciqe", how=how) for r, how in ((result, None), (shown, "none")))
+    ours, again = (
+        sb.score(r, scene[0], "uciqe", how=how) for r, how in ((result, None), (shown, "none"))
+    )
     values = [rows.loc[rows["metric"] == "uciqe", "value"].item() for rows in (ours, again)]
     assert values[0] == pytest.approx(values[1], rel=1e-9)
 
@@ -130,7 +140,9 @@ def levels(dtype: type) -> np.ndarray:
         (levels(np.uint16) * 257, "divide by 65535"),
     ],
 )
-def test_images_of_0_to_255_are_refused_and_not_scored_as_white(scene: sb.Scene, image: np.ndarray, remedy: str):
+def test_images_of_0_to_255_are_refused_and_not_scored_as_white(
+    scene: sb.Scene, image: np.ndarray, remedy: str
+):
     for make, place in (
         (sb.Restoration, "Restoration.image"),
         (sb.Arrays, "Arrays.rgb"),
@@ -161,7 +173,9 @@ def test_a_notebook_shows_small_pictures_and_escaped_names():
     hidden[:100] = np.nan
     names = [f"<b>{n}</b>.png" for n in range(9)]
     scene = sb.Scene(
-        "<i>reef</i>", [sb.View(name, sb.Arrays(np.full((300, 400, 3), 0.5))) for name in names], frozenset()
+        "<i>reef</i>",
+        [sb.View(name, sb.Arrays(np.full((300, 400, 3), 0.5))) for name in names],
+        frozenset(),
     )
     for shown, count in (
         (scene, 4),
@@ -174,7 +188,9 @@ def test_a_notebook_shows_small_pictures_and_escaped_names():
         assert len(pictures) == count
         assert "<b>" not in page
         assert "<i>" not in page
-        decoded = cv2.imdecode(np.frombuffer(base64.b64decode(pictures[0]), np.uint8), cv2.IMREAD_COLOR)
+        decoded = cv2.imdecode(
+            np.frombuffer(base64.b64decode(pictures[0]), np.uint8), cv2.IMREAD_COLOR
+        )
         assert decoded.shape == (180, 240, 3)
         assert abs(int(decoded[150, 100, 0]) - 127) < 4
     compared = sb.compare_methods(scene, ["underwater", "gray_world"], metrics=["uciqe"], views=[0])
@@ -188,8 +204,13 @@ def test_scenes_are_opened_when_they_are_asked_for(tmp_path: Path):
         sb.load_scenes("colmap", root=tmp_path)
     scene = sb.load_scene("demo", views=2, width=96, height=72, root=tmp_path)
     assert scene.dataset == "demo"
-    assert set(sb.score(sb.restore("gray_world", scene, 0), scene[0], "psnr")["dataset"]) == {"demo"}
-    assert sb.load_scene("demo", scene.name, views=2, width=96, height=72, root=tmp_path).data_id == scene.data_id
+    assert set(sb.score(sb.restore("gray_world", scene, 0), scene[0], "psnr")["dataset"]) == {
+        "demo"
+    }
+    assert (
+        sb.load_scene("demo", scene.name, views=2, width=96, height=72, root=tmp_path).data_id
+        == scene.data_id
+    )
     with pytest.raises(sb.InputError, match=r"no scene 'costal'.*'coastal'"):
         sb.load_scene("demo", "costal", views=2, width=96, height=72, root=tmp_path)
 
@@ -209,7 +230,9 @@ def test_the_public_names_are_what_completion_offers():
     assert set(sb.__all__) == set(dir(sb))
 
 
-def test_a_notebook_scores_with_objects_of_its_own_and_prints_tables_for_papers(scene: sb.Scene, monkeypatch):
+def test_a_notebook_scores_with_objects_of_its_own_and_prints_tables_for_papers(
+    scene: sb.Scene, monkeypatch
+):
     @sb.metric(better="lower", range=(0, 1))
     @dataclass(frozen=True)
     class Redness:

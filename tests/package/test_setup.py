@@ -16,14 +16,29 @@ with_uv = pytest.mark.skipif(find_spec("uv") is None, reason="this environment w
 
 def run(*command: str | Path, **environment: str | Path) -> subprocess.CompletedProcess[str]:
     """Run a command in an environment without any setting of this machine's pip or uv."""
-    kept = {name: value for name, value in os.environ.items() if not name.startswith(("PIP_", "UV_"))}
-    variables = {**kept, "PIP_CONFIG_FILE": os.devnull, **{name: str(value) for name, value in environment.items()}}
-    return subprocess.run([str(c) for c in command], capture_output=True, text=True, check=False, env=variables)
+    kept = {
+        name: value for name, value in os.environ.items() if not name.startswith(("PIP_", "UV_"))
+    }
+    variables = {
+        **kept,
+        "PIP_CONFIG_FILE": os.devnull,
+        **{name: str(value) for name, value in environment.items()},
+    }
+    return subprocess.run(
+        [str(c) for c in command], capture_output=True, text=True, check=False, env=variables
+    )
 
 
 def would_install(*options: str, **environment: str | Path) -> str:
     """What uv says it would install of the package `soundings`."""
-    done = run(sys.executable, SCRIPTS / "uv_like_pip.py", "--dry-run", *options, "soundings", **environment)
+    done = run(
+        sys.executable,
+        SCRIPTS / "uv_like_pip.py",
+        "--dry-run",
+        *options,
+        "soundings",
+        **environment,
+    )
     return done.stderr
 
 
@@ -32,8 +47,12 @@ def wheels(folder: Path, version: str) -> Path:
     folder.mkdir()
     with zipfile.ZipFile(folder / f"soundings-{version}-py3-none-any.whl", "w") as wheel:
         about = f"soundings-{version}.dist-info"
-        wheel.writestr(f"{about}/METADATA", f"Metadata-Version: 2.1\nName: soundings\nVersion: {version}\n")
-        wheel.writestr(f"{about}/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
+        wheel.writestr(
+            f"{about}/METADATA", f"Metadata-Version: 2.1\nName: soundings\nVersion: {version}\n"
+        )
+        wheel.writestr(
+            f"{about}/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
+        )
         wheel.writestr(f"{about}/RECORD", "")
     return folder
 
@@ -41,7 +60,9 @@ def wheels(folder: Path, version: str) -> Path:
 @with_uv
 def test_packages_come_from_where_pips_configuration_file_says(tmp_path: Path):
     configuration = tmp_path / "pip.conf"
-    configuration.write_text(f"[global]\nno-index = true\nfind-links = {wheels(tmp_path / 'one', '1.0')}\n")
+    configuration.write_text(
+        f"[global]\nno-index = true\nfind-links = {wheels(tmp_path / 'one', '1.0')}\n"
+    )
     assert "soundings==1.0" in would_install(PIP_CONFIG_FILE=configuration)
 
 
@@ -51,7 +72,9 @@ def test_pips_variables_win_over_its_file_and_uvs_over_both(tmp_path: Path):
     configuration = tmp_path / "pip.conf"
     configuration.write_text(f"[install]\nno-index = true\nfind-links = {three}\n")
     assert "soundings==2.0" in would_install(PIP_CONFIG_FILE=configuration, PIP_FIND_LINKS=two)
-    assert "soundings==1.0" in would_install(PIP_CONFIG_FILE=configuration, PIP_FIND_LINKS=two, UV_FIND_LINKS=one)
+    assert "soundings==1.0" in would_install(
+        PIP_CONFIG_FILE=configuration, PIP_FIND_LINKS=two, UV_FIND_LINKS=one
+    )
 
 
 @with_uv
@@ -63,7 +86,9 @@ def test_pips_constraints_hold_beside_ours(tmp_path: Path):
     theirs, ours = tmp_path / "theirs.txt", tmp_path / "ours.txt"
     theirs.write_text("soundings<2\n")
     ours.write_text("numpy>=2\n")
-    said = would_install("-c", str(ours), PIP_NO_INDEX="1", PIP_FIND_LINKS=both, PIP_CONSTRAINT=theirs)
+    said = would_install(
+        "-c", str(ours), PIP_NO_INDEX="1", PIP_FIND_LINKS=both, PIP_CONSTRAINT=theirs
+    )
     assert "soundings==1.0" in said
 
 

@@ -20,7 +20,10 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
     """The wheel of the files under version control, as a stranger's checkout would build it."""
     checkout, built = tmp_path_factory.mktemp("checkout"), tmp_path_factory.mktemp("wheel")
     files = subprocess.run(
-        ["git", "ls-files", "--cached", "--others", "--exclude-standard"], cwd=ROOT, capture_output=True, text=True
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
     ).stdout.split()
     subprocess.run(["cp", "--parents", "-P", *files, str(checkout)], cwd=ROOT, check=True)
     options = ["--disable-pip-version-check", "--no-deps", "--no-build-isolation", "-q", "-w"]
@@ -49,14 +52,19 @@ def test_the_wheel_carries_plugins_and_configuration(wheel: zipfile.ZipFile):
 def test_the_wheel_installs_one_package_and_its_part_of_hydras_plugins(wheel: zipfile.ZipFile):
     """A top-level `datasets` would hide Hugging Face's."""
     tops = {name.split("/")[0] for name in wheel.namelist()}
-    assert {top for top in tops if not top.endswith(".dist-info")} == {"sucre_bench", "hydra_plugins"}
+    assert {top for top in tops if not top.endswith(".dist-info")} == {
+        "sucre_bench",
+        "hydra_plugins",
+    }
 
 
 def test_the_pins_name_no_host_and_cover_every_dependency():
     pins = (ROOT / "constraints.txt").read_text()
     assert "://" not in pins
     assert "@" not in pins
-    pinned = {line.split("==")[0].lower().replace("_", "-") for line in pins.splitlines() if "==" in line}
+    pinned = {
+        line.split("==")[0].lower().replace("_", "-") for line in pins.splitlines() if "==" in line
+    }
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]["all"][0]
     asked = {one.partition(">=")[0] for one in project["dependencies"]}
@@ -86,7 +94,11 @@ def blocks(page: str, language: str) -> list[str]:
 
 def halve_blue() -> str:
     """The plugin file of docs/plugins.md."""
-    return next(block for block in blocks("docs/plugins.md", "python") if block.startswith("# halve_blue.py"))
+    return next(
+        block
+        for block in blocks("docs/plugins.md", "python")
+        if block.startswith("# halve_blue.py")
+    )
 
 
 def test_the_documented_plugin_runs_as_it_stands(bench, tmp_path: Path, small_demo: list[str]):

@@ -30,15 +30,30 @@ TAKES: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Camera": (sb.Camera, {"K": K, "width": 16, "height": 12}),
     "Chart": (sb.Chart, {"name": "near", "kind": "dgk", "corners": K[:2].repeat(2, 0)[:, :2]}),
     "Compared": (sb.Compared, {"scene": SCENE, "labels": ("a",), "rows": ROWS}),
-    "Compared.plot": (COMPARED.plot, {"view": 0, "labels": ["gray_world"], "metric": "uciqe", "height": 40}),
+    "Compared.plot": (
+        COMPARED.plot,
+        {"view": 0, "labels": ["gray_world"], "metric": "uciqe", "height": 40},
+    ),
     "Degradation": (sb.Degradation, {"noise": 0.1, "within": 3, "bits": 8, "add_water": [0.1] * 9}),
-    "Restoration": (sb.Restoration, {"image": RGB, "water": None, "confidence": DEPTH, "info": {}, "filled": RGB}),
+    "Restoration": (
+        sb.Restoration,
+        {"image": RGB, "water": None, "confidence": DEPTH, "info": {}, "filled": RGB},
+    ),
     "Restored": (sb.Restored, {"image": RGB, "display": "none", "encoding": "gamma"}),
     "Restored.save": (RESULT.save, {"path": "a.png"}),
-    "RestoredPair": (sb.RestoredPair, {"here": SEEN, "there": SEEN, "points": POINTS, "are_neighbours": True}),
-    "Scene": (sb.Scene, {"name": "reef", "views": [VIEW], "has": frozenset(), "water": None, "data_id": ""}),
+    "RestoredPair": (
+        sb.RestoredPair,
+        {"here": SEEN, "there": SEEN, "points": POINTS, "are_neighbours": True},
+    ),
+    "Scene": (
+        sb.Scene,
+        {"name": "reef", "views": [VIEW], "has": frozenset(), "water": None, "data_id": ""},
+    ),
     "Scene.__getitem__": (SCENE.__getitem__, {"name": "a.png"}),
-    "Score": (sb.Score, {"value": 1.0, "region": "image", "n_pixels": 1, "coverage": 1.0, "weight": 1.0}),
+    "Score": (
+        sb.Score,
+        {"value": 1.0, "region": "image", "n_pixels": 1, "coverage": 1.0, "weight": 1.0},
+    ),
     "View": (
         sb.View,
         {
@@ -50,24 +65,52 @@ TAKES: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
             "encoding": "gamma",
         },
     ),
-    "Water": (sb.Water, {"veiling_light": ONE, "attenuation": ONE, "backscatter": ONE, "encoding": "linear"}),
+    "Water": (
+        sb.Water,
+        {"veiling_light": ONE, "attenuation": ONE, "backscatter": ONE, "encoding": "linear"},
+    ),
     "breaches": (sb.breaches, {"kind": "metric", "name": "uciqe"}),
     "compare_methods": (
         sb.compare_methods,
-        {"scene": SCENE, "methods": ["gray_world"], "metrics": "uciqe", "views": [0], "pixels": "own"},
+        {
+            "scene": SCENE,
+            "methods": ["gray_world"],
+            "metrics": "uciqe",
+            "views": [0],
+            "pixels": "own",
+        },
     ),
-    "dataset": (sb.dataset, {"name": "a", "requires": (), "cites": "", "licence": "", "source": "", "has": ()}),
+    "dataset": (
+        sb.dataset,
+        {"name": "a", "requires": (), "cites": "", "licence": "", "source": "", "has": ()},
+    ),
     "degraded": (sb.degraded, {"scene": SCENE, "degradation": None, "target": "a.png"}),
     "load_file": (sb.load_file, {"path": f"{sb.__path__[0]}/methods/gray_world.py"}),
     "load_scene": (sb.load_scene, {"name": "demo", "scene": "coastal", "width": 64, "height": 48}),
-    "load_scenes": (lambda **given: list(sb.load_scenes(**given)), {"name": "demo", "width": 64, "height": 48}),
-    "method": (sb.method, {"name": "a", "needs": (), "display": "none", "encoding": "gamma", "cites": ""}),
+    "load_scenes": (
+        lambda **given: list(sb.load_scenes(**given)),
+        {"name": "demo", "width": 64, "height": 48},
+    ),
+    "method": (
+        sb.method,
+        {"name": "a", "needs": (), "display": "none", "encoding": "gamma", "cites": ""},
+    ),
     "metric": (
         sb.metric,
-        {"variants": {"a": "b"}, "unit": "", "better": "none", "range": (0, 1), "name": "a", "default": ("a",)},
+        {
+            "variants": {"a": "b"},
+            "unit": "",
+            "better": "none",
+            "range": (0, 1),
+            "name": "a",
+            "default": ("a",),
+        },
     ),
     "restore": (sb.restore, {"method": "gray_world", "scene": SCENE, "view": "a.png"}),
-    "score": (sb.score, {"result": RESULT, "view": VIEW, "metrics": "uciqe", "how": "none", "dataset": ""}),
+    "score": (
+        sb.score,
+        {"result": RESULT, "view": VIEW, "metrics": "uciqe", "how": "none", "dataset": ""},
+    ),
     "track": (lambda **given: list(sb.track(**given)), {"items": [1], "what": "a", "total": 1}),
     "wide": (sb.wide, {"rows": ROWS}),
 }
@@ -136,7 +179,9 @@ def test_a_dataclass_made_from_a_public_one_checks_its_fields():
         Dive("a.png", sb.Arrays(RGB), charts=3)
 
 
-@pytest.mark.parametrize("sides", [(2, 2, 2, 1), (1, 1, -1, 1), (1, 1, 1, 2)], ids=["scaled", "mirrored", "projective"])
+@pytest.mark.parametrize(
+    "sides", [(2, 2, 2, 1), (1, 1, -1, 1), (1, 1, 1, 2)], ids=["scaled", "mirrored", "projective"]
+)
 def test_a_pose_turns_and_shifts_and_does_nothing_else(sides: tuple[int, ...]):
     with pytest.raises(sb.InputError, match=r"^View\.cam_from_world: .*rotation.*; pass "):
         sb.View("a.png", sb.Arrays(RGB), cam_from_world=np.diag(sides))
@@ -154,7 +199,9 @@ def test_a_pose_turns_and_shifts_and_does_nothing_else(sides: tuple[int, ...]):
     ],
 )
 def test_a_wrong_note_of_a_restoration_is_named(info: dict[str, object], remedy: str):
-    with pytest.raises(sb.InputError, match=rf"score\(result\.info\['{next(iter(info))}'\].*; pass {remedy}"):
+    with pytest.raises(
+        sb.InputError, match=rf"score\(result\.info\['{next(iter(info))}'\].*; pass {remedy}"
+    ):
         sb.score(sb.Restoration(RGB, info=info), VIEW, "uciqe")
 
 
@@ -183,13 +230,19 @@ def test_an_object_without_a_text_is_named_by_its_class():
         sb.Scene(Textless(), [], frozenset())
 
 
-@pytest.mark.parametrize("words", [Textless(), (str(1 // n) for n in (1, 0))], ids=["collection", "generator"])
+@pytest.mark.parametrize(
+    "words", [Textless(), (str(1 // n) for n in (1, 0))], ids=["collection", "generator"]
+)
 def test_an_iterator_that_raises_is_named_by_its_argument(words: Iterable[str]):
-    with pytest.raises(sb.InputError, match=r"^dataset\(requires\): raises \w+Error.*; pass a list"):
+    with pytest.raises(
+        sb.InputError, match=r"^dataset\(requires\): raises \w+Error.*; pass a list"
+    ):
         sb.dataset(name="a", requires=words)
 
 
-@pytest.mark.parametrize("name", ["list_datasets", "list_experiments", "list_methods", "list_metrics"])
+@pytest.mark.parametrize(
+    "name", ["list_datasets", "list_experiments", "list_methods", "list_metrics"]
+)
 def test_a_list_takes_no_argument(name: str):
     with pytest.raises(sb.InputError, match=rf"^{name}: .*; "):
         getattr(sb, name)(1)
@@ -232,7 +285,11 @@ def test_a_matrix_that_is_no_camera_in_pixels_is_refused(matrix: np.ndarray) -> 
 
 def test_an_image_of_another_size_than_its_camera_is_named_with_both() -> None:
     view = sb.View("a.png", sb.Arrays(RGB, DEPTH), sb.Camera(K, 640, 480), np.eye(4))
-    for work in (lambda: view.rgb, lambda: view.distance, lambda: sb.restore("gray_world", one_of(view), view)):
+    for work in (
+        lambda: view.rgb,
+        lambda: view.distance,
+        lambda: sb.restore("gray_world", one_of(view), view),
+    ):
         with pytest.raises(sb.SucreBenchError, match=r"a\.png.* 16x12.*640x480"):
             work()
 
@@ -274,7 +331,10 @@ def test_each_source_of_pixels_keeps_its_own_even_if_all_are_equal() -> None:
 @pytest.mark.parametrize(
     "planes",
     [
-        *({"rgb": wrong} for wrong in (RGB[..., 0], "text", np.full((12, 16, 3), 200, np.uint8), [[1, 2], [3]])),
+        *(
+            {"rgb": wrong}
+            for wrong in (RGB[..., 0], "text", np.full((12, 16, 3), 200, np.uint8), [[1, 2], [3]])
+        ),
         *({"rgb": RGB, "depth": wrong} for wrong in (DEPTH[:5], RGB, "text")),
     ],
     ids=["2-d", "text", "uint8", "ragged", "depth of another size", "3-d depth", "depth as text"],

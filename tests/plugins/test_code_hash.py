@@ -30,7 +30,9 @@ def test_it_follows_the_plugins_own_file(tmp_path: Path):
     for name in ("FirstOfTwo", "SecondOfTwo"):
         (tmp_path / f"{name}.py").write_text(METHOD.format(name=name))
         load_file(tmp_path / f"{name}.py")
-    assert source_hash(find("method", "first_of_two")) != source_hash(find("method", "second_of_two"))
+    assert source_hash(find("method", "first_of_two")) != source_hash(
+        find("method", "second_of_two")
+    )
     assert source_hash(find("method", "gray_world")) != source_hash(find("method", "underwater"))
 
 
@@ -39,7 +41,9 @@ def test_it_follows_files_and_what_is_in_folders_wherever_they_lie(tmp_path: Pat
     (tmp_path / "a").mkdir()
     weights = tmp_path / "a" / "w.pth"
     weights.write_bytes(b"1")
-    alone, file, folder = (source_hash(method, files=places) for places in ((), [weights], [tmp_path / "a"]))
+    alone, file, folder = (
+        source_hash(method, files=places) for places in ((), [weights], [tmp_path / "a"])
+    )
     assert len({alone, file, folder}) == 3
     (tmp_path / "a").rename(tmp_path / "b")
     assert source_hash(method, files=[tmp_path / "b"]) == folder
@@ -53,7 +57,11 @@ def test_it_follows_the_libraries_that_compute(monkeypatch: pytest.MonkeyPatch):
     installed = provenance.version_of
 
     def with_other(name: str):
-        monkeypatch.setattr(provenance, "version_of", lambda package: "0.0" if package == name else installed(package))
+        monkeypatch.setattr(
+            provenance,
+            "version_of",
+            lambda package: "0.0" if package == name else installed(package),
+        )
         return source_hash(gray_world), source_hash(sucre)
 
     before = with_other("")
@@ -95,18 +103,28 @@ def test_only_what_code_does_counts(tmp_path: Path):
     """Stored results outlive a better comment, a better docstring and a module moved; not a changed constant."""
     house = Path(provenance.__file__).parent.parent.parent
     for name in ("sucre_bench", "methods", "datasets", "metrics", "conf"):
-        shutil.copytree(house / name, tmp_path / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            house / name,
+            tmp_path / name,
+            symlinks=True,
+            ignore=shutil.ignore_patterns("__pycache__"),
+        )
 
     def hash_now() -> str:
         command = [sys.executable, "-c", ASK]
         environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
-        asked = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+        asked = subprocess.run(
+            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+        )
         return asked.stdout.strip()
 
     before = source_hash(find("method", "sucre"))
     for file in [*(tmp_path / "sucre_bench").rglob("*.py"), *(tmp_path / "methods").rglob("*.py")]:
         text = file.read_text(encoding="utf-8")
-        file.write_text(re.sub(r'^( *)"""', r'\1"""Better words. ', text, count=1, flags=re.M) + "\n# A comment.\n")
+        file.write_text(
+            re.sub(r'^( *)"""', r'\1"""Better words. ', text, count=1, flags=re.M)
+            + "\n# A comment.\n"
+        )
     loading = tmp_path / "sucre_bench" / "loading"
     (loading / "lens.py").rename(loading / "lenses.py")
     for file in tmp_path.rglob("*.py"):

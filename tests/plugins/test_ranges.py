@@ -15,7 +15,17 @@ from sucre_bench.plugins.options import Option, check_ranges, options_of
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.plugins.registry import discover, find
 
-NAMES = ["clahe", "fusion_2012", "fusion_2018", "haze_lines", "ibla", "red_compensation", "rghs", "udcp", "ulap"]
+NAMES = [
+    "clahe",
+    "fusion_2012",
+    "fusion_2018",
+    "haze_lines",
+    "ibla",
+    "red_compensation",
+    "rghs",
+    "udcp",
+    "ulap",
+]
 METHODS = {name: find("method", name) for name in NAMES}
 NUMBERS = [
     pytest.param(plugin, option, id=f"{name}.{option.name}")
@@ -38,7 +48,9 @@ class Made:
     many: tuple[float, ...] = (0.5, 0.6)
 
     def __post_init__(self) -> None:
-        check_ranges(self, whole="[1, 3]", share="(0, 1]", open_end="[0, 50)", maybe="[1, 9]", many="(0, 1]")
+        check_ranges(
+            self, whole="[1, 3]", share="(0, 1]", open_end="[0, 50)", maybe="[1, 9]", many="(0, 1]"
+        )
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         return Restoration(view.rgb)
@@ -103,8 +115,14 @@ def test_no_number_of_a_restorer_may_be_nonsense(plugin: Plugin, option: Option)
     [
         ("clahe", {"clip": 1e-9, "tiles": 256}),
         ("clahe", {"clip": 256, "tiles": 1}),
-        ("fusion_2012", {"illuminant": 1, "percent": 49.9, "noise": 1, "clip": 256, "tiles": 256, "levels": 32}),
-        ("fusion_2012", {"illuminant": 0, "percent": 0, "noise": 1e-30, "clip": 1e-9, "tiles": 1, "levels": 1}),
+        (
+            "fusion_2012",
+            {"illuminant": 1, "percent": 49.9, "noise": 1, "clip": 256, "tiles": 256, "levels": 32},
+        ),
+        (
+            "fusion_2012",
+            {"illuminant": 0, "percent": 0, "noise": 1e-30, "clip": 1e-9, "tiles": 1, "levels": 1},
+        ),
         ("fusion_2018", {"red": 10, "blue": 10, "gamma": 10, "blur_px": 200, "levels": 32}),
         ("fusion_2018", {"red": 0, "blue": 0, "gamma": 1e-9, "blur_px": 1e-9, "levels": 1}),
         ("rghs", {"distance_m": 100, "tail": 49.999, "noise": 1}),
@@ -114,16 +132,62 @@ def test_no_number_of_a_restorer_may_be_nonsense(plugin: Plugin, option: Option)
         ("udcp", {"window": 1001, "radius": 1000, "eps": 1, "least": 1, "greatest": 1}),
         ("udcp", {"window": 1, "radius": 1, "eps": 1e-6, "least": 1e-6, "greatest": 1e-6}),
         ("ulap", {"remaining": (1, 1, 1), "deepest": 1e-9, "share": 1, "radius": 1000, "eps": 1}),
-        ("ulap", {"remaining": (1e-3, 1e-3, 1e-3), "deepest": 1000, "share": 1e-9, "radius": 1, "eps": 1e-6}),
+        (
+            "ulap",
+            {
+                "remaining": (1e-3, 1e-3, 1e-3),
+                "deepest": 1000,
+                "share": 1e-9,
+                "radius": 1,
+                "eps": 1e-6,
+            },
+        ),
         ("ulap", {"deepest": 1000, "least": 1e-6, "greatest": 1e-6}),
-        ("ibla", {"window": 1001, "scales": 8, "radius": 1000, "eps": 1, "deepest": 1000, "red": 10, "least": 1e-6}),
-        ("ibla", {"window": 1, "scales": 1, "radius": 1, "eps": 1e-6, "deepest": 1e-9, "red": 1e-9, "work_px": 1}),
-        ("haze_lines", {"lines": 1, "radius": 1, "eps": 1e-6, "least": 1e-6, "contrast": 0, "textureless": 1e-9}),
-        ("haze_lines", {"lines": 5000, "radius": 1000, "eps": 1, "least": 1, "contrast": 1, "textureless": 1}),
+        (
+            "ibla",
+            {
+                "window": 1001,
+                "scales": 8,
+                "radius": 1000,
+                "eps": 1,
+                "deepest": 1000,
+                "red": 10,
+                "least": 1e-6,
+            },
+        ),
+        (
+            "ibla",
+            {
+                "window": 1,
+                "scales": 1,
+                "radius": 1,
+                "eps": 1e-6,
+                "deepest": 1e-9,
+                "red": 1e-9,
+                "work_px": 1,
+            },
+        ),
+        (
+            "haze_lines",
+            {
+                "lines": 1,
+                "radius": 1,
+                "eps": 1e-6,
+                "least": 1e-6,
+                "contrast": 0,
+                "textureless": 1e-9,
+            },
+        ),
+        (
+            "haze_lines",
+            {"lines": 5000, "radius": 1000, "eps": 1, "least": 1, "contrast": 1, "textureless": 1},
+        ),
         ("haze_lines", {"work_px": 1}),
     ],
 )
-def test_at_the_ends_of_their_ranges_options_give_finite_colours(name: str, options: dict[str, Any]) -> None:
+def test_at_the_ends_of_their_ranges_options_give_finite_colours(
+    name: str, options: dict[str, Any]
+) -> None:
     for kind in ("black", "white", "gray", "black and white", "1 x 1"):
         assert np.isfinite(restored(METHODS[name].cls(**options), UNWANTED[kind]).image).all()
     assert np.isfinite(restored(METHODS[name].cls(**options), NOISE).image).all()
@@ -137,7 +201,11 @@ def test_the_greatest_transmission_is_no_less_than_the_least(name: str) -> None:
 
 @pytest.mark.parametrize("scale", [0.0, -1.0, 1.5, float("nan")])
 def test_no_dataset_takes_an_image_scale_outside_of_0_to_1(tmp_path: Path, scale: float) -> None:
-    scaled = [p for p in discover("dataset").values() if isinstance(p, Plugin) and hasattr(p.cls, "image_scale")]
+    scaled = [
+        p
+        for p in discover("dataset").values()
+        if isinstance(p, Plugin) and hasattr(p.cls, "image_scale")
+    ]
     assert len(scaled) > 10
     for plugin in scaled:
         with pytest.raises(InputError, match=rf"{plugin.name}\.image_scale: {scale}; .*\(0, 1\]"):

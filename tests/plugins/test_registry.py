@@ -64,14 +64,18 @@ def test_a_class_imported_from_elsewhere_is_not_a_plugin_of_the_file(tmp_path: P
         load_file(path)
 
 
-@pytest.mark.parametrize("imported", ["from .method import InAFolder", "from a_folder.method import InAFolder"])
+@pytest.mark.parametrize(
+    "imported", ["from .method import InAFolder", "from a_folder.method import InAFolder"]
+)
 def test_the_file_of_a_package_has_the_plugins_of_its_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, imported: str
 ):
     folder = tmp_path / "a_folder"
     folder.mkdir()
     write(folder, "InAFolder", "method.py")
-    (folder / "__init__.py").write_text(f"{imported}\nfrom sucre_bench.methods.gray_world import GrayWorld\n")
+    (folder / "__init__.py").write_text(
+        f"{imported}\nfrom sucre_bench.methods.gray_world import GrayWorld\n"
+    )
     monkeypatch.syspath_prepend(tmp_path)
     assert [plugin.name for plugin in load_file(folder / "__init__.py")] == ["in_a_folder"]
     assert find("method", "in_a_folder").summary == "Give the view back."
@@ -88,7 +92,9 @@ def test_the_file_of_a_package_has_the_plugins_of_its_folder(
         ("import sys; sys.exit(0)\n", {"SystemExit", "0"}),
     ],
 )
-def test_a_file_that_does_not_import_is_one_line_with_the_reason(tmp_path: Path, text: str, named: set[str]):
+def test_a_file_that_does_not_import_is_one_line_with_the_reason(
+    tmp_path: Path, text: str, named: set[str]
+):
     path = tmp_path / "broken.py"
     path.write_text(text)
     with pytest.raises(PluginError) as fault:
@@ -124,13 +130,17 @@ def package(folder: Path, module: str, text: str) -> None:
     (info / "entry_points.txt").write_text(f"[sucre_bench.plugins]\n{module} = {module}\n")
 
 
-def test_an_installed_package_brings_plugins_by_its_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_an_installed_package_brings_plugins_by_its_entry_point(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     package(tmp_path, "their_package", METHOD.format(name="Theirs"))
     monkeypatch.syspath_prepend(tmp_path)
     assert find("method", "theirs").cls.__module__ == "their_package"
 
 
-def test_a_broken_package_is_listed_with_its_reason_and_harms_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_broken_package_is_listed_with_its_reason_and_harms_nobody(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     package(tmp_path, "their_broken_package", "1 / 0\n")
     monkeypatch.syspath_prepend(tmp_path)
     known = discover("method")
@@ -151,7 +161,9 @@ def test_a_broken_package_is_listed_with_its_reason_and_harms_nobody(tmp_path: P
         ("label: str = ''", {"'label'", "reserved"}),
     ],
 )
-def test_an_option_that_cannot_be_configured_breaks_only_its_own_plugin(tmp_path: Path, field: str, named: set[str]):
+def test_an_option_that_cannot_be_configured_breaks_only_its_own_plugin(
+    tmp_path: Path, field: str, named: set[str]
+):
     path = write(tmp_path, "Odd")
     path.write_text(
         path.read_text()
@@ -167,7 +179,9 @@ def test_an_option_that_cannot_be_configured_breaks_only_its_own_plugin(tmp_path
 
 def test_a_default_of_another_type_is_refused_where_the_plugin_is_chosen(tmp_path: Path):
     path = write(tmp_path, "Odd")
-    path.write_text(path.read_text().replace("    def restore", "    count: int = None\n    def restore"))
+    path.write_text(
+        path.read_text().replace("    def restore", "    count: int = None\n    def restore")
+    )
     load_file(path)
     with refused("odd.count", "None", "whole"):
         jobs(["dataset=demo", "method=odd"], multirun=False)
@@ -181,7 +195,9 @@ def test_two_files_of_one_name_are_two_modules(tmp_path: Path):
 
 
 def test_a_decorator_refuses_what_nobody_could_use():
-    with pytest.raises(InputError, match=r"metric\(better\): is 'up'; pass 'higher' or 'lower' or 'none'"):
+    with pytest.raises(
+        InputError, match=r"metric\(better\): is 'up'; pass 'higher' or 'lower' or 'none'"
+    ):
         metric(variants={"only": ""}, unit="", better="up", range=(0, 1))
     with pytest.raises(InputError, match="display 'strech': unknown"):
         method(display="strech")
@@ -194,7 +210,9 @@ def test_what_a_plugin_prints_when_imported_is_no_output_of_ours(tmp_path: Path,
     assert "chatty" in {m["name"] for m in json.loads(done.stdout)}
 
 
-def test_a_file_that_lies_there_and_was_not_given_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_file_that_lies_there_and_was_not_given_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.chdir(tmp_path)
     Path("my_gain.py").write_text("")
     with pytest.raises(InputError, match=r"my_gain\.py is here; give --plugin my_gain\.py"):

@@ -37,29 +37,41 @@ def test_doctor_tells_programs_what_people_read(bench, monkeypatch: pytest.Monke
             assert re.search(r"pip install \S+|apt-get install \S+|make setup", feature["remedy"])
 
 
-def test_doctor_counts_a_missing_dependency_but_no_extra(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_doctor_counts_a_missing_dependency_but_no_extra(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
     hide(monkeypatch, "pycolmap", "torch", "pyarrow")
     monkeypatch.setattr(doctor.shutil, "which", lambda program: None)
     other_pythons_end(monkeypatch, 0)
     found = doctor.examine(tmp_path / "not" / "there")
     assert found.faults == 1
     lacking = states(found)["prepare: photos to a scene"]
-    assert (lacking.state, lacking.remedy.split("-m ")[1]) == ("missing", "pip install 'sucre-bench[prepare]'")
+    assert (lacking.state, lacking.remedy.split("-m ")[1]) == (
+        "missing",
+        "pip install 'sucre-bench[prepare]'",
+    )
     broken = states(found)["results, configuration"]
     assert (broken.state, broken.remedy.split("-m ")[1]) == ("broken", "pip install 'pyarrow>=17'")
     assert states(found)["tests in a browser"].state == "missing"
     assert states(found)["a cluster, by SLURM"].state == "absent"
 
 
-def test_doctor_on_a_cluster_names_the_extra_that_starts_jobs_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_doctor_on_a_cluster_names_the_extra_that_starts_jobs_there(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
     hide(monkeypatch, "hydra_plugins.hydra_submitit_launcher")
     monkeypatch.setattr(doctor.shutil, "which", lambda program: f"/usr/bin/{program}")
     other_pythons_end(monkeypatch, 0)
     cluster = states(doctor.examine(tmp_path))["a cluster, by SLURM"]
-    assert (cluster.state, cluster.remedy.split("-m ")[1]) == ("missing", "pip install 'sucre-bench[slurm]'")
+    assert (cluster.state, cluster.remedy.split("-m ")[1]) == (
+        "missing",
+        "pip install 'sucre-bench[slurm]'",
+    )
 
 
-def test_doctor_goes_on_after_an_import_that_does_not_end(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_doctor_goes_on_after_an_import_that_does_not_end(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
     hide(monkeypatch)
 
     def run(words: list[str], **options: Any) -> subprocess.CompletedProcess[str]:
@@ -69,7 +81,10 @@ def test_doctor_goes_on_after_an_import_that_does_not_end(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(doctor.subprocess, "run", run)
     found = states(doctor.examine(tmp_path))
-    assert (found["SUCRe on the CPU"].state, found["results, configuration"].state) == ("broken", "ready")
+    assert (found["SUCRe on the CPU"].state, found["results, configuration"].state) == (
+        "broken",
+        "ready",
+    )
     assert "numba does not import: no end after 60 s" in found["SUCRe on the CPU"].said
 
 
@@ -79,7 +94,9 @@ def test_doctor_sees_a_torch_that_cannot_use_the_gpu(monkeypatch: pytest.MonkeyP
     other_pythons_end(monkeypatch, 1, "Traceback\nRuntimeError: driver too old")
     for torch, said in (("2.6.0+cpu", "CPUs"), ("2.6.0+cu124", "NVIDIA H100: RuntimeError")):
         for module in (doctor, provenance):
-            monkeypatch.setattr(module, "version_of", lambda n, t=torch: t if n == "torch" else version_of(n))
+            monkeypatch.setattr(
+                module, "version_of", lambda n, t=torch: t if n == "torch" else version_of(n)
+            )
         feature = states(doctor.examine())["SUCRe on the GPU"]
         assert feature.state == "broken"
         assert said in feature.said

@@ -37,7 +37,9 @@ def scores(folder: Path, metric: str) -> dict[str, float]:
     for path in sorted(folder.rglob("*.png")):
         image = cv2.imread(str(path))[..., ::-1].astype(np.float32) / 255
         rows = sb.score(Restoration(image), View("a.png", Arrays(image)), [metric])
-        values[str(path.relative_to(folder))] = rows[rows["metric"] == metric.split(":")[0]]["value"].item()
+        values[str(path.relative_to(folder))] = rows[rows["metric"] == metric.split(":")[0]][
+            "value"
+        ].item()
     return values
 
 
@@ -45,7 +47,9 @@ def scores(folder: Path, metric: str) -> dict[str, float]:
 def like(bench: Bench, folder: Path, tmp_path: Path) -> Bench:
     """A command that compares the images with a table, whose headers and rows are given."""
 
-    def compared(headers: str, rows: Sequence[Sequence[object]], *words: str, images: Path = folder) -> Done:
+    def compared(
+        headers: str, rows: Sequence[Sequence[object]], *words: str, images: Path = folder
+    ) -> Done:
         lines = [headers, *(",".join(str(cell) for cell in row) for row in rows)]
         (tmp_path / "t.csv").write_text("\n".join(lines) + "\n")
         return bench("score", str(images), "--like", str(tmp_path / "t.csv"), "--json", *words)
@@ -62,7 +66,9 @@ def matches(done: Done) -> dict[str, list[dict[str, object]]]:
 
 
 @pytest.mark.parametrize("variant", ["getuiqm1", "block8@256-bilinear"])
-def test_the_variant_behind_rounded_numbers_is_named(like: Bench, folder: Path, variant: str) -> None:
+def test_the_variant_behind_rounded_numbers_is_named(
+    like: Bench, folder: Path, variant: str
+) -> None:
     rows = [(name, f"{value:.3f}") for name, value in scores(folder, f"uiqm:{variant}").items()]
     done = like("Image,UIQM ↑", rows)
     assert done.returncode == 0, done.stderr
@@ -74,8 +80,12 @@ def test_the_variant_behind_rounded_numbers_is_named(like: Bench, folder: Path, 
 
 def test_a_row_a_method_is_the_mean_of_its_folder(like: Bench, folder: Path) -> None:
     values = scores(folder, "uciqe:hue")
-    ours, theirs = (np.mean([v for name, v in values.items() if name.startswith(m)]) for m in ("ours", "theirs"))
-    (found,) = matches(like("Method,Venue,UCIQE", [("Ours", "TIP", ours), ("Theirs", "", theirs)])).values()
+    ours, theirs = (
+        np.mean([v for name, v in values.items() if name.startswith(m)]) for m in ("ours", "theirs")
+    )
+    (found,) = matches(
+        like("Method,Venue,UCIQE", [("Ours", "TIP", ours), ("Theirs", "", theirs)])
+    ).values()
     assert (found[0]["variant"], found[0]["compared"]) == ("hue", 2)
     assert found[0]["largest"] < 1e-9
 
@@ -89,7 +99,10 @@ def test_a_table_of_many_methods_serves_for_the_folder_of_one(like: Bench, folde
 
 
 def test_numbers_that_no_variant_gives_are_said_to_be_none(like: Bench, folder: Path) -> None:
-    done = like("image,uciqe", [(name, value * 1.02) for name, value in scores(folder, "uciqe:matlab").items()])
+    done = like(
+        "image,uciqe",
+        [(name, value * 1.02) for name, value in scores(folder, "uciqe:matlab").items()],
+    )
     assert done.returncode == 0
     nearest, *others = matches(done)["uciqe"]
     assert nearest["variant"] == "matlab"
@@ -103,8 +116,12 @@ def write_truth(folder: Path, *images: np.ndarray) -> str:
     return str(folder)
 
 
-def test_references_make_columns_of_psnr_and_ssim(bench: Bench, like: Bench, folder: Path, tmp_path: Path) -> None:
-    truth = write_truth(tmp_path / "truth", *(cv2.imread(str(folder / "ours" / f"{n}.png")) // 2 for n in range(2)))
+def test_references_make_columns_of_psnr_and_ssim(
+    bench: Bench, like: Bench, folder: Path, tmp_path: Path
+) -> None:
+    truth = write_truth(
+        tmp_path / "truth", *(cv2.imread(str(folder / "ours" / f"{n}.png")) // 2 for n in range(2))
+    )
     done = bench("score", str(folder), "--reference", truth, "--metrics", "psnr:gray", "--json")
     table = "file,PSNR (dB),SSIM", [(r["view"], r["value"], 0.5) for r in json.loads(done.stdout)]
     found = matches(like(*table, "--reference", truth))
@@ -115,8 +132,12 @@ def test_references_make_columns_of_psnr_and_ssim(bench: Bench, like: Bench, fol
     assert "column 'PSNR (dB)' needs reference; give --reference" in without.stderr
 
 
-def test_an_unusual_form_that_alone_was_asked_for_is_the_answer(bench: Bench, folder: Path, tmp_path: Path) -> None:
-    truth = write_truth(tmp_path / "truth", *(cv2.imread(str(folder / "ours" / f"{n}.png")) // 2 for n in range(2)))
+def test_an_unusual_form_that_alone_was_asked_for_is_the_answer(
+    bench: Bench, folder: Path, tmp_path: Path
+) -> None:
+    truth = write_truth(
+        tmp_path / "truth", *(cv2.imread(str(folder / "ours" / f"{n}.png")) // 2 for n in range(2))
+    )
     words = ("score", str(folder / "ours"), "--reference", truth, "--metrics", "psnr:unmasked@y")
     mean = np.mean([row["value"] for row in json.loads(bench(*words, "--json").stdout)])
     done = bench(*words, "--like", f"psnr={mean:.2f}")
@@ -129,7 +150,13 @@ def test_u45s_table_is_that_of_matlab_and_its_first_output(bench: Bench) -> None
     done = bench("score", str(place / "RED"), "--like", str(place / "published.csv"), "--json")
     best = {column: found[0] for column, found in matches(done).items()}
     first = "matlab-first-output"
-    expected = {"uciqe": "matlab", "uiqm": first, "uicm": first, "uiconm": "matlab", "uism": "matlab"}
+    expected = {
+        "uciqe": "matlab",
+        "uiqm": first,
+        "uicm": first,
+        "uiconm": "matlab",
+        "uism": "matlab",
+    }
     assert {column: one["variant"] for column, one in best.items()} == expected
     assert all(one["fits"] for one in best.values())
 
@@ -156,13 +183,24 @@ def test_tables_of_other_shapes_are_read(bench: Bench, tmp_path: Path, text: str
         values.append(np.mean((truth.astype(float) - picture) ** 2))
     psnr = [10 * np.log10(255**2 / value) for value in values]
     (tmp_path / "t.md").write_text(text.format(*psnr, *values))
-    words = ("score", str(tmp_path / "out"), "--reference", str(tmp_path / "truth"), "--like", str(tmp_path / "t.md"))
+    words = (
+        "score",
+        str(tmp_path / "out"),
+        "--reference",
+        str(tmp_path / "truth"),
+        "--like",
+        str(tmp_path / "t.md"),
+    )
     done = bench(*words, "--json")
     assert done.returncode == 0, done.stderr
     best = {}
     for record in json.loads(done.stdout):
         best.setdefault(record["metric"], record)
-    assert (best["psnr"]["variant"], best["psnr"]["fits"], best["psnr"]["compared"]) == ("unmasked", True, 2)
+    assert (best["psnr"]["variant"], best["psnr"]["fits"], best["psnr"]["compared"]) == (
+        "unmasked",
+        True,
+        2,
+    )
     assert not best["ssim"]["fits"]
     assert best["ssim"]["compared"] == 2
 
@@ -172,8 +210,12 @@ def test_bytes_that_wrap_around_are_a_form(bench: Bench, pairs: tuple[str, str])
     for n in range(4):
         reference = cv2.resize(cv2.imread(f"{pairs[1]}/{n}.jpg"), (64, 64))
         picture = cv2.imread(f"{pairs[0]}/{n}_ours.png")
-        total += 20 * np.log10(255 / np.sqrt(np.mean((picture - reference) ** 2))) / 4  # of uint8, as many programs do
-    done = bench("score", pairs[0], "--reference", pairs[1], "--like", f"psnr={total:.4f}", "--json")
+        total += (
+            20 * np.log10(255 / np.sqrt(np.mean((picture - reference) ** 2))) / 4
+        )  # of uint8, as many programs do
+    done = bench(
+        "score", pairs[0], "--reference", pairs[1], "--like", f"psnr={total:.4f}", "--json"
+    )
     assert done.returncode == 0, done.stderr
     assert matches(done)["psnr"][0]["variant"] == "wrapped@64-bilinear"
 
@@ -254,46 +296,88 @@ def published_psnr(out: str, truth: str, gray: bool = False, crop: int = 0) -> l
     return values
 
 
-def test_one_number_gets_a_sentence_with_colours_size_and_rgb(bench: Bench, pairs: tuple[str, str]) -> None:
+def test_one_number_gets_a_sentence_with_colours_size_and_rgb(
+    bench: Bench, pairs: tuple[str, str]
+) -> None:
     gray, rgb = np.mean(published_psnr(*pairs, gray=True)), np.mean(published_psnr(*pairs))
     done = bench("score", pairs[0], "--reference", pairs[1], "--like", f"psnr={gray:.2f}")
     assert done.returncode == 0, done.stderr
     sentence = next(line for line in done.stdout.splitlines() if line.startswith("Your"))
-    for words in (f"Your {gray:.2f} is", "gray PSNR", "at 64x64 (bilinear)", "no named set", f"in RGB it is {rgb:.2f}"):
+    for words in (
+        f"Your {gray:.2f} is",
+        "gray PSNR",
+        "at 64x64 (bilinear)",
+        "no named set",
+        f"in RGB it is {rgb:.2f}",
+    ):
         assert words in sentence
 
 
-def test_one_form_answers_all_numbers_and_dnnets_peak_is_known(bench: Bench, pairs: tuple[str, str]) -> None:
+def test_one_form_answers_all_numbers_and_dnnets_peak_is_known(
+    bench: Bench, pairs: tuple[str, str]
+) -> None:
     """SSIM is tried at the size that fits PSNR: here a number that another size gives too."""
     rgb = published_psnr(*pairs)
     words = ("score", pairs[0], "--reference", pairs[1])
-    ssim = json.loads(bench(*words, "--metrics", "ssim:gaussian-unmasked@64-bilinear", "--json").stdout)
+    ssim = json.loads(
+        bench(*words, "--metrics", "ssim:gaussian-unmasked@64-bilinear", "--json").stdout
+    )
     published = f"psnr={np.mean(rgb):.3f},ssim={np.mean([row['value'] for row in ssim]):.3f}"
-    said = [line for line in bench(*words, "--like", published).stdout.splitlines() if line.startswith("Your")]
+    said = [
+        line
+        for line in bench(*words, "--like", published).stdout.splitlines()
+        if line.startswith("Your")
+    ]
     assert ["at 64x64 (bilinear)" in line for line in said] == [True, True], said
     peak = [value + 10 * np.log10(250 / 255) for value in rgb]
-    Path(pairs[0], "..", "t.csv").write_text("image;PSNR\n" + "".join(f"{n};{x:.3f}\n" for n, x in enumerate(peak)))
+    Path(pairs[0], "..", "t.csv").write_text(
+        "image;PSNR\n" + "".join(f"{n};{x:.3f}\n" for n, x in enumerate(peak))
+    )
     done = bench(*words, "--like", str(Path(pairs[0], "..", "t.csv")))
-    assert "RGB PSNR at 64x64 (bilinear) with 255 x 250 as squared peak" in " ".join(done.stdout.split())
+    assert "RGB PSNR at 64x64 (bilinear) with 255 x 250 as squared peak" in " ".join(
+        done.stdout.split()
+    )
 
 
 @pytest.mark.parametrize("name", ["result\\{n}.png", "{n}"])
-def test_a_paper_may_name_other_suffixes_and_folders(bench: Bench, pairs: tuple[str, str], tmp_path: Path, name: str):
+def test_a_paper_may_name_other_suffixes_and_folders(
+    bench: Bench, pairs: tuple[str, str], tmp_path: Path, name: str
+):
     """And cropped edges are found where no usual form fits."""
     values = published_psnr(*pairs, crop=4)
     rows = [f"{name.format(n=n)};{value:.3f}" for n, value in enumerate(values)]
     (tmp_path / "t.csv").write_text("image;PSNR\n" + "\n".join(rows) + "\n")
-    done = bench("score", pairs[0], "--reference", pairs[1], "--like", str(tmp_path / "t.csv"), "--json")
+    done = bench(
+        "score", pairs[0], "--reference", pairs[1], "--like", str(tmp_path / "t.csv"), "--json"
+    )
     assert done.returncode == 0, done.stderr
     best = matches(done)["PSNR"][0]
-    assert (best["variant"], best["compared"], best["fits"]) == ("unmasked@64-bilinear@crop4", 4, True)
+    assert (best["variant"], best["compared"], best["fits"]) == (
+        "unmasked@64-bilinear@crop4",
+        4,
+        True,
+    )
 
 
 @pytest.mark.parametrize(("as_published", "warns"), [("{0:.3f}", False), ("percent", True)])
-def test_percent_and_commas_are_read(bench: Bench, pairs: tuple[str, str], as_published: str, warns: bool) -> None:
-    scored = bench("score", pairs[0], "--reference", pairs[1], "--metrics", "ssim:uniform7-unmasked@64", "--json")
+def test_percent_and_commas_are_read(
+    bench: Bench, pairs: tuple[str, str], as_published: str, warns: bool
+) -> None:
+    scored = bench(
+        "score",
+        pairs[0],
+        "--reference",
+        pairs[1],
+        "--metrics",
+        "ssim:uniform7-unmasked@64",
+        "--json",
+    )
     mean = np.mean([row["value"] for row in json.loads(scored.stdout)])
-    text = f"{100 * mean:.1f}" if as_published == "percent" else as_published.format(mean).replace(".", ",")
+    text = (
+        f"{100 * mean:.1f}"
+        if as_published == "percent"
+        else as_published.format(mean).replace(".", ",")
+    )
     done = bench("score", pairs[0], "--reference", pairs[1], "--like", f"ssim={text}", "--json")
     assert done.returncode == 0, done.stderr
     fitting = {one["variant"] for one in matches(done)["ssim"] if one["fits"]}

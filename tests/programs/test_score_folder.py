@@ -28,17 +28,23 @@ def scores(text: str) -> pd.DataFrame:
 @pytest.fixture
 def psnr(bench, folders):
     """A command that scores the pictures against the references by PSNR, as CSV."""
-    return lambda *words: bench("score", str(folders[0]), "--reference", str(folders[1]), "--metrics", "psnr", *words)
+    return lambda *words: bench(
+        "score", str(folders[0]), "--reference", str(folders[1]), "--metrics", "psnr", *words
+    )
 
 
 def test_a_folder_is_scored_against_references_of_the_same_names(bench, folders):
     images, truth = folders
-    done = bench("score", str(images), "--reference", str(truth), "--metrics", "psnr,ssim", "--format", "csv")
+    done = bench(
+        "score", str(images), "--reference", str(truth), "--metrics", "psnr,ssim", "--format", "csv"
+    )
     assert done.returncode == 0
     rows = scores(done.stdout)
     of_psnr = rows[rows["metric"] == "psnr"]
     assert sorted(of_psnr["view"]) == ["a.png", "sub/b.png"]
-    assert of_psnr["value"].astype(float).tolist() == pytest.approx([20 * np.log10(255 / 16)] * 2, abs=1e-3)
+    assert of_psnr["value"].astype(float).tolist() == pytest.approx(
+        [20 * np.log10(255 / 16)] * 2, abs=1e-3
+    )
 
 
 def test_without_a_choice_every_variant_of_what_applies_is_scored(bench, folders):
@@ -46,12 +52,18 @@ def test_without_a_choice_every_variant_of_what_applies_is_scored(bench, folders
     variants = rows.groupby("metric")["variant"].nunique()
     assert set(variants.index) == {"uciqe", "uiqm", "uicm", "uism", "uiconm", "saturated_red"}
     assert variants.drop("saturated_red").min() >= 5
-    with_truth = scores(bench("score", str(folders[0]), "--reference", str(folders[1]), "--format", "csv").stdout)
-    assert set(with_truth["metric"]) == {"psnr", "ssim", "colours", "colours_de00"} | set(rows["metric"])
+    with_truth = scores(
+        bench("score", str(folders[0]), "--reference", str(folders[1]), "--format", "csv").stdout
+    )
+    assert set(with_truth["metric"]) == {"psnr", "ssim", "colours", "colours_de00"} | set(
+        rows["metric"]
+    )
 
 
 def test_the_table_and_the_file_hold_every_variant(bench, folders, tmp_path: Path):
-    done = bench("score", str(folders[0]), "--metrics", "uciqe:all", "--csv", str(tmp_path / "scores.csv"))
+    done = bench(
+        "score", str(folders[0]), "--metrics", "uciqe:all", "--csv", str(tmp_path / "scores.csv")
+    )
     listed = set(pd.read_csv(tmp_path / "scores.csv")["variant"])
     assert all(variant in done.stdout for variant in listed)
     assert "yang2015" in listed
@@ -85,21 +97,45 @@ def test_a_folder_of_other_names_is_one_line(psnr, folders):
     assert done.errors[0].startswith(f"error: {truth}")
 
 
-def test_references_of_a_results_folder_are_found_by_stem_and_said_to_be_lossy(bench, folders, tmp_path: Path):
+def test_references_of_a_results_folder_are_found_by_stem_and_said_to_be_lossy(
+    bench, folders, tmp_path: Path
+):
     """Their suffix is .jpg, and they lie in a folder of the dataset."""
     references = tmp_path / "references" / "demo"
     references.mkdir(parents=True)
-    cv2.imwrite(str(references / "a.jpg"), cv2.imread(str(folders[1] / "a.png")), [cv2.IMWRITE_JPEG_QUALITY, 100])
-    done = bench("score", str(folders[0] / "a.png"), "--reference", str(references.parent), "--metrics", "psnr")
+    cv2.imwrite(
+        str(references / "a.jpg"),
+        cv2.imread(str(folders[1] / "a.png")),
+        [cv2.IMWRITE_JPEG_QUALITY, 100],
+    )
+    done = bench(
+        "score",
+        str(folders[0] / "a.png"),
+        "--reference",
+        str(references.parent),
+        "--metrics",
+        "psnr",
+    )
     assert (done.returncode, done.stderr.count("JPEG")) == (0, 1)
     assert "psnr" in done.stdout
 
 
-def test_a_reference_that_may_be_one_of_two_is_asked_for_and_no_empty_table_is_printed(bench, folders, tmp_path: Path):
+def test_a_reference_that_may_be_one_of_two_is_asked_for_and_no_empty_table_is_printed(
+    bench, folders, tmp_path: Path
+):
     for dataset in ("demo", "reef"):
         (tmp_path / "references" / dataset).mkdir(parents=True)
-        (tmp_path / "references" / dataset / "a.jpg").write_bytes((folders[1] / "a.png").read_bytes())
-    done = bench("score", str(folders[0] / "a.png"), "--reference", str(tmp_path / "references"), "--metrics", "psnr")
+        (tmp_path / "references" / dataset / "a.jpg").write_bytes(
+            (folders[1] / "a.png").read_bytes()
+        )
+    done = bench(
+        "score",
+        str(folders[0] / "a.png"),
+        "--reference",
+        str(tmp_path / "references"),
+        "--metrics",
+        "psnr",
+    )
     assert (done.returncode, done.stdout) == (1, "")
     assert all(named in done.stderr for named in ("demo/a.jpg", "reef/a.jpg", "--reference"))
 

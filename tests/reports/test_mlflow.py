@@ -94,36 +94,64 @@ def waited_for(look: Callable[[], Any]) -> Any:
 def test_runs_are_there_while_a_view_is_restored_killed_at_ctrl_c_and_go_on_without_doubles(
     out: Path, uri: str, tmp_path: Path
 ):
-    log, method = tmp_path / "log", ("method=gain,gain2", "gain.stays_at=v2.png", f"gain.log={tmp_path / 'log'}")
+    log, method = (
+        tmp_path / "log",
+        ("method=gain,gain2", "gain.stays_at=v2.png", f"gain.log={tmp_path / 'log'}"),
+    )
     words = ("run", "-m", *RUN[1:], *method, f"out={out}", "degrade.noise=0")
     stopped = Started(tmp_path, *words)
     waited_for(lambda: "v2.png" in calls(log))  # where it stays until it is stopped
-    gain = waited_for(lambda: (found := by_method(uri).get("gain")) and len(steps(uri, found)) == 2 and found)
+    gain = waited_for(
+        lambda: (found := by_method(uri).get("gain")) and len(steps(uri, found)) == 2 and found
+    )
     at_work = by_method(uri)
-    assert {name: run.info.status for name, run in at_work.items()} == {"": "RUNNING", "gain": "RUNNING"}
+    assert {name: run.info.status for name, run in at_work.items()} == {
+        "": "RUNNING",
+        "gain": "RUNNING",
+    }
     assert gain.data.tags["mlflow.parentRunId"] == at_work[""].info.run_id
     assert at_work[""].data.params["degrade.noise"] == gain.data.params["degrade.noise"] == "0"
     stopped.send(signal.SIGINT)
     assert stopped.ended().returncode == 130
-    assert {name: run.info.status for name, run in by_method(uri).items()} == {"": "KILLED", "gain": "KILLED"}
+    assert {name: run.info.status for name, run in by_method(uri).items()} == {
+        "": "KILLED",
+        "gain": "KILLED",
+    }
 
     assert Started(tmp_path, *words).ended().returncode == 0
     done = by_method(uri)
-    assert {name: run.info.status for name, run in done.items()} == dict.fromkeys(["", "gain", "gain2"], "FINISHED")
-    assert {run.data.tags["mlflow.parentRunId"] for name, run in done.items() if name} == {done[""].info.run_id}
+    assert {name: run.info.status for name, run in done.items()} == dict.fromkeys(
+        ["", "gain", "gain2"], "FINISHED"
+    )
+    assert {run.data.tags["mlflow.parentRunId"] for name, run in done.items() if name} == {
+        done[""].info.run_id
+    }
     rows = results.read(out)
     for name in ("gain", "gain2"):
-        values = rows[(rows["method"] == name) & (rows["metric"] == "redness")].sort_values("view")["value"]
-        assert steps(uri, done[name]) == {step: [pytest.approx(value)] for step, value in enumerate(values)}
+        values = rows[(rows["method"] == name) & (rows["metric"] == "redness")].sort_values("view")[
+            "value"
+        ]
+        assert steps(uri, done[name]) == {
+            step: [pytest.approx(value)] for step, value in enumerate(values)
+        }
     pictures = [path.name for path in (artifacts(done["gain"]) / "images").glob("*.png")]
     assert len(pictures) == 3
 
 
 @pytest.mark.parametrize("launcher", ["workers", "joblib"])
-def test_a_job_of_any_launcher_has_its_options_scores_data_and_faults(program, out: Path, uri: str, launcher: str):
+def test_a_job_of_any_launcher_has_its_options_scores_data_and_faults(
+    program, out: Path, uri: str, launcher: str
+):
     if launcher == "joblib":
         pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
-    words = ("run", "-m", *RUN[1:], "method=gain,faulty", f"hydra/launcher={launcher}", f"out={out}")
+    words = (
+        "run",
+        "-m",
+        *RUN[1:],
+        "method=gain,faulty",
+        f"hydra/launcher={launcher}",
+        f"out={out}",
+    )
     assert program(*words).returncode == 1
     logged, rows = by_method(uri), results.read(out)
     assert set(logged) == {"", "gain", "faulty"}
@@ -133,7 +161,10 @@ def test_a_job_of_any_launcher_has_its_options_scores_data_and_faults(program, o
     assert (faulty.data.metrics["views_ok"], faulty.data.metrics["views_failed"]) == (2, 1)
     assert steps(uri, faulty).keys() == {0, 2}, "the view that failed leaves its step out"
 
-    assert gain.data.params.items() >= {"method.gain": "1", "dataset.name": "toy", "degrade.noise": "0"}.items()
+    assert (
+        gain.data.params.items()
+        >= {"method.gain": "1", "dataset.name": "toy", "degrade.noise": "0"}.items()
+    )
     assert gain.data.params.items() >= {"replicate": "0", "seed": "0", "degrade.seed": "0"}.items()
     assert parent.data.params.items() >= {"dataset.name": "toy", "degrade.noise": "0"}.items()
     assert "method.name" not in parent.data.params
@@ -146,10 +177,14 @@ def test_a_job_of_any_launcher_has_its_options_scores_data_and_faults(program, o
     table = json.loads((files / "scores.json").read_text())
     assert table["columns"][:3] == ["step", "scene", "view"]
     assert [row[0] for row in table["data"]] == [0, 1, 2]
-    assert {path.name for path in (files / "restored").iterdir()} == {*(f"v{n}.png" for n in range(3)), "records.jsonl"}
+    assert {path.name for path in (files / "restored").iterdir()} == {
+        *(f"v{n}.png" for n in range(3)),
+        "records.jsonl",
+    }
     pictures = {
         name: sorted(
-            int(re.findall(r"step\D(\d+)", path.name)[0]) for path in (artifacts(run) / "images").glob("*.png")
+            int(re.findall(r"step\D(\d+)", path.name)[0])
+            for path in (artifacts(run) / "images").glob("*.png")
         )
         for name, run in logged.items()
         if name
@@ -160,7 +195,9 @@ def test_a_job_of_any_launcher_has_its_options_scores_data_and_faults(program, o
     assert gain.data.tags["mlflow.runColor"] == style.own_look("gain").colour  # that of the figures
 
 
-def test_environment_variables_of_mlflow_are_the_defaults(bench, tmp_path: Path, empty: Path, monkeypatch):
+def test_environment_variables_of_mlflow_are_the_defaults(
+    bench, tmp_path: Path, empty: Path, monkeypatch
+):
     elsewhere = f"sqlite:///{shutil.copy(empty, tmp_path / 'elsewhere.db')}"
     monkeypatch.setenv("MLFLOW_TRACKING_URI", elsewhere)
     monkeypatch.setenv("MLFLOW_EXPERIMENT_NAME", "dives")
@@ -170,7 +207,10 @@ def test_environment_variables_of_mlflow_are_the_defaults(bench, tmp_path: Path,
         done = bench(*RUN, f"method={method}", f"out={out}", *([choice] if choice else []))
         assert done.returncode == 0, done.stderr
     assert {run.data.tags.get("method", "") for run in runs(elsewhere, "dives")} == {"", "gain"}
-    assert {run.data.tags.get("method", "") for run in runs(f"sqlite:///{tmp_path}/local/mlflow.db", "dives")} == {
+    assert {
+        run.data.tags.get("method", "")
+        for run in runs(f"sqlite:///{tmp_path}/local/mlflow.db", "dives")
+    } == {
         "",
         "gain2",
     }
@@ -179,7 +219,9 @@ def test_environment_variables_of_mlflow_are_the_defaults(bench, tmp_path: Path,
     assert len(runs(elsewhere, "dives")) == 4
 
 
-def test_a_server_that_is_down_costs_no_view_and_one_line_and_is_made_up_for(bench, out: Path, uri: str, monkeypatch):
+def test_a_server_that_is_down_costs_no_view_and_one_line_and_is_made_up_for(
+    bench, out: Path, uri: str, monkeypatch
+):
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
     done = bench(*RUN, "method=gain", f"out={out}", "tracking.uri=http://127.0.0.1:9")
     assert done.returncode == 0
@@ -192,7 +234,9 @@ def test_a_server_that_is_down_costs_no_view_and_one_line_and_is_made_up_for(ben
     assert "mlflow" not in bench(*RUN, "method=gain", f"out={out}").stderr, "known without asking"
 
 
-def test_a_password_in_the_address_is_neither_printed_nor_stored(bench, tmp_path: Path, monkeypatch):
+def test_a_password_in_the_address_is_neither_printed_nor_stored(
+    bench, tmp_path: Path, monkeypatch
+):
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
     uri = f"http://me:{PASSWORD}@127.0.0.1:9"
     said = [
@@ -209,7 +253,9 @@ def test_a_password_in_the_address_is_neither_printed_nor_stored(bench, tmp_path
 
 def test_runs_that_start_together_on_a_new_store_are_all_kept(tmp_path: Path):
     uri = f"sqlite:///{tmp_path / 'shared' / 'mlflow.db'}"
-    started = [Started(tmp_path, *RUN, "method=gain", f"out={n}", f"tracking.uri={uri}") for n in range(2)]
+    started = [
+        Started(tmp_path, *RUN, "method=gain", f"out={n}", f"tracking.uri={uri}") for n in range(2)
+    ]
     done = [one.ended() for one in started]
     assert [d.returncode for d in done] == [0] * 2, [d.stderr for d in done]
     assert not any("not logged" in d.stderr for d in done)
@@ -221,36 +267,58 @@ def test_runs_that_start_together_on_a_new_store_are_all_kept(tmp_path: Path):
 # -- later -------------------------------------------------------------------------------------------------
 
 
-def test_a_folder_is_logged_once_and_what_is_new_in_it_goes_on_in_its_runs(bench, out: Path, uri: str):
+def test_a_folder_is_logged_once_and_what_is_new_in_it_goes_on_in_its_runs(
+    bench, out: Path, uri: str
+):
     """As after a run on a cluster, where nothing was logged."""
     said = []
     for more in (("method=gain", "views=[v1.png]"), (), ("method=gain2",), ("method=gain",)):
         if more:
             bench(*RUN, *more, "tracking=off", "out=out")
         said.append(bench("track", "out").stdout.splitlines()[0])
-    assert [line.split(": ")[-1].strip() for line in said] == ["1 new run", "0 new runs", "1 new run", "1 new run"]
+    assert [line.split(": ")[-1].strip() for line in said] == [
+        "1 new run",
+        "0 new runs",
+        "1 new run",
+        "1 new run",
+    ]
     logged = by_method(uri)
     views = {name: run.data.metrics["views_ok"] for name, run in logged.items()}
     assert views == {"": 6, "gain": 3, "gain2": 3}
     values = results.read(out, method="gain", metric="redness").set_index("view")["value"]
-    assert steps(uri, logged["gain"]) == {k: [pytest.approx(values[f"v{n}.png"])] for k, n in enumerate((1, 0, 2))}
+    assert steps(uri, logged["gain"]) == {
+        k: [pytest.approx(values[f"v{n}.png"])] for k, n in enumerate((1, 0, 2))
+    }
 
 
 def test_another_version_of_a_methods_code_is_another_run(out: Path, uri: str):
     base = Row(
-        "demo", "reef", view="a.png", method="m", options='{"name": "m"}', options_id="o", data_id="d", value=1.0
+        "demo",
+        "reef",
+        view="a.png",
+        method="m",
+        options='{"name": "m"}',
+        options_id="o",
+        data_id="d",
+        value=1.0,
     )
     for second, code in enumerate(("a" * 12, "b" * 12)):
         results.write_rows(out, "m", [replace(base, code=code, time=f"2026-01-01T00:00:0{second}")])
         assert mlflow.log(out, uri, "sucre_bench") == 1
-    latest = {run.data.tags["code"]: run.data.tags["latest"] for run in runs(uri) if "method" in run.data.tags}
+    latest = {
+        run.data.tags["code"]: run.data.tags["latest"]
+        for run in runs(uri)
+        if "method" in run.data.tags
+    }
     assert latest == {"a" * 12: "no", "b" * 12: "yes"}
 
 
 def test_means_are_those_of_the_table(out: Path, uri: str):
     """Views count alike there, however many charts each has: 10 in one view, 30 in another."""
     options = json.dumps({"name": "gray_world", "dataset": {"name": "demo"}})
-    base = Row("demo", "reef", method="gray_world", options=options, options_id="o", data_id="d", code="c")
+    base = Row(
+        "demo", "reef", method="gray_world", options=options, options_id="o", data_id="d", code="c"
+    )
     angles = {"a.png": (10.0,), "b.png": (20.0, 30.0, 40.0)}
     kind = {"metric": "psi", "variant": "colour", "unit": "deg", "better": "lower"}
     psi = [
@@ -258,11 +326,17 @@ def test_means_are_those_of_the_table(out: Path, uri: str):
         for view, values in angles.items()
         for number, value in enumerate(values)
     ]
-    results.write_rows(out, "made", [*(replace(base, view=view, value=1.0) for view in angles), *psi])
+    results.write_rows(
+        out, "made", [*(replace(base, view=view, value=1.0) for view in angles), *psi]
+    )
     (table,) = compare.compare(results.read(out))
     assert mlflow.log(out, uri, "sucre_bench") == 1
     (column,) = [c for c in table.columns if c.metric == "psi"]
-    assert by_method(uri)["gray_world"].data.metrics["psi.colour"] == table.cells["gray_world", column].mean == 20
+    assert (
+        by_method(uri)["gray_world"].data.metrics["psi.colour"]
+        == table.cells["gray_world", column].mean
+        == 20
+    )
 
 
 def test_what_is_broken_off_goes_on(bench, out: Path, uri: str, monkeypatch: pytest.MonkeyPatch):
@@ -289,7 +363,9 @@ def test_what_is_broken_off_goes_on(bench, out: Path, uri: str, monkeypatch: pyt
 
 
 @pytest.mark.parametrize("content", [b"no database", None])
-def test_a_store_that_cannot_be_used_is_named_with_the_reason(bench, tmp_path: Path, content: bytes | None):
+def test_a_store_that_cannot_be_used_is_named_with_the_reason(
+    bench, tmp_path: Path, content: bytes | None
+):
     bench(*RUN, "method=gain", "out=out", "tracking=off")
     store = tmp_path / "store.db"
     store.mkdir() if content is None else store.write_bytes(content)

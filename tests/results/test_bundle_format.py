@@ -37,11 +37,20 @@ def rows() -> pd.DataFrame:
 
 
 def written(path: Path, **files: bytes) -> str:
-    return write_bundle(path, rows(), {f"restored/{name}.png": data for name, data in files.items()}, {}, "Jane", "1.2")
+    return write_bundle(
+        path,
+        rows(),
+        {f"restored/{name}.png": data for name, data in files.items()},
+        {},
+        "Jane",
+        "1.2",
+    )
 
 
 def test_the_same_content_gives_the_same_bytes_wherever_it_is_written(tmp_path: Path):
-    ids = [written(tmp_path / name / "b.zip", one=b"1", two=b"2" * 5000) for name in ("here", "there")]
+    ids = [
+        written(tmp_path / name / "b.zip", one=b"1", two=b"2" * 5000) for name in ("here", "there")
+    ]
     assert (tmp_path / "here" / "b.zip").read_bytes() == (tmp_path / "there" / "b.zip").read_bytes()
     assert ids[0] == ids[1] != written(tmp_path / "c.zip", one=b"1", two=b"3" * 5000)
 
@@ -57,7 +66,9 @@ def test_what_is_written_comes_back(tmp_path: Path):
 @pytest.mark.parametrize("value", [14.689221706938191, -6.211417699675681, 1e-300, 0.1 + 0.2, 5e22])
 def test_every_digit_of_a_score_comes_back_however_numpy_prints(tmp_path: Path, value: float):
     scores = rows().assign(value=value)
-    with np.printoptions(legacy="1.13", precision=3):  # what some packages set for the whole process
+    with np.printoptions(
+        legacy="1.13", precision=3
+    ):  # what some packages set for the whole process
         write_bundle(tmp_path / "b.zip", scores, {}, {}, "Jane", "1.2")
     with open_bundle(tmp_path / "b.zip") as bundle:
         assert list(bundle.rows["value"]) == [value] * len(scores)
@@ -65,7 +76,10 @@ def test_every_digit_of_a_score_comes_back_however_numpy_prints(tmp_path: Path, 
 
 def test_an_altered_file_is_named(tmp_path: Path):
     written(tmp_path / "b.zip", one=b"picture", two=b"other")
-    with zipfile.ZipFile(tmp_path / "b.zip") as old, zipfile.ZipFile(tmp_path / "c.zip", "w") as new:
+    with (
+        zipfile.ZipFile(tmp_path / "b.zip") as old,
+        zipfile.ZipFile(tmp_path / "c.zip", "w") as new,
+    ):
         for name in old.namelist():
             if name != "restored/two.png":
                 new.writestr(name, b"forged!" if name == "restored/one.png" else old.read(name))
@@ -120,7 +134,14 @@ def test_a_hostile_bundle_is_refused_before_anything_is_read(tmp_path: Path, wha
     assert [p.name for p in tmp_path.iterdir()] == ["b.zip"]
 
 
-EMPTY = {"format": "sucre_bench bundle", "version": 1, "sucre_bench": "", "inside": {}, "outside": {}, "by": ""}
+EMPTY = {
+    "format": "sucre_bench bundle",
+    "version": 1,
+    "sucre_bench": "",
+    "inside": {},
+    "outside": {},
+    "by": "",
+}
 
 
 @pytest.mark.parametrize(

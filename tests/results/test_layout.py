@@ -14,20 +14,50 @@ from sucre_bench.results import layout
 pytestmark = pytest.mark.short
 
 _NAMES = (
-    *("a.png", "a.jpg", "A.PNG", "a.png.jpg", "Strasse.png", "STRASSE.png", "Straße.png", "aux", "com1.tiff"),
-    *("café.png", unicodedata.normalize("NFD", "café.png"), "a:b.png", "a|b.png", "b .png", "b.png", "b..png"),
-    *("CON.png", "nul.tar.png", "x\ny.png", "x_y.png", "x" * 251 + ".png", "x" * 251 + ".jpg", "深" * 85),
+    *(
+        "a.png",
+        "a.jpg",
+        "A.PNG",
+        "a.png.jpg",
+        "Strasse.png",
+        "STRASSE.png",
+        "Straße.png",
+        "aux",
+        "com1.tiff",
+    ),
+    *(
+        "café.png",
+        unicodedata.normalize("NFD", "café.png"),
+        "a:b.png",
+        "a|b.png",
+        "b .png",
+        "b.png",
+        "b..png",
+    ),
+    *(
+        "CON.png",
+        "nul.tar.png",
+        "x\ny.png",
+        "x_y.png",
+        "x" * 251 + ".png",
+        "x" * 251 + ".jpg",
+        "深" * 85,
+    ),
     *("D/a.png", "d/a.png", "_MG 7 (2).JPG"),
 )
 
 
 @pytest.mark.parametrize("scenes", [["one"], ["one", "One"]])
-def test_no_two_views_share_a_file_on_any_system_and_each_is_found_again(tmp_path: Path, scenes: list[str]) -> None:
+def test_no_two_views_share_a_file_on_any_system_and_each_is_found_again(
+    tmp_path: Path, scenes: list[str]
+) -> None:
     views = [SimpleNamespace(name=name) for name in _NAMES]
     made: list[Any] = [SimpleNamespace(name=name, views=views) for name in scenes]
     places = layout.places("dive", made)
     paths = {names: place.restored(Path(), "m").as_posix() for names, place in places.items()}
-    assert len({unicodedata.normalize("NFKC", path.upper().casefold()) for path in paths.values()}) == len(paths)
+    assert len(
+        {unicodedata.normalize("NFKC", path.upper().casefold()) for path in paths.values()}
+    ) == len(paths)
     for part in (part for path in paths.values() for part in path.split("/")):
         assert len(part.encode()) <= 200
         assert not re.search(r'[\x00-\x1f<>:"\\|?*]', part)

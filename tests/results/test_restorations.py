@@ -57,8 +57,12 @@ def test_of_other_options_data_or_code_it_is_none(tmp_path: Path, other: dict[st
     assert read_full(kept(tmp_path), replace(BASE, **other)) is None
 
 
-@pytest.mark.parametrize("info", [{"path": Path("a")}, {1: "a whole number for a name"}, {"own": object()}])
-def test_what_would_come_back_otherwise_is_kept_as_arrays_alone(tmp_path: Path, info: dict[Any, Any]) -> None:
+@pytest.mark.parametrize(
+    "info", [{"path": Path("a")}, {1: "a whole number for a name"}, {"own": object()}]
+)
+def test_what_would_come_back_otherwise_is_kept_as_arrays_alone(
+    tmp_path: Path, info: dict[Any, Any]
+) -> None:
     path = kept(tmp_path, info)
     assert read_full(path, BASE) is None
     np.testing.assert_array_equal(read_full_arrays(path)["image"], IMAGE)
@@ -109,14 +113,21 @@ def test_what_was_kept_whole_is_scored_again_without_restoring_it(out: Path, tmp
     times = ["time", "value", "seconds", "peak_mb"]
     fresh = run(tmp_path / "fresh", log, wanted)
     pd.testing.assert_frame_equal(later.rows.drop(columns=times), fresh.rows.drop(columns=times))
-    scored = [rows.loc[~rows["metric"].isin(["seconds", "peak_mb"]), "value"] for rows in (later.rows, fresh.rows)]
+    scored = [
+        rows.loc[~rows["metric"].isin(["seconds", "peak_mb"]), "value"]
+        for rows in (later.rows, fresh.rows)
+    ]
     pd.testing.assert_series_equal(*scored, check_exact=True)
     took = later.rows.groupby("view")["seconds"].nunique()
     assert (took == 1).all(), "those of the one restoration"
 
 
-@pytest.mark.parametrize(("change", "again"), [("dataset.tag=other", 3), ("overwrite=always", 3), ("damage", 1)])
-def test_what_was_kept_whole_of_something_else_is_not_scored(out: Path, tmp_path: Path, change: str, again: int):
+@pytest.mark.parametrize(
+    ("change", "again"), [("dataset.tag=other", 3), ("overwrite=always", 3), ("damage", 1)]
+)
+def test_what_was_kept_whole_of_something_else_is_not_scored(
+    out: Path, tmp_path: Path, change: str, again: int
+):
     log = f"method.log={tmp_path / 'log'}"
     run(out, log, "save=full")
     if change == "damage":
@@ -134,5 +145,7 @@ def test_what_was_kept_whole_is_of_the_picture_beside_it(out: Path, tmp_path: Pa
     run(out, "method.gain=0.5", "method.label=gain", "save=full")
     with np.load(out / "restored/toy/gain/v1.npz") as arrays:
         image = arrays["image"]
-    (view,) = (view for view in next(iter(find("dataset", "toy").cls().scenes())) if view.name == "v1.png")
+    (view,) = (
+        view for view in next(iter(find("dataset", "toy").cls().scenes())) if view.name == "v1.png"
+    )
     np.testing.assert_allclose(image, view.rgb * 0.5, rtol=1e-6)

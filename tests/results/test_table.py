@@ -67,13 +67,20 @@ def test_scores_of_other_options_data_or_code_are_not_mixed(tmp_path: Path, chan
 
 
 def test_rows_of_one_method_are_read_as_they_are_among_all(tmp_path: Path):
-    rows = [replace(ROW, method=m, view=v, dataset=d) for d in ("sea", "lake") for m in "ab" for v in ("1", "2")]
+    rows = [
+        replace(ROW, method=m, view=v, dataset=d)
+        for d in ("sea", "lake")
+        for m in "ab"
+        for v in ("1", "2")
+    ]
     write(tmp_path, "one", *rows)
     merge(tmp_path)
     write(tmp_path, "two", replace(rows[0], value=5.0, time=LATER))
     whole = read(tmp_path)
     for dataset, method in (("sea", "a"), ("lake", "b"), ("lake", "none")):
-        own = whole[(whole["dataset"] == dataset) & (whole["method"] == method)].reset_index(drop=True)
+        own = whole[(whole["dataset"] == dataset) & (whole["method"] == method)].reset_index(
+            drop=True
+        )
         pd.testing.assert_frame_equal(read(tmp_path, dataset=dataset, method=method), own)
 
 
@@ -112,7 +119,11 @@ def test_a_try_that_failed_leaves_no_older_scores_standing(tmp_path: Path):
 
 
 def test_the_failure_of_a_whole_job_is_forgotten_once_it_works(tmp_path: Path):
-    write(tmp_path, "one", replace(WHOLE, scene="", view="", data_id="", status="failed", reason="no data"))
+    write(
+        tmp_path,
+        "one",
+        replace(WHOLE, scene="", view="", data_id="", status="failed", reason="no data"),
+    )
     assert read(tmp_path)["status"].tolist() == ["failed"]
     write(tmp_path, "two", replace(WHOLE, time=LATER))
     assert read(tmp_path)["status"].tolist() == ["ok"]
@@ -127,13 +138,17 @@ def test_two_jobs_of_one_process_and_name_keep_all_their_rows(tmp_path: Path):
 @pytest.mark.parametrize("place", ["a_file/out.txt", "x" * 300 + "/out.txt"])
 def test_a_place_that_cannot_be_written_to_is_one_line(tmp_path: Path, place: str):
     (tmp_path / "a_file").write_text("")
-    with pytest.raises(OutputError, match=f"^{re.escape(str(tmp_path / place.split('/')[0]))}.*: ") as fault:
+    with pytest.raises(
+        OutputError, match=f"^{re.escape(str(tmp_path / place.split('/')[0]))}.*: "
+    ) as fault:
         write_atomically(tmp_path / place, b"")
     assert "\n" not in str(fault.value)
     assert [path.name for path in tmp_path.iterdir()] == ["a_file"]
 
 
-def test_a_long_job_writes_each_row_a_few_times_into_few_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_long_job_writes_each_row_a_few_times_into_few_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     written = []
     whole = table.write_atomically
 
@@ -152,7 +167,10 @@ def test_a_long_job_writes_each_row_a_few_times_into_few_files(tmp_path: Path, m
 
 
 def test_tuples_are_what_pandas_gives():
-    rows = frame([Row(view=f"{n}.png", value=n / 2, n_pixels=n, time="t") for n in range(3)] + [Row(time="t")])
+    rows = frame(
+        [Row(view=f"{n}.png", value=n / 2, n_pixels=n, time="t") for n in range(3)]
+        + [Row(time="t")]
+    )
     ours, theirs = list(tuples(rows)), list(rows.itertuples(index=False, name=None))
     assert [repr(tuple(row)) for row in ours] == [repr(row) for row in theirs]
     assert ours[0]._fields == COLUMNS
@@ -171,7 +189,9 @@ def test_a_lack_is_known_by_its_code_and_names_what_is_there(has: frozenset[str]
 
 def test_scenes_that_lack_the_same_have_one_brief_reason():
     method = plugins.find("method", "sucre")
-    texts = {plugins.missing_needs(method, frozenset({"poses", *more})) for more in ((), ("charts",))}
+    texts = {
+        plugins.missing_needs(method, frozenset({"poses", *more})) for more in ((), ("charts",))
+    }
     assert len(texts) == 2
     assert {brief(text) for text in texts} == {"needs depth"}
 
@@ -182,7 +202,9 @@ def test_a_reason_of_a_methods_own_words_is_kept_whole():
     assert brief(text) == text
 
 
-@pytest.mark.parametrize("text", ["a.png has no depth map", "a.png: has no depth map", "has no depth map"])
+@pytest.mark.parametrize(
+    "text", ["a.png has no depth map", "a.png: has no depth map", "has no depth map"]
+)
 def test_views_with_one_reason_count_together(text: str):
     assert without_view(text, "a.png") == "has no depth map"
     assert without_view(text, "") == text
@@ -201,10 +223,20 @@ def test_who_lacks_depth_or_poses_is_told_the_command_that_makes_them():
 
 
 def test_a_death_is_known_by_its_code():
-    assert Reason.of(one_line(DiedError("exit code 7", "method 'a' on view 'b (1).png'"))) is Reason.DIED
+    assert (
+        Reason.of(one_line(DiedError("exit code 7", "method 'a' on view 'b (1).png'")))
+        is Reason.DIED
+    )
 
 
-TOUCHES = ("iterdir", "read_bytes", "replace", "rmdir", "stat", "unlink")  # how files are read and changed
+TOUCHES = (
+    "iterdir",
+    "read_bytes",
+    "replace",
+    "rmdir",
+    "stat",
+    "unlink",
+)  # how files are read and changed
 
 
 def write_views(out: Path, *views: str) -> None:
@@ -250,7 +282,9 @@ def moments(monkeypatch: pytest.MonkeyPatch) -> Moments:
     return Moments(monkeypatch)
 
 
-def test_a_job_that_writes_while_parts_are_joined_loses_nothing_and_waits_for_nobody(tmp_path: Path, moments: Moments):
+def test_a_job_that_writes_while_parts_are_joined_loses_nothing_and_waits_for_nobody(
+    tmp_path: Path, moments: Moments
+):
     """Whatever moment it writes at. Hundreds of jobs that write each second would queue for one lock."""
     for n in range(1, 100):
         out = tmp_path / str(n)
@@ -258,7 +292,9 @@ def test_a_job_that_writes_while_parts_are_joined_loses_nothing_and_waits_for_no
         done = threading.Event()
 
         def late(out: Path = out, done: threading.Event = done) -> None:
-            threading.Thread(target=lambda: (write_views(out, "late"), done.set()), daemon=True).start()
+            threading.Thread(
+                target=lambda: (write_views(out, "late"), done.set()), daemon=True
+            ).start()
             assert done.wait(300), "the job waits for the merge"
 
         moments.at(n, late)
@@ -266,7 +302,9 @@ def test_a_job_that_writes_while_parts_are_joined_loses_nothing_and_waits_for_no
         if not moments.came:
             break
         expected = ["before 1", "before 2", "late"]
-        assert views_in(results.read(out)) == views_in(results.merge(out)) == expected, f"at touch {n}"
+        assert views_in(results.read(out)) == views_in(results.merge(out)) == expected, (
+            f"at touch {n}"
+        )
         assert not list((out / "parts").glob("*.parquet"))
     assert n > 6, "a merge touches more files than that"
 
@@ -295,5 +333,7 @@ def test_a_merge_that_was_killed_leaves_every_row_to_the_next(tmp_path: Path, mo
             break
         except KeyboardInterrupt:
             moments.at(0, killed)
-        assert views_in(results.read(out)) == views_in(results.merge(out)) == ["a.png", "b.png"], f"at touch {n}"
+        assert views_in(results.read(out)) == views_in(results.merge(out)) == ["a.png", "b.png"], (
+            f"at touch {n}"
+        )
     assert n > 6

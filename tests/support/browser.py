@@ -50,10 +50,20 @@ class Browser:
     """One tab. complaints: warnings and errors on the console, exceptions, and requests that leave the machine."""
 
     def __init__(self, program: str, profile: Path, width: int = 1440, height: int = 900) -> None:
-        flags = ["--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--host-resolver-rules=MAP * ~NOTFOUND"]
+        flags = [
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-dev-shm-usage",
+            "--host-resolver-rules=MAP * ~NOTFOUND",
+        ]
         self._playwright = sync_playwright().start()
         self._context = self._playwright.chromium.launch_persistent_context(
-            profile, executable_path=program, args=flags, offline=True, no_viewport=True, timeout=_PATIENCE_MS
+            profile,
+            executable_path=program,
+            args=flags,
+            offline=True,
+            no_viewport=True,
+            timeout=_PATIENCE_MS,
         )
         self._page = self._context.pages[0]
         self._page.set_default_timeout(_PATIENCE_MS)
@@ -98,7 +108,11 @@ class Browser:
         """Set the window's size; phone: with a finger, and two pixels to one."""
         scale = 2 if phone else 1
         self.call(
-            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=scale, mobile=phone
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=scale,
+            mobile=phone,
         )
         self.call("Emulation.setTouchEmulationEnabled", enabled=phone)
 
@@ -119,7 +133,9 @@ class Browser:
             value = self.ask(script)
             return value
 
-        self.wait(asked, script)  # Playwright's own waiting evaluates text, which the page's policy forbids
+        self.wait(
+            asked, script
+        )  # Playwright's own waiting evaluates text, which the page's policy forbids
         return value
 
     def wait(self, true: Callable[[], Any], what: str) -> None:
@@ -140,7 +156,9 @@ class Browser:
         if self._drawing:
             self.call("Page.removeScriptToEvaluateOnNewDocument", identifier=self._drawing)
         script = _DRAWS.replace("SEED", str(seed))
-        self._drawing = self.call("Page.addScriptToEvaluateOnNewDocument", source=script)["identifier"]
+        self._drawing = self.call("Page.addScriptToEvaluateOnNewDocument", source=script)[
+            "identifier"
+        ]
 
     def place(self, selector: str) -> tuple[float, float, float, float]:
         """Bring an element into view, and return its left, top, width and height."""
@@ -152,7 +170,9 @@ class Browser:
 
     def click(self, selector: str, alt: bool = False) -> None:
         """Click in an element's middle, once the page has drawn what came before: on a busy machine it still moves."""
-        self.ask("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn(true))))")
+        self.ask(
+            "new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn(true))))"
+        )
         left, top, width, height = self.place(selector)
         if alt:
             self._page.keyboard.down("Alt")

@@ -51,7 +51,10 @@ def picture(seed: int, width: int = WIDTH, height: int = HEIGHT) -> np.ndarray:
 def write_dive(root: Path, names: Iterable[str] = ("a.png", "b.png")) -> Path:
     """Write images, 16-bit depth maps of 2 m + 1 mm a pixel along x, and a model of them; return the folder."""
     names = list(names)
-    write_model(root / "sparse", [(name, (*FORWARD[:4], float(i), 0.0, 0.0), 1) for i, name in enumerate(names)])
+    write_model(
+        root / "sparse",
+        [(name, (*FORWARD[:4], float(i), 0.0, 0.0), 1) for i, name in enumerate(names)],
+    )
     for seed, name in enumerate(names):
         write_image(root / "images" / name, picture(seed))
         path = root / "depths" / name

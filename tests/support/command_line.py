@@ -50,7 +50,10 @@ def _compile_alone(self: Dispatcher, signature: object) -> object:
     """Processes of tests that need the same loop compile it once: the others wait, and read it from numba's cache."""
     if global_compiler_lock.is_locked():  # by this thread, for a loop that calls this one
         return _compile(self, signature)
-    compiling = Path(tempfile.gettempdir()) / f"sucre_bench_compiling.{os.getuid()}.{self.py_func.__qualname__}"
+    compiling = (
+        Path(tempfile.gettempdir())
+        / f"sucre_bench_compiling.{os.getuid()}.{self.py_func.__qualname__}"
+    )
     with global_compiler_lock, compiling.open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         return _compile(self, signature)
@@ -83,7 +86,9 @@ def run_here(folder: Path, *arguments: str) -> Done:
 
     For one call at a time; what other processes print is not caught.
     """
-    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
+    out, err = (
+        io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2)
+    )
     with (
         contextlib.chdir(folder),
         using(registry()),
@@ -109,10 +114,16 @@ class Started:
     """
 
     def __init__(
-        self, folder: Path, *arguments: str, dies_at: int = 0, before: Callable[[], None] | None = None
+        self,
+        folder: Path,
+        *arguments: str,
+        dies_at: int = 0,
+        before: Callable[[], None] | None = None,
     ) -> None:
         self._said = Path(tempfile.mkdtemp())
-        self._process = forks().Process(target=_run, args=(folder, self._said, arguments, dies_at, before))
+        self._process = forks().Process(
+            target=_run, args=(folder, self._said, arguments, dies_at, before)
+        )
         self._process.start()
 
     def send(self, number: signal.Signals, to_group: bool = False) -> None:
@@ -144,7 +155,13 @@ def forks() -> ForkServerContext:
     return context
 
 
-def _run(folder: Path, said: Path, arguments: tuple[str, ...], dies_at: int, before: Callable[[], None] | None) -> None:
+def _run(
+    folder: Path,
+    said: Path,
+    arguments: tuple[str, ...],
+    dies_at: int,
+    before: Callable[[], None] | None,
+) -> None:
     os.setsid()
     os.chdir(folder)
     _count_changes(folder, said / "changes", dies_at)
@@ -169,7 +186,16 @@ def _bound() -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (100, 100))
 
 
-_CHANGES = {"open", "os.link", "os.mkdir", "os.remove", "os.rename", "os.rmdir", "os.symlink", "os.truncate"}
+_CHANGES = {
+    "open",
+    "os.link",
+    "os.mkdir",
+    "os.remove",
+    "os.rename",
+    "os.rmdir",
+    "os.symlink",
+    "os.truncate",
+}
 
 
 def _count_changes(folder: Path, told: Path, dies_at: int) -> None:
@@ -212,14 +238,28 @@ def run_program(folder: Path, *arguments: str, **environment: str) -> Done:
 def commands() -> dict[str, click.Command]:
     """Every command by name."""
     context = click.Context(cli)
-    return {name: command for name in cli.list_commands(context) if (command := cli.get_command(context, name))}
+    return {
+        name: command
+        for name in cli.list_commands(context)
+        if (command := cli.get_command(context, name))
+    }
 
 
 def install(source: Path, target: Path) -> None:
     """Install the package in `source` into `target`, without what it needs."""
     quietly = ["-q", "--disable-pip-version-check", "--no-compile"]
     alone = ["--no-deps", "--no-build-isolation"]
-    command = [sys.executable, "-m", "pip", "install", *quietly, *alone, "--target", str(target), str(source)]
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        *quietly,
+        *alone,
+        "--target",
+        str(target),
+        str(source),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
@@ -243,15 +283,26 @@ def run(out: Path, *overrides: str, multirun: bool = False) -> Outcome:
     """Run the toy plugins in this process, methods and metrics too: another test may have started threads in it."""
     from sucre_bench.engine.hydra_run import run_words as run_jobs
 
-    base = ["dataset=toy", "method=gain", "metrics=[psnr,redness]", "tracking.uri=off", "workers=0", f"out={out}"]
+    base = [
+        "dataset=toy",
+        "method=gain",
+        "metrics=[psnr,redness]",
+        "tracking.uri=off",
+        "workers=0",
+        f"out={out}",
+    ]
     return run_jobs([*base, *overrides], multirun)
 
 
 def but_times(rows: pd.DataFrame) -> pd.DataFrame:
     """A table without how long things took, and the memory that the process happened to hold."""
     times = ["seconds", "peak_mb", "time"]
-    rows = rows.drop(columns=times).assign(value=rows["value"].where(~rows["metric"].isin(times), 0.0))
-    return rows.sort_values(["dataset", "method", "view", "metric", "variant", "region"]).reset_index(drop=True)
+    rows = rows.drop(columns=times).assign(
+        value=rows["value"].where(~rows["metric"].isin(times), 0.0)
+    )
+    return rows.sort_values(
+        ["dataset", "method", "view", "metric", "variant", "region"]
+    ).reset_index(drop=True)
 
 
 def calls(log: Path) -> list[str]:
@@ -269,4 +320,6 @@ def hide(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
     """
     names = names or EXTRAS
     find_spec = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name in names else find_spec(name))
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *more: None if name in names else find_spec(name)
+    )

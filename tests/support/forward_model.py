@@ -23,12 +23,23 @@ def seen_through(J: float, z: float, B: float, beta: float, gamma: float) -> flo
 
 def in_water(J: np.ndarray, z: np.ndarray, water: Water) -> np.ndarray:
     """Intensities (..., 3) float64 of colours J (..., 3) at distances z (...)."""
-    channels = zip(np.moveaxis(J, -1, 0), water.veiling_light, water.attenuation, water.backscatter, strict=True)
+    channels = zip(
+        np.moveaxis(J, -1, 0),
+        water.veiling_light,
+        water.attenuation,
+        water.backscatter,
+        strict=True,
+    )
     formed = np.frompyfunc(seen_through, 5, 1)
-    return np.stack([formed(one, z, B, beta, gamma).astype(np.float64) for one, B, beta, gamma in channels], axis=-1)
+    return np.stack(
+        [formed(one, z, B, beta, gamma).astype(np.float64) for one, B, beta, gamma in channels],
+        axis=-1,
+    )
 
 
-def photographed(intensity: np.ndarray, *, noise: float = 0.0, bits: int = 8, seed: int = 0) -> np.ndarray:
+def photographed(
+    intensity: np.ndarray, *, noise: float = 0.0, bits: int = 8, seed: int = 0
+) -> np.ndarray:
     """Intensities as a camera stores them, float64 in [0, 1]. noise: standard deviation; bits: 0 for no rounding."""
     noisy = intensity + noise * np.random.default_rng(seed).standard_normal(intensity.shape)
     levels = 2**bits - 1
@@ -90,7 +101,9 @@ def hazy(J: np.ndarray, A: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 def tiles(height: int, width: int, side: int, colours: np.ndarray, seed: int) -> np.ndarray:
     """A mosaic (height, width, 3) of square tiles, each of one of the colours (N, 3), by chance."""
-    of = np.random.default_rng(seed).integers(0, len(colours), (height // side + 1, width // side + 1))
+    of = np.random.default_rng(seed).integers(
+        0, len(colours), (height // side + 1, width // side + 1)
+    )
     return colours[np.kron(of, np.ones((side, side), int))[:height, :width]]
 
 
@@ -98,4 +111,8 @@ def transmission_of(rgb: np.ndarray, result: Restoration) -> np.ndarray:
     """The transmission (H, W, 3) that a result tells of, t = (I - A) / (J - A), NaN where a colour is about A's."""
     difference = rgb - result.water.veiling_light
     unclear = np.abs(difference) < 0.02
-    return np.where(unclear, np.nan, difference / np.where(unclear, 1, result.image - result.water.veiling_light))
+    return np.where(
+        unclear,
+        np.nan,
+        difference / np.where(unclear, 1, result.image - result.water.veiling_light),
+    )

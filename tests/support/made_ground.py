@@ -41,13 +41,21 @@ def make_ground(
     """Cameras at these heights above z = 0 look down, a little tilted; 8-bit images; gains: of each view's exposure."""
     rng = np.random.default_rng(seed)
     texture = rng.uniform(0.0, 0.8, (SIZE, SIZE, 3)).astype(np.float32)
-    camera = Camera(np.array([[1.1 * width, 0, width / 2], [0, 1.1 * width, height / 2], [0, 0, 1.0]]), width, height)
+    camera = Camera(
+        np.array([[1.1 * width, 0, width / 2], [0, 1.1 * width, height / 2], [0, 0, 1.0]]),
+        width,
+        height,
+    )
     views = []
     for k, h in enumerate(heights_m):
-        pose = looking_down(h, np.deg2rad(rng.uniform(-tilt_deg, tilt_deg, 2)), rng.uniform(-0.1, 0.1, 2))
+        pose = looking_down(
+            h, np.deg2rad(rng.uniform(-tilt_deg, tilt_deg, 2)), rng.uniform(-0.1, 0.1, 2)
+        )
         rgb, depth, distance = photograph(texture, camera, pose)
         z = distance[..., None]
-        seen = rgb * np.exp(-water.attenuation * z) + water.veiling_light * (1 - np.exp(-water.backscatter * z))
+        seen = rgb * np.exp(-water.attenuation * z) + water.veiling_light * (
+            1 - np.exp(-water.backscatter * z)
+        )
         seen = seen * (1 if gains is None else gains[k]) + rng.normal(0, noise, seen.shape)
         stored = np.rint(seen.clip(0, 1) * 255) / 255
         views.append(View(f"{k}.png", Arrays(stored, depth, rgb), camera, pose))
@@ -58,14 +66,18 @@ def looking_down(height: float, tilt: np.ndarray, shift: np.ndarray) -> np.ndarr
     """cam_from_world of a camera above the middle of the ground; x right, y down in the image, z into the ground."""
     (ca, cb), (sa, sb) = np.cos(tilt), np.sin(tilt)
     down = np.diag([1.0, -1.0, -1.0])
-    turn = np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]]) @ np.array([[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]])
+    turn = np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]]) @ np.array(
+        [[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]]
+    )
     pose = np.eye(4)
     pose[:3, :3] = turn @ down
     pose[:3, 3] = -pose[:3, :3] @ np.array([*shift, height])
     return pose
 
 
-def photograph(texture: np.ndarray, camera: Camera, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def photograph(
+    texture: np.ndarray, camera: Camera, pose: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the picture without water (H, W, 3), each pixel the mean of its rays, its depth and distance (H, W)."""
     centre = -pose[:3, :3].T @ pose[:3, 3]
     to_world = np.linalg.inv(camera.K).T @ pose[:3, :3]  # of (u, v, 1)
@@ -109,7 +121,11 @@ def make_survey(
     even light from above instead; daylight: how much of that light is there besides the strobe's."""
     rng = np.random.default_rng(seed)
     texture = (0.25 + 0.5 * _smooth(rng)).astype(np.float32)
-    camera = Camera(np.array([[1.1 * width, 0, width / 2], [0, 1.1 * width, height / 2], [0, 0, 1.0]]), width, height)
+    camera = Camera(
+        np.array([[1.1 * width, 0, width / 2], [0, 1.1 * width, height / 2], [0, 0, 1.0]]),
+        width,
+        height,
+    )
     taken = []
     for k in range(views):
         h = height_m * (1 + rng.uniform(-relief / 2, relief / 2))
@@ -119,7 +135,11 @@ def make_survey(
         light, way = 1.0, distance
         if strobe:
             u, v = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-            X = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(camera.K).T * depth[..., None]
+            X = (
+                np.stack([u, v, np.ones_like(u)], axis=-1)
+                @ np.linalg.inv(camera.K).T
+                * depth[..., None]
+            )
             Y = X - np.array(strobe_m)
             reach = np.linalg.norm(Y, axis=-1)
             angle = np.rad2deg(np.arccos(Y[..., 2] / reach))
@@ -128,7 +148,10 @@ def make_survey(
         seen = through(water, rgb, way)
         if strobe:  # exposed so that the brightest ground is just below full scale
             by_day = through(water, rgb, distance)
-            seen = seen * light[..., None] * np.exp(1.3 * water.attenuation.min() * height_m) + daylight * by_day
+            seen = (
+                seen * light[..., None] * np.exp(1.3 * water.attenuation.min() * height_m)
+                + daylight * by_day
+            )
         stored = np.rint((seen + rng.normal(0, noise, seen.shape)).clip(0, 1) * 255) / 255
         taken.append(View(f"{k}.png", Arrays(stored, depth, rgb), camera, pose))
     return Scene("survey", taken, frozenset({"depth", "poses", "reference", "truth"}), water)
@@ -137,7 +160,9 @@ def make_survey(
 def through(water: Water, rgb: np.ndarray, way: np.ndarray) -> np.ndarray:
     """What is seen of colours (H, W, 3) after light's way (H, W) through water, metres."""
     z = way[..., None]
-    return rgb * np.exp(-water.attenuation * z) + water.veiling_light * (1 - np.exp(-water.backscatter * z))
+    return rgb * np.exp(-water.attenuation * z) + water.veiling_light * (
+        1 - np.exp(-water.backscatter * z)
+    )
 
 
 def _smooth(rng: np.random.Generator) -> np.ndarray:

@@ -70,8 +70,14 @@ def onnx_file(
     graph = helper.make_graph(
         list(nodes),
         "made",
-        [helper.make_tensor_value_info(name, getattr(onnx.TensorProto, dtype), shape) for name in inputs],
-        [helper.make_tensor_value_info(name, getattr(onnx.TensorProto, output_dtype), None) for name in outputs],
+        [
+            helper.make_tensor_value_info(name, getattr(onnx.TensorProto, dtype), shape)
+            for name in inputs
+        ],
+        [
+            helper.make_tensor_value_info(name, getattr(onnx.TensorProto, output_dtype), None)
+            for name in outputs
+        ],
         [onnx.numpy_helper.from_array(value, name) for name, value in (constants or {}).items()],
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=10)

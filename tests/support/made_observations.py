@@ -13,7 +13,9 @@ from support.forward_model import in_water
 from support.made_scene import WATER
 
 
-def solve_exact(observations: Observations, matched: Observations | None = None, **options: Any) -> Solution:
+def solve_exact(
+    observations: Observations, matched: Observations | None = None, **options: Any
+) -> Solution:
     """Return the colours of observations in the water that is fitted to them; options: see `fit_water`."""
     place = {key: options[key] for key in ("backend", "device") if key in options}
     return fit_water(observations, matched, **options).colours_of(observations, **place)
@@ -43,8 +45,8 @@ def made(
         several = np.flatnonzero(rng.random(n_pixels - n_single) < (1.0 if k < 2 else 0.7))
         chosen = np.arange(n_pixels) if k == 0 else several
         z = rng.uniform(*distances_m, len(chosen)).astype(np.float32)
-        I = in_water(J[chosen], z, water)  # noqa: E741
-        I = I + noise * rng.standard_normal(I.shape)  # noqa: E741
+        I = in_water(J[chosen], z, water)
+        I = I + noise * rng.standard_normal(I.shape)
         stored = np.rint(I.clip(0, 1) * 255).astype(np.uint8) if eight_bit else I.astype(np.float32)
         seen.append(Seen(f"{k}.png", chosen, z, stored))
     observations = arrange(shape or (1, n_pixels), seen, with_view=shape is not None)
@@ -63,12 +65,16 @@ def table(water: WaterParameters) -> np.ndarray:
 def flat(observations: Observations) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Every observation by itself: its place among the pixels (N,), z (N,) and I (3, N), float64."""
     place = np.concatenate([np.arange(n) for n, _ in observations.slots()])
-    return place, observations.distance.astype(np.float64), observations.intensity(slice(None)).astype(np.float64)
+    return (
+        place,
+        observations.distance.astype(np.float64),
+        observations.intensity(slice(None)).astype(np.float64),
+    )
 
 
 def reduced_residuals(observations: Observations, channel: int, water: np.ndarray) -> np.ndarray:
     """The residuals (N,) of one channel with every pixel's best colour, float64, one pixel after the other."""
-    place, z, I = flat(observations)  # noqa: E741
+    place, z, I = flat(observations)
     B, beta, gamma = water
     a, y = np.exp(-beta * z), I[channel] - B * (1 - np.exp(-gamma * z))
     n = len(observations.pixels)

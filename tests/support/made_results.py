@@ -33,9 +33,15 @@ TRUTH = {"B": [0.1, 0.4, 0.5], "beta": [0.4, 0.2, 0.1], "gamma": [0.3, 0.2, 0.15
 ESTIMATE = {"B": [0.12, 0.41, 0.52], "beta": [0.37, 0.21, 0.11], "gamma": [0.33, 0.22, 0.16]}
 
 
-def made_results(out: Path, datasets: Sequence[str] = ("reef",), size: tuple[int, int] = (96, 64)) -> pd.DataFrame:
+def made_results(
+    out: Path, datasets: Sequence[str] = ("reef",), size: tuple[int, int] = (96, 64)
+) -> pd.DataFrame:
     """Write pictures and what methods tell under `out`; return the rows. size: of the first dataset's pictures."""
-    rows = [row for n, name in enumerate(datasets) for row in _rows(out, name, (96, 64) if n else size, 1.5 * n)]
+    rows = [
+        row
+        for n, name in enumerate(datasets)
+        for row in _rows(out, name, (96, 64) if n else size, 1.5 * n)
+    ]
     return results.frame(rows)
 
 
@@ -43,16 +49,22 @@ def _rows(out: Path, dataset: str, size: tuple[int, int], worse: float) -> Itera
     rng = np.random.default_rng(7)
     for method, scores in PSNR.items():
         options = json.dumps({"name": "gray_world", "dataset": {"name": "demo"}})
-        base = Row(dataset, "cove", method=method, options=options, options_id=method, data_id=dataset)
+        base = Row(
+            dataset, "cove", method=method, options=options, options_id=method, data_id=dataset
+        )
         for number, score in enumerate(scores):
             row = replace(base, view=f"v{number}.png")
             if score is None:
-                yield replace(row, value=np.nan, status="failed", reason="ValueError: boom <b>bold</b>")
+                yield replace(
+                    row, value=np.nan, status="failed", reason="ValueError: boom <b>bold</b>"
+                )
                 continue
             _write(out, row, size, rng, holes=method == "clever")
             yield replace(row, value=0.5 + number, coverage=0.75 if method == "clever" else 1.0)
             psnr = {"metric": "psnr", "variant": "masked", "unit": "dB", "better": "higher"}
-            yield replace(row, **psnr, value=score - worse, coverage=0.75 if method == "clever" else 1.0)
+            yield replace(
+                row, **psnr, value=score - worse, coverage=0.75 if method == "clever" else 1.0
+            )
             yield from _chart_rows(row, number)
 
 
@@ -73,13 +85,23 @@ def _chart_rows(row: Row, number: int) -> Iterator[Row]:
             yield replace(here, **colour, variant=f"{channel}-expected", value=expected[c] / 255)
 
 
-def _write(out: Path, row: Row, size: tuple[int, int], rng: np.random.Generator, holes: bool) -> None:
+def _write(
+    out: Path, row: Row, size: tuple[int, int], rng: np.random.Generator, holes: bool
+) -> None:
     place = layout.Place(row.dataset, Path(row.view).with_suffix(""))
     # Smooth: a page of large pictures of noise would be 16 MB.
-    image = cv2.resize(rng.integers(30, 255, (8, 12, 3), dtype=np.uint8), size, interpolation=cv2.INTER_LINEAR)
+    image = cv2.resize(
+        rng.integers(30, 255, (8, 12, 3), dtype=np.uint8), size, interpolation=cv2.INTER_LINEAR
+    )
     if holes:
         image[:, : size[0] // 4] = 0
-    told: dict[str, Any] = {**ESTIMATE, "encoding": "gamma", "true_water": TRUTH, "steps": 7, "write_seconds": 0.1}
+    told: dict[str, Any] = {
+        **ESTIMATE,
+        "encoding": "gamma",
+        "true_water": TRUTH,
+        "steps": 7,
+        "write_seconds": 0.1,
+    }
     told["limits"] = ["flat"]
     for path in (place.original(out), place.reference(out), place.restored(out, row.method)):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -88,7 +110,9 @@ def _write(out: Path, row: Row, size: tuple[int, int], rng: np.random.Generator,
         place.restored(out, row.method).with_suffix(".json").write_text(json.dumps(told))
 
 
-ROW = Row(scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", code="c", data_id="d")
+ROW = Row(
+    scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", code="c", data_id="d"
+)
 
 
 def row(
@@ -101,14 +125,23 @@ def row(
     **about: Any,
 ) -> Row:
     """A score as a run keeps it; NaN is a failure."""
-    said = {"name": method, "dataset": dict(dataset), **options, **({"degrade": dict(degrade)} if degrade else {})}
-    label = ",".join([str(dataset["name"]), *(f"{k}={str(v).replace(', ', '_')}" for k, v in degrade.items())])
+    said = {
+        "name": method,
+        "dataset": dict(dataset),
+        **options,
+        **({"degrade": dict(degrade)} if degrade else {}),
+    }
+    label = ",".join(
+        [str(dataset["name"]), *(f"{k}={str(v).replace(', ', '_')}" for k, v in degrade.items())]
+    )
     status = {"status": "failed", "reason": "broke"} if np.isnan(value) else {}
     own = {"dataset": label, "method": method, "time": "2026-01-01", **status, **about}
     return replace(ROW, view=view, value=value, options=json.dumps(said), **own)
 
 
-def noisy(values: Mapping[Any, Mapping[str, list[float]]], option: str = "depth_noise", **about: Any) -> pd.DataFrame:
+def noisy(
+    values: Mapping[Any, Mapping[str, list[float]]], option: str = "depth_noise", **about: Any
+) -> pd.DataFrame:
     """Scores by value, method and view; None is the value of undegraded data, which no row says."""
     return frame(
         row(method, f"v{n}", score, {} if value is None else {option: value}, **about)
@@ -123,7 +156,9 @@ def followed(rows: pd.DataFrame, option: str, **study: Any) -> along.Along:
     return one
 
 
-def drawn(name: str, rows: pd.DataFrame, out: Path = Path("nowhere"), **study: Any) -> dict[str, Any]:
+def drawn(
+    name: str, rows: pd.DataFrame, out: Path = Path("nowhere"), **study: Any
+) -> dict[str, Any]:
     """The figures of one kind, by the ends of their files' names."""
     with style.look():
         return dict(write_study.drawn(name, along.StudyResults(Study("s", **study), rows, out)))

@@ -17,7 +17,9 @@ WATER = Water(np.array([0.06, 0.22, 0.3]), np.array([0.42, 0.14, 0.1]), np.array
 def make_camera(width: int, height: int, focal: float) -> Camera:
     """A camera whose principal point is a little off the middle."""
     return Camera(
-        np.array([[focal, 0, width / 2 + 0.7], [0, focal * 1.02, height / 2 - 0.4], [0, 0, 1.0]]), width, height
+        np.array([[focal, 0, width / 2 + 0.7], [0, focal * 1.02, height / 2 - 0.4], [0, 0, 1.0]]),
+        width,
+        height,
     )
 
 
@@ -43,13 +45,22 @@ def hit(origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
         plane = (1 - PLANE @ origin) / (rays @ PLANE)
         faces = (BOX[:, *(None,) * (rays.ndim - 1)] - origin) / rays
         enter, leave = faces.min(axis=0).max(axis=-1), faces.max(axis=0).min(axis=-1)
-    hits = np.stack([np.where(plane > 1e-9, plane, np.inf), np.where((enter < leave) & (enter > 0), enter, np.inf)])
+    hits = np.stack(
+        [
+            np.where(plane > 1e-9, plane, np.inf),
+            np.where((enter < leave) & (enter > 0), enter, np.inf),
+        ]
+    )
     nearest = hits.min(axis=0)
     return np.where(np.isfinite(nearest), nearest, 0)
 
 
 def make_view(
-    name: str, camera: Camera, pose: np.ndarray, water: Water | None = WATER, blind: tuple[slice, slice] | None = None
+    name: str,
+    camera: Camera,
+    pose: np.ndarray,
+    water: Water | None = WATER,
+    blind: tuple[slice, slice] | None = None,
 ) -> View:
     """The scene as the camera sees it, 8 bit; blind: a part of the image whose depth is unknown."""
     u, v = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
@@ -76,8 +87,15 @@ def make_scene() -> Scene:
     """Four views of different size, focal length and distance; the target "a.png" has pixels without depth."""
     views = [
         make_view("near.png", make_camera(52, 40, 44), make_pose((0.1, 0.05, 0.6), 0.06, -0.05)),
-        make_view("a.png", make_camera(60, 44, 56), make_pose((0, 0, 0)), blind=(slice(0, 6), slice(20, 60))),
-        make_view("side.png", make_camera(64, 48, 60), make_pose((0.5, -0.2, -0.1), -0.12, 0.07, 0.1)),
+        make_view(
+            "a.png",
+            make_camera(60, 44, 56),
+            make_pose((0, 0, 0)),
+            blind=(slice(0, 6), slice(20, 60)),
+        ),
+        make_view(
+            "side.png", make_camera(64, 48, 60), make_pose((0.5, -0.2, -0.1), -0.12, 0.07, 0.1)
+        ),
         make_view("far.png", make_camera(56, 50, 90), make_pose((-0.3, 0.1, -2.4), 0.04, 0.02)),
     ]
     return Scene("made", views, frozenset({"depth", "poses", "truth"}), WATER)
@@ -95,7 +113,14 @@ def of(
 ) -> Scene:
     """A scene of one view "a.png"."""
     planes = {"depth": depth, "reference": reference, "poses": camera}
-    view = View("a.png", Arrays(rgb, depth, reference), camera, None if camera is None else np.eye(4), (), encoding)
+    view = View(
+        "a.png",
+        Arrays(rgb, depth, reference),
+        camera,
+        None if camera is None else np.eye(4),
+        (),
+        encoding,
+    )
     has = frozenset(name for name, value in planes.items() if value is not None)
     return Scene("one", [view], has, data_id="one")
 
@@ -111,7 +136,12 @@ def many(count: int = 9) -> Scene:
     """Views v0.png, v1.png, ... in that order, 1 m apart."""
     camera = Camera(np.diag([50.0, 50, 1]), 20, 16)
     views = [
-        View(f"v{n}.png", Arrays(photo(16, 20), np.full((16, 20), 2.0)), camera, make_pose((n, 0, 0), 0.1 * n))
+        View(
+            f"v{n}.png",
+            Arrays(photo(16, 20), np.full((16, 20), 2.0)),
+            camera,
+            make_pose((n, 0, 0), 0.1 * n),
+        )
         for n in range(count)
     ]
     return Scene("many", views, frozenset({"depth", "poses"}), data_id="many")
@@ -120,7 +150,9 @@ def many(count: int = 9) -> Scene:
 TILTED = np.array([[61.0, 40.0], [352.0, 22.0], [377.0, 268.0], [33.0, 241.0]])
 
 
-def painted(kind: ChartKind, corners: Array, size: tuple[int, int] = (300, 420), share: float = 1.0) -> Array:
+def painted(
+    kind: ChartKind, corners: Array, size: tuple[int, int] = (300, 420), share: float = 1.0
+) -> Array:
     """A white image with every patch in its sRGB colour, on the middle `share` of its box (in x and y)."""
     import cv2
 
@@ -128,7 +160,9 @@ def painted(kind: ChartKind, corners: Array, size: tuple[int, int] = (300, 420),
     unit = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
     homography = cv2.getPerspectiveTransform(np.asarray(corners, np.float32), unit)
     v, u = np.mgrid[: size[0], : size[1]] + 0.5
-    x, y = cv2.perspectiveTransform(np.stack([u, v], -1).reshape(1, -1, 2), homography)[0].T.reshape(2, *size)
+    x, y = cv2.perspectiveTransform(np.stack([u, v], -1).reshape(1, -1, 2), homography)[
+        0
+    ].T.reshape(2, *size)
     for patch in kind.patches:
         x0, y0, x1, y1 = patch.box
         inside = np.abs(x - (x0 + x1) / 2) <= share * (x1 - x0) / 2

@@ -11,7 +11,9 @@ import pytest
 from sucre_bench.errors import InputError
 
 _PUNCTUATION = "'\"`,;:.?!"
-_TOGETHER = re.compile(r"(?<!\w)(?=('[^']*'|[\[(][^][()]*[\])]))")  # a quotation, an interval, a shape
+_TOGETHER = re.compile(
+    r"(?<!\w)(?=('[^']*'|[\[(][^][()]*[\])]))"
+)  # a quotation, an interval, a shape
 _CALLED = re.compile(r"\w+(?=\()")
 
 
@@ -27,7 +29,9 @@ def names(message: object) -> set[str]:
     words = {word.rstrip(",;:.") for word in text.split()}
     whole = {word.strip("()").lstrip("'\"`").rstrip(_PUNCTUATION) for word in words}
     bare = {word.strip(_PUNCTUATION + "()[]") for word in whole}
-    parts = {part for word in bare for part in (word.rpartition("/")[2], word.partition(":")[0])}  # of a.py:12
+    parts = {
+        part for word in bare for part in (word.rpartition("/")[2], word.partition(":")[0])
+    }  # of a.py:12
     return {*words, *whole, *bare, *parts, *_TOGETHER.findall(text), *_CALLED.findall(text)}
 
 

@@ -20,7 +20,10 @@ from support.colmap_folder import picture, to_binary, write_image, write_model
 WIDTH, HEIGHT = 160, 120
 FAR = 9.0  # depth around the disk
 POINT = np.array([0.7, -0.4, 5.0])  # of the world; off every axis, so that a distance is no depth
-BOTH = ((-0.8, -0.2, -0.1), (0.05, -0.04, 0.6)), ((1.5, -0.1, 0.7), (-0.05, 0.1, -0.3))  # centre; turn about x, y, z
+BOTH = (
+    ((-0.8, -0.2, -0.1), (0.05, -0.04, 0.6)),
+    ((1.5, -0.1, 0.7), (-0.05, 0.1, -0.3)),
+)  # centre; turn about x, y, z
 
 
 def pose_of(centre: tuple[float, float, float], turn: tuple[float, float, float]) -> np.ndarray:
@@ -75,7 +78,9 @@ def check_both(a: View, b: View, tolerance: float = 0.1, point: np.ndarray | Non
             np.testing.assert_allclose(depth, z, rtol=1e-3)
         lifted = unproject(camera, spot[0], spot[1], np.float64(depth))
         carried = relative_pose(pose_b, pose) @ [*lifted, 1]
-        np.testing.assert_allclose(project(camera_b, carried[:3])[0], centre(other.rgb), atol=2 * tolerance)
+        np.testing.assert_allclose(
+            project(camera_b, carried[:3])[0], centre(other.rgb), atol=2 * tolerance
+        )
 
 
 def check_message(message: str, *parts: str) -> None:
@@ -128,15 +133,23 @@ def model_pose(world_from_cam: np.ndarray, units: float = 1.0) -> tuple[float, .
 
 def photographed(world_from_cam: np.ndarray) -> np.ndarray:
     """Where POINT is in a photograph: OpenCV's own projection."""
-    return cv2.projectPoints(seen(world_from_cam, POINT)[None], np.zeros(3), np.zeros(3), K, BENT)[0].ravel()
+    return cv2.projectPoints(seen(world_from_cam, POINT)[None], np.zeros(3), np.zeros(3), K, BENT)[
+        0
+    ].ravel()
 
 
-def write_photographs(places: list[Path], sparse: Path, names: tuple[str, str], units: float = 1.0) -> None:
+def write_photographs(
+    places: list[Path], sparse: Path, names: tuple[str, str], units: float = 1.0
+) -> None:
     """Write the photographs in `places`, and the model that calls them `names`."""
     poses = [pose_of(*one) for one in BOTH]
     for pose, place in zip(poses, places, strict=True):
         write_spot(place, photographed(pose))
-    write_model(sparse, [(n, model_pose(pose, units), 1) for n, pose in zip(names, poses, strict=True)], [CAMERA])
+    write_model(
+        sparse,
+        [(n, model_pose(pose, units), 1) for n, pose in zip(names, poses, strict=True)],
+        [CAMERA],
+    )
 
 
 def write_depths(folder: Path, scene: Scene) -> None:
@@ -189,7 +202,9 @@ def write_year(root: Path, year: str = "2015", names: tuple[str, str] = YEAR) ->
 REEF = ("MTN_1.png", "MTN_2.png")
 
 
-def write_reef(place: Path, images: str = "images_wb", sparse: str = "sparse/0", units: float = 1.0) -> Path:
+def write_reef(
+    place: Path, images: str = "images_wb", sparse: str = "sparse/0", units: float = 1.0
+) -> Path:
     write_photographs([place / images / name for name in REEF], place / sparse, REEF, units)
     to_binary(place / sparse)
     return place
@@ -202,7 +217,9 @@ def picture16(seed: int) -> np.ndarray:
     return np.random.default_rng(seed).integers(0, 65536, (*SET_SIZE[::-1], 3), dtype=np.uint16)
 
 
-def write_set(place: Path, stems: tuple[str, ...] = ("T_S01", "T_S02"), folder: str = "depth") -> Path:
+def write_set(
+    place: Path, stems: tuple[str, ...] = ("T_S01", "T_S02"), folder: str = "depth"
+) -> Path:
     """Images, and depth maps at half their size: 2 m, and 3 m + 1 m a row in the right half."""
     width, height = (side // 2 for side in SET_SIZE)
     for seed, stem in enumerate(stems):
@@ -225,7 +242,16 @@ INNER = {"f": 150.0, "cx": 4.0, "cy": -2.5}
 LENSES: dict[str, dict[str, float]] = {
     "pinhole": {},
     "usual": {"k1": -0.5, "k2": 0.05, "k3": -0.01, "p1": 0.012, "p2": -0.004, "b1": 6.0},
-    "every term": {"k1": -0.5, "k4": 12.0, "p1": 0.02, "p2": 0.03, "p3": 3.0, "p4": 20.0, "b1": 5.0, "b2": 9.0},
+    "every term": {
+        "k1": -0.5,
+        "k4": 12.0,
+        "p1": 0.02,
+        "p2": 0.03,
+        "p3": 3.0,
+        "p4": 20.0,
+        "b1": 5.0,
+        "b2": 9.0,
+    },
     "fisheye": {"k1": 0.02, "k2": -0.03, "k4": 0.002},
     "fisheye with every term": {"k1": 0.02, "k3": 0.01, "p1": 0.008, "p2": -0.006, "b2": -4.0},
 }
@@ -233,7 +259,11 @@ LENSES: dict[str, dict[str, float]] = {
 
 def imaged(point: np.ndarray, lens: str) -> np.ndarray:
     """Where the sensor images a point of the camera's frame (manual, appendix "Camera models"): centres at +0.5."""
-    c = {**dict.fromkeys(("k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4", "b1", "b2"), 0.0), **INNER, **LENSES[lens]}
+    c = {
+        **dict.fromkeys(("k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4", "b1", "b2"), 0.0),
+        **INNER,
+        **LENSES[lens],
+    }
     x, y = point[:2] / point[2]
     if "fisheye" in lens:
         r = np.hypot(x, y)
@@ -254,8 +284,12 @@ def undistorted(point: np.ndarray, lens: str) -> np.ndarray:
     return np.array([(f + b1) * x + WIDTH / 2 + INNER["cx"], f * y + HEIGHT / 2 + INNER["cy"]])
 
 
-def chunk_xml(lens: str, cameras: str, transform: str = TRANSFORM, frames: str = "", sensors: str = "") -> str:
-    terms = "".join(f"<{name}>{value!r}</{name}>" for name, value in {**INNER, **LENSES[lens]}.items())
+def chunk_xml(
+    lens: str, cameras: str, transform: str = TRANSFORM, frames: str = "", sensors: str = ""
+) -> str:
+    terms = "".join(
+        f"<{name}>{value!r}</{name}>" for name, value in {**INNER, **LENSES[lens]}.items()
+    )
     kind = "fisheye" if "fisheye" in lens else "frame"
     size = f'<resolution width="{WIDTH}" height="{HEIGHT}"/>'
     return (
@@ -280,7 +314,9 @@ OTHERS = (
 )
 
 
-def write_survey(root: Path, lens: str = "usual", unit: float = SCALE, cameras: str = CAMERAS + OTHERS) -> Path:
+def write_survey(
+    root: Path, lens: str = "usual", unit: float = SCALE, cameras: str = CAMERAS + OTHERS
+) -> Path:
     """Photographs of the point and Metashape's own depth maps; unit: of theirs, in the chunk's."""
     for number in range(2):
         point = seen(pose_of(*BOTH[number]))
@@ -288,5 +324,7 @@ def write_survey(root: Path, lens: str = "usual", unit: float = SCALE, cameras: 
         (root / "depths").mkdir(exist_ok=True)
         depth = disk_depth(undistorted(point, lens) / 2, unit * point[2], (WIDTH // 2, HEIGHT // 2))
         tifffile.imwrite(root / f"depths/DSC_{number}.tif", depth)
-    (root / "cameras.xml").write_text(f'<document version="2.0.0">{chunk_xml(lens, cameras)}</document>')
+    (root / "cameras.xml").write_text(
+        f'<document version="2.0.0">{chunk_xml(lens, cameras)}</document>'
+    )
     return root

@@ -14,8 +14,17 @@ from support.made_scene import make_pose
 WIDTH, HEIGHT, FOCAL = 240, 180, 217.5
 CAMERA = Camera(np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]), WIDTH, HEIGHT)
 DISTORTION = np.array([-0.08, 0, 0, 0])
-PLANES = np.array([[0.11, 0.03, 0.4], [-0.14, 0.02, 0.41]])  # n . X = 1: they meet in a valley some 2.5 m away
-PLACES = [(0, 0, 0), (0.18, 0.05, 0.05), (0.38, -0.04, 0.1), (0.55, 0.1, 0), (0.2, 0.3, 0.2), (0.45, 0.35, -0.1)]
+PLANES = np.array(
+    [[0.11, 0.03, 0.4], [-0.14, 0.02, 0.41]]
+)  # n . X = 1: they meet in a valley some 2.5 m away
+PLACES = [
+    (0, 0, 0),
+    (0.18, 0.05, 0.05),
+    (0.38, -0.04, 0.1),
+    (0.55, 0.1, 0),
+    (0.2, 0.3, 0.2),
+    (0.45, 0.35, -0.1),
+]
 # Turned: cameras that only move tell the focal length from nothing, and so no depth.
 TURNS = [
     (0.1, -0.1, 0.0),
@@ -41,7 +50,9 @@ def texture() -> np.ndarray:
     """What covers the planes, of three sizes of grain."""
     random = np.random.default_rng(3)
     grains = [random.normal(size=(side, side)) for side in (64, 128, 256)]
-    return np.sum([cv2.resize(one, (1024, 1024), interpolation=cv2.INTER_CUBIC) for one in grains], axis=0)
+    return np.sum(
+        [cv2.resize(one, (1024, 1024), interpolation=cv2.INTER_CUBIC) for one in grains], axis=0
+    )
 
 
 def photograph(pose: Array) -> np.ndarray:
@@ -49,12 +60,18 @@ def photograph(pose: Array) -> np.ndarray:
     K = CAMERA.K.copy()
     K[:2, 2] -= 0.5
     u, v = np.meshgrid(np.arange(WIDTH, dtype=np.float64), np.arange(HEIGHT, dtype=np.float64))
-    straight = cv2.undistortPoints(np.stack([u, v], -1).reshape(-1, 1, 2), K, DISTORTION).reshape(HEIGHT, WIDTH, 2)
+    straight = cv2.undistortPoints(np.stack([u, v], -1).reshape(-1, 1, 2), K, DISTORTION).reshape(
+        HEIGHT, WIDTH, 2
+    )
     rays = np.concatenate([straight, np.ones((HEIGHT, WIDTH, 1))], axis=-1)
     world_from_cam = np.linalg.inv(pose)
-    points = (rays * true_depth(pose, rays)[..., None]) @ world_from_cam[:3, :3].T + world_from_cam[:3, 3]
+    points = (rays * true_depth(pose, rays)[..., None]) @ world_from_cam[:3, :3].T + world_from_cam[
+        :3, 3
+    ]
     at = ((points[..., :2] + 2.5) * 200).astype(np.float32)
-    seen = cv2.remap(texture(), at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    seen = cv2.remap(
+        texture(), at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
+    )
     gray = 110 + 35 * seen
     return np.clip(gray[..., None] + [30, 10, -40], 0, 255).astype(np.uint8)
 
@@ -73,5 +90,15 @@ def make_shots(places: Array) -> list[Shot]:
     for i, place in enumerate(places):
         pose = np.eye(4)
         pose[:3, 3] = -place
-        shots.append(Shot(f"{i}.png", CAMERA, pose, np.arange(400), points, np.zeros((400, 2)), np.full(400, 3)))
+        shots.append(
+            Shot(
+                f"{i}.png",
+                CAMERA,
+                pose,
+                np.arange(400),
+                points,
+                np.zeros((400, 2)),
+                np.full(400, 3),
+            )
+        )
     return shots

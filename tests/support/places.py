@@ -40,7 +40,9 @@ def published(name: str) -> Path:
     """The folder `name` of shared/data, or a skipped test."""
     if (DATA / name).exists():
         return DATA / name
-    pytest.skip(f"needs {name} in the folder that SUCRE_BENCH_DATA names, or in shared/data beside the checkout")
+    pytest.skip(
+        f"needs {name} in the folder that SUCRE_BENCH_DATA names, or in shared/data beside the checkout"
+    )
 
 
 def read(file: Path) -> np.ndarray:
@@ -72,6 +74,9 @@ def u45_rows() -> list[U45Row]:
     folder = published("u45_published")
     with (folder / "published.csv").open() as lines:
         return [
-            U45Row(folder / row.pop("method") / row.pop("image"), **{name: float(value) for name, value in row.items()})
+            U45Row(
+                folder / row.pop("method") / row.pop("image"),
+                **{name: float(value) for name, value in row.items()},
+            )
             for row in csv.DictReader(lines)
         ]

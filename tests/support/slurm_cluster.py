@@ -83,7 +83,13 @@ def slurm(max_array: int = 1001) -> Iterator[dict[str, str]]:
         folder = Path(stack.enter_context(made))
         conf = folder / "slurm.conf"
         host, cores = socket.gethostname().partition(".")[0], len(os.sched_getaffinity(0))
-        settings = {"host": host, "folder": folder, "ports": _free_ports(2), "max_array": max_array, "cores": cores}
+        settings = {
+            "host": host,
+            "folder": folder,
+            "ports": _free_ports(2),
+            "max_array": max_array,
+            "cores": cores,
+        }
         conf.write_text(_SLURM_CONF.format(**settings))
         for name in ("state", "spool"):
             (folder / name).mkdir()
@@ -94,9 +100,20 @@ def slurm(max_array: int = 1001) -> Iterator[dict[str, str]]:
         (folder / "bin").mkdir()
         (folder / "bin" / "sacct").write_text(_SACCT)
         (folder / "bin" / "sacct").chmod(0o755)
-        there = {"SLURM_CONF": str(conf), "PATH": f"{folder / 'bin'}:{os.environ['PATH']}:/usr/sbin:/sbin"}
+        there = {
+            "SLURM_CONF": str(conf),
+            "PATH": f"{folder / 'bin'}:{os.environ['PATH']}:/usr/sbin:/sbin",
+        }
         files = [f"--{name}-file={folder}/munge.{name}" for name in ("key", "pid", "log", "seed")]
-        _start(stack, folder, there, "munged", "--foreground", f"--socket={folder}/munge.socket", *files)
+        _start(
+            stack,
+            folder,
+            there,
+            "munged",
+            "--foreground",
+            f"--socket={folder}/munge.socket",
+            *files,
+        )
         _wait_for(folder / "munge.socket")
         _start(stack, folder, there, "slurmctld", "-i", "-D")
         _start(stack, folder, there, "slurmd", "-D")
@@ -130,7 +147,9 @@ def _free_ports(count: int) -> list[int]:
 def _start(stack: ExitStack, folder: Path, environment: dict[str, str], *command: str) -> None:
     log = stack.enter_context((folder / f"{command[0]}.out").open("wb"))
     everything = {**os.environ, **environment}
-    process = subprocess.Popen(command, stdout=log, stderr=log, env=everything, start_new_session=True)
+    process = subprocess.Popen(
+        command, stdout=log, stderr=log, env=everything, start_new_session=True
+    )
     stack.callback(_stop, process)
 
 
@@ -154,10 +173,14 @@ def _wait_until_idle(folder: Path, environment: dict[str, str]) -> None:
     ask, until = ["sinfo", "--noheader", "--format=%T"], time.monotonic() + _PATIENCE_S
     answer = ""
     while time.monotonic() < until:
-        told = subprocess.run(ask, capture_output=True, text=True, check=False, env={**os.environ, **environment})
+        told = subprocess.run(
+            ask, capture_output=True, text=True, check=False, env={**os.environ, **environment}
+        )
         answer = told.stdout.strip() or told.stderr.strip()
         if answer == "idle":
             return
         time.sleep(0.1)
-    logs = "\n".join(f"-- {path.name}\n{path.read_text()[-1000:]}" for path in sorted(folder.glob("*.*o*[gt]")))
+    logs = "\n".join(
+        f"-- {path.name}\n{path.read_text()[-1000:]}" for path in sorted(folder.glob("*.*o*[gt]"))
+    )
     raise RuntimeError(f"SLURM did not come up: {answer}\n{logs}")

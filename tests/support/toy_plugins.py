@@ -57,10 +57,14 @@ class Toy:
         views = []
         for number in range(self.views):
             reference = rng.random((40, 60, 3), dtype=np.float32)
-            pixels = Arrays(reference * np.float32([0.3, 0.8, 0.9]), np.full((40, 60), 2.0), reference)
+            pixels = Arrays(
+                reference * np.float32([0.3, 0.8, 0.9]), np.full((40, 60), 2.0), reference
+            )
             pose = np.eye(4)
             pose[0, 3] = 1000 * number * self.apart
-            views.append(View(f"v{number}.png", pixels, Camera(np.diag([50.0, 50, 1]), 60, 40), pose))
+            views.append(
+                View(f"v{number}.png", pixels, Camera(np.diag([50.0, 50, 1]), 60, 40), pose)
+            )
         water = Water(np.full(3, 0.1), np.full(3, 0.2), np.full(3, 0.3))
         has = frozenset({"depth", "poses", "reference", "truth"})
         yield Scene("toy", views, has, water, data_id=f"toy{self.views}{self.tag}")
@@ -166,7 +170,9 @@ class Tabulated:
         file = self.table / "gain" if self.table.is_dir() else self.table
         info = {"seconds": 12.5, "peak_mb": float("nan"), "deviation": [1.0, float("nan")]}
         unknown = np.full(3, np.nan)
-        return Restoration(view.rgb * float(file.read_text()), Water(np.full(3, 0.2), unknown, unknown), info=info)
+        return Restoration(
+            view.rgb * float(file.read_text()), Water(np.full(3, 0.2), unknown, unknown), info=info
+        )
 
 
 @method(encoding="gamma")
@@ -208,7 +214,12 @@ class Faulty:
         raise ValueError("boom\nover two lines")
 
 
-@metric(variants={"plain": "the red channel's mean", "double": "twice that"}, unit="", better="higher", range=(0, 9))
+@metric(
+    variants={"plain": "the red channel's mean", "double": "twice that"},
+    unit="",
+    better="higher",
+    range=(0, 9),
+)
 @dataclass(frozen=True)
 class Redness:
     """Mean red of the shown picture."""
@@ -216,7 +227,9 @@ class Redness:
     factor: float = 1.0
     """What it is multiplied by."""
 
-    def score(self, restored: Restoration, shown: np.ndarray, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: np.ndarray, view: View, variant: str
+    ) -> Iterator[Score]:
         yield Score(
             float(np.nanmean(shown[..., 0])) * (2 if variant == "double" else 1) * self.factor,
             n_pixels=shown[..., 0].size,
@@ -228,7 +241,9 @@ class Redness:
 class Stumbles:
     """A metric that fails on one view."""
 
-    def score(self, restored: Restoration, shown: np.ndarray, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: np.ndarray, view: View, variant: str
+    ) -> Iterator[Score]:
         if view.name == "v2.png":
             raise RuntimeError("no score")
         yield Score(0.5)
@@ -239,7 +254,9 @@ class Stumbles:
 class Undefined:
     """A metric that has no value here."""
 
-    def score(self, restored: Restoration, shown: np.ndarray, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: np.ndarray, view: View, variant: str
+    ) -> Iterator[Score]:
         yield Score(float("nan"))
 
 
@@ -248,7 +265,9 @@ class Undefined:
 class Painter:
     """A metric that writes into the picture it is shown."""
 
-    def score(self, restored: Restoration, shown: np.ndarray, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: np.ndarray, view: View, variant: str
+    ) -> Iterator[Score]:
         shown[:] = 0
         yield Score(0.0)
 
@@ -309,7 +328,9 @@ class Apart:
     def score_pair(self, pair: RestoredPair, variant: str) -> Iterator[Score]:
         if self.fails:
             raise RuntimeError("no score of a pair")
-        here, there = ((v.shown if variant == "shown" else v.image) for v in (pair.here, pair.there))
+        here, there = (
+            (v.shown if variant == "shown" else v.image) for v in (pair.here, pair.there)
+        )
         if here is None or there is None:
             raise NotApplicableError("not stored")
         one, other = pair.means(here, there)
@@ -325,7 +346,9 @@ def _raise(fault: BaseException) -> None:
 
 
 def _sleep_in_c() -> None:
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGALRM})  # as code does that never returns to Python
+    signal.pthread_sigmask(
+        signal.SIG_BLOCK, {signal.SIGALRM}
+    )  # as code does that never returns to Python
     ctypes.CDLL(None).sleep(3600)
 
 
@@ -402,7 +425,9 @@ ACTS: dict[str, Callable[[], Any]] = {
     "asleep": lambda: time.sleep(3600),
     "asleep-in-c": _sleep_in_c,
     "deaf": _catch_all,
-    "odd-text": lambda: _raise(ValueError("caf\udce9.png is bad")),  # the name of a file in another encoding
+    "odd-text": lambda: _raise(
+        ValueError("caf\udce9.png is bad")
+    ),  # the name of a file in another encoding
     "odd-hint": lambda: {"hints": ["caf\udce9"]},
     "odd-device": lambda: {"device": "caf\udce9"},
 }
@@ -419,7 +444,9 @@ class Acts:
     def scenes(self) -> Iterator[Scene]:
         names = ["before.png", *(f"{act}.png" for act in self.acts), "after.png"]
         image = np.random.default_rng(0).random((8, 8, 3), dtype=np.float32)
-        yield Scene("stage", [View(name, Arrays(image)) for name in names], frozenset(), data_id="acts")
+        yield Scene(
+            "stage", [View(name, Arrays(image)) for name in names], frozenset(), data_id="acts"
+        )
 
 
 @method()
@@ -440,7 +467,10 @@ class Stages:
     def scenes(self) -> Iterator[Scene]:
         draw = np.random.default_rng(0)
         for scene in ("left", "right"):
-            views = [View(f"{scene}{k}.png", Arrays(draw.random((8, 8, 3), dtype=np.float32))) for k in range(4)]
+            views = [
+                View(f"{scene}{k}.png", Arrays(draw.random((8, 8, 3), dtype=np.float32)))
+                for k in range(4)
+            ]
             yield Scene(scene, views, frozenset(), data_id=scene)
 
 
@@ -477,7 +507,9 @@ class Called:
     """Its scene's name."""
 
     def scenes(self) -> Iterator[Scene]:
-        yield Scene(self.scene, [View(self.view, Arrays(np.full((8, 8, 3), 0.5, np.float32)))], frozenset())
+        yield Scene(
+            self.scene, [View(self.view, Arrays(np.full((8, 8, 3), 0.5, np.float32)))], frozenset()
+        )
 
 
 @metric(variants={"only": ""}, unit="", better="higher", range=(0, 1))
@@ -488,7 +520,9 @@ class Twice:
     region: str = "image"
     """The region."""
 
-    def score(self, restored: Restoration, shown: np.ndarray, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: np.ndarray, view: View, variant: str
+    ) -> Iterator[Score]:
         yield Score(0.1, region=self.region)
         yield Score(0.9, region=self.region)
 
@@ -498,7 +532,9 @@ class Twice:
 class Critic:
     """Ends the process for one view."""
 
-    def score(self, restored: Restoration, shown: np.ndarray, view: View, variant: str) -> Iterator[Score]:
+    def score(
+        self, restored: Restoration, shown: np.ndarray, view: View, variant: str
+    ) -> Iterator[Score]:
         if view.name == "after.png":
             os._exit(7)
         yield Score(0.5)

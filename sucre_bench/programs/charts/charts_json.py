@@ -28,17 +28,23 @@ class ChartsFile:
     """
 
     def __init__(self, path: Path, sizes: Mapping[str, tuple[int, int]]) -> None:
-        self.path = path = path.resolve()  # so that kinds, which may be paths, do not depend on the current folder
+        self.path = path = (
+            path.resolve()
+        )  # so that kinds, which may be paths, do not depend on the current folder
         self._sizes = sizes
         self._confirmed = {name: list(charts) for name, charts in read_charts(path, sizes).items()}
-        self._content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+        self._content: dict[str, Any] = (
+            json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+        )
         proposed = self._content.get("proposed", {})
         self._proposed: dict[str, dict[str, Proposal | None]] = {}
         for view, charts in (proposed if isinstance(proposed, dict) else {}).items():
             if not isinstance(charts, dict):
                 raise InputError(f"{path}: proposed, {view}: not charts by name; remove it there")
             if view in sizes:
-                self._proposed[view] = {name: self._proposal(view, name, entry) for name, entry in charts.items()}
+                self._proposed[view] = {
+                    name: self._proposal(view, name, entry) for name, entry in charts.items()
+                }
 
     def confirmed(self, view: str) -> tuple[Chart, ...]:
         """The charts marked in a view."""
@@ -55,7 +61,9 @@ class ChartsFile:
 
     def chart(self, view: str, name: str, kind: str, corners: Any) -> Chart:
         """Return a chart as loaders would read it. Raises InputError if it is none."""
-        return chart_of(self.path, view, name, {"kind": kind, "corners": corners}, kind, self._sizes[view])
+        return chart_of(
+            self.path, view, name, {"kind": kind, "corners": corners}, kind, self._sizes[view]
+        )
 
     def confirm(self, view: str, charts: Iterable[Chart]) -> None:
         """Make these the charts of a view and drop proposals of their names. Raises InputError for a repeated name."""
@@ -81,11 +89,15 @@ class ChartsFile:
         plain = self._content.get("kind", "dgk")  # of charts that are written as corners alone
         for view, charts in self._confirmed.items():
             full = {chart.name: self._full(chart) for chart in charts}
-            images[view] = {name: each["corners"] if each["kind"] == plain else each for name, each in full.items()}
+            images[view] = {
+                name: each["corners"] if each["kind"] == plain else each
+                for name, each in full.items()
+            }
         images = {view: entries for view, entries in images.items() if entries}
         proposed = {
             view: {
-                name: None if p is None else {**self._full(p.chart), "from": p.source} for name, p in proposals.items()
+                name: None if p is None else {**self._full(p.chart), "from": p.source}
+                for name, p in proposals.items()
             }
             for view, proposals in self._proposed.items()
             if proposals
@@ -95,17 +107,32 @@ class ChartsFile:
         content = {**self._content, "images": images, "proposed": proposed}
         if not proposed:
             del content["proposed"]
-        write_atomically(self.path, (json.dumps(content, indent=1, ensure_ascii=False) + "\n").encode())
+        write_atomically(
+            self.path, (json.dumps(content, indent=1, ensure_ascii=False) + "\n").encode()
+        )
 
     def _full(self, chart: Chart) -> dict[str, Any]:
         is_file = chart.kind.lower().endswith(".csv")  # relative to the file, as it is read
-        kind = Path(os.path.relpath(chart.kind, self.path.parent)).as_posix() if is_file else chart.kind
-        return {"kind": kind, "corners": [[round(float(x), 2), round(float(y), 2)] for x, y in chart.corners]}
+        kind = (
+            Path(os.path.relpath(chart.kind, self.path.parent)).as_posix()
+            if is_file
+            else chart.kind
+        )
+        return {
+            "kind": kind,
+            "corners": [[round(float(x), 2), round(float(y), 2)] for x, y in chart.corners],
+        }
 
     def _proposal(self, view: str, name: str, entry: Any) -> Proposal | None:
         if entry is None:
             return None
         try:
-            return Proposal(view, chart_of(self.path, view, name, entry, "dgk", self._sizes[view]), str(entry["from"]))
+            return Proposal(
+                view,
+                chart_of(self.path, view, name, entry, "dgk", self._sizes[view]),
+                str(entry["from"]),
+            )
         except (KeyError, TypeError) as fault:
-            raise InputError(f"{self.path}: proposed, {view}, {name}: not a proposal; remove it there") from fault
+            raise InputError(
+                f"{self.path}: proposed, {view}, {name}: not a proposal; remove it there"
+            ) from fault

@@ -53,7 +53,9 @@ def detect(shown: Array, kind: str) -> list[Chart]:
     shown = np.nan_to_num(shown)
     detector = cv2.mcc.CCheckerDetector.create()
     detector.setColorChartType(cv2.mcc.MCC24)
-    pictures = (np.ascontiguousarray(to_8bit(tried)[..., ::-1]) for tried in (stretch(shown), shown))
+    pictures = (
+        np.ascontiguousarray(to_8bit(tried)[..., ::-1]) for tried in (stretch(shown), shown)
+    )
     if not any(detector.process(picture, _MOST) for picture in pictures):
         return []
     boxes = np.array([patch.box for patch in chart_kind(kind).patches])
@@ -68,7 +70,11 @@ def detect(shown: Array, kind: str) -> list[Chart]:
         homography, _ = cv2.findHomography(centres, patches.mean(axis=1))
         corners = np.asarray(cv2.perspectiveTransform(unit, homography)[0], dtype=np.float64)
         corners += 0.5  # OpenCV has pixel centres at whole numbers
-        if are_corners(corners) and (corners >= 0).all() and (corners <= np.array(shown.shape[1::-1])).all():
+        if (
+            are_corners(corners)
+            and (corners >= 0).all()
+            and (corners <= np.array(shown.shape[1::-1])).all()
+        ):
             charts.append(corners)
     charts.sort(key=lambda corners: -abs(float(cv2.contourArea(corners.astype(np.float32)))))
     return [Chart(f"chart{number}", kind, corners) for number, corners in enumerate(charts, 1)]
@@ -96,7 +102,9 @@ def propose(
             if (view.name, chart.name) in have:
                 continue
             corners = _seen_at(view, points)
-            if corners is None or any(name == view.name and overlap(corners, other) for name, other in taken):
+            if corners is None or any(
+                name == view.name and overlap(corners, other) for name, other in taken
+            ):
                 continue
             have.add((view.name, chart.name))
             yield Proposal(view.name, Chart(chart.name, chart.kind, corners), origin.name)
@@ -112,10 +120,15 @@ def corner_points(view: View, chart: Chart) -> Array | None:
     v, u = np.nonzero(chart_mask(chart, view.camera.size) & (view.depth > 0))
     if len(v) < _LEAST_PIXELS:
         return None
-    design, depth = np.stack([u + 0.5, v + 0.5, np.ones(len(v))], axis=1), view.depth[v, u].astype(np.float64)
+    design, depth = (
+        np.stack([u + 0.5, v + 0.5, np.ones(len(v))], axis=1),
+        view.depth[v, u].astype(np.float64),
+    )
     weights = np.ones(len(depth), dtype=bool)
     for _ in range(4):
-        plane = np.linalg.lstsq(design[weights] * depth[weights, None], np.ones(weights.sum()), rcond=None)[0]
+        plane = np.linalg.lstsq(
+            design[weights] * depth[weights, None], np.ones(weights.sum()), rcond=None
+        )[0]
         off = np.abs(design @ plane * depth - 1)
         weights = off <= max(3 * float(np.median(off)), 1e-4)
     if np.median(off) > _FLAT:
@@ -142,7 +155,12 @@ def _seen_at(view: View, points: Array) -> Array | None:
     place = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
     across, down = points[1] - points[0], points[3] - points[0]
     slant = points[2] - points[0] - across - down
-    on_chart = points[0] + place[:, :1] * across + place[:, 1:] * down + place.prod(axis=1, keepdims=True) * slant
+    on_chart = (
+        points[0]
+        + place[:, :1] * across
+        + place[:, 1:] * down
+        + place.prod(axis=1, keepdims=True) * slant
+    )
     at, Z = project(view.camera, moved(on_chart, view.cam_from_world))
     d = depth_at(view.depth, at)
     agrees = (d > 0) & (np.abs(Z - d) <= _AGREES * Z)

@@ -35,7 +35,9 @@ class PageServer(ThreadingHTTPServer):
         try:
             super().__init__(("127.0.0.1", port), _Handler)
         except OSError as fault:
-            raise InputError(f"--port {port}: {fault.strerror}; give another, or 0 for any that is free") from fault
+            raise InputError(
+                f"--port {port}: {fault.strerror}; give another, or 0 for any that is free"
+            ) from fault
         self.session = session
         self.token = secrets.token_urlsafe(16)
 
@@ -125,7 +127,11 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _reply(self, status: int, kind: str, content: bytes) -> None:
         self.send_response(status)
-        headers = {"Content-Type": kind, "Content-Length": str(len(content)), "Cache-Control": "no-store"}
+        headers = {
+            "Content-Type": kind,
+            "Content-Length": str(len(content)),
+            "Cache-Control": "no-store",
+        }
         headers |= {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
         for name, value in {**headers, "Content-Security-Policy": _POLICY}.items():
             self.send_header(name, value)

@@ -66,8 +66,14 @@ class Session:
                 expected = list(propose(known, [view]))
                 taken = {chart.name for _, chart in known}
                 for chart in found:
-                    same = (p.chart.name for p in expected if overlap(chart.corners, p.chart.corners))
-                    free = (name for number in itertools.count(1) if (name := f"chart{number}") not in taken)
+                    same = (
+                        p.chart.name for p in expected if overlap(chart.corners, p.chart.corners)
+                    )
+                    free = (
+                        name
+                        for number in itertools.count(1)
+                        if (name := f"chart{number}") not in taken
+                    )
                     named = replace(chart, name=next(same, None) or next(free))
                     taken.add(named.name)
                     known.append((view, named))
@@ -83,13 +89,18 @@ class Session:
                 proposals = self.file.proposed(view.name)
                 try:
                     shown = _picture(view) if proposals else np.empty(0)
-                    checked = [(proposal, reading_order(shown, proposal.chart).fault) for proposal in proposals]
+                    checked = [
+                        (proposal, reading_order(shown, proposal.chart).fault)
+                        for proposal in proposals
+                    ]
                 except InputError as fault:  # an unreadable view does not stop the others
                     checked = [(proposal, one_line(fault)) for proposal in proposals]
                 good = [proposal for proposal, wrong in checked if not wrong]
                 doubtful += [(proposal, wrong) for proposal, wrong in checked if wrong]
                 if good:
-                    self.file.confirm(view.name, [*self.file.confirmed(view.name), *(p.chart for p in good)])
+                    self.file.confirm(
+                        view.name, [*self.file.confirmed(view.name), *(p.chart for p in good)]
+                    )
                     accepted += good
             self.file.save()
         return accepted, doubtful
@@ -107,7 +118,9 @@ class Session:
                 {
                     "name": view.name,
                     "charts": [plain(chart) for chart in self.file.confirmed(view.name)],
-                    "proposed": [{**plain(p.chart), "from": p.source} for p in self.file.proposed(view.name)],
+                    "proposed": [
+                        {**plain(p.chart), "from": p.source} for p in self.file.proposed(view.name)
+                    ],
                 }
                 for view in self.everything
             ]
@@ -126,7 +139,9 @@ class Session:
 
         view = self._numbered(number)
         shown = _picture(view, "stretch-1-99" if bright else "none")
-        return bytes(cv2.imencode(".jpg", to_8bit(shown)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 92])[1])
+        return bytes(
+            cv2.imencode(".jpg", to_8bit(shown)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 92])[1]
+        )
 
     def check(self, number: int, kind: str, corners: Any) -> dict[str, Any]:
         """A chart with these corners: rectified, with measured and expected patches, and its fault."""
@@ -138,13 +153,22 @@ class Session:
         scale = _PREVIEW / max(about.width, about.height)
         width, height = round(about.width * scale), round(about.height * scale)
         to_image = image_from_chart(chart.corners) @ np.diag([1 / width, 1 / height, 1])
-        centres = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])  # OpenCV has pixel centres at whole numbers
+        centres = np.array(
+            [[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]]
+        )  # OpenCV has pixel centres at whole numbers
         homography = centres @ to_image @ np.linalg.inv(centres)
         how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        flat = np.asarray(cv2.warpPerspective(shown, homography, (width, height), flags=how), dtype=np.float32)
+        flat = np.asarray(
+            cv2.warpPerspective(shown, homography, (width, height), flags=how), dtype=np.float32
+        )
         png = encode_png(to_8bit(flat)[..., ::-1])
         patches = [
-            {"name": one.patch.name, "box": one.patch.box, "measured": _css(one.rgb), "expected": _css(one.patch.srgb)}
+            {
+                "name": one.patch.name,
+                "box": one.patch.box,
+                "measured": _css(one.rgb),
+                "expected": _css(one.patch.srgb),
+            }
             for one in measure(shown, chart)
         ]
         order = reading_order(shown, chart)
@@ -164,8 +188,12 @@ class Session:
         except (KeyError, TypeError) as fault:
             raise InputError(f"{view.name}: not a list of charts; reload the page") from fault
         names = [name for name, _, _ in entries]
-        if len(set(names)) < len(names) or not all(name.strip() and "/" not in name for name in names):
-            raise InputError(f"{view.name}: charts need names, different ones and without '/'; rename them")
+        if len(set(names)) < len(names) or not all(
+            name.strip() and "/" not in name for name in names
+        ):
+            raise InputError(
+                f"{view.name}: charts need names, different ones and without '/'; rename them"
+            )
         with self.lock:
             before = {(c.name, c.kind, c.corners.tobytes()) for c in self.file.confirmed(view.name)}
             marked = [self._chart(view, *entry) for entry in entries]
@@ -183,11 +211,15 @@ class Session:
         self.file.propose(propose(self._marked(), views, only))
 
     def _marked(self) -> list[tuple[View, Chart]]:
-        return [(view, chart) for view in self.everything for chart in self.file.confirmed(view.name)]
+        return [
+            (view, chart) for view in self.everything for chart in self.file.confirmed(view.name)
+        ]
 
     def _chart(self, view: View, name: str, kind: str, corners: Any) -> Chart:
         if kind not in self.kinds:
-            raise InputError(f"{view.name}: chart kind '{kind}' is not the page's; {did_you_mean(kind, self.kinds)}")
+            raise InputError(
+                f"{view.name}: chart kind '{kind}' is not the page's; {did_you_mean(kind, self.kinds)}"
+            )
         return self.file.chart(view.name, name, kind, corners)
 
     def _numbered(self, number: int) -> View:
@@ -217,7 +249,9 @@ def open_session(words: Sequence[str], kind: str, dataset: str) -> Session:
     selections = select(_overrides(words, dataset))
     if len(selections) != 1:
         names = ", ".join(s.scene.name for s in selections)
-        raise InputError(f"charts: the views are of {len(selections)} scenes ({names}); choose one scene's")
+        raise InputError(
+            f"charts: the views are of {len(selections)} scenes ({names}); choose one scene's"
+        )
     selection = selections[0]
     chosen = {view.name for view in selections[0].views}
     options, plugin = selection.dataset.options, selection.dataset.plugin
@@ -248,10 +282,14 @@ def _overrides(words: Sequence[str], dataset: str) -> list[str]:
             raise InputError(f"{word}: {_AS_STORED}; leave it out")
     if not any(word.startswith(("dataset.", "dataset=")) for word in given):
         if not views:
-            raise InputError(f"charts: no view; give images of a folder images/, or dataset={dataset} dataset.root=DIR")
+            raise InputError(
+                f"charts: no view; give images of a folder images/, or dataset={dataset} dataset.root=DIR"
+            )
         roots, views = zip(*(_in_images(view, dataset) for view in views), strict=True)  # type: ignore[assignment]
         if len(set(roots)) > 1:
-            raise InputError(f"{views[-1]}: is not of the same scene as {views[0]}; give one scene's images")
+            raise InputError(
+                f"{views[-1]}: is not of the same scene as {views[0]}; give one scene's images"
+            )
         given += [f"dataset={dataset}", f"dataset.root={quoted(str(roots[0]))}"]
     return [*given, *([f"views=[{','.join(map(quoted, views))}]"] if views else [])]
 
@@ -260,11 +298,15 @@ def _in_images(word: str, dataset: str) -> tuple[Path, str]:
     """The folder of a scene that an image belongs to, and the image's name in it."""
     path = expanded(word).absolute()
     if not path.is_file():
-        raise MissingFileError("no such image", word, "give one in a folder images/, or add dataset=")
+        raise MissingFileError(
+            "no such image", word, "give one in a folder images/, or add dataset="
+        )
     for folder in path.parents:
         if folder.name == "images":
             return folder.parent, path.relative_to(folder).as_posix()
-    raise InputError(f"{word}: is not in a folder images/ of a scene; add dataset={dataset} dataset.root=DIR")
+    raise InputError(
+        f"{word}: is not in a folder images/ of a scene; add dataset={dataset} dataset.root=DIR"
+    )
 
 
 def _size(view: View) -> tuple[int, int]:

@@ -21,7 +21,14 @@ from typing import Any, Literal, NamedTuple
 
 from sucre_bench import plugins
 from sucre_bench.arguments import checked
-from sucre_bench.errors import ANY_FAULT, InputError, NotApplicableError, PluginError, SucreBenchError, one_line
+from sucre_bench.errors import (
+    ANY_FAULT,
+    InputError,
+    NotApplicableError,
+    PluginError,
+    SucreBenchError,
+    one_line,
+)
 from sucre_bench.machine.processes import python
 from sucre_bench.machine.provenance import absent
 from sucre_bench.plugins.options import create, options_of
@@ -31,8 +38,30 @@ _SLOW_IMPORT = 1.0  # seconds; `sucre-bench list` imports every plugin and must 
 
 # Packages that take long to import; they belong inside the functions that use them.
 _HEAVY = {
-    *("torch", "torchvision", "tensorflow", "jax", "onnx", "onnxruntime", "numba", "kornia", "sklearn", "scipy"),
-    *("skimage", "cv2", "colour", "open3d", "pycolmap", "pandas", "matplotlib", "mlflow", "hydra", "psutil"),
+    *(
+        "torch",
+        "torchvision",
+        "tensorflow",
+        "jax",
+        "onnx",
+        "onnxruntime",
+        "numba",
+        "kornia",
+        "sklearn",
+        "scipy",
+    ),
+    *(
+        "skimage",
+        "cv2",
+        "colour",
+        "open3d",
+        "pycolmap",
+        "pandas",
+        "matplotlib",
+        "mlflow",
+        "hydra",
+        "psutil",
+    ),
 }
 # Imports a plugin, and prints the seconds of the processor and the packages that were new.
 _IMPORT = """
@@ -126,7 +155,9 @@ class Outcome(NamedTuple):
         return "doubtful" if "doubt" in levels else "kept"
 
 
-def subjects(name: str, overrides: Sequence[str] = (), kind: Kind | None = None, on: str = "") -> list[Subject]:
+def subjects(
+    name: str, overrides: Sequence[str] = (), kind: Kind | None = None, on: str = ""
+) -> list[Subject]:
     """Return the plugin of a name, or those of a .py file, with options as `sucre-bench run` takes them.
 
     kind: None for any; on: the dataset for trying a method. Raises InputError for an unknown or ambiguous name or an
@@ -140,20 +171,28 @@ def subjects(name: str, overrides: Sequence[str] = (), kind: Kind | None = None,
         if not found:
             raise InputError(f"{name}: holds no {kind}; leave --kind out to check what is there")
         if overrides and len(found) > 1:
-            raise InputError(f"{name}: holds {len(found)} plugins; leave the options out, or keep one plugin in a file")
+            raise InputError(
+                f"{name}: holds {len(found)} plugins; leave the options out, or keep one plugin in a file"
+            )
     else:
         kinds = [kind] if kind else [k for k in KINDS if name in plugins.discover(k)]
         if not kinds:
-            raise plugins.unknown("plugin", name, {other for k in KINDS for other in plugins.discover(k)}, give="")
+            raise plugins.unknown(
+                "plugin", name, {other for k in KINDS for other in plugins.discover(k)}, give=""
+            )
         if len(kinds) > 1:
-            raise InputError(f"{name}: is a {' and a '.join(kinds)}; say which with --kind {kinds[0]}")
+            raise InputError(
+                f"{name}: is a {' and a '.join(kinds)}; say which with --kind {kinds[0]}"
+            )
         found = [plugins.find(kinds[0], name)]
     if not overrides:
         return [Subject(plugin, on=on) for plugin in found]
     from sucre_bench.jobs import compose_jobs
 
     (plugin,) = found
-    chosen = f"metrics=[{plugin.name}]" if plugin.kind == "metric" else f"{plugin.kind}={plugin.name}"
+    chosen = (
+        f"metrics=[{plugin.name}]" if plugin.kind == "metric" else f"{plugin.kind}={plugin.name}"
+    )
     job = compose_jobs.jobs([chosen, *overrides], multirun=False).jobs[0]
     choices = {"method": job.method, "dataset": job.dataset, "metric": job.metrics[0]}
     return [Subject(plugin, choices[plugin.kind].options, on)]
@@ -166,7 +205,9 @@ def check(subject: Subject, lasting: bool = True) -> Iterator[Outcome]:
     """
     from sucre_bench.programs.contract import rules_datasets, rules_methods, rules_metrics
 
-    of_kind = {"method": rules_methods, "dataset": rules_datasets, "metric": rules_metrics}[subject.plugin.kind]
+    of_kind = {"method": rules_methods, "dataset": rules_datasets, "metric": rules_metrics}[
+        subject.plugin.kind
+    ]
     attributed = [] if subject.plugin.kind == "metric" else [is_attributed]
     of_all: list[Rule] = [is_described, *attributed, is_configurable, is_installed, imports_lightly]
     at_rest = (*of_all, rules_datasets.names_what_is_missing)
@@ -217,7 +258,9 @@ def check_rule(subject: Subject, rule: Rule, obstacle: str = "") -> Outcome:
         elif subject.owns(one.filename):
             said.append(Doubt(f"{warning}; follow its advice"))
     levels: dict[type[str], Level] = {Doubt: "doubt", Note: "note"}
-    findings = tuple(Finding(levels.get(type(text), "breach"), str(text)) for text in dict.fromkeys(said))
+    findings = tuple(
+        Finding(levels.get(type(text), "breach"), str(text)) for text in dict.fromkeys(said)
+    )
     return Outcome(name, says, findings, time.perf_counter() - started, skipped)
 
 
@@ -236,7 +279,12 @@ def breaches(kind: Kind, name: str, **options: Any) -> list[str]:
     []
     """
     outcomes = list(check(Subject(plugins.find(kind, name), options), lasting=False))
-    found = [f"{one.rule}: {text}" for one in outcomes for level, text in one.findings if level == "breach"]
+    found = [
+        f"{one.rule}: {text}"
+        for one in outcomes
+        for level, text in one.findings
+        if level == "breach"
+    ]
     return found + [f"{one.rule}: not looked at, {one.skipped}" for one in outcomes if one.skipped]
 
 
@@ -245,7 +293,9 @@ def raised(subject: Subject, fault: BaseException) -> str:
     said = one_line(fault)
     if isinstance(fault, SucreBenchError) and "; " in said:
         return said
-    frames = [frame for frame in traceback.extract_tb(fault.__traceback__) if subject.owns(frame.filename)]
+    frames = [
+        frame for frame in traceback.extract_tb(fault.__traceback__) if subject.owns(frame.filename)
+    ]
     where = f" at {Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
     if "read-only" in said:
         return f"writes into its input{where}; work on a copy, image = view.rgb.copy()"
@@ -258,7 +308,9 @@ def raised(subject: Subject, fault: BaseException) -> str:
 def is_described(subject: Subject) -> Iterator[str]:
     """Is described, with the meaning of each option."""
     plugin, name = subject.plugin, subject.plugin.cls.__name__
-    if plugin.cls.__doc__ is None or plugin.summary.startswith(f"{name}("):  # what dataclass generates
+    if plugin.cls.__doc__ is None or plugin.summary.startswith(
+        f"{name}("
+    ):  # what dataclass generates
         yield f"{name} has no docstring; its first paragraph is what `sucre-bench list` says"
     elif not plugin.summary.endswith("."):
         yield "the first paragraph of its docstring is no sentence; end it with a full stop"
@@ -274,9 +326,13 @@ def is_attributed(subject: Subject) -> Iterator[str]:
     """Names its publication and its licence."""
     plugin = subject.plugin
     if plugin.kind == "dataset" and not (plugin.source or plugin.licence):
-        yield Doubt('neither source nor licence; tell where the data are from, @dataset(source="...", licence="...")')
+        yield Doubt(
+            'neither source nor licence; tell where the data are from, @dataset(source="...", licence="...")'
+        )
     if plugin.kind == "method" and not (plugin.cites or plugin.licence):
-        yield Doubt('neither cites nor licence; @method(cites="Author Year, title", licence="...") credits its authors')
+        yield Doubt(
+            'neither cites nor licence; @method(cites="Author Year, title", licence="...") credits its authors'
+        )
 
 
 def is_configurable(subject: Subject) -> Iterator[str]:
@@ -298,10 +354,14 @@ def imports_lightly(subject: Subject) -> Iterator[str]:
     # A module in no package is imported from the file that was loaded.
     if module.startswith("sucre_bench_plugin_"):
         module = str(sys.modules[module.partition(".")[0]].__file__)
-    done = subprocess.run(python("-c", _IMPORT, module), capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        python("-c", _IMPORT, module), capture_output=True, text=True, check=False
+    )
     if done.returncode:
         last = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
-        raise PluginError(f"a fresh process fails: {last}; it must import wherever `sucre-bench` runs")
+        raise PluginError(
+            f"a fresh process fails: {last}; it must import wherever `sucre-bench` runs"
+        )
     seconds_text, *imported = done.stdout.splitlines()[-1].split()
     heavy = sorted(_HEAVY & set(imported))
     seconds = float(seconds_text)

@@ -53,10 +53,20 @@ def wall(
     for name, distance in ((TARGET, 3.0), ("near.png", 3.0 - nearer)):
         pose = np.eye(4)
         pose[2, 3] = distance - 3
-        depth = np.tile(np.linspace(distance, distance + slant, width, dtype=np.float32), (height, 1))
+        depth = np.tile(
+            np.linspace(distance, distance + slant, width, dtype=np.float32), (height, 1)
+        )
         if holes is not None:
             depth[holes] = 0
-        views.append(View(name, Arrays(rgb, depth, rgb if reference is None else reference), camera, pose, charts))
+        views.append(
+            View(
+                name,
+                Arrays(rgb, depth, rgb if reference is None else reference),
+                camera,
+                pose,
+                charts,
+            )
+        )
     has = {"depth", "poses", "reference", "truth"} | ({"charts"} if charts else set())
     return Scene("wall", views, frozenset(has), water)
 
@@ -68,9 +78,13 @@ def enlarged(scene: Scene, factor: int) -> Scene:
     views = []
     for view in scene:
         loaded = [view.pixels.load(plane) for plane in ("rgb", "depth", "reference")]
-        rgb, *others = (None if p is None else p.repeat(factor, axis=0).repeat(factor, axis=1) for p in loaded)
+        rgb, *others = (
+            None if p is None else p.repeat(factor, axis=0).repeat(factor, axis=1) for p in loaded
+        )
         assert rgb is not None
-        camera = view.camera and scaled_camera(view.camera, (view.camera.width * factor, view.camera.height * factor))
+        camera = view.camera and scaled_camera(
+            view.camera, (view.camera.width * factor, view.camera.height * factor)
+        )
         charts = [replace(chart, corners=chart.corners * factor) for chart in view.charts]
         views.append(replace(view, pixels=Arrays(rgb, *others), camera=camera, charts=charts))
     return replace(scene, views=views)
@@ -92,7 +106,9 @@ def charted() -> Scene:
         corner = chart.corners[0]
         size = chart.corners[2] - chart.corners[0]
         for patch in chart_kind(chart.kind).patches:
-            (x0, y0), (x1, y1) = (np.round(corner + size * at).astype(int) for at in (patch.box[:2], patch.box[2:]))
+            (x0, y0), (x1, y1) = (
+                np.round(corner + size * at).astype(int) for at in (patch.box[:2], patch.box[2:])
+            )
             image[y0:y1, x0:x1] = patch.srgb
     return degraded_whole(wall(image, charts=charts), _IN_WATER)
 
@@ -101,9 +117,13 @@ def least(scene: Scene, needs: frozenset[str], cameras: bool = False) -> Scene:
     """The scene with only what is needed; cameras: keep these too, for which there is no name in `needs`."""
     views = []
     for view in scene:
-        depth, reference = (getattr(view, name) if name in needs else None for name in ("depth", "reference"))
+        depth, reference = (
+            getattr(view, name) if name in needs else None for name in ("depth", "reference")
+        )
         camera = view.camera if cameras or "poses" in needs else None
         pose = view.cam_from_world if "poses" in needs else None
         charts = view.charts if "charts" in needs else ()
-        views.append(View(view.name, Arrays(view.rgb, depth, reference), camera, pose, charts, view.encoding))
+        views.append(
+            View(view.name, Arrays(view.rgb, depth, reference), camera, pose, charts, view.encoding)
+        )
     return Scene("least", views, needs & HAS, scene.water if "truth" in needs else None)

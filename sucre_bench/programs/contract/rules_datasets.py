@@ -59,9 +59,13 @@ def opens_lazily(subject: Subject) -> Iterator[str]:
     view.pixels.load("rgb")
     opening, reading = opened - started, time.process_time() - opened
     if isinstance(view.pixels, Arrays):
-        yield Doubt("views hold their pixels; give them a class whose load(plane) reads a file when asked")
+        yield Doubt(
+            "views hold their pixels; give them a class whose load(plane) reads a file when asked"
+        )
     elif opening > max(1.0, 0.5 * views * reading):
-        yield Doubt(f"opening {views} views takes {opening:.1f} s, as if all were read; read files in load(plane) only")
+        yield Doubt(
+            f"opening {views} views takes {opening:.1f} s, as if all were read; read files in load(plane) only"
+        )
     yield Note(f"{opening:.2f} s")
 
 
@@ -76,7 +80,10 @@ def _plane_faults(view: View) -> Iterator[str]:
     if rgb is None or rgb.ndim != 3 or rgb.shape[2] != 3:
         yield f"rgb is {None if rgb is None else rgb.shape}; every view has (H, W, 3)"
         return
-    for name, image in {"rgb": rgb, **({} if reference is None else {"reference": reference})}.items():
+    for name, image in {
+        "rgb": rgb,
+        **({} if reference is None else {"reference": reference}),
+    }.items():
         if image.dtype != np.float32:
             yield f"{name} is {image.dtype}; give float32"
         if not np.isfinite(image).all():
@@ -95,7 +102,10 @@ def geometry_is_sound(subject: Subject) -> Iterator[str]:
     """Gives sound cameras, poses and charts."""
     for where, view in _views(subject, 30):
         camera, pose = view.camera, view.cam_from_world
-        if camera is not None and not ((camera.K[:2, 2] > 0) & (camera.K[:2, 2] < camera.size)).all():
+        if (
+            camera is not None
+            and not ((camera.K[:2, 2] > 0) & (camera.K[:2, 2] < camera.size)).all()
+        ):
             x, y = camera.K[:2, 2]
             at = f"the principal point ({x:g}, {y:g}) is not in the image of {camera.width}x{camera.height}"
             yield f"{where}: {at}; give K in pixels"
@@ -133,7 +143,9 @@ def has_what_it_says(subject: Subject) -> Iterator[str]:
 def is_repeatable(subject: Subject) -> Iterator[str]:
     """Gives the same when it is opened again, with an id of its data."""
     first, second = _opened(subject), _opened(subject)
-    if [(s.name, [v.name for v in s]) for s in first] != [(s.name, [v.name for v in s]) for s in second]:
+    if [(s.name, [v.name for v in s]) for s in first] != [
+        (s.name, [v.name for v in s]) for s in second
+    ]:
         yield "scenes or views come in another order; sort what the file system lists"
         return
     for one, other in zip(first, second, strict=True):
@@ -147,9 +159,14 @@ def is_repeatable(subject: Subject) -> Iterator[str]:
 
 def names_what_is_missing(subject: Subject) -> Iterator[str]:
     """Names a folder that is missing or empty, in one line."""
-    asked = [o.name for o in options_of(subject.plugin.cls) if o.type is Path and o.default is MISSING]
+    asked = [
+        o.name for o in options_of(subject.plugin.cls) if o.type is Path and o.default is MISSING
+    ]
     with tempfile.TemporaryDirectory(prefix="sucre_bench_") as empty:
-        whats = {Path(empty, "not-there"): "a folder that is not there", Path(empty): "an empty one"}
+        whats = {
+            Path(empty, "not-there"): "a folder that is not there",
+            Path(empty): "an empty one",
+        }
         for option, (place, what) in ((option, item) for option in asked for item in whats.items()):
             remedy = f'raise InputError(f"{{self.{option}}}: what is wrong; what to do")'
             try:

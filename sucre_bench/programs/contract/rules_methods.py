@@ -14,7 +14,16 @@ from sucre_bench.engine import python_api
 from sucre_bench.errors import ANY_FAULT, NotApplicableError, SolveError, one_line
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.programs.contract.contract import Doubt, Note, Rule, Subject, raised
-from sucre_bench.programs.contract.made_scenes import HARD, NOISE, TARGET, WATER, enlarged, least, submerged, wall
+from sucre_bench.programs.contract.made_scenes import (
+    HARD,
+    NOISE,
+    TARGET,
+    WATER,
+    enlarged,
+    least,
+    submerged,
+    wall,
+)
 from sucre_bench.scene import Chart, Plane, Restoration, Scene, Water
 
 _PLANES: tuple[Plane, ...] = ("rgb", "depth", "reference")
@@ -29,10 +38,23 @@ _HOLES[:, :20] = True
 
 def rules(plugin: Plugin) -> list[Rule]:
     """Return the rules for a method."""
-    of_depth = [leaves_holes, skips_what_has_no_depth] if "depth" in plugin.needs else [leaves_no_holes]
-    of_needs = [runs_with_least, keeps_its_eyes_off, *([uses_what_it_needs] if plugin.needs else [])]
+    of_depth = (
+        [leaves_holes, skips_what_has_no_depth] if "depth" in plugin.needs else [leaves_no_holes]
+    )
+    of_needs = [
+        runs_with_least,
+        keeps_its_eyes_off,
+        *([uses_what_it_needs] if plugin.needs else []),
+    ]
     of_result = [is_deterministic, tells_what_can_be_kept, restores_a_scene]
-    return [restores_a_view, leaves_its_input, colours_what_is_valid, *of_depth, *of_needs, *of_result]
+    return [
+        restores_a_view,
+        leaves_its_input,
+        colours_what_is_valid,
+        *of_depth,
+        *of_needs,
+        *of_result,
+    ]
 
 
 _FACTORS = (2, 4, 8)  # the made scenes are then up to 512 x 384 pixels
@@ -90,7 +112,9 @@ def restores_a_view(subject: Subject) -> Iterator[str]:
     _plain(subject)
     if subject.factor > 1:
         height, width = (side * subject.factor for side in NOISE.shape[:2])
-        yield Note(f"fails on images of {width // 2} x {height // 2} pixels; checked on {width} x {height}")
+        yield Note(
+            f"fails on images of {width // 2} x {height // 2} pixels; checked on {width} x {height}"
+        )
 
 
 def leaves_its_input(subject: Subject) -> Iterator[str]:
@@ -114,7 +138,9 @@ def colours_what_is_valid(subject: Subject) -> Iterator[str]:
         try:
             image = _restore(subject, wall(rgb)).image
         except SolveError as reason:
-            yield Doubt(f"{name}: nothing is restored, {one_line(reason)}; fine where no answer has a meaning")
+            yield Doubt(
+                f"{name}: nothing is restored, {one_line(reason)}; fine where no answer has a meaning"
+            )
             continue
         except ANY_FAULT as fault:
             said = raised(subject, fault)
@@ -176,7 +202,9 @@ _OTHERS: dict[str, dict[str, Any]] = {
     "poses": {"nearer": 0.5},
     "reference": {"reference": NOISE[::-1]},
     "charts": {"charts": [_chart(20)]},
-    "truth": {"water": Water(WATER.veiling_light * 0.5, WATER.attenuation * 2, WATER.backscatter * 2)},
+    "truth": {
+        "water": Water(WATER.veiling_light * 0.5, WATER.attenuation * 2, WATER.backscatter * 2)
+    },
 }
 
 
@@ -191,9 +219,13 @@ def _is_same_with(subject: Subject, **other: Any) -> bool:
 
 def keeps_its_eyes_off(subject: Subject) -> Iterator[str]:
     """Reads nothing that it does not declare in needs=."""
-    undeclared = [need for need in ("reference", "charts", "truth") if need not in subject.plugin.needs]
+    undeclared = [
+        need for need in ("reference", "charts", "truth") if need not in subject.plugin.needs
+    ]
     every = {name: value for need in undeclared for name, value in _OTHERS[need].items()}
-    if _is_same_with(subject, **every) or not _is_same_with(subject):  # a random result depends on no input
+    if _is_same_with(subject, **every) or not _is_same_with(
+        subject
+    ):  # a random result depends on no input
         return
     for need in undeclared:
         if not _is_same_with(subject, **_OTHERS[need]):
@@ -204,12 +236,16 @@ def uses_what_it_needs(subject: Subject) -> Iterator[str]:
     """Uses what it declares in needs=."""
     for need in sorted(subject.plugin.needs & set(_OTHERS)):
         if _is_same_with(subject, **_OTHERS[need]):
-            yield Doubt(f"its result is the same with other {need}; leave it out of needs= if it is not used")
+            yield Doubt(
+                f"its result is the same with other {need}; leave it out of needs= if it is not used"
+            )
 
 
 def alike(one: Array, other: Array) -> bool:
     """Whether two images are equal within the rounding of sums, NaN at the same places."""
-    return one.shape == other.shape and np.allclose(one, other, rtol=0, atol=_ROUNDING, equal_nan=True)
+    return one.shape == other.shape and np.allclose(
+        one, other, rtol=0, atol=_ROUNDING, equal_nan=True
+    )
 
 
 def is_deterministic(subject: Subject) -> Iterator[str]:
@@ -233,7 +269,9 @@ def tells_what_can_be_kept(subject: Subject) -> Iterator[str]:
         if np.isinf(values).any():
             yield f"water.{name} is {values}; give three numbers, NaN for what is not estimated"
     try:
-        json.dumps({key: value for key, value in result.info.items() if key != "true_water"}, default=str)
+        json.dumps(
+            {key: value for key, value in result.info.items() if key != "true_water"}, default=str
+        )
     except (TypeError, ValueError) as fault:
         yield f"info cannot be written as JSON, {fault}; keep text, numbers and lists in it"
 
@@ -244,7 +282,9 @@ def restores_a_scene(subject: Subject) -> Iterator[str]:
         raise NotApplicableError("no scene is chosen; name a dataset with --on")
     method, scene = subject.make(), next(python_api.load_scenes(subject.on))
     if absent := subject.plugin.needs - scene.has:
-        raise NotApplicableError(f"{subject.on} has no {' and '.join(sorted(absent))}; name another dataset with --on")
+        raise NotApplicableError(
+            f"{subject.on} has no {' and '.join(sorted(absent))}; name another dataset with --on"
+        )
     view = scene.views[len(scene) // 2]
     result = python_api.restore(method, scene, view)
     seconds = result.info["seconds"]
@@ -257,4 +297,6 @@ def restores_a_scene(subject: Subject) -> Iterator[str]:
     values = result.image[result.valid]
     outside = float(((values < 0) | (values > 1)).mean())
     if subject.plugin.display == "none" and outside > _CLIPPED:
-        yield Doubt(f"{outside:.0%} of values leave [0, 1] and are clipped; see display= of @method, or clip them")
+        yield Doubt(
+            f"{outside:.0%} of values leave [0, 1] and are clipped; see display= of @method, or clip them"
+        )

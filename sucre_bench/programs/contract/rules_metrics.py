@@ -20,7 +20,15 @@ from sucre_bench.multiview.common_points import SharedPoints
 from sucre_bench.plugins.options import Choice
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.programs.contract.contract import Note, Rule, Subject
-from sucre_bench.programs.contract.made_scenes import HARD, TARGET, WATER, charted, least, submerged, wall
+from sucre_bench.programs.contract.made_scenes import (
+    HARD,
+    TARGET,
+    WATER,
+    charted,
+    least,
+    submerged,
+    wall,
+)
 from sucre_bench.restored_pair import RestoredPair, RestoredView
 from sucre_bench.results.rows import Row
 from sucre_bench.scene import Chart, Restoration, Scene, Score, View, Water
@@ -33,28 +41,47 @@ def rules(plugin: Plugin) -> list[Rule]:
     of_order: list[Rule] = []
     if plugin.is_of_pairs:
         of_order = [is_symmetric]
-    elif is_ordered and plugin.needs & {"reference", "charts", "truth"}:  # which say what is perfect
+    elif is_ordered and plugin.needs & {
+        "reference",
+        "charts",
+        "truth",
+    }:  # which say what is perfect
         of_order = [prefers_the_truth]
-    return [stays_in_range, *of_holes, runs_with_least, *of_order, leaves_all_as_it_was, bears_linear_images]
+    return [
+        stays_in_range,
+        *of_holes,
+        runs_with_least,
+        *of_order,
+        leaves_all_as_it_was,
+        bears_linear_images,
+    ]
 
 
-def _rows(subject: Subject, scene: Scene, holes: float = 0.0, water: Water | None = WATER) -> list[Row]:
+def _rows(
+    subject: Subject, scene: Scene, holes: float = 0.0, water: Water | None = WATER
+) -> list[Row]:
     """The scores of a scene's images as restorations, by every variant. holes: share of pixels without a colour."""
     drawn = np.random.default_rng(1)
     images = {
-        view.name: np.where(drawn.random((*view.rgb.shape[:2], 1)) < holes, np.float32(np.nan), view.rgb)
+        view.name: np.where(
+            drawn.random((*view.rgb.shape[:2], 1)) < holes, np.float32(np.nan), view.rgb
+        )
         for view in scene
     }
     if not subject.plugin.is_of_pairs:
         return _rows_of(subject, images[TARGET], scene[TARGET], water)
     bases = {name: Row(view=name) for name in images}
-    entrant = Entrant(bases, lambda name: _restored(scene[name], images[name]), scorers([_choice(subject)]))
+    entrant = Entrant(
+        bases, lambda name: _restored(scene[name], images[name]), scorers([_choice(subject)])
+    )
     return pair_rows(scene, [entrant])[0]
 
 
 def _rows_of(subject: Subject, image: Array, view: View, water: Water | None = WATER) -> list[Row]:
     """The scores of an image (H, W, 3) by every variant, as the engine stores them."""
-    restoration = Restoration(image, water, info={"true_water": WATER} if "truth" in subject.plugin.needs else {})
+    restoration = Restoration(
+        image, water, info={"true_water": WATER} if "truth" in subject.plugin.needs else {}
+    )
     shown = display(image, "none", view.encoding)
     rows = score_rows(restoration, shown, view, scorers([_choice(subject)]), Row())
     return [row for row in rows if row.metric == subject.plugin.name]
@@ -68,7 +95,9 @@ def _choice(subject: Subject) -> Choice:
 
 def _restored(view: View, image: Array) -> RestoredView:
     """A view whose restoration, and picture, is an image (H, W, 3)."""
-    return RestoredView(view, lambda: np.clip(image, 0, 1, dtype=np.float32), lambda: image.astype(np.float32))
+    return RestoredView(
+        view, lambda: np.clip(image, 0, 1, dtype=np.float32), lambda: image.astype(np.float32)
+    )
 
 
 def _scene(subject: Subject) -> Scene:
@@ -101,7 +130,9 @@ def stays_in_range(subject: Subject) -> Iterator[str]:
     """Stays in its range on difficult images."""
     chart, heard = Chart("c", "dgk", np.array([[2.0, 2], [60, 2], [60, 44], [2, 44]])), set[str]()
     for name, rgb in HARD.items():
-        yield from _faults(subject, _rows(subject, wall(rgb, charts=[chart]), holes=0.3), name, heard)
+        yield from _faults(
+            subject, _rows(subject, wall(rgb, charts=[chart]), holes=0.3), name, heard
+        )
 
 
 def scores_no_holes(subject: Subject) -> Iterator[str]:
@@ -109,7 +140,11 @@ def scores_no_holes(subject: Subject) -> Iterator[str]:
     rows = _rows(subject, charted(), holes=1.0, water=None)
     yield from _faults(subject, rows, "all NaN", set())
     for row in rows:
-        if row.status == "ok" and subject.plugin.better != "none" and not (row.n_pixels and row.coverage):
+        if (
+            row.status == "ok"
+            and subject.plugin.better != "none"
+            and not (row.n_pixels and row.coverage)
+        ):
             yield f"{row.variant}: scores {row.value:g} of no pixel; yield NaN where there is none"
 
 
@@ -120,7 +155,10 @@ def runs_with_least(subject: Subject) -> Iterator[str]:
     rows = _rows(subject, least(_scene(subject), needs, cameras="depth" in needs))
     noun = "restored views" if subject.plugin.is_of_pairs else "a view"
     yield from _faults(
-        subject, rows, f"{noun} with {' and '.join(sorted(needs - {'restored_views'})) or 'an image'}", set()
+        subject,
+        rows,
+        f"{noun} with {' and '.join(sorted(needs - {'restored_views'})) or 'an image'}",
+        set(),
     )
     is_of_a_method = "restoration" in needs  # a made picture has no notes of a method
     if not is_of_a_method and not any(row.status == "ok" for row in rows):
@@ -134,12 +172,21 @@ def prefers_the_truth(subject: Subject) -> Iterator[str]:
     """
     view = charted()[TARGET]
     reference = np.asarray(view.reference)
-    cast = reference * np.array([0.3, 0.8, 1]) + 0.1 * np.random.default_rng(2).random(reference.shape)
+    cast = reference * np.array([0.3, 0.8, 1]) + 0.1 * np.random.default_rng(2).random(
+        reference.shape
+    )
     wrong = Water(WATER.veiling_light * 1.5, WATER.attenuation * 1.5, WATER.backscatter * 1.5)
-    tried = (_rows_of(subject, reference, view), _rows_of(subject, cast.astype(np.float32), view, wrong))
+    tried = (
+        _rows_of(subject, reference, view),
+        _rows_of(subject, cast.astype(np.float32), view, wrong),
+    )
     # Of the image and of charts, not of patches, which may be better by chance.
     perfect, spoilt = (
-        {(row.variant, row.region): row.value for row in rows if row.status == "ok" and "/" not in row.region}
+        {
+            (row.variant, row.region): row.value
+            for row in rows
+            if row.status == "ok" and "/" not in row.region
+        }
         for rows in tried
     )
     sign = 1 if subject.plugin.better == "higher" else -1
@@ -158,8 +205,13 @@ def is_symmetric(subject: Subject) -> Iterator[str]:
     metric, scene = subject.make(), submerged()
     pairs = [_pair(one) for one in (scene, replace(scene, views=scene.views[::-1]))]
     for variant in subject.plugin.variants:
-        one, other = ({score.region: score.value for score in _pair_scores(metric, pair, variant)} for pair in pairs)
-        is_alike = np.allclose([*one.values()], [*other.values()], rtol=1e-4, atol=1e-6, equal_nan=True)
+        one, other = (
+            {score.region: score.value for score in _pair_scores(metric, pair, variant)}
+            for pair in pairs
+        )
+        is_alike = np.allclose(
+            [*one.values()], [*other.values()], rtol=1e-4, atol=1e-6, equal_nan=True
+        )
         if one.keys() != other.keys() or not is_alike:
             yield f"{variant}: another score when the views change places; a pair has no order"
 
@@ -193,17 +245,29 @@ def leaves_all_as_it_was(subject: Subject) -> Iterator[str]:
     else:
         views = [charted()[TARGET]]
         image = views[0].rgb.copy()
-        shown, restoration = display(image, "none"), Restoration(image, WATER, info={"true_water": WATER})
-        shared = locked(shown)  # of a read-only picture metrics may remember what they compute, see `arrays.once`
-        attempts = [functools.partial(metric.score, restoration, one, views[0]) for one in (shown, shared, shared)]
+        shown, restoration = (
+            display(image, "none"),
+            Restoration(image, WATER, info={"true_water": WATER}),
+        )
+        shared = locked(
+            shown
+        )  # of a read-only picture metrics may remember what they compute, see `arrays.once`
+        attempts = [
+            functools.partial(metric.score, restoration, one, views[0])
+            for one in (shown, shared, shared)
+        ]
         planes += [image, shown]
-    planes += [np.asarray(plane) for view in views for plane in (view.rgb, view.depth, view.reference)]
+    planes += [
+        np.asarray(plane) for view in views for plane in (view.rgb, view.depth, view.reference)
+    ]
     kept = [plane.copy() for plane in planes]
     for variant in subject.plugin.variants:
         given = [[repr(score) for score in attempt(variant)] for attempt in attempts]
         if given[1:] != given[:-1]:
             yield f"{variant}: another score the second time; seed what is random"
-    if any(not np.array_equal(now, was, equal_nan=True) for now, was in zip(planes, kept, strict=True)):
+    if any(
+        not np.array_equal(now, was, equal_nan=True) for now, was in zip(planes, kept, strict=True)
+    ):
         yield "writes into what it is given; work on a copy"
 
 

@@ -34,12 +34,16 @@ def shown_path(path: Path) -> str:
 def checkout_of(folder: Path) -> Path | None:
     """Return the checkout of this repository that holds a folder, or None."""
     for place in (folder, *folder.parents):
-        if (place / "sucre_bench" / "plugins").is_dir() and all((place / f"{k}s").is_dir() for k in plugins.KINDS):
+        if (place / "sucre_bench" / "plugins").is_dir() and all(
+            (place / f"{k}s").is_dir() for k in plugins.KINDS
+        ):
             return place
     return None
 
 
-def write_new(kind: Kind, name: str, here: Path, package: Path | None = None, depth: bool = False) -> Written:
+def write_new(
+    kind: Kind, name: str, here: Path, package: Path | None = None, depth: bool = False
+) -> Written:
     """Write a plugin and its test.
 
     here: the folder the command is given in; package: the folder of a package to make for it; depth: write a method
@@ -50,10 +54,16 @@ def write_new(kind: Kind, name: str, here: Path, package: Path | None = None, de
     if not checkout:
         _check_module(name, "module" if package else "file")
     cls = "".join(part.capitalize() for part in name.split("_"))
-    if cls in {*dir(builtins), *sucre_bench.__all__, *_IMPORTED}:  # the file and its test use these names
+    if cls in {
+        *dir(builtins),
+        *sucre_bench.__all__,
+        *_IMPORTED,
+    }:  # the file and its test use these names
         cls += kind.capitalize()
     about: dict[str, Any] = {"kind": kind, "name": name, "cls": cls, "depth": depth, "module": name}
-    about["is_named"] = plugins.snake_case(cls) != name  # of my_method_2 the class would be called my_method2
+    about["is_named"] = (
+        plugins.snake_case(cls) != name
+    )  # of my_method_2 the class would be called my_method2
     place = "folder"
     folder = here
     tests = here
@@ -63,16 +73,24 @@ def write_new(kind: Kind, name: str, here: Path, package: Path | None = None, de
         title = package.resolve().name
         module = re.sub(r"\W", "_", title).lower()
         if not re.fullmatch(r"[a-z]\w*", module, re.ASCII) or keyword.iskeyword(module):
-            raise InputError(f"{title}: cannot be a package's name; call the folder like my-restorers")
+            raise InputError(
+                f"{title}: cannot be a package's name; call the folder like my-restorers"
+            )
         _check_module(module, "package")
         distribution = re.sub(r"_+", "-", module).strip("-")
         about |= {"package": module, "module": f"{module}.{name}", "distribution": distribution}
         place = "package"
         folder = package / "src" / module
         tests = package / "tests"
-        files = {package / "pyproject.toml": "pyproject.toml.j2", package / "README.md": "readme.md.j2"}
+        files = {
+            package / "pyproject.toml": "pyproject.toml.j2",
+            package / "README.md": "readme.md.j2",
+        }
         files[folder / "__init__.py"] = "init.py.j2"
-        commands += [("install", f"pip install -e {shlex.quote(str(package))}"), ("list", f"sucre-bench list {kind}s")]
+        commands += [
+            ("install", f"pip install -e {shlex.quote(str(package))}"),
+            ("list", f"sucre-bench list {kind}s"),
+        ]
     elif checkout:
         place = "house"
         folder = checkout / f"{kind}s"
@@ -88,7 +106,12 @@ def write_new(kind: Kind, name: str, here: Path, package: Path | None = None, de
         "dataset": f"-m {plugin}dataset={name} dataset.root=DIR method=underwater,gray_world",
         "metric": f"-m {plugin}dataset=demo method=underwater,gray_world 'metrics=[psnr,{name}]' every=4",
     }[kind]
-    commands.append(("check", f"sucre-bench check {file or name}{' dataset.root=DIR' if kind == 'dataset' else ''}"))
+    commands.append(
+        (
+            "check",
+            f"sucre-bench check {file or name}{' dataset.root=DIR' if kind == 'dataset' else ''}",
+        )
+    )
     commands.append(("test", f"python -m pytest {shlex.quote(shown_path(test))}"))
     return Written(tuple(files), (*commands, ("run", f"sucre-bench run {job}")))
 
@@ -97,7 +120,9 @@ def _check_name(kind: Kind, name: str) -> None:
     snake = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", re.sub(r"\W+", "_", name)).strip("_").lower()
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
         fit = re.fullmatch(r"[a-z][a-z0-9_]*", snake)
-        raise InputError(f"{name}: cannot be a {kind}'s name; use small letters, {snake if fit else 'my_' + kind}")
+        raise InputError(
+            f"{name}: cannot be a {kind}'s name; use small letters, {snake if fit else 'my_' + kind}"
+        )
     if keyword.iskeyword(name):
         raise InputError(f"{name}: is a word of Python's; use my_{name}")
     if name in plugins.discover(kind):
@@ -111,7 +136,9 @@ def _check_module(name: str, what: str) -> None:
     except (ImportError, ValueError):
         taken = True
     if taken:
-        raise InputError(f"{name}: a {what} of that name would hide Python's {name}; use another, my_{name}")
+        raise InputError(
+            f"{name}: a {what} of that name would hide Python's {name}; use another, my_{name}"
+        )
 
 
 def _write(templates: Mapping[Path, str], about: Mapping[str, Any]) -> None:
@@ -123,7 +150,11 @@ def _write(templates: Mapping[Path, str], about: Mapping[str, Any]) -> None:
             raise InputError(f"{path}: is there already; use another name, or move it away")
     loader = FileSystemLoader(Path(__file__).with_name("templates"))
     engine = Environment(
-        loader=loader, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+        loader=loader,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
     )
     for path, template in reversed([*templates.items()]):
         write_atomically(path, engine.get_template(template).render(about).encode())

@@ -17,7 +17,16 @@ from sucre_bench.imaging.drawing import contact_sheet, depth_colours, save_marke
 from sucre_bench.loading.named_sets import Found, Member, Picture, recognised_sets, set_table
 from sucre_bench.machine.files import expanded, regular
 from sucre_bench.machine.progress import track
-from sucre_bench.programs.describe.facts import Look, Overlap, Spread, ViewFacts, look_at, overlaps, placed, spread_of
+from sucre_bench.programs.describe.facts import (
+    Look,
+    Overlap,
+    Spread,
+    ViewFacts,
+    look_at,
+    overlaps,
+    placed,
+    spread_of,
+)
 from sucre_bench.programs.describe.faults import Fault, find_faults
 from sucre_bench.scene import Water
 
@@ -62,11 +71,16 @@ class Described:
     def as_object(self) -> dict[str, Any]:
         """Return it as plain data for JSON."""
         return {
-            **{name: getattr(self, name) for name in ("dataset", "scene", "n_views", "scale", "unit", "has")},
-            "water": self.water and {name: np.asarray(value).tolist() for name, value in vars(self.water).items()},
+            **{
+                name: getattr(self, name)
+                for name in ("dataset", "scene", "n_views", "scale", "unit", "has")
+            },
+            "water": self.water
+            and {name: np.asarray(value).tolist() for name, value in vars(self.water).items()},
             "views": [asdict(view) for view in self.facts],
             "overlaps": [asdict(overlap) for overlap in self.overlaps],
-            "measures_water": self.spread and {"text": self.spread.sentence(self.unit), **asdict(self.spread)},
+            "measures_water": self.spread
+            and {"text": self.spread.sentence(self.unit), **asdict(self.spread)},
             "distances": {"edges": self.edges, "shares": self.shares},
             "sets": [found.as_object() for found in self.sets],
             "shared": self.shared,
@@ -76,7 +90,13 @@ class Described:
     def table(self) -> str:
         """Return the table of the views that it describes as a named test set."""
         members = (
-            Member(look.facts.name, (), (look.facts.width, look.facts.height), look.print, look.reference_print)
+            Member(
+                look.facts.name,
+                (),
+                (look.facts.width, look.facts.height),
+                look.print,
+                look.reference_print,
+            )
             for look in self.looks
         )
         return set_table(self.scene, members)
@@ -90,7 +110,9 @@ class Described:
         top = max(top, low * 1.001)
         pairs, captions = [], []
         for look in (self.looks[k] for k in evenly(len(self.looks), _MOST)):
-            shape = next((plane.shape for plane in (look.picture, look.depth) if plane is not None), (3, 4))
+            shape = next(
+                (plane.shape for plane in (look.picture, look.depth) if plane is not None), (3, 4)
+            )
             size = (_WIDE, max(1, round(_WIDE * shape[0] / shape[1])))
             depth = None if look.distance is None else depth_colours(look.distance, low, top, _GRAY)
             picture = _tile(look.picture, size, "cannot be read", Image.Resampling.BOX)
@@ -126,7 +148,9 @@ def _tile(picture: np.ndarray | None, size: tuple[int, int], absent: str, how: A
 
 
 def _distances(looks: list[Look], step: int = 1) -> Array:
-    known = [look.distance[look.distance > 0][::step] for look in looks if look.distance is not None]
+    known = [
+        look.distance[look.distance > 0][::step] for look in looks if look.distance is not None
+    ]
     return np.concatenate(known) if known else np.empty(0)
 
 
@@ -135,9 +159,20 @@ def described(selection: Selection, most: int) -> Described:
     scene = selection.scene
     root = selection.dataset.options.get("root")
     try:
-        noted = json.loads(regular(expanded(root) / "prepare.json").read_bytes())["scale"] if root else None
+        noted = (
+            json.loads(regular(expanded(root) / "prepare.json").read_bytes())["scale"]
+            if root
+            else None
+        )
         scale = noted and {"is_metric": bool(noted["is_metric"]), "note": str(noted["note"])}
-    except (OSError, InputError, ValueError, KeyError, TypeError, RecursionError):  # none, or another program's
+    except (
+        OSError,
+        InputError,
+        ValueError,
+        KeyError,
+        TypeError,
+        RecursionError,
+    ):  # none, or another program's
         scale = None
     unit = "m" if scale is None or scale["is_metric"] else "units"
     chosen = [selection.views[k] for k in evenly(len(selection.views), most)]
@@ -146,7 +181,10 @@ def described(selection: Selection, most: int) -> Described:
     values = _distances(looks)
     edges = []
     shares = []
-    pictures = {look.facts.name: Picture((look.facts.width, look.facts.height), look.print) for look in looks}
+    pictures = {
+        look.facts.name: Picture((look.facts.width, look.facts.height), look.print)
+        for look in looks
+    }
     sets, shared = recognised_sets(pictures)
     if values.size:
         low, high = np.percentile(values, [0.5, 99.5])

@@ -15,7 +15,16 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Indices, evenly
-from sucre_bench.camera import Camera, depth_at, distance_map, moved, project, relative_pose, scaled_camera, unproject
+from sucre_bench.camera import (
+    Camera,
+    depth_at,
+    distance_map,
+    moved,
+    project,
+    relative_pose,
+    scaled_camera,
+    unproject,
+)
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.imaging.chart_patches import image_from_chart, reading_order
 from sucre_bench.imaging.display import display
@@ -115,7 +124,9 @@ def look_at(view: View, reference: bool) -> Look:
     depth, depth_fault = _loaded(view, "depth")
     camera, pose = view.camera, view.cam_from_world
     of_camera = camera.size if camera else (0, 0)
-    width, height = next((plane.shape[1::-1] for plane in (rgb, depth) if plane is not None), of_camera)
+    width, height = next(
+        (plane.shape[1::-1] for plane in (rgb, depth) if plane is not None), of_camera
+    )
     if camera and of_camera != (width, height):
         fault = f"the image is {width}x{height}, its camera {camera.width}x{camera.height}"
         remedy = "use the images that its camera was found for, uncropped"
@@ -145,7 +156,9 @@ def look_at(view: View, reference: bool) -> Look:
         facts = replace(
             facts,
             mean=_floats(rgb.mean(axis=(0, 1), dtype=np.float64)),
-            spread=_floats(converted(rgb, view.encoding, "gamma").std(axis=(0, 1), dtype=np.float64)),
+            spread=_floats(
+                converted(rgb, view.encoding, "gamma").std(axis=(0, 1), dtype=np.float64)
+            ),
             saturated=float((rgb >= _FULL).any(axis=-1).mean()),
             charts=_charts(view, rgb, distance),
         )
@@ -181,7 +194,9 @@ def _charts(view: View, rgb: Array, distance: Array | None) -> tuple[ChartFacts,
             fault = reading_order(shown, chart).fault
             x, y, w = image_from_chart(chart.corners) @ [0.5, 0.5, 1]
             if distance is not None:
-                u, v = (int(np.clip(p / w, 0, n - 1)) for p, n in ((x, rgb.shape[1]), (y, rgb.shape[0])))
+                u, v = (
+                    int(np.clip(p / w, 0, n - 1)) for p, n in ((x, rgb.shape[1]), (y, rgb.shape[0]))
+                )
                 metres = float(distance[v, u]) or None
         except InputError as wrong:
             fault = one_line(wrong)
@@ -196,9 +211,15 @@ def _floats(values: Array) -> tuple[float, ...]:
 def placed(looks: Sequence[Look]) -> list[View]:
     """Return the views that have camera, pose and depth, black and with their depth at reduced size."""
     return [
-        replace(look.view, pixels=Arrays(np.zeros((*look.depth.shape, 3), np.float32), look.depth), camera=look.camera)
+        replace(
+            look.view,
+            pixels=Arrays(np.zeros((*look.depth.shape, 3), np.float32), look.depth),
+            camera=look.camera,
+        )
         for look in looks
-        if look.camera is not None and look.view.cam_from_world is not None and look.depth is not None
+        if look.camera is not None
+        and look.view.cam_from_world is not None
+        and look.depth is not None
     ]
 
 
@@ -232,7 +253,9 @@ def overlaps(views: Sequence[View]) -> list[Overlap]:
             if np.isfinite(rel).mean() >= _PARTNER:
                 off.append(rel[np.isfinite(rel)])
         disagreement = float(np.median(np.concatenate(off))) if off else None
-        between.append(Overlap(view.name, float(seen.mean()) if len(seen) else 0.0, partners, disagreement))
+        between.append(
+            Overlap(view.name, float(seen.mean()) if len(seen) else 0.0, partners, disagreement)
+        )
     return between
 
 

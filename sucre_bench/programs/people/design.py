@@ -76,21 +76,31 @@ def design(folder: Path, methods: Sequence[str], dataset: str = "", views: int =
     """
     rows = filled_restorations(results.read(folder))
     if len(set(methods)) < 2:
-        raise InputError("--methods: fewer than two labels; give at least two, with commas between them")
+        raise InputError(
+            "--methods: fewer than two labels; give at least two, with commas between them"
+        )
     for name in methods:
         if name not in set(rows["method"]):
-            raise InputError(f"--methods: no restored images of '{name}'; {did_you_mean(name, set(rows['method']))}")
+            raise InputError(
+                f"--methods: no restored images of '{name}'; {did_you_mean(name, set(rows['method']))}"
+            )
     rows = rows[rows["method"].isin(methods)]
     datasets = list(rows["dataset"].unique())
     if dataset and dataset not in datasets:
-        raise InputError(f"--dataset: no '{dataset}' in {folder}; {did_you_mean(dataset, datasets)}")
+        raise InputError(
+            f"--dataset: no '{dataset}' in {folder}; {did_you_mean(dataset, datasets)}"
+        )
     if not dataset and len(datasets) > 1:
-        raise InputError(f"{folder}: several datasets; choose one with --dataset, of {', '.join(datasets)}")
+        raise InputError(
+            f"{folder}: several datasets; choose one with --dataset, of {', '.join(datasets)}"
+        )
     rows = rows[rows["dataset"] == (dataset or datasets[0])]
     shared = rows.groupby(["scene", "view"])["method"].nunique() == len(methods)
     places = list(shared.index[shared])
     if not places:
-        raise InputError(f"{folder}: no view was restored by all of {', '.join(methods)}; run them on the same views")
+        raise InputError(
+            f"{folder}: no view was restored by all of {', '.join(methods)}; run them on the same views"
+        )
     chosen = {places[n] for n in evenly(len(places), views)}
     wanted = [row for row in rows.itertuples() if (row.scene, row.view) in chosen]
     pictures = {secrets.token_hex(5): Shown.of_row(row) for row in wanted}
@@ -118,7 +128,9 @@ def whole_parts(folder: Path, key: Key) -> tuple[Key, dict[tuple[str, str], Part
     Raises InputError if a mask is gone or damaged, if the masks of a view differ in size, or if no view is left.
     """
     rows = restorations(results.read(folder))
-    rows = rows[(rows["dataset"] == key.dataset) & rows["method"].isin(key.methods) & (rows["coverage"] < 1)]
+    rows = rows[
+        (rows["dataset"] == key.dataset) & rows["method"].isin(key.methods) & (rows["coverage"] < 1)
+    ]
     places = {(one.scene, one.view) for one in key.pictures.values()}
     masks: dict[tuple[str, str], dict[str, Mask | None]] = {}
     for row in row_objects(rows):
@@ -134,7 +146,10 @@ def whole_parts(folder: Path, key: Key) -> tuple[Key, dict[tuple[str, str], Part
         share = float(np.mean([parts[where].share if where in parts else 1.0 for where in places]))
         if share >= _LEAST_OF_ALL or len(left) == 2:
             break
-        filled = {m: sum(1.0 if (mask := of.get(m)) is None else mask.mean() for of in masks.values()) for m in left}
+        filled = {
+            m: sum(1.0 if (mask := of.get(m)) is None else mask.mean() for of in masks.values())
+            for m in left
+        }
         least = min(left, key=filled.__getitem__)
         left.remove(least)
         said.append(
@@ -144,10 +159,16 @@ def whole_parts(folder: Path, key: Key) -> tuple[Key, dict[tuple[str, str], Part
     gone = sorted(where for where, part in parts.items() if part.share < _LEAST_OF_VIEW)
     if len(gone) == len(places):
         raise InputError(
-            "all methods fill no rectangle of a tenth of it", gone[0][1], "leave one out, or use --pixels own"
+            "all methods fill no rectangle of a tenth of it",
+            gone[0][1],
+            "leave one out, or use --pixels own",
         )
     said += [f"{view}: all methods fill no rectangle of a tenth of it" for _, view in gone]
-    pictures = {n: one for n, one in key.pictures.items() if one.method in left and (one.scene, one.view) not in gone}
+    pictures = {
+        n: one
+        for n, one in key.pictures.items()
+        if one.method in left and (one.scene, one.view) not in gone
+    }
     kept = {where: part for where, part in parts.items() if where not in gone and part.share < 1}
     return replace(key, methods=tuple(left), pictures=pictures), kept, said
 
@@ -156,7 +177,9 @@ def _part(mask: Mask) -> Part:
     """The largest rectangle of cells that are filled but for specks."""
     side = -(-max(mask.shape) // _CELLS)
     rows, columns = (np.arange(0, length, side) for length in mask.shape)
-    in_cells = np.add.reduceat(np.add.reduceat(np.stack([mask, np.ones_like(mask)], dtype=int), rows, 1), columns, 2)
+    in_cells = np.add.reduceat(
+        np.add.reduceat(np.stack([mask, np.ones_like(mask)], dtype=int), rows, 1), columns, 2
+    )
     is_filled = in_cells[0] >= _FILLED * in_cells[1]
     best = 0
     area = (slice(0), slice(0))
@@ -164,13 +187,18 @@ def _part(mask: Mask) -> Part:
         run = is_filled[top]
         for bottom in range(top, len(is_filled)):
             run = run & is_filled[bottom]
-            starts, ends = np.flatnonzero(np.diff(run, prepend=False, append=False)).reshape(-1, 2).T
+            starts, ends = (
+                np.flatnonzero(np.diff(run, prepend=False, append=False)).reshape(-1, 2).T
+            )
             if not len(starts):
                 break
             n = int((ends - starts).argmax())
             if (size := (bottom + 1 - top) * int(ends[n] - starts[n])) > best:
                 best = size
-                area = slice(top * side, (bottom + 1) * side), slice(int(starts[n]) * side, int(ends[n]) * side)
+                area = (
+                    slice(top * side, (bottom + 1) * side),
+                    slice(int(starts[n]) * side, int(ends[n]) * side),
+                )
     return Part(area, mask, mask[area].size / mask.size)
 
 
@@ -203,15 +231,25 @@ def write_page(
     between = list(combinations(range(len(arms)), 2))
     # Every observer is shown the views of a pair of methods in one order, so that several judge the same pictures.
     orders = {f"{i},{j}": rng.sample(range(len(places)), len(places)) for i, j in between}
-    sitting = {"study": key.study, "pairs": min(pairs, len(views) * len(between)), "views": views, "orders": orders}
+    sitting = {
+        "study": key.study,
+        "pairs": min(pairs, len(views) * len(between)),
+        "views": views,
+        "orders": orders,
+    }
     content = Markup(json.dumps(sitting))
     pictures = _pictures(folder, key, width, parts)
     write_atomically(
-        path, filled_in(__package__, "page.html.j2", question=question, content=content, pictures=pictures)
+        path,
+        filled_in(
+            __package__, "page.html.j2", question=question, content=content, pictures=pictures
+        ),
     )
 
 
-def _pictures(folder: Path, key: Key, width: int, parts: Mapping[tuple[str, str], Part]) -> list[tuple[str, str]]:
+def _pictures(
+    folder: Path, key: Key, width: int, parts: Mapping[tuple[str, str], Part]
+) -> list[tuple[str, str]]:
     """The pictures by their names in the page, in the order of these names, as JPEG in base64."""
     import cv2
     from PIL import Image
@@ -222,13 +260,19 @@ def _pictures(folder: Path, key: Key, width: int, parts: Mapping[tuple[str, str]
         place = layout.find(key.dataset, shown.scene, shown.view, folder)
         path = place.restored(folder, shown.method) if place else folder / "restored"
         if not path.is_file():
-            raise MissingFileError(f"the restored image of {shown.view} is gone", path, "repeat the run's command")
+            raise MissingFileError(
+                f"the restored image of {shown.view} is gone", path, "repeat the run's command"
+            )
         image = decode(path, cv2.IMREAD_COLOR)[..., ::-1]
         if sizes.setdefault((shown.scene, shown.view), image.shape) != image.shape:
-            raise InputError(f"{path}: is not of the size of the other methods' pictures; run this method again")
+            raise InputError(
+                f"{path}: is not of the size of the other methods' pictures; run this method again"
+            )
         if part := parts.get((shown.scene, shown.view)):
             specks = (~part.mask[part.area]).astype(np.uint8)
-            image = cv2.inpaint(np.ascontiguousarray(image[part.area]), specks, 3, cv2.INPAINT_TELEA)
+            image = cv2.inpaint(
+                np.ascontiguousarray(image[part.area]), specks, 3, cv2.INPAINT_TELEA
+            )
         picture, jpeg = Image.fromarray(np.ascontiguousarray(image)), io.BytesIO()
         picture.thumbnail((width, 10 * width), Image.Resampling.LANCZOS)
         picture.save(jpeg, "JPEG", quality=_QUALITY, subsampling=0)
@@ -254,11 +298,20 @@ def keys(folder: Path) -> dict[str, Key]:
         with reading(path, "restore a copy of it"):
             told = read_json(path, "restore a copy of it", of_data=True)
             study = told["study"]
-            if (told["format"], told["version"]) != (_FORMAT, _VERSION) or not re.fullmatch(r"[0-9a-f]{8}", study):
+            if (told["format"], told["version"]) != (_FORMAT, _VERSION) or not re.fullmatch(
+                r"[0-9a-f]{8}", study
+            ):
                 raise ValueError("another format")
             pictures = {
-                name: Shown(str(one["scene"]), str(one["view"]), str(one["method"]), tuple(map(str, one["of"])))
+                name: Shown(
+                    str(one["scene"]),
+                    str(one["view"]),
+                    str(one["method"]),
+                    tuple(map(str, one["of"])),
+                )
                 for name, one in told["pictures"].items()
             }
-            found[study] = Key(study, str(told["dataset"]), tuple(map(str, told["methods"])), pictures)
+            found[study] = Key(
+                study, str(told["dataset"]), tuple(map(str, told["methods"])), pictures
+            )
     return found

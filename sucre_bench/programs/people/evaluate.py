@@ -54,18 +54,31 @@ def read_votes(
                 if not (vote.left in valid and vote.right in valid):
                     reasons["show pictures that were restored anew since"] += 1
                 elif (place := (vote.study, vote.observer, n)) in votes:
-                    reasons["are in another file, too" if votes[place] == vote else "contradict another file"] += 1
+                    reasons[
+                        "are in another file, too"
+                        if votes[place] == vote
+                        else "contradict another file"
+                    ] += 1
                 else:
                     votes[place] = vote
         except InputError as fault:
             skipped.append(str(fault))
-        skipped += [f"{path}: {count} votes {reason}; they do not count" for reason, count in reasons.items()]
+        skipped += [
+            f"{path}: {count} votes {reason}; they do not count"
+            for reason, count in reasons.items()
+        ]
     if not votes:
-        raise LinesError("\n".join(skipped or ["--votes: no vote counts; give files that the study's page saved"]))
+        raise LinesError(
+            "\n".join(
+                skipped or ["--votes: no vote counts; give files that the study's page saved"]
+            )
+        )
     return list(votes.values()), skipped
 
 
-def _votes(path: Path, keys: Mapping[str, Key], reasons: Counter[str]) -> Iterator[tuple[int, Vote]]:
+def _votes(
+    path: Path, keys: Mapping[str, Key], reasons: Counter[str]
+) -> Iterator[tuple[int, Vote]]:
     """Yield the votes of a file with their numbers; reasons: counts those that are none."""
     remedy = "give a file that the study's page saved"
     with reading(path, remedy):
@@ -75,14 +88,23 @@ def _votes(path: Path, keys: Mapping[str, Key], reasons: Counter[str]) -> Iterat
         study = told["study"]
         observer = told["observer"]
         given = list(told["votes"])
-        if (told["format"], told["version"]) != _FORMAT or not (isinstance(observer, str) and 1 <= len(observer) <= 64):
+        if (told["format"], told["version"]) != _FORMAT or not (
+            isinstance(observer, str) and 1 <= len(observer) <= 64
+        ):
             raise ValueError("another format")
     if not isinstance(study, str) or study not in keys:
-        raise InputError(f"is of another study, '{str(study)[:20]}'", path, "give it with the results it is of")
+        raise InputError(
+            f"is of another study, '{str(study)[:20]}'", path, "give it with the results it is of"
+        )
     key = keys[study]
     for one in given:
         try:
-            n, won, left, right = one["n"], _WON[one["choice"]], key.pictures[one["left"]], key.pictures[one["right"]]
+            n, won, left, right = (
+                one["n"],
+                _WON[one["choice"]],
+                key.pictures[one["left"]],
+                key.pictures[one["right"]],
+            )
         except (KeyError, TypeError):
             reasons["are damaged, or name pictures that the study does not have"] += 1
             continue
@@ -108,10 +130,14 @@ def as_numbers(votes: Sequence[Vote]) -> Numbered:
     """Number methods, views and observers of votes."""
     both = [vote.left.method for vote in votes] + [vote.right.method for vote in votes]
     sides, methods = pd.Index(both).factorize(True)
-    places, views = pd.MultiIndex.from_tuples([(vote.left.scene, vote.left.view) for vote in votes]).factorize(True)
+    places, views = pd.MultiIndex.from_tuples(
+        [(vote.left.scene, vote.left.view) for vote in votes]
+    ).factorize(True)
     people, observers = pd.Index([vote.observer for vote in votes]).factorize(True)
     won = np.array([vote.won for vote in votes])
-    numbers = statistics.Votes(len(methods), sides[: len(votes)], sides[len(votes) :], won, places, people)
+    numbers = statistics.Votes(
+        len(methods), sides[: len(votes)], sides[len(votes) :], won, places, people
+    )
     return Numbered(numbers, methods.tolist(), views.tolist(), observers.tolist())
 
 
@@ -141,16 +167,24 @@ def evaluate(folder: Path, paths: Sequence[Path]) -> Evaluated:
     """
     rows, known = results.read(folder), design.keys(folder)
     if not known:
-        raise InputError(f"{folder}: has no people's study; write its page with --methods A,B --out study.html")
+        raise InputError(
+            f"{folder}: has no people's study; write its page with --methods A,B --out study.html"
+        )
     valid = {design.Shown.of_row(row) for row in restorations(rows).itertuples()}
     votes, skipped = read_votes(paths, known, valid)
     dataset, *others = sorted({known[vote.study].dataset for vote in votes})
     if others:
-        raise InputError(f"--votes: of several datasets, {', '.join([dataset, *others])}; give those of one")
+        raise InputError(
+            f"--votes: of several datasets, {', '.join([dataset, *others])}; give those of one"
+        )
     numbered = as_numbers(votes)
     people = statistics.preferences(numbered.votes)
     # Each metric by which methods win or lose, in each variant, against people.
-    is_score = (rows["status"] == "ok") & (rows["better"] != "none") & ~rows["metric"].isin([*COSTS, PREFERENCE])
+    is_score = (
+        (rows["status"] == "ok")
+        & (rows["better"] != "none")
+        & ~rows["metric"].isin([*COSTS, PREFERENCE])
+    )
     is_score &= (rows["dataset"] == dataset) & ~rows["region"].str.contains("/", regex=False)
     agreements = {}
     for (metric, variant), of_metric in rows[is_score].groupby(["metric", "variant"], sort=False):
@@ -161,7 +195,12 @@ def evaluate(folder: Path, paths: Sequence[Path]) -> Evaluated:
             table.to_numpy(), is_lower, numbered.votes, people
         )
     return Evaluated(
-        dataset, numbered, people, statistics.observer_agreement(numbered.votes), agreements, tuple(skipped)
+        dataset,
+        numbered,
+        people,
+        statistics.observer_agreement(numbered.votes),
+        agreements,
+        tuple(skipped),
     )
 
 
@@ -183,7 +222,9 @@ def store(folder: Path, found: Evaluated) -> int:
         for m, method in enumerate(numbered.methods)
     }
     # Scores of other sets of methods have another zero.
-    code = hashlib.blake2b(repr((_VERSION, tuple(numbered.methods))).encode(), digest_size=6).hexdigest()
+    code = hashlib.blake2b(
+        repr((_VERSION, tuple(numbered.methods))).encode(), digest_size=6
+    ).hexdigest()
     score: dict[str, Any] = {
         "metric": PREFERENCE,
         "variant": "bradley-terry",

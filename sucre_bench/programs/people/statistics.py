@@ -91,7 +91,9 @@ def fit(votes: Votes, start: Array | None = None) -> Array:
 
     begin = None if start is None else np.array(start, dtype=np.float64)
     scores = choix.ilsr_pairwise_dense(_more_than_wins(votes), initial_params=begin, tol=1e-6)
-    return np.asarray(np.round(scores - scores.mean(), 9))  # the fit has no further digits; equal methods are equal
+    return np.asarray(
+        np.round(scores - scores.mean(), 9)
+    )  # the fit has no further digits; equal methods are equal
 
 
 def _more_than_wins(votes: Votes) -> npt.NDArray[np.float64]:
@@ -114,13 +116,17 @@ def preferences(votes: Votes, resamples: int = _RESAMPLES) -> Preferences:
     groups = [np.flatnonzero(which == one) for one in range(len(observers))]
     resampled = np.empty((resamples, votes.methods))
     for r in range(resamples):  # whole observers, whose votes are not independent
-        resampled[r] = fit(votes.of(np.concatenate([groups[one] for one in rng.integers(n, size=n)])), scores)
+        resampled[r] = fit(
+            votes.of(np.concatenate([groups[one] for one in rng.integers(n, size=n)])), scores
+        )
     want = ""
     if len(votes) < _FEWEST_VOTES or n < _FEWEST_PEOPLE:
         these = f"these are {counted(len(votes), 'vote')} of {n}"
         want = f"{_FEWEST_VOTES} votes of {_FEWEST_PEOPLE} people are needed, {these}"
     # Student's for n independent observers, and the bootstrap's own bias undone.
-    widening = math.nan if want else float(stdtrit(n - 1, (1 + _LEVEL) / 2)) * math.sqrt(n / (n - 1))
+    widening = (
+        math.nan if want else float(stdtrit(n - 1, (1 + _LEVEL) / 2)) * math.sqrt(n / (n - 1))
+    )
     # The covariance (M, M) of scores as the model has it: the inverse of the information in all votes.
     wins = _more_than_wins(votes)
     chance = 1 / (1 + np.exp(scores - scores[:, None]))
@@ -184,7 +190,9 @@ def observer_agreement(votes: Votes) -> Agreement:
     first, second = np.minimum(votes.first, votes.second), np.maximum(votes.first, votes.second)
     won = np.where(votes.first > votes.second, 1 - votes.won, votes.won)
     judged: dict[tuple[int, ...], dict[int, float]] = {}
-    for view, one, other, observer, value in zip(votes.view, first, second, votes.observer, won, strict=True):
+    for view, one, other, observer, value in zip(
+        votes.view, first, second, votes.observer, won, strict=True
+    ):
         judged.setdefault((view, one, other), {})[observer] = float(value)
     units = [list(judgements.values()) for judgements in judged.values() if len(judgements) > 1]
     mirrored = [[1 - value for value in unit] for unit in units]
@@ -204,7 +212,9 @@ def krippendorff(units: Sequence[Sequence[float]]) -> float:
     return float(1 - observed / expected) if expected else float("nan")
 
 
-def metric_agreement(scores: Array, is_lower_better: bool, votes: Votes, people: Preferences) -> MetricAgreement:
+def metric_agreement(
+    scores: Array, is_lower_better: bool, votes: Votes, people: Preferences
+) -> MetricAgreement:
     """Return how a metric agrees with people.
 
     scores: (V, M) of each view and method, NaN = none. The interval is of a bootstrap over observers and over
@@ -217,8 +227,13 @@ def metric_agreement(scores: Array, is_lower_better: bool, votes: Votes, people:
     rng = np.random.default_rng(0)
     low = np.nan
     high = np.nan
-    drawn = (known[rng.integers(len(known), size=len(known))].mean(axis=0) for _ in people.resampled)
-    taus = [kendall_tau(mean, preferences) for mean, preferences in zip(drawn, people.resampled, strict=True)]
+    drawn = (
+        known[rng.integers(len(known), size=len(known))].mean(axis=0) for _ in people.resampled
+    )
+    taus = [
+        kendall_tau(mean, preferences)
+        for mean, preferences in zip(drawn, people.resampled, strict=True)
+    ]
     if np.isfinite(taus).any() and not people.want:
         low, high = np.nanquantile(taus, [0.025, 0.975])
     decided = votes.of(votes.won != 0.5)
@@ -226,11 +241,15 @@ def metric_agreement(scores: Array, is_lower_better: bool, votes: Votes, people:
     # How often the picture with the better score was preferred; equal scores count half.
     hit = np.where(gap == 0, 0.5, (gap > 0) == (decided.won == 1))[np.isfinite(gap)]
     predicted = float(hit.mean()) if len(hit) else np.nan
-    return MetricAgreement(kendall_tau(known.mean(axis=0), people.scores), float(low), float(high), predicted, len(hit))
+    return MetricAgreement(
+        kendall_tau(known.mean(axis=0), people.scores), float(low), float(high), predicted, len(hit)
+    )
 
 
 def kendall_tau(one: Array, other: Array) -> float:
     """Return Kendall's tau-b of two scores (M,); NaN if one of them does not tell methods apart."""
     from scipy.stats import kendalltau
 
-    return float(kendalltau(one, other).statistic) if np.ptp(one) and np.ptp(other) else float("nan")
+    return (
+        float(kendalltau(one, other).statistic) if np.ptp(one) and np.ptp(other) else float("nan")
+    )

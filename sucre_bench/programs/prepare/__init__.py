@@ -11,7 +11,9 @@ from typing import Literal
 from sucre_bench.errors import InputError, MissingFileError
 
 Matching = Literal["auto", "exhaustive", "sequential"]
-CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"]
+CameraModel = Literal[
+    "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"
+]
 Cameras = Literal["single", "folder", "image"]
 Surface = Literal["auto", "dense", "sparse"]
 
@@ -43,16 +45,24 @@ class Options:
     depth: Path | None = None
 
     def __post_init__(self) -> None:
-        if self.focal is not None and not 0.2 <= self.focal <= 10:  # fields of view of 136 and 6 degrees
+        if (
+            self.focal is not None and not 0.2 <= self.focal <= 10
+        ):  # fields of view of 136 and 6 degrees
             remedy = "divide pixels by the photo's longer side, or a 35 mm equivalent in millimetres by 36"
             raise InputError(f"{self.focal:g} is not from 0.2 to 10 widths", "--focal", remedy)
         if self.focal and self.model:
-            raise InputError("is part of the model that --model gives", "--focal", "give one of them")
+            raise InputError(
+                "is part of the model that --model gives", "--focal", "give one of them"
+            )
         if self.mesh and self.depth:
             raise InputError("gives depths, as --depth does", "--mesh", "give one of them")
         if self.mesh and not self.model:
             fault = "is in the frame of a model, and a new model of the photos has another one"
             raise InputError(fault, "--mesh", "add --model with the model that it was made with")
-        for option, path in (("--model", self.model), ("--mesh", self.mesh), ("--depth", self.depth)):
+        for option, path in (
+            ("--model", self.model),
+            ("--mesh", self.mesh),
+            ("--depth", self.depth),
+        ):
             if path is not None and not path.exists():
                 raise MissingFileError("no such file or folder", path, f"correct {option}")

@@ -57,7 +57,9 @@ class DepthMap(NamedTuple):
 DepthMaps = Callable[[Shot], DepthMap]
 
 
-def swept(shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longest: int) -> DepthMaps:
+def swept(
+    shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longest: int
+) -> DepthMaps:
     """Return the depth maps of the surface that all plane sweeps give.
 
     masks: folder of masks (may be empty); folder: for sweeps, those that are there are not made again;
@@ -79,7 +81,9 @@ def swept(shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longes
         import cv2
 
         stored = decode(images / shots[i].name, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
-        values = cv2.cvtColor(stored.astype(np.float32), cv2.COLOR_BGR2GRAY) * (255 / np.iinfo(stored.dtype).max)
+        values = cv2.cvtColor(stored.astype(np.float32), cv2.COLOR_BGR2GRAY) * (
+            255 / np.iinfo(stored.dtype).max
+        )
         size = small[i].camera.size
         reduced = cv2.resize(values, size, interpolation=cv2.INTER_AREA)
         return masked(np.asarray(reduced, dtype=np.float32) + 1, shots[i], masks)
@@ -95,12 +99,20 @@ def swept(shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longes
     def sweep_one(i: int) -> None:
         file = folder / f"{i:06d}.npy"
         depth = np.zeros((small[i].camera.height, small[i].camera.width), np.float32)
-        with suppress(OSError, ValueError, TypeError, EOFError):  # what NumPy raises for a file that was cut short
+        with suppress(
+            OSError, ValueError, TypeError, EOFError
+        ):  # what NumPy raises for a file that was cut short
             if np.load(file, mmap_mode="r").shape == depth.shape:
                 return
         if near[i]:
             sources = [small[j] for j in near[i]]
-            depth = sweep(small[i], gray(i), sources, [gray(j) for j in near[i]], *planes_of(small[i], sources))
+            depth = sweep(
+                small[i],
+                gray(i),
+                sources,
+                [gray(j) for j in near[i]],
+                *planes_of(small[i], sources),
+            )
         content = io.BytesIO()
         np.save(content, depth)  # into a file it does not say that the disk is full
         write_atomically(file, content.getvalue())
@@ -119,7 +131,9 @@ def swept(shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longes
         # At edges and thin things, which the surface smooths, what several photos measured is better.
         own = (measured > 0) & ~(np.abs(on_surface - measured) < _EDGE * measured)
         both = np.where(own, measured, on_surface)
-        origin = np.where(measured > 0, MEASURED, np.where(gap < _NEXT, FUSED, INTERPOLATED)) * (both > 0)
+        origin = np.where(measured > 0, MEASURED, np.where(gap < _NEXT, FUSED, INTERPOLATED)) * (
+            both > 0
+        )
         return DepthMap(_enlarged(both, sizes[i]), nearest(origin.astype(np.uint8), sizes[i]))
 
     return depth
@@ -129,7 +143,9 @@ def masked(values: npt.NDArray[Any], shot: Shot, masks: Path) -> npt.NDArray[Any
     """Return values (H, W) of a shot, 0 where its mask is black; masks: folder of masks (may be empty)."""
     if not (masks / shot.name).is_file():
         return values
-    return np.where(read_mask(masks / shot.name, values.shape[1::-1]) > 0, values, 0).astype(values.dtype)
+    return np.where(read_mask(masks / shot.name, values.shape[1::-1]) > 0, values, 0).astype(
+        values.dtype
+    )
 
 
 def of_surface(surface: Surface, origin: int) -> DepthMaps:
@@ -175,17 +191,23 @@ def relief(shots: Sequence[Shot]) -> Surface:
         fault = f"three photos or more agree on only {len(points)} points, too few for a surface"
         raise InputError(fault, "photos", "give --surface dense, or take photos that overlap more")
     centred = points - np.median(points, axis=0)
-    axes = np.linalg.svd(centred, full_matrices=False)[2]  # rows: two directions along the main plane, and its normal
+    axes = np.linalg.svd(centred, full_matrices=False)[
+        2
+    ]  # rows: two directions along the main plane, and its normal
     for _ in range(10):  # again, without points far off the plane
         height = np.abs(centred @ axes[2])
-        axes = np.linalg.svd(centred[height <= 3 * np.median(height) + 1e-12], full_matrices=False)[2]
+        axes = np.linalg.svd(centred[height <= 3 * np.median(height) + 1e-12], full_matrices=False)[
+            2
+        ]
     in_plane = centred @ axes.T  # (P, 3), the last is height
     _, near = cKDTree(in_plane[:, :2]).query(in_plane[:, :2], k=min(_NEAREST, len(points)))
     off = np.abs(in_plane[:, 2] - np.median(in_plane[near, 2], axis=1))
     fine = off <= _ODD * max(float(np.median(off)), 1e-12)
     points, in_plane = points[fine], in_plane[fine]
     triangles = Delaunay(in_plane[:, :2]).simplices
-    edges = np.linalg.norm(in_plane[triangles][:, :, :2] - np.roll(in_plane[triangles][:, :, :2], 1, axis=1), axis=2)
+    edges = np.linalg.norm(
+        in_plane[triangles][:, :, :2] - np.roll(in_plane[triangles][:, :, :2], 1, axis=1), axis=2
+    )
     triangles = triangles[edges.max(axis=1) <= _LONG * np.median(edges)]
     return Surface(points, triangles, np.zeros(len(points)))
 

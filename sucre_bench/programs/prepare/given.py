@@ -36,12 +36,22 @@ from sucre_bench.programs.prepare.plane_sweep import least_absolute
 from sucre_bench.programs.prepare.shots import Shot
 from sucre_bench.programs.prepare.surface import read_mesh
 
-_UNITS = {1.0: "", 0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches", 0.3048: "feet", 1000.0: "kilometres"}
+_UNITS = {
+    1.0: "",
+    0.001: "millimetres",
+    0.01: "centimetres",
+    0.0254: "inches",
+    0.3048: "feet",
+    1000.0: "kilometres",
+}
 _NEAR, _SAME = 0.05, 1e-3  # relative: a mesh is at a point, for most points; two units fit it alike
 _MOST_CHECKED = 12  # photos
 _FEWEST_POINTS = 12  # of a photo, to fit its map
 _WORST = 0.05  # median relative difference of a fitted map from the sparse points
-_BETTER, _FLAT = 0.7, 0.02  # a map must be so much better than one constant depth, unless that is this good already
+_BETTER, _FLAT = (
+    0.7,
+    0.02,
+)  # a map must be so much better than one constant depth, unless that is this good already
 _SIMPLER = 1.1  # a fit with one more parameter must be better than this
 
 
@@ -57,7 +67,9 @@ def mesh_maps(path: Path, shots: Sequence[Shot]) -> DepthMaps:
     turns = [np.eye(3)]
     if path.suffix.lower() == ".glb":
         ups = np.array([0.0, 0, 1]), -np.sum([shot.cam_from_world[1, :3] for shot in shots], axis=0)
-        turns += [Rotation.align_vectors(np.array([[0.0, 1, 0]]), up[None])[0].as_matrix() for up in ups]
+        turns += [
+            Rotation.align_vectors(np.array([[0.0, 1, 0]]), up[None])[0].as_matrix() for up in ups
+        ]
     checked = [shot for shot in shots if len(shot.points)][:: -(-len(shots) // _MOST_CHECKED)]
     cast = mesh.caster()
 
@@ -66,7 +78,9 @@ def mesh_maps(path: Path, shots: Sequence[Shot]) -> DepthMaps:
         found = []
         for shot in checked:
             pose, (xy, z) = shot.cam_from_world.copy(), shot.seen_points()
-            pose[:3] = np.column_stack([pose[:3, :3] @ turn.T, pose[:3, 3] / unit])  # from the mesh's frame
+            pose[:3] = np.column_stack(
+                [pose[:3, :3] @ turn.T, pose[:3, 3] / unit]
+            )  # from the mesh's frame
             found.append(np.abs(cast(replace(shot, cam_from_world=pose), xy)[0][0] * unit / z - 1))
         return np.concatenate(found)
 
@@ -75,9 +89,13 @@ def mesh_maps(path: Path, shots: Sequence[Shot]) -> DepthMaps:
     if min(offs) > _NEAR:
         share = np.mean(off(*choices[0]) < _NEAR)
         fault = f"is in another frame than the model: {100 * share:.0f} % of the sparse points lie on it"
-        raise InputError(fault, path, "export it from the program that made the model, in the same coordinates")
+        raise InputError(
+            fault, path, "export it from the program that made the model, in the same coordinates"
+        )
     # A seabed through the origin fits in many units, one of them better than all.
-    turn, unit = next(choice for choice, median in zip(choices, offs, strict=True) if median <= min(offs) + _SAME)
+    turn, unit = next(
+        choice for choice, median in zip(choices, offs, strict=True) if median <= min(offs) + _SAME
+    )
     if _UNITS[unit]:
         say(f"{path} fits the model when multiplied by {unit:g}; it seems to be in {_UNITS[unit]}")
     return of_surface(replace(mesh, vertices=mesh.vertices @ turn * unit), GIVEN)
@@ -101,7 +119,11 @@ class _Form(NamedTuple):
     def error(self, values: Array, z: Array) -> float:
         """Return the median relative difference of fitted values from depths; infinite if they are inverted."""
         fitted = self.fit(values, z)
-        return float(np.median(np.abs(self.depth(values, fitted) / z - 1))) if fitted[0] > 0 else np.inf
+        return (
+            float(np.median(np.abs(self.depth(values, fitted) / z - 1)))
+            if fitted[0] > 0
+            else np.inf
+        )
 
     def depth(self, values: Array, fitted: Array) -> Array:
         """Return the depths of values; 0 where the values or the depths are not above 0."""
@@ -114,7 +136,10 @@ _FORMS = tuple(_Form(inverse, shifted) for shifted in (False, True) for inverse 
 
 
 def network_maps(
-    folder: Path, shots: Sequence[Shot], photo_of: Mapping[str, str], lens_of: Mapping[str, Lens | None]
+    folder: Path,
+    shots: Sequence[Shot],
+    photo_of: Mapping[str, str],
+    lens_of: Mapping[str, Lens | None],
 ) -> tuple[str, DepthMaps, dict[str, str]]:
     """Return what the maps are, for people, the fitted depth maps, and the fault of each photo without one.
 
@@ -124,10 +149,16 @@ def network_maps(
     maps = find_depths(folder, [photo_of[shot.name] for shot in shots])
     found = {name: file for name, file in maps.items() if isinstance(file, Path)}
     faults = {
-        name: str(maps.get(name, f"{folder} has no map of it")) for name in photo_of.values() if name not in found
+        name: str(maps.get(name, f"{folder} has no map of it"))
+        for name in photo_of.values()
+        if name not in found
     }
-    seen: dict[str, tuple[Callable[[], Array], Array, Array]] = {}  # reader, values at sparse points, their depths
-    for shot in track([shot for shot in shots if photo_of[shot.name] in found], "reading depth maps"):
+    seen: dict[
+        str, tuple[Callable[[], Array], Array, Array]
+    ] = {}  # reader, values at sparse points, their depths
+    for shot in track(
+        [shot for shot in shots if photo_of[shot.name] in found], "reading depth maps"
+    ):
         name = photo_of[shot.name]
         try:
             read = partial(_read_map, found[name], shot, lens_of[shot.name])
@@ -137,19 +168,25 @@ def network_maps(
             at = depth_at(values, xy * (width / shot.camera.width, height / shot.camera.height))
             known = at > 0
             if known.sum() < _FEWEST_POINTS:
-                raise InputError(f"{known.sum()} sparse points have a value", found[name], "it cannot be fitted")
+                raise InputError(
+                    f"{known.sum()} sparse points have a value", found[name], "it cannot be fitted"
+                )
             seen[shot.name] = read, at[known], z[known]
         except InputError as fault:
             faults[name] = str(fault)
     if not seen:
-        raise InputError("no depth map can be used", folder, f"first fault: {next(iter(faults.values()))}")
+        raise InputError(
+            "no depth map can be used", folder, f"first fault: {next(iter(faults.values()))}"
+        )
     errors = {form: [form.error(values, z) for _, values, z in seen.values()] for form in _FORMS}
     form = min(_FORMS, key=lambda form: np.median(errors[form]) * (_SIMPLER if form.shifted else 1))
     fitted: dict[str, Array] = {}
     for (name, (_, values, z)), error in zip(seen.items(), errors[form], strict=True):
         constant = float(np.median(np.abs(np.median(z) / z - 1)))
         if error > _WORST or (error > _BETTER * constant and constant > _FLAT):
-            faults[photo_of[name]] = f"its depth map {_misfit(error)}; make it as the others, of this photo"
+            faults[photo_of[name]] = (
+                f"its depth map {_misfit(error)}; make it as the others, of this photo"
+            )
         else:
             fitted[name] = form.fit(values, z)
     if not fitted:
@@ -168,7 +205,11 @@ def network_maps(
 
 
 def _misfit(error: float) -> str:
-    return f"is {100 * error:.1f} % off the sparse points (median)" if error < np.inf else "is inverted"
+    return (
+        f"is {100 * error:.1f} % off the sparse points (median)"
+        if error < np.inf
+        else "is inverted"
+    )
 
 
 def _read_map(path: Path, shot: Shot, lens: Lens | None) -> Array:
@@ -191,7 +232,9 @@ def _read_map(path: Path, shot: Shot, lens: Lens | None) -> Array:
 _FEWEST_ON_AVERAGE = 20  # a photo, on average, of a COLMAP model whose points are kept
 
 
-def given_model(model: Path, photos: Sequence[Photo], folder: Path, work: Path, options: Options) -> Mapped:
+def given_model(
+    model: Path, photos: Sequence[Photo], folder: Path, work: Path, options: Options
+) -> Mapped:
     """Return the model with the photos' names, sizes and features; its poses and its unit stay.
 
     model: a folder or file of COLMAP, Metashape or nerfstudio; folder: that of the photos; work: to write into.
@@ -212,14 +255,18 @@ def given_model(model: Path, photos: Sequence[Photo], folder: Path, work: Path, 
         if same_shape(photo.size, size):
             found[one.name] = one, photo
         else:
-            fault = f"is {photo.size[0]}x{photo.size[1]}, its camera in the model {size[0]}x{size[1]}"
+            fault = (
+                f"is {photo.size[0]}x{photo.size[1]}, its camera in the model {size[0]}x{size[1]}"
+            )
             faults[photo.name] = f"{fault}; give the photo that the model was made of"
     if not found:
         why = next(iter(faults.values()), "").partition(";")[0] or f"not even {posed[0].name}"
         fault = f"none of its {len(posed)} images is among the photos in {folder} ({why})"
         raise InputError(fault, model, "give the folder of the photos that it was made of")
     if sparse and (
-        kept := adopted(sparse, {name: photo for name, (_, photo) in found.items()}, work, _FEWEST_ON_AVERAGE)
+        kept := adopted(
+            sparse, {name: photo for name, (_, photo) in found.items()}, work, _FEWEST_ON_AVERAGE
+        )
     ):
         return replace(kept, damaged=faults)
     given: dict[str, Posed] = {}
@@ -227,7 +274,11 @@ def given_model(model: Path, photos: Sequence[Photo], folder: Path, work: Path, 
         lens = one.lens or Lens(one.camera)
         if type(lens) is not Lens:
             fault = f"the lens of {one.name} has terms that COLMAP's models lack (b2, k4, p3 or p4)"
-            raise InputError(fault, model, "undistort the photos in that program, and give these with their model")
+            raise InputError(
+                fault,
+                model,
+                "undistort the photos in that program, and give these with their model",
+            )
         given[photo.key] = replace(one, camera=scaled_camera(lens.camera, photo.size), lens=lens)
     options = replace(options, cameras="image")  # each photo has the camera of the model
     mapped = map_photos([photo for _, photo in found.values()], work, options, given)
@@ -241,7 +292,11 @@ def _posed(model: Path, folder: Path) -> list[Posed]:
     root = model
     if model.is_file():
         is_json = model.suffix.lower() == ".json"
-        kind, named = ("nerfstudio", {"transforms": model.name}) if is_json else ("metashape", {"document": model.name})
+        kind, named = (
+            ("nerfstudio", {"transforms": model.name})
+            if is_json
+            else ("metashape", {"document": model.name})
+        )
         root = model.parent
     else:
         with suppress(InputError):

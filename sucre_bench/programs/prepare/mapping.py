@@ -30,9 +30,14 @@ from sucre_bench.programs.prepare.photos import Photo, write_gray
 from sucre_bench.programs.prepare.shots import load_pycolmap, write_model
 
 _MOST_EXHAUSTIVE = 80  # photos: 3,160 pairs, about ten minutes on two cores
-_SEQUENTIAL = (*range(1, 11), *(2**power for power in range(4, 20)))  # steps: ten neighbours, then to close loops
+_SEQUENTIAL = (
+    *range(1, 11),
+    *(2**power for power in range(4, 20)),
+)  # steps: ten neighbours, then to close loops
 _ENOUGH = 0.9  # share of the photos placed from which no second attempt follows
-_GUIDED_PAIRS = 10  # guided matching finds three times the matches in faint water, at about ten seconds a pair
+_GUIDED_PAIRS = (
+    10  # guided matching finds three times the matches in faint water, at about ten seconds a pair
+)
 # COLMAP ends the process where it cannot write or allocate.
 _REMEDY = "see that the disk has room and the memory suffices (--max-size), and repeat the command"
 # A logo has matches that move less than so many pixels, in the same cells for so large a share of pairs, and in few of
@@ -54,7 +59,10 @@ class _Attempt(NamedTuple):
     guided: bool
 
 
-_ATTEMPTS = (_Attempt("usual", 1600, 0.02 / 3, 100, 30, False), _Attempt("faint", 3200, 0.004, 30, 12, True))
+_ATTEMPTS = (
+    _Attempt("usual", 1600, 0.02 / 3, 100, 30, False),
+    _Attempt("faint", 3200, 0.004, 30, 12, True),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,11 +84,18 @@ class Mapped:
 def _stored(folder: Path) -> Mapped | None:
     """What an attempt has left in its folder, which may have been moved; None if it has not ended."""
     file = folder / "model.json"
-    return Mapped(**json.loads(file.read_bytes()) | {"model": folder / "model"}) if file.is_file() else None
+    return (
+        Mapped(**json.loads(file.read_bytes()) | {"model": folder / "model"})
+        if file.is_file()
+        else None
+    )
 
 
 def map_photos(
-    photos: Sequence[Photo], folder: Path, options: Options, given: Mapping[str, Posed] | None = None
+    photos: Sequence[Photo],
+    folder: Path,
+    options: Options,
+    given: Mapping[str, Posed] | None = None,
 ) -> Mapped:
     """Return the best model of the photos. Files go below `folder`; existing ones are used.
 
@@ -94,8 +109,12 @@ def map_photos(
         mapped = _stored(folder / attempt.name)
         if mapped is None:
             if best is not None:
-                say(f"{len(best.registered)} of {readable} photos are placed; trying again for faint features")
-            processes.call(partial(_attempt, photos, folder / attempt.name, options, attempt, given), _REMEDY)
+                say(
+                    f"{len(best.registered)} of {readable} photos are placed; trying again for faint features"
+                )
+            processes.call(
+                partial(_attempt, photos, folder / attempt.name, options, attempt, given), _REMEDY
+            )
             mapped = _stored(folder / attempt.name)
             assert mapped is not None
         if best is None or len(mapped.registered) > len(best.registered):
@@ -106,9 +125,17 @@ def map_photos(
     assert best is not None
     if not best.registered and readable >= 2:
         count, pair = max((n, (name, other)) for name, (n, other) in best.best_matches.items())
-        got = f"the best pair, {pair[0]} and {pair[1]}, has {count} matches" if count else "no two photos match at all"
+        got = (
+            f"the best pair, {pair[0]} and {pair[1]}, has {count} matches"
+            if count
+            else "no two photos match at all"
+        )
         least = _ATTEMPTS[-1].start_inliers
-        lack = f"at least {least} are needed" if count < least else "but its cameras are not apart enough"
+        lack = (
+            f"at least {least} are needed"
+            if count < least
+            else "but its cameras are not apart enough"
+        )
         fault = f"no two photos could be related: {got}, {lack}"
         remedy = "take photos that share more than half of what they show, from places well apart, or add more"
         raise InputError(fault, photos[0].path.parent, remedy)
@@ -116,7 +143,11 @@ def map_photos(
 
 
 def _attempt(
-    photos: Sequence[Photo], folder: Path, options: Options, attempt: _Attempt, given: Mapping[str, Posed] | None
+    photos: Sequence[Photo],
+    folder: Path,
+    options: Options,
+    attempt: _Attempt,
+    given: Mapping[str, Posed] | None,
 ) -> None:
     """Leave a model and its record in the folder."""
     pycolmap = load_pycolmap()
@@ -144,12 +175,16 @@ def _attempt(
         if models:
             names = _written(models[0], {photo.key: photo for photo in photos}, model)
         matches = _best_matches(database, photos, names)
-    mapped = Mapped(model, names, attempt.name, matches, damaged, [m.num_reg_images() for m in models], has_logo)
+    mapped = Mapped(
+        model, names, attempt.name, matches, damaged, [m.num_reg_images() for m in models], has_logo
+    )
     write_atomically(folder / "model.json", json.dumps(asdict(mapped), default=str).encode())
     shutil.rmtree(folder / "gray", ignore_errors=True)
 
 
-def _find_features(database: Path, photos: Sequence[Photo], options: Options, attempt: _Attempt) -> None:
+def _find_features(
+    database: Path, photos: Sequence[Photo], options: Options, attempt: _Attempt
+) -> None:
     """Fill the database with photos and cameras, in order, and then with features, on all processors.
 
     Features that an earlier command found stay.
@@ -171,14 +206,18 @@ def _find_features(database: Path, photos: Sequence[Photo], options: Options, at
         groups[by, photo.size].append(photo)
     listed = folder / "listed"
     mode = pycolmap.CameraMode.SINGLE
-    if not listed.is_file():  # else photos would be numbered as they finish; other numbers give other models
+    if (
+        not listed.is_file()
+    ):  # else photos would be numbered as they finish; other numbers give other models
         for old in folder.glob(f"{database.name}*"):
             old.unlink()
         pycolmap.Database.open(database).close()  # makes the file
         for group in groups.values():
             # The gray pictures have no EXIF. Below water its focal length is no more than a start.
             reader.default_focal_length_factor = options.focal or _exif_focal(group[0].path)
-            pycolmap.import_images(database, folder / "gray", mode, [photo.key for photo in group], reader)
+            pycolmap.import_images(
+                database, folder / "gray", mode, [photo.key for photo in group], reader
+            )
         if options.focal is not None:
             with pycolmap.Database.open(database) as opened:
                 for camera in opened.read_all_cameras():
@@ -187,7 +226,9 @@ def _find_features(database: Path, photos: Sequence[Photo], options: Options, at
         listed.touch()
     with line("finding features", len(photos)) as step:
         for group in groups.values():
-            for batch in _batches([photo.key for photo in group], usable_cores()):  # except those that have features
+            for batch in _batches(
+                [photo.key for photo in group], usable_cores()
+            ):  # except those that have features
                 pycolmap.extract_features(
                     database, folder / "gray", batch, mode, reader, extraction, pycolmap.Device.cpu
                 )
@@ -216,7 +257,12 @@ def _match(database: Path, names: Sequence[str], options: Options, attempt: _Att
     is_long = options.matching == "auto" and len(names) > _MOST_EXHAUSTIVE
     if options.matching == "sequential" or is_long:
         starts = enumerate(names)
-        pairs = [(name, names[i + step]) for i, name in starts for step in _SEQUENTIAL if i + step < len(names)]
+        pairs = [
+            (name, names[i + step])
+            for i, name in starts
+            for step in _SEQUENTIAL
+            if i + step < len(names)
+        ]
     else:
         pairs = list(itertools.combinations(names, 2))
     matching, verification = pycolmap.FeatureMatchingOptions(), pycolmap.TwoViewGeometryOptions()
@@ -226,13 +272,17 @@ def _match(database: Path, names: Sequence[str], options: Options, attempt: _Att
     verification.ransac.random_seed = 0
     listed = pycolmap.ImportedPairingOptions()
     listed.match_list_path = database.parent / "pairs.txt"
-    for batch in track(_batches(pairs, PAIRS_A_STEP), "matching"):  # COLMAP skips the pairs that are in the database
+    for batch in track(
+        _batches(pairs, PAIRS_A_STEP), "matching"
+    ):  # COLMAP skips the pairs that are in the database
         listed.match_list_path.write_text("".join(f"{one} {other}\n" for one, other in batch))
         pycolmap.match_image_pairs(database, matching, listed, verification, pycolmap.Device.cpu)
     with pycolmap.Database.open(database) as opened:
         has_logo = _has_logo(opened, pairs)
         if has_logo:
-            say("something stands at one place of all photos, as a logo does; its matches are left out")
+            say(
+                "something stands at one place of all photos, as a logo does; its matches are left out"
+            )
             opened.clear_two_view_geometries()
     if has_logo:
         verification.filter_stationary_matches = True
@@ -271,7 +321,9 @@ def _map(database: Path, count: int, attempt: _Attempt, is_held: bool) -> list[A
     folder = database.parent
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed, options.min_model_size, options.extract_colors = 0, 2, False
-    options.num_threads = 1  # with more threads the order of sums, and so the result, differs from run to run
+    options.num_threads = (
+        1  # with more threads the order of sums, and so the result, differs from run to run
+    )
     options.mapper.init_min_num_inliers = attempt.start_inliers
     options.mapper.abs_pose_min_num_inliers = attempt.pose_inliers
     options.ba_global_function_tolerance = 1e-6
@@ -310,14 +362,20 @@ def _with_cameras(database: Path, given: Mapping[str, Posed]) -> Any:
             found = opened.read_camera(stored.camera_id)
             K, lens = one.camera.K, one.lens
             terms = lens.coefficients if lens is not None else ()
-            name, count = ("OPENCV_FISHEYE", 4) if lens is not None and lens.model == "fisheye" else ("FULL_OPENCV", 8)
+            name, count = (
+                ("OPENCV_FISHEYE", 4)
+                if lens is not None and lens.model == "fisheye"
+                else ("FULL_OPENCV", 8)
+            )
             params = [K[0, 0], K[1, 1], K[0, 2], K[1, 2], *terms, *[0.0] * (count - len(terms))]
             size = {"width": one.camera.width, "height": one.camera.height}
             camera = pycolmap.Camera(camera_id=found.camera_id, model=name, params=params, **size)
             camera.rescale(found.width, found.height)
             opened.update_camera(camera)
             model.add_camera_with_trivial_rig(camera)
-            image = pycolmap.Image(name=stored.name, camera_id=camera.camera_id, image_id=stored.image_id)
+            image = pycolmap.Image(
+                name=stored.name, camera_id=camera.camera_id, image_id=stored.image_id
+            )
             model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(one.cam_from_world[:3]))
     return model
 
@@ -329,7 +387,9 @@ def adopted(sparse: Path, photos: dict[str, Photo], folder: Path, fewest: int) -
     must see on average. Raises InputError if the file of its points breaks off.
     """
     points = sparse / ("points3D.bin" if (sparse / "images.bin").is_file() else "points3D.txt")
-    if not points.is_file() or (points.suffix == ".bin" and not count_points(points)):  # pycolmap hangs on a cut file
+    if not points.is_file() or (
+        points.suffix == ".bin" and not count_points(points)
+    ):  # pycolmap hangs on a cut file
         return None
     model = load_pycolmap().Reconstruction(sparse)
     for image in [model.image(number) for number in model.reg_image_ids()]:
@@ -358,7 +418,9 @@ def _written(model: Any, photos: dict[str, Photo], folder: Path) -> list[str]:
     return sorted(model.image(number).name for number in model.reg_image_ids())
 
 
-def _best_matches(database: Path, photos: Sequence[Photo], placed: Sequence[str]) -> dict[str, tuple[int, str]]:
+def _best_matches(
+    database: Path, photos: Sequence[Photo], placed: Sequence[str]
+) -> dict[str, tuple[int, str]]:
     """By photo, the most matches with a placed one (with any if none is placed), and the name of that."""
     pycolmap = load_pycolmap()
     among = {photo.name for photo in photos if not placed or photo.output in placed}

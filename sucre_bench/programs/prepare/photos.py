@@ -35,7 +35,9 @@ class Photo:
     stamp: tuple[object, ...]
 
 
-def find_photos(folder: Path, masks: Path | None, max_size: int, leave_out: Path) -> tuple[list[Photo], dict[str, str]]:
+def find_photos(
+    folder: Path, masks: Path | None, max_size: int, leave_out: Path
+) -> tuple[list[Photo], dict[str, str]]:
     """Return the photos of a folder and its sub-folders in order of their names, and the fault of each damaged one.
 
     max_size: shrink larger photos to this longest side, 0: do not; leave_out: a sub-folder without photos, for example
@@ -44,7 +46,11 @@ def find_photos(folder: Path, masks: Path | None, max_size: int, leave_out: Path
     """
     check_folder(folder, "give the one that holds the photos")
     names = image_names(folder, subfolders=True, but=leave_out)
-    names = [name for name in names if not masks or masks.resolve() not in (folder / name).resolve().parents]
+    names = [
+        name
+        for name in names
+        if not masks or masks.resolve() not in (folder / name).resolve().parents
+    ]
     left_out = [leave_out, *filter(None, [masks])]
     say_passed_over(folder, folders_in(folder, left_out), [folder / name for name in names])
     shared = Counter(PurePosixPath(name).with_suffix("") for name in names)
@@ -58,13 +64,21 @@ def find_photos(folder: Path, masks: Path | None, max_size: int, leave_out: Path
             damaged[name] = _damage(path)
             continue
         shrink = min(1.0, max_size / max(size)) if max_size else 1.0
-        output = f"{name}.png" if shared[pure.with_suffix("")] > 1 else pure.with_suffix(".png").as_posix()
+        output = (
+            f"{name}.png"
+            if shared[pure.with_suffix("")] > 1
+            else pure.with_suffix(".png").as_posix()
+        )
         mask = None if masks is None else _find_mask(masks, pure, size)
         stamps = [(p.stat().st_size, p.stat().st_mtime_ns) for p in (path, mask) if p is not None]
         used = (max(1, round(size[0] * shrink)), max(1, round(size[1] * shrink)))
-        photos.append(Photo(name, f"{len(photos):06d}.png", path, used, output, mask, (name, used, *stamps)))
+        photos.append(
+            Photo(name, f"{len(photos):06d}.png", path, used, output, mask, (name, used, *stamps))
+        )
     if len(photos) < 2:  # then decode every file: a valid header may have no picture
-        raise too_few(folder, len(names), damaged | {p.name: why for p in photos if (why := _damage(p.path))})
+        raise too_few(
+            folder, len(names), damaged | {p.name: why for p in photos if (why := _damage(p.path))}
+        )
     return photos, damaged
 
 
@@ -96,7 +110,11 @@ def read_photo(photo: Photo) -> npt.NDArray[Any]:
     import cv2
 
     stored = read_bgr(photo.path)
-    return stored if stored.shape[1::-1] == photo.size else cv2.resize(stored, photo.size, interpolation=cv2.INTER_AREA)
+    return (
+        stored
+        if stored.shape[1::-1] == photo.size
+        else cv2.resize(stored, photo.size, interpolation=cv2.INTER_AREA)
+    )
 
 
 def _damage(path: Path) -> str:
@@ -112,7 +130,9 @@ def read_mask(path: Path, size: tuple[int, int]) -> npt.NDArray[Any]:
     """Return a mask (H, W) uint8, white where the picture is used, at a size (width, height)."""
     import cv2
 
-    return np.asarray(cv2.resize(decode(path, cv2.IMREAD_GRAYSCALE), size, interpolation=cv2.INTER_NEAREST))
+    return np.asarray(
+        cv2.resize(decode(path, cv2.IMREAD_GRAYSCALE), size, interpolation=cv2.INTER_NEAREST)
+    )
 
 
 def write_gray(photos: Sequence[Photo], folder: Path, longest: int) -> dict[str, str]:

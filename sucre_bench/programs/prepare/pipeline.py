@@ -12,10 +12,24 @@ from typing import Any, NamedTuple
 from sucre_bench.errors import InputError, PluginError, SucreBenchError
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.lens import Lens
-from sucre_bench.machine.files import check_working_folder, is_want_of_room, not_writable, read_json, write_atomically
+from sucre_bench.machine.files import (
+    check_working_folder,
+    is_want_of_room,
+    not_writable,
+    read_json,
+    write_atomically,
+)
 from sucre_bench.machine.progress import say
 from sucre_bench.programs.prepare import Options
-from sucre_bench.programs.prepare.depth_maps import INTERPOLATED, DepthMap, DepthMaps, masked, of_surface, relief, swept
+from sucre_bench.programs.prepare.depth_maps import (
+    INTERPOLATED,
+    DepthMap,
+    DepthMaps,
+    masked,
+    of_surface,
+    relief,
+    swept,
+)
 from sucre_bench.programs.prepare.given import given_model, mesh_maps, network_maps
 from sucre_bench.programs.prepare.mapping import Mapped, map_photos
 from sucre_bench.programs.prepare.photos import Photo, find_photos, too_few
@@ -49,7 +63,11 @@ def _stage(work: Path, name: str, *depends: object, outdated: Iterable[Path] = (
 
 
 def prepare(
-    folder: Path, out: Path, options: Options | None = None, known: Known | None = None, again: bool = False
+    folder: Path,
+    out: Path,
+    options: Options | None = None,
+    known: Known | None = None,
+    again: bool = False,
 ) -> Prepared:
     """Turn a folder of photos into images, a model and depth maps below `out`; finished stages are not repeated.
 
@@ -73,14 +91,21 @@ def _prepare(folder: Path, out: Path, options: Options, known: Known, again: boo
     check_working_folder(out, ".prepare", [folder])
     photos, damaged = find_photos(folder, options.masks, options.max_size, out)
     before = read_record(out)
-    values = {name: value.resolve() if isinstance(value, Path) else value for name, value in asdict(options).items()}
+    values = {
+        name: value.resolve() if isinstance(value, Path) else value
+        for name, value in asdict(options).items()
+    }
     asked = json.loads(json.dumps({"photos": folder.resolve(), **values}, default=str))
     _check_asked(work / "options.json", asked, again or before is None)
 
     rules = options.matching, options.camera, options.cameras, *filter(None, [options.focal])
-    mapping = _stage(work, "model", [photo.stamp for photo in photos], rules, *_stamps(options.model))
+    mapping = _stage(
+        work, "model", [photo.stamp for photo in photos], rules, *_stamps(options.model)
+    )
     if damaged and not mapping.done.is_file():  # before mapping, which may take long
-        say(f"{len(damaged)} of {len(photos) + len(damaged)} photos are damaged, {min(damaged)} among them")
+        say(
+            f"{len(damaged)} of {len(photos) + len(damaged)} photos are damaged, {min(damaged)} among them"
+        )
     if options.model is None:
         mapped = map_photos(photos, mapping.folder, options)
     else:
@@ -91,15 +116,29 @@ def _prepare(folder: Path, out: Path, options: Options, known: Known, again: boo
         mapping.done.touch()
     damaged |= mapped.damaged
 
-    straight = _stage(work, "images", mapping.key, outdated=[images, out / "depths", out / "sparse"])
+    straight = _stage(
+        work, "images", mapping.key, outdated=[images, out / "depths", out / "sparse"]
+    )
     pinhole, masks = straight.folder / "sparse", straight.folder / "masks"
-    if not (straight.done.is_file() and all((images / name).is_file() for name in mapped.registered)):
+    if not (
+        straight.done.is_file() and all((images / name).is_file() for name in mapped.registered)
+    ):
         undistort({photo.output: photo for photo in photos}, mapped.model, images, masks, pinhole)
         straight.done.touch()
 
-    is_dense = options.surface == "dense" or (options.surface == "auto" and len(mapped.registered) <= _MOST_DENSE)
+    is_dense = options.surface == "dense" or (
+        options.surface == "auto" and len(mapped.registered) <= _MOST_DENSE
+    )
     longest = options.depth_size if is_dense and not (options.mesh or options.depth) else 0
-    surface = _stage(work, "sweeps", straight.key, longest, "fused", *_stamps(options.mesh), *_stamps(options.depth))
+    surface = _stage(
+        work,
+        "sweeps",
+        straight.key,
+        longest,
+        "fused",
+        *_stamps(options.mesh),
+        *_stamps(options.depth),
+    )
     keys = mapping.key, surface.key
     scale, known, is_kept, warnings = settled_scale(before, known, keys)
     if before is not None and scale is not None and before.is_whole:
@@ -110,16 +149,22 @@ def _prepare(folder: Path, out: Path, options: Options, known: Known, again: boo
     shots = read_shots(pinhole)
     if not any(len(shot.points) for shot in shots):
         fault = "its poses give the photos no point in common"
-        raise InputError(fault, options.model or folder, "see that the model was made of these photos")
+        raise InputError(
+            fault, options.model or folder, "see that the model was made of these photos"
+        )
     outputs = {photo.name: photo.output for photo in photos}
     lenses = {one.name: one.lens for one in read_model(mapped.model, images, distorted=True)}
-    made_from, given, faults = _depth_maps(options, shots, outputs, lenses, longest, images, masks, surface.folder)
+    made_from, given, faults = _depth_maps(
+        options, shots, outputs, lenses, longest, images, masks, surface.folder
+    )
 
     def maps(shot: Shot) -> DepthMap:
         depth, origin = given(shot)
         return DepthMap(masked(depth, shot, masks), masked(origin, shot, masks))
 
-    scale = scale or find_scale(known, shots, outputs, lambda shot: maps(shot).depth, options.model is not None)
+    scale = scale or find_scale(
+        known, shots, outputs, lambda shot: maps(shot).depth, options.model is not None
+    )
     unplaced = _unplaced(photos, mapped, options.model)
     warnings += _warnings(mapped, len(unplaced), faults)
     made = Prepared(out, (), damaged, unplaced, scale, known, warnings, keys, True, is_kept)
@@ -148,7 +193,10 @@ def _depth_maps(
         return "mesh, given", mesh_maps(options.mesh, shots), {}
     if options.depth:
         return network_maps(
-            options.depth, shots, {output: name for name, output in outputs.items() if output in lenses}, lenses
+            options.depth,
+            shots,
+            {output: name for name, output in outputs.items() if output in lenses},
+            lenses,
         )
     if longest:
         return "plane sweeps of all photos, fused", swept(shots, images, masks, folder, longest), {}
@@ -161,7 +209,10 @@ def _stamps(path: Path | None) -> list[object]:
     if path is None:
         return []
     files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
-    return [path.resolve(), *((file.name, file.stat().st_size, file.stat().st_mtime_ns) for file in files)]
+    return [
+        path.resolve(),
+        *((file.name, file.stat().st_size, file.stat().st_mtime_ns) for file in files),
+    ]
 
 
 def _check_asked(file: Path, asked: Mapping[str, Any], again: bool) -> None:
@@ -172,7 +223,9 @@ def _check_asked(file: Path, asked: Mapping[str, Any], again: bool) -> None:
     for name, value in asked.items():
         if not again and before.get(name) != value:
             fault = f"was prepared with {name}={before.get(name)}, not {value}"
-            raise InputError(fault, file.parent.parent, "name another folder, or add --again to make it anew")
+            raise InputError(
+                fault, file.parent.parent, "name another folder, or add --again to make it anew"
+            )
     if before != asked or not file.is_file():
         write_atomically(file, json.dumps(asked, indent=1).encode())
 
@@ -205,10 +258,16 @@ def _unplaced(photos: Sequence[Photo], mapped: Mapped, model: Path | None) -> di
         if photo.output in mapped.registered or photo.name in mapped.damaged:
             continue
         if model is not None:
-            unplaced[photo.name] = f"{model} has no pose for it; place it there, or prepare without --model"
+            unplaced[photo.name] = (
+                f"{model} has no pose for it; place it there, or prepare without --model"
+            )
         else:
             count, other = mapped.best_matches.get(photo.name, (0, ""))
-            best = f"{count} matches at best, with {other}" if count else "no matches with those placed"
+            best = (
+                f"{count} matches at best, with {other}"
+                if count
+                else "no matches with those placed"
+            )
             remedy = "add photos between it and the others, or mask what moves"
             unplaced[photo.name] = f"no place found, {best}; {remedy}"
     return unplaced
@@ -218,11 +277,19 @@ def _warnings(mapped: Mapped, unplaced: int, faults: Mapping[str, str]) -> tuple
     """What to know of a model, of photos without a place in it, and of those without a depth map, by their faults."""
     warnings = [f"no depth for {name}: {why}" for name, why in faults.items()]
     if unplaced > 1 and mapped.attempt != "given":
-        sizes = f" (groups of {' and '.join(map(str, mapped.groups[1:]))} fit each other)" if mapped.groups[1:] else ""
-        apart = f"{unplaced} photos fit nowhere among the {len(mapped.registered)} that are used{sizes}"
+        sizes = (
+            f" (groups of {' and '.join(map(str, mapped.groups[1:]))} fit each other)"
+            if mapped.groups[1:]
+            else ""
+        )
+        apart = (
+            f"{unplaced} photos fit nowhere among the {len(mapped.registered)} that are used{sizes}"
+        )
         remedy = "prepare another place from a folder of its own, add photos between, or hold a known --focal"
         warnings.insert(0, f"{apart}; {remedy}")
     if mapped.has_logo:
-        wrong = "something stands at one place of all photos, as a logo does, and its depth is wrong"
+        wrong = (
+            "something stands at one place of all photos, as a logo does, and its depth is wrong"
+        )
         warnings.insert(0, f"{wrong}; mask it with `sucre-bench prepare --masks`")
     return tuple(warnings)

@@ -18,12 +18,16 @@ from sucre_bench.camera import Camera, depth_at, moved, pixel_rays, project, rel
 from sucre_bench.machine.compute import compiled
 from sucre_bench.programs.prepare.shots import Shot
 
-_TELLING_ANGLE = np.deg2rad(5.0)  # degrees: depth is well determined; more only changes the appearance
+_TELLING_ANGLE = np.deg2rad(
+    5.0
+)  # degrees: depth is well determined; more only changes the appearance
 _WIDEST_ANGLE = np.deg2rad(45.0)
 _WANTED = 2.0  # photos that are to see each point under telling angles
 _WINDOW = (7, 7)  # pixels
 _LEAST_LIKENESS = 0.5
-_LEAST_VARIANCE = 0.6**2  # standard deviation of 8-bit gray levels in a window; below it is rounding
+_LEAST_VARIANCE = (
+    0.6**2
+)  # standard deviation of 8-bit gray levels in a window; below it is rounding
 _STEP_PX = 1.0  # pixels that a step may move a pixel in any photo; a parabola through three scores resolves a tenth
 _MOST_PLANES = 256
 _FEWEST_PLANES = 16
@@ -44,7 +48,9 @@ def neighbours(shots: Sequence[Shot], most: int) -> list[list[int]]:
     seen = [shot.point_ids[first] for shot, first in zip(shots, firsts, strict=True)]
     known, columns = np.unique(np.concatenate(seen), return_inverse=True)
     by = np.repeat(np.arange(len(shots)), [len(first) for first in firsts])
-    seers = csc_array((np.ones(len(by)), (by, columns)), shape=(len(shots), len(known)))  # a column a point
+    seers = csc_array(
+        (np.ones(len(by)), (by, columns)), shape=(len(shots), len(known))
+    )  # a column a point
     centres = np.array([shot.centre for shot in shots])
     best = []
     for i, (shot, first) in enumerate(zip(shots, firsts, strict=True)):
@@ -54,7 +60,9 @@ def neighbours(shots: Sequence[Shot], most: int) -> list[list[int]]:
         points = shot.points[first][which]
         rays = [centres[i] - points, centres[others] - points]
         lengths = [np.maximum(np.linalg.norm(ray, axis=1), 1e-12) for ray in rays]
-        angles = np.arccos(np.clip((rays[0] * rays[1]).sum(axis=1) / (lengths[0] * lengths[1]), -1, 1))
+        angles = np.arccos(
+            np.clip((rays[0] * rays[1]).sum(axis=1) / (lengths[0] * lengths[1]), -1, 1)
+        )
         weight = np.minimum(angles / _TELLING_ANGLE, 1) * (angles < _WIDEST_ANGLE) * (others != i)
         # A photo from half or twice the distance shows the same ground with other detail.
         weight *= np.exp(-(np.log(lengths[0] / lengths[1]) ** 2) / (2 * np.log(2) ** 2))
@@ -94,7 +102,9 @@ def _slope(xy: Array, w: Array, camera: Camera) -> Array:
     if len(w) < 12:
         return level
     size = np.array([camera.width, camera.height, 1.0])
-    g = least_absolute(np.column_stack([xy, np.ones(len(xy))]) / size, w, 1e-3 * float(np.median(w)))
+    g = least_absolute(
+        np.column_stack([xy, np.ones(len(xy))]) / size, w, 1e-3 * float(np.median(w))
+    )
     corners = np.array([[0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]]) @ g
     return g / size if corners.max() < 8 * np.median(w) else level
 
@@ -117,7 +127,10 @@ def _motion(shot: Shot, source: Shot) -> float:
     pose = relative_pose(source.cam_from_world, shot.cam_from_world)
     w = 1 / depth
     change = 1e-4 * np.median(w)
-    ends = [project(source.camera, ((pose[:3, :3] @ rays / at) + pose[:3, 3:]).T)[0] for at in (w, w + change)]
+    ends = [
+        project(source.camera, ((pose[:3, :3] @ rays / at) + pose[:3, 3:]).T)[0]
+        for at in (w, w + change)
+    ]
     speed = np.linalg.norm(ends[1] - ends[0], axis=1) / change
     speed = speed[np.isfinite(speed)]
     return float(np.quantile(speed, 0.95)) if len(speed) else 1e-9
@@ -140,7 +153,12 @@ class _Best(NamedTuple):
 
 
 def sweep(
-    shot: Shot, gray: Array, sources: Sequence[Shot], grays: Sequence[Array], slope: Array, offsets: Array
+    shot: Shot,
+    gray: Array,
+    sources: Sequence[Shot],
+    grays: Sequence[Array],
+    slope: Array,
+    offsets: Array,
 ) -> Array:
     """Return planar depth (H, W) float32 in the model's unit, 0 = not found.
 
@@ -158,7 +176,9 @@ def sweep(
     best = _Best._make([*scores, np.zeros(gray.shape, dtype=np.int16)])
     product, square = np.empty_like(gray), np.empty_like(gray)
     compare, decide = compiled(_compare), compiled(_decide)
-    half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])  # OpenCV has pixel centres at whole numbers
+    half = np.array(
+        [[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]]
+    )  # OpenCV has pixel centres at whole numbers
     whole = np.linalg.inv(half)
     K_inv = np.linalg.inv(shot.camera.K)
     size = shot.camera.size
@@ -167,11 +187,19 @@ def sweep(
         plane = slope + np.array([0, 0, offset])
         for source, other, pose in zip(sources, grays, poses, strict=True):
             # A point at pixel p of inverse depth w = plane . p is K_inv p / w: in the source K (R K_inv p + t w)
-            H = whole @ (source.camera.K @ (pose[:3, :3] @ K_inv + np.outer(pose[:3, 3], plane))) @ half
-            warped = np.asarray(cv2.warpPerspective(other, H, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP))
+            H = (
+                whole
+                @ (source.camera.K @ (pose[:3, :3] @ K_inv + np.outer(pose[:3, 3], plane)))
+                @ half
+            )
+            warped = np.asarray(
+                cv2.warpPerspective(other, H, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+            )
             cv2.multiply(gray, warped, product)
             cv2.multiply(warped, warped, square)
-            means = tuple(np.asarray(cv2.blur(image, _WINDOW)) for image in (warped, square, product))
+            means = tuple(
+                np.asarray(cv2.blur(image, _WINDOW)) for image in (warped, square, product)
+            )
             compare(best.first, best.second, mean, deviation, warped, *means, _LEAST_VARIANCE)
         decide(k, len(sources) > 2, best)
     return _depth(shot.camera, slope, offsets, best) * telling
@@ -197,7 +225,9 @@ def _compare(
         for x in range(first.shape[1]):
             variance = square_there[y, x] - mean_there[y, x] * mean_there[y, x]
             if warped[y, x] > 0 and variance > least_variance:
-                score = (product[y, x] - mean[y, x] * mean_there[y, x]) / (deviation[y, x] * math.sqrt(variance))
+                score = (product[y, x] - mean[y, x] * mean_there[y, x]) / (
+                    deviation[y, x] * math.sqrt(variance)
+                )
                 if score > first[y, x]:
                     second[y, x] = first[y, x]
                     first[y, x] = score
@@ -236,7 +266,9 @@ def _depth(camera: Camera, slope: Array, offsets: Array, state: _Best) -> Array:
     return np.where(found, 1 / np.where(found, w, 1), 0).astype(np.float32)
 
 
-def agreeing(shot: Shot, depth: Array, sources: Sequence[Shot], depth_of: Callable[[int], Array]) -> Array:
+def agreeing(
+    shot: Shot, depth: Array, sources: Sequence[Shot], depth_of: Callable[[int], Array]
+) -> Array:
     """Return the depths (H, W) that two sources confirm, or the only one that sees the place, averaged with theirs.
 
     depth_of: gives the swept depth map of a source by its place in `sources`. A source confirms a depth when the point

@@ -18,7 +18,14 @@ from sucre_bench.imaging.image_files import decode, write_png
 from sucre_bench.machine.files import reading, write_atomically
 from sucre_bench.machine.pages import filled_in
 from sucre_bench.machine.progress import track
-from sucre_bench.programs.prepare.depth_maps import INTERPOLATED, MEASURED, DepthMap, DepthMaps, nearest, write_depth
+from sucre_bench.programs.prepare.depth_maps import (
+    INTERPOLATED,
+    MEASURED,
+    DepthMap,
+    DepthMaps,
+    nearest,
+    write_depth,
+)
 from sucre_bench.programs.prepare.mapping import Mapped
 from sucre_bench.programs.prepare.scale import Known, Scale
 from sucre_bench.programs.prepare.shots import Shot, load_pycolmap, write_model
@@ -29,7 +36,11 @@ _FOLDERS = ("sparse", "depths", "depth_origin")  # that go together
 _PACKAGES = ("sucre-bench", "pycolmap", "opencv-python-headless", "open3d", "numpy")
 _THUMBNAIL = 420  # pixels wide
 _MOST_SHOWN = 100  # images on the page
-_ATTEMPTS = {"usual": "in the first attempt", "faint": "in the second attempt", "given": "by the given model"}
+_ATTEMPTS = {
+    "usual": "in the first attempt",
+    "faint": "in the second attempt",
+    "given": "by the given model",
+}
 _MILD_COVERAGE, _MILD_ERROR = 0.1, 0.02  # the page marks worse values
 
 
@@ -93,7 +104,8 @@ class Prepared:
         stems = (self.out / depth.with_name(f"depth_{depth.stem}") for depth in depths)
         files = (*_MODEL, "quality.html", *(f"images/{q.name}" for q in self.qualities))
         return all((self.out / file).is_file() for file in files) and all(
-            any(stem.with_name(stem.name + suffix).is_file() for suffix in (".png", ".tif")) for stem in stems
+            any(stem.with_name(stem.name + suffix).is_file() for suffix in (".png", ".tif"))
+            for stem in stems
         )
 
 
@@ -107,11 +119,27 @@ def read_record(out: Path) -> Prepared | None:
         scale = dict(record["scale"])
         known = scale.pop("known")
         nan: Any = float("nan")
-        qualities = tuple(Quality(**{k: nan if v is None else v for k, v in q.items()}) for q in record["images"])
+        qualities = tuple(
+            Quality(**{k: nan if v is None else v for k, v in q.items()}) for q in record["images"]
+        )
         keys = record["made_of"]["model"], record["made_of"]["depths"]
-        damaged, unplaced, warnings = dict(record["damaged"]), dict(record["unplaced"]), tuple(record["warnings"])
+        damaged, unplaced, warnings = (
+            dict(record["damaged"]),
+            dict(record["unplaced"]),
+            tuple(record["warnings"]),
+        )
         focal = _focal(record["cameras"], record["options"])
-        return Prepared(out, qualities, damaged, unplaced, Scale(**scale), dict(known), warnings, keys, focal=focal)
+        return Prepared(
+            out,
+            qualities,
+            damaged,
+            unplaced,
+            Scale(**scale),
+            dict(known),
+            warnings,
+            keys,
+            focal=focal,
+        )
 
 
 def write_result(
@@ -159,7 +187,9 @@ def write_result(
         made = replace(made, warnings=(*made.warnings, f"{fault}; {remedy}"))
     cameras = _cameras(pycolmap.Reconstruction(mapped.model))
     made = replace(made, qualities=tuple(qualities), focal=_focal(cameras, asked))
-    for folder in _FOLDERS:  # renamed, because deleting takes long, and a stop would leave no result
+    for (
+        folder
+    ) in _FOLDERS:  # renamed, because deleting takes long, and a stop would leave no result
         if (out / folder).exists():
             (out / folder).rename(aside / f"old-{folder}")
     for folder in _FOLDERS:
@@ -168,8 +198,12 @@ def write_result(
 
     seen = [(q.reprojection_px, q.points) for q in qualities if q.points]
     error = np.average([px for px, _ in seen], weights=[count for _, count in seen])
-    covered, measured, between = 100 * np.mean([(q.coverage, q.measured, q.interpolated) for q in qualities], axis=0)
-    parts = f" ({measured:.0f} % measured in the photo itself, {between:.0f} % between measured points)"
+    covered, measured, between = 100 * np.mean(
+        [(q.coverage, q.measured, q.interpolated) for q in qualities], axis=0
+    )
+    parts = (
+        f" ({measured:.0f} % measured in the photo itself, {between:.0f} % between measured points)"
+    )
     facts = {
         "photos placed": f"{len(shots)} of {made.photos}, {_ATTEMPTS[mapped.attempt]}",
         "sparse points": f"{model.num_points3D()}, each seen by {model.compute_mean_track_length():.1f} photos",
@@ -204,12 +238,16 @@ def _cameras(model: Any) -> dict[str, dict[str, Any]]:
 
 def _focal(cameras: Mapping[str, Any], options: Mapping[str, Any]) -> str:
     """The cameras' focal lengths, for people."""
-    found = [camera["params"][0] / max(camera["width"], camera["height"]) for camera in cameras.values()]
+    found = [
+        camera["params"][0] / max(camera["width"], camera["height"]) for camera in cameras.values()
+    ]
     widths = " to ".join(sorted({f"{width:.2f}" for width in (min(found), max(found))}))
     return f"{widths} widths (longer sides) of a photo{', held' if options.get('focal') else ''}"
 
 
-def _write_record(made: Prepared, asked: Mapping[str, Any], facts: Any, cameras: Mapping[str, Any]) -> None:
+def _write_record(
+    made: Prepared, asked: Mapping[str, Any], facts: Any, cameras: Mapping[str, Any]
+) -> None:
     """Write prepare.json."""
     record = {
         "photos": asked["photos"],
@@ -221,10 +259,14 @@ def _write_record(made: Prepared, asked: Mapping[str, Any], facts: Any, cameras:
         "damaged": made.damaged,
         "unplaced": made.unplaced,
         "warnings": list(made.warnings),
-        "images": [{k: None if v != v else v for k, v in asdict(q).items()} for q in made.qualities],
+        "images": [
+            {k: None if v != v else v for k, v in asdict(q).items()} for q in made.qualities
+        ],
         "made_of": dict(zip(("model", "depths"), made.keys, strict=True)),
     }
-    write_atomically(made.out / _FILE, (json.dumps(record, indent=1, ensure_ascii=False) + "\n").encode())
+    write_atomically(
+        made.out / _FILE, (json.dumps(record, indent=1, ensure_ascii=False) + "\n").encode()
+    )
 
 
 def quality_of(shot: Shot, seen: DepthMap, metres_per_unit: float) -> Quality:
@@ -236,9 +278,17 @@ def quality_of(shot: Shot, seen: DepthMap, metres_per_unit: float) -> Quality:
     off = np.linalg.norm(xy - shot.xy, axis=1)
     errors = np.abs(there[there > 0] / z[there > 0] - 1)
     off = off[np.isfinite(off)]
-    px, error = (float(middle(v)) if len(v) else np.nan for middle, v in ((np.mean, off), (np.median, errors)))
-    near, far = (float(np.quantile(filled, q)) * metres_per_unit if len(filled) else np.nan for q in (0.01, 0.99))
-    coverage, measured, between = (float(m.mean()) for m in (depth > 0, origin == MEASURED, origin == INTERPOLATED))
+    px, error = (
+        float(middle(v)) if len(v) else np.nan
+        for middle, v in ((np.mean, off), (np.median, errors))
+    )
+    near, far = (
+        float(np.quantile(filled, q)) * metres_per_unit if len(filled) else np.nan
+        for q in (0.01, 0.99)
+    )
+    coverage, measured, between = (
+        float(m.mean()) for m in (depth > 0, origin == MEASURED, origin == INTERPOLATED)
+    )
     return Quality(shot.name, len(z), px, coverage, error, near, far, measured, between)
 
 
@@ -250,5 +300,9 @@ def _thumbnails(image: Path, depth: Array, bounds: tuple[float, float]) -> list[
     size = (_THUMBNAIL, max(1, round(stored.shape[0] * _THUMBNAIL / stored.shape[1])))
     coloured = depth_colours(nearest(depth, size), *bounds, unknown=0)[..., ::-1]
     pictures = (cv2.resize(stored, size, interpolation=cv2.INTER_AREA), coloured)
-    encoded = [cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 82])[1] for picture in pictures]
-    return [f"data:image/jpeg;base64,{base64.b64encode(jpeg.tobytes()).decode()}" for jpeg in encoded]
+    encoded = [
+        cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 82])[1] for picture in pictures
+    ]
+    return [
+        f"data:image/jpeg;base64,{base64.b64encode(jpeg.tobytes()).decode()}" for jpeg in encoded
+    ]

@@ -91,7 +91,11 @@ def find_scale(
         # Names of a series are too alike for did-you-mean, but the same file may be in another folder or format.
         stem = PurePosixPath(photo).stem.lower()
         same = [p for p in placed if p != photo and PurePosixPath(p).stem.lower() == stem]
-        remedy = f"did you mean '{same[0]}'?" if same else f"name one that was, like {', '.join(list(placed)[:3])}"
+        remedy = (
+            f"did you mean '{same[0]}'?"
+            if same
+            else f"name one that was, like {', '.join(list(placed)[:3])}"
+        )
         fault = "was not placed" if photo in output_of else "is not a photo of these"
         raise InputError(f"{photo} {fault}", option, remedy)
 
@@ -103,7 +107,9 @@ def find_scale(
             units = [float(np.linalg.norm(a.centre - b.centre)) for a, b in pairs]
             return _ratio(units, [metres for *_, metres in distances], "--distance")
         case {"lengths": lengths}:
-            units = [_length(name, find(name, "--length"), ends, depth_of) for name, *ends, _ in lengths]
+            units = [
+                _length(name, find(name, "--length"), ends, depth_of) for name, *ends, _ in lengths
+            ]
             return _ratio(units, [metres for *_, metres in lengths], "--length")
         case {"depth_track": {"file": file}}:
             return _from_track(Path(file), placed)
@@ -121,18 +127,27 @@ def _ratio(units: Sequence[float], metres: Sequence[float], option: str) -> Scal
         raise InputError("the two are at the same place", option, "give two that are apart")
     factors = np.array(metres) / np.array(units)
     factor = float(np.exp(np.log(factors).mean()))
-    spread = f"; they differ by up to {100 * (factors.max() / factors.min() - 1):.1f} %" if len(factors) > 1 else ""
+    spread = (
+        f"; they differ by up to {100 * (factors.max() / factors.min() - 1):.1f} %"
+        if len(factors) > 1
+        else ""
+    )
     return Scale(factor, True, f"from {len(factors)} x {option}: {factor:.4g} m per unit{spread}")
 
 
-def _length(name: str, shot: Shot, pixels: Sequence[float], depth_of: Callable[[Shot], Array]) -> float:
+def _length(
+    name: str, shot: Shot, pixels: Sequence[float], depth_of: Callable[[Shot], Array]
+) -> float:
     """The distance of two points in the model's unit, by the depth map around their pixels x, y, x, y."""
     depth = depth_of(shot)
     ends = []
     for x, y in (pixels[:2], pixels[2:]):
         column, row = int(x), int(y)
         around = depth[max(0, row - 3) : row + 4, max(0, column - 3) : column + 4]
-        if not (0 <= x < shot.camera.width and 0 <= y < shot.camera.height) or not (around > 0).any():
+        if (
+            not (0 <= x < shot.camera.width and 0 <= y < shot.camera.height)
+            or not (around > 0).any()
+        ):
             fault = f"{name} has no depth at {x:g},{y:g}"
             raise InputError(fault, "--length", "choose a point with texture near it")
         ends.append(np.linalg.inv(shot.camera.K) @ (x, y, 1) * np.median(around[around > 0]))
@@ -149,8 +164,13 @@ def _from_track(path: Path, placed: Mapping[str, Shot]) -> Scale:
         track = {row["image"].strip(): float(row["depth"]) for row in rows}
     shots = {photo: shot for photo, shot in placed.items() if photo in track}
     if len(shots) < 6:
-        raise InputError(f"names {len(shots)} of the placed photos", path, "give depths of six or more")
-    centres, depths = np.array([s.centre for s in shots.values()]), np.array([track[photo] for photo in shots])
+        raise InputError(
+            f"names {len(shots)} of the placed photos", path, "give depths of six or more"
+        )
+    centres, depths = (
+        np.array([s.centre for s in shots.values()]),
+        np.array([track[photo] for photo in shots]),
+    )
     design = np.column_stack([centres - centres.mean(axis=0), np.ones(len(depths))])
     solution, _, rank, _ = np.linalg.lstsq(design, depths, rcond=None)
     rest = depths - design @ solution
@@ -160,12 +180,19 @@ def _from_track(path: Path, placed: Mapping[str, Shot]) -> Scale:
     error = np.inf
     if rank == 4 and factor > 0:
         along = solution[:3] / factor
-        error = float(np.sqrt(noise * along @ np.linalg.inv(design.T @ design)[:3, :3] @ along)) / factor
+        error = (
+            float(np.sqrt(noise * along @ np.linalg.inv(design.T @ design)[:3, :3] @ along))
+            / factor
+        )
         # Any error of v across its direction makes it longer.
         error += float(noise * np.trace(np.linalg.inv(design.T @ design)[:3, :3])) / (2 * factor**2)
     if 2 * error > _LARGEST_ERROR:
-        what = "the cameras move too little up, down and sideways for their depths to tell the scale"
-        raise InputError(f"{what} ({100 * min(error, 9.99):.0f} % standard error)", path, "know a length instead")
+        what = (
+            "the cameras move too little up, down and sideways for their depths to tell the scale"
+        )
+        raise InputError(
+            f"{what} ({100 * min(error, 9.99):.0f} % standard error)", path, "know a length instead"
+        )
     accuracy = f"{100 * error:.1f} % standard error, rest {rest.std():.3f} m"
     note = f"from the depths of {len(depths)} photos: {factor:.4g} m per unit, {accuracy}"
     return Scale(factor, True, note)

@@ -47,7 +47,9 @@ def load_pycolmap(place: str = "prepare") -> ModuleType:
     return pycolmap
 
 
-def undistort(photos: Mapping[str, Photo], model: Path, images: Path, masks: Path, pinhole: Path) -> None:
+def undistort(
+    photos: Mapping[str, Photo], model: Path, images: Path, masks: Path, pinhole: Path
+) -> None:
     """Write the undistorted images, PNG of the photos' own bit depth, their masks, and the model of them.
 
     photos: by output name; model: folder of the COLMAP model of the photos; images, masks, pinhole: folders to write
@@ -84,7 +86,9 @@ def write_pinhole(posed: Mapping[str, Posed], model: Path, pinhole: Path) -> Non
     cameras: dict[int, tuple[Lens | None, Camera]] = {}
     for number in known.reg_image_ids():
         image = known.image(number)
-        lens, camera = cameras.setdefault(image.camera_id, (posed[image.name].lens, posed[image.name].camera))
+        lens, camera = cameras.setdefault(
+            image.camera_id, (posed[image.name].lens, posed[image.name].camera)
+        )
         places = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
         if lens is not None and len(places):
             places = lens.straightened(places)  # NaN outside the pinhole image
@@ -144,7 +148,10 @@ def read_shots(model: Path) -> list[Shot]:
         camera = known.camera(image.camera_id)
         pose = np.eye(4)
         pose[:3] = image.cam_from_world().matrix()
-        seen = sorted((p.point3D_id, *p.xy, *places[p.point3D_id][0]) for p in image.get_observation_points2D())
+        seen = sorted(
+            (p.point3D_id, *p.xy, *places[p.point3D_id][0])
+            for p in image.get_observation_points2D()
+        )
         ids = np.array([number for number, *_ in seen], dtype=np.int64)
         values = np.array([row[1:] for row in seen], dtype=np.float64).reshape(-1, 5)
         tracks = np.array([places[number][1] for number in ids.tolist()], dtype=np.int64)

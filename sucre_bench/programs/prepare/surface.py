@@ -24,9 +24,17 @@ from sucre_bench.programs.prepare.shots import Shot
 _VOXEL_PX = 4.0  # side of a voxel, in pixels of a photo at the median depth; a voxel has one point
 _LEVELS = 5, 12  # of the octree
 _MOST_POINTS = 4_000_000  # before they are reduced to one a voxel
-_NEIGHBOURS, _SPREAD = 20, 2.0  # a point is an outlier if it is farther from its neighbours, in standard deviations
-_SMOOTH = 0.02  # a larger relative difference of neighbouring depths is an edge, which has no normal
-_IN_FRONT, _ON = 0.03, 0.01  # relative: the surface hides what a photo measured, or is what it measured
+_NEIGHBOURS, _SPREAD = (
+    20,
+    2.0,
+)  # a point is an outlier if it is farther from its neighbours, in standard deviations
+_SMOOTH = (
+    0.02  # a larger relative difference of neighbouring depths is an edge, which has no normal
+)
+_IN_FRONT, _ON = (
+    0.03,
+    0.01,
+)  # relative: the surface hides what a photo measured, or is what it measured
 _ROWS = 256  # that rays are cast for at a time
 
 
@@ -59,16 +67,23 @@ class Surface:
             if at is None:
                 rays = pixel_rays(shot.camera)
             else:
-                rays = unproject(shot.camera, at[:, 0], at[:, 1], np.ones(len(at), np.float32)).T[None]
+                rays = unproject(shot.camera, at[:, 0], at[:, 1], np.ones(len(at), np.float32)).T[
+                    None
+                ]
             rays = rays @ shot.cam_from_world[:3, :3].astype(np.float32)
-            depth, triangle = np.zeros(rays.shape[:2], np.float32), np.zeros(rays.shape[:2], np.int64)
+            depth, triangle = (
+                np.zeros(rays.shape[:2], np.float32),
+                np.zeros(rays.shape[:2], np.int64),
+            )
             for top in range(0, len(rays), _ROWS):
                 block = rays[top : top + _ROWS]
                 origin = np.broadcast_to((shot.centre - middle).astype(np.float32), block.shape)
                 hit = scene.cast_rays(tensor(np.concatenate([origin, block], axis=-1)))
                 at = hit["t_hit"].numpy()
                 depth[top : top + _ROWS] = np.where(np.isfinite(at), at, 0)
-                triangle[top : top + _ROWS] = np.where(np.isfinite(at), hit["primitive_ids"].numpy(), 0)
+                triangle[top : top + _ROWS] = np.where(
+                    np.isfinite(at), hit["primitive_ids"].numpy(), 0
+                )
             return depth, triangle
 
         return cast
@@ -78,7 +93,10 @@ def read_mesh(path: Path) -> Surface:
     """Return the triangles of a .ply, .obj, .glb, .stl or .off file. Raises InputError if it holds none."""
     regular(path, "give a mesh: .ply, .obj or .glb")
     o3d = load("prepare", "open3d")
-    with tempfile.TemporaryDirectory() as folder, o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error),
+    ):
         content = path.read_bytes() if path.suffix.lower() == ".glb" else b""
         if content and len(content) == int.from_bytes(content[12:16], "little") + 20:
             # Without a second part, as Open3D writes it and does not read it: as .gltf it does.
@@ -89,7 +107,9 @@ def read_mesh(path: Path) -> Surface:
         mesh = o3d.io.read_triangle_mesh(str(path_read))
     vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
     if not len(triangles) or not np.isfinite(vertices).all():
-        raise InputError("holds no triangles that can be read", path, "export the mesh as .ply, .obj or .glb")
+        raise InputError(
+            "holds no triangles that can be read", path, "export the mesh as .ply, .obj or .glb"
+        )
     return Surface(vertices, triangles, np.zeros(len(vertices)))
 
 
@@ -102,7 +122,9 @@ def fused(shots: Sequence[Shot], depth_of: Callable[[int], Array], widest: float
     from scipy.spatial import cKDTree
 
     o3d = load("prepare", "open3d")
-    footprint = np.median([np.median(s.seen_points()[1]) / s.camera.K[0, 0] for s in shots if len(s.points)])
+    footprint = np.median(
+        [np.median(s.seen_points()[1]) / s.camera.K[0, 0] for s in shots if len(s.points)]
+    )
     cloud = _points(shots, depth_of, _VOXEL_PX * footprint, o3d)
     if cloud is None:
         return Surface(np.zeros((3, 3)), np.zeros((1, 3), np.int64), np.zeros(3))
@@ -148,8 +170,12 @@ def _with_normals(shot: Shot, depth: Array) -> tuple[Array, Array]:
     left, right = np.s_[1:-1:2, :-2:2], np.s_[1:-1:2, 2::2]
     above, below = np.s_[:-2:2, 1:-1:2], np.s_[2::2, 1:-1:2]
     around = np.stack([depth[side] for side in (left, right, above, below)])
-    smooth = (depth[inner] > 0) & (np.abs(around - depth[inner]) < _SMOOTH * depth[inner]).all(axis=0)
-    normals = np.cross((points[below] - points[above])[smooth], (points[right] - points[left])[smooth])
+    smooth = (depth[inner] > 0) & (np.abs(around - depth[inner]) < _SMOOTH * depth[inner]).all(
+        axis=0
+    )
+    normals = np.cross(
+        (points[below] - points[above])[smooth], (points[right] - points[left])[smooth]
+    )
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     turn = shot.cam_from_world[:3, :3]
     return moved(points[inner][smooth], np.linalg.inv(shot.cam_from_world)), normals @ turn
@@ -167,6 +193,8 @@ def _carved(surface: Surface, shots: Sequence[Shot], depth_of: Callable[[int], A
         vote = np.where(nearer > _IN_FRONT, -1, nearer > -_ON)
         votes += np.bincount(triangle[both], vote, len(votes))
     # One pixel does not decide: neighbours vote, too.
-    around = np.sum([np.bincount(corner, votes, len(surface.vertices)) for corner in corners], axis=0)
+    around = np.sum(
+        [np.bincount(corner, votes, len(surface.vertices)) for corner in corners], axis=0
+    )
     kept = np.sum([around[corner] for corner in corners], axis=0) >= 0
     return Surface(surface.vertices, surface.triangles[kept], surface.gaps)

@@ -23,13 +23,56 @@ from sucre_bench.machine.files import regular
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 # Chunks of a PNG that describe its pixels and not the photograph.
-_OF_PIXELS = {b"IHDR", b"PLTE", b"IDAT", b"IEND", b"tRNS", b"bKGD", b"hIST", b"sBIT", b"sPLT", b"acTL"}
+_OF_PIXELS = {
+    b"IHDR",
+    b"PLTE",
+    b"IDAT",
+    b"IEND",
+    b"tRNS",
+    b"bKGD",
+    b"hIST",
+    b"sBIT",
+    b"sPLT",
+    b"acTL",
+}
 _EXIF, _ICC, _MULTI = b"Exif\x00\x00", b"ICC_PROFILE\x00", b"MPF\x00"
 _START_OF_SCAN, _COMMENT, _EXIF_MARKER, _ADOBE = 0xDA, 0xFE, 0xE1, 0xEE
 _RGB_PROFILE = slice(16, 20)  # bytes of an ICC profile that name the colours it is for
 # Tags of a TIFF: what says where and how its pixels are stored, and the resolution of previews.
-_SIDES, _BITS, _COMPRESSION, _COLOURS, _OFFSETS, _SAMPLES, _ROWS, _COUNTS = 256, 258, 259, 262, 273, 277, 278, 279
-_STORED = {254, 255, 256, 257, 258, 259, 262, 266, 273, 277, 278, 279, 284, 317, 320, 322, 323, 324, 325, 330, 338, 339}
+_SIDES, _BITS, _COMPRESSION, _COLOURS, _OFFSETS, _SAMPLES, _ROWS, _COUNTS = (
+    256,
+    258,
+    259,
+    262,
+    273,
+    277,
+    278,
+    279,
+)
+_STORED = {
+    254,
+    255,
+    256,
+    257,
+    258,
+    259,
+    262,
+    266,
+    273,
+    277,
+    278,
+    279,
+    284,
+    317,
+    320,
+    322,
+    323,
+    324,
+    325,
+    330,
+    338,
+    339,
+}
 _STORED |= {347, 512, 513, 514, 530, 531, 532}
 # Bytes without a type of their own, which Pillow would call numbers: configuration of components, maker note, comment,
 # source of file and scene, settings; of GPS, method and area.
@@ -73,7 +116,11 @@ def encoded(picture: npt.NDArray[Any], photograph: bytes, quality: int) -> bytes
         return _PNG + head + b"".join(kept) + b"".join(others)
     if photograph[:2] in (b"II", b"MM"):
         return _tiff(picture, photograph)
-    return _by_pillow((picture >> 8).astype(np.uint8) if picture.dtype == np.uint16 else picture, photograph, quality)
+    return _by_pillow(
+        (picture >> 8).astype(np.uint8) if picture.dtype == np.uint16 else picture,
+        photograph,
+        quality,
+    )
 
 
 def _by_pillow(picture: npt.NDArray[Any], photograph: bytes, quality: int) -> bytes:
@@ -84,10 +131,14 @@ def _by_pillow(picture: npt.NDArray[Any], photograph: bytes, quality: int) -> by
     names = {"exif", "xmp", "icc_profile"} if kind == "WEBP" else {"dpi"}
     more = {}
     if photograph.startswith(b"\xff\xd8"):  # of all kinds of JPEG
-        kept = (_without_preview(segment) for segment in _segments(photograph) if _is_metadata(segment))
+        kept = (
+            _without_preview(segment) for segment in _segments(photograph) if _is_metadata(segment)
+        )
         kind = "JPEG"
         more = {"subsampling": 0, "extra": b"".join(kept)}
-    made.save(file, kind, quality=quality, **more, **{name: info[name] for name in names & info.keys()})
+    made.save(
+        file, kind, quality=quality, **more, **{name: info[name] for name in names & info.keys()}
+    )
     return file.getvalue()
 
 
@@ -111,7 +162,9 @@ def _segments(content: bytes) -> Iterator[bytes]:
 def _is_metadata(segment: bytes) -> bool:
     """Whether a segment is about the photograph, and neither about its pixels nor of other colours than RGB."""
     marker, body = segment[1], segment[4:]
-    if body.startswith(_MULTI) or marker == _ADOBE:  # places of other pictures in the file; how colours are stored
+    if (
+        body.startswith(_MULTI) or marker == _ADOBE
+    ):  # places of other pictures in the file; how colours are stored
         return False
     if body.startswith(_ICC):
         head = body[len(_ICC) + 2 :]
@@ -129,7 +182,11 @@ def _without_preview(segment: bytes) -> bytes:
         (first,) = struct.unpack_from(f"{order}I", segment, start + 4)
         (count,) = struct.unpack_from(f"{order}H", segment, start + first)
         following = start + first + 2 + 12 * count
-        return segment[:following] + bytes(4) + segment[following + 4 :] if following + 4 <= len(segment) else segment
+        return (
+            segment[:following] + bytes(4) + segment[following + 4 :]
+            if following + 4 <= len(segment)
+            else segment
+        )
     except struct.error:  # a damaged directory stays as it is
         return segment
 
@@ -155,7 +212,9 @@ def _tiff(picture: npt.NDArray[Any], photograph: bytes) -> bytes:
     if _PROFILE_TAG in tags and bytes(tags[_PROFILE_TAG])[_RGB_PROFILE] != b"RGB ":
         del tags[_PROFILE_TAG]
     order: Any = "<" if photograph.startswith(b"II") else ">"
-    if not isinstance(tags.get(_IPTC_TAG, b""), bytes):  # called numbers of 32 bits by many programs
+    if not isinstance(
+        tags.get(_IPTC_TAG, b""), bytes
+    ):  # called numbers of 32 bits by many programs
         tags[_IPTC_TAG] = np.array(tags[_IPTC_TAG], f"{order}u4").tobytes()
     height, width = picture.shape[:2]
     pixels = picture.astype(picture.dtype.newbyteorder(order)).tobytes()

@@ -64,8 +64,14 @@ def sorted_words(words: Sequence[str], method: str) -> tuple[tuple[str, ...], tu
     """
     where = tuple(word for word in words if _WHERE.match(word))
     for word, (name, _, value) in ((word, word.partition("=")) for word in where):
-        if name in _LEAST and not (re.fullmatch("0|[1-9][0-9]{0,5}", value) and int(value) >= _LEAST[name]):
-            raise InputError(f"is no whole number of {_LEAST[name]} or more", word, f"give one, for example {name}=4")
+        if name in _LEAST and not (
+            re.fullmatch("0|[1-9][0-9]{0,5}", value) and int(value) >= _LEAST[name]
+        ):
+            raise InputError(
+                f"is no whole number of {_LEAST[name]} or more",
+                word,
+                f"give one, for example {name}=4",
+            )
     options = tuple(word for word in words if word not in where)
     for word in options:
         owner, dot, _ = word.partition("=")[0].partition(".")
@@ -123,9 +129,15 @@ def source_of(folder: Path, photographs: Path | None = None) -> Source:
     if not {"poses", "depth"} & plugins.find("dataset", name).has:
         return Source((), False, None, photographs_in(folder), folder).of_photographs
     prepared = read_prepared(folder)
-    at = photographs or (prepared.photographs if prepared and prepared.photographs.is_dir() else None)
+    at = photographs or (
+        prepared.photographs if prepared and prepared.photographs.is_dir() else None
+    )
     words = (f"dataset={name}", _root(folder))
-    return Source(words, True, prepared, photographs_in(at), at) if at else Source(words, True, prepared)
+    return (
+        Source(words, True, prepared, photographs_in(at), at)
+        if at
+        else Source(words, True, prepared)
+    )
 
 
 def _root(folder: Path) -> str:
@@ -133,7 +145,10 @@ def _root(folder: Path) -> str:
 
 
 def restore(
-    source: Source, out: Path, options: Options, before: Callable[[Sequence[Planned]], None] = lambda _: None
+    source: Source,
+    out: Path,
+    options: Options,
+    before: Callable[[Sequence[Planned]], None] = lambda _: None,
 ) -> Done:
     """Restore all photographs of a source and write their pictures below `out`; what is finished is not repeated.
 
@@ -154,7 +169,10 @@ def restore(
                 values["display"] = f"{display}@scene"  # over all views
             given = [word for word in options.words if word not in dataset]
             named = {word.partition("=")[0].partition(".")[2] for word in given}
-            words = [f"method={options.method}", *(f"method.{k}={v}" for k, v in values.items() if k not in named)]
+            words = [
+                f"method={options.method}",
+                *(f"method.{k}={v}" for k, v in values.items() if k not in named),
+            ]
             dive = _run(source, [*words, *given], options.where, out, before)
         done = {one.name for one in dive.restored}
         names = source.photographs or [*dive.faults, *done]
@@ -166,13 +184,21 @@ def restore(
             alone = _run(rest, words, options.where, out, before)
     with progress.live():
         restored = [*dive.restored, *alone.restored]
-        faults = write_pictures(restored, out, options.quality, options.original_geometry, note.stat().st_mtime_ns)
-        assessed = assess([one for one in restored if one.name not in faults], out, options.original_geometry)
+        faults = write_pictures(
+            restored, out, options.quality, options.original_geometry, note.stat().st_mtime_ns
+        )
+        assessed = assess(
+            [one for one in restored if one.name not in faults], out, options.original_geometry
+        )
     if source.photographs:
-        others = (path.relative_to(source.folder).as_posix() for path in other_photographs(source.folder))
+        others = (
+            path.relative_to(source.folder).as_posix() for path in other_photographs(source.folder)
+        )
         faults |= dict.fromkeys(others, f"its format is not read; {EXPORT}")
     written = tuple(one.name for one in restored if one.name not in faults)
-    faults |= {name: alone.faults.get(name, "") for name in names if name not in {*written, *faults}}
+    faults |= {
+        name: alone.faults.get(name, "") for name in names if name not in {*written, *faults}
+    }
     instead = {name: why for name, why in dive.faults.items() if name in written}
     return Done(written, faults, instead, dive.has_failed, dive.restored, assessed)
 
@@ -204,7 +230,11 @@ class _Run:
 
 
 def _run(
-    source: Source, words: Sequence[str], where: Sequence[str], out: Path, before: Callable[[Sequence[Planned]], None]
+    source: Source,
+    words: Sequence[str],
+    where: Sequence[str],
+    out: Path,
+    before: Callable[[Sequence[Planned]], None],
 ) -> _Run:
     """Restore a source by the engine. Raises what `engine.run` does, and KeyboardInterrupt if it is stopped.
 
@@ -227,8 +257,16 @@ def _run(
     is_split = count not in ("0", "1")
     parts = [[*where, f"shard.count={count}", f"shard.index=range({count})"] if is_split else where]
     if is_split and any(word.endswith("@scene") for word in words):
-        deciding = {scene.views[k].name for scene in scenes for k in evenly(len(scene), MOST_SHOWN_OVER)}
-        parts.insert(0, [*(w for w in where if not w.startswith("shard")), f"views={value_of(sorted(deciding))}"])
+        deciding = {
+            scene.views[k].name for scene in scenes for k in evenly(len(scene), MOST_SHOWN_OVER)
+        }
+        parts.insert(
+            0,
+            [
+                *(w for w in where if not w.startswith("shard")),
+                f"views={value_of(sorted(deciding))}",
+            ],
+        )
     for part in parts:
         outcome = run_words([*source.dataset, *words, *settings, *part], bool(where), Watch(before))
         if outcome.interrupted:
@@ -246,13 +284,29 @@ def _run(
         if place is None:
             continue
         photograph = source.photographs.get(name) or next(source_files(view))
-        lens = source.prepared.lens_of(view.camera) if source.prepared else getattr(view.pixels, "lens", None)
+        lens = (
+            source.prepared.lens_of(view.camera)
+            if source.prepared
+            else getattr(view.pixels, "lens", None)
+        )
         image, record = place.restored(folder, row.method), read_record(row, folder)
         origin = origins and origins / PurePosixPath(view.name).with_suffix(".png")
-        limits = [str(limit) for limit in said] if isinstance(said := record.get("limits"), list) else []
+        limits = (
+            [str(limit) for limit in said] if isinstance(said := record.get("limits"), list) else []
+        )
         restored.append(
             Restored(
-                name, photograph, view, image, lens, origin, row.method, row.coverage, limits, record, source.is_dive
+                name,
+                photograph,
+                view,
+                image,
+                lens,
+                origin,
+                row.method,
+                row.coverage,
+                limits,
+                record,
+                source.is_dive,
             )
         )
     missing = (*outcome.failed, *outcome.skipped)
@@ -277,7 +331,12 @@ class PreparedDive:
         for lens in self.lenses:
             own = lens.pinhole
             is_same_size = camera is not None and own.size == camera.size
-            if camera and is_same_size and np.allclose(own.K, camera.K, rtol=1e-6) and any(lens.coefficients):
+            if (
+                camera
+                and is_same_size
+                and np.allclose(own.K, camera.K, rtol=1e-6)
+                and any(lens.coefficients)
+            ):
                 return lens
         return None
 
@@ -291,9 +350,14 @@ def read_prepared(dive: Path) -> PreparedDive | None:
         return None
     with reading(file, remedy):
         cameras = record["cameras"].values()
-        lenses = (lens_of_model(c["model"], c["width"], c["height"], [float(p) for p in c["params"]]) for c in cameras)
+        lenses = (
+            lens_of_model(c["model"], c["width"], c["height"], [float(p) for p in c["params"]])
+            for c in cameras
+        )
         return PreparedDive(
-            dive / "depth_origin", Path(record["photos"]), tuple(lens for lens in lenses if not lens.fault)
+            dive / "depth_origin",
+            Path(record["photos"]),
+            tuple(lens for lens in lenses if not lens.fault),
         )
 
 

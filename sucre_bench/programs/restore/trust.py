@@ -65,10 +65,18 @@ def why_not_measured(record: Mapping[str, Any]) -> str:
         return "no water explains the views better than none, so it shows the photograph's colours, balanced"
     if assumed := record.get("assumed"):
         return f"the water of {' and '.join(assumed)} was assumed"
-    far = {name: error for name, error in (record.get("far_error") or {}).items() if error and error > _FAR}
+    far = {
+        name: error
+        for name, error in (record.get("far_error") or {}).items()
+        if error and error > _FAR
+    }
     if far:
-        return "far ground may be wrong by " + ", ".join(f"{name} {error:.0%}" for name, error in far.items())
-    if not record.get("judged"):  # the judge chooses no water that predicts unseen views no better than none
+        return "far ground may be wrong by " + ", ".join(
+            f"{name} {error:.0%}" for name, error in far.items()
+        )
+    if not record.get(
+        "judged"
+    ):  # the judge chooses no water that predicts unseen views no better than none
         return "no views were left to judge the water on"
     if below := record.get("below_zero"):
         return f"{' and '.join(below)}: too many colours are darker than black"
@@ -83,7 +91,11 @@ def assess(restored: Sequence[Restored], out: Path, original_geometry: bool) -> 
         try:
             picture = read_rgb(out / "pictures" / one.name)
             bent = original_geometry and one.lens is not None
-            beside = read_rgb(one.photograph) if bent else display(one.view.rgb, "none", one.view.encoding)
+            beside = (
+                read_rgb(one.photograph)
+                if bent
+                else display(one.view.rgb, "none", one.view.encoding)
+            )
             distance = one.view.distance if one.is_of_dive and not bent else None
             return look_at(picture, beside, distance, below)
         except ANY_FAULT:  # the picture stays; it is not looked at

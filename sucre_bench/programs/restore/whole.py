@@ -72,7 +72,9 @@ def _continued(sums: Array, weight: Array) -> Array:
     np.divide(sums, weight[..., None], out=sums, where=weight[..., None] > 0)
     if not (weight > 0).all() and max(height, width) > 1:
         coarse = _continued(*(np.asarray(one, dtype=np.float32) for one in less))
-        wide = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR).reshape(height, width, 3)
+        wide = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR).reshape(
+            height, width, 3
+        )
         np.copyto(sums, wide, where=weight[..., None] == 0)
     return sums
 
@@ -105,7 +107,9 @@ def with_open_water(picture: Array, measured: Mask, photograph: Array) -> Array:
     trust = continued(known.astype(np.float32), known, small, watery**_SHARP)
     size = measured.shape[::-1]
     guide = in_cells(photograph, step := -(-n // _FINE_PX))
-    coarse = np.asarray(cv2.resize(trust, guide.shape[1::-1], interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+    coarse = np.asarray(
+        cv2.resize(trust, guide.shape[1::-1], interpolation=cv2.INTER_LINEAR), dtype=np.float32
+    )
     edged = guided_filter(guide, coarse, 2 * n // step, _FLAT).clip(0, 1)
     fine = cv2.resize(edged, size, interpolation=cv2.INTER_LINEAR)
     is_known = cv2.resize(known.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST_EXACT) > 0
@@ -129,9 +133,22 @@ def as_photographed(lens: Lens, picture: Array, known: Mask) -> tuple[Array, Mas
     coarse = lens.straightened(np.stack([u.ravel(), v.ravel()], axis=-1)).reshape(*u.shape, 2)
     coarse = np.where(np.isfinite(coarse), coarse, -1e4).astype(np.float32)
     columns, rows = np.meshgrid(
-        *(np.linspace(0, len(at) - 1, n, dtype=np.float32) for at, n in ((across, width), (down, height)))
+        *(
+            np.linspace(0, len(at) - 1, n, dtype=np.float32)
+            for at, n in ((across, width), (down, height))
+        )
     )
-    x, y = (np.asarray(cv2.remap(coarse[..., c] - 0.5, columns, rows, cv2.INTER_LINEAR)) for c in range(2))
+    x, y = (
+        np.asarray(cv2.remap(coarse[..., c] - 0.5, columns, rows, cv2.INTER_LINEAR))
+        for c in range(2)
+    )
     shown = cv2.remap(picture, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    share = cv2.remap(known.astype(np.uint8), x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+    share = cv2.remap(
+        known.astype(np.uint8),
+        x,
+        y,
+        cv2.INTER_NEAREST,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=0,
+    )
     return np.asarray(shown).clip(0, 1), np.asarray(share > 0)

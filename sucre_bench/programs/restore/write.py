@@ -29,9 +29,14 @@ from sucre_bench.programs.restore.whole import as_photographed, whole, with_open
 from sucre_bench.results.restorations import read_mask
 from sucre_bench.scene import View
 
-_MOST_SHOWN, _WIDE = 60, 320  # pairs on the contact sheet, evenly chosen; pixels of a picture's width
+_MOST_SHOWN, _WIDE = (
+    60,
+    320,
+)  # pairs on the contact sheet, evenly chosen; pixels of a picture's width
 _BYTES_A_PIXEL = 80  # that writing a picture takes: 1.8 GB for 24 megapixels
-_MOST_AT_ONCE = 4  # pictures that are written: a container or a cluster job may allow less memory than is free
+_MOST_AT_ONCE = (
+    4  # pictures that are written: a container or a cluster job may allow less memory than is free
+)
 _ORIENTATION = 274
 _INTERPOLATED = 3  # in a map of depth's origins: between measured points, so perhaps beyond an edge of the ground
 
@@ -92,7 +97,10 @@ def write_pictures(
         whys = list(track(pool.map(write, restored), "writing pictures", len(restored)))
     faults = {one.name: why for one, why in zip(restored, whys, strict=True) if why}
     if there := [one for one in restored if one.name not in faults]:
-        write_atomically(out / "contact-sheet.jpg", _sheet([there[k] for k in evenly(len(there), _MOST_SHOWN)], folder))
+        write_atomically(
+            out / "contact-sheet.jpg",
+            _sheet([there[k] for k in evenly(len(there), _MOST_SHOWN)], folder),
+        )
     return faults
 
 
@@ -104,7 +112,9 @@ def _picture(one: Restored, original_geometry: bool) -> Array:
     measured = np.ones(picture.shape[:2], np.bool_) if mask is None else mask
     coloured = measured
     if one.origin and one.origin.is_file():
-        origin = cv2.resize(decode(one.origin, 0), measured.shape[::-1], interpolation=cv2.INTER_NEAREST_EXACT)
+        origin = cv2.resize(
+            decode(one.origin, 0), measured.shape[::-1], interpolation=cv2.INTER_NEAREST_EXACT
+        )
         measured = measured & (origin != _INTERPOLATED)
     if not measured.all():
         beside = display(one.view.rgb, "none", one.view.encoding)

@@ -66,7 +66,9 @@ def metrics_of(bundle: Bundle) -> Callable[[str, str, str], Scorer | str]:
         types = {option.name: option.type for option in options_of(plugin.cls)}
         default = {option.name: option.default for option in options_of(plugin.cls)}
         given = [{}, default, *(one for one in recorded if one.get("name") == metric)]
-        for options in ({name: typed(types[name], one[name]) for name in types if name in one} for one in given):
+        for options in (
+            {name: typed(types[name], one[name]) for name in types if name in one} for one in given
+        ):
             choice = replace(choice, options=options)
             if _options_hash(metric_code(choice)) != options_hash:
                 continue
@@ -98,7 +100,9 @@ class _Apart:
         return processes.call(lambda: list(self._metric.score(*scored)), "mend the metric")
 
 
-def scores_of(restoration: Restoration, shown: np.ndarray, view: View, chosen: Sequence[Scorer]) -> dict[Key, Row]:
+def scores_of(
+    restoration: Restoration, shown: np.ndarray, view: View, chosen: Sequence[Scorer]
+) -> dict[Key, Row]:
     """Return the rows of a restoration that has a restored image. Its image may be the restored image, too."""
     if view.encoding == "linear":  # metrics get the restoration in the view's encoding
         restoration = replace(restoration, image=srgb_decode(restoration.image).astype(np.float32))
@@ -128,7 +132,9 @@ class Pictured:
         """Its scores."""
         return scores_of(self.restoration, self.restoration.image, self.view, self.scorers)
 
-    def difference(self, scorer: Scorer, key: Key, stored: float, size: float, tolerance: float) -> float:
+    def difference(
+        self, scorer: Scorer, key: Key, stored: float, size: float, tolerance: float
+    ) -> float:
         """Return how far a stored score is from the one of the picture, as a share of it: if above a tolerance, only
         what rounding does not explain.
 
@@ -159,14 +165,17 @@ class Pictured:
             signs = np.array(list(itertools.product((-1, 1), repeat=3)), dtype=np.float32)
             shifted = ((image + _HALF_STEP * sign).clip(0, 1) for sign in signs)
             self._corners[key[:2]] = [
-                scores_of(replace(self.restoration, image=one), one, self.view, [scorer]) for one in shifted
+                scores_of(replace(self.restoration, image=one), one, self.view, [scorer])
+                for one in shifted
             ]
         around = [rows[key].value for rows in self._corners[key[:2]] if key in rows]
         known = [one for one in around if math.isfinite(one)]
         value = self.rows[key].value
         if not math.isfinite(value):
             return math.inf if known else 0.0
-        return _WITHIN * max((_difference(one, value, scorer.plugin.period) for one in known), default=0.0)
+        return _WITHIN * max(
+            (_difference(one, value, scorer.plugin.period) for one in known), default=0.0
+        )
 
 
 Scenes = dict[tuple[str, str], Scene]  # by dataset label, and name in rows
@@ -190,20 +199,30 @@ def open_data(rows: DataFrame, places: Mapping[str, Path]) -> tuple[Scenes, list
             scene, data_id = _scene(row, root)
         except SucreBenchError as fault:
             faults.append(f"{where}: {one_line(fault)}")
-        except ANY_FAULT as fault:  # whatever a stranger's options make fail is a fault of that bundle
-            faults.append(f"{where}: its options cannot be used ({one_line(fault)}); ask who made the bundle")
+        except (
+            ANY_FAULT
+        ) as fault:  # whatever a stranger's options make fail is a fault of that bundle
+            faults.append(
+                f"{where}: its options cannot be used ({one_line(fault)}); ask who made the bundle"
+            )
         else:
             if data_id == row.data_id:
                 scenes[row.dataset, row.scene] = scene
             else:
-                faults.append(f"{where}: the data in {root} are {data_id}, the scores of {row.data_id}")
+                faults.append(
+                    f"{where}: the data in {root} are {data_id}, the scores of {row.data_id}"
+                )
     return scenes, list(dict.fromkeys(faults))
 
 
 def _scene(row: Any, root: Path) -> tuple[Scene, str]:
     """Return the scene of a row as it was restored, and its data_id. Raises InputError if it does not open here."""
     told = json.loads(row.options)
-    given, degrade, replicate = dict(told["dataset"]), dict(told.get("degrade", {})), int(told.get("replicate", 0))
+    given, degrade, replicate = (
+        dict(told["dataset"]),
+        dict(told.get("degrade", {})),
+        int(told.get("replicate", 0)),
+    )
     plugin = plugins.find("dataset", str(given.pop("name")))
     known = {option.name: option for option in options_of(plugin.cls)}
     if "root" not in known:
@@ -212,16 +231,25 @@ def _scene(row: Any, root: Path) -> tuple[Scene, str]:
     for name, value in {**given, **degrade}.items():
         for text in value if isinstance(value, list) else [value]:
             if isinstance(text, str) and _leads_out(text):  # to any file of this user
-                raise InputError(f"option {name}={text} leads out of the data's folder; ask who made the bundle")
-    if known["root"].default is not None:  # without a folder the data are made, in the user's cache: not in `root`
+                raise InputError(
+                    f"option {name}={text} leads out of the data's folder; ask who made the bundle"
+                )
+    if (
+        known["root"].default is not None
+    ):  # without a folder the data are made, in the user's cache: not in `root`
         given["root"] = str(root)
-    options = {name: typed(known[name].type, value) if name in known else value for name, value in given.items()}
+    options = {
+        name: typed(known[name].type, value) if name in known else value
+        for name, value in given.items()
+    }
     seed = seed_of(Degradation.of(degrade).seed, "degrade", replicate)
     drawn = Degradation.of({**degrade, "seed": seed})
     scenes = open_scenes(Choice(plugin, row.dataset, options, replicate=replicate))
     # The scene of the same data, or else of the same name. One that is called after a moved folder is renamed.
     name, _ = results.unreplicated(row.scene)
-    alike = [scene for scene in scenes if row.data_id and drawn.data_id(scene.data_id) == row.data_id]
+    alike = [
+        scene for scene in scenes if row.data_id and drawn.data_id(scene.data_id) == row.data_id
+    ]
     named = [scene for scene in scenes if scene.name == name]
     found = alike or named or (scenes if len(scenes) == 1 else [])
     if not found:

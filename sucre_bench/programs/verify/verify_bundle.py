@@ -27,7 +27,13 @@ from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.programs.verify import TOLERANCE
 from sucre_bench.programs.verify.score_again import Pictured, Scenes, metrics_of, open_data
 from sucre_bench.results.bundle_format import LIMITS, SCORES, Bundle
-from sucre_bench.results.common_scores import COMMON_PIXELS, common_pixels, filled_restorations, kind_of, methods_of
+from sucre_bench.results.common_scores import (
+    COMMON_PIXELS,
+    common_pixels,
+    filled_restorations,
+    kind_of,
+    methods_of,
+)
 from sucre_bench.results.layout import possible_places
 from sucre_bench.results.reasons import Reason, brief
 from sucre_bench.results.restorations import mask_in, masked
@@ -97,16 +103,22 @@ class Outcome:
         return not self.faults and not self.differing
 
 
-def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: float = TOLERANCE) -> Outcome:
+def verify(
+    bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: float = TOLERANCE
+) -> Outcome:
     """Check a bundle. data: folders of the data, by dataset label; tolerance: allowed difference as share of a score.
 
     Raises InputError if the bundle has no score table.
     """
     rows = bundle.rows
     names = sorted(set(bundle.inside) | set(bundle.entries) - {"bundle.json"})
-    faults = {name: fault for name in progress.track(names, "hashes") if (fault := bundle.fault_of(name))}
+    faults = {
+        name: fault for name in progress.track(names, "hashes") if (fault := bundle.fault_of(name))
+    }
     scenes, data_faults = open_data(rows, data or {})
-    outcome = Outcome(bundle.id, bundle.by, len(names), [f"{name}: {fault}" for name, fault in faults.items()])
+    outcome = Outcome(
+        bundle.id, bundle.by, len(names), [f"{name}: {fault}" for name, fault in faults.items()]
+    )
     outcome.faults += [*data_faults, *_wrong_meaning(SCORES, rows)]
     if rows.empty:
         outcome.faults.append(f"{SCORES}: has no rows")
@@ -118,7 +130,9 @@ def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: fl
     for of_restoration in progress.track(groups.values(), "scoring again", len(groups)):
         check.restoration(of_restoration)
     n_own = outcome.n_agree
-    common = bundle.common.assign(variant=bundle.common["variant"].str.removesuffix(COMMON), pixels="common")
+    common = bundle.common.assign(
+        variant=bundle.common["variant"].str.removesuffix(COMMON), pixels="common"
+    )
     is_view = common["metric"] == COMMON_PIXELS
     scores = _grouped(common[~is_view & (common["status"] == "ok")], *_VIEW)
     for view in progress.track(list(tuples(common[is_view])), "scoring common pixels again"):
@@ -146,7 +160,10 @@ def _wrong_meaning(file: str, rows: DataFrame) -> Iterator[str]:
     for row in once.itertuples():
         plugin = known.get(row.metric)
         if plugin and (row.unit, row.better) != (plugin.unit, plugin.better):
-            said, meant = f"'{row.unit}', {row.better} is better", f"'{plugin.unit}', {plugin.better}"
+            said, meant = (
+                f"'{row.unit}', {row.better} is better",
+                f"'{plugin.unit}', {plugin.better}",
+            )
             yield f"{file}: {row.metric} in {said}; it is {meant}"
 
 
@@ -159,7 +176,9 @@ def _picture(bundle: Bundle, name: str) -> Array:
 
     content = bundle.read(name)
     if not content.startswith(_PNG if name.endswith(".png") else (_PNG, _JPEG)):
-        raise InputError(f"{name}: is no PNG or JPEG", bundle.path, "ask who made the bundle for another")
+        raise InputError(
+            f"{name}: is no PNG or JPEG", bundle.path, "ask who made the bundle for another"
+        )
     width, height = image_size(content) or (0, 0)
     if 3 * width * height > max(1 << 20, LIMITS.ratio * len(content)):
         fault = f"{name}: would decode to {3 * width * height / 1e6:.0f} MB, far more than its size"
@@ -193,12 +212,17 @@ def _opened(bundle: Bundle, picture_of: Callable[[str], Array], row: Any) -> _Op
     Raises InputError for a picture or record that cannot be read, and for one that does not fit the row.
     """
     places = possible_places(row.dataset, row.scene, row.view)
-    place = next((one for one in places if one.restored(Path(), row.method).as_posix() in bundle.inside), None)
+    place = next(
+        (one for one in places if one.restored(Path(), row.method).as_posix() in bundle.inside),
+        None,
+    )
     if place is None:
         return None
     image = place.restored(Path(), row.method)
     files = (image, image.with_suffix(".json"), place.original(Path()), place.reference(Path()))
-    name, record_name, view, reference = (name if (name := file.as_posix()) in bundle.inside else "" for file in files)
+    name, record_name, view, reference = (
+        name if (name := file.as_posix()) in bundle.inside else "" for file in files
+    )
     picture = picture_of(name)
     remedy = "ask who made the bundle"
     with reading(bundle.path / name, f"{remedy} for another"):
@@ -220,7 +244,12 @@ class _Check:
     """Scores restorations one after the other, and writes into an outcome what comes out."""
 
     def __init__(self, bundle: Bundle, scenes: Scenes, tolerance: float, outcome: Outcome) -> None:
-        self._bundle, self._scenes, self._tolerance, self._outcome = bundle, scenes, tolerance, outcome
+        self._bundle, self._scenes, self._tolerance, self._outcome = (
+            bundle,
+            scenes,
+            tolerance,
+            outcome,
+        )
         self._metric = metrics_of(bundle)
         self._picture = functools.lru_cache(maxsize=4)(functools.partial(_picture, bundle))
         self._opened = functools.partial(_opened, bundle, self._picture)
@@ -228,7 +257,9 @@ class _Check:
         rows = bundle.rows
         scores = rows[(rows["status"] == "ok") & np.isfinite(rows["value"])]
         # The median size of a column's scores: what a difference near zero is compared with.
-        self._sizes = scores["value"].abs().groupby([scores["metric"], scores["variant"]]).median().to_dict()
+        self._sizes = (
+            scores["value"].abs().groupby([scores["metric"], scores["variant"]]).median().to_dict()
+        )
         self._whole: dict[tuple[str, ...], dict[str, Any]] = {}  # by view, then by method
         for row in tuples(filled_restorations(rows)):
             self._whole.setdefault((row.dataset, row.scene, row.view), {})[row.method] = row
@@ -251,23 +282,35 @@ class _Check:
         """Find the common pixels of a view again, and score all methods on them again. said: the view's row."""
         whole = self._whole.get((said.dataset, said.scene, said.view), {})
         scores = [score for score in scores if score.method in whole]
-        with self._faults(f"{SCORES}: {said.dataset} / {said.view}", scores, "the common pixels cannot be found again"):
+        with self._faults(
+            f"{SCORES}: {said.dataset} / {said.view}",
+            scores,
+            "the common pixels cannot be found again",
+        ):
             if methods_of(said.options) != whole.keys():
-                self._outcome.unchecked["common to other methods than the bundle has"] += len(scores)
+                self._outcome.unchecked["common to other methods than the bundle has"] += len(
+                    scores
+                )
                 return
             if any(row.time > said.time for row in whole.values()):
                 reason = "on common pixels of earlier restorations, which no table shows"
                 self._outcome.unchecked[reason] += len(scores)
                 return
-            found = {method: opened for method, row in whole.items() if (opened := self._opened(row))}
+            found = {
+                method: opened for method, row in whole.items() if (opened := self._opened(row))
+            }
             if found.keys() != whole.keys():
                 self._outcome.unchecked[_NO_PICTURES] += len(scores)
                 return
             common = self._common_pixels(said, found)
             for method, opened in found.items():
-                restoration = replace(opened.restoration, image=masked(opened.restoration.image, common))
+                restoration = replace(
+                    opened.restoration, image=masked(opened.restoration.image, common)
+                )
                 on_common = opened._replace(restoration=restoration)
-                self._score(whole[method], on_common, [score for score in scores if score.method == method])
+                self._score(
+                    whole[method], on_common, [score for score in scores if score.method == method]
+                )
 
     @contextlib.contextmanager
     def _faults(self, where: str, scores: Sequence[Any], reason: str) -> Iterator[None]:
@@ -275,18 +318,26 @@ class _Check:
         try:
             yield
         except ANY_FAULT as fault:
-            text = fault.beside(self._bundle.path) if isinstance(fault, SucreBenchError) else str(fault)
+            text = (
+                fault.beside(self._bundle.path)
+                if isinstance(fault, SucreBenchError)
+                else str(fault)
+            )
             self._outcome.faults.append(f"{where}: {text}")
             self._outcome.unchecked[reason] += len(scores)
 
     def _common_pixels(self, said: Any, found: Mapping[str, _Opened]) -> Mask:
         """Return the pixels (H, W) that all methods fill. Raises InputError if the bundle says others."""
-        common = common_pixels({method: opened.restoration.valid for method, opened in found.items()})
+        common = common_pixels(
+            {method: opened.restoration.valid for method, opened in found.items()}
+        )
         is_of_share = math.isclose(common.share, said.value, abs_tol=1e-6)  # it is written as text
         kind = kind_of(said.status, said.code)
         if (common.kind, common.id) != (kind, said.code) or not is_of_share:
             there, here = (
-                "methods fill the same pixels" if one == "equal" else f"methods have {100 * of:.6g} % in common"
+                "methods fill the same pixels"
+                if one == "equal"
+                else f"methods have {100 * of:.6g} % in common"
                 for one, of in ((kind, said.value), (common.kind, common.share))
             )
             raise InputError(f"{there}, in the pictures {here}")
@@ -299,20 +350,28 @@ class _Check:
         if scene is not None:
             view = scene[row.view]
             if view.rgb.shape != restoration.image.shape:
-                raise InputError(f"{opened.image}: is not of the size of its view; ask who made the bundle")
+                raise InputError(
+                    f"{opened.image}: is not of the size of its view; ask who made the bundle"
+                )
             restoration = with_truth(restoration, scene, view)
         else:  # from the bundle's pictures, as far as they go
             rgb = self._picture(opened.view) if opened.view else np.zeros_like(restoration.image)
             reference = self._picture(opened.reference) if opened.reference else None
             view = View(row.view, Arrays(rgb, reference=reference))
         chosen = [self._metric(score.metric, score.variant, score.code) for score in scores]
-        pictured = Pictured(restoration, view, [*{id(one): one for one in chosen if isinstance(one, Scorer)}.values()])
+        pictured = Pictured(
+            restoration,
+            view,
+            [*{id(one): one for one in chosen if isinstance(one, Scorer)}.values()],
+        )
         for score, scorer in zip(scores, chosen, strict=True):
             if isinstance(scorer, str):
                 self._outcome.unchecked[scorer] += 1
                 continue
             # The bundle has references as JPEG files, and no charts, which shares of pixels leave out.
-            is_inexact = scene is None and ("reference" in scorer.plugin.needs or _is_share(scorer.plugin))
+            is_inexact = scene is None and (
+                "reference" in scorer.plugin.needs or _is_share(scorer.plugin)
+            )
             self._judge(score, scorer, pictured, is_inexact)
 
     def _judge(self, score: Any, scorer: Scorer, pictured: Pictured, is_inexact: bool) -> None:
@@ -320,26 +379,41 @@ class _Check:
         outcome = self._outcome
         key = (score.metric, score.variant, score.region)
         again, size = pictured.rows.get(key), self._sizes.get(key[:2], 0.0)
-        apart = math.inf if again is None else pictured.difference(scorer, key, score.value, size, self._tolerance)
+        apart = (
+            math.inf
+            if again is None
+            else pictured.difference(scorer, key, score.value, size, self._tolerance)
+        )
         is_equal = apart <= self._tolerance
         metric = (*key[:2], scorer.code)
         if again is None or not (again.status == "ok" or is_equal):  # nothing comes out now
             alone = again or pictured.rows.get((score.metric, score.variant, "image"))
-            if alone is not None and alone.status == "skipped" and Reason.of(alone.reason) is Reason.LACK:
+            if (
+                alone is not None
+                and alone.status == "skipped"
+                and Reason.of(alone.reason) is Reason.LACK
+            ):
                 outcome.unchecked[f"{score.metric} {brief(alone.reason)} of the data"] += 1
                 outcome.needs_data = True
                 return
         else:
             if metric not in self._unrounded:
-                self._unrounded[metric] = needs_unrounded(scorer, pictured.restoration, pictured.view)
+                self._unrounded[metric] = needs_unrounded(
+                    scorer, pictured.restoration, pictured.view
+                )
             if self._unrounded[metric]:
-                outcome.unchecked[f"{score.metric} needs the restoration before it was rounded"] += 1
+                outcome.unchecked[
+                    f"{score.metric} needs the restoration before it was rounded"
+                ] += 1
                 return
             if is_inexact and not is_equal:
                 outcome.unchecked[f"{score.metric} needs the reference or charts of the data"] += 1
                 outcome.needs_data = True
                 return
-            if score.code.split(".")[1:2] != [scorer.code] and score.metric not in outcome.other_versions:
+            if (
+                score.code.split(".")[1:2] != [scorer.code]
+                and score.metric not in outcome.other_versions
+            ):
                 outcome.other_versions.append(score.metric)
         if is_equal:
             outcome.n_agree += 1

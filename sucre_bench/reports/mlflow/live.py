@@ -21,7 +21,13 @@ from sucre_bench.machine import progress
 from sucre_bench.machine.processes import Forked, call, can_fork
 from sucre_bench.machine.provenance import absent
 from sucre_bench.machine.text_formats import masked, now
-from sucre_bench.reports.mlflow.store import Note, default_experiment, default_uri, how_to_look, one_line_for
+from sucre_bench.reports.mlflow.store import (
+    Note,
+    default_experiment,
+    default_uri,
+    how_to_look,
+    one_line_for,
+)
 from sucre_bench.results.rows import values_of
 from sucre_bench.results.table import PARTS, read_part
 
@@ -57,7 +63,9 @@ class Live:
         if not any(plan.todo for plan in planned) or uri == "off":
             return
         if not absent("mlflow") and can_fork():
-            self._child = Forked(partial(_follow, _Follower(self._jobs[0].out, uri, experiment, planned)))
+            self._child = Forked(
+                partial(_follow, _Follower(self._jobs[0].out, uri, experiment, planned))
+            )
 
     def begins(self, job: Job) -> None:
         """Begin the run of a job."""
@@ -82,7 +90,9 @@ class Live:
                 else:
                     call(partial(_log, job.out, uri, experiment), _REMEDY)
             except SucreBenchError as fault:
-                progress.say(f"mlflow: not logged ({fault.without_remedy}); the table has everything, {_REMEDY}")
+                progress.say(
+                    f"mlflow: not logged ({fault.without_remedy}); the table has everything, {_REMEDY}"
+                )
             else:
                 progress.say(f"mlflow   {how_to_look(uri)}")
 

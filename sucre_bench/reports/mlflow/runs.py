@@ -23,7 +23,14 @@ from sucre_bench.plugins.options import options_of, plain_value
 from sucre_bench.reports.mlflow.store import Note, connect, one_line_for
 from sucre_bench.reports.paper import style
 from sucre_bench.results import layout
-from sucre_bench.results.rows import Row, fingerprint, restoration_rows, restorations, tuples, values_of
+from sucre_bench.results.rows import (
+    Row,
+    fingerprint,
+    restoration_rows,
+    restorations,
+    tuples,
+    values_of,
+)
 from sucre_bench.results.table import read_common
 
 _LONGEST_TAG, _LONGEST_PARAM, _LONGEST_NOTE, _LONGEST_DIGEST = 5000, 6000, 7500, 36
@@ -52,7 +59,10 @@ class Job(NamedTuple):
         values = json.loads(self.options)
         params = {"seed": int(self.seed), "replicate": values.pop("replicate", 0)}
         degrade = {option.name: plain_value(option.default) for option in options_of(Degradation)}
-        groups = {"dataset": values.pop("dataset", {}), "degrade": degrade | values.pop("degrade", {})}
+        groups = {
+            "dataset": values.pop("dataset", {}),
+            "degrade": degrade | values.pop("degrade", {}),
+        }
         for group, options in {**groups, "method": values}.items():
             params |= {f"{group}.{name}": value for name, value in options.items()}
         return {name: _text(value)[:_LONGEST_PARAM] for name, value in params.items()}
@@ -96,12 +106,18 @@ class Runs:
         self._children: dict[Job, str] = {}
         self._at_work = set[str]()
         self._failed = set[str]()
-        self._logged: dict[str, set[tuple[str, int, int]]] = {}  # name, step and time of each run's values
+        self._logged: dict[
+            str, set[tuple[str, int, int]]
+        ] = {}  # name, step and time of each run's values
 
     def start(self, jobs: Iterable[Job], when: int | None = None) -> None:
         """Begin the parent run, with the parameters that all jobs share. when: in milliseconds, by default now."""
         first, *others = [job.params for job in jobs]
-        shared = {name: value for name, value in first.items() if all(one.get(name) == value for one in others)}
+        shared = {
+            name: value
+            for name, value in first.items()
+            if all(one.get(name) == value for one in others)
+        }
         environment = provenance.read(self._out / "environment.json") or {}
         tags = {
             "mlflow.source.git.commit": environment.get("git_commit"),
@@ -115,7 +131,10 @@ class Runs:
         if job not in self._children:
             plugin_name = str(json.loads(job.options).get("name", ""))
             plugin = plugins.usable("method").get(plugin_name)
-            note = [f"**{job.method}** on **{job.dataset}**.", *([plugin.summary, plugin.cites] if plugin else [])]
+            note = [
+                f"**{job.method}** on **{job.dataset}**.",
+                *([plugin.summary, plugin.cites] if plugin else []),
+            ]
             tags = {
                 "mlflow.parentRunId": self._parent,
                 "mlflow.runColor": style.own_look(job.method).colour,
@@ -141,7 +160,9 @@ class Runs:
                 if is_new and step % -(-len(self.note.views[job.dataset]) // _MOST_PICTURES) == 0:
                     self._log_picture(run, row, step)
             values = []
-            for name, scene, view, value, time in values_of(_scores(of_job), "name", "scene", "view", "value", "time"):
+            for name, scene, view, value, time in values_of(
+                _scores(of_job), "name", "scene", "view", "value", "time"
+            ):
                 point = (f"views/{name}", steps[scene, view], _stamp(time))
                 if point not in self._logged[run]:
                     self._logged[run].add(point)
@@ -167,7 +188,9 @@ class Runs:
             return 0
         if not self._parent:  # nobody followed the command
             _, older = self._named({}, "")
-            self._parent = next((run.info.run_id for run in older if run.data.tags["latest"] == "yes"), "")
+            self._parent = next(
+                (run.info.run_id for run in older if run.data.tags["latest"] == "yes"), ""
+            )
             if not self._parent:
                 self.start(jobs, _stamp(rows["time"].min()))
             self._at_work.add(self._parent)
@@ -178,13 +201,20 @@ class Runs:
         if len(note) >= _LONGEST_NOTE:
             note = "Too many tables to show here; they are in scores.parquet."
         self._client.set_tag(self._parent, "mlflow.note.content", note)
-        for path in (self._out / name for name in ("config.yaml", "environment.json", results.TABLE)):
+        for path in (
+            self._out / name for name in ("config.yaml", "environment.json", results.TABLE)
+        ):
             if path.is_file():
                 self._client.log_artifact(self._parent, str(path))
         for path in (self._out / name for name in ("tables", "figures")):
             if path.is_dir():
                 self._client.log_artifacts(self._parent, str(path), path.name)
-        means = _scores(rows).groupby(["dataset", "method", "name"], sort=False)["value"].mean().unstack()
+        means = (
+            _scores(rows)
+            .groupby(["dataset", "method", "name"], sort=False)["value"]
+            .mean()
+            .unstack()
+        )
         self._log_table(self._parent, means)
         self._log_counts(self._parent, rows)
         self._note_faults(self._parent, rows)
@@ -207,7 +237,9 @@ class Runs:
 
     # -- one run --
 
-    def _named(self, labels: Mapping[str, str], identity: object) -> tuple[dict[str, str], list[Any]]:
+    def _named(
+        self, labels: Mapping[str, str], identity: object
+    ) -> tuple[dict[str, str], list[Any]]:
         """The tags by which a run is found again, and the runs of the same dataset and method of the folder."""
         place = fingerprint({"folder": self.note.folder, **labels})[1]
         tags = {"place": place, "job": fingerprint({"place": place, "is": identity})[1]}
@@ -226,7 +258,11 @@ class Runs:
         from mlflow.entities import Param, RunTag
 
         place, others = self._named(labels, identity)
-        own = {"mlflow.source.name": "sucre-bench", "mlflow.source.type": "LOCAL", "out": str(self._out.resolve())}
+        own = {
+            "mlflow.source.name": "sucre-bench",
+            "mlflow.source.type": "LOCAL",
+            "out": str(self._out.resolve()),
+        }
         own |= {tag: value[:_LONGEST_TAG] for tag, value in tags.items() if value}
         own |= {**labels, **place, "latest": "yes"}
         run = ""
@@ -234,7 +270,9 @@ class Runs:
             if other.data.tags["job"] == place["job"]:
                 run = other.info.run_id
                 names = (name for name in other.data.metrics if name.startswith("views/"))
-                points = (point for name in names for point in self._client.get_metric_history(run, name))
+                points = (
+                    point for name in names for point in self._client.get_metric_history(run, name)
+                )
                 self._logged[run] = {(point.key, point.step, point.timestamp) for point in points}
             elif other.data.tags.get("latest") == "yes":
                 self._client.set_tag(other.info.run_id, "latest", "no")
@@ -254,7 +292,9 @@ class Runs:
         """Whether all rows of a job are logged."""
         tags, runs = self._named({"dataset": job.dataset, "method": job.method}, job)
         own = [run for run in runs if run.data.tags["job"] == tags["job"]]
-        return any(run.data.tags.get("rows") == _hash(rows) and run.info.status != "RUNNING" for run in own)
+        return any(
+            run.data.tags.get("rows") == _hash(rows) and run.info.status != "RUNNING" for run in own
+        )
 
     def _end_job(self, job: Job, rows: DataFrame) -> None:
         """Log a job's means, its table, and its restored pictures, and end it."""
@@ -273,7 +313,9 @@ class Runs:
         if restored.is_dir():
             self._client.log_artifacts(run, str(restored), "restored")
         self._close(run)
-        self._client.set_tag(run, "rows", _hash(rows))  # last: a run that was cut off before is not taken for whole
+        self._client.set_tag(
+            run, "rows", _hash(rows)
+        )  # last: a run that was cut off before is not taken for whole
 
     def _close(self, run: str) -> None:
         self._client.set_terminated(run, "FAILED" if run in self._failed else "FINISHED")
@@ -286,7 +328,9 @@ class Runs:
             self._failed.add(run)
             self._client.set_tag(run, "reason", str(reasons.iloc[0])[:_LONGEST_TAG])
         statuses = {*restoration_rows(rows)["status"], *(["failed"] if run in self._failed else [])}
-        status = next((status for status in ("failed", "ok", "skipped") if status in statuses), "ok")
+        status = next(
+            (status for status in ("failed", "ok", "skipped") if status in statuses), "ok"
+        )
         self._client.set_tag(run, "status", status)
 
     def _log_metrics(self, run: str, metrics: Sequence[Any]) -> None:
@@ -302,7 +346,9 @@ class Runs:
     def _log_table(self, run: str, table: DataFrame) -> None:
         """Log a table, with the levels of its index as columns, instead of what was logged before."""
         whole = table.reset_index().astype(object)
-        if "mlflow.loggedArtifacts" in self._client.get_run(run).data.tags:  # log_table would add to it
+        if (
+            "mlflow.loggedArtifacts" in self._client.get_run(run).data.tags
+        ):  # log_table would add to it
             self._client.log_text(run, whole.to_json(orient="split", index=False), "scores.json")
         else:
             self._client.log_table(run, whole, "scores.json")
@@ -329,14 +375,20 @@ class Runs:
                     small = whole.convert("RGB")
                 small.thumbnail(_PICTURE_SIZE)
                 when = _stamp(row.time)
-                self._client.log_image(run, small, key="restored", step=step, timestamp=when, synchronous=True)
+                self._client.log_image(
+                    run, small, key="restored", step=step, timestamp=when, synchronous=True
+                )
 
 
 def _scores(rows: DataFrame) -> DataFrame:
     """Each view's score of each metric: the mean over its regions without patches, and its time."""
     import numpy as np
 
-    is_ok = (rows["status"] == "ok") & (rows["view"] != "") & ~rows["region"].str.contains("/", regex=False)
+    is_ok = (
+        (rows["status"] == "ok")
+        & (rows["view"] != "")
+        & ~rows["region"].str.contains("/", regex=False)
+    )
     ok = rows[is_ok & np.isfinite(rows["value"])]
     named = ok.assign(name=ok["metric"] + "." + ok["variant"])
     keys = ["dataset", "method", "name", "scene", "view"]

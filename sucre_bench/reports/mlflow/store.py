@@ -50,7 +50,9 @@ def default_experiment() -> str:
 
 def how_to_look(uri: str) -> str:
     """Return the command that shows the runs, or the address of the server that does."""
-    return masked(uri if uri.startswith("http") else f"mlflow ui --backend-store-uri {shlex.quote(uri)}")
+    return masked(
+        uri if uri.startswith("http") else f"mlflow ui --backend-store-uri {shlex.quote(uri)}"
+    )
 
 
 def connect(uri: str, experiment: str) -> tuple[MlflowClient, str]:
@@ -75,7 +77,9 @@ def connect(uri: str, experiment: str) -> tuple[MlflowClient, str]:
             _check(path)
         client = _client(uri)
         there = client.get_experiment_by_name(experiment)
-        return client, there.experiment_id if there else client.create_experiment(experiment, artifacts, _ABOUT)
+        return client, there.experiment_id if there else client.create_experiment(
+            experiment, artifacts, _ABOUT
+        )
 
 
 def _check(path: Path) -> None:
@@ -83,10 +87,14 @@ def _check(path: Path) -> None:
     if not path.exists() or not path.stat().st_size:
         made = path.with_name(f".{path.name}.new")
         made.unlink(missing_ok=True)
-        _client(f"{_SQLITE}{made}").search_experiments()  # mlflow makes it by more than fifty migrations
+        _client(
+            f"{_SQLITE}{made}"
+        ).search_experiments()  # mlflow makes it by more than fifty migrations
         made.replace(path)
     try:
-        with closing(sqlite3.connect(path, timeout=_SQLITE_PATIENCE_S, isolation_level=None)) as opened:
+        with closing(
+            sqlite3.connect(path, timeout=_SQLITE_PATIENCE_S, isolation_level=None)
+        ) as opened:
             opened.execute("BEGIN IMMEDIATE")
             opened.execute("ROLLBACK")
     except sqlite3.Error as fault:
@@ -96,15 +104,23 @@ def _check(path: Path) -> None:
 
 def _client(uri: str) -> MlflowClient:
     """A client without telemetry, with few retries, and without lines of its own."""
-    settings = {"DISABLE_TELEMETRY": "true", "HTTP_REQUEST_MAX_RETRIES": "1", "HTTP_REQUEST_TIMEOUT": "10"}
+    settings = {
+        "DISABLE_TELEMETRY": "true",
+        "HTTP_REQUEST_MAX_RETRIES": "1",
+        "HTTP_REQUEST_TIMEOUT": "10",
+    }
     for name, value in settings.items():
         os.environ.setdefault(f"MLFLOW_{name}", value)
-    logging.getLogger("alembic").setLevel(logging.WARNING)  # it tells of every migration of a new store
+    logging.getLogger("alembic").setLevel(
+        logging.WARNING
+    )  # it tells of every migration of a new store
     logging.getLogger("mlflow.store.db.utils").setLevel(logging.ERROR)
     from mlflow import MlflowClient
     from mlflow.store.db import utils
 
-    utils.MAX_RETRY_COUNT = 2  # of a database that does not answer; the default tries for two minutes
+    utils.MAX_RETRY_COUNT = (
+        2  # of a database that does not answer; the default tries for two minutes
+    )
     return MlflowClient(tracking_uri=uri)
 
 
@@ -117,7 +133,9 @@ def one_line_for(uri: str) -> Iterator[None]:
         raise
     except Exception as fault:
         reason = shorten(masked(in_words(fault)), 200)
-        raise OutputError(f"cannot log in mlflow, {reason}", masked(uri), "check the URI") from fault
+        raise OutputError(
+            f"cannot log in mlflow, {reason}", masked(uri), "check the URI"
+        ) from fault
 
 
 class Note:

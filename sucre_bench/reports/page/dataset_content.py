@@ -39,7 +39,14 @@ _WATER = ("B", "beta", "gamma")
 _LONGEST_VALUE = 600  # characters of a value in a method's record
 _MOST_NAMED = 100  # views in one command
 _VIEW = ["scene", "view"]
-_OF_COLUMN = ("metric", "variant", "unit", "better", "ranked", "directed")  # what the script reads of a column
+_OF_COLUMN = (
+    "metric",
+    "variant",
+    "unit",
+    "better",
+    "ranked",
+    "directed",
+)  # what the script reads of a column
 _WHISKER = 84  # pixels, of an interval that is drawn in a cell
 
 
@@ -49,7 +56,9 @@ def heading(column: Column) -> dict[str, Any]:
     count = f"{column.n_units} {column.of}{'s' * (column.n_units != 1)}"
     return {
         "key": key_of(column),
-        "head": " ".join(filter(None, [column.metric, ARROW[column.better], column.unit and f"({column.unit})"])),
+        "head": " ".join(
+            filter(None, [column.metric, ARROW[column.better], column.unit and f"({column.unit})"])
+        ),
         "below": [column.variant, count, *(["common pixels"] if column.pixels == "common" else [])],
         "better": column.better,
         "kind": "describes" if describes else "dim" * (column.knows == "taste"),
@@ -76,7 +85,11 @@ def cells(table: Comparison, column: Column) -> list[dict[str, Any] | None]:
             f"lacks {cell.holes} that others have" if cell.holes else "",
         ]
         draws = interval and high > low and not column.has_few_views  # whose intervals are rough
-        whisker = [4 + (_WHISKER - 8) * (end - low) / (high - low) for end in (cell.low, cell.mean, cell.high) if draws]
+        whisker = [
+            4 + (_WHISKER - 8) * (end - low) / (high - low)
+            for end in (cell.low, cell.mean, cell.high)
+            if draws
+        ]
         made.append(
             {
                 "value": cell.mean,
@@ -112,9 +125,15 @@ class Section:
         methods = {name: self.places[name] for name in self.table.methods}
         scene = "" if self._has_scenes else next(iter({*self.rows["scene"]} - {""}), "")
         enough = any(column.n_units and not column.has_few_views for column in self.table.columns)
-        seconds = [column for column in self.table.columns if (column.metric, column.variant) == (RESTORATION, "wall")]
+        seconds = [
+            column
+            for column in self.table.columns
+            if (column.metric, column.variant) == (RESTORATION, "wall")
+        ]
         scores = [column for column in self._columns if column.directed and seconds]
-        costs = [(column, plots.cost(self.table, column, seconds[0], self.places)) for column in scores]
+        costs = [
+            (column, plots.cost(self.table, column, seconds[0], self.places)) for column in scores
+        ]
         lines = answer(self.table, self._deciding)
         said = verdicts(self.table)
         commands = []
@@ -125,13 +144,17 @@ class Section:
             chosen = shell([f"views={value_of(views)}"]) if 0 < len(views) <= _MOST_NAMED else ""
             words = shell(rerun.words())
             command = " ".join(filter(None, [words, chosen, self._metric_words])) if words else ""
-            commands.append({"label": name, "place": place, "command": command, "options": rerun.method_record})
+            commands.append(
+                {"label": name, "place": place, "command": command, "options": rerun.method_record}
+            )
         return {
             "name": self.table.title,
             "title": f"Results on {self.table.title}{f': {scene}' if scene not in ('', self.table.title) else ''}",
             "lines": [line.split("`") for line in lines],  # every second part is a command
             "leads": [verdict_text(self.table, verdict) for verdict in said if verdict.is_lead],
-            "chances": [verdict_text(self.table, verdict) for verdict in said if not verdict.is_lead],
+            "chances": [
+                verdict_text(self.table, verdict) for verdict in said if not verdict.is_lead
+            ],
             "columns": [heading(column) for column in self._columns],
             "main": key_of(self._main) if self._main else "",
             "lower_first": bool(self._main and self._main.better == "lower"),
@@ -167,21 +190,35 @@ class Section:
         columns = [cells(table, column) for column in self._columns]
         faults = {note.methods[0]: note.reasons for note in table.notes if note.kind == "faults"}
         return [
-            {"label": name, "place": self.places[name], "photograph": name in table.photographs, "cells": of_method}
+            {
+                "label": name,
+                "place": self.places[name],
+                "photograph": name in table.photographs,
+                "cells": of_method,
+            }
             | {"faults": faults.get(name, "")}
             for name, *of_method in zip(table.methods, *columns, strict=True)
         ]
 
     def _rerun(self, name: str) -> Rerun:
         last = self.rows[self.rows["method"] == name].iloc[-1]
-        return Rerun(self.table.title, name, json.loads(last["options"]), int(last["seed"]), self.plugins)
+        return Rerun(
+            self.table.title, name, json.loads(last["options"]), int(last["seed"]), self.plugins
+        )
 
     @cached_property
     def _metric_words(self) -> str:
         """The words that ask for all scores again."""
-        scored = self.rows.loc[~self.rows["metric"].isin(COSTS), ["metric", "variant"]].drop_duplicates()
-        variants = {name: list(of_metric["variant"]) for name, of_metric in scored.groupby("metric", sort=False)}
-        words = [word for name, names in variants.items() for word in metric_words(str(name), names)]
+        scored = self.rows.loc[
+            ~self.rows["metric"].isin(COSTS), ["metric", "variant"]
+        ].drop_duplicates()
+        variants = {
+            name: list(of_metric["variant"])
+            for name, of_metric in scored.groupby("metric", sort=False)
+        }
+        words = [
+            word for name, names in variants.items() for word in metric_words(str(name), names)
+        ]
         return shell([f"metrics={value_of(list(variants))}", *words]) if variants else ""
 
     # -- its views -------------------------------------------------------------------------------------------
@@ -194,9 +231,17 @@ class Section:
             "main": key_of(self._main) if self._main else "",
             "first": next(iter(best_first(self.table, self._main)), ""),
             "photographs": list(self.table.photographs),
-            "columns": [{"key": key_of(c)} | {name: getattr(c, name) for name in _OF_COLUMN} for c in self._columns],
+            "columns": [
+                {"key": key_of(c)} | {name: getattr(c, name) for name in _OF_COLUMN}
+                for c in self._columns
+            ],
             "methods": [
-                {"label": name, "place": self.places[name], "given": rerun.given(), "command": shell(rerun.words())}
+                {
+                    "label": name,
+                    "place": self.places[name],
+                    "given": rerun.given(),
+                    "command": shell(rerun.words()),
+                }
                 for name, rerun in methods
             ],
             "metrics": self._metric_words,
@@ -208,7 +253,10 @@ class Section:
         """What the page calls each view, by scene and view, in order."""
         names = self.rows.loc[self.rows["view"] != "", _VIEW].drop_duplicates().sort_values(_VIEW)
         pairs = names.itertuples(index=False, name=None)
-        return {(scene, view): f"{scene} · {view}" if self._has_scenes else view for scene, view in pairs}
+        return {
+            (scene, view): f"{scene} · {view}" if self._has_scenes else view
+            for scene, view in pairs
+        }
 
     @cached_property
     def _has_scenes(self) -> bool:
@@ -217,8 +265,12 @@ class Section:
     @cached_property
     def _views(self) -> list[dict[str, Any]]:
         """The views; of as many as may be, spread evenly, the page keeps the pictures."""
-        restored = {(row.scene, row.view, row.method): row for row in tuples(restoration_rows(self.rows))}
-        ok = self.rows[(self.rows["status"] == "ok") & ~self.rows["region"].str.contains("/", regex=False)]
+        restored = {
+            (row.scene, row.view, row.method): row for row in tuples(restoration_rows(self.rows))
+        }
+        ok = self.rows[
+            (self.rows["status"] == "ok") & ~self.rows["region"].str.contains("/", regex=False)
+        ]
         by = [*_VIEW, "method", "metric", "variant"]
         means = ok.groupby(by, sort=False)[["value", "coverage"]].mean()  # of charts their mean
         scores: dict[Any, dict[str, tuple[float, float]]] = defaultdict(dict)
@@ -231,7 +283,9 @@ class Section:
             kept = int((n + 1) * share) > int(n * share)
             place = layout.find(self.table.title, scene, view, self.out)
             results = [
-                self._result(place, restored.get((scene, view, method)), scores[scene, view, method], kept)
+                self._result(
+                    place, restored.get((scene, view, method)), scores[scene, view, method], kept
+                )
                 for method in self.table.methods
             ]
             made.append(
@@ -247,29 +301,50 @@ class Section:
         return made
 
     def _result(
-        self, place: layout.Place | None, row: Any, scores: Mapping[str, tuple[float, float]], kept: bool
+        self,
+        place: layout.Place | None,
+        row: Any,
+        scores: Mapping[str, tuple[float, float]],
+        kept: bool,
     ) -> dict[str, Any]:
         """What the script reads of a method's restoration of a view. scores: by their key, each with its coverage."""
         if row is None or row.status != "ok":
-            return {"status": row.status, "reason": row.reason} if row else {"status": "not run", "reason": ""}
+            return (
+                {"status": row.status, "reason": row.reason}
+                if row
+                else {"status": "not run", "reason": ""}
+            )
         try:
             record = read_record(row, self.out)
         except InputError:  # damaged; the page shows the rest
             record = {}
         whole = {*metrics_of("coverage"), *COSTS}  # scores that ignore coverage
-        partly = {key: share for key, (_, share) in scores.items() if share < 1 and key.partition(":")[0] not in whole}
+        partly = {
+            key: share
+            for key, (_, share) in scores.items()
+            if share < 1 and key.partition(":")[0] not in whole
+        }
         parameters = [record[name] for name in _WATER if isinstance(record.get(name), list)]
         has_water = any(isinstance(x, (int, float)) for parameter in parameters for x in parameter)
-        shown = {k: v for k, v in record.items() if k not in (*_WATER, "encoding", "limits", "true_water", FILES)}
+        shown = {
+            k: v
+            for k, v in record.items()
+            if k not in (*_WATER, "encoding", "limits", "true_water", FILES)
+        }
         path = place and place.restored(self.out, row.method)
         return {
             "status": "ok",
             "picture": self.gallery.picture(path, kept, row.coverage < 1) if path else None,
-            "limits": [str(limit) for limit in limits] if isinstance(limits := record.get("limits"), list) else [],
+            "limits": [str(limit) for limit in limits]
+            if isinstance(limits := record.get("limits"), list)
+            else [],
             "coverage": row.coverage,
-            "scores": {f"{FILLED}:image": row.coverage} | {key: value for key, (value, _) in scores.items()},
+            "scores": {f"{FILLED}:image": row.coverage}
+            | {key: value for key, (value, _) in scores.items()},
             "covers": partly,
-            "water": {k: record.get(k) for k in (*_WATER, "encoding", "standard_error")} if has_water else None,
+            "water": {k: record.get(k) for k in (*_WATER, "encoding", "standard_error")}
+            if has_water
+            else None,
             "truth": record.get("true_water"),
             "record": {k: v for k, v in shown.items() if len(json.dumps(v)) <= _LONGEST_VALUE},
         }
@@ -285,8 +360,26 @@ class Section:
             waters = [view["truth"], *(result.get("water") for result in view["results"])]
             for name, water in zip(("true", *names), waters, strict=True):
                 if water:
-                    values = [plots.of_water(water, key, c) for key, *_ in PARAMETERS for c in range(len(CHANNELS))]
+                    values = [
+                        plots.of_water(water, key, c)
+                        for key, *_ in PARAMETERS
+                        for c in range(len(CHANNELS))
+                    ]
                     encoding = water.get("encoding") or ""
-                    rows.append({"view": view["name"], "method": name, "values": values, "encoding": encoding})
-        estimating = [at for at in range(len(names)) if any(view["results"][at].get("water") for view in views)]
-        return [Choice(names[at], plots.waters(views, at), rows if at == estimating[0] else None) for at in estimating]
+                    rows.append(
+                        {
+                            "view": view["name"],
+                            "method": name,
+                            "values": values,
+                            "encoding": encoding,
+                        }
+                    )
+        estimating = [
+            at
+            for at in range(len(names))
+            if any(view["results"][at].get("water") for view in views)
+        ]
+        return [
+            Choice(names[at], plots.waters(views, at), rows if at == estimating[0] else None)
+            for at in estimating
+        ]

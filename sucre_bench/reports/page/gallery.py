@@ -55,7 +55,9 @@ class Gallery:
     def __init__(self, out: Path, planned: int, widths: Widths = WIDTHS) -> None:
         self._out = out
         self._width = next((width for most, width in widths if planned <= most), widths[-1][1])
-        self.share = min(1.0, widths[-1][0] / max(planned, 1))  # of the views that keep their pictures in the page
+        self.share = min(
+            1.0, widths[-1][0] / max(planned, 1)
+        )  # of the views that keep their pictures in the page
         self._pool = ThreadPoolExecutor(usable_cores())
         self._encoded: list[Future[list[Block]]] = []
 
@@ -91,8 +93,12 @@ def _blocks(name: str, path: Path, width: int, has_holes: bool) -> list[Block]:
     blocks = [Block(name, "image/webp", _webp(_narrowed(image, width)))]
     with suppress(InputError):  # a damaged mask
         mask = read_mask(path) if has_holes else None
-        blocks += [] if mask is None or mask.shape != image.shape[:2] else [_holes(name, mask, image)]
-    arrays = read_full_arrays(path.with_suffix(".npz"), "confidence") if path.suffix == ".png" else {}
+        blocks += (
+            [] if mask is None or mask.shape != image.shape[:2] else [_holes(name, mask, image)]
+        )
+    arrays = (
+        read_full_arrays(path.with_suffix(".npz"), "confidence") if path.suffix == ".png" else {}
+    )
     if (confidence := arrays.get("confidence")) is not None and np.isfinite(confidence).any():
         # From dark (small) to bright, between the percentiles 2 and 98.
         known = np.isfinite(confidence)

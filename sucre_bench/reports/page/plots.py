@@ -47,9 +47,17 @@ def key_of(column: Column) -> str:
     return f"{column.metric}:{column.variant}"
 
 
-def figure(traces: Sequence[Figure], x: Figure, y: Figure, height: int = _TALL, **layout: Any) -> Figure:
+def figure(
+    traces: Sequence[Figure], x: Figure, y: Figure, height: int = _TALL, **layout: Any
+) -> Figure:
     """Return a figure with the look of the page. x, y: its axes, as Plotly has them; height: in pixels."""
-    axis = {"gridcolor": "--line", "linecolor": "--line", "tickcolor": "--line", "zeroline": False, "automargin": True}
+    axis = {
+        "gridcolor": "--line",
+        "linecolor": "--line",
+        "tickcolor": "--line",
+        "zeroline": False,
+        "automargin": True,
+    }
     axis |= {"ticks": "outside", "ticklen": 4}
     plain = {
         "paper_bgcolor": "transparent",
@@ -74,22 +82,37 @@ def look(place: int) -> Figure:
     return {"color": f"--m{place}", "symbol": _SYMBOLS[place % len(_SYMBOLS)], "size": 8}
 
 
-def line(name: str, place: int, x: Sequence[Any], y: Sequence[Any], hover: str, **more: Any) -> Figure:
+def line(
+    name: str, place: int, x: Sequence[Any], y: Sequence[Any], hover: str, **more: Any
+) -> Figure:
     """Return a method's line with markers. hover: what Plotly shows of a point, after the method's name."""
-    drawn = {"mode": "lines+markers", "line": {"color": f"--m{place}", "width": 1.3}, "marker": look(place)}
+    drawn = {
+        "mode": "lines+markers",
+        "line": {"color": f"--m{place}", "width": 1.3},
+        "marker": look(place),
+    }
     shown = f"{text(name)}<br>{hover}<extra></extra>"
     return {"name": text(name), "x": list(x), "y": list(y), "hovertemplate": shown} | drawn | more
 
 
 def legend(names: Sequence[str]) -> Figure:
     """Return the part of a layout that names a plot's methods below it, where there are several."""
-    below = {"orientation": "h", "yref": "container", "y": 0, "yanchor": "bottom", "x": 0, "xref": "container"}
+    below = {
+        "orientation": "h",
+        "yref": "container",
+        "y": 0,
+        "yanchor": "bottom",
+        "x": 0,
+        "xref": "container",
+    }
     rows = 1 + sum(len(name) + 8 for name in names) // 90
     margin = {"l": 58, "r": 16, "t": 14, "b": 56 + 22 * rows}
     return {"showlegend": True, "legend": below, "margin": margin, "height": _TALL + 22 * rows}
 
 
-def cost(table: Comparison, column: Column, seconds: Column, places: Mapping[str, int]) -> Figure | None:
+def cost(
+    table: Comparison, column: Column, seconds: Column, places: Mapping[str, int]
+) -> Figure | None:
     """Return a score against the seconds a view; None where no method has both. places: see `look`."""
     known = [
         (name, cell, took)
@@ -117,30 +140,51 @@ def cost(table: Comparison, column: Column, seconds: Column, places: Mapping[str
         for name, cell, took in known
     ]
     decades = [math.log10(took.mean) for *_, took in known]
-    x = {"type": "log", "title": {"text": "seconds a view"}, "range": [min(decades) - 0.35, max(decades) + 0.35]}
-    y = {"title": {"text": text(title(column))}, "autorange": "reversed" if column.better == "lower" else True}
-    names = {"margin": {"l": 58, "r": 110, "t": 14, "b": 56}} if is_named else legend([name for name, *_ in known])
+    x = {
+        "type": "log",
+        "title": {"text": "seconds a view"},
+        "range": [min(decades) - 0.35, max(decades) + 0.35],
+    }
+    y = {
+        "title": {"text": text(title(column))},
+        "autorange": "reversed" if column.better == "lower" else True,
+    }
+    names = (
+        {"margin": {"l": 58, "r": 110, "t": 14, "b": 56}}
+        if is_named
+        else legend([name for name, *_ in known])
+    )
     return figure(traces, x | {"dtick": 1}, y, **names)
 
 
-def over_datasets(tables: Sequence[Comparison], columns: Sequence[Column | None], names: Mapping[str, int]) -> Figure:
+def over_datasets(
+    tables: Sequence[Comparison], columns: Sequence[Column | None], names: Mapping[str, int]
+) -> Figure:
     """Return a score over datasets, a line a method. columns: the score's in each table; names: see `look`."""
     lines = []
     titles = [text(table.title) for table in tables]
     for name, place in names.items():
         cells = [
-            table.cells.get((name, column)) if column else None for table, column in zip(tables, columns, strict=True)
+            table.cells.get((name, column)) if column else None
+            for table, column in zip(tables, columns, strict=True)
         ]
         means = [cell.mean if cell and math.isfinite(cell.mean) else None for cell in cells]
-        lines.append(line(name, place, titles, means, "%{x}, %{y:.3g}", error_y=_interval(cells, width=3)))
+        lines.append(
+            line(name, place, titles, means, "%{x}, %{y:.3g}", error_y=_interval(cells, width=3))
+        )
     first = next(column for column in columns if column)
-    return figure(lines, {"type": "category"}, {"title": {"text": text(title(first))}}, **legend(list(names)))
+    return figure(
+        lines, {"type": "category"}, {"title": {"text": text(title(first))}}, **legend(list(names))
+    )
 
 
 def _interval(cells: Iterable[Cell | None], width: int) -> Figure:
     """The bars of 95 % intervals, none where there is no interval."""
     ends = [(cell.low, cell.mean, cell.high) if cell else (math.nan,) * 3 for cell in cells]
-    known = [(high - mean, mean - low) if math.isfinite(low + high) else (0, 0) for low, mean, high in ends]
+    known = [
+        (high - mean, mean - low) if math.isfinite(low + high) else (0, 0)
+        for low, mean, high in ends
+    ]
     above, below = zip(*known, strict=True)
     bars = {"array": above, "arrayminus": below, "thickness": 1.2, "width": width}
     return {"type": "data", "symmetric": False} | bars
@@ -158,7 +202,12 @@ def waters(views: Sequence[Mapping[str, Any]], method: int) -> list[Figure]:
         traces: list[Figure] = []
         for c, (channel, colour) in enumerate(CHANNELS.items()):
             errors = [of_water(water.get("standard_error") or {}, key, c) for water in estimates]
-            bars = {"type": "data", "array": [error or 0 for error in errors], "thickness": 1, "width": 2}
+            bars = {
+                "type": "data",
+                "array": [error or 0 for error in errors],
+                "thickness": 1,
+                "width": 2,
+            }
             traces.append(
                 {
                     "name": channel,
@@ -173,11 +222,19 @@ def waters(views: Sequence[Mapping[str, Any]], method: int) -> list[Figure]:
             truth = [of_water(view["truth"] or {}, key, c) for view in views]
             if any(value is not None for value in truth):
                 dotted = {"color": colour, "width": 1.7, "dash": "dot"}
-                traces.append({"name": "true", "x": names, "y": truth, "mode": "lines", "line": dotted})
-        x = {"type": "category", "showticklabels": False, "title": {"text": "views in order", "standoff": 6}}
+                traces.append(
+                    {"name": "true", "x": names, "y": truth, "mode": "lines", "line": dotted}
+                )
+        x = {
+            "type": "category",
+            "showticklabels": False,
+            "title": {"text": "views in order", "standoff": 6},
+        }
         label = f"{words}, {unit}" if unit else words
         margin = {"l": 46, "r": 12, "t": 30, "b": 40}
-        made.append(figure(traces, x, {"rangemode": "tozero"}, 280, title=heading(label), margin=margin))
+        made.append(
+            figure(traces, x, {"rangemode": "tozero"}, 280, title=heading(label), margin=margin)
+        )
     return made
 
 
@@ -189,7 +246,15 @@ def of_water(water: Mapping[str, Any], key: str, channel: int) -> Any:
 
 def heading(label: str) -> Figure:
     """Return the title of a small plot, above its left end."""
-    return {"text": label, "x": 0, "xref": "paper", "y": 1, "yref": "container", "yanchor": "top", "font": {"size": 13}}
+    return {
+        "text": label,
+        "x": 0,
+        "xref": "paper",
+        "y": 1,
+        "yref": "container",
+        "yanchor": "top",
+        "font": {"size": 13},
+    }
 
 
 # -- colour charts: each patch as measured and expected, and errors and hues over distance -----------------
@@ -215,7 +280,10 @@ class Chart:
 
 
 def chart_content(
-    rows: DataFrame, columns: Sequence[Column], methods: Mapping[str, int], names: Mapping[tuple[str, str], str]
+    rows: DataFrame,
+    columns: Sequence[Column],
+    methods: Mapping[str, int],
+    names: Mapping[tuple[str, str], str],
 ) -> dict[str, list[Choice]]:
     """Return the lists of swatches, errors over distance, and hues over distance that the page offers of a dataset.
 
@@ -228,7 +296,9 @@ def chart_content(
         ok, "scene", "view", "region", "metric", "variant", "method", "value"
     ):
         name, _, patch = region.partition("/")
-        scores[*of_view, name][patch][f"{metric}:{variant}"][method] = value if math.isfinite(value) else None
+        scores[*of_view, name][patch][f"{metric}:{variant}"][method] = (
+            value if math.isfinite(value) else None
+        )
     order = {view: n for n, view in enumerate(names)}
     known = roles()
     charts = []
@@ -237,11 +307,16 @@ def chart_content(
         whole = patches.pop("", {})
         away = [key for key in whole if known.get(key.partition(":")[0]) == "chart-distance"]
         distance = _first(value for key in away for value in whole[key].values())
-        by_number = {patch: patches[patch] for patch in sorted(patches, key=lambda label: read_label(label)[0])}
+        by_number = {
+            patch: patches[patch]
+            for patch in sorted(patches, key=lambda label: read_label(label)[0])
+        }
         charts.append(Chart(names[scene, view], name, distance, whole, by_number))
     keys = {key for chart in charts for key in chart.whole}
     measures = [c for c in columns if c.of == "chart" and c.directed and key_of(c) in keys]
-    near_first = sorted((chart for chart in charts if chart.distance is not None), key=lambda one: one.distance or 0)
+    near_first = sorted(
+        (chart for chart in charts if chart.distance is not None), key=lambda one: one.distance or 0
+    )
     return {
         "swatches": _swatches(charts, measures, list(methods)),
         "distances": [_distances(charts, near_first, column, methods) for column in measures],
@@ -249,11 +324,15 @@ def chart_content(
     }
 
 
-def _swatches(charts: Sequence[Chart], measures: Sequence[Column], methods: Sequence[str]) -> list[Choice]:
+def _swatches(
+    charts: Sequence[Chart], measures: Sequence[Column], methods: Sequence[str]
+) -> list[Choice]:
     """A table for each chart and colour difference: each patch in every method's picture."""
     keys = {key for chart in charts for scores in chart.patches.values() for key in scores}
     of_patches = [column for column in measures if key_of(column) in keys]
-    painted = [column for column in of_patches if roles().get(column.metric) == "colour-difference"] or of_patches[:1]
+    painted = [
+        column for column in of_patches if roles().get(column.metric) == "colour-difference"
+    ] or of_patches[:1]
     choices = []
     for column in painted:
         key = key_of(column)
@@ -278,7 +357,13 @@ def _swatches(charts: Sequence[Chart], measures: Sequence[Column], methods: Sequ
                 "metric": column.metric,
                 "unit": title(column),
             }
-            choices.append(Choice(f"{words}, {column.metric} ({column.variant})" if painted[1:] else words, (), shown))
+            choices.append(
+                Choice(
+                    f"{words}, {column.metric} ({column.variant})" if painted[1:] else words,
+                    (),
+                    shown,
+                )
+            )
     return choices
 
 
@@ -289,12 +374,19 @@ def _distances(
     key = key_of(column)
     lines = []
     for name, place in methods.items():
-        known = [(chart, value) for chart in near_first if (value := _at(chart.whole, key, name)) is not None]
+        known = [
+            (chart, value)
+            for chart in near_first
+            if (value := _at(chart.whole, key, name)) is not None
+        ]
         words = [text(f"{chart.view} · {chart.name}") for chart, _ in known]
         hover = f"%{{text}}<br>%{{x:.2f}} m, %{{y:.3g}} {column.unit}"
         x, y = [chart.distance for chart, _ in known], [value for _, value in known]
         lines.append(line(name, place, x, y, hover, text=words))
-    axes = {"title": {"text": "distance of the chart, m"}}, {"title": {"text": title(column)}, "rangemode": "tozero"}
+    axes = (
+        {"title": {"text": "distance of the chart, m"}},
+        {"title": {"text": title(column)}, "rangemode": "tozero"},
+    )
     figures = [figure(lines, *axes, **legend(list(methods)))] if near_first else []
     table = [
         (chart.view, chart.name, chart.distance, [_at(chart.whole, key, name) for name in methods])
@@ -306,36 +398,60 @@ def _distances(
 
 def _hues(near_first: Sequence[Chart], methods: Mapping[str, int]) -> list[Choice]:
     """The hue of every patch over distance, for each way of measuring hue and each kind of chart."""
-    keys = dict.fromkeys(key for chart in near_first for scores in chart.patches.values() for key in scores)
-    hues = [key for key in keys if key.partition(":")[0] in metrics_of("patch-hue") and not key.endswith("-expected")]
+    keys = dict.fromkeys(
+        key for chart in near_first for scores in chart.patches.values() for key in scores
+    )
+    hues = [
+        key
+        for key in keys
+        if key.partition(":")[0] in metrics_of("patch-hue") and not key.endswith("-expected")
+    ]
     kinds: dict[tuple[str, ...], list[Chart]] = defaultdict(list)
     for chart in near_first:
         kinds[tuple(chart.patches)].append(chart)
     choices = []
     for key in hues:
         for patches, charts in kinds.items():
-            measured = [patch for patch in patches if any(key in chart.patches[patch] for chart in charts)]
+            measured = [
+                patch for patch in patches if any(key in chart.patches[patch] for chart in charts)
+            ]
             if measured:
                 words = f"{key.partition(':')[2]}, {', '.join(dict.fromkeys(chart.name for chart in charts))}"
-                choices.append(Choice(words, [_hue(key, patch, charts, methods) for patch in measured]))
+                choices.append(
+                    Choice(words, [_hue(key, patch, charts, methods) for patch in measured])
+                )
     return choices
 
 
 def _hue(key: str, patch: str, charts: Sequence[Chart], methods: Mapping[str, int]) -> Figure:
     """The hue of one patch over distance; hues stand within half a turn of the expected one, in degrees."""
     scores = [chart.patches[patch] for chart in charts]
-    expected = _first(value for of_chart in scores for value in of_chart.get(f"{key}-expected", {}).values())
+    expected = _first(
+        value for of_chart in scores for value in of_chart.get(f"{key}-expected", {}).values()
+    )
     lines = []
     for name, place in methods.items():
-        known = [(chart.distance, _at(of_chart, key, name)) for chart, of_chart in zip(charts, scores, strict=True)]
-        x, y = [away for away, hue in known if hue is not None], [hue for _, hue in known if hue is not None]
-        turned = y if expected is None else [expected + (hue - expected + 180) % 360 - 180 for hue in y]
+        known = [
+            (chart.distance, _at(of_chart, key, name))
+            for chart, of_chart in zip(charts, scores, strict=True)
+        ]
+        x, y = (
+            [away for away, hue in known if hue is not None],
+            [hue for _, hue in known if hue is not None],
+        )
+        turned = (
+            y if expected is None else [expected + (hue - expected + 180) % 360 - 180 for hue in y]
+        )
         small = {"marker": look(place) | {"size": 5}}
         lines.append(line(name, place, x, turned, "%{x:.2f} m, %{y:.0f}°", **small))
     colour = next(filter(None, (_colour(of_chart, "-expected") for of_chart in scores)), "")
     square = f'<span style="color:{colour}">■</span> ' if colour else ""
     dotted = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": expected, "y1": expected}
-    shapes = [] if expected is None else [dotted | {"line": {"color": "--ink", "width": 1, "dash": "dot"}}]
+    shapes = (
+        []
+        if expected is None
+        else [dotted | {"line": {"color": "--ink", "width": 1, "dash": "dot"}}]
+    )
     layout = {"margin": {"l": 40, "r": 8, "t": 26, "b": 26}, "shapes": shapes}
     named = heading(square + text(_words(patch)))
     return figure(lines, {}, {"nticks": 5}, 190, title=named, **layout)

@@ -34,12 +34,22 @@ from sucre_bench.results.reasons import unscored, without_view
 from sucre_bench.results.rows import RESTORATION, restorations
 
 _STYLES = ("page.css", "parts.css")
-_SCRIPTS = ("page.js", "tables.js", "zoom.js", "pictures.js", "detail.js", "plots.js", "start.js")  # in one scope
+_SCRIPTS = (
+    "page.js",
+    "tables.js",
+    "zoom.js",
+    "pictures.js",
+    "detail.js",
+    "plots.js",
+    "start.js",
+)  # in one scope
 _CONSTANTS = {"Infinity": 1e308, "-Infinity": -1e308}  # which JSON does not know; NaN is null
 _DARK = 0.3  # brightness of the colours that are lifted on a dark page
 
 
-def write(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], widths: Widths = WIDTHS) -> Path:
+def write(
+    out: Path, rows: DataFrame, comparisons: Sequence[Comparison], widths: Widths = WIDTHS
+) -> Path:
     """Write ``out/report/index.html`` and return its path.
 
     rows, comparisons: the score table of `out`, and a comparison of methods for each of its datasets. The page embeds
@@ -50,18 +60,27 @@ def write(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], widths:
     gallery = Gallery(out, 2 * len(views) + len(restorations(rows)), widths)
     path = out / "config.yaml"
     config = masked(path.read_text(encoding="utf-8", errors="replace")) if path.is_file() else ""
-    places = {name: n for n, name in enumerate(dict.fromkeys(m for table in comparisons for m in table.methods))}
+    places = {
+        name: n
+        for n, name in enumerate(dict.fromkeys(m for table in comparisons for m in table.methods))
+    }
     files = plugin_files(out)
     datasets = [
-        Section(out, rows[rows["dataset"] == t.title], t, gallery, files, places).content() for t in comparisons
+        Section(out, rows[rows["dataset"] == t.title], t, gallery, files, places).content()
+        for t in comparisons
     ]
     styles = "\n".join([*(source(__package__, name) for name in _STYLES), _method_colours(places)])
     body = "\n".join(source(__package__, name) for name in _SCRIPTS)
     scripts = f'(() => {{\n"use strict";\n{body}\n}})();'
-    has_plots = any(dataset[part] for dataset in datasets for part in ("costs", "distances", "waters"))
+    has_plots = any(
+        dataset[part] for dataset in datasets for part in ("costs", "distances", "waters")
+    )
     plotly = source("plotly", "package_data/plotly.min.js") if has_plots else ""
     # No connections, and what the page has itself. Plotly adds an empty style sheet, which it fills by rules.
-    allowed = [" ".join(f"'{policy_hash(text)}'" for text in texts) for texts in ((styles, ""), (scripts, plotly))]
+    allowed = [
+        " ".join(f"'{policy_hash(text)}'" for text in texts)
+        for texts in ((styles, ""), (scripts, plotly))
+    ]
     page = filled_in(
         __package__,
         "page.html.j2",
@@ -74,7 +93,11 @@ def write(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], widths:
         datasets=datasets,
         places=places,
         sweep=_sweep(comparisons, datasets, places) if len(comparisons) > 1 else [],
-        water_columns=[(f"{symbol} {channel}", unit) for _, symbol, _, unit in PARAMETERS for channel in CHANNELS],
+        water_columns=[
+            (f"{symbol} {channel}", unit)
+            for _, symbol, _, unit in PARAMETERS
+            for channel in CHANNELS
+        ],
         blocks=gallery.blocks(),
         plotly=_packed(plotly),
         failed=_reasons(rows, "failed"),
@@ -97,12 +120,16 @@ def _packed(script: str) -> str:
     return base64.b64encode(gzip.compress(script.encode(), 6, mtime=0)).decode() if script else ""
 
 
-def _sweep(tables: Sequence[Comparison], datasets: Sequence[Any], places: Mapping[str, int]) -> list[Choice]:
+def _sweep(
+    tables: Sequence[Comparison], datasets: Sequence[Any], places: Mapping[str, int]
+) -> list[Choice]:
     """Each score over all datasets, as a plot and in numbers; those that decide first.
 
     datasets: as `Section.content` has them.
     """
-    heads = [head for dataset in datasets for head in dataset["columns"] if head["kind"] != "describes"]
+    heads = [
+        head for dataset in datasets for head in dataset["columns"] if head["kind"] != "describes"
+    ]
     columns: dict[str, list[Column | None]] = {head["key"]: [] for head in heads}
     for table in tables:
         by_key = {key_of(column): column for column in table.columns}
@@ -116,7 +143,11 @@ def _sweep(tables: Sequence[Comparison], datasets: Sequence[Any], places: Mappin
             own = dict(zip(table.methods, cells(table, of_table), strict=True)) if of_table else {}
             rows.append((table.title, [own.get(name) for name in places]))
         figures = [plots.over_datasets(tables, of_tables, places)] if len(tables) > 2 else []
-        made.append(Choice(f"{title(first)} ({first.variant})", figures, {"rows": rows, "better": first.better}))
+        made.append(
+            Choice(
+                f"{title(first)} ({first.variant})", figures, {"rows": rows, "better": first.better}
+            )
+        )
     return made
 
 
@@ -126,7 +157,11 @@ def _method_colours(places: Mapping[str, int]) -> str:
     for look, place in zip(style.looks(places).values(), places.values(), strict=True):
         rgb = [int(look.colour[at : at + 2], 16) for at in (1, 3, 5)]
         is_dark = sum(c * w for c, w in zip(rgb, (0.299, 0.587, 0.114), strict=True)) < 255 * _DARK
-        lifted = "#" + "".join(f"{round(c + 0.6 * (255 - c)):02x}" for c in rgb) if is_dark else look.colour
+        lifted = (
+            "#" + "".join(f"{round(c + 0.6 * (255 - c)):02x}" for c in rgb)
+            if is_dark
+            else look.colour
+        )
         lines.append(f":root {{ --m{place}: light-dark({look.colour}, {lifted}); }}")
         lines.append(f".m{place} {{ background: var(--m{place}); }}")
     return "\n".join(lines)
@@ -143,7 +178,13 @@ def _reasons(rows: DataFrame, status: str) -> list[dict[str, Any]]:
         views = sorted(set(same["view"].unique()) - {""})
         score = "" if metric == RESTORATION else metric
         faults.append(
-            {"dataset": dataset, "method": method, "score": score, "reason": with_remedy(reason), "views": views}
+            {
+                "dataset": dataset,
+                "method": method,
+                "score": score,
+                "reason": with_remedy(reason),
+                "views": views,
+            }
         )
     return faults
 
@@ -153,7 +194,15 @@ def _json(value: Any) -> Markup:
 
     Numbers have six digits.
     """
-    text = json.dumps(value, default=lambda other: list(other) if isinstance(other, Iterable) else str(other))
-    short = json.loads(text, parse_float=lambda digits: float(f"{float(digits):.6g}"), parse_constant=_CONSTANTS.get)
+    text = json.dumps(
+        value, default=lambda other: list(other) if isinstance(other, Iterable) else str(other)
+    )
+    short = json.loads(
+        text,
+        parse_float=lambda digits: float(f"{float(digits):.6g}"),
+        parse_constant=_CONSTANTS.get,
+    )
     text = json.dumps(short, ensure_ascii=False, separators=(",", ":"))
-    return Markup(text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029"))
+    return Markup(
+        text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
+    )

@@ -41,7 +41,9 @@ def charts(results: StudyResults) -> Iterator[Drawn]:
     named = seen["metric"].isin(results.study.metrics) | full.isin(results.study.metrics)
     seen = seen[named] if named.any() else seen
     if seen.empty:
-        raise NotApplicableError(f"no errors of colour charts; {adding(*_ERRORS, 'chart-distance')}")
+        raise NotApplicableError(
+            f"no errors of colour charts; {adding(*_ERRORS, 'chart-distance')}"
+        )
     for name, of_dataset in style.each_dataset(seen):
         placed, methods = _with_places(of_dataset), list(dict.fromkeys(of_dataset["method"]))
         step = 0.004 * np.ptp(placed["place"])  # beside each other, that bars do not hide bars
@@ -76,7 +78,9 @@ def _over_places(scores: DataFrame, below: str, patches: DataFrame | None = None
 
 def _at_places(scores: DataFrame, metric: str, variant: str, method: str) -> Any:
     """The values of one measure and method, grouped by place."""
-    chosen = (scores["metric"] == metric) & (scores["variant"] == variant) & (scores["method"] == method)
+    chosen = (
+        (scores["metric"] == metric) & (scores["variant"] == variant) & (scores["method"] == method)
+    )
     return scores[chosen].groupby("place")["value"]
 
 
@@ -99,7 +103,9 @@ def _with_places(seen: DataFrame) -> DataFrame:
     sites = seen.drop_duplicates(_CHART)["distance"].to_numpy()
     n = min(_PLACES, len(sites))
     edges = np.quantile(sites, np.arange(1, n) / n)  # of as many charts as places, each is one
-    middles = np.array([sites[np.searchsorted(edges, sites, "right") == k].mean() for k in range(n)])
+    middles = np.array(
+        [sites[np.searchsorted(edges, sites, "right") == k].mean() for k in range(n)]
+    )
     return seen.assign(place=middles[np.searchsorted(edges, seen["distance"], "right")])
 
 
@@ -113,7 +119,9 @@ def swatches(results: StudyResults) -> Iterator[Drawn]:
     seen = _seen_charts(results.rows)
     seen = seen.assign(role=seen["metric"].map(roles()))
     if not {*_PAINTED} <= set(seen["role"]):
-        raise NotApplicableError(f"no colours of chart patches; {adding(*_PAINTED, 'chart-distance')}")
+        raise NotApplicableError(
+            f"no colours of chart patches; {adding(*_PAINTED, 'chart-distance')}"
+        )
     for name, of_dataset in style.each_dataset(seen[seen["role"].isin(_PAINTED)]):
         methods = list(dict.fromkeys(of_dataset["method"]))
         is_patch = of_dataset["region"].str.contains("/", regex=False)
@@ -122,25 +130,34 @@ def swatches(results: StudyResults) -> Iterator[Drawn]:
         shown = errors.groupby(_CHART).agg(
             distance=("distance", "first"),
             methods=("method", "nunique"),
-            kind=("region", lambda names: "|".join(sorted({name.partition("/")[2] for name in names}))),
+            kind=(
+                "region",
+                lambda names: "|".join(sorted({name.partition("/")[2] for name in names})),
+            ),
         )
         shown = shown[shown["methods"] == len(methods)]
         if shown.empty:
             reason = "no colour chart that every method shows; leave out the methods with holes"
             yield (name,), NotApplicableError(reason)
             continue
-        shown = shown[shown["kind"] == shown["kind"].mode()[0]].sort_values("distance", kind="stable")
+        shown = shown[shown["kind"] == shown["kind"].mode()[0]].sort_values(
+            "distance", kind="stable"
+        )
         variants = list(dict.fromkeys(errors["variant"]))
         variant = "srgb" if "srgb" in variants else variants[0]
         of_variant = errors[errors["variant"] == variant]
         colours = of_dataset[of_dataset["role"] == "patch-colour"]
         figure, axes = style.figure(2, 1.0 + 0.2 * len(methods), 1, 2)
         for panel, chart in zip(axes[0], (shown.index[0], shown.index[-1]), strict=True):
-            of_chart = [table[(table[_CHART] == list(chart)).all(axis=1)] for table in (of_variant, colours)]
+            of_chart = [
+                table[(table[_CHART] == list(chart)).all(axis=1)] for table in (of_variant, colours)
+            ]
             _paint(panel, methods, *of_chart)
             panel.set_title(f"{chart[-1]}, {shown.loc[chart, 'distance']:.1f} m")
         axes[0, 0].set_yticks(range(len(methods)), methods)
-        figure.supxlabel(f"measured, above a strip of what is expected, and $\\Delta E_{{00}}$ to the {variant} list")
+        figure.supxlabel(
+            f"measured, above a strip of what is expected, and $\\Delta E_{{00}}$ to the {variant} list"
+        )
         yield (name,), figure
 
 
@@ -148,21 +165,36 @@ def _paint(panel: Axes, methods: Sequence[str], errors: DataFrame, colours: Data
     """One chart: a line a method, a column a patch. errors, colours: scores of its patches."""
     error_of = errors.set_index(["method", "region"])["value"]
     value_of = colours.set_index(["method", "region", "variant"])["value"]
-    patches = sorted(set(errors["region"]), key=lambda region: read_label(region.rpartition("/")[2])[0])
+    patches = sorted(
+        set(errors["region"]), key=lambda region: read_label(region.rpartition("/")[2])[0]
+    )
     patches = [patches[k] for k in evenly(len(patches), _SWATCHES)]
     for y, method in enumerate(methods):
         for x, patch in enumerate(patches):
-            if (method, patch) not in error_of.index or (method, patch, "red") not in value_of.index:
+            if (method, patch) not in error_of.index or (
+                method,
+                patch,
+                "red",
+            ) not in value_of.index:
                 continue
             rgb, expected = (
-                [value_of[method, patch, channel + end] for channel in style.CHANNELS] for end in ("", "-expected")
+                [value_of[method, patch, channel + end] for channel in style.CHANNELS]
+                for end in ("", "-expected")
             )
             panel.add_patch(Rectangle((x - 0.48, y - 0.46), 0.96, 0.92, facecolor=rgb, linewidth=0))
-            panel.add_patch(Rectangle((x - 0.48, y + 0.2), 0.96, 0.26, facecolor=expected, linewidth=0))
+            panel.add_patch(
+                Rectangle((x - 0.48, y + 0.2), 0.96, 0.26, facecolor=expected, linewidth=0)
+            )
             ink = "black" if np.dot(rgb, (0.299, 0.587, 0.114)) > 0.5 else "white"
-            panel.text(x, y - 0.13, f"{error_of[method, patch]:.0f}", color=ink, ha="center", va="center")
+            panel.text(
+                x, y - 0.13, f"{error_of[method, patch]:.0f}", color=ink, ha="center", va="center"
+            )
     panel.set(xlim=(-0.5, len(patches) - 0.5), ylim=(len(methods) - 0.5, -0.5))
-    panel.set_xticks(range(len(patches)), [read_label(patch.rpartition("/")[2])[1] for patch in patches], rotation=90)
+    panel.set_xticks(
+        range(len(patches)),
+        [read_label(patch.rpartition("/")[2])[1] for patch in patches],
+        rotation=90,
+    )
     panel.set_yticks([])
     panel.tick_params(length=0)
     panel.spines[:].set_visible(False)
@@ -178,7 +210,9 @@ def hue(results: StudyResults) -> Iterator[Drawn]:
     hues = scores_of(_seen_charts(results.rows), "patch-hue")
     forms = [v for v in dict.fromkeys(hues["variant"]) if f"{v}-expected" in set(hues["variant"])]
     if not forms:
-        raise NotApplicableError(f"no hues of chart patches; {adding('patch-hue', 'chart-distance')}")
+        raise NotApplicableError(
+            f"no hues of chart patches; {adding('patch-hue', 'chart-distance')}"
+        )
     hues = hues.assign(patch=hues["region"].str.partition("/")[2])
     for name, of_dataset in style.each_dataset(hues):
         # Charts with the same patches share panels.
@@ -195,16 +229,30 @@ def hue(results: StudyResults) -> Iterator[Drawn]:
 def _hues(hues: DataFrame, form: str, patches: Sequence[str]) -> Figure:
     figure, panels = style.grid(len(patches), 4, 0.6, 1.25, sharex=True)
     for patch, panel in zip(patches, panels, strict=True):
-        expected = hues.loc[(hues["patch"] == patch) & (hues["variant"] == f"{form}-expected"), "value"].iloc[0]
+        expected = hues.loc[
+            (hues["patch"] == patch) & (hues["variant"] == f"{form}-expected"), "value"
+        ].iloc[0]
         panel.axhline(expected, color="#999999", linewidth=2.5, zorder=0)
         for method, (colour, marker) in style.looks(hues["method"]).items():
-            of_patch = hues[(hues["patch"] == patch) & (hues["variant"] == form) & (hues["method"] == method)]
-            vectors = np.exp(1j * np.radians(of_patch["value"] - expected)).groupby(of_patch["place"]).mean()
+            of_patch = hues[
+                (hues["patch"] == patch) & (hues["variant"] == form) & (hues["method"] == method)
+            ]
+            vectors = (
+                np.exp(1j * np.radians(of_patch["value"] - expected))
+                .groupby(of_patch["place"])
+                .mean()
+            )
             unbroken = np.unwrap(np.degrees(np.angle(vectors)), period=360)  # of circular means
-            for turn in range(-_PLACES // 2, _PLACES // 2 + 1):  # what leaves through one edge comes back at the other
+            for turn in range(
+                -_PLACES // 2, _PLACES // 2 + 1
+            ):  # what leaves through one edge comes back at the other
                 y = unbroken + 360 * turn
                 if turn == 0 or (np.abs(y) <= 180).any():
-                    drawn: Any = {"color": colour, "marker": marker, "label": method if turn == 0 else "_again"}
+                    drawn: Any = {
+                        "color": colour,
+                        "marker": marker,
+                        "label": method if turn == 0 else "_again",
+                    }
                     panel.plot(vectors.index, expected + y, markersize=2.5, linewidth=0.9, **drawn)
         panel.set_ylim(expected - 180, expected + 180)
         ticks = np.arange(np.ceil((expected - 180) / 90), (expected + 180) / 90 + 1e-9) * 90

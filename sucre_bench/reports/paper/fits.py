@@ -56,9 +56,13 @@ def residuals(results: StudyResults) -> Iterator[Drawn]:
     dataset and method, the two views with most observations are drawn.
     """
     is_drawn = False
-    for (dataset, method), of_method in restorations(results.rows).groupby(["dataset", "method"], sort=False):
+    for (dataset, method), of_method in restorations(results.rows).groupby(
+        ["dataset", "method"], sort=False
+    ):
         recorded = [(row.view, read_record(row, results.out)) for row in of_method.itertuples()]
-        recorded = [(view, record) for view, record in recorded if record.get("residuals", {}).get("tracks")]
+        recorded = [
+            (view, record) for view, record in recorded if record.get("residuals", {}).get("tracks")
+        ]
         recorded.sort(key=lambda each: -each[1].get("n_observations", 0))
         for view, record in recorded[:_VIEWS]:
             is_drawn = True
@@ -69,18 +73,28 @@ def residuals(results: StudyResults) -> Iterator[Drawn]:
                 ("histogram", count, "residual, intensity", "density", _histogram),
                 ("normal", "normal plots", "normal quantile", "residual, intensity", _normal),
                 ("fits", "residuals over fits", "fitted intensity", "residual, intensity", _fits),
-                ("distance", "points over distance, and the model (dotted)", "distance, m", "intensity", _distance),
+                (
+                    "distance",
+                    "points over distance, and the model (dotted)",
+                    "distance, m",
+                    "intensity",
+                    _distance,
+                ),
             ):
                 figure, axes = style.figure(2, 2.2, ncols=3, sharey=kind == "normal")
                 figure.suptitle(f"{title}: {about}")
-                for channel, (panel, (name, colour)) in enumerate(zip(axes[0], style.CHANNELS.items(), strict=True)):
+                for channel, (panel, (name, colour)) in enumerate(
+                    zip(axes[0], style.CHANNELS.items(), strict=True)
+                ):
                     panel.set(title=name, xlabel=x)
                     panel.locator_params(axis="x", nbins=5)
                     draw(panel, record, channel, colour)
                 axes[0, 0].set_ylabel(y)
                 yield (kind, words), figure
     if not is_drawn:
-        raise NotApplicableError("no record has residuals; run sucre, sucre_plus or sucre_paper with save=full")
+        raise NotApplicableError(
+            "no record has residuals; run sucre, sucre_plus or sucre_paper with save=full"
+        )
 
 
 def _histogram(panel: Axes, record: Mapping[str, Any], channel: int, colour: str) -> None:
@@ -99,7 +113,9 @@ def _histogram(panel: Axes, record: Mapping[str, Any], channel: int, colour: str
     panel.set_ylim(top=1.3 * panel.get_ylim()[1])  # room for words
     names = {"std": "std", "robust_std": "robust std", "skew": "skew", "kurtosis": "exc. kurtosis"}
     moments = {label: left[name][channel] for name, label in names.items()}
-    words = "\n".join(f"{label} {value:.3g}" for label, value in moments.items() if value is not None)
+    words = "\n".join(
+        f"{label} {value:.3g}" for label, value in moments.items() if value is not None
+    )
     panel.text(0.98, 0.96, words, transform=panel.transAxes, ha="right", va="top", fontsize="small")
 
 
@@ -115,11 +131,16 @@ def _fits(panel: Axes, record: Mapping[str, Any], channel: int, colour: str) -> 
     of_channel = record["residuals"]["against_fit"][list(style.CHANNELS)[channel]]
     counts = np.array(of_channel["counts"], dtype=float).T
     (low, high), (first, last) = of_channel["residual"], of_channel["fit"]
-    heights, fits = np.linspace(low, high, counts.shape[0] + 1), np.linspace(first, last, counts.shape[1] + 1)
+    heights, fits = (
+        np.linspace(low, high, counts.shape[0] + 1),
+        np.linspace(first, last, counts.shape[1] + 1),
+    )
     norm, shown = LogNorm(1, max(counts.max(), 2)), np.ma.masked_equal(counts, 0)
     panel.pcolormesh(fits, heights, shown, norm=norm, cmap="Greys", rasterized=True)
     middle = (fits[:-1] + fits[1:]) / 2
-    low, median, high = (np.array(of_channel[name], dtype=float) for name in ("low", "median", "high"))
+    low, median, high = (
+        np.array(of_channel[name], dtype=float) for name in ("low", "median", "high")
+    )
     panel.plot(middle, median, color=colour)
     panel.plot(middle, low, middle, high, color=colour, linewidth=0.7, linestyle="--")
     panel.axhline(0, color="k", linewidth=0.5)
@@ -154,10 +175,14 @@ def scaling(results: StudyResults) -> Iterator[Drawn]:
     table = beside(restorations(results.rows), counts[counts["variant"] == "all"], "n", KEYS)
     table = table[table["n"] > 0]
     if table.empty:
-        raise NotApplicableError(f"no restoration has a number of observations; {adding('observations')}")
+        raise NotApplicableError(
+            f"no restoration has a number of observations; {adding('observations')}"
+        )
     records = [read_record(row, results.out).get("stage_seconds", {}) for row in table.itertuples()]
     stages = pd.DataFrame(records, table.index, ["pair", "solve"], dtype=float)
-    table = table[["method", "n"]].assign(seconds=table["value"], pair=stages["pair"], solve=stages["solve"])
+    table = table[["method", "n"]].assign(
+        seconds=table["value"], pair=stages["pair"], solve=stages["solve"]
+    )
     shown = {stage: title for stage, title in _STAGES.items() if table[stage].notna().any()}
     figure, axes = style.figure(2, 2.8 if len(shown) > 1 else 2.6, ncols=len(shown), sharey=True)
     looks = style.looks(table["method"])
@@ -174,7 +199,9 @@ def scaling(results: StudyResults) -> Iterator[Drawn]:
                     panel.plot(at, a + b * at, color=look.colour, linewidth=0.9)
                 if b > 2 * error:
                     label = f"{method}: {b * 1e6:.2g} ± {error * 1e6:.1g} s per million"
-            panel.plot(n, seconds, look.marker, color=look.colour, markersize=3, alpha=0.7, label=label)
+            panel.plot(
+                n, seconds, look.marker, color=look.colour, markersize=3, alpha=0.7, label=label
+            )
         panel.set(title=title, xlabel="observations", xscale="log", yscale="log")
         panel.xaxis.set_major_formatter(EngFormatter(sep=""))
         panel.xaxis.set_minor_locator(LogLocator(subs=(2, 5)))
@@ -219,16 +246,23 @@ def water(results: StudyResults) -> Iterator[Drawn]:
         raise NotApplicableError(f"no water beside a variance of distances; {remedy} with depth")
     for name, of_dataset in style.each_dataset(estimates):
         for page, methods in style.pages(list(dict.fromkeys(of_dataset["method"])), _METHODS):
-            figure, axes = style.figure(2, 4.8, len(_PARAMETERS), len(methods), sharex=True, sharey="row")
+            figure, axes = style.figure(
+                2, 4.8, len(_PARAMETERS), len(methods), sharex=True, sharey="row"
+            )
             for column, method in zip(axes.T, methods, strict=True):
                 of_method = of_dataset[of_dataset["method"] == method]
                 first = of_method.drop_duplicates(["dataset", "scene"])
                 records = [read_record(row, results.out) for row in first.itertuples()]
                 true = [record.get("true_water") or {} for record in records]
                 # Not of scenes that differ in it, nor where it explains other intensities than the estimate.
-                fits = all(t and t["encoding"] == r.get("encoding") for t, r in zip(true, records, strict=True))
+                fits = all(
+                    t and t["encoding"] == r.get("encoding")
+                    for t, r in zip(true, records, strict=True)
+                )
                 truth = true[0] if fits and all(t == true[0] for t in true) else {}
-                for panel, (parameter, (symbol, _)) in zip(column, _PARAMETERS.items(), strict=True):
+                for panel, (parameter, (symbol, _)) in zip(
+                    column, _PARAMETERS.items(), strict=True
+                ):
                     _parameter(panel, of_method, parameter, truth.get(symbol, ()))
                 column[0].set_title(method)
                 if truth and "true" not in axes[0, 0].get_legend_handles_labels()[1]:
@@ -243,7 +277,10 @@ def water(results: StudyResults) -> Iterator[Drawn]:
 
 def _parameter(panel: Axes, estimates: DataFrame, parameter: str, truth: Sequence[float]) -> None:
     for place, (channel, marker) in enumerate(_MARKERS.items()):
-        of_channel, colour = estimates[estimates["variant"] == f"{parameter}-{channel}"], style.CHANNELS[channel]
+        of_channel, colour = (
+            estimates[estimates["variant"] == f"{parameter}-{channel}"],
+            style.CHANNELS[channel],
+        )
         dots: Any = {"color": colour, "marker": marker, "label": channel}
         panel.scatter(of_channel["variance"], of_channel["value"], s=9, linewidths=0, **dots)
         if truth:

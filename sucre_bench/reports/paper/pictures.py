@@ -50,7 +50,9 @@ def pictures(results: StudyResults) -> Iterator[Drawn]:
     out = results.out
     is_drawn = False
     for suffix, of_dataset in style.each_dataset(rows):
-        names = of_dataset.loc[of_dataset["view"] != "", ["dataset", "scene", "view"]].drop_duplicates()
+        names = of_dataset.loc[
+            of_dataset["view"] != "", ["dataset", "scene", "view"]
+        ].drop_duplicates()
         several = names["scene"].nunique() > 1
         views = {
             f"{scene} · {place.stem.name}" if several else place.stem.name: place
@@ -64,7 +66,10 @@ def pictures(results: StudyResults) -> Iterator[Drawn]:
         methods = list(dict.fromkeys(of_dataset["method"]))
         for page, shown in style.pages(methods, _MOST_COLUMNS - 1 - has_reference) if views else ():
             columns = {"input": [place.original(out) for place in views.values()]}
-            columns |= {method: [place.restored(out, method) for place in views.values()] for method in shown}
+            columns |= {
+                method: [place.restored(out, method) for place in views.values()]
+                for method in shown
+            }
             if has_reference:
                 columns["reference"] = [place.reference(out) for place in views.values()]
             is_drawn = True
@@ -80,23 +85,37 @@ def _pictures(views: Sequence[str], columns: Mapping[str, Sequence[Path]]) -> Fi
     width = (style.WIDTH[2] - _TEXT) / len(columns) - _GAP
     height = shape * width
     heads = [_wrapped(name, width, 2) for name in columns]
-    total = 0.05 + 0.115 * max(head.count("\n") + 1 for head in heads) + len(views) * (height + _GAP)
+    total = (
+        0.05 + 0.115 * max(head.count("\n") + 1 for head in heads) + len(views) * (height + _GAP)
+    )
     figure, axes = style.figure(2, total, len(views), len(columns))
     figure.set_layout_engine("none")  # pictures keep their shape
     files = list(columns.values())
     for (r, c), panel in np.ndenumerate(axes):
         left, bottom = _TEXT + c * (width + _GAP), (len(views) - r - 1) * (height + _GAP)
-        panel.set_position((left / style.WIDTH[2], bottom / total, width / style.WIDTH[2], height / total))
+        panel.set_position(
+            (left / style.WIDTH[2], bottom / total, width / style.WIDTH[2], height / total)
+        )
         panel.set(xticks=[], yticks=[])
         panel.spines[:].set_visible(False)
         try:
             with Image.open(regular(files[c][r])) as picture:
                 wide = min(round(width * _DPI), picture.width, round(picture.height / shape))
                 size = (wide, max(1, round(wide * shape)))
-                fitted = np.asarray(ImageOps.fit(picture.convert("RGB"), size, Image.Resampling.BOX))
+                fitted = np.asarray(
+                    ImageOps.fit(picture.convert("RGB"), size, Image.Resampling.BOX)
+                )
         except (OSError, InputError):
             panel.set_facecolor("#EEEEEE")
-            panel.text(0.5, 0.5, "none", ha="center", va="center", color="#777777", transform=panel.transAxes)
+            panel.text(
+                0.5,
+                0.5,
+                "none",
+                ha="center",
+                va="center",
+                color="#777777",
+                transform=panel.transAxes,
+            )
         else:
             panel.imshow(fitted, aspect="auto", interpolation="none")
     for panel, head in zip(axes[0], heads, strict=True):
@@ -108,7 +127,9 @@ def _pictures(views: Sequence[str], columns: Mapping[str, Sequence[Path]]) -> Fi
 
 def _wrapped(text: str, inches: float, lines: int = 1) -> str:
     """A label of 7 points in so many lines, without its end where there is no room."""
-    return "\n".join(textwrap.wrap(text, max(5, int(inches / 0.057)), max_lines=lines, placeholder="…"))
+    return "\n".join(
+        textwrap.wrap(text, max(5, int(inches / 0.057)), max_lines=lines, placeholder="…")
+    )
 
 
 def seams(results: StudyResults) -> Iterator[Drawn]:
@@ -129,7 +150,9 @@ def seams(results: StudyResults) -> Iterator[Drawn]:
         for dataset, scene, view in worst.index[:_VIEWS]:
             of_view = views.get_group((dataset, scene, view))
             values = dict(zip(of_view["method"], of_view["value"], strict=True))
-            photograph, changed = _changed(layout.find(dataset, scene, view, results.out), [*values], results.out)
+            photograph, changed = _changed(
+                layout.find(dataset, scene, view, results.out), [*values], results.out
+            )
             if changed:
                 is_drawn = True
                 titles = {method: f"{method}\nseams {values[method]:.2%}" for method in changed}
@@ -137,10 +160,14 @@ def seams(results: StudyResults) -> Iterator[Drawn]:
                 figure.suptitle(f"{view} of {dataset}")
                 yield (layout.file_name(f"{dataset}-{Path(view).stem}"),), figure
     if not is_drawn:
-        raise NotApplicableError(f"no picture with a score of seams; {adding('seams')}, and run methods on depth")
+        raise NotApplicableError(
+            f"no picture with a score of seams; {adding('seams')}, and run methods on depth"
+        )
 
 
-def _changed(place: Place | None, methods: Sequence[str], out: Path) -> tuple[Array, dict[str, Array]]:
+def _changed(
+    place: Place | None, methods: Sequence[str], out: Path
+) -> tuple[Array, dict[str, Array]]:
     """The photograph and what methods made of it, NaN where there is no colour, without those that left it alone."""
     changed: dict[str, Array] = {}
     if place is None or not place.original(out).is_file():
@@ -161,7 +188,9 @@ def _seams(photograph: Array, changed: Mapping[str, Array], titles: Mapping[str,
     found = {method: find_seams(picture, photograph) for method, picture in changed.items()}
     high, wide = photograph.shape[:2]
     shapes = [high / wide, _SHAPE, high / wide]
-    columns = {"photograph\n": photograph} | {titles[method]: picture for method, picture in changed.items()}
+    columns = {"photograph\n": photograph} | {
+        titles[method]: picture for method, picture in changed.items()
+    }
     height = style.WIDTH[2] / len(columns) * sum(shapes) + 0.7  # of titles
     figure, axes = style.figure(2, height, 3, len(columns), height_ratios=shapes)
     # The window with most seams in any of the pictures, in pixels of the photograph.
@@ -170,7 +199,9 @@ def _seams(photograph: Array, changed: Mapping[str, Array], titles: Mapping[str,
     masks = [seams.is_seam.astype(np.float32) for seams in found.values()]
     rows, cols = masks[0].shape
     size = (max(1, round(w * cols / wide)), max(1, round(h * rows / high)))
-    within = np.max([cv2.boxFilter(mask, -1, size, borderType=cv2.BORDER_CONSTANT) for mask in masks], axis=0)
+    within = np.max(
+        [cv2.boxFilter(mask, -1, size, borderType=cv2.BORDER_CONSTANT) for mask in masks], axis=0
+    )
     row, col = np.unravel_index(int(within.argmax()), within.shape)
     x = min(max(round((col + 0.5) * wide / cols - w / 2), 0), wide - w)
     y = min(max(round((row + 0.5) * high / rows - h / 2), 0), high - h)

@@ -33,7 +33,9 @@ def scores(results: StudyResults) -> Iterator[Drawn]:
     A hollow dot is a method that is no different from the best by more than chance. Yields a figure per dataset, or
     more where the panels do not fit on a page.
     """
-    drawn = [(comparison, _telling(comparison, results.study)) for comparison in results.comparisons]
+    drawn = [
+        (comparison, _telling(comparison, results.study)) for comparison in results.comparisons
+    ]
     if not any(columns for _, columns in drawn):
         raise NotApplicableError("no scores that tell methods apart; add metrics, or method=a,b")
     for comparison, columns in drawn:
@@ -42,15 +44,34 @@ def scores(results: StudyResults) -> Iterator[Drawn]:
             figure, panels = style.grid(len(shown), 2, 0.0, height)
             looks = style.looks(comparison.methods)
             for column, panel in zip(shown, panels, strict=True):
-                scored = [(name, cell) for name in comparison.methods if (cell := comparison.cells.get((name, column)))]
-                scored.sort(key=lambda each: each[1].place or math.inf)  # the photograph has no place
+                scored = [
+                    (name, cell)
+                    for name in comparison.methods
+                    if (cell := comparison.cells.get((name, column)))
+                ]
+                scored.sort(
+                    key=lambda each: each[1].place or math.inf
+                )  # the photograph has no place
                 for y, (method, cell) in enumerate(scored):
                     colour, marker = looks[method]
                     if math.isfinite(cell.low):
-                        panel.plot([cell.low, cell.high], [y, y], color=colour, linewidth=1, solid_capstyle="butt")
+                        panel.plot(
+                            [cell.low, cell.high],
+                            [y, y],
+                            color=colour,
+                            linewidth=1,
+                            solid_capstyle="butt",
+                        )
                     if math.isfinite(cell.mean):
                         face = "white" if cell.tie else colour
-                        panel.plot(cell.mean, y, marker, color=colour, markerfacecolor=face, markeredgewidth=0.9)
+                        panel.plot(
+                            cell.mean,
+                            y,
+                            marker,
+                            color=colour,
+                            markerfacecolor=face,
+                            markeredgewidth=0.9,
+                        )
                 panel.set_yticks(range(len(scored)), [method for method, _ in scored])
                 panel.set_ylim(len(scored) - 0.4, -0.6)
                 panel.tick_params(axis="y", length=0)
@@ -63,8 +84,13 @@ def scores(results: StudyResults) -> Iterator[Drawn]:
 def _telling(comparison: Comparison, study: Study) -> list[Column]:
     """The columns whose means differ between methods (or of one method); of costs only those that the study names."""
     named = {metric.partition(":")[0] for metric in study.metrics}
-    columns = [c for c in comparison.columns if c.directed or (c.metric in COSTS and c.metric in named)]
-    means = {c: [cell.mean for (_, scored), cell in comparison.cells.items() if scored == c] for c in columns}
+    columns = [
+        c for c in comparison.columns if c.directed or (c.metric in COSTS and c.metric in named)
+    ]
+    means = {
+        c: [cell.mean for (_, scored), cell in comparison.cells.items() if scored == c]
+        for c in columns
+    }
     return [column for column in columns if len(means[column]) == 1 or len({*means[column]}) > 1]
 
 
@@ -76,7 +102,9 @@ def against(results: StudyResults) -> Iterator[Drawn]:
     why there is none of it.
     """
     if not results.study.along:
-        raise NotApplicableError("nothing to draw scores against; give study.along=degrade.NAME, say")
+        raise NotApplicableError(
+            "nothing to draw scores against; give study.along=degrade.NAME, say"
+        )
     for followed in results.followed:
         suffix = followed.title if len(results.followed) > 1 else ""
         columns = _telling(followed.scores, results.study)
@@ -93,8 +121,12 @@ def against(results: StudyResults) -> Iterator[Drawn]:
         for column, panel in zip(columns, panels, strict=True):
             for method, (colour, marker) in style.looks(followed.methods).items():
                 lines = [followed.lines[value, method] for value in followed.values]
-                cells = [followed.scores.cells.get((line, column), _NO_CELL) for line in lines]  # a gap for none
-                panel.plot(where, [cell.mean for cell in cells], color=colour, marker=marker, label=method)
+                cells = [
+                    followed.scores.cells.get((line, column), _NO_CELL) for line in lines
+                ]  # a gap for none
+                panel.plot(
+                    where, [cell.mean for cell in cells], color=colour, marker=marker, label=method
+                )
                 low, high = [cell.low for cell in cells], [cell.high for cell in cells]
                 panel.fill_between(where, low, high, color=colour, alpha=0.12, linewidth=0)
             panel.set_ylabel(f"{title(column)} ({column.variant})")
@@ -114,7 +146,9 @@ def positions(values: Sequence[Value]) -> tuple[list[float], bool]:
         return [float(n) for n in range(len(values))], False
     least, before, greatest = numbers[0], numbers[-2], numbers[-1]
     is_log = least > 0 and greatest > _LOG_FROM * least
-    beyond = greatest * greatest / before if is_log else 2 * greatest - before  # one step as long as the last
+    beyond = (
+        greatest * greatest / before if is_log else 2 * greatest - before
+    )  # one step as long as the last
     return [beyond if value.number is None else value.number for value in values], is_log
 
 
@@ -160,13 +194,17 @@ def _of_scenes(table: Comparison, column: Column, truth: Column) -> list[float]:
     one, other = table.measured.get(column), table.measured.get(truth)
     if one is None or other is None:
         return []
-    names = [name for name in one.methods if name in other.methods and name not in table.photographs]
+    names = [
+        name for name in one.methods if name in other.methods and name not in table.photographs
+    ]
     taus: dict[str, list[float]] = {}
     for place, scores in zip(one.places, one.views, strict=True):
         if place not in other.places or len(names) < _FEWEST_METHODS:
             continue
         true: Array = other.views[other.places.index(place)]
-        pairs = [(scores[one.methods.index(name)], true[other.methods.index(name)]) for name in names]
+        pairs = [
+            (scores[one.methods.index(name)], true[other.methods.index(name)]) for name in names
+        ]
         tau = float(kendalltau(*zip(*pairs, strict=True)).statistic)
         if np.isfinite(tau):
             taus.setdefault(place[0], []).append(tau if column.better == truth.better else -tau)
@@ -180,7 +218,9 @@ def validity(results: StudyResults) -> Iterator[Drawn]:
     truth = results.study.metrics[0]
     found = agreements(results.comparisons, truth)
     if not found:
-        raise NotApplicableError(f"no score to hold against {truth}; run {_FEWEST_METHODS} methods and other metrics")
+        raise NotApplicableError(
+            f"no score to hold against {truth}; run {_FEWEST_METHODS} methods and other metrics"
+        )
     yield (), drawing(found, truth)
 
 
@@ -190,7 +230,13 @@ def drawing(found: Sequence[Agreement], truth: str) -> Figure:
     for y, each in enumerate(found):
         panel.plot([each.low, each.high], [y, y], color="#0072B2", linewidth=1)
         panel.plot(each.tau, y, "o", color="#0072B2")
-        panel.annotate(f"{each.tau:.2f}", (1.02, y), xycoords=("axes fraction", "data"), va="center", fontsize=6)
+        panel.annotate(
+            f"{each.tau:.2f}",
+            (1.02, y),
+            xycoords=("axes fraction", "data"),
+            va="center",
+            fontsize=6,
+        )
     panel.axvline(0, color="#888888", linewidth=0.6)
     panel.set_yticks(range(len(found)), [each.name for each in found])
     panel.set_ylim(len(found) - 0.4, -0.6)

@@ -58,7 +58,9 @@ class StudyResults:
     def with_baseline(self) -> list[Comparison]:
         """The same tables against the study's baseline; `comparisons` if it has none."""
         name = self.study.baseline
-        return [against(table, name) if name in table.methods else table for table in self.comparisons]
+        return [
+            against(table, name) if name in table.methods else table for table in self.comparisons
+        ]
 
     @cached_property
     def parts(self) -> list[Comparison]:
@@ -72,7 +74,10 @@ class StudyResults:
 
     def _compare(self, by: By) -> list[Comparison]:
         order = list(dict.fromkeys(self.rows["method"]))
-        return [only(table, self.study.metrics) for table in compare(self.rows, self.study.metrics, by, order)]
+        return [
+            only(table, self.study.metrics)
+            for table in compare(self.rows, self.study.metrics, by, order)
+        ]
 
 
 @dataclass(frozen=True)
@@ -123,13 +128,21 @@ class Along:
                 for name, table in (("change", self.changes), ("lead", self.leads)):
                     other = table.cells.get((line, column)) if table else None
                     ends = other.change if other else (math.nan,) * 3
-                    differences |= dict(zip((name, f"{name}_low", f"{name}_high"), ends, strict=True))
+                    differences |= dict(
+                        zip((name, f"{name}_low", f"{name}_high"), ends, strict=True)
+                    )
                 yield {
                     "dataset": self.title,
                     self.option: value.word,
                     "method": method,
-                    **{name: getattr(column, name) for name in ("metric", "variant", "unit", "better")},
-                    **{name: getattr(cell, name) for name in ("mean", "std", "low", "high", "holes")},
+                    **{
+                        name: getattr(column, name)
+                        for name in ("metric", "variant", "unit", "better")
+                    },
+                    **{
+                        name: getattr(cell, name)
+                        for name in ("mean", "std", "low", "high", "holes")
+                    },
                     **differences,
                     **{name: getattr(column, name) for name in ("n_units", "n_views", "n_scenes")},
                 }
@@ -143,13 +156,19 @@ def along(rows: DataFrame, study: Study) -> list[Along]:
     """
     group, _, name = study.along.partition(".")
     options = {text: json.loads(text) for text in rows["options"].unique()}
-    of_group = {text: each if group == "method" else each.get(group, {}) for text, each in options.items()}
+    of_group = {
+        text: each if group == "method" else each.get(group, {}) for text, each in options.items()
+    }
     others = ("dataset", "degrade", "replicate", "name")
-    parts = {text: {k: v for k, v in part.items() if k not in others} for text, part in of_group.items()}
+    parts = {
+        text: {k: v for k, v in part.items() if k not in others} for text, part in of_group.items()
+    }
     values = {text: _value_in(part, group, name) for text, part in parts.items()}
     if not any(values.values()):
         known = {key for part in parts.values() for key in part}
-        raise NotApplicableError(f"no {group} here has an option '{name}'; {did_you_mean(name, known)}")
+        raise NotApplicableError(
+            f"no {group} here has an option '{name}'; {did_you_mean(name, known)}"
+        )
     full: dict[str, set[str]] = {}
     for value in filter(None, values.values()):
         full.setdefault(value.word, set()).add(value.full)
@@ -169,7 +188,9 @@ def along(rows: DataFrame, study: Study) -> list[Along]:
     notes = tuple(Note("no option", (str(each),), option=name) for each in lacking)
     rows = rows[rows["_value"].notna()]
     if group == "dataset" and (rows.groupby("_value", sort=False)["scene"].nunique() == 1).all():
-        rows = rows.assign(scene="")  # a scene may be called after the value: views are told apart by name
+        rows = rows.assign(
+            scene=""
+        )  # a scene may be called after the value: views are told apart by name
     wanted = {metric.partition(":")[0] for metric in study.metrics}
     followed = []
     for title, of_dataset in rows.groupby("dataset", sort=False):
@@ -199,19 +220,27 @@ def _value_in(part: dict[str, Any], group: str, name: str) -> Value | None:
         with contextlib.suppress(InputError):  # its file may be gone
             value = float(read_water(value).attenuation.mean())
     if isinstance(value, (int, float)) and not isinstance(value, bool):
-        return Value(f"{value:.4g}" if isinstance(value, float) else str(value), float(value), is_given, full)
+        return Value(
+            f"{value:.4g}" if isinstance(value, float) else str(value), float(value), is_given, full
+        )
     word = "_".join(map(str, value)) if isinstance(value, list) else PurePath(str(value)).name
     return Value(word, None, is_given, full)
 
 
-def _along(title: str, rows: DataFrame, option: str, study: Study, notes: tuple[Note, ...]) -> Along:
+def _along(
+    title: str, rows: DataFrame, option: str, study: Study, notes: tuple[Note, ...]
+) -> Along:
     values: list[Value] = list(rows["_value"].unique())
     if all(value.number is not None for value in values if value.is_given):
         # What is not degraded is without limit; words stay as they came.
         values.sort(key=lambda value: math.inf if value.number is None else value.number)
     methods = tuple(dict.fromkeys(rows["method"]))
     reference = next((value for value in values if not value.is_given), values[0])
-    lines = {(value, method): f"{option}={value.word} · {method}" for value in values for method in methods}
+    lines = {
+        (value, method): f"{option}={value.word} · {method}"
+        for value in values
+        for method in methods
+    }
     named = [lines[key] for key in zip(rows["_value"], rows["method"], strict=True)]
     (scores,) = compare(rows.assign(method=named), study.metrics, order=list(lines.values()))
     scores = only(replace(scores, notes=(*scores.notes, *notes)), study.metrics)
@@ -223,15 +252,23 @@ def _along(title: str, rows: DataFrame, option: str, study: Study, notes: tuple[
         each = [([lines[v, m] for m in methods], lines[v, study.baseline]) for v in values]
         leads = _against(scores, each, f"{study.baseline} at the same {option}")
     axis = study.axis or option
-    return Along(title, option, axis, tuple(values), reference, methods, lines, scores, changes, leads)
+    return Along(
+        title, option, axis, tuple(values), reference, methods, lines, scores, changes, leads
+    )
 
 
-def _against(scores: Comparison, each: Sequence[tuple[Sequence[str], str]], baseline: str) -> Comparison | None:
+def _against(
+    scores: Comparison, each: Sequence[tuple[Sequence[str], str]], baseline: str
+) -> Comparison | None:
     """One table of several, each with its own baseline, which is left out. each: lines, and the baseline's line."""
     cells: dict[tuple[str, Column], Cell] = {}
     for lines, reference in each:
         made = against(scores, reference, lines).cells
-        cells |= {(line, c): cell for (line, c), cell in made.items() if line != reference and (reference, c) in made}
+        cells |= {
+            (line, c): cell
+            for (line, c), cell in made.items()
+            if line != reference and (reference, c) in made
+        }
     lines = tuple(line for line in scores.methods if any(line == known for known, _ in cells))
     kept = tuple(c for c in scores.columns if any(c == known for _, known in cells))
     title = f"{scores.title}, against {baseline}"

@@ -64,7 +64,9 @@ def looks(methods: Iterable[str]) -> dict[str, Look]:
     """Return how each of a figure's methods is drawn: no two alike, and no two of one colour while there are enough."""
     methods = list(dict.fromkeys(methods))
     found: dict[str, Look] = {}
-    for method in sorted(methods):  # whatever order a figure has them in; first those that can have their own
+    for method in sorted(
+        methods
+    ):  # whatever order a figure has them in; first those that can have their own
         if own_look(method).colour not in {look.colour for look in found.values()}:
             found[method] = own_look(method)
     for method in sorted(set(methods) - set(found)):
@@ -96,7 +98,9 @@ def figure(
         return made, made.subplots(nrows, ncols, squeeze=False, **subplots)
 
 
-def grid(count: int, width: int, top: float, each: float, **subplots: Any) -> tuple[Figure, list[Axes]]:
+def grid(
+    count: int, width: int, top: float, each: float, **subplots: Any
+) -> tuple[Figure, list[Axes]]:
     """Return a figure, and its panels row by row, at most `width` of them side by side.
 
     The lowest panel of each column has the labels of its x axis. top, each: inches above the panels, and of each row

@@ -89,7 +89,9 @@ def write(
                         paths += style.save(figure, out / "figures" / stem, study.svg)
     # Nothing of an earlier time may say otherwise.
     patterns = [f"tables/{study.name}.*"]
-    patterns += [f"figures/{study.name}-{name}{end}" for name in study.figures for end in (".*", "-*")]
+    patterns += [
+        f"figures/{study.name}-{name}{end}" for name in study.figures for end in (".*", "-*")
+    ]
     for old in {path for pattern in patterns for path in out.glob(pattern)} - {*paths}:
         old.unlink()
     return Written(tuple(paths), tuple(notes))
@@ -129,7 +131,9 @@ def _applicable(study: Study, rows: DataFrame, notes: list[str]) -> Study:
         notes.append(f"{study.name}: no scores of {', '.join(absent)}, left out")
         study = replace(study, metrics=tuple(metric for metric in study.metrics if metric in known))
     if study.baseline and study.baseline not in set(rows["method"]):
-        notes.append(f"{study.name}: the baseline {study.baseline} did not run; study.baseline=METHOD names another")
+        notes.append(
+            f"{study.name}: the baseline {study.baseline} did not run; study.baseline=METHOD names another"
+        )
         study = replace(study, baseline="")
     return study
 
@@ -146,10 +150,15 @@ def _tables(results: StudyResults) -> Iterator[tuple[str, str]]:
         csv = csv_text(pd.DataFrame(records), for_spreadsheets=True)
     else:
         tables = results.comparisons
-        sentences = "".join(f"- {verdict_text(table, each)}\n" for table in tables for each in verdicts(table))
+        sentences = "".join(
+            f"- {verdict_text(table, each)}\n" for table in tables for each in verdicts(table)
+        )
         csv = as_text([*results.with_baseline, *results.parts], "csv", study.spread)
         if study.baseline:
-            titled = [replace(t, title=f"{t.title}, against {study.baseline}") for t in results.with_baseline]
+            titled = [
+                replace(t, title=f"{t.title}, against {study.baseline}")
+                for t in results.with_baseline
+            ]
             tables = [*itertools.chain(*zip(tables, titled, strict=True))]
         tables = [*tables, *results.parts]
     yield "md", as_text(tables, "md", study.spread) + (f"\n{sentences}" if sentences else "")

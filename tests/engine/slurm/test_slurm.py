@@ -79,7 +79,9 @@ def cluster() -> Iterator[dict[str, str]]:
 class Bench:
     """A user at a login node: runs sweeps of the eventful method in the background, and SLURM's commands."""
 
-    def __init__(self, folder: Path, cluster: dict[str, str], commands: contextlib.ExitStack) -> None:
+    def __init__(
+        self, folder: Path, cluster: dict[str, str], commands: contextlib.ExitStack
+    ) -> None:
         self.out, self.notes, self.plugin = folder / "out", folder / "notes", folder / "eventful.py"
         self.notes.mkdir()
         self.plugin.write_text(EVENTFUL)
@@ -88,11 +90,21 @@ class Bench:
 
     @property
     def fixed(self) -> list[str]:
-        return ["dataset=toy", "method=eventful", f"method.notes={self.notes}", "metrics=[psnr]", *QUIET]
+        return [
+            "dataset=toy",
+            "method=eventful",
+            f"method.notes={self.notes}",
+            "metrics=[psnr]",
+            *QUIET,
+        ]
 
     def start(self, *overrides: str, launcher: str = "slurm") -> subprocess.Popen[str]:
         plugins = [f"--plugin={TOYS}", f"--plugin={self.plugin}"]
-        where = [f"out={self.out}", f"hydra/launcher={launcher}", "hydra.launcher.submitit_folder=${out}/logs/slurm"]
+        where = [
+            f"out={self.out}",
+            f"hydra/launcher={launcher}",
+            "hydra.launcher.submitit_folder=${out}/logs/slurm",
+        ]
         command = subprocess.Popen(
             [BENCH, "run", "-m", *plugins, *self.fixed, *where, *overrides],
             stdout=subprocess.PIPE,
@@ -112,7 +124,9 @@ class Bench:
 
     def slurm(self, *command: str) -> str:
         """What a command of SLURM's answers. Its exit code may be an error though it did what it was to do."""
-        return subprocess.run(command, env=self.environment, check=False, capture_output=True, text=True).stdout
+        return subprocess.run(
+            command, env=self.environment, check=False, capture_output=True, text=True
+        ).stdout
 
     def job_at(self, view: str, of: subprocess.Popen[str]) -> str:
         """The id of the job that waits at a view."""
@@ -132,7 +146,9 @@ class Bench:
 
     def stored(self) -> set[str]:
         """The views whose rows are on the disk."""
-        return set(results.read(self.out)["view"]) if any(self.out.glob("parts/*.parquet")) else set()
+        return (
+            set(results.read(self.out)["view"]) if any(self.out.glob("parts/*.parquet")) else set()
+        )
 
     def calls(self) -> list[str]:
         path = self.notes / "calls"
@@ -158,11 +174,15 @@ def user(tmp_path: Path, cluster: dict[str, str]) -> Iterator[Bench]:
 SHARDS = ("dataset.views=10", "shard.count=5", "shard.index=range(5)")
 
 
-def test_a_killed_job_loses_itself_and_the_same_command_does_what_is_left(user: Bench, tmp_path: Path):
+def test_a_killed_job_loses_itself_and_the_same_command_does_what_is_left(
+    user: Bench, tmp_path: Path
+):
     events = ("method.waits=[v3.png]", "method.fails=v1.png")
     command = user.start(*SHARDS, *events)
     killed = user.job_at("v3.png", command)
-    until(lambda: "v2.png" in user.stored(), command)  # rows wait up to .3 s, and SIGKILL leaves no time to write them
+    until(
+        lambda: "v2.png" in user.stored(), command
+    )  # rows wait up to .3 s, and SIGKILL leaves no time to write them
     user.slurm("scancel", "--signal=KILL", "--full", killed)  # as for want of memory
     said, _ = command.communicate(timeout=PATIENCE_S)
 
@@ -187,7 +207,9 @@ def test_a_killed_job_loses_itself_and_the_same_command_does_what_is_left(user: 
 
 
 def test_ctrl_c_cancels_the_jobs_and_keeps_what_they_did(user: Bench):
-    command = user.start("dataset.views=4", "shard.count=2", "shard.index=0,1", "method.waits=[v3.png]")
+    command = user.start(
+        "dataset.views=4", "shard.count=2", "shard.index=0,1", "method.waits=[v3.png]"
+    )
     user.job_at("v3.png", command)
     until(lambda: "v2.png" in user.stored(), command)
     command.send_signal(signal.SIGINT)
@@ -198,6 +220,8 @@ def test_ctrl_c_cancels_the_jobs_and_keeps_what_they_did(user: Bench):
 
 
 def test_the_launcher_of_submitit_works_too(user: Bench):
-    code, said = user.run("dataset.views=2", "shard.count=2", "shard.index=0,1", launcher="submitit_slurm")
+    code, said = user.run(
+        "dataset.views=2", "shard.count=2", "shard.index=0,1", launcher="submitit_slurm"
+    )
     assert code == 0, said
     assert "2 ok, 0 failed" in said

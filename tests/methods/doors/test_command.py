@@ -35,9 +35,15 @@ from sucre_bench.methods.doors import Command
         ({"run": "cp {input:02d} {output}"}, {"command.run", "'{input:02d}'", "format", "{input}"}),
         ({"run": "cp { {output}"}, {"command.run", "{{", "}}"}),
         ({"run": "cp {input} there"}, {"command.run", "{output}"}),
-        ({"run": "cp {name} {output}", "per": "scene"}, {"command.run", "{name}", "command.per=view"}),
+        (
+            {"run": "cp {name} {output}", "per": "scene"},
+            {"command.run", "{name}", "command.per=view"},
+        ),
         ({"run": "cp {output}", "pattern": "out"}, {"command.pattern", "'out'", "{stem}"}),
-        ({"run": "cp {output}", "output_suffix": "png"}, {"command.output_suffix", "'png'", ".png"}),
+        (
+            {"run": "cp {output}", "output_suffix": "png"},
+            {"command.output_suffix", "'png'", ".png"},
+        ),
         ({"run": "cp {output}", "bits": 12}, {"command.bits", "12"}),
         ({"run": "cp {output}", "timeout": 0.0}, {"command.timeout", "0.0", "none"}),
     ],
@@ -53,7 +59,8 @@ def test_a_program_that_rests_on_nothing_is_a_missing_file(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("content", "said"), [("#!/no/such/interpreter\n", "No such file"), ("no first line\n", "Exec format")]
+    ("content", "said"),
+    [("#!/no/such/interpreter\n", "No such file"), ("no first line\n", "Exec format")],
 )
 def test_a_script_that_nothing_runs_is_named(tmp_path: Path, content: str, said: str):
     script = tmp_path / "restore"
@@ -81,9 +88,24 @@ def test_a_name_that_a_shell_would_obey_is_refused_within_code(name: str):
 
 
 def test_the_command_line_takes_a_command_in_two_kinds_of_quotes(bench, toys: str, tmp_path: Path):
-    (tmp_path / "restore.py").write_text("import shutil, sys\nshutil.copy(sys.argv[1], sys.argv[2])\n")
-    run = ("run", "--plugin", toys, "dataset=toy", "metrics=[redness]", "tracking.uri=off", "report=false", "out=out")
-    chosen = ("method=command", f"method.run='{PYTHON} restore.py {{input}} {{output}}'", "method.rests_on=restore.py")
+    (tmp_path / "restore.py").write_text(
+        "import shutil, sys\nshutil.copy(sys.argv[1], sys.argv[2])\n"
+    )
+    run = (
+        "run",
+        "--plugin",
+        toys,
+        "dataset=toy",
+        "metrics=[redness]",
+        "tracking.uri=off",
+        "report=false",
+        "out=out",
+    )
+    chosen = (
+        "method=command",
+        f"method.run='{PYTHON} restore.py {{input}} {{output}}'",
+        "method.rests_on=restore.py",
+    )
     done = bench(*run, *chosen)
     assert done.returncode == 0, done.stderr
     import pandas as pd
@@ -139,7 +161,9 @@ def blocks(language: str) -> list[str]:
 
 
 @pytest.mark.skipif(not DOORS.is_file(), reason="the documentation is not beside the tests")
-def test_the_examples_of_the_documentation_restore(tmp_path: Path, toys: str, monkeypatch: pytest.MonkeyPatch):
+def test_the_examples_of_the_documentation_restore(
+    tmp_path: Path, toys: str, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
     for name, source in STAND_INS.items():
@@ -151,7 +175,12 @@ def test_the_examples_of_the_documentation_restore(tmp_path: Path, toys: str, mo
     (tmp_path / "restore.sh").chmod(0o755)
     onnx_file(tmp_path / "physicalnn.onnx", [make_node("Identity", ["x"], ["y"])])
     (scene,) = load_scenes("toy")
-    folders = ["renders/rgb_clear_clamp/train", "renders/rgb/train", "model/test/render", "model/test/with_water"]
+    folders = [
+        "renders/rgb_clear_clamp/train",
+        "renders/rgb/train",
+        "model/test/render",
+        "model/test/with_water",
+    ]
     for folder in (*folders, "named", "pictures"):
         (tmp_path / folder).mkdir(parents=True)
         for view in scene:
@@ -160,7 +189,12 @@ def test_the_examples_of_the_documentation_restore(tmp_path: Path, toys: str, mo
     (told,) = blocks("json")
     for folder in ("renders", "model/test"):
         (tmp_path / folder / "rendering.json").write_text(told)
-    lines = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("sucre-bench run")]
+    lines = [
+        line
+        for block in blocks("sh")
+        for line in block.splitlines()
+        if line.startswith("sucre-bench run")
+    ]
     assert len(lines) >= 8
     for line in lines:
         overrides = [w for w in shlex.split(line)[2:] if not w.startswith(("dataset", "metrics"))]

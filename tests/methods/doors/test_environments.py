@@ -19,7 +19,9 @@ from sucre_bench.methods.doors import Command
 RUN = "python restore.py {input} {output}"
 IMAGE = "sha256:" + "0" * 63 + "1"
 PACKAGES = "https://conda.anaconda.org/conda-forge/linux-64/numpy-1.26.4-py312.conda#0f1e"
-IN_CONDA = f"conda:one@sha256:{hashlib.sha256(f'@EXPLICIT{chr(10)}{PACKAGES}'.encode()).hexdigest()}"
+IN_CONDA = (
+    f"conda:one@sha256:{hashlib.sha256(f'@EXPLICIT{chr(10)}{PACKAGES}'.encode()).hexdigest()}"
+)
 QUIET = ("metrics=[redness]", "tracking.uri=off", "report=false", "out=out", "workers=0")
 COPY = "import shutil, sys\nshutil.copy(sys.argv[1], sys.argv[2])\n"
 
@@ -66,7 +68,10 @@ def test_conda_and_docker_run_the_program_with_its_files_in_reach(tools: Path):
     mounted = docker.split("--volume ")[1].split(":")[0]
     assert mounted.startswith(place)
     assert docker.startswith(f"run --rm --init --user {os.getuid()}:{os.getgid()} --env HOME=/tmp ")
-    assert f"--volume {mounted}:{mounted} --volume {tools}/restore.py:{tools}/restore.py:ro reef@{IMAGE} " in docker
+    assert (
+        f"--volume {mounted}:{mounted} --volume {tools}/restore.py:{tools}/restore.py:ro reef@{IMAGE} "
+        in docker
+    )
     assert docker.endswith(f" python restore.py {mounted}/input/view.png {mounted}/output/view.png")
 
 
@@ -81,7 +86,9 @@ def test_an_environment_that_cannot_be_made_fails_alone_and_rows_have_the_others
     assert set(of[False]["status"]) == {"ok"}
     gone = of[True]
     assert set(gone["status"]) == {"failed"}
-    assert {"Not", "/opt/conda/envs/gone", "command.env=conda:gone"} <= names(gone["reason"].iloc[0])
+    assert {"Not", "/opt/conda/envs/gone", "command.env=conda:gone"} <= names(
+        gone["reason"].iloc[0]
+    )
     assert {json.loads(text)["env"] for text in of[False]["options"]} == {IN_CONDA}
     assert IN_CONDA in (tools / "out" / "config.yaml").read_text()
 
@@ -98,7 +105,9 @@ def test_an_environment_that_cannot_be_made_fails_alone_and_rows_have_the_others
         (f"conda:one@{IMAGE}", {IMAGE, "command.env=conda:one"}),
     ],
 )
-def test_an_environment_that_says_too_little_or_has_changed_is_refused(env: str, named: set[str], tools: Path):
+def test_an_environment_that_says_too_little_or_has_changed_is_refused(
+    env: str, named: set[str], tools: Path
+):
     (tools / "bin" / "uv").symlink_to(sys.executable)
     with refused(*named):
         Command(run=RUN, env=env)
@@ -115,20 +124,42 @@ def conflicting(tmp_path: Path) -> Path:
         pytest.skip("uv is not installed")
     for name, requirement in NEEDS.items():
         (tmp_path / f"{name}.txt").write_text(f"{requirement}\n")
-        words = ["uv", "run", "--isolated", "--no-project", "--with-requirements", f"{name}.txt", "--", "python", "-V"]
+        words = [
+            "uv",
+            "run",
+            "--isolated",
+            "--no-project",
+            "--with-requirements",
+            f"{name}.txt",
+            "--",
+            "python",
+            "-V",
+        ]
         made = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=300)
         if made.returncode:
             pytest.skip(f"uv cannot get {requirement}: {made.stderr.splitlines()[-1]}")
     return tmp_path
 
 
-def test_two_methods_with_conflicting_packages_run_in_one_sweep(bench, toys: str, conflicting: Path):
-    (conflicting / "restore.py").write_text(f"import numpy\nprint('numpy==' + numpy.__version__)\n{COPY}")
+def test_two_methods_with_conflicting_packages_run_in_one_sweep(
+    bench, toys: str, conflicting: Path
+):
+    (conflicting / "restore.py").write_text(
+        f"import numpy\nprint('numpy==' + numpy.__version__)\n{COPY}"
+    )
     (conflicting / "never.txt").write_text("numpy==99.1\n")
-    words = ("method=command", f"method.run='{RUN}'", "method.env=uv:old.txt,uv:new.txt,uv:never.txt")
+    words = (
+        "method=command",
+        f"method.run='{RUN}'",
+        "method.env=uv:old.txt,uv:new.txt,uv:never.txt",
+    )
     done = bench("run", "-m", "--plugin", toys, "dataset=toy", "views=[v0.png]", *QUIET, *words)
     assert done.returncode == 1
-    rows = pd.read_parquet(conflicting / "out" / "scores.parquet").query("metric == 'seconds'").set_index("method")
+    rows = (
+        pd.read_parquet(conflicting / "out" / "scores.parquet")
+        .query("metric == 'seconds'")
+        .set_index("method")
+    )
     for name, requirement in NEEDS.items():
         (method,) = [label for label in rows.index if name in label]
         digest = hashlib.sha256(f"{requirement}\n".encode()).hexdigest()

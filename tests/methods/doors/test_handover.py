@@ -36,12 +36,16 @@ def test_depth_comes_in_millimetres_or_metres():
     np.testing.assert_array_equal(np.rint(image[..., 0] * 65535), np.rint(DEPTH * 1000))
     for suffix in ("npy", "tif"):
         kind = {"depth_format": suffix, "output_suffix": f".{suffix}"}
-        np.testing.assert_array_equal(restored("cp {depth} {output}", scene, **kind).image[..., 1], DEPTH)
+        np.testing.assert_array_equal(
+            restored("cp {depth} {output}", scene, **kind).image[..., 1], DEPTH
+        )
 
 
 def test_distance_is_from_the_cameras_centre():
     scene = scene_of("a.png", depth=DEPTH / 2)
-    image = restored("cp {distance} {output}", scene, depth_format="npy", output_suffix=".npy").image
+    image = restored(
+        "cp {distance} {output}", scene, depth_format="npy", output_suffix=".npy"
+    ).image
     right, below = 2.5 / 6, 1.5 / 6  # the last pixel's ray, from K
     assert image[3, 5, 0] == pytest.approx(DEPTH[3, 5] / 2 * np.sqrt(1 + right**2 + below**2))
 
@@ -70,11 +74,15 @@ def test_a_program_is_given_the_encoding_it_asks_for_and_its_answer_is_taken_bac
     np.testing.assert_array_equal(raw.image, linear)
     as_gamma = np.rint(srgb_encode(RGB) * 255) / 255  # 8 bits of encoded light, decoded again
     np.testing.assert_allclose(
-        srgb_encode(restored("cp {input} {output}", scene, encoding="gamma").image), as_gamma, atol=1e-5
+        srgb_encode(restored("cp {input} {output}", scene, encoding="gamma").image),
+        as_gamma,
+        atol=1e-5,
     )
 
 
-def test_name_size_braces_and_environment_reach_the_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_name_size_braces_and_environment_reach_the_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setenv("OF_THE_USER", "there")
     source = (
         "import json, os, shutil, sys\n"
@@ -93,7 +101,9 @@ def test_a_program_may_choose_kind_and_name_of_its_output_and_tell_the_water(tmp
         "shutil.copy(sys.argv[1], out.with_name(out.stem + '_restored.PNG'))\n"
         "out.with_name(out.stem + '_restored.json').write_text('{\"B\": [0.1, 0.2, 0.3]}')\n"
     )
-    result = restored(f"{program(tmp_path, source)} {{input}} {{output}}", pattern="{stem}_restored")
+    result = restored(
+        f"{program(tmp_path, source)} {{input}} {{output}}", pattern="{stem}_restored"
+    )
     np.testing.assert_array_equal(result.image, RGB)
     np.testing.assert_array_equal(result.water.veiling_light, [0.1, 0.2, 0.3])
 
@@ -137,7 +147,9 @@ def test_a_batch_is_one_process_for_all_views_of_a_scene(
     tmp_path: Path, temporary: Path, monkeypatch: pytest.MonkeyPatch
 ):
     runs: list[Ended] = []
-    monkeypatch.setattr(command, "run_program", lambda *given: runs.append(run_program(*given)) or runs[-1])
+    monkeypatch.setattr(
+        command, "run_program", lambda *given: runs.append(run_program(*given)) or runs[-1]
+    )
     names = ["left/a.jpg", "right/a.png", "b.png", "b.jpg", "missing.png"]
     views = [View(name, Arrays(RGB / (k + 1))) for k, name in enumerate(names)]
     scene = Scene("made", views, frozenset())
@@ -147,7 +159,9 @@ def test_a_batch_is_one_process_for_all_views_of_a_scene(
         np.testing.assert_allclose(result.image, RGB / (k + 1), atol=1e-5)
     with pytest.raises(InputError, match=r"missing\.png: (?!.*exit code)"):
         restore("command", scene, views[4], run=run, per="scene", bits=16)
-    assert (tmp_path / "log").read_text() == "b.jpg.png b.png.png left/a.png missing.png right/a.png\n"
+    assert (
+        tmp_path / "log"
+    ).read_text() == "b.jpg.png b.png.png left/a.png missing.png right/a.png\n"
     assert [result.info["seconds"] for result in results] == [runs[0].seconds / 5] * 4
     assert results[0].info["said"] == "did 5"
     (kept,) = temporary.iterdir()
@@ -161,7 +175,10 @@ def test_a_batch_is_one_process_for_all_views_of_a_scene(
 
 def test_a_batch_that_fails_gives_what_it_wrote_and_the_reason_for_what_it_did_not(tmp_path: Path):
     scene = scene_of("a.png", "missing.png")
-    options = {"run": f"{program(tmp_path, BATCH)} {{input}} {{output}} '{tmp_path / 'log'}' 3", "per": "scene"}
+    options = {
+        "run": f"{program(tmp_path, BATCH)} {{input}} {{output}} '{tmp_path / 'log'}' 3",
+        "per": "scene",
+    }
     result = restore("command", scene, scene.views[0], **options)
     np.testing.assert_array_equal(result.image, RGB)
     assert re.search("exit code 3, .*did 2", result.info["fault"])
@@ -175,7 +192,9 @@ def test_views_that_lack_what_a_batch_needs_do_not_keep_the_others(tmp_path: Pat
     scene = Scene("made", [with_depth, scene_of("b.png").views[0], scene_of("far.png", depth=DEPTH * 40).views[0]],
                   frozenset({"depth"}))  # fmt: skip
     run = f"{program(tmp_path, BATCH)} {{input}} {{output}} '{tmp_path / 'log'}' 0 {{depth}}"
-    np.testing.assert_array_equal(restore("command", scene, with_depth, run=run, per="scene").image, RGB)
+    np.testing.assert_array_equal(
+        restore("command", scene, with_depth, run=run, per="scene").image, RGB
+    )
     with pytest.raises(NotApplicableError, match=r"b\.png: .*depth"):
         restore("command", scene, scene.views[1], run=run, per="scene")
     with pytest.raises(InputError, match=r"far\.png: .*80\.0 m"):

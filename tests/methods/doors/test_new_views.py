@@ -31,7 +31,10 @@ def rendered(tmp_path: Path, cache: Path) -> Path:
     (scene,) = load_scenes("demo", width=96, height=72, views=4, noise=0.0, root=cache)
     for view in scene:
         write_png(tmp_path / "renders" / "clear" / view.name, to_8bit(view.reference)[..., ::-1])
-        write_png(tmp_path / "renders" / "water" / view.name, to_levels(srgb_decode(view.rgb), 16)[..., ::-1])
+        write_png(
+            tmp_path / "renders" / "water" / view.name,
+            to_levels(srgb_decode(view.rgb), 16)[..., ::-1],
+        )
     (tmp_path / "renders" / "rendering.json").write_text(json.dumps(TOLD))
     return tmp_path
 
@@ -41,10 +44,14 @@ def scored(bench, folder: Path, cache: Path, *more: str) -> tuple[int, pd.DataFr
              "method.with_water=renders/water", "metrics=[psnr,new_view_psnr,new_view_ssim]", "out=out",
              "tracking.uri=off", "report=false", "workers=0", *more)  # fmt: skip
     done = bench("run", *words)
-    return done.returncode, pd.read_parquet(folder / "out" / "scores.parquet").set_index(["metric", "view"])
+    return done.returncode, pd.read_parquet(folder / "out" / "scores.parquet").set_index(
+        ["metric", "view"]
+    )
 
 
-def test_a_perfect_rendering_has_the_noise_as_its_error_with_water_and_none_without(bench, rendered, cache):
+def test_a_perfect_rendering_has_the_noise_as_its_error_with_water_and_none_without(
+    bench, rendered, cache
+):
     code, rows = scored(bench, rendered, cache)
     assert code == 0
     held_out = ["view_000.png", "view_002.png"]
@@ -59,7 +66,9 @@ def test_a_perfect_rendering_has_the_noise_as_its_error_with_water_and_none_with
     assert (rows.loc["psnr", "value"] > 50).all()  # all views, against the scene without water
 
 
-def test_pictures_with_water_of_another_size_fail_without_harm_to_the_images(bench, rendered, cache):
+def test_pictures_with_water_of_another_size_fail_without_harm_to_the_images(
+    bench, rendered, cache
+):
     small = np.zeros((36, 48, 3), np.uint8)
     write_png(rendered / "renders" / "water" / "view_000.png", small)
     code, rows = scored(bench, rendered, cache, "method.resize=true")
@@ -88,16 +97,22 @@ def test_pictures_that_do_not_say_how_they_were_rendered_are_refused(
     file = rendered / "renders" / "rendering.json"
     file.unlink() if told is None else file.write_text(json.dumps(told))
     with refused(*named):
-        Precomputed(folder=rendered / "renders" / "clear", with_water=rendered / "renders" / "water")
+        Precomputed(
+            folder=rendered / "renders" / "clear", with_water=rendered / "renders" / "water"
+        )
 
 
 def test_pictures_without_water_are_no_pictures_with_it(rendered: Path):
     with pytest.raises(InputError, match="with_water"):
-        Precomputed(folder=rendered / "renders" / "water", with_water=rendered / "renders" / "water")
+        Precomputed(
+            folder=rendered / "renders" / "water", with_water=rendered / "renders" / "water"
+        )
 
 
 def test_a_held_out_view_that_the_scene_lacks_is_named(bench, rendered: Path, cache: Path):
-    (rendered / "renders" / "rendering.json").write_text(json.dumps({**TOLD, "held_out": ["view_2.png"]}))
+    (rendered / "renders" / "rendering.json").write_text(
+        json.dumps({**TOLD, "held_out": ["view_2.png"]})
+    )
     code, rows = scored(bench, rendered, cache)
     assert code == 1
     assert {"view_2.png", "view_002.png"} <= names(rows.loc["new_view_psnr", "reason"].iloc[0])

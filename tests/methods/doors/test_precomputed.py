@@ -11,19 +11,32 @@ import tifffile
 from PIL import Image
 from support.messages import names, refused
 
-from sucre_bench import Arrays, InputError, NotApplicableError, Restoration, Scene, View, restore, score
+from sucre_bench import (
+    Arrays,
+    InputError,
+    NotApplicableError,
+    Restoration,
+    Scene,
+    View,
+    restore,
+    score,
+)
 from sucre_bench.errors import FileError, MissingFileError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.methods.doors import Precomputed
 from sucre_bench.methods.doors.precomputed import SUFFIXES, ImageFolder
 
-LEVELS = np.arange(4 * 6 * 3, dtype=np.uint8).reshape(4, 6, 3) * 3  # no two channels alike, so that a swap shows
+LEVELS = (
+    np.arange(4 * 6 * 3, dtype=np.uint8).reshape(4, 6, 3) * 3
+)  # no two channels alike, so that a swap shows
 RGB = LEVELS.astype(np.float32) / 255
 
 
 def scene_of(*names: str, size: tuple[int, int] = (6, 4), encoding: str = "gamma") -> Scene:
     rgb = np.full((size[1], size[0], 3), 0.5, np.float32)
-    return Scene("made", [View(name, Arrays(rgb), encoding=encoding) for name in names], frozenset())
+    return Scene(
+        "made", [View(name, Arrays(rgb), encoding=encoding) for name in names], frozenset()
+    )
 
 
 def restored(folder: Path, **options: object) -> Restoration:
@@ -51,7 +64,12 @@ def touch(folder: Path, *names: str) -> None:
         ("left/a.png", ["left/a.jpg", "right/a.jpg"], "{stem}", "left/a.jpg"),
         ("left/a.png", ["deep/er/a.TIF", "b.png"], "{stem}", "deep/er/a.TIF"),
         ("a.png", ["x/a.png", "a.txt", "ab.png"], "{stem}", "x/a.png"),
-        ("left/a.png", ["left/restored_a.webp", "left/a.png"], "restored_{stem}", "left/restored_a.webp"),
+        (
+            "left/a.png",
+            ["left/restored_a.webp", "left/a.png"],
+            "restored_{stem}",
+            "left/restored_a.webp",
+        ),
         ("a.jpg", ["a_out.npy"], "{stem}_out", "a_out.npy"),
         ("a.jpg", ["a.png", "a.npz"], "{stem}.npz", "a.npz"),
         ("a.jpg", ["a.jpg.png", "a.png"], "{name}.png", "a.jpg.png"),
@@ -61,7 +79,9 @@ def touch(folder: Path, *names: str) -> None:
         ("frame.001.png", ["frame.001.jpg", "frame.002.jpg"], "{stem}", "frame.001.jpg"),
     ],
 )
-def test_the_image_of_a_view_is_found_by_name(tmp_path: Path, name: str, there: list[str], pattern: str, expected: str):
+def test_the_image_of_a_view_is_found_by_name(
+    tmp_path: Path, name: str, there: list[str], pattern: str, expected: str
+):
     touch(tmp_path, *there)
     assert find_image(tmp_path, name, [name], pattern).relative_to(tmp_path).as_posix() == expected
 
@@ -77,7 +97,9 @@ def test_the_image_of_a_view_is_found_by_name(tmp_path: Path, name: str, there: 
         (["/a.png"], ["a.png"], {"/a.png", "path"}),
     ],
 )
-def test_an_image_is_never_guessed(tmp_path: Path, views: list[str], there: list[str], named: set[str]):
+def test_an_image_is_never_guessed(
+    tmp_path: Path, views: list[str], there: list[str], named: set[str]
+):
     touch(tmp_path, *there)
     with refused(*named):
         find_image(tmp_path, views[0], views)
@@ -127,7 +149,9 @@ def test_a_link_out_of_the_folder_is_refused(tmp_path: Path):
         ("{stem.__class__}", {"'{stem.__class__}'", "placeholder"}),
     ],
 )
-def test_a_pattern_that_cannot_work_is_refused_at_once(tmp_path: Path, pattern: str, named: set[str]):
+def test_a_pattern_that_cannot_work_is_refused_at_once(
+    tmp_path: Path, pattern: str, named: set[str]
+):
     with refused("precomputed.pattern", *named):
         Precomputed(tmp_path, pattern=pattern)
 
@@ -164,7 +188,9 @@ def test_red_is_red_in_every_kind_of_file(tmp_path: Path, suffix: str):
 
 def test_red_is_red_in_a_jpeg(tmp_path: Path):
     Image.new("RGB", (6, 4), (200, 100, 20)).save(tmp_path / "a.jpg", quality=100)
-    np.testing.assert_allclose(restored(tmp_path).image, np.full((4, 6, 3), [200, 100, 20]) / 255, atol=0.02)
+    np.testing.assert_allclose(
+        restored(tmp_path).image, np.full((4, 6, 3), [200, 100, 20]) / 255, atol=0.02
+    )
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".webp", ".npy"])
@@ -193,7 +219,9 @@ def test_gray_is_repeated_and_black_is_a_hole_only_when_asked(tmp_path: Path):
     gray = LEVELS[..., 1].copy()
     gray[0, 0] = 0
     Image.fromarray(gray).save(tmp_path / "a.png")
-    np.testing.assert_allclose(restored(tmp_path).image, np.repeat(gray[..., None] / 255, 3, axis=2), atol=1e-6)
+    np.testing.assert_allclose(
+        restored(tmp_path).image, np.repeat(gray[..., None] / 255, 3, axis=2), atol=1e-6
+    )
     image = restored(tmp_path, holes="black").image
     assert np.isnan(image[0, 0]).all()
     assert np.isfinite(image).sum() == 23 * 3
@@ -216,7 +244,9 @@ def test_infinities_and_nan_are_holes_whatever_is_asked(tmp_path: Path):
         ("linear", "linear", RGB),
     ],
 )
-def test_files_of_another_encoding_are_brought_to_the_views(tmp_path: Path, view: str, files: str, expected):
+def test_files_of_another_encoding_are_brought_to_the_views(
+    tmp_path: Path, view: str, files: str, expected
+):
     write(tmp_path / "a.png", LEVELS)
     scene = scene_of("a.png", encoding=view)
     image = restore("precomputed", scene, scene.views[0], folder=tmp_path, encoding=files).image
@@ -260,7 +290,9 @@ def test_another_shape_is_an_error_in_any_case(tmp_path: Path):
         (np.array([{"a": 1}], dtype=object), {"read"}),
     ],
 )
-def test_an_array_that_is_no_restored_image_is_named(tmp_path: Path, content: np.ndarray, named: set[str]):
+def test_an_array_that_is_no_restored_image_is_named(
+    tmp_path: Path, content: np.ndarray, named: set[str]
+):
     np.save(tmp_path / "a.npy", content, allow_pickle=True)
     with pytest.raises(InputError, match=r"a\.npy: ") as fault:
         restored(tmp_path)
@@ -295,14 +327,18 @@ def test_what_it_took_is_not_known_and_not_invented(tmp_path: Path):
 def test_a_water_beside_the_image_enters_and_what_it_does_not_say_is_nan(tmp_path: Path):
     write(tmp_path / "a.png", LEVELS)
     assert restored(tmp_path).water is None
-    (tmp_path / "a.json").write_text(json.dumps({"B": [0.1, 0.4, 0.5], "beta": [0.5, 0.1, 0.1], "by": "somebody"}))
+    (tmp_path / "a.json").write_text(
+        json.dumps({"B": [0.1, 0.4, 0.5], "beta": [0.5, 0.1, 0.1], "by": "somebody"})
+    )
     water = restored(tmp_path).water
     np.testing.assert_array_equal(water.veiling_light, [0.1, 0.4, 0.5])
     np.testing.assert_array_equal(water.attenuation, [0.5, 0.1, 0.1])
     assert np.isnan(water.backscatter).all()
     (tmp_path / "a.json").write_text(json.dumps({"by": "somebody"}))
     assert restored(tmp_path).water is None
-    (tmp_path / "records.jsonl").write_text(json.dumps({"picture": "a.png", "B": [0.2, 0.4, 0.5]}) + "\n")
+    (tmp_path / "records.jsonl").write_text(
+        json.dumps({"picture": "a.png", "B": [0.2, 0.4, 0.5]}) + "\n"
+    )
     (tmp_path / "a.json").write_text(json.dumps({"B": [0.1, 0.4, 0.5]}))
     assert restored(tmp_path).water.veiling_light[0] == 0.2, "the record is newer"
 
@@ -321,7 +357,9 @@ def test_a_water_explains_the_intensities_that_it_names_or_those_of_the_files(
     tmp_path: Path, view: str, files: str, told: str | None, expected: str
 ):
     write(tmp_path / "a.png", LEVELS)
-    (tmp_path / "a.json").write_text(json.dumps({"B": [0.1, 0.4, 0.5]} | ({"encoding": told} if told else {})))
+    (tmp_path / "a.json").write_text(
+        json.dumps({"B": [0.1, 0.4, 0.5]} | ({"encoding": told} if told else {}))
+    )
     scene = scene_of("a.png", encoding=view)
     water = Precomputed(tmp_path, encoding=files).restore(scene, scene.views[0]).water
     assert water.encoding == expected
@@ -346,19 +384,37 @@ def test_a_water_that_is_none_is_named(tmp_path: Path, text: str):
 
 def test_what_a_run_keeps_comes_in_again(bench, toys: str, tmp_path: Path):
     """The bench's own results are such a folder, and a view without an image is a row that says so."""
-    run = ("run", "--plugin", toys, "dataset=toy", "metrics=[redness]", "tracking.uri=off", "report=false")
+    run = (
+        "run",
+        "--plugin",
+        toys,
+        "dataset=toy",
+        "metrics=[redness]",
+        "tracking.uri=off",
+        "report=false",
+    )
     assert bench(*run, "method=gain", "method.gain=0.5", "save=full", "out=first").returncode == 0
     (tmp_path / "first/restored/toy/gain/v1.npz").unlink()
-    again = ("method=precomputed", "method.folder=first/restored/toy/gain", "method.pattern='{stem}.npz'")
+    again = (
+        "method=precomputed",
+        "method.folder=first/restored/toy/gain",
+        "method.pattern='{stem}.npz'",
+    )
     done = bench(*run, *again, "out=second")
     assert done.returncode == 0, done.stderr
     import pandas as pd
 
     columns = ["view", "status", "value", "seconds"]
-    first, second = (pd.read_parquet(tmp_path / out / "scores.parquet") for out in ("first", "second"))
+    first, second = (
+        pd.read_parquet(tmp_path / out / "scores.parquet") for out in ("first", "second")
+    )
     first = first[first["metric"] == "redness"]
     assert second.loc[second["view"] == "v1.png", "status"].eq("skipped").all()
-    assert second.loc[second["view"] == "v1.png", "reason"].str.contains("no image in .* is named v1.npz").all()
+    assert (
+        second.loc[second["view"] == "v1.png", "reason"]
+        .str.contains("no image in .* is named v1.npz")
+        .all()
+    )
     second = second[second["metric"] == "redness"]
     both = first[columns].merge(second[columns], on="view", suffixes=("", "_again"))
     both = both[both["status_again"] == "ok"]

@@ -17,7 +17,10 @@ def photographs(count: int) -> list[np.ndarray]:
     """A textured ground, from a camera that moves by a tenth of a picture."""
     rng = np.random.default_rng(0)
     fields = [
-        cv2.resize(rng.random((n, n, 3)).astype(np.float32), (600, 600), interpolation=cv2.INTER_CUBIC) for n in (9, 40)
+        cv2.resize(
+            rng.random((n, n, 3)).astype(np.float32), (600, 600), interpolation=cv2.INTER_CUBIC
+        )
+        for n in (9, 40)
     ]
     ground = (0.3 + 0.25 * sum(fields)).clip(0, 1)
     return [ground[20 * k : 20 * k + 150, 20 * k : 20 * k + 200] for k in range(count)]
@@ -28,11 +31,15 @@ def restored_pictures() -> list[np.ndarray]:
 
 
 def said_of(folder: Path, pictures: list[np.ndarray]) -> list[str]:
-    scene = Scene("s", [View(f"{k}.png", Arrays(x)) for k, x in enumerate(photographs(12))], frozenset())
+    scene = Scene(
+        "s", [View(f"{k}.png", Arrays(x)) for k, x in enumerate(photographs(12))], frozenset()
+    )
     for k, picture in enumerate(pictures):
         cv2.imwrite(str(folder / f"{k}.png"), np.round(picture[..., ::-1] * 255).astype(np.uint8))
     said = list[str]()
-    with progress.watched_by(lambda event, *values: said.append(values[0]) if event == "said" else None):
+    with progress.watched_by(
+        lambda event, *values: said.append(values[0]) if event == "said" else None
+    ):
         for view in scene.views[: len(pictures)]:
             restore(Precomputed(folder=folder), scene, view)
     return said
@@ -43,7 +50,9 @@ def test_right_pictures_are_scored_without_a_word(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("step", [1, 3])
-def test_pictures_numbered_otherwise_than_the_photographs_are_said(tmp_path: Path, step: int) -> None:
+def test_pictures_numbered_otherwise_than_the_photographs_are_said(
+    tmp_path: Path, step: int
+) -> None:
     """A renderer numbers the views that it held out, or begins at another number."""
     (line,) = said_of(tmp_path, restored_pictures()[1::step])
     assert f"{tmp_path}: 0.png is more like the photograph 1.png" in line

@@ -46,10 +46,15 @@ def ends_soon(pid: int) -> bool:
         ("import os; os.abort()", {"SIGABRT"}),
         ("pass", {"image", "{output}"}),
         ("import sys; open(sys.argv[2], 'w').write('no image')", {"output/view.png", "damaged"}),
-        ("import sys; open(sys.argv[2], 'wb').write(open(sys.argv[1], 'rb').read()[:60])", {"output/view.png", "cut"}),
+        (
+            "import sys; open(sys.argv[2], 'wb').write(open(sys.argv[1], 'rb').read()[:60])",
+            {"output/view.png", "cut"},
+        ),
     ],
 )
-def test_a_program_that_fails_is_one_line_that_says_how(tmp_path: Path, temporary: Path, source: str, named: set[str]):
+def test_a_program_that_fails_is_one_line_that_says_how(
+    tmp_path: Path, temporary: Path, source: str, named: set[str]
+):
     with pytest.raises(InputError) as fault:
         restored(f"{program(tmp_path, source)} {{input}} {{output}}", scene_of("dive/a.png"))
     message = str(fault.value)
@@ -77,9 +82,13 @@ def test_all_that_a_failing_program_printed_is_kept_with_the_traceback(tmp_path:
 def test_an_output_of_another_size_is_told_with_the_programs_name(tmp_path: Path):
     other = tmp_path / "other.npy"
     np.save(other, RGB[:2, :3])
-    with pytest.raises(InputError, match=r"cp: a\.png: output/view\.npy: .*3x2, .*6x4; .*command\.resize=true"):
+    with pytest.raises(
+        InputError, match=r"cp: a\.png: output/view\.npy: .*3x2, .*6x4; .*command\.resize=true"
+    ):
         restored(f"cp '{other}' {{output}}", output_suffix=".npy")
-    assert restored(f"cp '{other}' {{output}}", output_suffix=".npy", resize=True).info["resized_from"] == [3, 2]
+    assert restored(f"cp '{other}' {{output}}", output_suffix=".npy", resize=True).info[
+        "resized_from"
+    ] == [3, 2]
 
 
 def test_a_program_that_hangs_is_stopped_with_all_its_children(tmp_path: Path):
@@ -111,11 +120,19 @@ time.sleep(3600)
 """
 
 
-@pytest.mark.parametrize("way", ["the program ends well", "the program is too late", "its parent is a shell"])
+@pytest.mark.parametrize(
+    "way", ["the program ends well", "the program is too late", "its parent is a shell"]
+)
 def test_children_have_time_to_clean_up_though_their_program_has_none(tmp_path: Path, way: str):
     """As the client of a container has to: the program itself ends at once when told to, or has ended before."""
     (tmp_path / "child.py").write_text(CLEANING_UP)
-    child = [sys.executable, "-S", str(tmp_path / "child.py"), str(tmp_path / "clean"), str(tmp_path / "ready")]
+    child = [
+        sys.executable,
+        "-S",
+        str(tmp_path / "child.py"),
+        str(tmp_path / "clean"),
+        str(tmp_path / "ready"),
+    ]
     wait = f"while not os.path.exists({child[-1]!r}): time.sleep(0.01)\n"
     start = f"import os, subprocess, time\nsubprocess.Popen({child!r})\n{wait}"
     run = {
@@ -142,7 +159,9 @@ def test_a_child_that_will_not_end_is_killed_after_its_time_to_clean_up(tmp_path
     )
     started = time.perf_counter()
     ended = run_program([sys.executable, "-S", "-c", source])
-    assert time.perf_counter() - started > ended.seconds + 2.9  # of the program alone, without what it started
+    assert (
+        time.perf_counter() - started > ended.seconds + 2.9
+    )  # of the program alone, without what it started
     assert ends_soon(int(ended.said))
 
 
@@ -177,7 +196,9 @@ def test_output_that_is_no_text_does_no_harm():
 
 def test_ctrl_c_ends_the_program_too(tmp_path: Path):
     pid_file = tmp_path / "pid"
-    child = f"import os, time; open({str(pid_file)!r}, 'w').write(str(os.getpid())); time.sleep(3600)"
+    child = (
+        f"import os, time; open({str(pid_file)!r}, 'w').write(str(os.getpid())); time.sleep(3600)"
+    )
     ours = f"from sucre_bench.methods.doors.process import run_program as r; r([{sys.executable!r}, '-c', {child!r}])"
     with subprocess.Popen([sys.executable, "-c", ours], stderr=subprocess.PIPE) as bench_process:
         deadline = time.monotonic() + 300

@@ -18,7 +18,9 @@ from sucre_bench.methods.networks.run_torch import read_state
     # Sums over the published layers; the last is also what public logs of that generator print.
     [("WaterNet", 1_090_668), ("FunieGenerator", 7_019_587), ("TaclGenerator", 11_378_179)],
 )
-def test_an_architecture_has_as_many_parameters_as_the_published_one(architecture: str, parameters: int):
+def test_an_architecture_has_as_many_parameters_as_the_published_one(
+    architecture: str, parameters: int
+):
     assert sum(p.numel() for p in empty_network(architecture).parameters()) == parameters
 
 
@@ -28,7 +30,9 @@ def water_net_by_hand(w: dict[str, torch.Tensor], images: list[torch.Tensor]) ->
     def stack(name: str, x: torch.Tensor, n: int) -> torch.Tensor:
         for i in range(1, n + 1):
             weight = w[f"{name}.conv{i}.weight"]
-            x = functional.conv2d(x, weight, w[f"{name}.conv{i}.bias"], padding=weight.shape[-1] // 2)
+            x = functional.conv2d(
+                x, weight, w[f"{name}.conv{i}.bias"], padding=weight.shape[-1] // 2
+            )
             x = torch.sigmoid(x) if (name, i) == ("cmg", 8) else x.clamp(min=0)
         return x
 
@@ -44,7 +48,8 @@ def funie_by_hand(w: dict[str, torch.Tensor], x: torch.Tensor) -> torch.Tensor:
 
     def batch_norm(x: torch.Tensor, name: str) -> torch.Tensor:
         mean, var, gain, shift = (
-            w[f"{name}.{part}"][:, None, None] for part in ("running_mean", "running_var", "weight", "bias")
+            w[f"{name}.{part}"][:, None, None]
+            for part in ("running_mean", "running_var", "weight", "bias")
         )
         return (x - mean) / (var + 1e-5).sqrt() * gain + shift
 
@@ -58,14 +63,18 @@ def funie_by_hand(w: dict[str, torch.Tensor], x: torch.Tensor) -> torch.Tensor:
         x = functional.conv_transpose2d(x, w[f"up{i}.model.0.weight"], stride=2, padding=1)
         x = torch.cat([batch_norm(x, f"up{i}.model.1").clamp(min=0), seen[4 - i]], 1)
     x = x.repeat_interleave(2, 2).repeat_interleave(2, 3)
-    return torch.tanh(functional.conv2d(functional.pad(x, (2, 1, 2, 1)), w["final.2.weight"], w["final.2.bias"]))
+    return torch.tanh(
+        functional.conv2d(functional.pad(x, (2, 1, 2, 1)), w["final.2.weight"], w["final.2.bias"])
+    )
 
 
 def tacl_by_hand(w: dict[str, torch.Tensor], x: torch.Tensor) -> torch.Tensor:
     functional = torch.nn.functional
 
     def norm(x: torch.Tensor) -> torch.Tensor:
-        return (x - x.mean((2, 3), keepdim=True)) / (x.var((2, 3), keepdim=True, correction=0) + 1e-5).sqrt()
+        return (x - x.mean((2, 3), keepdim=True)) / (
+            x.var((2, 3), keepdim=True, correction=0) + 1e-5
+        ).sqrt()
 
     def conv(x: torch.Tensor, name: str, mirror: int = 0, **how: int) -> torch.Tensor:
         x = functional.pad(x, (mirror,) * 4, mode="reflect") if mirror else x
@@ -79,7 +88,9 @@ def tacl_by_hand(w: dict[str, torch.Tensor], x: torch.Tensor) -> torch.Tensor:
         x = x + norm(conv(inner, f"model.{i}.conv_block.5", 1))
     for i in (19, 22):
         weight, bias = w[f"model.{i}.weight"], w[f"model.{i}.bias"]
-        x = norm(functional.conv_transpose2d(x, weight, bias, stride=2, padding=1, output_padding=1)).clamp(min=0)
+        x = norm(
+            functional.conv_transpose2d(x, weight, bias, stride=2, padding=1, output_padding=1)
+        ).clamp(min=0)
     return torch.tanh(conv(x, "model.26", 3))
 
 
@@ -89,7 +100,9 @@ def in_float64(path: Path) -> dict[str, torch.Tensor]:
 
 def test_funie_gan_gives_what_its_layers_give_by_hand(files: dict[str, Path]):
     rgb = np.pad(NOISE, ((0, 12), (0, 8), (0, 0)), mode="symmetric")
-    by_hand = picture((funie_by_hand(in_float64(files["funie_gan"]), 2 * planes(rgb) - 1) + 1) / 2)[:20, :24]
+    by_hand = picture((funie_by_hand(in_float64(files["funie_gan"]), 2 * planes(rgb) - 1) + 1) / 2)[
+        :20, :24
+    ]
     assert by_hand.std() > 0.05  # it does not saturate
     image = restored("funie_gan", NOISE, weights=files["funie_gan"], size=None)
     np.testing.assert_allclose(image, by_hand, atol=2e-5)
@@ -104,6 +117,8 @@ def test_tacl_gives_what_its_layers_give_by_hand(files: dict[str, Path]):
 
 def test_water_net_gives_what_its_layers_give_by_hand(files: dict[str, Path]):
     inputs = [NOISE, NOISE[::-1], NOISE[:, ::-1], 1 - NOISE]
-    by_hand = picture(water_net_by_hand(in_float64(files["water_net"]), [planes(image) for image in inputs]))
+    by_hand = picture(
+        water_net_by_hand(in_float64(files["water_net"]), [planes(image) for image in inputs])
+    )
     network = published.loaded("WaterNet", files["water_net"], "cpu")
     np.testing.assert_allclose(network(np.concatenate(inputs, axis=-1)), by_hand, atol=2e-5)

@@ -71,7 +71,14 @@ def test_the_exported_network_computes_what_torch_computes(tmp_path: Path) -> No
     exec(CODE, space)
     network = space["Brighter"](2)
     torch.save({"model": network.state_dict(), "opt": argparse.Namespace()}, tmp_path / "net.pt")
-    command = [sys.executable, "-m", "sucre_bench.methods.networks.export", "net.pt", "net.onnx", "net:Brighter"]
+    command = [
+        sys.executable,
+        "-m",
+        "sucre_bench.methods.networks.export",
+        "net.pt",
+        "net.onnx",
+        "net:Brighter",
+    ]
     subprocess.run([*command, "layers=2"], cwd=tmp_path, check=True, capture_output=True)
     picture = np.random.default_rng(0).random((1, 3, 40, 56), dtype=np.float32)
     restored = runtime.InferenceSession(str(tmp_path / "net.onnx")).run(None, {"image": picture})[0]
@@ -92,7 +99,11 @@ def test_the_exported_network_computes_what_torch_computes(tmp_path: Path) -> No
     ],
 )
 def test_what_cannot_be_exported_is_one_line_and_nothing_is_written(
-    command: str, named: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: str,
+    named: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])

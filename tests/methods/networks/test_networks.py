@@ -14,10 +14,14 @@ from sucre_bench.methods.networks.sizes import limited, resized
 
 
 @pytest.mark.parametrize("chosen", ["wb", "ce", "gc"])
-def test_water_net_with_passing_weights_returns_the_derived_image_of_that_branch(chosen: str, tmp_path: Path):
+def test_water_net_with_passing_weights_returns_the_derived_image_of_that_branch(
+    chosen: str, tmp_path: Path
+):
     """Order of branches and of colours: one map open, refiners that hand their second image on."""
     state = {key: torch.zeros_like(value) for key, value in random_state("WaterNet").items()}
-    state["cmg.conv8.bias"] = torch.tensor([40.0 if name == chosen else -40.0 for name in ("wb", "ce", "gc")])
+    state["cmg.conv8.bias"] = torch.tensor(
+        [40.0 if name == chosen else -40.0 for name in ("wb", "ce", "gc")]
+    )
     for name in ("wb", "ce", "gc"):
         for c in range(3):
             state[f"{name}_refiner.conv1.weight"][c, 3 + c, 3, 3] = 1
@@ -25,7 +29,11 @@ def test_water_net_with_passing_weights_returns_the_derived_image_of_that_branch
             state[f"{name}_refiner.conv3.weight"][c, c, 1, 1] = 1
     rgb = (NOISE * np.float32([0.2, 0.6, 0.9])).repeat(2, axis=0).repeat(2, axis=1)
     image = restored("water_net", rgb, weights=saved(tmp_path / "passing.pth", state))
-    expected = {"wb": stretched_by_weakness(rgb), "ce": equalised(rgb, 3.56, 8), "gc": rgb.astype(np.float64) ** 0.7}
+    expected = {
+        "wb": stretched_by_weakness(rgb),
+        "ce": equalised(rgb, 3.56, 8),
+        "gc": rgb.astype(np.float64) ** 0.7,
+    }
     np.testing.assert_allclose(image, expected[chosen], atol=1e-6)
 
 
@@ -39,7 +47,9 @@ def test_a_networks_minus_one_is_black_and_its_one_is_white_whatever_else_is_in_
     state[f"{last}.weight"].zero_()
     state[f"{last}.bias"] = torch.tensor([-0.5, 0.0, 0.5])
     image = restored(method, NOISE, weights=saved(tmp_path / "last.pth", state), **OWN_SIZE[method])
-    np.testing.assert_allclose(image, np.broadcast_to((np.tanh([-0.5, 0, 0.5]) + 1) / 2, NOISE.shape), atol=1e-6)
+    np.testing.assert_allclose(
+        image, np.broadcast_to((np.tanh([-0.5, 0, 0.5]) + 1) / 2, NOISE.shape), atol=1e-6
+    )
 
 
 def test_funie_gan_sees_every_view_at_256_pixels_unless_told_otherwise(files: dict[str, Path]):

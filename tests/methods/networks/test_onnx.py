@@ -53,14 +53,19 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     draw = torch.Generator().manual_seed(0)
     sizes = [(12, 3, 3, 3), (12,), (3, 12, 3, 3), (3,)]
-    w1, b1, w2, b2 = w = [(0.2 * torch.randn(size, generator=draw)).requires_grad_() for size in sizes]
+    w1, b1, w2, b2 = w = [
+        (0.2 * torch.randn(size, generator=draw)).requires_grad_() for size in sizes
+    ]
     clear, water = (
-        torch.from_numpy(2 * x.transpose(0, 3, 1, 2) - 1) for x in clear_and_made_underwater(16, 24, seed=0)
+        torch.from_numpy(2 * x.transpose(0, 3, 1, 2) - 1)
+        for x in clear_and_made_underwater(16, 24, seed=0)
     )
     steps = torch.optim.Adam(w, lr=0.02)
     for _ in range(150):
         steps.zero_grad()
-        guess = functional.conv2d(functional.conv2d(water, w1, b1, padding=1).relu(), w2, b2, padding=1)
+        guess = functional.conv2d(
+            functional.conv2d(water, w1, b1, padding=1).relu(), w2, b2, padding=1
+        )
         (guess - clear).square().mean().backward()
         steps.step()
     nodes = [
@@ -100,15 +105,24 @@ def test_channels_reach_the_network_in_its_order_and_come_back_in_ours(
     order: str, layout: str, told: bool, tmp_path: Path
 ):
     gain = GAIN.reshape((1, 3, 1, 1) if layout == "nchw" else (1, 1, 1, 3))
-    shape = ("n", "c", "h", "w") if told else (1, 3, "h", "w") if layout == "nchw" else (1, "h", "w", 3)
-    path = onnx_file(tmp_path / "gain.onnx", [make_node("Mul", ["x", "g"], ["y"])], constants(g=gain), shape)
+    shape = (
+        ("n", "c", "h", "w") if told else (1, 3, "h", "w") if layout == "nchw" else (1, "h", "w", 3)
+    )
+    path = onnx_file(
+        tmp_path / "gain.onnx", [make_node("Mul", ["x", "g"], ["y"])], constants(g=gain), shape
+    )
     image = restored(NOISE, model=path, order=order, layout=layout if told else "auto")
     np.testing.assert_allclose(image, NOISE * (GAIN if order == "rgb" else GAIN[::-1]), atol=1e-6)
 
 
 def test_a_network_is_given_its_range_and_its_answer_is_brought_back(tmp_path: Path):
     mean, deviation = np.float32([0.485, 0.456, 0.406]), np.float32([0.229, 0.224, 0.225])
-    given = {"unit": NOISE, "symmetric": 2 * NOISE - 1, "bytes": 255 * NOISE, "imagenet": (NOISE - mean) / deviation}
+    given = {
+        "unit": NOISE,
+        "symmetric": 2 * NOISE - 1,
+        "bytes": 255 * NOISE,
+        "imagenet": (NOISE - mean) / deviation,
+    }
     path = onnx_file(tmp_path / "same.onnx", [SAME])
     for name, expected in given.items():
         if name != "bytes":
@@ -117,12 +131,17 @@ def test_a_network_is_given_its_range_and_its_answer_is_brought_back(tmp_path: P
         np.testing.assert_allclose(restored(NOISE, model=path, range=name), NOISE, atol=1e-6)
     with pytest.raises(InputError, match="divide by 255"):
         restored(NOISE, model=path, range="bytes", output_range="unit")
-    np.testing.assert_allclose(restored(NOISE, model=path, output_range="symmetric"), (NOISE + 1) / 2, atol=1e-6)
+    np.testing.assert_allclose(
+        restored(NOISE, model=path, output_range="symmetric"), (NOISE + 1) / 2, atol=1e-6
+    )
 
 
 def test_imagenet_statistics_stay_with_their_colours_when_the_order_is_turned(tmp_path: Path):
     first = onnx_file(tmp_path / "same.onnx", [SAME])
-    rgb, bgr = (restored(NOISE, model=first, range="imagenet", output_range="unit", order=o) for o in ("rgb", "bgr"))
+    rgb, bgr = (
+        restored(NOISE, model=first, range="imagenet", output_range="unit", order=o)
+        for o in ("rgb", "bgr")
+    )
     np.testing.assert_array_equal(rgb, bgr)  # the same numbers, there and back
 
 
@@ -166,7 +185,9 @@ def halves(path: Path, scale: float) -> Path:
 def test_sizes_that_a_network_does_not_take_are_mirrored_up_to_a_multiple(tmp_path: Path):
     path, image = halves(tmp_path / "halves.onnx", 2), NOISE[:19]
     expected = np.pad(image, ((0, 1), (0, 0), (0, 0)), mode="symmetric")
-    expected = expected.reshape(10, 2, 12, 2, 3).mean((1, 3)).repeat(2, axis=0).repeat(2, axis=1)[:19]
+    expected = (
+        expected.reshape(10, 2, 12, 2, 3).mean((1, 3)).repeat(2, axis=0).repeat(2, axis=1)[:19]
+    )
     np.testing.assert_allclose(restored(image, model=path, multiple=2), expected, atol=1e-6)
     with pytest.raises(InputError, match=r"makes 18x24 of 19x24.*onnx.multiple"):
         restored(image, model=path)
@@ -227,7 +248,9 @@ def bad_model(kind: str, path: Path) -> None:
         "fails": {"20x24", "onnx.size"},
     }.items(),
 )
-def test_a_model_that_cannot_be_used_is_named_with_its_fault_on_one_line(kind: str, named: set[str], tmp_path: Path):
+def test_a_model_that_cannot_be_used_is_named_with_its_fault_on_one_line(
+    kind: str, named: set[str], tmp_path: Path
+):
     path = tmp_path / "given.onnx"
     bad_model(kind, path)
     with refused(str(path), *named):
@@ -241,7 +264,9 @@ def test_a_model_that_is_not_there_is_a_missing_file(tmp_path: Path):
 
 
 def test_one_of_several_outputs_is_taken_by_name(tmp_path: Path):
-    path = onnx_file(tmp_path / "two.onnx", [SAME, make_node("Neg", ["x"], ["minus"])], outputs=("y", "minus"))
+    path = onnx_file(
+        tmp_path / "two.onnx", [SAME, make_node("Neg", ["x"], ["minus"])], outputs=("y", "minus")
+    )
     np.testing.assert_allclose(restored(NOISE, model=path, output="minus"), -NOISE, atol=1e-6)
     with pytest.raises(InputError, match=r"'minos'; .*'minus'"):
         restored(NOISE, model=path, output="minos")

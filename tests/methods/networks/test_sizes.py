@@ -34,7 +34,9 @@ def test_tiles_of_an_unchanged_image_add_up_to_the_image(shape: tuple[int, int],
 def test_tiles_join_without_a_step():
     """Each tile has a value of its own. Between two tiles the result changes over half of their overlap."""
     value = iter(range(100))
-    image = tiled([np.zeros((1, 300, 3), np.float32)], lambda x: np.full_like(x, next(value)), 100, 40)
+    image = tiled(
+        [np.zeros((1, 300, 3), np.float32)], lambda x: np.full_like(x, next(value)), 100, 40
+    )
     steps = np.diff(image[0, :, 0])
     assert image[0, 0, 0] == 0
     assert image[0, -1, 0] == next(value) - 1
@@ -56,9 +58,14 @@ def test_tiles_equal_the_whole_where_the_network_sees_no_further_than_a_quarter_
 
 @pytest.mark.parametrize(
     ("architecture", "size", "overlap"),
-    [("WaterNet", 64, published.WATER_NET_OVERLAP), ("FunieGenerator", 288, published.FUNIE_OVERLAP)],
+    [
+        ("WaterNet", 64, published.WATER_NET_OVERLAP),
+        ("FunieGenerator", 288, published.FUNIE_OVERLAP),
+    ],
 )
-def test_a_network_sees_no_further_than_a_quarter_of_its_overlap(architecture: str, size: int, overlap: int):
+def test_a_network_sees_no_further_than_a_quarter_of_its_overlap(
+    architecture: str, size: int, overlap: int
+):
     network = empty_network(architecture)
     network.to_empty(device="cpu").load_state_dict(random_state(architecture))
     channels, middle = 12 if architecture == "WaterNet" else 3, slice(size // 2, size // 2 + 32)

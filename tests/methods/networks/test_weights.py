@@ -15,14 +15,19 @@ from sucre_bench.errors import MissingFileError
 from sucre_bench.methods.networks.run_torch import read_state
 
 
-@pytest.mark.parametrize("wrap", ["bare", "state_dict", "model", "params", "netG", "both", "module.", "legacy"])
+@pytest.mark.parametrize(
+    "wrap", ["bare", "state_dict", "model", "params", "netG", "both", "module.", "legacy"]
+)
 def test_state_dicts_are_read_as_they_are_saved(wrap: str, tmp_path: Path):
     state = random_state("WaterNet")
     content: dict[str, Any] = {wrap: state, "epoch": 95, "optimizer": {"lr": 1e-4}}
     if wrap == "module.":
         content = {f"module.{key}": value for key, value in state.items()}
     elif wrap == "both":
-        content = {"epoch": 95, "net": {"state_dict": {f"module.{key}": value for key, value in state.items()}}}
+        content = {
+            "epoch": 95,
+            "net": {"state_dict": {f"module.{key}": value for key, value in state.items()}},
+        }
     elif wrap in ("bare", "legacy"):
         content = state
     path = tmp_path / "w.pth"
@@ -32,8 +37,14 @@ def test_state_dicts_are_read_as_they_are_saved(wrap: str, tmp_path: Path):
     assert all(torch.equal(found[key], state[key]) for key in state)
 
 
-def test_weights_without_counters_of_batches_or_in_half_precision_do_as_well(tmp_path: Path, files: dict[str, Path]):
-    state = {key: value.half() for key, value in read_state(files["funie_gan"]).items() if "num_batches" not in key}
+def test_weights_without_counters_of_batches_or_in_half_precision_do_as_well(
+    tmp_path: Path, files: dict[str, Path]
+):
+    state = {
+        key: value.half()
+        for key, value in read_state(files["funie_gan"]).items()
+        if "num_batches" not in key
+    }
     image = restored("funie_gan", NOISE, weights=saved(tmp_path / "w.pth", state), size=None)
     full = restored("funie_gan", NOISE, weights=files["funie_gan"], size=None)
     np.testing.assert_allclose(image, full, atol=0.02)
@@ -54,7 +65,12 @@ def bad_file(kind: str, path: Path) -> None:
     first = "cmg.conv1.weight"
     if kind in ("web page", "empty", "text", "cut", "pickle"):
         trap = pickle.dumps({"state_dict": Trap(path.with_name("sprung"))})
-        content = {"web page": b"\n<!DOCTYPE html><html>", "empty": b"", "text": b"hello\n" * 99, "pickle": trap}
+        content = {
+            "web page": b"\n<!DOCTYPE html><html>",
+            "empty": b"",
+            "text": b"hello\n" * 99,
+            "pickle": trap,
+        }
         path.write_bytes(content.get(kind, whole.read_bytes()[:100_000]))
     elif kind == "folder":
         path.mkdir()
@@ -122,9 +138,15 @@ def test_weights_that_are_not_there_are_a_missing_file(method: str, tmp_path: Pa
 
 @pytest.mark.parametrize(
     ("method", "options"),
-    [("funie_gan", {"size": 100}), ("water_net", {"clahe_clip": float("inf")}), ("tacl", {"longest_side": -1})],
+    [
+        ("funie_gan", {"size": 100}),
+        ("water_net", {"clahe_clip": float("inf")}),
+        ("tacl", {"longest_side": -1}),
+    ],
 )
-def test_options_out_of_range_are_refused_before_any_work(method: str, options: dict[str, Any], files: dict[str, Path]):
+def test_options_out_of_range_are_refused_before_any_work(
+    method: str, options: dict[str, Any], files: dict[str, Path]
+):
     with pytest.raises(InputError, match=next(iter(options))):
         restored(method, NOISE, weights=files[method], **options)
 

@@ -23,8 +23,12 @@ pytestmark = pytest.mark.short
 
 WATERS = [
     WATER,
-    Water(np.array([0.05, 0.28, 0.43]), np.array([0.26, 0.07, 0.05]), np.array([0.19, 0.11, 0.1])),  # blue ocean
-    Water(np.array([0.23, 0.45, 0.34]), np.array([0.56, 0.26, 0.34]), np.array([0.42, 0.32, 0.36])),  # turbid
+    Water(
+        np.array([0.05, 0.28, 0.43]), np.array([0.26, 0.07, 0.05]), np.array([0.19, 0.11, 0.1])
+    ),  # blue ocean
+    Water(
+        np.array([0.23, 0.45, 0.34]), np.array([0.56, 0.26, 0.34]), np.array([0.42, 0.32, 0.36])
+    ),  # turbid
 ]
 
 
@@ -52,7 +56,10 @@ def test_no_random_start_leads_an_independent_minimiser_to_a_lower_plausible_wat
         for _ in range(20):
             start = rng.uniform(0, [1, 1, 2])
             end = least_squares(
-                lambda water, c=channel: reduced_residuals(observations, c, water), start, bounds=(0, upper), xtol=1e-12
+                lambda water, c=channel: reduced_residuals(observations, c, water),
+                start,
+                bounds=(0, upper),
+                xtol=1e-12,
             )
             is_plausible = end.x[2] < 5 * end.x[1]
             costs.append(2 * end.cost * (1 if is_plausible else 1.05))
@@ -72,17 +79,23 @@ def test_one_coefficient_is_the_minimum_of_eq_1_and_its_errors_are_those_of_two_
         np.testing.assert_allclose(rows[channel], end.x[[0, 1, 1]], rtol=1e-3)
         noise = 2 * end.cost / (observations.n_excess - 3)
         np.testing.assert_allclose(
-            error[channel], np.sqrt(noise * np.diag(np.linalg.inv(end.jac.T @ end.jac)))[[0, 1, 1]], rtol=0.01
+            error[channel],
+            np.sqrt(noise * np.diag(np.linalg.inv(end.jac.T @ end.jac)))[[0, 1, 1]],
+            rtol=0.01,
         )
 
 
 @pytest.mark.parametrize("water", WATERS)
-def test_light_that_differs_between_views_makes_no_veil_that_is_full_at_all_distances(water: Water) -> None:
+def test_light_that_differs_between_views_makes_no_veil_that_is_full_at_all_distances(
+    water: Water,
+) -> None:
     """Such a veil is an offset of all colours, and fits nearly as well as the true water, or better."""
     observations, _ = made(20_000, 6, water=water, distances_m=(2, 4), noise=0.004, seed=3)
     rng = np.random.default_rng(3)
     for _, part in observations.slots():
-        observations.colour[:, part] *= np.exp(0.1 * rng.normal(size=part.stop - part.start)).astype(np.float32)
+        observations.colour[:, part] *= np.exp(
+            0.1 * rng.normal(size=part.stop - part.start)
+        ).astype(np.float32)
     np.testing.assert_allclose(fit(observations).water.gamma, water.backscatter, rtol=0.5)
 
 
@@ -100,12 +113,19 @@ def test_the_cost_is_never_above_that_of_adam() -> None:
 def differing(jitter: float, seed: int) -> Observations:
     """Observations in ten views; the attenuation of each view's water differs by so much."""
     observations, _ = made(48 * 36, 10, noise=0.004, shape=(36, 48), seed=seed)
-    more = jitter * np.random.default_rng(seed).normal(size=(3, len(observations.views)))[:, observations.view]
+    more = (
+        jitter
+        * np.random.default_rng(seed).normal(size=(3, len(observations.views)))[
+            :, observations.view
+        ]
+    )
     return replace(observations, colour=observations.colour * np.exp(-more * observations.distance))
 
 
 @pytest.mark.parametrize(("jitter", "is_said"), [(0.0, False), (0.01, False), (0.1, True)])
-def test_colours_of_far_ground_that_may_be_wrong_are_said_with_a_share(jitter: float, is_said: bool) -> None:
+def test_colours_of_far_ground_that_may_be_wrong_are_said_with_a_share(
+    jitter: float, is_said: bool
+) -> None:
     observations = differing(jitter, seed=0)
     found = fit(observations)
     limits = " ".join(clustered(found.uncertainty, observations, found.water).limits)
@@ -113,7 +133,9 @@ def test_colours_of_far_ground_that_may_be_wrong_are_said_with_a_share(jitter: f
 
 
 @pytest.mark.parametrize(("jitter", "too_small"), [(0.0, False), (0.01, True)])
-def test_standard_errors_hold_where_water_differs_between_views(jitter: float, too_small: bool) -> None:
+def test_standard_errors_hold_where_water_differs_between_views(
+    jitter: float, too_small: bool
+) -> None:
     """Error over standard error has an rms of 1, not as with errors of independent observations."""
     ratios = []
     for seed in range(8):
@@ -136,7 +158,11 @@ def test_exact_data_leave_no_residual() -> None:
 
 def test_equal_runs_give_equal_bits_and_the_sample_hardly_matters() -> None:
     observations, _ = made(50_000, noise=0.01)
-    one, again, other = fit(observations, seed=0), fit(observations, seed=0), fit(observations, seed=7)
+    one, again, other = (
+        fit(observations, seed=0),
+        fit(observations, seed=0),
+        fit(observations, seed=7),
+    )
     assert np.array_equal(table(one.water), table(again.water))
     np.testing.assert_allclose(one.cost, other.cost, rtol=1e-6)
 
@@ -151,7 +177,9 @@ def test_pixels_seen_once_do_not_move_the_water() -> None:
 def test_the_scale_of_the_scene_does_not_matter() -> None:
     observations, _ = made(5_000, noise=0.005)
     toy = replace(observations, distance=observations.distance * np.float32(1 / 64))
-    np.testing.assert_allclose(table(fit(toy).water), table(fit(observations).water) * [[1], [64], [64]], rtol=1e-3)
+    np.testing.assert_allclose(
+        table(fit(toy).water), table(fit(observations).water) * [[1], [64], [64]], rtol=1e-3
+    )
 
 
 # -- colours held above zero -------------------------------------------------------------------------------
@@ -159,7 +187,9 @@ def test_the_scale_of_the_scene_does_not_matter() -> None:
 
 def shaded() -> Observations:
     """A scene that the camera's carrier shades where it is near, which the free fit takes for a bright veil."""
-    observations, _ = made(20_000, distances_m=(1, 8), colours=(0.0, 0.5), n_single=5_000, noise=0.004, eight_bit=True)
+    observations, _ = made(
+        20_000, distances_m=(1, 8), colours=(0.0, 0.5), n_single=5_000, noise=0.004, eight_bit=True
+    )
     light = 1 - 0.6 * np.exp(-observations.distance / 1.5)
     return replace(observations, colour=np.rint(observations.colour * light).astype(np.uint8))
 
@@ -188,7 +218,9 @@ def test_noise_with_heavy_tails_leaves_the_free_water_right_and_moves_the_physic
     errors = 0.006 * np.random.default_rng(2).standard_t(2, sharp.colour.shape)
     sharp = replace(sharp, colour=(sharp.colour + errors).astype(np.float32))
     averaged, _ = made(10_000, noise=0.001, **dark)
-    free, held = (solve_exact(sharp, matched=averaged, physical=physical) for physical in (False, True))
+    free, held = (
+        solve_exact(sharp, matched=averaged, physical=physical) for physical in (False, True)
+    )
     np.testing.assert_allclose(table(free.water), TRUTH, rtol=0.03)
     assert np.abs(table(held.water) / TRUTH - 1).max() > 0.05
 
@@ -207,7 +239,9 @@ def test_standard_errors_are_those_of_repeated_experiments() -> None:
     claimed = np.mean([table(one.uncertainty.standard_error) for one in fits], axis=0)
     np.testing.assert_allclose(claimed / spread, 1, atol=0.45)  # of 24 draws: 15 % each
     assert 0.8 < np.median(claimed / spread) < 1.25
-    np.testing.assert_allclose(np.mean([one.uncertainty.noise for one in fits], axis=0), 0.01, rtol=0.03)
+    np.testing.assert_allclose(
+        np.mean([one.uncertainty.noise for one in fits], axis=0), 0.01, rtol=0.03
+    )
 
 
 def test_the_confidence_map_is_the_spread_of_colours_about_the_truth() -> None:
@@ -239,7 +273,10 @@ def test_places_that_no_light_comes_from_do_not_spoil_the_rest(backend: Any) -> 
     """Red of beta .42 is gone at 150 m: exp(-63), whose square is no number in float32."""
     observations, J = made(2_000, noise=0.004, n_single=100)
     distance, colour = observations.distance.copy(), observations.colour.copy()
-    far = [3, len(observations.pixels) - 3]  # the first observations of a repeated and of a single pixel
+    far = [
+        3,
+        len(observations.pixels) - 3,
+    ]  # the first observations of a repeated and of a single pixel
     for n, part in observations.slots():
         at = [k for k in far if k < n]
         distance[part][at] = 150
@@ -295,7 +332,10 @@ def test_one_view_alone_is_an_error_that_says_what_to_do() -> None:
 def test_equal_distances_are_an_error_that_says_what_to_do() -> None:
     rng = np.random.default_rng(0)
     pixels, z = np.arange(500), rng.uniform(1, 5, 500).astype(np.float32)
-    seen = [Seen(f"{k}", pixels, z, rng.uniform(0.2, 0.8, (500, 3)).astype(np.float32)) for k in range(4)]
+    seen = [
+        Seen(f"{k}", pixels, z, rng.uniform(0.2, 0.8, (500, 3)).astype(np.float32))
+        for k in range(4)
+    ]
     with pytest.raises(SolveError, match=r"\bone distance\b.*; .*water=FILE"):
         fit(arrange((1, 500), seen))
 
@@ -322,7 +362,9 @@ def test_independent_problems_reach_their_own_minima_side_by_side(start: tuple[f
 
     def evaluate(at: np.ndarray) -> ReducedSystem:
         each = [exponential(t, y, p) for (t, y), p in zip(data, at, strict=True)]
-        return ReducedSystem(*(np.concatenate([getattr(s, name) for s in each]) for name in ("H", "g", "cost")))
+        return ReducedSystem(
+            *(np.concatenate([getattr(s, name) for s in each]) for name in ("H", "g", "cost"))
+        )
 
     bounds = Bounds(np.zeros(3), np.full(3, 10.0), np.array([False, False, True]))
     end = minimise(evaluate, np.tile(start, (2, 1)), bounds, tolerance=1e-12, floor=1e-12)
@@ -333,8 +375,12 @@ def test_independent_problems_reach_their_own_minima_side_by_side(start: tuple[f
 def test_a_minimum_outside_the_bounds_ends_at_the_bound_that_is_nearest_in_cost() -> None:
     t, y = curve(2.5)
     bounds = Bounds(np.zeros(3), np.array([10, 10, 1.5]), np.array([False, False, True]))
-    end = minimise(lambda at: exponential(t, y, at[0]), np.full((1, 3), 0.5), bounds, tolerance=1e-12)
-    expected = least_squares(lambda p: p[0] + p[1] * np.exp(-p[2] * t) - y, [0.5, 0.5, 0.5], bounds=(0, bounds.upper))
+    end = minimise(
+        lambda at: exponential(t, y, at[0]), np.full((1, 3), 0.5), bounds, tolerance=1e-12
+    )
+    expected = least_squares(
+        lambda p: p[0] + p[1] * np.exp(-p[2] * t) - y, [0.5, 0.5, 0.5], bounds=(0, bounds.upper)
+    )
     np.testing.assert_allclose(end.at[0], expected.x, rtol=1e-3)
     assert end.at[0, 2] == 1.5
     assert end.free.tolist() == [[True, True, False]]
@@ -348,7 +394,12 @@ def test_a_step_that_is_known_to_raise_the_cost_is_not_taken_in_the_end() -> Non
         g = np.where(x > 0, -0.1, 0.1)
         return ReducedSystem(np.eye(3)[None], g[None], np.array([1 + np.abs(x).sum()]))
 
-    end = minimise(kink, np.full((1, 3), 0.5), Bounds(np.zeros(3), np.ones(3), np.ones(3, bool)), tolerance=1e-9)
+    end = minimise(
+        kink,
+        np.full((1, 3), 0.5),
+        Bounds(np.zeros(3), np.ones(3), np.ones(3, bool)),
+        tolerance=1e-9,
+    )
     np.testing.assert_allclose(end.at, 0.5, atol=1e-9)
 
 

@@ -30,7 +30,11 @@ def relative_error(result: Restoration, truth: Water | None) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def grounds() -> dict[str, Scene]:
-    return {name: make_ground(water, **GROUND) for name, water in WATERS.items() if name in ("coast", "green", "milky")}
+    return {
+        name: make_ground(water, **GROUND)
+        for name, water in WATERS.items()
+        if name in ("coast", "green", "milky")
+    }
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +54,9 @@ def test_water_is_found_where_single_pixels_mistake_blur_for_attenuation(
 
 
 @pytest.mark.parametrize("options", [{"physical": True}, {"water": "shared"}])
-def test_every_way_of_fitting_takes_matched_footprints(options: dict[str, Any], grounds: dict[str, Scene]) -> None:
+def test_every_way_of_fitting_takes_matched_footprints(
+    options: dict[str, Any], grounds: dict[str, Scene]
+) -> None:
     scene = grounds["green"]
     result = sucre(**options).restore(scene, scene["3.png"])
     assert np.abs(relative_error(result, scene.water)).max() < 0.03
@@ -74,22 +80,36 @@ def test_colours_that_a_jpeg_stores_at_half_size_leave_the_water_right() -> None
 def test_light_that_is_cut_off_at_white_leaves_the_water_right() -> None:
     """Near pixels are cut off more often than far ones: beta was 9 % too low."""
     truth = WATERS["green"]
-    scene = photographed(make_ground(truth, width=160, height=120), lambda rgb: (1.6 * rgb).clip(0, 1), ".png")
+    scene = photographed(
+        make_ground(truth, width=160, height=120), lambda rgb: (1.6 * rgb).clip(0, 1), ".png"
+    )
     brighter = replace(truth, veiling_light=1.6 * truth.veiling_light)
     assert np.abs(relative_error(sucre().restore(scene, scene["3.png"]), brighter)).max() < 0.03
 
 
-def test_a_channel_that_is_white_everywhere_leaves_the_others_as_they_are(grounds: dict[str, Scene]) -> None:
+def test_a_channel_that_is_white_everywhere_leaves_the_others_as_they_are(
+    grounds: dict[str, Scene],
+) -> None:
     truth = WATERS["green"]
-    scene = photographed(grounds["green"], lambda rgb: np.where([False, False, True], 1, rgb), ".png")
+    scene = photographed(
+        grounds["green"], lambda rgb: np.where([False, False, True], 1, rgb), ".png"
+    )
     error = relative_error(sucre().restore(scene, scene["3.png"]), truth)
     assert np.abs(error[:, :2]).max() < 0.03
 
 
-def test_colours_come_from_sharp_pixels(grounds: dict[str, Scene], matched: dict[str, Restoration], tmp_path: Path):
+def test_colours_come_from_sharp_pixels(
+    grounds: dict[str, Scene], matched: dict[str, Restoration], tmp_path: Path
+):
     scene, result = grounds["coast"], matched["coast"]
-    water = {"B": result.water.veiling_light, "beta": result.water.attenuation, "gamma": result.water.backscatter}
-    (tmp_path / "water.json").write_text(json.dumps({name: values.tolist() for name, values in water.items()}))
+    water = {
+        "B": result.water.veiling_light,
+        "beta": result.water.attenuation,
+        "gamma": result.water.backscatter,
+    }
+    (tmp_path / "water.json").write_text(
+        json.dumps({name: values.tolist() for name, values in water.items()})
+    )
     given = sucre(water=str(tmp_path / "water.json")).restore(scene, scene["3.png"])
     np.testing.assert_array_equal(result.image, given.image)
 
@@ -106,8 +126,13 @@ def test_a_physical_fit_is_not_pulled_by_colours_that_noise_makes_negative() -> 
 
 def test_uneven_light_is_no_excuse_for_negative_colours() -> None:
     """Ripples of light raise the residuals of blurred and sharp images alike; the noise of a pixel stays .004."""
-    rng, ground = np.random.default_rng(0), make_ground(WATERS["milky"], **GROUND | {"width": 200, "height": 150})
-    scene = replace(ground, views=[rippled(view, rng.uniform(0, 2 * np.pi, 2)) for view in ground.views])
+    rng, ground = (
+        np.random.default_rng(0),
+        make_ground(WATERS["milky"], **GROUND | {"width": 200, "height": 150}),
+    )
+    scene = replace(
+        ground, views=[rippled(view, rng.uniform(0, 2 * np.pi, 2)) for view in ground.views]
+    )
     free, held = (sucre(physical=on).restore(scene, scene["3.png"]) for on in (False, True))
     assert (free.image < 0).any(axis=-1).mean() > 0.15
     assert (held.image < 0).any(axis=-1).mean() < 0.13
@@ -119,7 +144,9 @@ def rippled(view: View, phase: np.ndarray) -> View:
     y, x = np.mgrid[: view.rgb.shape[0], : view.rgb.shape[1]]
     light = 1 + 0.25 * np.sin(x / 15 + phase[0]) * np.sin(y / 15 + phase[1])
     stored = np.rint((view.rgb * light[..., None]).clip(0, 1) * 255) / 255
-    return View(view.name, Arrays(stored, view.depth, view.reference), view.camera, view.cam_from_world)
+    return View(
+        view.name, Arrays(stored, view.depth, view.reference), view.camera, view.cam_from_world
+    )
 
 
 def test_too_few_pixels_fall_back_to_single_ones() -> None:

@@ -15,7 +15,13 @@ from sucre_bench.methods.sucre.light import EVEN_LIGHT, Parts
 from sucre_bench.methods.sucre.models import Fit
 from sucre_bench.methods.sucre.solution import Judged
 
-GROUND = {"width": 160, "height": 120, "heights_m": (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5), "tilt_deg": 30.0, "seed": 3}
+GROUND = {
+    "width": 160,
+    "height": 120,
+    "heights_m": (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5),
+    "tilt_deg": 30.0,
+    "seed": 3,
+}
 # As few candidates as a question needs: each takes three fits.
 even = partial(Sucre, light="even", footprint=True, robust=False, physical=False)
 
@@ -48,7 +54,11 @@ def plain() -> Scene:
 
 def test_footprints_in_even_light_are_kept_where_nothing_else_is_needed(plain: Scene) -> None:
     found = verdict(plain, Sucre())
-    assert (found.model.fit, found.model.light, found.is_unjudged) == (Fit.FOOTPRINTS, EVEN_LIGHT, False)
+    assert (found.model.fit, found.model.light, found.is_unjudged) == (
+        Fit.FOOTPRINTS,
+        EVEN_LIGHT,
+        False,
+    )
     assert found.judged[0].held_out < 0.95
     assert error_of_beta(plain, plain["3.png"], Sucre()) < 0.03
 
@@ -58,10 +68,18 @@ def test_light_that_differs_is_found(plain: Scene, what: str) -> None:
     balance = np.exp(0.05 * np.random.default_rng(0).normal(size=(7, 3)))
     y, x = np.mgrid[-1:1:120j, -1:1:160j]
     falloff = 1 - 0.125 * (x * x + y * y)[..., None]
-    scene = with_pictures(plain, lambda k, rgb: rgb * (balance[k] if what == "white balance" else falloff))
+    scene = with_pictures(
+        plain, lambda k, rgb: rgb * (balance[k] if what == "white balance" else falloff)
+    )
     options = Sucre(footprint=True, robust=False, physical=False)
-    assert verdict(scene, options).model.light == (Parts(3, lens=True) if what == "white balance" else Parts(lens=True))
-    assert error_of_beta(scene, scene["3.png"], options) < 0.05 < error_of_beta(scene, scene["3.png"], even())
+    assert verdict(scene, options).model.light == (
+        Parts(3, lens=True) if what == "white balance" else Parts(lens=True)
+    )
+    assert (
+        error_of_beta(scene, scene["3.png"], options)
+        < 0.05
+        < error_of_beta(scene, scene["3.png"], even())
+    )
 
 
 def test_fish_in_two_views_get_no_weight(plain: Scene) -> None:
@@ -72,7 +90,9 @@ def test_fish_in_two_views_get_no_weight(plain: Scene) -> None:
 
     scene = with_pictures(plain, with_fish)
     assert verdict(scene, even(robust="auto")).model.is_robust
-    without, error = (error_of_beta(scene, scene["3.png"], even(robust=one)) for one in (False, "auto"))
+    without, error = (
+        error_of_beta(scene, scene["3.png"], even(robust=one)) for one in (False, "auto")
+    )
     assert error < 0.03 < without
 
 
@@ -105,7 +125,9 @@ def test_views_without_two_halves_that_overlap_are_not_judged_and_take_the_paper
     if len(views) == 4:
         away = np.eye(4)
         away[0, 3] = 1000.0
-        chosen[1], chosen[3] = (replace(v, cam_from_world=v.cam_from_world @ away) for v in (chosen[1], chosen[3]))
+        chosen[1], chosen[3] = (
+            replace(v, cam_from_world=v.cam_from_world @ away) for v in (chosen[1], chosen[3])
+        )
     scene = replace(plain, views=chosen)
     found = verdict(scene, Sucre())
     assert (found.is_unjudged, found.model.fit, found.judged) == (True, Fit.EARLY, ())

@@ -23,14 +23,22 @@ from sucre_bench.plugins.registry import using
 # One model at a time; the judge has tests of its own.
 sucre = partial(Sucre, footprint=True, physical=False, robust=False)
 GAINS = (0.75, 1.2, 0.9, 1.0, 1.3, 0.7, 1.1)
-GROUND = {"width": 160, "height": 120, "heights_m": (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5), "tilt_deg": 30.0, "seed": 3}
+GROUND = {
+    "width": 160,
+    "height": 120,
+    "heights_m": (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5),
+    "tilt_deg": 30.0,
+    "seed": 3,
+}
 
 
 def rates(result: Restoration, truth: Water) -> np.ndarray:
     """Relative errors of beta and gamma, (2, 3)."""
     assert result.water is not None
     found = result.water
-    return np.array([found.attenuation / truth.attenuation, found.backscatter / truth.backscatter]) - 1
+    return (
+        np.array([found.attenuation / truth.attenuation, found.backscatter / truth.backscatter]) - 1
+    )
 
 
 def parts(result: Restoration) -> list[str]:
@@ -72,7 +80,9 @@ def test_gains_are_found_with_the_water(exposed: Scene, by_itself: Restoration) 
     assert any("exposure differs" in limit for limit in by_itself.info["limits"])
 
 
-def test_shared_water_has_the_light_of_all_views_and_one_exposure_of_pictures(exposed: Scene, plain: Scene) -> None:
+def test_shared_water_has_the_light_of_all_views_and_one_exposure_of_pictures(
+    exposed: Scene, plain: Scene
+) -> None:
     shared = [sucre(water="shared").restore(exposed, exposed[f"{k}.png"]) for k in (2, 5)]
     first = GAINS[0]  # the first view's light counts as 1
     for result, name in zip(shared, ("2.png", "5.png"), strict=True):
@@ -96,8 +106,13 @@ def test_vignetting_is_found_with_the_water(plain: Scene) -> None:
     lens = 1 - 0.25 * (x * x + y * y)[..., None] / 2
     scene = with_light(plain, np.repeat(lens[None], 7, axis=0))
     even, result = (sucre(light=light).restore(scene, scene["3.png"]) for light in ("even", "lens"))
-    assert result.info["light"]["least"] == pytest.approx(1 - 0.125 * (0.7**2 + (0.7 / 0.75) ** 2), abs=0.02)
-    assert np.abs(rates(result, WATERS["green"])[0]).max() < 0.5 * np.abs(rates(even, WATERS["green"])[0]).max()
+    assert result.info["light"]["least"] == pytest.approx(
+        1 - 0.125 * (0.7**2 + (0.7 / 0.75) ** 2), abs=0.02
+    )
+    assert (
+        np.abs(rates(result, WATERS["green"])[0]).max()
+        < 0.5 * np.abs(rates(even, WATERS["green"])[0]).max()
+    )
     truth = scene["3.png"].reference
     errors = [np.sqrt(np.nanmean((one.image - truth) ** 2)) for one in (even, result)]
     assert errors[1] < 0.7 * errors[0]
@@ -110,7 +125,10 @@ def test_even_light_is_left_as_it_is(plain: Scene) -> None:
 
 
 def test_light_that_does_not_differ_changes_no_water(plain: Scene) -> None:
-    even, free = (sucre(light=light).restore(plain, plain["3.png"]) for light in ("even", "white_balance+lens"))
+    even, free = (
+        sucre(light=light).restore(plain, plain["3.png"])
+        for light in ("even", "white_balance+lens")
+    )
     np.testing.assert_allclose(list(free.info["gains"].values()), 1, atol=2e-3)
     np.testing.assert_allclose(free.water.attenuation, even.water.attenuation, rtol=5e-3)
 
@@ -139,17 +157,23 @@ def test_gradient_is_that_of_finite_differences(matched: Observations, which: Pa
     rng = np.random.default_rng(0)
     u = np.concatenate([np.tile([0.3, 0.2, 0.3], 3), rng.normal(0, 0.1, problem.size - 9)])
     system, step = problem.system(u), 1e-6 * np.eye(problem.size)
-    numeric = [(problem.system(u - one).cost[0] - problem.system(u + one).cost[0]) / 4e-6 for one in step]
+    numeric = [
+        (problem.system(u - one).cost[0] - problem.system(u + one).cost[0]) / 4e-6 for one in step
+    ]
     free = np.diag(system.H[0]) > 0
     assert free.sum() == problem.size - which.gains  # the target's gains are held
     np.testing.assert_allclose(system.g[0][free], np.array(numeric)[free], rtol=1e-4, atol=1e-6)
 
 
 @pytest.mark.parametrize("which", [Parts(1), Parts(3, lens=True)])
-def test_removed_light_has_the_least_squares_of_the_recorded_one(matched: Observations, which: Parts) -> None:
+def test_removed_light_has_the_least_squares_of_the_recorded_one(
+    matched: Observations, which: Parts
+) -> None:
     few = sampled(matched, 200, singles=False, seed=0)
     problem = Problem(Sample.of(few, "3.png"), which)
-    u = np.concatenate([np.tile([0.3, 0.2, 0.3], 3), np.random.default_rng(0).normal(0, 0.1, problem.size - 9)])
+    u = np.concatenate(
+        [np.tile([0.3, 0.2, 0.3], 3), np.random.default_rng(0).normal(0, 0.1, problem.size - 9)]
+    )
     light, recorded = problem.light(u), problem.system(u).cost[0] - problem.prior @ (u * u)
     with opened(light.removed(few), "numpy", "cpu") as kernel:
         assert kernel.system(light.water).cost.sum() == pytest.approx(recorded, rel=1e-3)
@@ -159,7 +183,9 @@ def test_a_view_whose_light_is_not_known_takes_no_part(exposed: Scene) -> None:
     view = exposed["3.png"]
     seen = observe(view, exposed.views, with_view=True, with_ray=True)
     water = WaterParameters.of_channels(np.full((3, 3), 0.2))
-    even = Light.of_gains({name: 1.0 for name in seen.views if name != "4.png"}, water).removed(seen)
+    even = Light.of_gains({name: 1.0 for name in seen.views if name != "4.png"}, water).removed(
+        seen
+    )
     assert even.view is not None
     unknown = even.view == even.views.index("4.png")
     assert unknown.any()
@@ -180,7 +206,11 @@ def test_water_that_was_fitted_with_gains_is_used_with_them(exposed: Scene, tmp_
     file = tmp_path / "3.json"
     file.write_text(json.dumps(record))
     for name in ("3.png", "1.png"):
-        own = by_itself if name == "3.png" else sucre(light="exposure").restore(exposed, exposed[name])
+        own = (
+            by_itself
+            if name == "3.png"
+            else sucre(light="exposure").restore(exposed, exposed[name])
+        )
         given = sucre(water=str(file)).restore(exposed, exposed[name])
         assert np.sqrt(np.nanmean((given.image - own.image) ** 2)) < 0.02
     file.write_text(json.dumps(record | {"gains": {"1.png": 1.0}}))
@@ -205,7 +235,9 @@ class Foreign:
 
 
 @pytest.mark.parametrize("gains", ["[1.2, 1.0, 0.8]", "{'3.png': np.float32(1)}"])
-def test_water_of_a_method_that_calls_something_else_gains_is_used(plain: Scene, tmp_path: Path, gains: str) -> None:
+def test_water_of_a_method_that_calls_something_else_gains_is_used(
+    plain: Scene, tmp_path: Path, gains: str
+) -> None:
     (tmp_path / "foreign.py").write_text(FOREIGN.replace("GAINS", gains))
     with using(registry(tmp_path / "foreign.py")):
         image = sucre(water="foreign").restore(plain, plain["3.png"]).image
@@ -215,7 +247,9 @@ def test_water_of_a_method_that_calls_something_else_gains_is_used(plain: Scene,
 
 
 @pytest.mark.parametrize("gain", [True, 0.0, -1.0, "1", [1.0, 2.0], [1.0, 1.0, 0.0]])
-def test_gains_of_views_that_are_no_positive_numbers_are_refused(plain: Scene, tmp_path: Path, gain: object) -> None:
+def test_gains_of_views_that_are_no_positive_numbers_are_refused(
+    plain: Scene, tmp_path: Path, gain: object
+) -> None:
     record = {"B": [0.1, 0.2, 0.3], "beta": [0.3] * 3, "gamma": [0.3] * 3, "gains": {"3.png": gain}}
     (tmp_path / "3.json").write_text(json.dumps(record))
     with pytest.raises(InputError, match=r"3\.json: gains"):
@@ -224,7 +258,12 @@ def test_gains_of_views_that_are_no_positive_numbers_are_refused(plain: Scene, t
 
 @pytest.mark.parametrize(
     "options",
-    [{"light": "lens", "water": "truth"}, {"light": "strobe"}, {"light": "lamp"}, {"light": "lens+"}],
+    [
+        {"light": "lens", "water": "truth"},
+        {"light": "strobe"},
+        {"light": "lamp"},
+        {"light": "lens+"},
+    ],
 )
 def test_options_that_do_not_go_with_light_are_refused(options: dict[str, object]) -> None:
     with pytest.raises(InputError, match="light"):

@@ -14,7 +14,15 @@ from support.made_observations import flat, made, parameters, reduced_residuals,
 from sucre_bench.errors import InputError
 from sucre_bench.methods.sucre import Sucre
 from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
-from sucre_bench.methods.sucre.passes import WALL, Kernel, blocks, fill, opened, products, products_on_gpu
+from sucre_bench.methods.sucre.passes import (
+    WALL,
+    Kernel,
+    blocks,
+    fill,
+    opened,
+    products,
+    products_on_gpu,
+)
 from sucre_bench.methods.sucre.solution import first_slot
 from sucre_bench.multiview.observations import Observations
 
@@ -29,7 +37,9 @@ MARGIN = np.array([0.02, 0.05, 0.01])
 NOISE = np.array([0.01, 0.02, 0.005])
 
 
-def system(observations: Observations, backend: Any, margin: np.ndarray | None = None) -> ReducedSystem:
+def system(
+    observations: Observations, backend: Any, margin: np.ndarray | None = None
+) -> ReducedSystem:
     with opened(observations, backend, "cpu") as kernel:
         return kernel.system(WATER, margin)
 
@@ -42,15 +52,23 @@ def dark(**options: Any) -> Observations:
 def assert_close(found: ReducedSystem, truth: ReducedSystem, rtol: float) -> None:
     """Equal to so many digits: g in units of its Cauchy-Schwarz bound, as its terms cancel near a minimum."""
     size = np.sqrt(np.einsum("cii->ci", truth.H))
-    np.testing.assert_allclose(found.H / size[:, None], truth.H / size[:, None], rtol=rtol, atol=rtol * size.max())
-    np.testing.assert_array_less(np.abs(found.H - truth.H), rtol * size[:, :, None] * size[:, None, :] + 1e-30)
-    np.testing.assert_array_less(np.abs(found.g - truth.g), rtol * size * np.sqrt(truth.cost)[:, None] + 1e-30)
+    np.testing.assert_allclose(
+        found.H / size[:, None], truth.H / size[:, None], rtol=rtol, atol=rtol * size.max()
+    )
+    np.testing.assert_array_less(
+        np.abs(found.H - truth.H), rtol * size[:, :, None] * size[:, None, :] + 1e-30
+    )
+    np.testing.assert_array_less(
+        np.abs(found.g - truth.g), rtol * size * np.sqrt(truth.cost)[:, None] + 1e-30
+    )
     np.testing.assert_allclose(found.cost, truth.cost, rtol=rtol)
 
 
-def dense(observations: Observations, c: int, margin: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+def dense(
+    observations: Observations, c: int, margin: float | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """The products (4, 4) of D' and r by elimination of all J from the full Jacobian, and the colours (P,)."""
-    place, z, I = flat(observations)  # noqa: E741
+    place, z, I = flat(observations)
     B, beta, gamma = ROWS[c]
     w = (
         np.ones(len(z))
@@ -73,12 +91,14 @@ def dense(observations: Observations, c: int, margin: float | None = None) -> tu
 
 def held_cost(observations: Observations, c: int, water: np.ndarray, margin: float) -> float:
     """The reduced cost of one channel with what holds colours above zero, float64."""
-    place, z, I = flat(observations)  # noqa: E741
+    place, z, I = flat(observations)
     a, y = np.exp(-water[1] * z), I[c] - water[0] * (1 - np.exp(-water[2] * z))
     n = len(observations.pixels)
     A = np.bincount(place, a * a, n)
     short = np.minimum(np.bincount(place, a * y, n) / np.sqrt(A) + margin, 0)
-    return float((reduced_residuals(observations, c, water) ** 2).sum() + ((WALL * short) ** 2).sum())
+    return float(
+        (reduced_residuals(observations, c, water) ** 2).sum() + ((WALL * short) ** 2).sum()
+    )
 
 
 # -- float64 against the model itself ----------------------------------------------------------------------
@@ -88,7 +108,11 @@ def held_cost(observations: Observations, c: int, water: np.ndarray, margin: flo
 def test_the_system_is_that_of_the_full_jacobian_without_its_colours(weights: int | None) -> None:
     observations, _ = made(40, noise=0.02)
     if weights:
-        weight = np.random.default_rng(1).uniform(0.1, 3, (weights, len(observations))).astype(np.float32)
+        weight = (
+            np.random.default_rng(1)
+            .uniform(0.1, 3, (weights, len(observations)))
+            .astype(np.float32)
+        )
         observations = replace(observations, weight=weight if weights > 1 else weight[0])
     found = system(observations, "numpy")
     for c in range(3):
@@ -106,15 +130,19 @@ def test_g_is_minus_half_the_slope_of_the_reduced_cost(held: bool) -> None:
         margin = MARGIN[c] if held else np.inf
         step = 1e-5
         for i, towards in enumerate(np.eye(3) * step):
-            higher, lower = (held_cost(observations, c, ROWS[c] + sign * towards, margin) for sign in (1, -1))
-            assert -2 * found.g[c, i] == pytest.approx((higher - lower) / (2 * step), rel=1e-4, abs=1e-5)
+            higher, lower = (
+                held_cost(observations, c, ROWS[c] + sign * towards, margin) for sign in (1, -1)
+            )
+            assert -2 * found.g[c, i] == pytest.approx(
+                (higher - lower) / (2 * step), rel=1e-4, abs=1e-5
+            )
         assert found.cost[c] == pytest.approx(held_cost(observations, c, ROWS[c], margin), rel=1e-9)
 
 
 def test_held_colours_enter_h_as_rows_of_their_own() -> None:
     observations = dark(n_single=100)
     free, held = system(observations, "numpy"), system(observations, "numpy", MARGIN)
-    place, z, I = flat(observations)  # noqa: E741
+    place, z, I = flat(observations)
     n = len(observations.pixels)
     for c in range(3):
 
@@ -125,7 +153,10 @@ def test_held_colours_enter_h_as_rows_of_their_own() -> None:
         below = shortfall(ROWS[c]) < 0
         assert 20 < below.sum() < n - 20
         step = np.eye(3) * 1e-6
-        rows = np.stack([shortfall(ROWS[c] + s)[below] - shortfall(ROWS[c] - s)[below] for s in step]) / 2e-6
+        rows = (
+            np.stack([shortfall(ROWS[c] + s)[below] - shortfall(ROWS[c] - s)[below] for s in step])
+            / 2e-6
+        )
         np.testing.assert_allclose(held.H[c] - free.H[c], WALL**2 * rows @ rows.T, rtol=1e-5)
 
 
@@ -165,8 +196,13 @@ def test_float32_keeps_the_digits_of_the_system(
 def test_float32_keeps_the_digits_of_the_colours(backend: str) -> None:
     observations = dark(n_single=50)
     V = np.stack([np.diag([1e-4, 2e-4, 3e-4]) + 5e-5] * 3)
-    with opened(observations, "numpy", "cpu") as exact, opened(observations, backend, "cpu") as kernel:
-        for found, truth in zip(kernel.colours(WATER, NOISE, V), exact.colours(WATER, NOISE, V), strict=True):
+    with (
+        opened(observations, "numpy", "cpu") as exact,
+        opened(observations, backend, "cpu") as kernel,
+    ):
+        for found, truth in zip(
+            kernel.colours(WATER, NOISE, V), exact.colours(WATER, NOISE, V), strict=True
+        ):
             assert found.dtype == np.float32
             np.testing.assert_allclose(found, truth, rtol=1e-5, atol=1e-6)
 
@@ -176,7 +212,9 @@ def test_every_channel_may_have_weights_of_its_own(backend: str) -> None:
     """Some are 0: of single observations, and all of a pixel in red, whose colour is then unknown."""
     observations = dark(n_single=50)
     rng = np.random.default_rng(4)
-    weight = (rng.uniform(0.1, 3, (3, len(observations))) * (rng.random((3, len(observations))) > 0.1)).astype("f4")
+    weight = (
+        rng.uniform(0.1, 3, (3, len(observations))) * (rng.random((3, len(observations))) > 0.1)
+    ).astype("f4")
     weight[:, : len(observations.pixels)] = weight[:, : len(observations.pixels)].clip(min=0.2)
     lost = 7
     weight[0, [part.start + lost for n, part in observations.slots() if n > lost]] = 0
@@ -203,7 +241,9 @@ def test_weights_of_channels_count_excess_and_choose_first_observations() -> Non
     assert weighted.n_excess == len(observations) - 2 - 5
     first = first_slot(weighted)
     second = int(observations.starts[1])
-    np.testing.assert_array_equal(first.distance, observations.distance[[0, 1, second + 2, second + 3, 4]])
+    np.testing.assert_array_equal(
+        first.distance, observations.distance[[0, 1, second + 2, second + 3, 4]]
+    )
     assert first.weight is not None
     assert (first.weight == 1).all()
 
@@ -220,7 +260,9 @@ def test_a_gpu_gives_what_float64_gives(backend: Any) -> None:
         exact = stack.enter_context(opened(observations, "numpy", "cpu"))
         for margin in (None, MARGIN):
             assert_close(kernel.system(WATER, margin), exact.system(WATER, margin), 1e-4)
-        for found, truth in zip(kernel.colours(WATER, NOISE, V), exact.colours(WATER, NOISE, V), strict=True):
+        for found, truth in zip(
+            kernel.colours(WATER, NOISE, V), exact.colours(WATER, NOISE, V), strict=True
+        ):
             np.testing.assert_allclose(found, truth, rtol=1e-5, atol=1e-6)
 
 
@@ -230,7 +272,9 @@ def test_every_type_of_colour_is_read(backend: str, dtype: Any) -> None:
     observations = made(600, noise=0.01)[0]
     scale = 1 if dtype == np.float32 else np.iinfo(dtype).max
     stored = (observations.colour.clip(0, 1) * scale).astype(dtype)
-    truth = system(replace(observations, colour=(stored / np.float64(scale)).astype(np.float32)), "numpy")
+    truth = system(
+        replace(observations, colour=(stored / np.float64(scale)).astype(np.float32)), "numpy"
+    )
     assert_close(system(replace(observations, colour=stored), backend), truth, 1e-4)
 
 
@@ -241,7 +285,9 @@ def test_observations_are_read_from_disk(backend: str, tmp_path: Path) -> None:
     for name in ("colour", "distance"):
         np.save(tmp_path / f"{name}.npy", getattr(observations, name))
         on_disk[name] = np.load(tmp_path / f"{name}.npy", mmap_mode="c")
-    assert_close(system(replace(observations, **on_disk), backend), system(observations, "numpy"), 1e-4)
+    assert_close(
+        system(replace(observations, **on_disk), backend), system(observations, "numpy"), 1e-4
+    )
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -252,7 +298,9 @@ def test_pixels_seen_once_add_nothing_unless_colours_are_held(backend: str) -> N
     assert_close(system(with_singles, backend), system(without, backend), 1e-6)
     # With a margin that nothing falls short of they do take part, and still add nothing.
     assert_close(system(with_singles, backend, np.full(3, 10.0)), system(without, backend), 1e-4)
-    assert (system(with_singles, backend, MARGIN).cost > system(without, backend, MARGIN).cost).all()
+    assert (
+        system(with_singles, backend, MARGIN).cost > system(without, backend, MARGIN).cost
+    ).all()
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -268,11 +316,16 @@ def test_equal_passes_give_equal_bits_in_many_blocks(backend: str) -> None:
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_water_of_extreme_rates_is_exact_or_seen_to_be_out_of_range(backend: str) -> None:
     observations = made(600, noise=0.01)[0]
-    with opened(observations, "numpy", "cpu") as exact, opened(observations, backend, "cpu") as kernel:
+    with (
+        opened(observations, "numpy", "cpu") as exact,
+        opened(observations, backend, "cpu") as kernel,
+    ):
         for rates in ((-0.3, 1e-5), (1e-6, 3.0), (2.0, -0.2)):
             water = WaterParameters.of_channels(np.array([[0.2, *rates]] * 3))
             assert_close(kernel.system(water), exact.system(water), 2e-3)
-        assert np.isnan(silently(kernel, WaterParameters.of_channels(np.full((3, 3), np.nan))).cost).all()
+        assert np.isnan(
+            silently(kernel, WaterParameters.of_channels(np.full((3, 3), np.nan))).cost
+        ).all()
 
 
 def silently(kernel: Kernel, water: WaterParameters) -> ReducedSystem:
@@ -283,7 +336,9 @@ def silently(kernel: Kernel, water: WaterParameters) -> ReducedSystem:
 def test_the_compiled_exponential_is_right_to_the_last_digits_of_float32() -> None:
     from sucre_bench.methods.sucre.numba_loops import power_minus_1
 
-    for x in np.r_[np.linspace(-30, 30, 3001), np.geomspace(1e-6, 1, 50), -np.geomspace(1e-6, 1, 50)].astype("f4"):
+    for x in np.r_[
+        np.linspace(-30, 30, 3001), np.geomspace(1e-6, 1, 50), -np.geomspace(1e-6, 1, 50)
+    ].astype("f4"):
         assert power_minus_1(x) == pytest.approx(np.expm1(np.float64(x) * np.log(2)), rel=3e-7)
     assert np.isnan(power_minus_1(np.float32(np.nan)))
 
@@ -300,14 +355,19 @@ def test_a_block_too_large_for_the_memory_is_halved() -> None:
     kernel = Kernel(observations, "cpu", compute, 1_000)
     with opened(observations, "numpy", "cpu") as exact:
         assert_close(kernel.system(WATER, MARGIN), exact.system(WATER, MARGIN), 1e-9)
-        found, truth = (each.colours(WATER, NOISE, np.zeros((3, 3, 3)))[0] for each in (kernel, exact))
+        found, truth = (
+            each.colours(WATER, NOISE, np.zeros((3, 3, 3)))[0] for each in (kernel, exact)
+        )
         np.testing.assert_array_equal(found, truth)
     assert min(sizes) <= 40 < max(sizes)
 
 
 def test_sums_in_trees_as_on_a_gpu_are_those_of_a_matrix_product() -> None:
     observations = dark()
-    block, parameters = blocks(observations, 10_000)[0], (ROWS.T[..., None, None], MARGIN[:, None, None])
+    block, parameters = (
+        blocks(observations, 10_000)[0],
+        (ROWS.T[..., None, None], MARGIN[:, None, None]),
+    )
     arrays = (*fill(observations, block, np.float64), *parameters)
     np.testing.assert_allclose(products_on_gpu(*arrays), products(*arrays), rtol=1e-12)
 
@@ -320,4 +380,6 @@ def test_every_backend_restores_alike() -> None:
         assert result.info["footprint"] is True
         found, exact = (table(parameters(one.water)) for one in (result, reference))
         np.testing.assert_allclose(found, exact, rtol=1e-3)
-        np.testing.assert_allclose(result.image[result.valid], reference.image[reference.valid], atol=1e-3)
+        np.testing.assert_allclose(
+            result.image[result.valid], reference.image[reference.valid], atol=1e-3
+        )

@@ -18,7 +18,9 @@ from sucre_bench.programs.prepare import Options
 from sucre_bench.programs.prepare.pipeline import prepare
 from sucre_bench.programs.restore.pipeline import FOR_A_DIVE
 
-OPTIONS = {name: {"true": True, "false": False}.get(value, value) for name, value in FOR_A_DIVE.items()}
+OPTIONS = {
+    name: {"true": True, "false": False}.get(value, value) for name, value in FOR_A_DIVE.items()
+}
 SIZE_PX = 640  # photographs are shrunk to this longest side; at 480 `prepare` places only 3 of the 12 of the pool
 
 
@@ -39,7 +41,9 @@ def scene_of(folder: str, out: Path) -> sb.Scene:
         ("seabed_surveys/test1", ["2", "5"], False),
     ],
 )
-def test_no_picture_of_a_real_dive_is_ruined(tmp_path: Path, folder: str, names: list[str], is_tiled: bool) -> None:
+def test_no_picture_of_a_real_dive_is_ruined(
+    tmp_path: Path, folder: str, names: list[str], is_tiled: bool
+) -> None:
     scene = scene_of(folder, tmp_path / "dive")
     views = [view for view in scene.views if any(name in view.name for name in names)]
     assert len(views) == len(names)
@@ -60,5 +64,7 @@ def tile_ab(picture: np.ndarray, view: sb.View) -> tuple[float, float]:
     """The median a* and b* of the darker half of the ground, which is tiles; grout is brighter."""
     ground = np.isfinite(picture).all(axis=-1) & (view.distance > 0)
     light = to_lab(view.rgb)[..., 0]
-    a, b = np.median(to_lab(np.nan_to_num(picture))[ground & (light < np.median(light[ground]))], axis=0)[1:]
+    a, b = np.median(
+        to_lab(np.nan_to_num(picture))[ground & (light < np.median(light[ground]))], axis=0
+    )[1:]
     return float(a), float(b)

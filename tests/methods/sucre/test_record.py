@@ -20,7 +20,7 @@ NOISE = 0.01
 
 def best_colours(observations: Observations) -> np.ndarray:
     """J (3, P) of least squares in the true water, float64."""
-    place, z, I = flat(observations)  # noqa: E741
+    place, z, I = flat(observations)
     n, found = len(observations.pixels), []
     for c, (B, beta, gamma) in enumerate(TRUE_WATER.T):
         a, y = transmission(z, beta), I[c] - veil(z, B, gamma)
@@ -49,7 +49,9 @@ def test_normal_noise_makes_a_straight_normal_plot_and_no_excess() -> None:
     left = left_of(made(25_000, noise=NOISE)[0])
     z, quantiles = np.array(left["normal"]["z"]), np.array(left["normal"]["quantiles"])
     middle = np.abs(z) <= 3
-    np.testing.assert_allclose(quantiles[:, middle], np.tile(NOISE * z[middle], (3, 1)), atol=0.12 * NOISE)
+    np.testing.assert_allclose(
+        quantiles[:, middle], np.tile(NOISE * z[middle], (3, 1)), atol=0.12 * NOISE
+    )
     assert np.abs(left["kurtosis"]).max() < 0.1
     assert np.abs(left["skew"]).max() < 0.05
     assert np.abs(left["mean"]).max() < 0.02 * NOISE
@@ -80,12 +82,14 @@ def test_pixels_seen_once_are_left_out() -> None:
     assert left["std"] == pytest.approx([NOISE] * 3, rel=0.05)  # zeros would pull it down
 
 
-def test_of_a_near_and_a_very_far_observation_the_near_one_decides_the_colour_and_is_left_out() -> None:
+def test_of_a_near_and_a_very_far_observation_the_near_one_decides_the_colour_and_is_left_out() -> (
+    None
+):
     observations, _ = made(5_000, 2, noise=NOISE)
     second = observations.starts[1]
     z = np.where(np.arange(len(observations)) < second, 1, 60).astype(np.float32)
     noise = NOISE * np.random.default_rng(2).standard_normal((3, len(z)))
-    I = veil(z, *TRUE_WATER[[0, 2]][:, :, None]) + noise  # noqa: E741, J = 0
+    I = veil(z, *TRUE_WATER[[0, 2]][:, :, None]) + noise
     left = left_of(replace(observations, distance=z, colour=I.astype(np.float32)))
     assert left["observations"] == 5_000
     assert left["std"] == pytest.approx([NOISE] * 3, rel=0.05)
@@ -111,7 +115,9 @@ def test_the_histogram_counts_all_and_says_what_lies_beyond() -> None:
 def test_the_running_median_finds_a_bend_that_the_spread_does_not() -> None:
     observations, J = made(25_000, noise=1e-3)
     bent = observations.colour + np.where(observations.colour > 0.45, 0.02, 0).astype(np.float32)
-    left = residuals(replace(observations, colour=bent), J, parameters(WATER))["against_fit"]["green"]
+    left = residuals(replace(observations, colour=bent), J, parameters(WATER))["against_fit"][
+        "green"
+    ]
     fits = np.linspace(*left["fit"], 33)[:-1]
     median = np.array(left["median"], dtype=float)
     assert np.nanmax(np.abs(median[fits < 0.42])) < 2e-3
@@ -121,10 +127,12 @@ def test_the_running_median_finds_a_bend_that_the_spread_does_not() -> None:
 def test_points_over_distance_are_the_observations_of_their_pixel() -> None:
     observations, _ = made(4_000, noise=NOISE, eight_bit=True)
     left = left_of(observations)
-    place, z, I = flat(observations)  # noqa: E741
+    place, z, I = flat(observations)
     assert 20 <= len(left["tracks"]) <= 30
     for track in left["tracks"]:
-        own = np.flatnonzero(observations.pixels[place] == track["pixel"][0])  # the target is one row
+        own = np.flatnonzero(
+            observations.pixels[place] == track["pixel"][0]
+        )  # the target is one row
         own = own[np.argsort(z[own])]
         np.testing.assert_allclose(track["distance"], z[own], rtol=1e-4)
         np.testing.assert_allclose(track["intensity"], I[:, own], rtol=1e-4)
@@ -167,5 +175,7 @@ def test_residuals_are_those_of_the_fit_not_of_the_refined_colours() -> None:
     scene = make_scene()
     told = []
     for refine in (False, True):
-        told.append(sb.restore("sucre", scene, scene["a.png"], refine=refine, **ONE_MODEL).info["residuals"])
+        told.append(
+            sb.restore("sucre", scene, scene["a.png"], refine=refine, **ONE_MODEL).info["residuals"]
+        )
     assert told[0] == told[1]

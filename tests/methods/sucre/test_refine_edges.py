@@ -10,7 +10,9 @@ SHAPE = (80, 120)
 ROW, COLUMN = np.mgrid[: SHAPE[0], : SHAPE[1]]
 BOARD = (COLUMN >= 40) & (COLUMN < 80) & (ROW >= 20) & (ROW < 60)
 NEAR, FAR = 2.0, 5.0
-WATER = WaterParameters(*(getattr(WATERS["coast"], k) for k in ("veiling_light", "attenuation", "backscatter")))
+WATER = WaterParameters(
+    *(getattr(WATERS["coast"], k) for k in ("veiling_light", "attenuation", "backscatter"))
+)
 
 
 def in_water(J: np.ndarray, z: np.ndarray) -> np.ndarray:
@@ -21,18 +23,24 @@ def in_water(J: np.ndarray, z: np.ndarray) -> np.ndarray:
 def scene() -> tuple[np.ndarray, np.ndarray]:
     """Colours without water, and intensities with noise, (H, W, 3)."""
     rng = np.random.default_rng(0)
-    J = np.where(BOARD[..., None], 0.8, (0.35, 0.25, 0.15)) * (1 + 0.05 * rng.standard_normal((*SHAPE, 1)))
-    I = in_water(J, np.where(BOARD, NEAR, FAR))  # noqa: E741
+    J = np.where(BOARD[..., None], 0.8, (0.35, 0.25, 0.15)) * (
+        1 + 0.05 * rng.standard_normal((*SHAPE, 1))
+    )
+    I = in_water(J, np.where(BOARD, NEAR, FAR))
     return J, I + 0.003 * rng.standard_normal(I.shape)
 
 
-def test_only_small_spots_that_are_wrong_in_the_image_itself_stay_as_other_views_show_them() -> None:
-    J, I = scene()  # noqa: E741
+def test_only_small_spots_that_are_wrong_in_the_image_itself_stay_as_other_views_show_them() -> (
+    None
+):
+    J, I = scene()
     snow, fish = (ROW % 16 == 4) & (COLUMN % 16 == 4), (ROW >= 66) & (COLUMN >= 90)
     I[snow | fish] = 0.9
     deviation = np.full((*SHAPE, 3), 0.01, np.float32)
     distance = np.where(BOARD, NEAR, FAR)
-    found, _ = corrected_edges(I, distance, J.astype(np.float32), deviation, WATER, is_wrong=snow | fish)
+    found, _ = corrected_edges(
+        I, distance, J.astype(np.float32), deviation, WATER, is_wrong=snow | fish
+    )
     flake, fin = (np.abs(found - J)[where].min(axis=-1) for where in (snow & ~fish, fish))
     assert flake.max() < 0.02
     assert np.median(fin) > 0.5
@@ -42,7 +50,7 @@ def test_pixels_that_other_views_show_wrongly_get_what_the_image_shows_and_its_n
     rng = np.random.default_rng(1)
     J = (0.5 + 0.05 * rng.standard_normal((*SHAPE, 3))).astype(np.float32)
     distance = np.full(SHAPE, NEAR)
-    I = in_water(J, distance) + 0.003 * rng.standard_normal(J.shape)  # noqa: E741
+    I = in_water(J, distance) + 0.003 * rng.standard_normal(J.shape)
     wrong = (ROW % 9 == 4) & (COLUMN % 9 == 4)
     paired = np.where(wrong[..., None], J + 0.3, J).astype(np.float32)
     deviation = np.full((*SHAPE, 3), 0.002, np.float32)
@@ -60,17 +68,19 @@ def test_a_pixel_that_shows_what_the_image_shows_is_not_known_better_than_from_a
     rng = np.random.default_rng(2)
     J = np.full((*SHAPE, 3), 0.5, np.float32)
     distance = np.full(SHAPE, FAR)
-    I = in_water(J, distance) + 0.001 * rng.standard_normal(J.shape)  # noqa: E741
+    I = in_water(J, distance) + 0.001 * rng.standard_normal(J.shape)
     wrong = (ROW % 9 == 4) & (COLUMN % 9 == 4)
     paired = np.where(wrong[..., None], J + 0.3, J).astype(np.float32)
-    deviation = np.full((*SHAPE, 3), 0.4, np.float32)  # the light of the views differs, so no colour is known well
+    deviation = np.full(
+        (*SHAPE, 3), 0.4, np.float32
+    )  # the light of the views differs, so no colour is known well
     found, left = corrected_edges(I, distance, paired, deviation, WATER)
     assert np.abs(found - J)[wrong].mean() < 0.1
     assert (left[wrong] >= deviation[wrong]).all()
 
 
 def test_where_views_agree_nothing_changes_and_holes_stay() -> None:
-    J, I = scene()  # noqa: E741
+    J, I = scene()
     distance = np.where(BOARD, NEAR, FAR)
     hole = (ROW < 10) & (COLUMN < 10)
     colours = np.where(hole[..., None], np.nan, J).astype(np.float32)

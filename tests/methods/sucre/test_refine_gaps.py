@@ -31,8 +31,8 @@ def two_views(gain: float) -> tuple[Observations, np.ndarray]:
         ("other.png", np.flatnonzero(FIELD & ~GAPS), 2.5, gain),
     ):
         B, beta, gamma = WATER_OF_ALL.columns()
-        I = factor * (J[:, chosen] * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z)))  # noqa: E741
-        I += rng.normal(0, 0.004, I.shape)  # noqa: E741
+        I = factor * (J[:, chosen] * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z)))
+        I += rng.normal(0, 0.004, I.shape)
         seen.append(Seen(name, chosen, np.full(len(chosen), z, np.float32), I.T.astype(np.float32)))
     observations = arrange(SHAPE, seen, with_view=True)
     return observations, J[:, observations.pixels]
@@ -40,7 +40,9 @@ def two_views(gain: float) -> tuple[Observations, np.ndarray]:
 
 def colours_and_evened(observations: Observations) -> tuple[np.ndarray, np.ndarray]:
     J = colours_for_water(observations, WATER_OF_ALL, None, "numpy", "cpu").J
-    return observations.image(J), observations.image(evened(observations, J, WATER_OF_ALL, "target.png"))
+    return observations.image(J), observations.image(
+        evened(observations, J, WATER_OF_ALL, "target.png")
+    )
 
 
 @pytest.mark.parametrize("gain", [0.85, 1.2])
@@ -48,7 +50,10 @@ def test_gaps_of_a_view_do_not_show(gain: float) -> None:
     observations, _ = two_views(gain)
     inside = FIELD & (COLUMN < 45) & (COLUMN > 5)
     before, after = (image.reshape(-1, 3) for image in colours_and_evened(observations))
-    step = [np.abs(image[inside & GAPS].mean(axis=0) - image[inside & ~GAPS].mean(axis=0)) for image in (before, after)]
+    step = [
+        np.abs(image[inside & GAPS].mean(axis=0) - image[inside & ~GAPS].mean(axis=0))
+        for image in (before, after)
+    ]
     assert (step[0] > 0.05).all()
     assert (step[1] < 0.1 * step[0]).all()
     np.testing.assert_allclose(after[inside & ~GAPS], before[inside & ~GAPS], atol=0.02)
@@ -57,7 +62,10 @@ def test_gaps_of_a_view_do_not_show(gain: float) -> None:
 def test_the_field_of_a_view_ends_without_a_step() -> None:
     observations, _ = two_views(1.2)
     before, after = colours_and_evened(observations)
-    steps = [np.abs(np.diff(image.mean(axis=(0, 2)))).max() for image in (before[:, 45:75], after[:, 45:75])]
+    steps = [
+        np.abs(np.diff(image.mean(axis=(0, 2)))).max()
+        for image in (before[:, 45:75], after[:, 45:75])
+    ]
     assert steps[1] < 0.4 * steps[0]
 
 
@@ -79,14 +87,17 @@ def test_a_view_that_shows_nothing_any_more_changes_nothing() -> None:
     named = replace(observations, views=(*observations.views, "dark.png"))
     J = colours_for_water(observations, WATER_OF_ALL, None, "numpy", "cpu").J
     np.testing.assert_array_equal(
-        evened(named, J, WATER_OF_ALL, "target.png"), evened(observations, J, WATER_OF_ALL, "target.png")
+        evened(named, J, WATER_OF_ALL, "target.png"),
+        evened(observations, J, WATER_OF_ALL, "target.png"),
     )
 
 
 def test_animals_without_weight_do_not_come_back_into_the_gaps() -> None:
     """Gray boxes in four of the seven views of a ground, found by robust=true, which refine=true must leave out."""
     heights = (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5)
-    clean = make_ground(WATERS["green"], heights_m=heights, tilt_deg=30.0, seed=3, width=80, height=60)
+    clean = make_ground(
+        WATERS["green"], heights_m=heights, tilt_deg=30.0, seed=3, width=80, height=60
+    )
     rng = np.random.default_rng(1)
     views = []
     for k, view in enumerate(clean.views):
@@ -94,11 +105,18 @@ def test_animals_without_weight_do_not_come_back_into_the_gaps() -> None:
         if k % 2 == 0:
             for row, column in zip(rng.integers(0, 45, 4), rng.integers(0, 60, 4), strict=True):
                 rgb[row : row + 15, column : column + 20] = 0.8
-        views.append(View(view.name, Arrays(rgb, view.depth, view.reference), view.camera, view.cam_from_world))
+        views.append(
+            View(
+                view.name, Arrays(rgb, view.depth, view.reference), view.camera, view.cam_from_world
+            )
+        )
     scene = Scene(clean.name, views, clean.has, clean.water)
 
     def error(**options: bool) -> float:
-        method, view = Sucre(robust=True, light="even", footprint=True, physical=False, **options), scene["3.png"]
+        method, view = (
+            Sucre(robust=True, light="even", footprint=True, physical=False, **options),
+            scene["3.png"],
+        )
         return float(np.sqrt(np.nanmean((method.restore(scene, view).image - view.reference) ** 2)))
 
     assert error(refine=True) < 1.05 * error()

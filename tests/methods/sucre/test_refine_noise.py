@@ -25,8 +25,8 @@ def observed(sigma: float, tau: float) -> tuple[Observations, np.ndarray, np.nda
         chosen = np.flatnonzero(rng.random(N) < 0.7) if k else np.arange(N)
         z = np.where(near[chosen], rng.uniform(1, 3, len(chosen)), rng.uniform(5, 9, len(chosen)))
         shown = J[:, chosen] + tau * rng.standard_normal((3, len(chosen)))
-        I = shown * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z))  # noqa: E741
-        I += sigma * rng.standard_normal(I.shape)  # noqa: E741
+        I = shown * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z))
+        I += sigma * rng.standard_normal(I.shape)
         seen.append(Seen(f"{k}.png", chosen, z.astype(np.float32), I.T.astype(np.float32)))
     observations = arrange((1, N), seen)
     return observations, J[:, observations.pixels], near[observations.pixels]
@@ -35,9 +35,13 @@ def observed(sigma: float, tau: float) -> tuple[Observations, np.ndarray, np.nda
 @pytest.mark.parametrize(("sigma", "tau"), [(0.01, 0.0), (0.002, 0.05), (0.01, 0.05)])
 def test_deviations_are_those_of_near_and_of_far_colours(sigma: float, tau: float) -> None:
     observations, J, near = observed(sigma, tau)
-    solution = calibrated(observations, colours_for_water(observations, WATER_OF_ALL, None, "numpy", "cpu"))
+    solution = calibrated(
+        observations, colours_for_water(observations, WATER_OF_ALL, None, "numpy", "cpu")
+    )
     for which in (near, ~near):
-        error, told = (np.sqrt(np.mean(v[:, which] ** 2, axis=1)) for v in (solution.J - J, solution.deviation))
+        error, told = (
+            np.sqrt(np.mean(v[:, which] ** 2, axis=1)) for v in (solution.J - J, solution.deviation)
+        )
         np.testing.assert_allclose(error, told, rtol=0.12)
 
 
@@ -45,7 +49,9 @@ def test_colours_that_no_light_comes_from_are_not_known() -> None:
     observations, _, _ = observed(0.01, 0.0)
     distance = observations.distance.copy()
     for n, part in observations.slots():
-        distance[part][: min(n, 300)] = 300  # red of beta .42: exp(-126), whose square is no number in float32
+        distance[part][: min(n, 300)] = (
+            300  # red of beta .42: exp(-126), whose square is no number in float32
+        )
     gone = replace(observations, distance=distance)
     solution = calibrated(gone, colours_for_water(gone, WATER_OF_ALL, None, "numpy", "cpu"))
     assert np.isfinite(solution.deviation).all()
@@ -77,12 +83,16 @@ def test_deviations_of_robust_colours_are_their_errors(tau: float, wrong: float)
     colour[:, bad] = rng.uniform(0, 1, (3, int(bad.sum())))
     observations = replace(observations, colour=colour)
     weighted = reweighted(observations, WATER_OF_ALL, robust_noise(observations, WATER_OF_ALL))
-    found = replace(colours_for_water(weighted, WATER_OF_ALL, None, "numpy", "cpu"), trust=weighted.weight)
+    found = replace(
+        colours_for_water(weighted, WATER_OF_ALL, None, "numpy", "cpu"), trust=weighted.weight
+    )
     solution = calibrated(observations, found)
     for which in (near, ~near):
         several = which & (observations.counts >= 3)
         error = np.median(np.abs(solution.J - J)[:, several], axis=1) / 0.6745  # of a normal error
-        np.testing.assert_allclose(error, np.median(solution.deviation[:, several], axis=1), rtol=0.2)
+        np.testing.assert_allclose(
+            error, np.median(solution.deviation[:, several], axis=1), rtol=0.2
+        )
 
 
 # -- two channels follow the third ------------------------------------------------------------------------------
@@ -122,7 +132,9 @@ def test_colours_that_are_known_stay_as_they_are() -> None:
 
 def test_differences_that_neighbours_share_are_no_noise() -> None:
     J, deviation = ground(), np.full((*SHAPE, 3), (0.1, 0.002, 0.004))
-    detail = np.random.default_rng(3).standard_normal(SHAPE) * 0.02  # of red alone, far below the deviation
+    detail = (
+        np.random.default_rng(3).standard_normal(SHAPE) * 0.02
+    )  # of red alone, far below the deviation
     J = J + detail[..., None] * [1, 0, 0]
     after, left = followed(J.astype(np.float32), deviation)
     assert left[..., 0].mean() > 0.08

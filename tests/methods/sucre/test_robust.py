@@ -16,11 +16,15 @@ TRUE = parameters(WATER)
 NOISE = 0.004
 
 
-def spoilt(observations: Observations, share: float = 0.12, seed: int = 5) -> tuple[Observations, np.ndarray]:
+def spoilt(
+    observations: Observations, share: float = 0.12, seed: int = 5
+) -> tuple[Observations, np.ndarray]:
     """Observations of which some show one thing that is not there, and which ones."""
     wrong = np.random.default_rng(seed).random(len(observations)) < share
     colour = observations.colour.copy()
-    colour[:, wrong] = np.array([[0.55], [0.5], [0.35]]) if colour.dtype.kind == "f" else [[140], [128], [90]]
+    colour[:, wrong] = (
+        np.array([[0.55], [0.5], [0.35]]) if colour.dtype.kind == "f" else [[140], [128], [90]]
+    )
     return replace(observations, colour=colour), wrong
 
 
@@ -36,7 +40,9 @@ def test_water_and_colours_survive_an_animal_in_every_eighth_observation() -> No
     plain, (robust, weighted) = fit(observations), fit_robustly(observations, fit)
     assert np.abs(table(plain.water) / table(TRUE) - 1).max() > 0.3
     assert np.abs(table(robust.water) / table(TRUE) - 1).max() < 0.08
-    often = (observations.counts >= 5) & (np.bincount(flat(observations)[0], wrong) <= 1)  # a majority is right
+    often = (observations.counts >= 5) & (
+        np.bincount(flat(observations)[0], wrong) <= 1
+    )  # a majority is right
     assert psnr(weighted, robust, J, often) > 35 > 25 > psnr(observations, plain, J, often)
 
 
@@ -52,7 +58,9 @@ def test_an_animal_in_one_view_and_marine_snow_in_all_leave_the_water_right(what
     observations, _ = made(4800, distances_m=(1, 6), noise=NOISE, shape=(60, 80))
     colour = observations.colour.copy()
     rng = np.random.default_rng(3)
-    colour[:, animal(observations) if what == "animal" else rng.random(len(observations)) < 0.01] = 0.6
+    colour[
+        :, animal(observations) if what == "animal" else rng.random(len(observations)) < 0.01
+    ] = 0.6
     observations = replace(observations, colour=colour)
     plain, robust = (solve_exact(observations, robust=robust) for robust in (False, True))
     before, after = (np.abs(table(one.water) / table(TRUE) - 1).max() for one in (plain, robust))
@@ -64,7 +72,9 @@ def test_a_view_of_another_place_is_named_and_one_with_an_animal_is_not() -> Non
     for wrong, is_named in ((observations.view == 2, True), (animal(observations), False)):
         colour = observations.colour.copy()
         colour[:, wrong] = np.random.default_rng(0).permuted(colour[:, wrong], axis=1)
-        limits = " ".join(solve_exact(replace(observations, colour=colour), robust=True).uncertainty.limits)
+        limits = " ".join(
+            solve_exact(replace(observations, colour=colour), robust=True).uncertainty.limits
+        )
         assert (f"{observations.views[2]} shows other things" in limits) == is_named
 
 
@@ -72,7 +82,9 @@ def test_clean_observations_lose_next_to_nothing() -> None:
     observations, J = made(4000, distances_m=(1, 6), noise=NOISE, eight_bit=True)
     robust, weighted = fit_robustly(observations, fit)
     everywhere = np.ones(len(observations.pixels), dtype=bool)
-    lost = psnr(observations, fit(observations), J, everywhere) - psnr(weighted, robust, J, everywhere)
+    lost = psnr(observations, fit(observations), J, everywhere) - psnr(
+        weighted, robust, J, everywhere
+    )
     assert lost < 0.15
 
 
@@ -107,7 +119,12 @@ def test_the_weight_of_two_is_that_of_their_difference() -> None:
 
 def test_single_observations_keep_their_weight_and_earlier_weights_count() -> None:
     observations, _ = made(300, n_single=100, noise=NOISE)
-    assert (reweighted(observations, TRUE, np.full(3, NOISE)).weight[observations.starts[1] - 100 :][:100] == 1).all()
+    assert (
+        reweighted(observations, TRUE, np.full(3, NOISE)).weight[observations.starts[1] - 100 :][
+            :100
+        ]
+        == 1
+    ).all()
     earlier = np.random.default_rng(0).uniform(0, 1, len(observations)).astype(np.float32)
     earlier[::7] = 0
     again = reweighted(replace(observations, weight=earlier), TRUE, np.full(3, NOISE)).weight
@@ -121,7 +138,9 @@ def test_earlier_weights_say_how_noisy_an_observation_is() -> None:
     observations, _ = made(2000, noise=10 * NOISE)
     tenth = replace(observations, weight=np.full(len(observations), 0.01, dtype=np.float32))
     expected = reweighted(observations, TRUE, np.full(3, 10 * NOISE)).weight
-    np.testing.assert_allclose(reweighted(tenth, TRUE, np.full(3, NOISE)).weight, 0.01 * expected, rtol=1e-3, atol=1e-5)
+    np.testing.assert_allclose(
+        reweighted(tenth, TRUE, np.full(3, NOISE)).weight, 0.01 * expected, rtol=1e-3, atol=1e-5
+    )
 
 
 @pytest.mark.parametrize("share", [0.0, 0.12])
@@ -133,4 +152,6 @@ def test_noise_is_told_in_spite_of_outliers(share: float) -> None:
 def test_nothing_moves_without_noise() -> None:
     observations, _ = made(1000)
     assert (robust_noise(observations, TRUE) == 1e-3).all()
-    np.testing.assert_allclose(reweighted(observations, TRUE, robust_noise(observations, TRUE)).weight, 1, atol=1e-3)
+    np.testing.assert_allclose(
+        reweighted(observations, TRUE, robust_noise(observations, TRUE)).weight, 1, atol=1e-3
+    )

@@ -70,7 +70,9 @@ def test_what_is_known_of_the_fit_is_told(plain: Restoration) -> None:
 def test_the_time_of_the_fit_has_no_time_of_pairing(monkeypatch: pytest.MonkeyPatch) -> None:
     """An earlier run may have paired for longer than this run lasts."""
     observe = Sucre.observe
-    monkeypatch.setattr(Sucre, "observe", lambda *a, **k: replace(observe(*a, **k), pair_s=1e6, read_s=1e5))
+    monkeypatch.setattr(
+        Sucre, "observe", lambda *a, **k: replace(observe(*a, **k), pair_s=1e6, read_s=1e5)
+    )
     stages = sucre().restore(SCENE, TARGET).info["stage_seconds"]
     assert (stages["pair"], stages["read"]) == (1e6, 1e5)
     assert 0 < stages["solve"] < 1e5
@@ -100,11 +102,17 @@ def test_water_comes_from_a_file_or_from_a_folder_of_them(tmp_path: Path) -> Non
     dotted = replace(TARGET, name="left/a.0001.png")
     (tmp_path / "left").mkdir()
     (tmp_path / "left" / "a.0001.json").write_text(json.dumps(content))
-    (tmp_path / "left" / "a.json").write_text(json.dumps(content | {"B": [0, 0, 0]}))  # another image's
+    (tmp_path / "left" / "a.json").write_text(
+        json.dumps(content | {"B": [0, 0, 0]})
+    )  # another image's
     scene = replace(SCENE, views=[dotted, *(view for view in SCENE.views if view is not TARGET)])
-    np.testing.assert_array_equal(Sucre(water=str(tmp_path)).restore(scene, dotted).water.veiling_light, TRUTH[0])
+    np.testing.assert_array_equal(
+        Sucre(water=str(tmp_path)).restore(scene, dotted).water.veiling_light, TRUTH[0]
+    )
     for source in (tmp_path / "a.json", tmp_path / "one.npz", tmp_path):
-        np.testing.assert_array_equal(Sucre(water=str(source)).restore(SCENE, TARGET).image, true.image)
+        np.testing.assert_array_equal(
+            Sucre(water=str(source)).restore(SCENE, TARGET).image, true.image
+        )
 
 
 @pytest.mark.parametrize("source", ["", "reef", "reef/a.json"])
@@ -121,7 +129,9 @@ def test_water_comes_from_the_records_of_a_run(tmp_path: Path, source: str, is_s
     restored = create(find("method", "sucre"), options).restore(scene, TARGET)
     np.testing.assert_array_equal(as_array(restored.water), TRUTH)
     _, files = Choice(find("method", "sucre"), "sucre", options).rests_on
-    assert folder / "records.jsonl" in {inside for file in files for inside in (file, *file.glob("*"))}
+    assert folder / "records.jsonl" in {
+        inside for file in files for inside in (file, *file.glob("*"))
+    }
     with pytest.raises(InputError, match=r"b\.json: no such file"):
         create(find("method", "sucre"), {"water": str(folder / "reef" / "b.json")})
 
@@ -129,9 +139,21 @@ def test_water_comes_from_the_records_of_a_run(tmp_path: Path, source: str, is_s
 @pytest.mark.parametrize(
     ("name", "content", "named"),
     [
-        ("huge.json", '{"B": [1e300, 0, 0], "beta": [1, 1, 1], "gamma": [1, 1, 1]}', {"B", "intensity"}),
-        ("rate.json", '{"B": [0, 0, 0], "beta": [1000, 1, 1], "gamma": [1, 1, 1]}', {"B", "intensity"}),
-        ("grows.json", '{"B": [0, 0, 0], "beta": [-5, 1, 1], "gamma": [1, 1, 1]}', {"beta", "rates"}),
+        (
+            "huge.json",
+            '{"B": [1e300, 0, 0], "beta": [1, 1, 1], "gamma": [1, 1, 1]}',
+            {"B", "intensity"},
+        ),
+        (
+            "rate.json",
+            '{"B": [0, 0, 0], "beta": [1000, 1, 1], "gamma": [1, 1, 1]}',
+            {"B", "intensity"},
+        ),
+        (
+            "grows.json",
+            '{"B": [0, 0, 0], "beta": [-5, 1, 1], "gamma": [1, 1, 1]}',
+            {"beta", "rates"},
+        ),
         (
             "linear.json",
             '{"B": [0, 0, 0], "beta": [1, 1, 1], "gamma": [1, 1, 1], "encoding": "linear"}',
@@ -139,17 +161,31 @@ def test_water_comes_from_the_records_of_a_run(tmp_path: Path, source: str, is_s
         ),
         ("absent.json", None, {"own", "shared", "truth"}),
         ("cut.json", '{"B": [1, 2', {"B", "beta", "gamma", "hold", "three"}),
-        ("two.json", '{"B": [1, 2, 3], "beta": [1, 2, 3]}', {"B", "beta", "gamma", "finite", "three"}),
+        (
+            "two.json",
+            '{"B": [1, 2, 3], "beta": [1, 2, 3]}',
+            {"B", "beta", "gamma", "finite", "three"},
+        ),
         ("short.json", '{"B": [1], "beta": [1], "gamma": [1]}', {"B", "three"}),
-        ("nan.json", '{"B": [1, 2, NaN], "beta": [1, 2, 3], "gamma": [1, 2, 3]}', {"B", "finite", "three"}),
-        ("words.json", '{"B": "blue", "beta": [1, 2, 3], "gamma": [1, 2, 3]}', {"B", "hold", "three"}),
+        (
+            "nan.json",
+            '{"B": [1, 2, NaN], "beta": [1, 2, 3], "gamma": [1, 2, 3]}',
+            {"B", "finite", "three"},
+        ),
+        (
+            "words.json",
+            '{"B": "blue", "beta": [1, 2, 3], "gamma": [1, 2, 3]}',
+            {"B", "hold", "three"},
+        ),
         ("list.json", "[1, 2, 3]", {"B", "beta", "gamma", "hold"}),
         ("junk.npz", "no archive", {"B", "beta", "gamma", "hold"}),
         ("cut.npz", "PK\x03\x04cut", {"B", "beta", "gamma", "hold"}),
         ("empty.npz", "", {"B", "beta", "gamma", "hold"}),
     ],
 )
-def test_a_file_without_water_is_named_with_its_fault(tmp_path: Path, name: str, content: str | None, named: set[str]):
+def test_a_file_without_water_is_named_with_its_fault(
+    tmp_path: Path, name: str, content: str | None, named: set[str]
+):
     if content is not None:
         (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=rf"^{tmp_path / name}: [^\n]*$") as fault:
@@ -181,7 +217,9 @@ def test_a_method_that_has_no_water_to_give_is_refused(name: str, named: set[str
     assert name != "haze_lines" or "B" not in names(fault.value)  # which it estimates
 
 
-def test_single_view_colours_are_the_model_inverted_on_the_images_own_intensities(plain: Restoration) -> None:
+def test_single_view_colours_are_the_model_inverted_on_the_images_own_intensities(
+    plain: Restoration,
+) -> None:
     """J = (I - B (1 - exp(-gamma z))) exp(beta z), with the water of all views: the paper's eq. 3 on one image."""
     single = sucre(colours="single_view").restore(SCENE, TARGET)
     water = as_array(plain.water)
@@ -195,7 +233,9 @@ def test_single_view_colours_are_the_model_inverted_on_the_images_own_intensitie
     assert np.nanmean(single.confidence) > 1.2 * np.nanmean(plain.confidence)
 
 
-def test_shared_water_is_fitted_once_and_the_same_for_every_view(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_shared_water_is_fitted_once_and_the_same_for_every_view(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     calls = []
     whole = Dive.spread
     monkeypatch.setattr(Dive, "spread", lambda *a: calls.append(1) or whole(*a))
@@ -212,12 +252,18 @@ def test_shared_water_is_fitted_once_and_the_same_for_every_view(monkeypatch: py
 def test_linear_encoding_finds_water_that_acts_on_linear_light(plain: Restoration) -> None:
     """The made scene's intensities are light here, and stored gamma-encoded as a camera's are."""
     scene = with_images(lambda rgb: np.rint(srgb_encode(rgb) * 65535) / 65535)
-    linear, as_stored = (sucre(encoding=e).restore(scene, scene["a.png"]) for e in ("linear", "view"))
+    linear, as_stored = (
+        sucre(encoding=e).restore(scene, scene["a.png"]) for e in ("linear", "view")
+    )
     dry = make_scene_without_water()
-    errors = [np.sqrt(np.mean((srgb_decode(r.image) - dry)[r.valid] ** 2)) for r in (linear, as_stored)]
+    errors = [
+        np.sqrt(np.mean((srgb_decode(r.image) - dry)[r.valid] ** 2)) for r in (linear, as_stored)
+    ]
     assert errors[0] < 0.6 * errors[1]
     np.testing.assert_allclose(as_array(linear.water), as_array(plain.water), rtol=0.05)
-    np.testing.assert_allclose(srgb_decode(linear.image)[linear.valid], plain.image[plain.valid], atol=0.02)
+    np.testing.assert_allclose(
+        srgb_decode(linear.image)[linear.valid], plain.image[plain.valid], atol=0.02
+    )
 
 
 def test_views_that_are_linear_already_are_not_decoded_again() -> None:
@@ -232,7 +278,9 @@ def test_views_that_are_linear_already_are_not_decoded_again() -> None:
 def coloured_surfaces(rng: np.random.Generator, n: int) -> np.ndarray:
     """Reflectances (3, n) that spread by a quarter around one colour, each at a brightness of its own."""
     brightness = rng.normal(0.5, 0.15, n).clip(0.02)
-    return np.array([1.1, 1.0, 0.9])[:, None] * brightness + 0.25 * brightness * rng.standard_normal((3, n))
+    return np.array([1.1, 1.0, 0.9])[
+        :, None
+    ] * brightness + 0.25 * brightness * rng.standard_normal((3, n))
 
 
 def shrunk_to_the_mean(J: np.ndarray, deviation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -244,7 +292,9 @@ def shrunk_to_the_mean(J: np.ndarray, deviation: np.ndarray) -> tuple[np.ndarray
 def test_the_prior_halves_the_error_of_noisy_colours_and_says_how_much_is_left() -> None:
     rng = np.random.default_rng(0)
     truth = coloured_surfaces(rng, 40_000)
-    deviation = np.where(rng.random(truth.shape[1]) < 0.5, 0.003, 0.3) * np.array([1.5, 1.0, 1.0])[:, None]
+    deviation = (
+        np.where(rng.random(truth.shape[1]) < 0.5, 0.003, 0.3) * np.array([1.5, 1.0, 1.0])[:, None]
+    )
     J = truth + deviation * rng.standard_normal(truth.shape)
     shrunk, left = shrunk_to_the_mean(J, deviation)
     sure = deviation[0] < 0.01
@@ -256,7 +306,10 @@ def test_the_prior_halves_the_error_of_noisy_colours_and_says_how_much_is_left()
 
 def test_a_speck_before_far_ground_takes_the_mean_colour_and_bright_things_stay() -> None:
     J = coloured_surfaces(np.random.default_rng(0), 10_000)
-    J[:, 0], J[:, 1] = (60, 2.9, 2.3), (1.5, 1.4, 1.3)  # snow at 12 m in coastal water; a white shell
+    J[:, 0], J[:, 1] = (
+        (60, 2.9, 2.3),
+        (1.5, 1.4, 1.3),
+    )  # snow at 12 m in coastal water; a white shell
     deviation = np.full(J.shape, 0.01)
     deviation[0, 2], J[0, 2] = 1.0, 4.0  # noise
     is_speck = specks_of(J, deviation)
@@ -277,8 +330,14 @@ def test_a_speck_has_no_colour_in_the_least_squares_colours() -> None:
     snow = replace(TARGET, pixels=Arrays(rgb, TARGET.depth))
     for robust, is_known in (("auto", False), (False, True)):
         result = Sucre(water="truth", colours="single_view", robust=robust).restore(SCENE, snow)
-        assert np.isfinite(result.image[farthest]).all() == np.isfinite(result.confidence[farthest]) == is_known
-        assert np.array_equal(result.valid, (TARGET.depth > 0) & (is_known | (rgb != 0.9).any(axis=-1)))
+        assert (
+            np.isfinite(result.image[farthest]).all()
+            == np.isfinite(result.confidence[farthest])
+            == is_known
+        )
+        assert np.array_equal(
+            result.valid, (TARGET.depth > 0) & (is_known | (rgb != 0.9).any(axis=-1))
+        )
 
 
 def test_filled_specks_have_the_colours_around_them() -> None:
@@ -289,7 +348,9 @@ def test_filled_specks_have_the_colours_around_them() -> None:
     result = Sucre(water="truth", colours="single_view", fill=True).restore(SCENE, snow)
     around = result.image[max(0, row - 4) : row + 5, max(0, column - 4) : column + 5]
     assert np.isnan(result.image[row, column]).all()
-    np.testing.assert_allclose(result.filled[row, column], np.nanmean(around, axis=(0, 1)), rtol=1e-4)
+    np.testing.assert_allclose(
+        result.filled[row, column], np.nanmean(around, axis=(0, 1)), rtol=1e-4
+    )
 
 
 def test_red_that_is_lost_follows_the_channels_that_are_known() -> None:
@@ -326,7 +387,9 @@ def test_pixels_that_are_not_numbers_are_left_out() -> None:
     assert np.isfinite(as_array(result.water)).all()
 
 
-def test_one_view_alone_fails_with_what_to_do_and_is_restored_in_a_given_water_without_a_known_noise() -> None:
+def test_one_view_alone_fails_with_what_to_do_and_is_restored_in_a_given_water_without_a_known_noise() -> (
+    None
+):
     alone = replace(SCENE, views=[TARGET])
     with pytest.raises(SolveError, match="two views"):
         sucre().restore(alone, TARGET)
@@ -346,7 +409,9 @@ def test_one_view_alone_fails_with_what_to_do_and_is_restored_in_a_given_water_w
         ({"water": "seathr"}, {"method.water=seathr", "'seathru'"}),
     ],
 )
-def test_options_that_do_not_go_together_are_refused(options: dict[str, Any], named: set[str]) -> None:
+def test_options_that_do_not_go_together_are_refused(
+    options: dict[str, Any], named: set[str]
+) -> None:
     with refused(*named):
         Sucre(**options)
 

@@ -32,7 +32,7 @@ def made_observations(n_pixels: int = 60, noise: float = 0.0) -> tuple[Observati
 
 def squared_error(observations: Observations, J: torch.Tensor, water: torch.Tensor) -> torch.Tensor:
     """Eq. 7 for each channel (3,), written down as it stands, float64."""
-    place, z, I = (torch.from_numpy(x) for x in flat(observations))  # noqa: E741
+    place, z, I = (torch.from_numpy(x) for x in flat(observations))
     B, beta, gamma = water[..., None]
     r = I - J[:, place] * torch.exp(-beta * z) - B * (1 - torch.exp(-gamma * z))
     return (r**2).sum(dim=1)
@@ -70,7 +70,10 @@ def evaluate(
 
 def test_cost_and_gradient_agree_with_float64_finite_differences() -> None:
     observations, truth = made_observations(n_pixels=25)
-    J, water = np.float32(truth * 0.8 + 0.05).astype(np.float64), START * [[1.0, 2, 3], [2, 1, 1.5], [3, 2, 1]]
+    J, water = (
+        np.float32(truth * 0.8 + 0.05).astype(np.float64),
+        START * [[1.0, 2, 3], [2, 1, 1.5], [3, 2, 1]],
+    )
     cost, J_grad, water_grad = evaluate(observations, J, water)
 
     def E(J: np.ndarray, water: np.ndarray) -> np.ndarray:  # (3,)
@@ -84,7 +87,9 @@ def test_cost_and_gradient_agree_with_float64_finite_differences() -> None:
         np.testing.assert_allclose(water_grad[row], numeric, rtol=1e-4)
     for p in range(J.shape[1]):
         step = h * (np.arange(J.shape[1]) == p)[None]
-        np.testing.assert_allclose(J_grad[:, p], (E(J + step, water) - E(J - step, water)) / (2 * h), atol=1e-6)
+        np.testing.assert_allclose(
+            J_grad[:, p], (E(J + step, water) - E(J - step, water)) / (2 * h), atol=1e-6
+        )
 
 
 def test_blocks_make_no_difference() -> None:
@@ -100,14 +105,18 @@ def test_blocks_make_no_difference() -> None:
 @pytest.mark.parametrize("steps", [2, 200])
 def test_steps_are_those_of_adam_with_automatic_differentiation(steps: int) -> None:
     observations, _ = made_observations(noise=0.004)
-    J0 = observations.intensity(slice(0, len(observations.pixels)))  # the first slot: each pixel's first observation
+    J0 = observations.intensity(
+        slice(0, len(observations.pixels))
+    )  # the first slot: each pixel's first observation
     J, water = naive_adam(observations, J0, steps)
     fit = solve_adam(observations, J0, SucrePaper(steps=steps, device="cpu"))
     np.testing.assert_allclose(fit.J, J, atol=5e-6)  # float32 rounding; a step is .05
     np.testing.assert_allclose(table(fit.water), water, atol=5e-6)
     with torch.no_grad():
         final = squared_error(observations, torch.tensor(J), torch.tensor(water)).numpy()
-        initial = squared_error(observations, torch.tensor(J0, dtype=torch.float64), torch.tensor(START)).numpy()
+        initial = squared_error(
+            observations, torch.tensor(J0, dtype=torch.float64), torch.tensor(START)
+        ).numpy()
     np.testing.assert_allclose(fit.cost, final, rtol=1e-5)
     np.testing.assert_allclose(fit.course.initial_cost, initial, rtol=1e-6)
 
@@ -141,7 +150,9 @@ def test_a_restoration_says_what_was_done() -> None:
     observations = observe(TARGET, SCENE.views)
     J0 = TARGET.rgb.reshape(-1, 3)[observations.pixels].T.astype(np.float64)
     initial = squared_error(observations, torch.tensor(J0), torch.tensor(START)).numpy()
-    np.testing.assert_allclose(restored.info["initial_cost"], initial, rtol=1e-5)  # J = I, B = beta = gamma = .1
+    np.testing.assert_allclose(
+        restored.info["initial_cost"], initial, rtol=1e-5
+    )  # J = I, B = beta = gamma = .1
     assert all(np.array(restored.info["cost"]) < initial)
     assert restored.info["n_observations"] == len(observations)
     assert restored.info["n_views"] == 4
@@ -153,7 +164,15 @@ def test_a_restoration_says_what_was_done() -> None:
 
 def test_the_defaults_are_the_papers_settings() -> None:
     options = {field.name for field in fields(SucrePaper)}
-    assert options == {"fill", "steps", "lr", "objective", "start", "one_coefficient", "device"}  # no step of `sucre`
+    assert options == {
+        "fill",
+        "steps",
+        "lr",
+        "objective",
+        "start",
+        "one_coefficient",
+        "device",
+    }  # no step of `sucre`
     restored = SucrePaper(device="cpu").restore(SCENE, TARGET)
     observations = observe(TARGET, SCENE.views)
     J, water = naive_adam(observations, TARGET.rgb.reshape(-1, 3)[observations.pixels].T, 200)
@@ -169,13 +188,17 @@ def test_the_mean_objective_is_adam_on_the_sum_divided_by_3_n() -> None:
     J0 = TARGET.rgb.reshape(-1, 3)[observations.pixels].T
     J, _ = naive_adam(observations, J0, 200, divided_by=3 * len(observations))
     np.testing.assert_allclose(restored.image.reshape(-1, 3)[observations.pixels].T, J, atol=5e-6)
-    assert np.abs(J - naive_adam(observations, J0, 200)[0]).max() > 1e-4  # even here, with 7,000 observations
+    assert (
+        np.abs(J - naive_adam(observations, J0, 200)[0]).max() > 1e-4
+    )  # even here, with 7,000 observations
 
 
 def test_one_coefficient_is_adam_on_eq_1() -> None:
     restored = SucrePaper(one_coefficient=True, steps=30, device="cpu").restore(SCENE, TARGET)
     observations = observe(TARGET, SCENE.views)
-    J, water = naive_adam(observations, TARGET.rgb.reshape(-1, 3)[observations.pixels].T, 30, rows=2)
+    J, water = naive_adam(
+        observations, TARGET.rgb.reshape(-1, 3)[observations.pixels].T, 30, rows=2
+    )
     np.testing.assert_allclose(restored.image.reshape(-1, 3)[observations.pixels].T, J, atol=5e-6)
     np.testing.assert_allclose(restored.water.attenuation, water[1], atol=5e-6)
     assert (restored.water.backscatter == restored.water.attenuation).all()
@@ -191,7 +214,9 @@ def test_adam_starts_from_the_water_of_another_method_or_of_the_dataset(start: s
     rows = torch.tensor(np.stack([water.veiling_light, water.attenuation, water.backscatter]))
     initial = squared_error(observations, torch.tensor(J0), rows).numpy()
     np.testing.assert_allclose(restored.info["initial_cost"], initial, rtol=1e-4)
-    np.testing.assert_allclose(np.abs(restored.water.attenuation - water.attenuation), 0.05, rtol=1e-4)  # a step's size
+    np.testing.assert_allclose(
+        np.abs(restored.water.attenuation - water.attenuation), 0.05, rtol=1e-4
+    )  # a step's size
 
 
 @pytest.mark.parametrize("start", ["gray_word", "command", "own", ""])
@@ -248,7 +273,9 @@ def test_a_constant_channel_stays_finite(level: float) -> None:
     scene = Scene("red", [with_constant_red(view) for view in SCENE], SCENE.has)
     restored = SucrePaper(steps=60, device="cpu").restore(scene, scene["a.png"])
     assert np.isfinite(restored.image[TARGET.valid]).all()
-    assert np.isfinite([restored.water.veiling_light, restored.water.attenuation, restored.water.backscatter]).all()
+    assert np.isfinite(
+        [restored.water.veiling_light, restored.water.attenuation, restored.water.backscatter]
+    ).all()
 
 
 def test_a_view_without_any_depth_is_an_error_that_says_so() -> None:

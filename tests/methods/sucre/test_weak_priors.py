@@ -31,7 +31,9 @@ def test_no_parameter_ends_at_a_bound_on_a_flat_survey(seed: int) -> None:
 def test_a_veil_that_grows_ever_faster_has_no_white_light_and_leaves_beta_right() -> None:
     """As under a strobe. No B explains it, so the fit with priors would end at B = 1."""
     beta = np.array([0.3, 0.15, 0.12])
-    observations, _ = made(6_000, 6, water=Water(np.zeros(3), beta, beta), distances_m=(2, 4), noise=0.004)
+    observations, _ = made(
+        6_000, 6, water=Water(np.zeros(3), beta, beta), distances_m=(2, 4), noise=0.004
+    )
     veiled = observations.colour + 0.01 * observations.distance**2
     found = fit(replace(observations, colour=veiled.astype(np.float32)))
     assert ((found.water.B > 0) & (found.water.B < 0.9)).all()
@@ -50,7 +52,9 @@ def test_the_record_says_whether_a_weak_prior_decides_a_channel() -> None:
 def test_the_scale_of_the_scene_does_not_matter_to_the_priors() -> None:
     observations, _ = made(3_000, 5, water=CLEAR, **SURVEY)
     toy = replace(observations, distance=observations.distance * np.float32(1 / 32))
-    np.testing.assert_allclose(table(fit(toy).water), table(fit(observations).water) * [[1], [32], [32]], rtol=0.02)
+    np.testing.assert_allclose(
+        table(fit(toy).water), table(fit(observations).water) * [[1], [32], [32]], rtol=0.02
+    )
 
 
 @pytest.mark.parametrize("seed", [0, 1])

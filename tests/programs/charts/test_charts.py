@@ -56,7 +56,9 @@ def board_view(
     if wall_m is not None:
         depth = np.full_like(depth, wall_m)
     marked = (Chart("left", "dgk", corners),) if mark else ()
-    return View(name, Arrays(rgb.astype(np.float32), depth.astype(np.float32)), camera, pose, marked)
+    return View(
+        name, Arrays(rgb.astype(np.float32), depth.astype(np.float32)), camera, pose, marked
+    )
 
 
 def true_corners(camera: Any, pose: Array) -> Array:
@@ -110,13 +112,23 @@ def colorchecker() -> Array:
     """A chart in a black frame, on gray."""
     chart = painted(chart_kind("colorchecker24"), LYING, (600, 800))
     scene = np.where((chart == 1).all(-1, keepdims=True), 0.35, chart)
-    around = cv2.fillConvexPoly(np.zeros((600, 800), np.uint8), np.rint(frame(LYING, 0.06)).astype(int), 1) > 0
+    around = (
+        cv2.fillConvexPoly(
+            np.zeros((600, 800), np.uint8), np.rint(frame(LYING, 0.06)).astype(int), 1
+        )
+        > 0
+    )
     scene[around & (chart == 1).all(-1)] = 0.03
     return scene
 
 
 def frame(corners: Array, margin: float) -> Array:
-    unit = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * margin + [[0, 0], [1, 0], [1, 1], [0, 1]]
+    unit = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * margin + [
+        [0, 0],
+        [1, 0],
+        [1, 1],
+        [0, 1],
+    ]
     mapped = np.c_[unit, np.ones(4)] @ image_from_chart(corners).T
     return np.asarray(mapped[:, :2] / mapped[:, 2:])
 
@@ -134,7 +146,9 @@ def test_a_chart_is_carried_to_where_another_camera_sees_it() -> None:
         "left",
         "dgk",
     )
-    np.testing.assert_allclose(proposal.chart.corners, true_corners(other.camera, other.cam_from_world), atol=0.02)
+    np.testing.assert_allclose(
+        proposal.chart.corners, true_corners(other.camera, other.cam_from_world), atol=0.02
+    )
 
 
 def test_a_chart_that_is_not_seen_whole_is_not_proposed() -> None:
@@ -144,14 +158,20 @@ def test_a_chart_that_is_not_seen_whole_is_not_proposed() -> None:
         board_view("cut.png", (1.2, 0, 0)),
         board_view("behind.png", (0, 0, 5)),
         board_view("far.png", (0, 0, -40)),
-        replace(board_view("no-depth.png", (0.1, 0, 0)), pixels=Arrays(np.zeros((180, 240, 3), np.float32))),
+        replace(
+            board_view("no-depth.png", (0.1, 0, 0)),
+            pixels=Arrays(np.zeros((180, 240, 3), np.float32)),
+        ),
         replace(board_view("no-pose.png", (0.1, 0, 0)), cam_from_world=None),
     ]
     assert list(propose([(marked, marked.charts[0])], others)) == []
 
 
 def test_a_chart_marked_under_another_name_is_not_proposed_again() -> None:
-    marked, other = board_view("a.png", (0, 0, 0), mark=True), board_view("b.png", (0.3, 0, -0.5), mark=True)
+    marked, other = (
+        board_view("a.png", (0, 0, 0), mark=True),
+        board_view("b.png", (0.3, 0, -0.5), mark=True),
+    )
     renamed = replace(other.charts[0], name="mine")
     assert list(propose([(marked, marked.charts[0]), (other, renamed)], [marked, other])) == []
 
@@ -161,7 +181,11 @@ def test_a_chart_marked_under_another_name_is_not_proposed_again() -> None:
 
 def test_the_file_keeps_what_it_holds_and_is_read_by_the_loader(tmp_path: Path) -> None:
     path, sizes = tmp_path / "charts.json", {"a.png": (420, 300), "b.png": (420, 300)}
-    old = {"note": "by hand", "kind": "colorchecker24", "images": {"a.png": {"one": TILTED.tolist()}}}
+    old = {
+        "note": "by hand",
+        "kind": "colorchecker24",
+        "images": {"a.png": {"one": TILTED.tolist()}},
+    }
     path.write_text(json.dumps(old))
     file = ChartsFile(path, sizes)
     file.propose([_proposal("b.png", "one")])
@@ -208,15 +232,21 @@ def get(url: str, body: Any = None, raw: bool = False, **headers: str) -> tuple[
             return fault.code, fault.read()
 
 
-def test_four_corners_are_checked_saved_and_carried_over(server: PageServer, tmp_path: Path) -> None:
+def test_four_corners_are_checked_saved_and_carried_over(
+    server: PageServer, tmp_path: Path
+) -> None:
     view = server.session.views[0]
     corners = true_corners(view.camera, view.cam_from_world).tolist()
-    seen = json.loads(get(server.url + "check", {"number": 0, "kind": "dgk", "corners": corners})[1])
+    seen = json.loads(
+        get(server.url + "check", {"number": 0, "kind": "dgk", "corners": corners})[1]
+    )
     assert seen["fault"] == ""
     assert seen["patches"][6]["expected"] == "#eb1c24"
     assert seen["rectified"].startswith("data:image/png;base64,")
     turned = json.loads(
-        get(server.url + "check", {"number": 0, "kind": "dgk", "corners": corners[2:] + corners[:2]})[1]
+        get(
+            server.url + "check", {"number": 0, "kind": "dgk", "corners": corners[2:] + corners[:2]}
+        )[1]
     )
     assert re.search("bottom right .*top left", turned["fault"])
     chart = {"name": "left", "kind": "dgk", "corners": corners}
@@ -227,16 +257,23 @@ def test_four_corners_are_checked_saved_and_carried_over(server: PageServer, tmp
     content = json.loads((tmp_path / "charts.json").read_text())
     np.testing.assert_allclose(content["images"]["a <b>.png"]["left"], corners, atol=0.006)
     get(server.url + "save", {"number": 1, "charts": [], "turned_down": ["left"]})
-    assert json.loads(get(server.url + "state")[1])["views"][1]["proposed"] == [], "not proposed again"
+    assert json.loads(get(server.url + "state")[1])["views"][1]["proposed"] == [], (
+        "not proposed again"
+    )
 
 
 def test_the_image_comes_at_its_own_size_and_brighter_when_asked(server: PageServer) -> None:
     plain, bright = (
-        cv2.imdecode(np.frombuffer(get(f"{server.url}image?view=0&bright={b}")[1], np.uint8), cv2.IMREAD_COLOR)
+        cv2.imdecode(
+            np.frombuffer(get(f"{server.url}image?view=0&bright={b}")[1], np.uint8),
+            cv2.IMREAD_COLOR,
+        )
         for b in "01"
     )
     assert plain.shape == (180, 240, 3)
-    assert np.percentile(bright[..., 2], 99) > 3 * np.percentile(plain[..., 2], 99), "water leaves little red"
+    assert np.percentile(bright[..., 2], 99) > 3 * np.percentile(plain[..., 2], 99), (
+        "water leaves little red"
+    )
 
 
 def test_only_this_machines_page_is_answered(server: PageServer) -> None:
@@ -245,12 +282,17 @@ def test_only_this_machines_page_is_answered(server: PageServer) -> None:
     assert get(f"http://127.0.0.1:{server.server_port}/")[0] == 403
     assert get(f"http://127.0.0.1:{server.server_port}/guess/state")[0] == 403
     assert get(server.url + "state", Host="evil.example")[0] == 403
-    assert get(server.url + "save", {"number": 0, "charts": []}, Origin="http://evil.example")[0] == 403
+    assert (
+        get(server.url + "save", {"number": 0, "charts": []}, Origin="http://evil.example")[0]
+        == 403
+    )
     assert get(server.url + "image?view=7")[0] == 422
     assert get(server.url + "../../charts.json")[0] == 404
     assert get(server.url + "save", {"number": 0, "charts": [], "path": "/tmp/x"})[0] == 400
     assert get(server.url + "check", "[" * 100_000, raw=True)[0] == 400, "nested too deeply"
-    status, said = get(server.url + "check", {"number": 0, "kind": "/etc/secret.csv", "corners": TILTED.tolist()})
+    status, said = get(
+        server.url + "check", {"number": 0, "kind": "/etc/secret.csv", "corners": TILTED.tolist()}
+    )
     assert (status, b"is not the page's" in said) == (422, True)
 
 
@@ -265,7 +307,9 @@ def test_the_page_takes_nothing_from_elsewhere(server: PageServer) -> None:
     assert not any(word in page + script for word in ("http:", "https:", "innerHTML", "eval("))
 
 
-def test_a_wrong_chart_is_refused_and_nothing_is_written(server: PageServer, tmp_path: Path) -> None:
+def test_a_wrong_chart_is_refused_and_nothing_is_written(
+    server: PageServer, tmp_path: Path
+) -> None:
     for corners in (TILTED[::-1].tolist(), [[0, 0]] * 4, "x", [[-5, 0], [9, 0], [9, 9], [0, 9]]):
         chart = {"name": "c", "kind": "dgk", "corners": corners}
         assert get(server.url + "save", {"number": 0, "charts": [chart]})[0] == 422
@@ -288,7 +332,9 @@ def write_scene(root: Path) -> None:
         marked |= {view.name: {c.name: c.corners.tolist() for c in view.charts}}
     K = make_camera(240, 180, 260).K
     (root / "sparse").mkdir()
-    (root / "sparse" / "cameras.txt").write_text(f"1 PINHOLE 240 180 {K[0, 0]} {K[1, 1]} {K[0, 2]} {K[1, 2]}\n")
+    (root / "sparse" / "cameras.txt").write_text(
+        f"1 PINHOLE 240 180 {K[0, 0]} {K[1, 1]} {K[0, 2]} {K[1, 2]}\n"
+    )
     (root / "sparse" / "images.txt").write_text("\n".join(lines))
     (root / "sparse" / "points3D.txt").write_text("")
     (root / "charts.json").write_text(json.dumps({"images": marked}))
@@ -296,12 +342,16 @@ def write_scene(root: Path) -> None:
 
 def test_accepted_proposals_are_charts_of_the_scene(tmp_path: Path) -> None:
     write_scene(tmp_path)
-    result = CliRunner().invoke(charts, [str(tmp_path / "images" / "b.png"), "--accept"], catch_exceptions=False)
+    result = CliRunner().invoke(
+        charts, [str(tmp_path / "images" / "b.png"), "--accept"], catch_exceptions=False
+    )
     assert result.exit_code == 0
     assert "1 proposal accepted, 0 left" in result.output
     view = next(sb.load_scenes("colmap", root=tmp_path))["b.png"]
     (chart,) = view.charts
-    np.testing.assert_allclose(chart.corners, true_corners(view.camera, view.cam_from_world), atol=0.05)
+    np.testing.assert_allclose(
+        chart.corners, true_corners(view.camera, view.cam_from_world), atol=0.05
+    )
 
 
 def test_charts_are_found_in_photos_without_a_camera(tmp_path: Path) -> None:
@@ -316,7 +366,9 @@ def test_charts_are_found_in_photos_without_a_camera(tmp_path: Path) -> None:
 def test_where_nothing_is_marked_nothing_is_written(tmp_path: Path) -> None:
     write_scene(tmp_path)
     (tmp_path / "charts.json").unlink()
-    result = CliRunner().invoke(charts, [str(tmp_path / "images" / "b.png"), "--accept"], catch_exceptions=False)
+    result = CliRunner().invoke(
+        charts, [str(tmp_path / "images" / "b.png"), "--accept"], catch_exceptions=False
+    )
     assert "none" in result.output
     assert not (tmp_path / "charts.json").exists()
 
@@ -327,7 +379,9 @@ def test_charts_of_ones_own_kind_are_carried_over_and_accepted(tmp_path: Path) -
     for patch in dgk.patches:
         x0, y0, x1, y1 = np.array(patch.box) * [60, 40, 60, 40]
         rgb = np.array(patch.srgb) * 255
-        rows.append(",".join([patch.name, *(f"{v:.3f}" for v in (x0, y0, x1, y1, *patch.lab, *rgb))]))
+        rows.append(
+            ",".join([patch.name, *(f"{v:.3f}" for v in (x0, y0, x1, y1, *patch.lab, *rgb))])
+        )
     own = ["# illuminant: D50", "# frame: 60 x 40", "name,x0,y0,x1,y1,L,a,b,R,G,B", *rows]
     (tmp_path / "own.csv").write_text("\n".join(own))
     marked = json.loads((tmp_path / "charts.json").read_text())
@@ -339,7 +393,9 @@ def test_charts_of_ones_own_kind_are_carried_over_and_accepted(tmp_path: Path) -
     (chart,) = view.charts
     assert chart.kind == str(tmp_path / "own.csv")
     red = next(reading for reading in measure(view.rgb, chart) if reading.patch.name == "red")
-    np.testing.assert_allclose(red.rgb, 0.1 + np.array([235, 28, 36]) / 255 * [0.2, 0.6, 0.7], atol=0.01)
+    np.testing.assert_allclose(
+        red.rgb, 0.1 + np.array([235, 28, 36]) / 255 * [0.2, 0.6, 0.7], atol=0.01
+    )
 
 
 @pytest.mark.parametrize(
@@ -350,7 +406,10 @@ def test_charts_of_ones_own_kind_are_carried_over_and_accepted(tmp_path: Path) -
         ([], {"view", "images"}),
         (["dataset=demo", "dataset.image_scale=0.5"], {"dataset.image_scale=0.5", "corners"}),
         (["dataset=demo", "--kind", "dkg"], {"'dkg'", "'dgk'"}),
-        (["dataset=demo", "dataset.width=64", "dataset.height=48"], {"'demo'", "charts.json", "colmap"}),
+        (
+            ["dataset=demo", "dataset.width=64", "dataset.height=48"],
+            {"'demo'", "charts.json", "colmap"},
+        ),
     ],
 )
 def test_what_cannot_be_marked_is_said(words: list[str], named: set[str]) -> None:
@@ -379,7 +438,9 @@ def test_corners_are_not_marked_in_undistorted_images(tmp_path: Path) -> None:
 
 def test_a_view_that_cannot_be_read_does_not_end_the_others(tmp_path: Path) -> None:
     views = [board_view("a.png", (0, 0, 0), mark=True), board_view("b.png", (0.4, -0.1, -0.8))]
-    bad = replace(board_view("bad.png", (0.3, 0, -0.5)), pixels=Files(tmp_path / "bad.png", (240, 180)))
+    bad = replace(
+        board_view("bad.png", (0.3, 0, -0.5)), pixels=Files(tmp_path / "bad.png", (240, 180))
+    )
     file = ChartsFile(tmp_path / "charts.json", {view.name: (240, 180) for view in (*views, bad)})
     file.confirm("a.png", views[0].charts)
     session = Session([bad], file, "dgk", views)
@@ -387,7 +448,9 @@ def test_a_view_that_cannot_be_read_does_not_end_the_others(tmp_path: Path) -> N
     file.propose([replace(file.proposed("b.png")[0], view="bad.png")])
     accepted, doubtful = session.accept()
     assert [proposal.view for proposal in accepted] == ["b.png"]
-    assert [(proposal.view, str(tmp_path / "bad.png") in fault) for proposal, fault in doubtful] == [("bad.png", True)]
+    assert [
+        (proposal.view, str(tmp_path / "bad.png") in fault) for proposal, fault in doubtful
+    ] == [("bad.png", True)]
     assert "b.png" in json.loads((tmp_path / "charts.json").read_text())["images"]
 
 

@@ -26,7 +26,17 @@ from sucre_bench.programs.contract.made_scenes import wall
 pytestmark = pytest.mark.short
 
 # Names of plugins that mean something else in the engine: roles of metrics, figures, quantities, packages.
-ORDINARY_WORDS = {"command", "coverage", "faults", "hue", "negative", "observations", "onnx", "photos", "seams"}
+ORDINARY_WORDS = {
+    "command",
+    "coverage",
+    "faults",
+    "hue",
+    "negative",
+    "observations",
+    "onnx",
+    "photos",
+    "seams",
+}
 ORDINARY_WORDS |= {"colours", "water"}
 NORMALISATIONS = {"display.py", "white_balance.py"}  # gray_world is one of them too
 # The datasets that know the models of other programs; the presets that are gone, and what to use; the forms of PSNR and
@@ -92,7 +102,9 @@ def _data(name: str, folder: Path) -> dict[str, Any]:
         (folder / below).parent.mkdir(parents=True, exist_ok=True)
         write(folder / below)
         return {"root": folder, **options}
-    images = {"uieb": ("raw-890", "reference-890"), "lsui": ("input", "GT"), "u45": ("U45",)}.get(name, ("",))
+    images = {"uieb": ("raw-890", "reference-890"), "lsui": ("input", "GT"), "u45": ("U45",)}.get(
+        name, ("",)
+    )
     for place in images:
         write_images(folder / place, "1.png", "2.png")
     return {"root": folder}
@@ -115,9 +127,22 @@ def test_importing_every_plugin_brings_nothing_heavy() -> None:
     (package,) = {plugin.cls.__module__.partition(".")[0] for plugin in ALL}
     modules = sorted({plugin.cls.__module__ for plugin in ALL})
     code = f"import sys, importlib; import {package}.plugins; known = set(sys.modules)\n"
-    code += f"for name in {modules}: importlib.import_module(name)\nprint(*(set(sys.modules) - known))"
+    code += (
+        f"for name in {modules}: importlib.import_module(name)\nprint(*(set(sys.modules) - known))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    heavy = {"torch", "jax", "numba", "scipy", "skimage", "cv2", "colour", "open3d", "pandas", "matplotlib"}
+    heavy = {
+        "torch",
+        "jax",
+        "numba",
+        "scipy",
+        "skimage",
+        "cv2",
+        "colour",
+        "open3d",
+        "pandas",
+        "matplotlib",
+    }
     assert not heavy & set(done.stdout.split())
 
 
@@ -139,7 +164,11 @@ def test_no_room_names_a_plugin() -> None:
         ):
             continue
         text = path.read_text(encoding="utf-8")
-        found = {text.partition(":")[0] for text in strings_of(path, text)} & names if quoted.search(text) else set()
+        found = (
+            {text.partition(":")[0] for text in strings_of(path, text)} & names
+            if quoted.search(text)
+            else set()
+        )
         assert not found, f"{path.relative_to(engine)} names {sorted(found)}"
 
 
@@ -150,8 +179,16 @@ def strings_of(path: Path, text: str) -> Iterator[str]:
         yield from (match[1] for match in re.finditer(r"""["'`]([\w:]+)""", text))
         return
     tree = ast.parse(text)
-    bodies = [node.body for node in ast.walk(tree) if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)]
+    bodies = [
+        node.body
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+    ]
     docstrings = {id(b[0].value) for b in bodies if b and isinstance(b[0], ast.Expr)}
     for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docstrings:
+        if (
+            isinstance(node, ast.Constant)
+            and isinstance(node.value, str)
+            and id(node) not in docstrings
+        ):
             yield node.value

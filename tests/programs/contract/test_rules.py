@@ -85,19 +85,27 @@ def write(folder: Path, template: str, body: str, **filled: Any) -> Path:
     return path
 
 
-def broken(folder: Path, kind: plugins.Kind, template: str, body: str, **filled: Any) -> dict[str, str]:
+def broken(
+    folder: Path, kind: plugins.Kind, template: str, body: str, **filled: Any
+) -> dict[str, str]:
     """The breaches by the name of their rule, a line each; why a rule could not be checked."""
     load_file(write(folder, template, body, **filled))
-    subject = Subject(plugins.find(kind, "tried"), {"root": write_dive(folder)} if kind == "dataset" else {})
+    subject = Subject(
+        plugins.find(kind, "tried"), {"root": write_dive(folder)} if kind == "dataset" else {}
+    )
     said: dict[str, str] = {}
     for one in check(subject, lasting=False):
-        lines = [text for level, text in one.findings if level == "breach"] + [one.skipped] * bool(one.skipped)
+        lines = [text for level, text in one.findings if level == "breach"] + [one.skipped] * bool(
+            one.skipped
+        )
         said |= {one.name: "\n".join(lines)} if lines else {}
     return said
 
 
 GOOD = "image = view.rgb * np.float32(self.gain)\n"
-FADED = "if not view.valid.any():\n    raise NotApplicableError(f'{view.name}: no pixel has depth')\n"
+FADED = (
+    "if not view.valid.any():\n    raise NotApplicableError(f'{view.name}: no pixel has depth')\n"
+)
 HOLES = "image = np.where(view.valid[..., None], view.rgb * np.exp(0.5 * view.depth)[..., None], np.nan)\n"
 JUDGED = "{'reference'}"
 
@@ -124,8 +132,18 @@ def test_a_dataset_that_keeps_the_contract_is_found_to_keep_it(tmp_path: Path) -
         (DECLARED, "K = K.T", "geometry_is_sound", {"Camera.K", "cx"}),
         (DECLARED, "name = '/a.png'", "names_once", {"'/a.png'", "dive/a.png"}),
         (DECLARED, "data_id = ''", "is_repeatable", {"one", "data_id"}),
-        (DECLARED, "data_id = str(id(rgb)) + str(os.urandom(3))", "is_repeatable", {"one", "data_id", "another"}),
-        (DECLARED, "rgb = np.random.rand(6, 8, 3).astype('f4')", "is_repeatable", {"a.png", "seed"}),
+        (
+            DECLARED,
+            "data_id = str(id(rgb)) + str(os.urandom(3))",
+            "is_repeatable",
+            {"one", "data_id", "another"},
+        ),
+        (
+            DECLARED,
+            "rgb = np.random.rand(6, 8, 3).astype('f4')",
+            "is_repeatable",
+            {"a.png", "seed"},
+        ),
         (DECLARED, "depth = None", "has_what_it_says", {"depth", "has"}),
         ("{'poses'}", "", "has_what_it_says", {"depth", "has=", "@dataset"}),
     ],
@@ -138,11 +156,14 @@ def test_each_way_a_dataset_breaks_the_contract_is_named(
 
 def test_a_dataset_must_name_the_folder_that_is_missing(tmp_path: Path) -> None:
     rough = DATASET.replace(
-        'raise InputError(f"{{self.root}}: holds no scene; give another")', "raise OSError('no data')"
+        'raise InputError(f"{{self.root}}: holds no scene; give another")',
+        "raise OSError('no data')",
     )
     found = broken(tmp_path, "dataset", rough, "", has=DECLARED)
     assert list(found) == ["names_what_is_missing"]
-    for line in found["names_what_is_missing"].splitlines():  # of a folder that is not there, of an empty one
+    for line in found[
+        "names_what_is_missing"
+    ].splitlines():  # of a folder that is not there, of an empty one
         assert {"root", "'tried'", "OSError", "InputError"} <= names(line)
 
 
@@ -152,8 +173,16 @@ def test_a_dataset_must_name_the_folder_that_is_missing(tmp_path: Path) -> None:
         ("()", GOOD + "return Restoration(image)"),
         ("()", "return Restoration(view.rgb)"),  # locked: nobody can write into it
         ("{'depth'}", FADED + HOLES + "return Restoration(image)"),
-        ("()", GOOD + "return Restoration(image, Water(np.full(3, .1), np.full(3, np.nan), np.full(3, .1)))"),
-        ("()", GOOD + "rng = np.random.default_rng(1)\nreturn Restoration(image + .1 * rng.random(image.shape))"),
+        (
+            "()",
+            GOOD
+            + "return Restoration(image, Water(np.full(3, .1), np.full(3, np.nan), np.full(3, .1)))",
+        ),
+        (
+            "()",
+            GOOD
+            + "rng = np.random.default_rng(1)\nreturn Restoration(image + .1 * rng.random(image.shape))",
+        ),
         ("{'reference'}", "return Restoration(view.reference * 1)"),
     ],
 )
@@ -192,26 +221,52 @@ def test_one_cause_is_said_once(tmp_path: Path) -> None:
     (tmp_path / "deep.py").write_text(SMALL_IMAGES_FAIL.replace("LEAST", "10_000"))
     load_file(tmp_path / "deep.py")
     outcomes = list(check(Subject(find("method", "deep")), lasting=False))
-    said = [text for one in outcomes for _, text in one.findings if text.startswith("raises ValueError")]
+    said = [
+        text for one in outcomes for _, text in one.findings if text.startswith("raises ValueError")
+    ]
     assert len(said) == 1
     assert sum(one.skipped == "for the reason above" for one in outcomes) >= 3
 
 
 # By rule: what a method's restore() does between GOOD and the return of `image`, and the words of the breach.
 BREACHES: list[tuple[str, str, set[str]]] = [
-    ("colours_what_is_valid", "image = image / view.rgb.max(axis=2, keepdims=True)", {"black", "colour"}),
+    (
+        "colours_what_is_valid",
+        "image = image / view.rgb.max(axis=2, keepdims=True)",
+        {"black", "colour"},
+    ),
     ("colours_what_is_valid", "image = image / view.rgb.max()", {"RuntimeWarning", "SolveError"}),
     ("colours_what_is_valid", "image[0, 0, 0] = np.nan", {"NaN", "channels"}),
     ("colours_what_is_valid", "image = image[::2]", {"(24, 64, 3)", "(48, 64, 3)"}),
     ("colours_what_is_valid", "view.rgb[:] = 0", {"input", "tried.py", "copy"}),
     ("restores_a_view", "raise KeyError('x')", {"KeyError", "'x'", "SolveError"}),
     ("leaves_no_holes", "image[~view.valid] = np.nan", {"960", "depth"}),
-    ("leaves_its_input", "view.rgb.setflags(write=True)\nview.rgb[0] = 0", {"rgb", "far.png", "view.rgb.copy"}),
-    ("is_deterministic", "image *= np.random.rand(*image.shape[:2], 1)", {"np.random.default_rng(self.seed"}),
+    (
+        "leaves_its_input",
+        "view.rgb.setflags(write=True)\nview.rgb[0] = 0",
+        {"rgb", "far.png", "view.rgb.copy"},
+    ),
+    (
+        "is_deterministic",
+        "image *= np.random.rand(*image.shape[:2], 1)",
+        {"np.random.default_rng(self.seed"},
+    ),
     ("runs_with_least", "image *= view.depth.mean()", {"far.png", "depth", "needs="}),
-    ("keeps_its_eyes_off", "image = image if view.reference is None else view.reference * 1", {"reference", "needs="}),
-    ("keeps_its_eyes_off", "image *= scene.water.attenuation[0] if scene.water else 1", {"truth", "needs="}),
-    ("restores_a_view", "return Restoration(image, confidence=np.ones(5))", {"Restoration.confidence", "(5,)"}),
+    (
+        "keeps_its_eyes_off",
+        "image = image if view.reference is None else view.reference * 1",
+        {"reference", "needs="},
+    ),
+    (
+        "keeps_its_eyes_off",
+        "image *= scene.water.attenuation[0] if scene.water else 1",
+        {"truth", "needs="},
+    ),
+    (
+        "restores_a_view",
+        "return Restoration(image, confidence=np.ones(5))",
+        {"Restoration.confidence", "(5,)"},
+    ),
     (
         "restores_a_view",
         "return Restoration(image, Water(np.ones(2), np.ones(3), np.ones(3)))",
@@ -219,7 +274,11 @@ BREACHES: list[tuple[str, str, set[str]]] = [
     ),
 ]
 WITH_DEPTH: list[tuple[str, str, set[str]]] = [
-    ("leaves_holes", "image = image * (1 + view.depth[..., None])", {"960", "depth", "image[~view.valid]"}),
+    (
+        "leaves_holes",
+        "image = image * (1 + view.depth[..., None])",
+        {"960", "depth", "image[~view.valid]"},
+    ),
     (
         "skips_what_has_no_depth",
         f"if not view.valid.any():\n    raise SolveError('none')\n{HOLES}",
@@ -236,7 +295,9 @@ WITH_DEPTH: list[tuple[str, str, set[str]]] = [
 def test_each_way_a_method_breaks_the_contract_is_named(
     tmp_path: Path, needs: str, rule: str, body: str, named: set[str]
 ) -> None:
-    found = broken(tmp_path, "method", METHOD, f"{GOOD}{body}\nreturn Restoration(image)", needs=needs)
+    found = broken(
+        tmp_path, "method", METHOD, f"{GOOD}{body}\nreturn Restoration(image)", needs=needs
+    )
     assert any(named <= names(line) for line in found[rule].splitlines()), found
 
 
@@ -246,7 +307,9 @@ def test_what_is_no_fault_for_sure_is_a_doubt(tmp_path: Path) -> None:
     load_file(write(tmp_path, METHOD, body, needs="{'depth', 'poses'}"))
     plugin = find("method", "tried")
     outcomes = check(Subject(plugin), lasting=False)
-    said = {one.rule: [f.text for f in one.findings] for one in outcomes if one.status == "doubtful"}
+    said = {
+        one.rule: [f.text for f in one.findings] for one in outcomes if one.status == "doubtful"
+    }
     colours, needs = said.values()
     assert re.match("black: .*too flat; move nearer; ", colours[0])
     assert [text.partition(";")[0].split()[-1] for text in needs] == ["depth", "poses"]
@@ -254,7 +317,9 @@ def test_what_is_no_fault_for_sure_is_a_doubt(tmp_path: Path) -> None:
 
 def test_what_is_not_explained_or_cannot_be_set_is_named(tmp_path: Path) -> None:
     bare = (
-        METHOD.replace("'''A method that is tried.'''", "").replace("'''A factor.'''", "").replace("= 1.0", "= 'much'")
+        METHOD.replace("'''A method that is tried.'''", "")
+        .replace("'''A factor.'''", "")
+        .replace("= 1.0", "= 'much'")
     )
     found = broken(tmp_path, "method", bare, "return Restoration(view.rgb)", needs="()")
     assert {"Tried", "docstring", "'gain'"} <= names(found["is_described"])
@@ -264,7 +329,9 @@ def test_what_is_not_explained_or_cannot_be_set_is_named(tmp_path: Path) -> None
 def test_an_option_that_must_be_given_leaves_rules_unlooked_at_and_says_so(tmp_path: Path) -> None:
     asking = METHOD.replace("= 1.0", "")
     found = broken(tmp_path, "method", asking, GOOD + "return Restoration(image)", needs="()")
-    assert [text for text in found.values() if "method.gain=..." in text] == [found["restores_a_view"]]  # once
+    assert [text for text in found.values() if "method.gain=..." in text] == [
+        found["restores_a_view"]
+    ]  # once
     assert found["is_deterministic"] == "for the reason above"
     assert breaches("method", "tried", gain=1.0) == []
 
@@ -274,7 +341,11 @@ def test_an_option_that_must_be_given_leaves_rules_unlooked_at_and_says_so(tmp_p
 
 def test_what_is_random_is_accused_of_nothing_else(tmp_path: Path) -> None:
     found = broken(
-        tmp_path, "method", METHOD, "return Restoration(view.rgb * np.random.rand(*view.rgb.shape[:2], 1))", needs="()"
+        tmp_path,
+        "method",
+        METHOD,
+        "return Restoration(view.rgb * np.random.rand(*view.rgb.shape[:2], 1))",
+        needs="()",
     )
     assert set(found) == {"is_deterministic"}
 
@@ -286,20 +357,46 @@ def test_a_metric_that_keeps_the_contract_is_found_to_keep_it(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("needs", "better", "body", "rule", "named"),
     [
-        (JUDGED, "lower", "value = 2 * value + 1", "runs_with_least", {"reference", "all", "image", "range="}),
+        (
+            JUDGED,
+            "lower",
+            "value = 2 * value + 1",
+            "runs_with_least",
+            {"reference", "all", "image", "range="},
+        ),
         (JUDGED, "lower", "coverage = 100 * coverage", "stays_in_range", {"coverage", "image"}),
         (JUDGED, "higher", "", "prefers_the_truth", {"all", "image", "0", "better="}),
         ("()", "lower", "", "runs_with_least", {"image", "TypeError"}),
-        (JUDGED, "lower", "value = 0.5 if np.isnan(value) else value", "scores_no_holes", {"0.5", "NaN"}),
+        (
+            JUDGED,
+            "lower",
+            "value = 0.5 if np.isnan(value) else value",
+            "scores_no_holes",
+            {"0.5", "NaN"},
+        ),
         (JUDGED, "lower", "shown[:] = 0", "leaves_all_as_it_was", {"input", "copy"}),
-        (JUDGED, "lower", "value = value * np.random.rand()", "leaves_all_as_it_was", {"all", "seed"}),
-        (JUDGED, "lower", "if not seen.any(): raise ValueError('empty')", "scores_no_holes", {"ValueError", "empty"}),
+        (
+            JUDGED,
+            "lower",
+            "value = value * np.random.rand()",
+            "leaves_all_as_it_was",
+            {"all", "seed"},
+        ),
+        (
+            JUDGED,
+            "lower",
+            "if not seen.any(): raise ValueError('empty')",
+            "scores_no_holes",
+            {"ValueError", "empty"},
+        ),
     ],
 )
 def test_each_way_a_metric_breaks_the_contract_is_named(
     tmp_path: Path, needs: str, better: str, body: str, rule: str, named: set[str]
 ) -> None:
-    assert named <= names(broken(tmp_path, "metric", METRIC, body, needs=needs, better=better)[rule])
+    assert named <= names(
+        broken(tmp_path, "metric", METRIC, body, needs=needs, better=better)[rule]
+    )
 
 
 def test_what_a_metric_raises_of_every_image_is_said_once(tmp_path: Path) -> None:
@@ -372,5 +469,7 @@ def test_the_water_of_the_contract_is_that_of_the_model() -> None:
     view = charted()["far.png"]
     B, beta, gamma = (WATER.veiling_light, WATER.attenuation, WATER.backscatter)
     for y, x, c in itertools.product((0, 20, 60, 95), (0, 30, 70, 127), range(3)):
-        expected = seen_through(float(view.reference[y, x, c]), view.distance[y, x], B[c], beta[c], gamma[c])
+        expected = seen_through(
+            float(view.reference[y, x, c]), view.distance[y, x], B[c], beta[c], gamma[c]
+        )
         assert view.rgb[y, x, c] == pytest.approx(expected, abs=1e-6)

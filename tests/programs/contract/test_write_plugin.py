@@ -63,7 +63,10 @@ def test_files_in_a_folder_pass_their_tests_as_they_are(folder: Path) -> None:
     for number, (kind, more) in enumerate(KINDS):
         done = new(kind, f"tried_{number}", *more)
         assert done.exit_code == 0, done.output
-        assert done.stdout.splitlines()[:2] == [f"wrote    tried_{number}.py", f"wrote    test_tried_{number}.py"]
+        assert done.stdout.splitlines()[:2] == [
+            f"wrote    tried_{number}.py",
+            f"wrote    test_tried_{number}.py",
+        ]
     assert "11 passed" in pytest_in(folder)
 
 
@@ -96,14 +99,18 @@ def test_a_package_is_installed_and_found_under_its_name(program: Bench, folder:
     install(folder / "my-restorers", folder / "there")
     listed = program("list", "methods", PYTHONPATH=str(folder / "there")).stdout
     assert "tried_out\n    Multiply " in listed
-    assert "2 passed" in pytest_in(folder / "my-restorers", "tests", PYTHONPATH=str(folder / "there"))
+    assert "2 passed" in pytest_in(
+        folder / "my-restorers", "tests", PYTHONPATH=str(folder / "there")
+    )
 
 
 def test_the_commands_it_names_are_those_that_work(folder: Path) -> None:
     for name in "ab":
         write_image(folder / "dive" / "images" / f"{name}.png", np.full((30, 40, 3), 90, np.uint8))
     for kind in plugins.KINDS:
-        lines = dict(line.split(maxsplit=1) for line in new(kind, f"tried_{kind}").stdout.splitlines()[2:])
+        lines = dict(
+            line.split(maxsplit=1) for line in new(kind, f"tried_{kind}").stdout.splitlines()[2:]
+        )
         assert list(lines) == ["check", "test", "run"]
         for line, more in ((lines["run"], "--cfg"), (lines["check"], "--quick")):
             done = CliRunner().invoke(cli, [*shlex.split(line.replace("=DIR", "=dive"))[1:], more])
@@ -122,7 +129,9 @@ def test_the_commands_it_names_are_those_that_work(folder: Path) -> None:
         ("method", "numpy", {"Python's", "numpy", "my_numpy"}),
     ],
 )
-def test_names_that_cannot_be_are_refused(folder: Path, kind: str, name: str, named: set[str]) -> None:
+def test_names_that_cannot_be_are_refused(
+    folder: Path, kind: str, name: str, named: set[str]
+) -> None:
     assert {name, *named} <= names(new(kind, name).exception)
     assert not list(folder.iterdir())
 

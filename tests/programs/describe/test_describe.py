@@ -40,7 +40,10 @@ def kinds(views: Sequence[View]) -> list[tuple[str, ...]]:
 
 
 def with_planes(view: View, rgb: np.ndarray | None = None, depth: np.ndarray | None = None) -> View:
-    return replace(view, pixels=Arrays(view.rgb if rgb is None else rgb, view.depth if depth is None else depth))
+    return replace(
+        view,
+        pixels=Arrays(view.rgb if rgb is None else rgb, view.depth if depth is None else depth),
+    )
 
 
 def test_a_consistent_scene_has_no_faults_and_its_facts_are_true() -> None:
@@ -65,22 +68,48 @@ def test_a_consistent_scene_has_no_faults_and_its_facts_are_true() -> None:
     ("spoil", "kind"),
     [
         (lambda v: replace(v, cam_from_world=np.linalg.inv(v.cam_from_world)), "inverted poses"),
-        (lambda v: replace(v, cam_from_world=np.diag([1, -1, -1, 1]) @ v.cam_from_world), "OpenGL poses"),
+        (
+            lambda v: replace(v, cam_from_world=np.diag([1, -1, -1, 1]) @ v.cam_from_world),
+            "OpenGL poses",
+        ),
         (lambda v: with_planes(v, depth=v.depth * 2.5), "unit of depth"),
         (lambda v: with_planes(v, depth=v.depth / 1000), "unit of depth"),
-        (lambda v: with_planes(v, depth=v.depth * np.linalg.norm(pixel_rays(v.camera), axis=-1)), "distance for depth"),
-        (lambda v: with_planes(v, depth=3 / np.where(v.depth > 0, v.depth, np.inf)), "inverse depth"),
+        (
+            lambda v: with_planes(v, depth=v.depth * np.linalg.norm(pixel_rays(v.camera), axis=-1)),
+            "distance for depth",
+        ),
+        (
+            lambda v: with_planes(v, depth=3 / np.where(v.depth > 0, v.depth, np.inf)),
+            "inverse depth",
+        ),
         (lambda v: with_planes(v, depth=v.depth[::-1].copy()), "turned depth maps"),
         (lambda v: with_planes(v, depth=v.depth[:, ::-1].copy()), "turned depth maps"),
-        (lambda v: replace(v, cam_from_world=FLIP @ np.linalg.inv(v.cam_from_world) @ FLIP), "inverted poses"),
-        (lambda v: replace(v, cam_from_world=FLIP @ np.linalg.inv(v.cam_from_world)), "inverted poses"),
+        (
+            lambda v: replace(v, cam_from_world=FLIP @ np.linalg.inv(v.cam_from_world) @ FLIP),
+            "inverted poses",
+        ),
+        (
+            lambda v: replace(v, cam_from_world=FLIP @ np.linalg.inv(v.cam_from_world)),
+            "inverted poses",
+        ),
     ],
     ids=[
-        *("inverted", "opengl", "scale", "millimetres", "distance", "inverse", "upside down", "mirrored"),
+        *(
+            "inverted",
+            "opengl",
+            "scale",
+            "millimetres",
+            "distance",
+            "inverse",
+            "upside down",
+            "mirrored",
+        ),
         *("inverted in opengl", "inverted from opengl"),
     ],
 )
-def test_what_makes_depth_and_poses_disagree_is_named(spoil: Callable[[View], View], kind: str) -> None:
+def test_what_makes_depth_and_poses_disagree_is_named(
+    spoil: Callable[[View], View], kind: str
+) -> None:
     views = [spoil(view) for view in make_scene().views]
     assert kind in [fault.kind for fault in found(views)]
     (fault,) = [fault for fault in found(views) if fault.kind == kind]
@@ -93,7 +122,10 @@ def test_one_view_with_a_wrong_pose_is_named_among_good_ones() -> None:
     shifted = np.array(views[2].cam_from_world)
     shifted[2, 3] += 0.6
     views[2] = replace(views[2], cam_from_world=shifted)
-    views += [replace(view, name=f"again-{view.name}", pixels=_moved(view)) for view in (views[0], views[1], views[3])]
+    views += [
+        replace(view, name=f"again-{view.name}", pixels=_moved(view))
+        for view in (views[0], views[1], views[3])
+    ]
     (fault,) = [f for f in found(views) if f.kind == "view disagrees"]
     assert fault.views == ("side.png",)
 
@@ -114,7 +146,9 @@ def _moved(view: View) -> Arrays:
     ],
     ids=["black", "constant", "no red", "saturated", "dark"],
 )
-def test_an_image_without_much_to_see_is_named(rgb: Callable[[View], np.ndarray], kind: str) -> None:
+def test_an_image_without_much_to_see_is_named(
+    rgb: Callable[[View], np.ndarray], kind: str
+) -> None:
     views = list(make_scene().views)
     views[1] = with_planes(views[1], rgb=rgb(views[1]))
     (fault,) = found(views)
@@ -128,7 +162,8 @@ def test_missing_poses_and_depth_and_twins_are_named() -> None:
     assert kinds([*views, replace(views[1], name="copy.png")]) == [("twins", "a.png", "copy.png")]
     twins = [replace(views[1], name=f"{n}.png", pixels=_moved(views[1])) for n in range(2)]
     painted_alike = [
-        with_planes(view, rgb=views[1].rgb, depth=view.depth * (1 + n / 1000)) for n, view in enumerate(twins)
+        with_planes(view, rgb=views[1].rgb, depth=view.depth * (1 + n / 1000))
+        for n, view in enumerate(twins)
     ]
     assert kinds([*views, *painted_alike]) == [("twin pictures", "a.png", "0.png", "1.png")]
 
@@ -154,7 +189,15 @@ def test_a_chart_begun_at_the_wrong_corner_is_named() -> None:
     rgb = (0.1 + 0.6 * painted(chart_kind("dgk"), TILTED)).astype(np.float32)
     wrong = Chart("chart1", "dgk", np.roll(TILTED, 2, axis=0))
     (fault,) = found(
-        [View("c.png", Arrays(rgb, np.linspace(2, 5, 300 * 420).reshape(300, 420)), None, np.eye(4), (wrong,))]
+        [
+            View(
+                "c.png",
+                Arrays(rgb, np.linspace(2, 5, 300 * 420).reshape(300, 420)),
+                None,
+                np.eye(4),
+                (wrong,),
+            )
+        ]
     )
     assert (fault.kind, fault.views) == ("chart", ("c.png",))
     assert re.match("chart1: .*bottom right .*top left", fault.what)
@@ -187,13 +230,16 @@ def test_a_mistake_made_in_many_files_is_one_line(tmp_path: Path) -> None:
     root = write_dive(tmp_path / "dive", ["a.png", "b.png", "c.png"])
     for number, name in enumerate("abc", 1):
         (root / "depths" / f"depth_{name}.png").unlink()
-        np.save(root / "depths" / f"depth_{name}.npy", np.full((30, 40), -1.25 * number, np.float32))
+        np.save(
+            root / "depths" / f"depth_{name}.npy", np.full((30, 40), -1.25 * number, np.float32)
+        )
     said = run("colmap", f"dataset.root={root}", "--no-sheet")[1]
     wrong = [line for line in said.splitlines() if "negative" in line]
     first = root / "depths" / "depth_a.npy"
     assert len(wrong) == 1
     assert re.match(
-        rf"wrong .*a\.png, b\.png, c\.png: .*-1\.25 m .*\(first in {re.escape(str(first))}\); .*\b0\b", wrong[0]
+        rf"wrong .*a\.png, b\.png, c\.png: .*-1\.25 m .*\(first in {re.escape(str(first))}\); .*\b0\b",
+        wrong[0],
     )
 
 
@@ -201,35 +247,50 @@ def test_an_arbitrary_scale_that_prepare_noted_is_not_called_metres(tmp_path: Pa
     root = write_dive(tmp_path / "dive")
     words = ("colmap", f"dataset.root={root}", "--sheet", str(tmp_path / "sheet.jpg"), "--force")
     assert "m (1, 50, 99 %)" in run(*words)[1]
-    (root / "prepare.json").write_text(json.dumps({"scale": {"is_metric": False, "note": "arbitrary: of 3"}}))
+    (root / "prepare.json").write_text(
+        json.dumps({"scale": {"is_metric": False, "note": "arbitrary: of 3"}})
+    )
     said = run(*words)[1]
     assert "arbitrary: of 3" in said
     assert "units (1, 50, 99 %)" in said
     assert " m " not in said
     assert (tmp_path / "sheet.jpg").read_bytes().startswith(b"\xff\xd8")
     (scene,) = json.loads(run(*words, "--json")[1])
-    assert (scene["unit"], scene["scale"]) == ("units", {"is_metric": False, "note": "arbitrary: of 3"})
+    assert (scene["unit"], scene["scale"]) == (
+        "units",
+        {"is_metric": False, "note": "arbitrary: of 3"},
+    )
     (root / "prepare.json").write_text("[1]")  # another program's
     assert "m (1, 50, 99 %)" in run(*words)[1]
 
 
-@pytest.mark.parametrize(("name", "named"), [("sheet.foo", {"sheet.foo", "suffix"}), ("", {"folder"})])
-def test_a_sheet_that_cannot_be_is_refused_before_anything_is_read(tmp_path: Path, name: str, named: set[str]) -> None:
-    result = CliRunner().invoke(describe, ["colmap", "dataset.root=nowhere", "--sheet", str(tmp_path / name)])
+@pytest.mark.parametrize(
+    ("name", "named"), [("sheet.foo", {"sheet.foo", "suffix"}), ("", {"folder"})]
+)
+def test_a_sheet_that_cannot_be_is_refused_before_anything_is_read(
+    tmp_path: Path, name: str, named: set[str]
+) -> None:
+    result = CliRunner().invoke(
+        describe, ["colmap", "dataset.root=nowhere", "--sheet", str(tmp_path / name)]
+    )
     assert isinstance(result.exception, InputError)
     assert named <= names(result.exception)
 
 
 def test_json_holds_every_view_and_fault_and_is_strict(tmp_path: Path) -> None:
     root = write_dive(tmp_path / "dive")
-    code, said = run("dataset=colmap", f"dataset.root={root}", "--json", "--no-sheet", "views=[a.png]")
+    code, said = run(
+        "dataset=colmap", f"dataset.root={root}", "--json", "--no-sheet", "views=[a.png]"
+    )
     assert code == 0
     (scene,) = json.loads(said, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
     assert [view["name"] for view in scene["views"]] == ["a.png"]
     assert scene["n_views"] == 2
     assert scene["water"] is None
     assert scene["views"][0]["coverage"] == pytest.approx(39 / 40)
-    assert all(set(fault) == {"kind", "what", "remedy", "views", "text"} for fault in scene["faults"])
+    assert all(
+        set(fault) == {"kind", "what", "remedy", "views", "text"} for fault in scene["faults"]
+    )
 
 
 def test_a_scene_of_which_nothing_can_be_read_is_an_error(tmp_path: Path) -> None:
@@ -248,7 +309,9 @@ def test_views_that_a_degradation_leaves_out_around_one_are_described(tmp_path: 
 
 def test_an_image_that_is_not_its_cameras_is_named_with_both_sizes() -> None:
     views = list(make_scene().views)
-    views[1] = replace(views[1], pixels=Arrays(np.random.default_rng(0).random((20, 60, 3)).astype(np.float32)))
+    views[1] = replace(
+        views[1], pixels=Arrays(np.random.default_rng(0).random((20, 60, 3)).astype(np.float32))
+    )
     (fault,) = [fault for fault in found(views) if fault.kind == "file"]
     assert re.search("60x20, .*60x44", fault.what)
 
@@ -262,7 +325,9 @@ def spread(*heights_m: float) -> Spread:
     return found
 
 
-@pytest.mark.parametrize(("heights_m", "ratio"), [((3, 3, 3), 1.0), ((3, 3.6, 3), 1.2), ((2, 3, 4), 2.0)])
+@pytest.mark.parametrize(
+    ("heights_m", "ratio"), [((3, 3, 3), 1.0), ((3, 3.6, 3), 1.2), ((2, 3, 4), 2.0)]
+)
 def test_the_ratio_is_that_of_the_heights(heights_m: tuple[float, ...], ratio: float) -> None:
     assert spread(*heights_m).ratio == pytest.approx(ratio, rel=0.1)
 
@@ -283,7 +348,9 @@ def test_views_apart_and_a_single_view() -> None:
     assert spread_of(views[:1]) is None
 
 
-def test_describe_and_run_say_it_first_and_a_prepared_scene_needs_no_prepare(tmp_path: Path, bench: Bench) -> None:
+def test_describe_and_run_say_it_first_and_a_prepared_scene_needs_no_prepare(
+    tmp_path: Path, bench: Bench
+) -> None:
     dive = write_dive(tmp_path / "dive")
     (dive / "prepare.json").write_text(json.dumps({"scale": {"is_metric": True, "note": "given"}}))
     for depth in (dive / "depths").iterdir():
@@ -291,7 +358,13 @@ def test_describe_and_run_say_it_first_and_a_prepared_scene_needs_no_prepare(tmp
     done = bench("describe", "./dive", "--no-sheet")
     assert "measure" in done.stdout
     assert "sucre-bench prepare" not in done.stdout
-    words = ("dataset=./dive", "report=false", "tracking.uri=off", "workers=0", "metrics=[coverage]")
+    words = (
+        "dataset=./dive",
+        "report=false",
+        "tracking.uri=off",
+        "workers=0",
+        "metrics=[coverage]",
+    )
     of_several_views = bench("run", *words, "method=stitching", "out=a")
     assert "the water" in of_several_views.stderr
     assert "the water" not in bench("run", *words, "method=gray_world", "out=b").stderr

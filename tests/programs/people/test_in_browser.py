@@ -15,16 +15,35 @@ from support.command_line import run_here
 from support.places import TOYS
 
 STATE = "JSON.parse(Object.values(localStorage)[0])"
-SCORES = {"gain,gain=0.5": -2.5, "gain,gain=0.75": 0.0, "gain,gain=1.0": 2.5}  # log-odds, what observers prefer
+SCORES = {
+    "gain,gain=0.5": -2.5,
+    "gain,gain=0.75": 0.0,
+    "gain,gain=1.0": 2.5,
+}  # log-odds, what observers prefer
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("study")
-    made = ("dataset=toy", "dataset.views=12", "method=gain", "method.gain=0.5,0.75,1.0", "metrics=[redness]")
+    made = (
+        "dataset=toy",
+        "dataset.views=12",
+        "method=gain",
+        "method.gain=0.5,0.75,1.0",
+        "metrics=[redness]",
+    )
     asked = ("--methods", ",".join(SCORES), "--out", "study.html", "--question", "<b>Better?</b>")
     for words in (
-        ("run", "-m", "--plugin", str(TOYS), *made, "out=results", "tracking.uri=off", "report=false"),
+        (
+            "run",
+            "-m",
+            "--plugin",
+            str(TOYS),
+            *made,
+            "out=results",
+            "tracking.uri=off",
+            "report=false",
+        ),
         ("study", "results", *asked),
     ):
         done = run_here(place, *words)
@@ -55,7 +74,9 @@ def whose(folder: Path) -> dict[str, str]:
     return {name: one["method"] for name, one in json.loads(key.read_text())["pictures"].items()}
 
 
-def judge(browser: Browser, folder: Path, prefers: Callable[[str, str], str], pairs: int) -> list[tuple[str, str]]:
+def judge(
+    browser: Browser, folder: Path, prefers: Callable[[str, str], str], pairs: int
+) -> list[tuple[str, str]]:
     """Judge pairs with the keyboard; return the methods on the left and right. prefers: says the key of an answer."""
     methods, seen = whose(folder), []
     for n in range(pairs):
@@ -72,12 +93,20 @@ def observer(seed: int) -> Callable[[str, str], str]:
 
     def answer(left: str, right: str) -> str:
         chance = 1 / (1 + math.exp(SCORES[right] - SCORES[left]))
-        return "ArrowDown" if rng.random() < 0.05 else "ArrowLeft" if rng.random() < chance else "ArrowRight"
+        return (
+            "ArrowDown"
+            if rng.random() < 0.05
+            else "ArrowLeft"
+            if rng.random() < chance
+            else "ArrowRight"
+        )
 
     return answer
 
 
-def test_six_observers_of_known_preference_give_the_right_order(browser: Browser, folder: Path, tmp_path: Path):
+def test_six_observers_of_known_preference_give_the_right_order(
+    browser: Browser, folder: Path, tmp_path: Path
+):
     files = []
     for n in range(6):
         seen_anew(browser, folder, n)
@@ -85,7 +114,9 @@ def test_six_observers_of_known_preference_give_the_right_order(browser: Browser
         browser.until("!document.getElementById('end').hidden")
         files.append(tmp_path / f"votes-{n}.json")
         browser.download("#save", files[-1])
-    told = json.loads(run_here(folder, "study", "results", "--votes", *map(str, files), "--json").stdout)
+    told = json.loads(
+        run_here(folder, "study", "results", "--votes", *map(str, files), "--json").stdout
+    )
     assert (told["votes"], told["observers"], told["skipped"]) == (120, 6, [])
     found = {one["method"]: one for one in told["preference"]}
     assert sorted(found, key=lambda name: found[name]["score"]) == list(SCORES)
@@ -94,7 +125,9 @@ def test_six_observers_of_known_preference_give_the_right_order(browser: Browser
     (redness,) = told["metrics"]  # grows with the gain, as these people's preference does
     assert redness["tau"] == 1
     assert redness["predicted"] > 0.7
-    table = json.loads(run_here(folder, "compare", "results", "--metric", "preference", "--json").stdout)
+    table = json.loads(
+        run_here(folder, "compare", "results", "--metric", "preference", "--json").stdout
+    )
     means = {record["method"]: record["mean"] for record in table}
     assert means == pytest.approx({name: one["score"] for name, one in found.items()})
 
@@ -137,13 +170,17 @@ def test_votes_outlive_the_page_and_can_be_undone(browser: Browser, folder: Path
     browser.until("document.getElementById('progress').textContent.startsWith('Pair 4 of 20')")
     last: dict[str, Any] = browser.ask(f"{STATE}.votes[2]")
     browser.press("Backspace")
-    assert browser.until(f"{STATE}.votes.length == 2 && {STATE}.current") == {k: last[k] for k in ("left", "right")}
+    assert browser.until(f"{STATE}.votes.length == 2 && {STATE}.current") == {
+        k: last[k] for k in ("left", "right")
+    }
     browser.click("#choose-tie")
     assert browser.until(f"{STATE}.votes.length == 3 && {STATE}.votes[2]")["choice"] == "tie"
 
 
 def test_pictures_are_zoomed_in_step(browser: Browser, folder: Path):
-    looks = "['left', 'right'].map((side) => document.querySelector(`#${side} img`).style.transform)"
+    looks = (
+        "['left', 'right'].map((side) => document.querySelector(`#${side} img`).style.transform)"
+    )
     left, top, width, height = browser.place("#left")
     browser.wheel((left + width / 4, top + height / 4), -600)
     browser.until(f"{looks}[0].includes('scale') && !{looks}[0].includes('scale(1)')")

@@ -28,7 +28,13 @@ def first_view(folder: Path, page: Path) -> dict[str, tuple[tuple[int, ...], flo
 
 @pytest.fixture
 def results_folder(toys: str, tmp_path: Path) -> Path:
-    run(tmp_path / "results", "method=gain,left_half,middle", "left_half.stop=0.75", "report=false", multirun=True)
+    run(
+        tmp_path / "results",
+        "method=gain,left_half,middle",
+        "left_half.stop=0.75",
+        "report=false",
+        multirun=True,
+    )
     return tmp_path / "results"
 
 
@@ -47,7 +53,13 @@ def test_no_picture_shows_holes(bench: Callable[..., Any], results_folder: Path,
 def test_a_method_that_fills_next_to_nothing_is_left_out_and_named(
     bench: Callable[..., Any], toys: str, tmp_path: Path
 ):
-    run(tmp_path / "results", "method=gain,left_half,middle", "left_half.stop=0.1", "report=false", multirun=True)
+    run(
+        tmp_path / "results",
+        "method=gain,left_half,middle",
+        "left_half.stop=0.1",
+        "report=false",
+        multirun=True,
+    )
     made = bench("study", "results", "--methods", "gain,left_half,middle", "--out", "study.html")
     assert made.returncode == 0
     assert "left_half" in made.stdout

@@ -14,7 +14,9 @@ from sucre_bench.programs.people.statistics import (
 )
 
 
-def voted(scores: list[float], n_observers: int, per_observer: int, rng: np.random.Generator) -> Votes:
+def voted(
+    scores: list[float], n_observers: int, per_observer: int, rng: np.random.Generator
+) -> Votes:
     """Votes by Bradley and Terry's model, on pairs drawn at random."""
     true, n = np.array(scores), n_observers * per_observer
     first = rng.integers(len(true), size=n)
@@ -28,14 +30,18 @@ def test_of_two_methods_the_score_is_the_log_odds_of_the_votes():
     won = np.array([1.0] * 75 + [0.0] * 25)
     none = np.zeros(100, int)
     low, high = fit(Votes(2, none, none + 1, won, none, none))[::-1]
-    assert high - low == pytest.approx(np.log(75.5 / 25.5), abs=0.001)  # with half a vote more each way
+    assert high - low == pytest.approx(
+        np.log(75.5 / 25.5), abs=0.001
+    )  # with half a vote more each way
     assert high + low == pytest.approx(0)
 
 
 def test_ties_draw_scores_together():
     none = np.zeros(40, int)
     few, many = (
-        fit(Votes(2, none, none + 1, np.array([1.0] * 20 + [0.0] * 5 + [0.5] * ties), none, none))[0]
+        fit(Votes(2, none, none + 1, np.array([1.0] * 20 + [0.0] * 5 + [0.5] * ties), none, none))[
+            0
+        ]
         for none, ties in ((none[:27], 2), (none, 15))
     )
     assert 0 < many < few
@@ -47,7 +53,10 @@ def test_intervals_hold_the_true_scores_in_95_percent_of_studies():
     held, first = [], 0
     for _ in range(40):
         found = preferences(voted(true, 6, 20, rng), resamples=50)
-        held += [low <= score <= high for low, score, high in zip(found.low, true, found.high, strict=True)]
+        held += [
+            low <= score <= high
+            for low, score, high in zip(found.low, true, found.high, strict=True)
+        ]
         first += int(np.argmax(found.scores) == 0)
     assert 0.89 <= np.mean(held) <= 0.995
     assert first >= 35
@@ -72,7 +81,9 @@ def test_a_method_that_nobody_prefers_has_a_finite_score():
 )
 def test_intervals_need_30_votes_of_6_people(won: list[float], n_observers: int, want: str):
     none = np.zeros(len(won), int)
-    found = preferences(Votes(2, none, none + 1, np.array(won), none, np.arange(len(won)) % n_observers), 20)
+    found = preferences(
+        Votes(2, none, none + 1, np.array(won), none, np.arange(len(won)) % n_observers), 20
+    )
     assert want in found.want
     assert bool(found.want) == bool(want)
     assert np.isfinite([*found.low, *found.high, *found.difference(0, 1)[1:]]).all() != bool(want)
@@ -81,7 +92,9 @@ def test_intervals_need_30_votes_of_6_people(won: list[float], n_observers: int,
 def test_votes_that_all_agree_have_the_interval_of_firths_method():
     """30 of 30: log(30.5 / 0.5), and the variance 1 / 30.5 + 1 / 0.5 of a log-odds (Firth 1993, Haldane 1956)."""
     none = np.zeros(30, int)
-    gap, low, high = preferences(Votes(2, none, none + 1, np.ones(30), none, np.arange(30) % 6), 20).difference(0, 1)
+    gap, low, high = preferences(
+        Votes(2, none, none + 1, np.ones(30), none, np.arange(30) % 6), 20
+    ).difference(0, 1)
     assert gap == pytest.approx(np.log(61), abs=1e-4)
     assert (high - low) / 2 == pytest.approx(1.96 * np.sqrt(1 / 30.5 + 2), abs=1e-3)
     assert low > 0
@@ -103,7 +116,9 @@ def test_krippendorffs_alpha_is_the_published_one():
         [missing, 3, 3, 3, 2, 3, 4, 2, 2, 5, 1, missing],
         [1, 2, 3, 3, 2, 4, 4, 1, 2, 5, 1, missing],
     ]
-    units = [[float(value) for value in unit if value is not None] for unit in zip(*raters, strict=True)]
+    units = [
+        [float(value) for value in unit if value is not None] for unit in zip(*raters, strict=True)
+    ]
     assert krippendorff(units) == pytest.approx(0.849, abs=5e-4)
     assert krippendorff([[1.0, 1.0], [0.0, 0.0]]) == 1
     assert np.isnan(krippendorff([[1.0, 1.0]]))
@@ -115,11 +130,20 @@ def test_agreement_does_not_depend_on_which_method_is_called_first():
     won = np.array([1.0] * 10 + [1.0] * 9 + [0.0])
     observers = np.repeat([0, 1], 10)
     alphas = []
-    for first, second, mine in ((none, none + 1, won), (none + 1, none, won), (none, none + 1, 1 - won)):
+    for first, second, mine in (
+        (none, none + 1, won),
+        (none + 1, none, won),
+        (none, none + 1, 1 - won),
+    ):
         found = observer_agreement(Votes(2, first, second, mine, pairs, observers))
         alphas.append(found.alpha)
         assert found.n == 10
-    assert alphas[0] == pytest.approx(alphas[1]) == pytest.approx(alphas[2]) == pytest.approx(0.8, abs=0.02)
+    assert (
+        alphas[0]
+        == pytest.approx(alphas[1])
+        == pytest.approx(alphas[2])
+        == pytest.approx(0.8, abs=0.02)
+    )
 
 
 def test_tau_counts_pairs_in_order():

@@ -33,16 +33,27 @@ def study(made: Path, tmp_path: Path, toys: str) -> dict[str, Any]:
     shutil.copytree(made / "results", tmp_path / "results")
     (key,) = (tmp_path / "results" / "people").glob("*.json")
     told = json.loads(key.read_text())
-    return {**told, "by": {(one["view"], one["method"]): name for name, one in told["pictures"].items()}}
+    return {
+        **told,
+        "by": {(one["view"], one["method"]): name for name, one in told["pictures"].items()},
+    }
 
 
-def vote(study: dict[str, Any], n: int, view: str = "v0.png", choice: str = "left", **other: Any) -> dict[str, Any]:
+def vote(
+    study: dict[str, Any], n: int, view: str = "v0.png", choice: str = "left", **other: Any
+) -> dict[str, Any]:
     sides = {"left": study["by"][view, "bright"], "right": study["by"][view, "dark"]}
     return {"n": n, **sides, "choice": choice, "seconds": 1.5, **other}
 
 
 def write(path: Path, study: dict[str, Any], votes: Any, **other: Any) -> str:
-    told = {"format": "sucre_bench votes", "version": 1, "study": study["study"], "observer": "o1", "votes": votes}
+    told = {
+        "format": "sucre_bench votes",
+        "version": 1,
+        "study": study["study"],
+        "observer": "o1",
+        "votes": votes,
+    }
     path.write_text(json.dumps({**told, **other}))
     return str(path)
 
@@ -59,7 +70,9 @@ def evaluated(bench: Bench, *files: str) -> tuple[dict[str, Any], str]:
     return json.loads(done.stdout), done.stderr
 
 
-def test_votes_become_a_metric_that_a_run_keeps(bench: Bench, study: dict[str, Any], tmp_path: Path):
+def test_votes_become_a_metric_that_a_run_keeps(
+    bench: Bench, study: dict[str, Any], tmp_path: Path
+):
     told, _ = evaluated(bench, *files_of_six(tmp_path, study))
     assert told["missing"] == ""
     run(tmp_path / "results", "method.gain=1.0", "method.label=bright", "report=false")
@@ -72,7 +85,9 @@ def test_votes_become_a_metric_that_a_run_keeps(bench: Bench, study: dict[str, A
     assert "preference" in bench("compare", "results", "--metric", "preference").stdout
 
 
-def test_rows_of_pictures_that_are_made_anew_go(bench: Bench, study: dict[str, Any], tmp_path: Path):
+def test_rows_of_pictures_that_are_made_anew_go(
+    bench: Bench, study: dict[str, Any], tmp_path: Path
+):
     files = files_of_six(tmp_path, study)
     evaluated(bench, *files)
     again = ("method.gain=0.9", "method.label=bright", "overwrite=always", "report=false")
@@ -89,7 +104,9 @@ def test_votes_that_all_agree_are_a_lead(bench: Bench, study: dict[str, Any], tm
     assert "bright leads dark" in said
 
 
-def test_few_votes_make_no_lead_and_no_interval(bench: Bench, study: dict[str, Any], tmp_path: Path):
+def test_few_votes_make_no_lead_and_no_interval(
+    bench: Bench, study: dict[str, Any], tmp_path: Path
+):
     missing, files = "30 votes of 6 people are needed", files_of_six(tmp_path, study, 1, 0)
     told, _ = evaluated(bench, *files)
     assert missing in told["missing"]
@@ -105,7 +122,10 @@ def test_few_votes_make_no_lead_and_no_interval(bench: Bench, study: dict[str, A
 def test_a_vote_counts_once(bench: Bench, study: dict[str, Any], tmp_path: Path):
     """An observer saves after ten votes, and again after twelve."""
     early, late = ([vote(study, n) for n in range(count)] for count in (10, 12))
-    files = [write(tmp_path / name, study, votes) for name, votes in (("a.json", early), ("b.json", late))]
+    files = [
+        write(tmp_path / name, study, votes)
+        for name, votes in (("a.json", early), ("b.json", late))
+    ]
     told, said = evaluated(bench, *files)
     assert told["votes"] == 12
     assert "10 votes" in said
@@ -117,7 +137,9 @@ def test_a_vote_counts_once(bench: Bench, study: dict[str, Any], tmp_path: Path)
     assert (told["votes"], told["observers"]) == (20, 2)
 
 
-def test_what_is_no_vote_is_named_and_the_others_count(bench: Bench, study: dict[str, Any], tmp_path: Path):
+def test_what_is_no_vote_is_named_and_the_others_count(
+    bench: Bench, study: dict[str, Any], tmp_path: Path
+):
     other_view = {"right": study["by"]["v1.png", "dark"]}
     bad = [
         vote(study, 1, left="nothing"), vote(study, 2, left=["x"]), vote(study, 3, **other_view),
@@ -129,8 +151,18 @@ def test_what_is_no_vote_is_named_and_the_others_count(bench: Bench, study: dict
 
 
 def test_files_that_hold_no_votes_are_named(bench: Bench, study: dict[str, Any], tmp_path: Path):
-    texts = ["", "no JSON", "[]", "{}", '{"format": "sucre_bench votes", "version": 1}', "[" * 100_000, '{"format": 1}']
-    texts.append(Path(write(tmp_path / "b.json", study, [vote(study, 1)], observer="\udc80")).read_text())
+    texts = [
+        "",
+        "no JSON",
+        "[]",
+        "{}",
+        '{"format": "sucre_bench votes", "version": 1}',
+        "[" * 100_000,
+        '{"format": 1}',
+    ]
+    texts.append(
+        Path(write(tmp_path / "b.json", study, [vote(study, 1)], observer="\udc80")).read_text()
+    )
     bad = [f"bad{k}.json" for k in range(len(texts))]
     for name, text in zip(bad, texts, strict=True):
         (tmp_path / name).write_text(text)
@@ -144,7 +176,10 @@ def test_files_that_hold_no_votes_are_named(bench: Bench, study: dict[str, Any],
 
 def test_votes_of_another_study_are_named(bench: Bench, study: dict[str, Any], tmp_path: Path):
     done = bench(
-        "study", "results", "--votes", write(tmp_path / "a.json", {**study, "study": "0000abcd"}, [vote(study, 0)])
+        "study",
+        "results",
+        "--votes",
+        write(tmp_path / "a.json", {**study, "study": "0000abcd"}, [vote(study, 0)]),
     )
     assert done.returncode == 2
     assert "0000abcd" in done.stderr

@@ -13,7 +13,10 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("photos")
     for name, pose in zip(NAMES, POSES, strict=True):
         write(root / "photos" / name, photograph(pose))
-    write(root / "photos" / "else.png", np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3), dtype=np.uint8))
+    write(
+        root / "photos" / "else.png",
+        np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3), dtype=np.uint8),
+    )
     (root / "photos" / "cut.png").write_bytes((root / "photos" / NAMES[0]).read_bytes()[:9000])
     mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
     mask[:45, :60] = 0

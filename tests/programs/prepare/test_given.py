@@ -56,13 +56,32 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     frames = []
     for i, pose in enumerate(USED):
         write(root / "photos" / f"{i}.png", photograph(pose))
-        frames.append({"file_path": f"photos/{i}.png", "transform_matrix": (np.linalg.inv(pose) @ flip).tolist()})
+        frames.append(
+            {
+                "file_path": f"photos/{i}.png",
+                "transform_matrix": (np.linalg.inv(pose) @ flip).tolist(),
+            }
+        )
     (fx, _, cx), (_, fy, cy) = CAMERA.K[:2].tolist()
-    camera = {"fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, "w": WIDTH, "h": HEIGHT, "k1": DISTORTION[0]}
+    camera = {
+        "fl_x": fx,
+        "fl_y": fy,
+        "cx": cx,
+        "cy": cy,
+        "w": WIDTH,
+        "h": HEIGHT,
+        "k1": DISTORTION[0],
+    }
     (root / "transforms.json").write_text(json.dumps(camera | {"frames": frames}))
     x, y = np.meshgrid(np.linspace(-6, 8, 281), np.linspace(-6, 8, 281))
-    z = ((1 - x[..., None] * PLANES[:, 0] - y[..., None] * PLANES[:, 1]) / PLANES[:, 2]).min(axis=-1)
-    for name, factor, shift in (("valley.ply", 1, 0), ("millimetres.glb", 1000, 0), ("elsewhere.ply", 1, 1.5)):
+    z = ((1 - x[..., None] * PLANES[:, 0] - y[..., None] * PLANES[:, 1]) / PLANES[:, 2]).min(
+        axis=-1
+    )
+    for name, factor, shift in (
+        ("valley.ply", 1, 0),
+        ("millimetres.glb", 1000, 0),
+        ("elsewhere.ply", 1, 1.5),
+    ):
         points = np.stack([x, y, z], -1) * factor + shift
         if name.endswith(".glb"):
             up = -np.mean([pose[1, :3] for pose in USED], axis=0)
@@ -91,9 +110,13 @@ def colmap(dive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return next((out / ".prepare").glob("model-*/usual/model"))
 
 
-def test_given_poses_stay_and_a_mesh_gives_every_pixel_its_depth(dive: Path, colmap: Path, tmp_path: Path):
+def test_given_poses_stay_and_a_mesh_gives_every_pixel_its_depth(
+    dive: Path, colmap: Path, tmp_path: Path
+):
     line = [str(dive / "photos"), str(tmp_path / "out"), "--model", str(colmap), "--scale", "1"]
-    result = CliRunner().invoke(command, [*line, "--mesh", str(dive / "millimetres.glb")], catch_exceptions=False)
+    result = CliRunner().invoke(
+        command, [*line, "--mesh", str(dive / "millimetres.glb")], catch_exceptions=False
+    )
     assert result.exit_code == 0
     assert "4 of 4 photos, 100 %" in result.output
     for out in (tmp_path / "out", colmap.parents[3]):  # the latter is of a mesh in metres
@@ -101,14 +124,18 @@ def test_given_poses_stay_and_a_mesh_gives_every_pixel_its_depth(dive: Path, col
             assert np.median(off) < 0.001
 
 
-def test_poses_of_a_model_get_depth_of_its_photos_and_a_model_of_other_photos_is_refused(dive: Path, tmp_path: Path):
+def test_poses_of_a_model_get_depth_of_its_photos_and_a_model_of_other_photos_is_refused(
+    dive: Path, tmp_path: Path
+):
     made = prepare(dive / "photos", tmp_path / "out", Options(model=dive))
     for off in errors(tmp_path / "out").values():
         assert off.size > 0.65 * WIDTH * HEIGHT
         assert np.median(off) < 0.01
     # The result is a COLMAP model with points: they are taken as they are.
     again = prepare(
-        tmp_path / "out" / "images", tmp_path / "again", Options(model=tmp_path / "out" / "sparse", surface="sparse")
+        tmp_path / "out" / "images",
+        tmp_path / "again",
+        Options(model=tmp_path / "out" / "sparse", surface="sparse"),
     )
     assert again.scale.metres_per_unit == 1
     assert [q.points for q in again.qualities] == [q.points for q in made.qualities]
@@ -119,15 +146,21 @@ def test_poses_of_a_model_get_depth_of_its_photos_and_a_model_of_other_photos_is
     points = tmp_path / "out/sparse/points3D.bin"
     points.write_bytes(points.read_bytes()[:5000])
     with pytest.raises(InputError, match=r"points3D\.bin: breaks off.*; "):
-        prepare(tmp_path / "out/images", tmp_path / "again", Options(model=points.parent), again=True)
+        prepare(
+            tmp_path / "out/images", tmp_path / "again", Options(model=points.parent), again=True
+        )
 
 
 def test_the_unit_of_a_mesh_is_the_one_that_fits_best(tmp_path: Path):
-    def height(x: Array, y: Array) -> Array:  # of a seabed through the origin, which stays there in any unit
+    def height(
+        x: Array, y: Array
+    ) -> Array:  # of a seabed through the origin, which stays there in any unit
         return x / 10 + 0.06 * np.sin(7 * x) * np.cos(5 * y)
 
     shot = make_shots(np.array([[0.0, 0, -2]]))[0]
-    shot = replace(shot, points=np.array([[x / 6, y / 6, height(x / 6, y / 6)] for x, y, _ in shot.points]))
+    shot = replace(
+        shot, points=np.array([[x / 6, y / 6, height(x / 6, y / 6)] for x, y, _ in shot.points])
+    )
     x, y = np.meshgrid(np.linspace(-3, 3, 601), np.linspace(-3, 3, 601))
     write_mesh(tmp_path / "inches.ply", np.stack([x, y, height(x, y)], -1) / 0.0254)
     xy, z = shot.seen_points()
@@ -135,7 +168,9 @@ def test_the_unit_of_a_mesh_is_the_one_that_fits_best(tmp_path: Path):
     assert np.median(np.abs(off)) < 0.002
 
 
-def test_a_mesh_of_another_frame_or_without_a_model_is_refused(dive: Path, colmap: Path, tmp_path: Path):
+def test_a_mesh_of_another_frame_or_without_a_model_is_refused(
+    dive: Path, colmap: Path, tmp_path: Path
+):
     options = Options(model=colmap, mesh=dive / "elsewhere.ply")
     with pytest.raises(InputError, match=r"elsewhere\.ply: .*frame.* %.*; "):
         prepare(dive / "photos", tmp_path / "out", options)
@@ -147,7 +182,9 @@ def test_a_mesh_of_another_frame_or_without_a_model_is_refused(dive: Path, colma
 def truth() -> list[Array]:
     """Planar depth of the distorted photos."""
     u, v = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
-    rays = Lens(CAMERA, "perspective", (float(DISTORTION[0]),)).rays(np.stack([u.ravel(), v.ravel()], 1))
+    rays = Lens(CAMERA, "perspective", (float(DISTORTION[0]),)).rays(
+        np.stack([u.ravel(), v.ravel()], 1)
+    )
     ahead = np.column_stack([rays, np.ones(len(rays))]).reshape(HEIGHT, WIDTH, 3)
     return [true_depth(pose, ahead) for pose in USED]
 
@@ -172,7 +209,9 @@ def test_maps_of_a_network_are_fitted_and_those_that_do_not_fit_are_named(
         (folder / "3.npz").unlink()
     done = prepare(dive / "photos", tmp_path / "out", Options(model=colmap, depth=folder))
     covered = [q.coverage > 0.9 for q in done.qualities]
-    assert covered == {"disparity": [True, False, False, True], "depth": [True] * 3 + [False]}.get(kind, [True] * 4)
+    assert covered == {"disparity": [True, False, False, True], "depth": [True] * 3 + [False]}.get(
+        kind, [True] * 4
+    )
     named = " ".join(done.warnings)
     assert all((f"{i}.png" in named) != covered[i] for i in range(4))
     for off in errors(tmp_path / "out").values():
@@ -187,4 +226,9 @@ def test_maps_without_photos_or_fit_are_refused(dive: Path, colmap: Path, tmp_pa
             np.save(tmp_path / folder / name, noise.uniform(1, 9, (HEIGHT, WIDTH)))
     for folder in ("other", "noise"):
         with pytest.raises(InputError, match=rf"/{folder}: .*; "):
-            prepare(dive / "photos", tmp_path / "out", Options(model=colmap, depth=tmp_path / folder), again=True)
+            prepare(
+                dive / "photos",
+                tmp_path / "out",
+                Options(model=colmap, depth=tmp_path / folder),
+                again=True,
+            )

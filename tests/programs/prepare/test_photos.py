@@ -8,7 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.photographed_valley import CAMERA, FOCAL, HEIGHT, POSES, WIDTH, make_shots, photograph, true_depth, write
+from support.photographed_valley import (
+    CAMERA,
+    FOCAL,
+    HEIGHT,
+    POSES,
+    WIDTH,
+    make_shots,
+    photograph,
+    true_depth,
+    write,
+)
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import depth_at, moved, pixel_rays
@@ -35,7 +45,9 @@ from sucre_bench.programs.prepare.surface import fused
         (("cut.png", "cut.jpg", "cut 2.jpg"), r"no photos .*\(cut 2\.jpg .*; cut\.png .*\); .*two"),
     ],
 )
-def test_too_few_photos_are_an_error_that_names_the_damaged(tmp_path: Path, names: tuple[str, ...], message: str):
+def test_too_few_photos_are_an_error_that_names_the_damaged(
+    tmp_path: Path, names: tuple[str, ...], message: str
+):
     (tmp_path / "photos").mkdir()
     for name in names:
         file = tmp_path / "photos" / name
@@ -59,7 +71,9 @@ def test_a_folder_that_is_not_ours_is_left_alone(photos: Path, tmp_path: Path):
     (tmp_path / "thesis.txt").write_text("mine")
     with pytest.raises(InputError, match=f"^{re.escape(str(tmp_path))}: "):
         prepare(photos / "photos", tmp_path)
-    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("thesis.txt", "mine")]
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [
+        ("thesis.txt", "mine")
+    ]
 
 
 @pytest.mark.parametrize("out", [".", "images"])
@@ -96,16 +110,32 @@ def test_a_depth_track_gives_the_scale_where_cameras_leave_every_plane(tmp_path:
     down = np.array([0.6, 0.0, 0.8])
     depths = 7 + 1.7 * places @ down  # a unit is 1.7 m
     write_track(tmp_path / "track.csv", depths)
-    found = find_scale(known_scale(depth_track=tmp_path / "track.csv"), make_shots(places), same_names(12), no_depth)
+    found = find_scale(
+        known_scale(depth_track=tmp_path / "track.csv"),
+        make_shots(places),
+        same_names(12),
+        no_depth,
+    )
     assert found.metres_per_unit == pytest.approx(1.7, rel=1e-6)
-    flat = places * [1, 1, 0.001]  # what the depths tell of the direction they do not leave in is noise
+    flat = places * [
+        1,
+        1,
+        0.001,
+    ]  # what the depths tell of the direction they do not leave in is noise
     write_track(tmp_path / "flat.csv", 7 + 1.7 * flat @ down)
     with pytest.raises(InputError, match=r"flat\.csv: .*cameras .*\d %"):
-        find_scale(known_scale(depth_track=tmp_path / "flat.csv"), make_shots(flat), same_names(12), no_depth)
+        find_scale(
+            known_scale(depth_track=tmp_path / "flat.csv"),
+            make_shots(flat),
+            same_names(12),
+            no_depth,
+        )
 
 
 def write_track(path: Path, depths: Array) -> None:
-    path.write_text("image,depth\n" + "".join(f"{i}.png,{depth:.6f}\n" for i, depth in enumerate(depths)))
+    path.write_text(
+        "image,depth\n" + "".join(f"{i}.png,{depth:.6f}\n" for i, depth in enumerate(depths))
+    )
 
 
 def same_names(count: int) -> dict[str, str]:
@@ -120,7 +150,9 @@ def test_a_length_that_is_seen_gives_the_scale():
     shots = make_shots(np.zeros((1, 3)))
     # Half a unit of tangent, at a depth of 2 units: 1 unit long.
     known = known_scale(lengths=[("0.png", 100.0, 100.0, 100.0 + FOCAL / 2, 100.0, 0.25)])
-    found = find_scale(known, shots, same_names(1), lambda _: np.full((HEIGHT, WIDTH), 2.0, np.float32))
+    found = find_scale(
+        known, shots, same_names(1), lambda _: np.full((HEIGHT, WIDTH), 2.0, np.float32)
+    )
     assert found.metres_per_unit == pytest.approx(0.25)
     assert found.is_metric
 
@@ -171,8 +203,15 @@ def test_the_fused_surface_closes_small_holes_shows_what_other_photos_measured_a
 
 
 def test_specks_that_match_by_chance_are_no_depth_and_thin_things_are():
-    shot, swept = make_shots(np.zeros((1, 3)))[0], np.zeros((CAMERA.height, CAMERA.width), np.float32)
-    swept[20:60, 20:60], swept[30, 30], swept[80, 20:40] = 2, 5, 3  # ground with a false pixel, and a rope
+    shot, swept = (
+        make_shots(np.zeros((1, 3)))[0],
+        np.zeros((CAMERA.height, CAMERA.width), np.float32),
+    )
+    swept[20:60, 20:60], swept[30, 30], swept[80, 20:40] = (
+        2,
+        5,
+        3,
+    )  # ground with a false pixel, and a rope
     swept[100:103, 100:103] = 4  # open water that looks alike
     wanted = np.where(swept <= 3, swept, 0)
     assert agreeing(shot, swept, [shot, shot], lambda _: swept) == pytest.approx(wanted, rel=1e-6)
@@ -188,7 +227,9 @@ def test_depth_maps_keep_depths_that_millimetres_cannot(tmp_path: Path, metres: 
 
 def test_depth_is_looked_up_in_the_pixel_that_holds_a_place_and_nowhere_else():
     depth = np.array([[1.0, 2], [3, 0]], np.float32)
-    xy = np.array([[0, 0], [1.99, 0.5], [0.5, 1], [1.5, 1.5], [2, 0], [-0.01, 0], [0, 2], [np.nan, np.nan]])
+    xy = np.array(
+        [[0, 0], [1.99, 0.5], [0.5, 1], [1.5, 1.5], [2, 0], [-0.01, 0], [0, 2], [np.nan, np.nan]]
+    )
     assert depth_at(depth, xy).tolist() == [1, 2, 3, 0, 0, 0, 0, 0]
 
 
@@ -201,11 +242,20 @@ def test_neighbours_are_those_under_the_telling_angles_by_every_pair():
     for i, near in enumerate(neighbours(shots, 1)):
         scores = {}
         for j, other in enumerate(shots):
-            own = [k for k, number in enumerate(shots[i].point_ids) if number in set(other.point_ids)]
-            to_one, to_other = shots[i].centre - shots[i].points[own], other.centre - shots[i].points[own]
+            own = [
+                k for k, number in enumerate(shots[i].point_ids) if number in set(other.point_ids)
+            ]
+            to_one, to_other = (
+                shots[i].centre - shots[i].points[own],
+                other.centre - shots[i].points[own],
+            )
             one, two = np.linalg.norm(to_one, axis=1), np.linalg.norm(to_other, axis=1)
-            angle = np.degrees(np.arccos(np.clip((to_one * to_other).sum(axis=1) / one / two, -1, 1)))
-            weight = np.where(angle < 45, np.minimum(angle / 5, 1), 0) * np.exp(-0.5 * np.log2(one / two) ** 2)
+            angle = np.degrees(
+                np.arccos(np.clip((to_one * to_other).sum(axis=1) / one / two, -1, 1))
+            )
+            weight = np.where(angle < 45, np.minimum(angle / 5, 1), 0) * np.exp(
+                -0.5 * np.log2(one / two) ** 2
+            )
             if j != i:
                 scores[j] = weight.sum()
         assert near == [max(scores, key=lambda j: scores[j])]

@@ -72,7 +72,9 @@ def test_a_logo_neither_holds_the_cameras_nor_bends_the_lens(prepared: Prepared,
         marked = cv2.putText(photograph(pose), "DIVE 7 CAM 2", (6, 172), 0, 0.8, (255, 255, 255), 2)
         write(tmp_path / "photos" / name, marked)
     (tmp_path / "work").mkdir()
-    found = mapping.map_photos(find_photos(tmp_path / "photos", None, 0, tmp_path)[0], tmp_path / "work", RULES)
+    found = mapping.map_photos(
+        find_photos(tmp_path / "photos", None, 0, tmp_path)[0], tmp_path / "work", RULES
+    )
     assert found.has_logo
     assert len(found.registered) == 4
     lens = read_model(found.model, tmp_path, distorted=True)[0].lens
@@ -90,7 +92,9 @@ def test_points_seen_in_one_view_land_on_the_same_texture_in_another(prepared: P
     seen = cv2.remap(other.rgb, xy[..., 0], xy[..., 1], cv2.INTER_LINEAR, borderValue=(-1, -1, -1))
     shared = one.valid & (seen.min(axis=-1) > 0)
     assert shared.mean() > 0.2
-    assert np.median(np.abs(seen - one.rgb)[shared]) < 0.03  # 0.1 when the pose is off by two pixels
+    assert (
+        np.median(np.abs(seen - one.rgb)[shared]) < 0.03
+    )  # 0.1 when the pose is off by two pixels
 
 
 def test_masked_pixels_have_no_depth_and_photos_without_a_place_are_named(prepared: Prepared):
@@ -113,7 +117,9 @@ def test_a_second_run_computes_nothing_again_and_may_change_the_scale(
     remove = shutil.rmtree
 
     def check(path: Path, **options: Any) -> None:
-        assert path.parent != prepared.out, "an old result is deleted before the new one is in its place"
+        assert path.parent != prepared.out, (
+            "an old result is deleted before the new one is in its place"
+        )
         remove(path, **options)
 
     monkeypatch.setattr(shutil, "rmtree", check)
@@ -133,10 +139,14 @@ def test_a_second_run_computes_nothing_again_and_may_change_the_scale(
     )
     assert {path: path.stat().st_mtime_ns for path in made} == before
     assert damaged.read_bytes() == whole, "a file that was cut short is made again"
-    assert read_depth(prepared.out / "depths" / "dive 1" / "depth_photo 0.png") == pytest.approx(2 * depth, abs=0.0021)
+    assert read_depth(prepared.out / "depths" / "dive 1" / "depth_photo 0.png") == pytest.approx(
+        2 * depth, abs=0.0021
+    )
     scene = next(iter(sb.load_scenes("colmap", root=twice.out)))
     centres = [np.linalg.inv(scene[name].cam_from_world)[:3, 3] for name in (NAMES[0], NAMES[3])]
-    assert np.linalg.norm(centres[0] - centres[1]) == pytest.approx(2 * np.linalg.norm(PLACES[3]), rel=1e-6)
+    assert np.linalg.norm(centres[0] - centres[1]) == pytest.approx(
+        2 * np.linalg.norm(PLACES[3]), rel=1e-6
+    )
 
 
 @pytest.mark.parametrize("text", ["[1]", "null"])
@@ -144,18 +154,26 @@ def test_options_that_are_damaged_are_refused(prepared: Prepared, photos: Path, 
     file = prepared.out / ".prepare" / "options.json"
     before = file.read_text()
     file.write_text(text)
-    with pytest.raises(InputError, match=r"options.json: is not what prepare wrote; name a new folder"):
+    with pytest.raises(
+        InputError, match=r"options.json: is not what prepare wrote; name a new folder"
+    ):
         prepare(photos / "photos", prepared.out, Options(masks=photos / "masks"))
     assert file.read_text() == text
     file.write_text(before)
 
 
-@pytest.mark.parametrize(("name", "value", "was"), [("depth_size", 300, "800"), ("focal", 1.0, "None")])
+@pytest.mark.parametrize(
+    ("name", "value", "was"), [("depth_size", 300, "800"), ("focal", 1.0, "None")]
+)
 def test_other_options_are_refused_for_a_folder_made_before(
     name: str, value: Any, was: str, prepared: Prepared, photos: Path
 ):
     with pytest.raises(InputError, match=rf"{name}={was}, not {value}; .*--again"):
-        prepare(photos / "photos", prepared.out, replace(Options(masks=photos / "masks"), **{name: value}))
+        prepare(
+            photos / "photos",
+            prepared.out,
+            replace(Options(masks=photos / "masks"), **{name: value}),
+        )
 
 
 # -- the scale, as the command takes it ------------------------------------------------------------------
@@ -164,7 +182,9 @@ def test_other_options_are_refused_for_a_folder_made_before(
 FAR = 10.0  # the made scene may as well be ten times as large
 
 
-def given_again(prepared: Prepared, photos: Path, out: Path, *words: str) -> tuple[float, dict[str, float], str]:
+def given_again(
+    prepared: Prepared, photos: Path, out: Path, *words: str
+) -> tuple[float, dict[str, float], str]:
     """A copy of the result with the scale given by these words: metres by metres of truth, the record, what is said."""
     if not out.exists():
         shutil.copytree(prepared.out, out)
@@ -187,13 +207,18 @@ def words_of_scale(how: str, tmp_path: Path, prepared: Prepared) -> list[str]:
         pixels = [str(p + 0.5) for point in at for p in point]
         return ["--length", NAMES[1], *pixels, str(FAR * np.linalg.norm(ends[0] - ends[1]))]
     down = np.array([0.3, 0.6, -0.74162])  # of length 1
-    rows = [f"{name},{40 + FAR * place @ down:.4f}" for name, place in zip(NAMES, np.array(PLACES), strict=True)]
+    rows = [
+        f"{name},{40 + FAR * place @ down:.4f}"
+        for name, place in zip(NAMES, np.array(PLACES), strict=True)
+    ]
     (tmp_path / "track.csv").write_text("\n".join(["image,depth", *rows]))
     return ["--depth-track", str(tmp_path / "track.csv")]
 
 
 @pytest.mark.parametrize("how", ["length", "depth-track"])
-def test_every_way_to_give_the_scale_makes_metres(how: str, prepared: Prepared, photos: Path, tmp_path: Path):
+def test_every_way_to_give_the_scale_makes_metres(
+    how: str, prepared: Prepared, photos: Path, tmp_path: Path
+):
     words = words_of_scale(how, tmp_path, prepared)
     ratio, scale, said = given_again(prepared, photos, tmp_path / "out", *words)
     assert ratio == pytest.approx(FAR, rel=0.02)
@@ -201,8 +226,12 @@ def test_every_way_to_give_the_scale_makes_metres(how: str, prepared: Prepared, 
     factor = scale["metres_per_unit"]
     assert factor == pytest.approx(FAR * prepared.scale.metres_per_unit, rel=0.02)
     assert f"{factor:.3g}"[:4] in said.partition("scale    ")[2].partition("\n")[0]
-    assert float(said.partition("focal length ")[2].split()[0]) == pytest.approx(FOCAL / WIDTH, rel=0.03)
-    left_out = [line.split(":")[0].split()[-1] for line in said.splitlines() if line.startswith("left out")]
+    assert float(said.partition("focal length ")[2].split()[0]) == pytest.approx(
+        FOCAL / WIDTH, rel=0.03
+    )
+    left_out = [
+        line.split(":")[0].split()[-1] for line in said.splitlines() if line.startswith("left out")
+    ]
     assert left_out == ["cut.png", "else.png"]
 
 
@@ -242,7 +271,11 @@ def test_the_record_holds_values_as_they_are(prepared: Prepared):
     assert record["options"]["max_size"] == 0
     assert record["options"]["masks"].endswith("masks")
     (camera,) = record["cameras"].values()
-    assert (camera["model"], camera["width"], camera["order"]) == ("SIMPLE_RADIAL", WIDTH, ["f", "cx", "cy", "k"])
+    assert (camera["model"], camera["width"], camera["order"]) == (
+        "SIMPLE_RADIAL",
+        WIDTH,
+        ["f", "cx", "cy", "k"],
+    )
     assert camera["params"][0] == pytest.approx(FOCAL, rel=0.03)
     assert camera["params"][3] == pytest.approx(DISTORTION[0], abs=0.03)
     assert read_record(prepared.out) is not None
@@ -280,7 +313,10 @@ def test_equal_photos_give_an_equal_model_and_progress_counts_each_once_where_ma
     with progress.watched_by(steps := Lines()):
         mapped = mapping.map_photos(photos, tmp_path / "out", RULES)
     assert steps.steps["placing photos"] == len(mapped.registered) == 4
-    models = [[path.read_bytes() for path in sorted(one.model.glob("*.bin"))] for one in (mapped, straight)]
+    models = [
+        [path.read_bytes() for path in sorted(one.model.glob("*.bin"))]
+        for one in (mapped, straight)
+    ]
     assert len(models[0]) >= 3
     assert models[0] == models[1]
 
@@ -300,10 +336,14 @@ def test_mapping_starts_from_the_focal_length_in_exif_and_finds_the_true_one(tmp
     import pycolmap
 
     tags = Image.Exif()
-    tags.get_ifd(IFD.Exif)[Base.FocalLengthIn35mmFilm] = 24  # in air; the port of a housing makes it 1.33 times longer
+    tags.get_ifd(IFD.Exif)[Base.FocalLengthIn35mmFilm] = (
+        24  # in air; the port of a housing makes it 1.33 times longer
+    )
     (tmp_path / "photos").mkdir()
     for i, pose in enumerate(POSES[:4]):
-        Image.fromarray(photograph(pose)).save(tmp_path / "photos" / f"{i}.jpg", quality=95, exif=tags)
+        Image.fromarray(photograph(pose)).save(
+            tmp_path / "photos" / f"{i}.jpg", quality=95, exif=tags
+        )
     found = find_photos(tmp_path / "photos", None, 0, tmp_path)[0]
     mapped = mapping.map_photos(found, tmp_path / "work", RULES)
     with pycolmap.Database.open(mapped.model.parent / "database.db") as opened:
@@ -311,7 +351,9 @@ def test_mapping_starts_from_the_focal_length_in_exif_and_finds_the_true_one(tmp
     assert camera.mean_focal_length() / WIDTH == pytest.approx(24 / 36, rel=0.05)
     outputs = {photo.output: photo for photo in found}
     undistort(outputs, mapped.model, tmp_path / "images", tmp_path / "masks", tmp_path / "pinhole")
-    assert is_jpeg(tmp_path / "images" / "0.png"), "a method must know that its colours are a JPEG's"
+    assert is_jpeg(tmp_path / "images" / "0.png"), (
+        "a method must know that its colours are a JPEG's"
+    )
     lens = read_model(mapped.model, tmp_path, distorted=True)[0].lens
     assert lens is not None
     assert lens.camera.K[0, 0] == pytest.approx(FOCAL, rel=0.03)
@@ -326,9 +368,13 @@ def test_mapping_starts_from_the_focal_length_in_exif_and_finds_the_true_one(tmp
         (["--focal", "1", "--model", "sparse"], "--model"),
     ],
 )
-def test_a_focal_length_that_no_camera_has_is_refused(words: list[str], fault: str, photos: Path, tmp_path: Path):
+def test_a_focal_length_that_no_camera_has_is_refused(
+    words: list[str], fault: str, photos: Path, tmp_path: Path
+):
     with pytest.raises(InputError, match="--focal") as refused:
-        CliRunner().invoke(command, [str(photos / "photos"), str(tmp_path / "o"), *words], catch_exceptions=False)
+        CliRunner().invoke(
+            command, [str(photos / "photos"), str(tmp_path / "o"), *words], catch_exceptions=False
+        )
     assert fault in str(refused.value)
     assert not (tmp_path / "o").exists()
 
@@ -368,7 +414,10 @@ def test_a_command_stopped_in_features_or_matches_goes_on_and_finds_the_same(
             with pytest.raises(_StoppedError):
                 mapping.map_photos(photos, tmp_path / "two", RULES)
         with pycolmap.Database.open(tmp_path / "two" / "usual" / "database.db") as opened:
-            found = sum(opened.num_keypoints_for_image(image.image_id) > 1 for image in opened.read_all_images())
+            found = sum(
+                opened.num_keypoints_for_image(image.image_id) > 1
+                for image in opened.read_all_images()
+            )
             counts.append((found, opened.num_matched_image_pairs()))
     assert [found for found, _ in counts] == [2, 2, 4], "features that were found stay"
     assert counts[-1][1] == 2
@@ -381,11 +430,18 @@ def test_a_command_stopped_in_features_or_matches_goes_on_and_finds_the_same(
         images = one.read_all_images()
         assert [image.name for image in images] == [image.name for image in two.read_all_images()]
         for image in images:
-            np.testing.assert_array_equal(one.read_keypoints(image.image_id), two.read_keypoints(image.image_id))
+            np.testing.assert_array_equal(
+                one.read_keypoints(image.image_id), two.read_keypoints(image.image_id)
+            )
         # Not to the match: neighbours are sought by an approximate index, on several threads.
-        counts_of = [dict(zip(*base.read_two_view_geometry_num_inliers(), strict=True)) for base in (one, two)]
+        counts_of = [
+            dict(zip(*base.read_two_view_geometry_num_inliers(), strict=True))
+            for base in (one, two)
+        ]
         assert counts_of[0] == pytest.approx(counts_of[1], abs=10)
-    monkeypatch.setattr(pycolmap, "incremental_mapping", None)  # what was mapped is not mapped again
+    monkeypatch.setattr(
+        pycolmap, "incremental_mapping", None
+    )  # what was mapped is not mapped again
     assert mapping.map_photos(photos, tmp_path / "two", RULES) == resumed
 
 
@@ -412,7 +468,10 @@ def test_a_command_stopped_while_writing_leaves_one_scale(
 def test_a_model_that_the_disk_cuts_short_is_an_error(prepared: Prepared, tmp_path: Path):
     import pycolmap
 
-    model, unlimited = pycolmap.Reconstruction(prepared.out / "sparse"), resource.getrlimit(resource.RLIMIT_FSIZE)
+    model, unlimited = (
+        pycolmap.Reconstruction(prepared.out / "sparse"),
+        resource.getrlimit(resource.RLIMIT_FSIZE),
+    )
     for size in (0, 4096):
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, unlimited[1]))
         try:
@@ -424,7 +483,9 @@ def test_a_model_that_the_disk_cuts_short_is_an_error(prepared: Prepared, tmp_pa
     assert len(read_shots(tmp_path)) == len(NAMES)
 
 
-def test_without_its_notes_a_prepared_folder_is_refused_in_words(prepared: Prepared, photos: Path, tmp_path: Path):
+def test_without_its_notes_a_prepared_folder_is_refused_in_words(
+    prepared: Prepared, photos: Path, tmp_path: Path
+):
     shutil.copytree(prepared.out, tmp_path / "out", ignore=shutil.ignore_patterns(".prepare"))
     with pytest.raises(InputError, match=r"no \.prepare "):
         prepare(photos / "photos", tmp_path / "out", Options(masks=photos / "masks"))
@@ -438,7 +499,11 @@ def test_what_no_pinhole_sees_leaves_the_model_and_its_figures_are_numbers(
     rays = Lens.rays
 
     def folded(lens: Lens, pixels: Array) -> Array:  # as of a lens that images nothing further out
-        return np.where(np.hypot(*(pixels - (WIDTH / 2, HEIGHT / 2)).T)[:, None] < 68, rays(lens, pixels), np.nan)
+        return np.where(
+            np.hypot(*(pixels - (WIDTH / 2, HEIGHT / 2)).T)[:, None] < 68,
+            rays(lens, pixels),
+            np.nan,
+        )
 
     for lens in {id(p.lens): p.lens for p in posed.values()}.values():
         assert lens.pinhole.width == WIDTH  # found before
@@ -456,4 +521,8 @@ def test_what_no_pinhole_sees_leaves_the_model_and_its_figures_are_numbers(
     import pycolmap
 
     known = pycolmap.Reconstruction(tmp_path / "some")
-    assert all(np.isfinite(p.xy).all() for number in known.reg_image_ids() for p in known.image(number).points2D)
+    assert all(
+        np.isfinite(p.xy).all()
+        for number in known.reg_image_ids()
+        for p in known.image(number).points2D
+    )

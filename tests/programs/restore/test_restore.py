@@ -37,10 +37,16 @@ def seabed(seed: int, height: int = 60, width: int = 80) -> np.ndarray:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    return {file.relative_to(folder).as_posix(): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+    return {
+        file.relative_to(folder).as_posix(): file.read_bytes()
+        for file in folder.rglob("*")
+        if file.is_file()
+    }
 
 
-def test_single_photographs_come_back_under_their_names_and_a_damaged_one_costs_itself(tmp_path: Path, bench: Bench):
+def test_single_photographs_come_back_under_their_names_and_a_damaged_one_costs_itself(
+    tmp_path: Path, bench: Bench
+):
     photos, out = tmp_path / "photos", tmp_path / "out"
     write_image(photos / "day 1/a.JPG", seabed(0))
     write_image(photos / "day 1/a.png", (seabed(1).astype(np.uint16) << 8) + 7)
@@ -65,10 +71,14 @@ def test_single_photographs_come_back_under_their_names_and_a_damaged_one_costs_
         assert sheet.width > 600
     assert contents(photos) == before
 
-    times = {name: (out / "pictures" / name).stat().st_mtime_ns for name in made if name != "b\n1.tif"}
+    times = {
+        name: (out / "pictures" / name).stat().st_mtime_ns for name in made if name != "b\n1.tif"
+    }
     (out / "pictures/b\n1.tif").unlink()
     assert bench("restore", "photos", "out", "--method", "gray_world").returncode == 1
-    assert {name: (out / "pictures" / name).stat().st_mtime_ns for name in times} == times, "nothing is done twice"
+    assert {name: (out / "pictures" / name).stat().st_mtime_ns for name in times} == times, (
+        "nothing is done twice"
+    )
     assert contents(out / "pictures") == made
 
 
@@ -77,8 +87,15 @@ def test_a_dive_is_whole_in_the_formats_of_its_photographs(tmp_path: Path, bench
     dive, photos = write_dive(tmp_path / "dive", ("a.png", "b.png")), tmp_path / "photos"
     for seed, name in enumerate(("a.jpg", "b.jpg", "c.jpg")):
         write_image(photos / name, picture(seed))
-    parameters = {"model": "SIMPLE_RADIAL", "width": 40, "height": 30, "params": [48.0, 20.5, 14.5, -0.02]}
-    (dive / "prepare.json").write_text(json.dumps({"photos": str(photos), "cameras": {"1": parameters}}))
+    parameters = {
+        "model": "SIMPLE_RADIAL",
+        "width": 40,
+        "height": 30,
+        "params": [48.0, 20.5, 14.5, -0.02],
+    }
+    (dive / "prepare.json").write_text(
+        json.dumps({"photos": str(photos), "cameras": {"1": parameters}})
+    )
     done = bench("restore", "dive", "out", "--method", "dive_gray_world", "method.fewest=10")
     assert done.returncode == 0, done.stderr
     assert "3 of 3 pictures" in done.stdout
@@ -87,7 +104,15 @@ def test_a_dive_is_whole_in_the_formats_of_its_photographs(tmp_path: Path, bench
     for name in ("a.jpg", "b.jpg"):
         first_column = cv2.imread(str(tmp_path / "out/pictures" / name))[:, 0]
         assert (first_column.max(axis=-1) > 20).mean() > 0.9, "pixels without depth are no holes"
-    blocks = ("restore", "dive", "blocks", "--method", "dive_gray_world", "method.fewest=10", "shard.count=2")
+    blocks = (
+        "restore",
+        "dive",
+        "blocks",
+        "--method",
+        "dive_gray_world",
+        "method.fewest=10",
+        "shard.count=2",
+    )
     assert bench(*blocks, "workers=0").returncode == 0
     assert contents(tmp_path / "blocks/pictures") == contents(tmp_path / "out/pictures")
 
@@ -116,14 +141,18 @@ class Unsure:
 """
 
 
-def test_a_method_that_fails_is_named_with_the_one_that_replaced_it(tmp_path: Path, bench: Bench) -> None:
+def test_a_method_that_fails_is_named_with_the_one_that_replaced_it(
+    tmp_path: Path, bench: Bench
+) -> None:
     write_dive(tmp_path / "dive", ("a.png", "b.png"))
     (tmp_path / "broken.py").write_text(BROKEN)
     words = ("--plugin", "broken.py", "--method", "broken", "--single-view", "gray_world")
     done = bench("restore", "dive", "out", *words)
     assert done.returncode == 1
     assert sorted(contents(tmp_path / "out/pictures")) == ["a.png", "b.png"]
-    assert all(text in done.stdout for text in ("broken", "2 photographs", "gray_world", "no light at all"))
+    assert all(
+        text in done.stdout for text in ("broken", "2 photographs", "gray_world", "no light at all")
+    )
     assert "without a place" not in done.stdout
     done = bench("restore", "dive", "unsure", "--plugin", "broken.py", "--method", "unsure")
     assert done.returncode == 0, done.stderr
@@ -143,19 +172,26 @@ def test_photographs_and_files_of_others_are_safe(tmp_path: Path, bench: Bench, 
     assert contents(tmp_path) == before
 
 
-def test_out_of_other_photographs_is_refused_and_other_options_write_again(tmp_path: Path, bench: Bench) -> None:
+def test_out_of_other_photographs_is_refused_and_other_options_write_again(
+    tmp_path: Path, bench: Bench
+) -> None:
     for folder in ("photos", "more"):
         write_image(tmp_path / folder / "a.jpg", seabed(len(folder)))
     assert bench("restore", "photos", "out", "--method", "gray_world").returncode == 0
     first = contents(tmp_path / "out/pictures")
     assert bench("restore", "more", "out", "--method", "gray_world").returncode == 2
     assert contents(tmp_path / "out/pictures") == first
-    assert bench("restore", "photos", "out", "--method", "gray_world", "--quality", "40").returncode == 0
+    assert (
+        bench("restore", "photos", "out", "--method", "gray_world", "--quality", "40").returncode
+        == 0
+    )
     assert len(contents(tmp_path / "out/pictures")["a.jpg"]) < len(first["a.jpg"])
 
 
 @pytest.mark.parametrize("word", ["out=here", "first=1", "sucre.fill=true"])
-def test_a_word_that_is_no_option_of_dataset_or_method_is_refused(tmp_path: Path, bench: Bench, word: str) -> None:
+def test_a_word_that_is_no_option_of_dataset_or_method_is_refused(
+    tmp_path: Path, bench: Bench, word: str
+) -> None:
     write_image(tmp_path / "photos/a.jpg", seabed(0))
     done = bench("restore", "photos", "out", "--method", "gray_world", word)
     assert done.returncode == 2
@@ -163,15 +199,21 @@ def test_a_word_that_is_no_option_of_dataset_or_method_is_refused(tmp_path: Path
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("word", ["workers=-1", "workers=abc", *(f"shard.count={n}" for n in ("-2", "0", "1,2", "x"))])
-def test_a_number_of_workers_or_blocks_that_is_none_is_refused(tmp_path: Path, bench: Bench, word: str) -> None:
+@pytest.mark.parametrize(
+    "word", ["workers=-1", "workers=abc", *(f"shard.count={n}" for n in ("-2", "0", "1,2", "x"))]
+)
+def test_a_number_of_workers_or_blocks_that_is_none_is_refused(
+    tmp_path: Path, bench: Bench, word: str
+) -> None:
     write_image(tmp_path / "photos/a.jpg", seabed(0))
     (line,) = bench("restore", "photos", "out", "--method", "gray_world", word).errors
     assert word in line
     assert "shard.index" not in line
 
 
-def test_photographs_that_overlap_are_prepared_and_restored_together(tmp_path: Path, bench: Bench) -> None:
+def test_photographs_that_overlap_are_prepared_and_restored_together(
+    tmp_path: Path, bench: Bench
+) -> None:
     names = NAMES[:4]
     for name, pose in zip(names, POSES[:4], strict=True):
         write_image(tmp_path / "photos" / name, photograph(pose))
@@ -181,12 +223,18 @@ def test_photographs_that_overlap_are_prepared_and_restored_together(tmp_path: P
     assert "4 of 4 pictures" in done.stdout
     assert sorted(contents(tmp_path / "out/pictures")) == sorted(names)
     for name in names:  # edges lie where the distorting camera saw them
-        before, after = (cv2.imread(str(tmp_path / folder / name), 0) for folder in ("photos", "out/pictures"))
-        (x, y), _ = cv2.phaseCorrelate(*(cv2.Laplacian(one.astype(np.float32), cv2.CV_32F) for one in (before, after)))
+        before, after = (
+            cv2.imread(str(tmp_path / folder / name), 0) for folder in ("photos", "out/pictures")
+        )
+        (x, y), _ = cv2.phaseCorrelate(
+            *(cv2.Laplacian(one.astype(np.float32), cv2.CV_32F) for one in (before, after))
+        )
         assert np.hypot(x, y) < 0.3
     first = (tmp_path / "out/pictures" / NAMES[0]).stat().st_mtime_ns
     assert bench(*words).returncode == 0
-    assert (tmp_path / "out/pictures" / NAMES[0]).stat().st_mtime_ns == first, "nothing is done twice"
+    assert (tmp_path / "out/pictures" / NAMES[0]).stat().st_mtime_ns == first, (
+        "nothing is done twice"
+    )
 
     corners = [[10, 10], [60, 10], [60, 50], [10, 50]]
     images = tmp_path / "out/work/dive/images"
@@ -196,14 +244,18 @@ def test_photographs_that_overlap_are_prepared_and_restored_together(tmp_path: P
     restored = contents(tmp_path / "out/work/results/restored")
     assert bench(*words).returncode == 0
     assert contents(tmp_path / "out/work/results/restored") == restored
-    assert (tmp_path / "out/pictures" / NAMES[0]).stat().st_mtime_ns == first, "a chart changes no picture"
+    assert (tmp_path / "out/pictures" / NAMES[0]).stat().st_mtime_ns == first, (
+        "a chart changes no picture"
+    )
 
     write_image(tmp_path / "more/a.png", seabed(1))
     write_image(tmp_path / "more/b.png", seabed(1))
     before = contents(tmp_path / "out")
     done = bench("restore", "more", "out", "--method", "dive_gray_world")
     assert done.returncode == 2
-    assert contents(tmp_path / "out") == before, "other photographs are refused before they are prepared"
+    assert contents(tmp_path / "out") == before, (
+        "other photographs are refused before they are prepared"
+    )
 
 
 PICTURE = np.random.default_rng(1).integers(0, 65535, (24, 36, 3), dtype=np.uint16)
@@ -227,7 +279,9 @@ def noted(kind: str) -> bytes:
     tags.load(exif().tobytes())
     if kind == "TIFF":
         tags[700], more = XMP, {}
-    image.save(file, kind, exif=tags if kind == "TIFF" else exif().tobytes(), icc_profile=PROFILE, **more)
+    image.save(
+        file, kind, exif=tags if kind == "TIFF" else exif().tobytes(), icc_profile=PROFILE, **more
+    )
     return file.getvalue()
 
 
@@ -241,14 +295,19 @@ def test_exif_gps_xmp_and_profile_are_kept(kind: str) -> None:
         assert tags.get_ifd(0x8769)[37500] == b"maker note"
         assert image.info["icc_profile"] == PROFILE
         assert XMP in made
-        assert kind != "TIFF" or struct.pack("<HH", 37500, 7) in made, "bytes of no type, as the photograph's"
+        assert kind != "TIFF" or struct.pack("<HH", 37500, 7) in made, (
+            "bytes of no type, as the photograph's"
+        )
 
 
 @pytest.mark.parametrize("kind", ["PNG", "TIFF"])
 @pytest.mark.parametrize("bits", [8, 16])
 def test_png_and_tiff_lose_no_level(tmp_path: Path, kind: str, bits: int) -> None:
     """Nor are they turned, though their orientation says so: viewers turn them, as they turn the photograph."""
-    picture, file = PICTURE if bits == 16 else (PICTURE >> 8).astype(np.uint8), tmp_path / f"a.{kind.lower()}"
+    picture, file = (
+        PICTURE if bits == 16 else (PICTURE >> 8).astype(np.uint8),
+        tmp_path / f"a.{kind.lower()}",
+    )
     file.write_bytes(encoded(picture, noted(kind), 95))
     assert (np.rint(read_rgb(file) * (2**bits - 1)) == picture).all()
 
@@ -256,9 +315,16 @@ def test_png_and_tiff_lose_no_level(tmp_path: Path, kind: str, bits: int) -> Non
 def test_a_tiff_of_16_bits_stays_one(tmp_path: Path) -> None:
     file = tmp_path / "a.tif"
     iptc = b"\x1c\x02\x19\x00\x04reef\x00\x00\x00"
-    tags = [(700, 1, len(XMP), XMP, True), (33550, 12, 3, (0.5, 0.5, 0.0), True)]  # GeoTIFF's size of a pixel
-    tags.append((33723, 4, 3, struct.unpack("<3I", iptc), True))  # keywords, as exiftool writes them
-    tifffile.imwrite(file, PICTURE, photometric="rgb", compression="zlib", iccprofile=PROFILE, extratags=tags)
+    tags = [
+        (700, 1, len(XMP), XMP, True),
+        (33550, 12, 3, (0.5, 0.5, 0.0), True),
+    ]  # GeoTIFF's size of a pixel
+    tags.append(
+        (33723, 4, 3, struct.unpack("<3I", iptc), True)
+    )  # keywords, as exiftool writes them
+    tifffile.imwrite(
+        file, PICTURE, photometric="rgb", compression="zlib", iccprofile=PROFILE, extratags=tags
+    )
     assert bits_of(file) == 16
     content = encoded(PICTURE[::-1], file.read_bytes(), 95)
     assert iptc in content
@@ -275,17 +341,25 @@ def test_the_preview_of_the_photograph_goes() -> None:
     Image.fromarray(np.zeros((12, 18, 3), np.uint8)).save(small, "JPEG")
     order, first, second = b"II*\x00\x08\x00\x00\x00", 1, 2
     at = 8 + 2 + 12 * first + 4
-    directory = first.to_bytes(2, "little") + b"\x0f\x01\x02\x00\x04\x00\x00\x00GoP\x00" + at.to_bytes(4, "little")
+    directory = (
+        first.to_bytes(2, "little")
+        + b"\x0f\x01\x02\x00\x04\x00\x00\x00GoP\x00"
+        + at.to_bytes(4, "little")
+    )
     place = at + 2 + 12 * second + 4
     preview = second.to_bytes(2, "little")
     for tag, value in ((513, place), (514, len(small.getvalue()))):
-        preview += tag.to_bytes(2, "little") + b"\x04\x00\x01\x00\x00\x00" + value.to_bytes(4, "little")
+        preview += (
+            tag.to_bytes(2, "little") + b"\x04\x00\x01\x00\x00\x00" + value.to_bytes(4, "little")
+        )
     body = b"Exif\x00\x00" + order + directory + preview + bytes(4) + small.getvalue()
     file = io.BytesIO()
     Image.fromarray(np.zeros((24, 36, 3), np.uint8)).save(file, "JPEG", exif=body)
     with Image.open(io.BytesIO(file.getvalue())) as image:
         assert image.getexif().get_ifd(IFD.IFD1)  # the photograph has one
-    with Image.open(io.BytesIO(encoded((PICTURE >> 8).astype(np.uint8), file.getvalue(), 95))) as image:
+    with Image.open(
+        io.BytesIO(encoded((PICTURE >> 8).astype(np.uint8), file.getvalue(), 95))
+    ) as image:
         assert image.getexif()[271] == "GoP"
         assert not image.getexif().get_ifd(IFD.IFD1)
 
@@ -293,38 +367,50 @@ def test_the_preview_of_the_photograph_goes() -> None:
 def test_a_profile_of_gray_is_not_given_to_colours() -> None:
     file, gray = io.BytesIO(), PROFILE[:16] + b"GRAY" + PROFILE[20:]
     Image.fromarray(np.zeros((24, 36), np.uint8)).save(file, "JPEG", icc_profile=gray)
-    with Image.open(io.BytesIO(encoded((PICTURE >> 8).astype(np.uint8), file.getvalue(), 95))) as image:
+    with Image.open(
+        io.BytesIO(encoded((PICTURE >> 8).astype(np.uint8), file.getvalue(), 95))
+    ) as image:
         assert image.mode == "RGB"
         assert "icc_profile" not in image.info
 
 
 def test_holes_show_the_photograph_in_the_colours_at_the_rim() -> None:
     y, x = np.mgrid[:90, :120] / 120
-    photograph = np.stack([0.2 + 0.1 * x, 0.4 + 0.1 * y, 0.5 + 0.1 * np.sin(9 * x)], axis=-1).astype(np.float32)
+    photograph = np.stack(
+        [0.2 + 0.1 * x, 0.4 + 0.1 * y, 0.5 + 0.1 * np.sin(9 * x)], axis=-1
+    ).astype(np.float32)
     restored = photograph + np.array([0.2, -0.1, -0.2], np.float32)
     known = np.ones((90, 120), bool)
     known[30:60, 50:] = False
     made = whole(np.where(known[..., None], restored, 0), known, photograph)
     assert (made[known] == restored[known]).all()
-    np.testing.assert_allclose(made, restored, atol=0.002)  # no step at the rim, and the photograph's detail
+    np.testing.assert_allclose(
+        made, restored, atol=0.002
+    )  # no step at the rim, and the photograph's detail
 
 
 def test_without_any_colour_the_photograph_is_left() -> None:
     photograph = np.full((8, 9, 3), 0.3, np.float32)
-    assert (whole(np.zeros_like(photograph), np.zeros((8, 9), bool), photograph) == photograph).all()
+    assert (
+        whole(np.zeros_like(photograph), np.zeros((8, 9), bool), photograph) == photograph
+    ).all()
 
 
 def test_open_water_stays_as_photographed_and_holes_in_the_ground_do_not() -> None:
     rng = np.random.default_rng(0)
     y, x = np.mgrid[:300, :400]
     ground = (y > 120)[..., None]
-    photograph = np.where(ground, [0.3, 0.4, 0.4] + 0.1 * rng.standard_normal((300, 400, 1)), [0.1, 0.5, 0.6])
+    photograph = np.where(
+        ground, [0.3, 0.4, 0.4] + 0.1 * rng.standard_normal((300, 400, 1)), [0.1, 0.5, 0.6]
+    )
     photograph = cv2.GaussianBlur(photograph.astype(np.float32), (0, 0), 1.5).clip(0, 1)
     measured = ground[..., 0] & ((x - 200) ** 2 + (y - 220) ** 2 > 30**2)
     picture = photograph + np.array([0.3, -0.1, -0.2], np.float32)
     false = (x - 200) ** 2 + (y - 40) ** 2 < 8**2  # 50 cells of depth that stands in the water
     made = with_open_water(picture, measured | false, photograph)
-    assert (made[measured] == picture[measured]).mean() > 0.98  # a cell of the rim may be mostly water
+    assert (
+        made[measured] == picture[measured]
+    ).mean() > 0.98  # a cell of the rim may be mostly water
     np.testing.assert_allclose(made[:80], photograph[:80], atol=0.02)
     np.testing.assert_allclose(made[140:], picture[140:], atol=0.02)
 
@@ -333,7 +419,9 @@ def test_murk_above_the_ground_does_not_take_its_change() -> None:
     rng = np.random.default_rng(0)
     is_ground = np.mgrid[:300, :400][0] > 120
     ground = [0.3, 0.4, 0.4] + 0.1 * rng.standard_normal((300, 400, 1))
-    photograph = np.where(is_ground[..., None], ground, [0.4, 0.45, 0.45])  # more red than ground has
+    photograph = np.where(
+        is_ground[..., None], ground, [0.4, 0.45, 0.45]
+    )  # more red than ground has
     photograph = cv2.GaussianBlur(photograph.astype(np.float32), (0, 0), 1.5).clip(0, 1)
     change = np.array([0.3, -0.1, -0.2], np.float32)
     made = with_open_water(photograph + change, is_ground, photograph)
@@ -351,8 +439,15 @@ def test_every_fault_that_the_eye_sees_stands_beside_its_picture(
     image = tmp_path / "pictures" / "a.png"
     image.parent.mkdir()
     Image.new("RGB", (9, 8)).save(image)
-    measured = {"beta": [0.1] * 3, "solver": "exact", "judged": [{"held_out": 0.5}], "below_zero": []}
-    one = Restored("a.png", image, view, image, None, None, "sucre_plus", 1.0, (), measured, is_of_dive=True)
+    measured = {
+        "beta": [0.1] * 3,
+        "solver": "exact",
+        "judged": [{"held_out": 0.5}],
+        "below_zero": [],
+    }
+    one = Restored(
+        "a.png", image, view, image, None, None, "sucre_plus", 1.0, (), measured, is_of_dive=True
+    )
     (assessed,) = trust.assess([one], tmp_path, original_geometry=False)
     assert assessed.trust is not trust.Trust.GOOD
     assert len(assessed.reasons) == 1
@@ -360,7 +455,11 @@ def test_every_fault_that_the_eye_sees_stands_beside_its_picture(
 
 
 def test_a_picture_comes_back_as_the_camera_saw_it() -> None:
-    lens = Lens(Camera(np.array([[200.0, 0, 118], [0, 205, 92], [0, 0, 1]]), 240, 180), "perspective", (-0.15,))
+    lens = Lens(
+        Camera(np.array([[200.0, 0, 118], [0, 205, 92], [0, 0, 1]]), 240, 180),
+        "perspective",
+        (-0.15,),
+    )
     noise = np.random.default_rng(0).random((12, 16, 3)).astype(np.float32)
     photograph = cv2.resize(noise, (240, 180), interpolation=cv2.INTER_CUBIC).clip(0, 1)
     straight = lens.resampled(photograph, lens.pinhole)

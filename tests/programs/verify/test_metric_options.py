@@ -28,7 +28,13 @@ class Bright:
 """
 
 
-MADE = ("dataset=demo", "dataset.width=64", "dataset.height=48", "dataset.views=2", "metrics=[bright]")
+MADE = (
+    "dataset=demo",
+    "dataset.width=64",
+    "dataset.height=48",
+    "dataset.views=2",
+    "metrics=[bright]",
+)
 RUNS = [
     ("results", "gray_world", "above=0.5"),
     ("results", "underwater", "above=0.6"),  # the folder has scores with both thresholds
@@ -43,20 +49,32 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "bright.py").write_text(BRIGHT)
     (place / "table.txt").write_text("")
     for out, method, option in RUNS:
-        words = (*MADE, f"method={method}", f"metrics.bright.{option}", "tracking.uri=off", "report=false")
+        words = (
+            *MADE,
+            f"method={method}",
+            f"metrics.bright.{option}",
+            "tracking.uri=off",
+            "report=false",
+        )
         done = run_here(place, "run", "--plugin", "bright.py", *words, f"out={out}")
         assert done.returncode == 0, done.stderr
     for out in ("results", "other"):
-        assert run_here(place, "bundle", out, f"{out}.zip", "--pictures", "restored").returncode == 0
+        assert (
+            run_here(place, "bundle", out, f"{out}.zip", "--pictures", "restored").returncode == 0
+        )
     return place
 
 
-@pytest.mark.parametrize(("bundle", "n_agree", "reason"), [("results", 2, "bright"), ("other", 0, "bright .*file")])
+@pytest.mark.parametrize(
+    ("bundle", "n_agree", "reason"), [("results", 2, "bright"), ("other", 0, "bright .*file")]
+)
 def test_options_of_the_last_run_are_used_but_no_file_is_opened(
     bench: Callable[..., Any], folder: Path, bundle: str, n_agree: int, reason: str
 ):
     """Those of the earlier run are in no file, and no default takes their place."""
-    done = bench("verify", str(folder / f"{bundle}.zip"), "--plugin", str(folder / "bright.py"), "--json")
+    done = bench(
+        "verify", str(folder / f"{bundle}.zip"), "--plugin", str(folder / "bright.py"), "--json"
+    )
     found = json.loads(done.stdout)
     assert (done.returncode, found["n_agree"], found["differing"]) == (0, n_agree, [])
     (said,) = found["unchecked"]

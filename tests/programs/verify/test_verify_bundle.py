@@ -48,10 +48,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("run")
     (place / "half.py").write_text(HALF)
     words = (*SMALL, "method=gray_world,half", "metrics=[psnr,uciqe,coverage,negative]", *QUIET)
-    done = run_here(place, "run", "-m", "--plugin", "half.py", *words, "out=results", "dataset.root=dive")
+    done = run_here(
+        place, "run", "-m", "--plugin", "half.py", *words, "out=results", "dataset.root=dive"
+    )
     assert done.returncode == 0, done.stderr
     for pictures in ("none", "restored", "all"):
-        done = run_here(place, "bundle", "results", f"{pictures}.zip", "--pictures", pictures, "--by", "Jane")
+        done = run_here(
+            place, "bundle", "results", f"{pictures}.zip", "--pictures", pictures, "--by", "Jane"
+        )
         assert done.returncode == 0, done.stderr
     return place
 
@@ -106,10 +110,14 @@ def test_scores_come_out_again_from_the_pictures_and_the_data(bench, bundles: Pa
     assert sum(found["unchecked"].values()) == 4  # negative intensities are not in a picture
 
 
-def test_pixels_that_rounding_moves_over_a_limit_of_faults_do_not_make_a_bundle_differ(tmp_path: Path):
+def test_pixels_that_rounding_moves_over_a_limit_of_faults_do_not_make_a_bundle_differ(
+    tmp_path: Path,
+):
     words = (*MADE, "method=gray_world", "metrics=[faults,saturated_red,seams]", *QUIET)
     assert run_here(tmp_path, "run", *words, "out=results", "dataset.root=dive").returncode == 0
-    assert run_here(tmp_path, "bundle", "results", "b.zip", "--pictures", "restored").returncode == 0
+    assert (
+        run_here(tmp_path, "bundle", "results", "b.zip", "--pictures", "restored").returncode == 0
+    )
     done = run_here(tmp_path, "verify", "b.zip", "--data", "dive", "--json")
     found = json.loads(done.stdout)
     assert (done.returncode, found["differing"]) == (0, [])
@@ -124,7 +132,9 @@ def test_pixels_that_rounding_moves_over_a_limit_of_faults_do_not_make_a_bundle_
 
 
 @pytest.mark.parametrize("size", [True, 1.5, "9", None, float("inf")])
-def test_a_size_that_is_no_whole_number_is_refused_in_a_line(bench, bundles: Path, tmp_path: Path, size: object):
+def test_a_size_that_is_no_whole_number_is_refused_in_a_line(
+    bench, bundles: Path, tmp_path: Path, size: object
+):
     def change(files: dict[str, bytes]) -> None:
         about = json.loads(files["bundle.json"])
         about["outside"] = {"restored/a.png": {"sha256": "0" * 64, "bytes": size}}
@@ -141,7 +151,15 @@ def test_a_size_that_is_no_whole_number_is_refused_in_a_line(bench, bundles: Pat
 def test_bundle_says_which_scores_nobody_can_verify(folder: Path, tmp_path: Path):
     said = {}
     for pictures in ("none", "restored"):
-        done = run_here(folder, "bundle", "results", str(tmp_path / "again.zip"), "--pictures", pictures, "--force")
+        done = run_here(
+            folder,
+            "bundle",
+            "results",
+            str(tmp_path / "again.zip"),
+            "--pictures",
+            pictures,
+            "--force",
+        )
         said[pictures] = re.findall(r"(\d+) of (\w+):\w+", done.stderr)
     assert said == {"none": [], "restored": [("4", "negative")]}, done.stderr
 
@@ -182,8 +200,12 @@ def with_fragile(place: Path, does: str, *words: str) -> Done:
     [("1 / 0", True), ("os._exit(3)", True), ("yield Score(float('nan')); return", False)],
     ids=["raises", "dies", "nan"],
 )
-def test_a_metric_that_cannot_be_tried_costs_no_bundle(fragile: Path, tmp_path: Path, does: str, is_lost: bool):
-    done = with_fragile(tmp_path, does, "bundle", str(fragile / "results"), "b.zip", "--pictures", "restored")
+def test_a_metric_that_cannot_be_tried_costs_no_bundle(
+    fragile: Path, tmp_path: Path, does: str, is_lost: bool
+):
+    done = with_fragile(
+        tmp_path, does, "bundle", str(fragile / "results"), "b.zip", "--pictures", "restored"
+    )
     assert (done.returncode, (tmp_path / "b.zip").is_file()) == (0, True), done.stderr
     assert bool(re.search(r"2 of fragile:", done.stderr)) == is_lost
 
@@ -212,16 +234,24 @@ def test_rounding_to_8_bits_is_no_difference_of_a_patch(bench, charted: Path):
     assert (status, found["differing"], found["unchecked"]) == (0, [], {})
     assert not list((charted / "empty").iterdir()), "made data are kept elsewhere"
     status, found = verified(bench, str(charted / "b.zip"))
-    assert (status, found["n_agree"]) == (0, 0), "the true water is in the data, not in the bundle's records"
+    assert (status, found["n_agree"]) == (0, 0), (
+        "the true water is in the data, not in the bundle's records"
+    )
 
 
 @pytest.mark.parametrize(("metric", "change"), [("de00", 3.0), ("hue", 30.0)])
-def test_a_patch_that_was_flattered_is_found_out(bench, charted: Path, tmp_path: Path, metric: str, change: float):
+def test_a_patch_that_was_flattered_is_found_out(
+    bench, charted: Path, tmp_path: Path, metric: str, change: float
+):
     shutil.copy(charted / "b.zip", tmp_path / "b.zip")
 
     def flatter(rows: pd.DataFrame) -> None:
-        first = rows[(rows["metric"] == metric) & rows["region"].str.contains("/") & (rows["status"] == "ok")].index[0]
-        rows["value"] = rows["value"].where(rows.index != first, pd.to_numeric(rows["value"]) + change)
+        first = rows[
+            (rows["metric"] == metric) & rows["region"].str.contains("/") & (rows["status"] == "ok")
+        ].index[0]
+        rows["value"] = rows["value"].where(
+            rows.index != first, pd.to_numeric(rows["value"]) + change
+        )
 
     rewritten(tmp_path / "b.zip", with_table(flatter))
     status, found = verified(bench, "b.zip", "--data", str(charted / "empty"))
@@ -266,13 +296,17 @@ def test_the_published_id_tells_bundles_apart(bench, bundles: Path):
     assert verified(bench, "restored.zip", "--id", found["id"])[0] == 1
 
 
-def scaled(metric: str, method: str, factor: float, is_common: bool = False) -> Callable[[pd.DataFrame], None]:
+def scaled(
+    metric: str, method: str, factor: float, is_common: bool = False
+) -> Callable[[pd.DataFrame], None]:
     """A change of the scores of a method by a metric, on own pixels or on common ones."""
 
     def of(rows: pd.DataFrame) -> None:
         wanted = (rows["metric"] == metric) & (rows["method"] == method)
         wanted &= rows["variant"].str.endswith("@common") == is_common
-        rows["value"] = pd.to_numeric(rows["value"]).where(~wanted, pd.to_numeric(rows["value"]) * factor)
+        rows["value"] = pd.to_numeric(rows["value"]).where(
+            ~wanted, pd.to_numeric(rows["value"]) * factor
+        )
 
     return of
 
@@ -313,7 +347,9 @@ def test_what_a_forger_changes_is_found_out(bench, bundles: Path, folder: Path, 
     status, found = verified(bench, "restored.zip", "--data", str(folder / "dive"))
     assert status == 1
     if fields:
-        assert {tuple(one[field] for field in fields.split()) for one in found["differing"]} == {expected}
+        assert {tuple(one[field] for field in fields.split()) for one in found["differing"]} == {
+            expected
+        }
     else:
         assert any(expected[0] in fault for fault in found["faults"])
 
@@ -340,7 +376,9 @@ def test_data_that_changed_since_are_named(bench, tmp_path: Path):
 def test_a_bundle_opens_no_files_beside_the_data(bench, bundles: Path, folder: Path, path: str):
     def point_elsewhere(rows: pd.DataFrame) -> None:
         told = json.loads(rows["options"][0])
-        rows["options"] = json.dumps({**told, "dataset": {"name": "colmap", "root": "/", "images": path}})
+        rows["options"] = json.dumps(
+            {**told, "dataset": {"name": "colmap", "root": "/", "images": path}}
+        )
 
     rewritten(bundles / "restored.zip", with_table(point_elsewhere))
     status, found = verified(bench, "restored.zip", "--data", str(folder / "dive"))
@@ -371,7 +409,9 @@ ODD: dict[str, Callable[[pd.DataFrame], Any]] = {
 def test_odd_words_in_a_table_are_faults_and_no_crash(bench, bundles: Path, folder: Path, odd: str):
     rewritten(bundles / "restored.zip", with_table(ODD[odd]))
     done = bench("verify", "restored.zip", "--data", str(folder / "dive"), "--json")
-    assert done.returncode in (1, 2) or json.loads(done.stdout)["unchecked"], "not every score is taken for right"
+    assert done.returncode in (1, 2) or json.loads(done.stdout)["unchecked"], (
+        "not every score is taken for right"
+    )
     assert not (folder / "etc").exists()
 
 
@@ -380,7 +420,13 @@ def test_odd_words_in_a_table_are_faults_and_no_crash(bench, bundles: Path, fold
 )
 def test_odd_records_are_faults_and_no_crash(bench, bundles: Path, record: bytes):
     def replace_records(files: dict[str, bytes]) -> None:
-        files.update({name: record for name in files if name.startswith("restored/") and name.endswith(".json")})
+        files.update(
+            {
+                name: record
+                for name in files
+                if name.startswith("restored/") and name.endswith(".json")
+            }
+        )
 
     rewritten(bundles / "restored.zip", replace_records)
     assert bench("verify", "restored.zip").returncode in (0, 1)
@@ -393,16 +439,28 @@ def test_a_bundle_with_code_can_be_unpacked_and_run(bench, folder: Path, tmp_pat
     with zipfile.ZipFile(tmp_path / "code.zip") as archive:
         archive.extractall(tmp_path / "unpacked")
     assert verified(bench, "code.zip")[0] == 0
-    run = run_here(tmp_path / "unpacked", "run", "experiment.yaml", "out=again", "dataset=demo", "first=1", *QUIET)
+    run = run_here(
+        tmp_path / "unpacked",
+        "run",
+        "experiment.yaml",
+        "out=again",
+        "dataset=demo",
+        "first=1",
+        *QUIET,
+    )
     assert run.returncode == 0, run.stderr
     assert "half" in run.stdout
 
 
-def test_plugin_files_that_a_configuration_names_are_not_loaded(bench, bundles: Path, tmp_path: Path):
+def test_plugin_files_that_a_configuration_names_are_not_loaded(
+    bench, bundles: Path, tmp_path: Path
+):
     (tmp_path / "evil.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w').close()\n")
 
     def name_it(files: dict[str, bytes]) -> None:
-        files["config.yaml"] = f"plugins: [{tmp_path / 'evil.py'}]\nx: !!python/object/apply:os.system [id]".encode()
+        files["config.yaml"] = (
+            f"plugins: [{tmp_path / 'evil.py'}]\nx: !!python/object/apply:os.system [id]".encode()
+        )
 
     rewritten(bundles / "all.zip", name_it)
     assert verified(bench, "all.zip")[0] == 0
@@ -419,7 +477,9 @@ def test_a_bundle_is_compared_like_the_folder_it_is_of(bench, bundles: Path, fol
     assert tables["own"] != tables["common"]
 
 
-def test_a_picture_that_is_gone_cannot_be_bundled(bench, bundles: Path, folder: Path, tmp_path: Path):
+def test_a_picture_that_is_gone_cannot_be_bundled(
+    bench, bundles: Path, folder: Path, tmp_path: Path
+):
     shutil.copytree(folder / "results", tmp_path / "results")
     (tmp_path / "results" / "restored" / "demo" / "gray_world" / "view_001.png").unlink()
     done = bench("bundle", "results", "again.zip")

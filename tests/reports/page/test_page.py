@@ -59,17 +59,30 @@ class Page(HTMLParser):
 
     @property
     def datasets(self) -> list[dict[str, Any]]:
-        return [json.loads(text) for attributes, text in self.scripts if attributes.get("class") == "dataset"]
+        return [
+            json.loads(text)
+            for attributes, text in self.scripts
+            if attributes.get("class") == "dataset"
+        ]
 
     @property
     def figures(self) -> list[dict[str, Any]]:
         """The plots, as Plotly has them."""
-        return [json.loads(text) for attributes, text in self.scripts if attributes == {"type": "application/json"}]
+        return [
+            json.loads(text)
+            for attributes, text in self.scripts
+            if attributes == {"type": "application/json"}
+        ]
 
     def rows(self, table: str) -> list[list[str]]:
         """The cells of the first table of a class: their values for sorting, or their texts."""
-        (body, *_) = re.findall(rf'<table class="{table}">.*?<tbody>(.*?)</tbody>', self.source, re.DOTALL)
-        cells = [re.findall(r"<t[dh]\b([^>]*)>(.*?)</t[dh]>", row, re.DOTALL) for row in body.split("</tr>")]
+        (body, *_) = re.findall(
+            rf'<table class="{table}">.*?<tbody>(.*?)</tbody>', self.source, re.DOTALL
+        )
+        cells = [
+            re.findall(r"<t[dh]\b([^>]*)>(.*?)</t[dh]>", row, re.DOTALL)
+            for row in body.split("</tr>")
+        ]
         return [[cell(*parts) for parts in row] for row in cells if row]
 
     def blocks(self, kind: str) -> dict[str, dict[str, str | None]]:
@@ -77,7 +90,9 @@ class Page(HTMLParser):
 
     def picture(self, name: str) -> np.ndarray:
         (text,) = [text for attributes, text in self.scripts if attributes.get("id") == name]
-        return np.asarray(cv2.imdecode(np.frombuffer(base64.b64decode(text), np.uint8), cv2.IMREAD_UNCHANGED))
+        return np.asarray(
+            cv2.imdecode(np.frombuffer(base64.b64decode(text), np.uint8), cv2.IMREAD_UNCHANGED)
+        )
 
 
 def cell(attributes: str, inner: str) -> str:
@@ -103,9 +118,16 @@ def ran(out: Path, *overrides: str) -> Page:
     return Page(write_page(out, run([*base, *overrides], True).rows))
 
 
-def test_a_run_with_faults_makes_a_page_that_says_what_failed_and_how_it_was_made(toys: str, tmp_path: Path):
+def test_a_run_with_faults_makes_a_page_that_says_what_failed_and_how_it_was_made(
+    toys: str, tmp_path: Path
+):
     page = ran(tmp_path, "method=gain,faulty,needs_charts")
-    for said in ("ValueError: boom", "needs charts", "5 restorations ok, 1 failed, 3 skipped", "sucre-bench run"):
+    for said in (
+        "ValueError: boom",
+        "needs charts",
+        "5 restorations ok, 1 failed, 3 skipped",
+        "sucre-bench run",
+    ):
         assert said in page.text
     (dataset,) = page.datasets
     states = [[r["status"] for r in view["results"]] for view in dataset["views"]]
@@ -114,7 +136,9 @@ def test_a_run_with_faults_makes_a_page_that_says_what_failed_and_how_it_was_mad
     assert len(page.blocks("image/webp")) == 3 + 3 + 5  # views, references, restorations
 
 
-def test_scores_that_many_methods_and_views_lack_stand_together_by_their_reason(toys: str, tmp_path: Path):
+def test_scores_that_many_methods_and_views_lack_stand_together_by_their_reason(
+    toys: str, tmp_path: Path
+):
     base = ["dataset=toy", "metrics=[psi,redness]", "tracking.uri=off", f"out={tmp_path}"]
     page = Page(write_page(tmp_path, run([*base, "method=gain,faulty"], True).rows))
     lacking = [line for line in page.text.splitlines() if ": needs charts" in line]
@@ -124,16 +148,24 @@ def test_scores_that_many_methods_and_views_lack_stand_together_by_their_reason(
 
 def test_the_table_holds_the_means_over_what_all_methods_have_the_best_first(page: Page):
     means = {row[0]: float(row[1]) for row in page.rows("sheet means")}
-    assert means == {name: pytest.approx(np.mean(values[:2])) for name, values in PSNR.items()}  # the third is a hole
+    assert means == {
+        name: pytest.approx(np.mean(values[:2])) for name, values in PSNR.items()
+    }  # the third is a hole
     assert list(means) == ["clever", "plain", "broken"]
     assert '<td class="best " data-value="26.0"' in page.source
 
 
 def test_scores_that_know_no_true_colours_do_not_order_the_methods(page: Page, tmp_path: Path):
     rows = made_results(tmp_path)
-    rows = rows[rows["metric"].isin(["psnr", "seconds"])].replace({"psnr": "uciqe", "masked": "yang2015"})
+    rows = rows[rows["metric"].isin(["psnr", "seconds"])].replace(
+        {"psnr": "uciqe", "masked": "yang2015"}
+    )
     without = Page(write_page(tmp_path, rows))
-    assert [row[0] for row in without.rows("sheet means")] == ["plain", "clever", "broken"]  # as they were asked for
+    assert [row[0] for row in without.rows("sheet means")] == [
+        "plain",
+        "clever",
+        "broken",
+    ]  # as they were asked for
     assert (without.datasets[0]["first"], page.datasets[0]["first"]) == ("plain", "clever")
 
 
@@ -141,7 +173,9 @@ def test_views_have_their_scores_coverage_water_and_truth(page: Page):
     view = page.datasets[0]["views"][1]
     clever = view["results"][1]
     assert clever["scores"]["psnr:masked"] == PSNR["clever"][1]
-    assert clever["covers"] == {"psnr:masked": 0.75}  # what is of charts, or took time, covers nothing
+    assert clever["covers"] == {
+        "psnr:masked": 0.75
+    }  # what is of charts, or took time, covers nothing
     assert {k: clever["water"][k] for k in ESTIMATE} == ESTIMATE
     assert view["truth"] == TRUTH
     assert (clever["record"], clever["limits"]) == ({"steps": 7, "write_seconds": 0.1}, ["flat"])
@@ -150,7 +184,10 @@ def test_views_have_their_scores_coverage_water_and_truth(page: Page):
 
 def test_plots_have_the_numbers_of_the_rows(page: Page):
     figures = page.figures
-    titles = [[f["layout"][axis].get("title", {}).get("text") for axis in ("xaxis", "yaxis")] for f in figures]
+    titles = [
+        [f["layout"][axis].get("title", {}).get("text") for axis in ("xaxis", "yaxis")]
+        for f in figures
+    ]
     cost = figures[titles.index(["seconds a view", "psnr ↑ dB"])]["data"]
     assert [(t["name"], t["x"], t["y"]) for t in cost] == [
         (name, [1.0], [np.mean(values[:2])]) for name, values in PSNR.items()
@@ -160,7 +197,9 @@ def test_plots_have_the_numbers_of_the_rows(page: Page):
     assert errors[0]["y"] == pytest.approx([np.mean(list(DE00.values()))] * 3, abs=1e-4)
 
 
-def test_the_page_may_reach_nothing_outside_and_its_links_lead_to_files(made: tuple[Page, pd.DataFrame, Path]):
+def test_the_page_may_reach_nothing_outside_and_its_links_lead_to_files(
+    made: tuple[Page, pd.DataFrame, Path],
+):
     page, _, folder = made
     (policy,) = [a["content"] for tag, a in page.tags if tag == "meta" and "http-equiv" in a]
     assert policy.startswith("default-src 'none'")
@@ -194,14 +233,25 @@ def test_damaged_files_cost_their_picture_and_nothing_else(tmp_path: Path):
 
 
 def test_more_views_than_a_command_line_has_room_for_are_not_named(tmp_path: Path):
-    row = Row("reef", "cove", method="m", value=1.0, options='{"name": "gray_world", "dataset": {"name": "demo"}}')
+    row = Row(
+        "reef",
+        "cove",
+        method="m",
+        value=1.0,
+        options='{"name": "gray_world", "dataset": {"name": "demo"}}',
+    )
     rows = [replace(row, view=f"v{n}.png") for n in range(101)]
     assert "views=[" not in Page(write_page(tmp_path, results.frame(rows))).text
-    assert "out=again 'views=[v0.png,v1.png]'" in Page(write_page(tmp_path, results.frame(rows[:2]))).text
+    assert (
+        "out=again 'views=[v0.png,v1.png]'"
+        in Page(write_page(tmp_path, results.frame(rows[:2]))).text
+    )
 
 
 def test_nothing_that_went_well_still_makes_a_page(tmp_path: Path):
-    rows = results.frame([Row("reef", method="m", value=math.nan, status="failed", reason="no such folder")])
+    rows = results.frame(
+        [Row("reef", method="m", value=math.nan, status="failed", reason="no such folder")]
+    )
     page = Page(write_page(tmp_path, rows))
     assert "no such folder" in page.text
     assert len(page.source) < 200_000  # no plotting library for no plot
@@ -237,14 +287,21 @@ def test_the_map_of_confidence_is_bright_where_it_is_large(tmp_path: Path):
     page = Page(write_page(tmp_path, rows))
     name = page.datasets[0]["views"][0]["results"][1]["picture"]["id"]
     about = page.blocks("image/webp")[f"{name}-confidence"]
-    assert [float(str(about[k])) for k in ("data-low", "data-high")] == pytest.approx([2.04, 3.96], abs=0.025)
+    assert [float(str(about[k])) for k in ("data-low", "data-high")] == pytest.approx(
+        [2.04, 3.96], abs=0.025
+    )
     shown = page.picture(f"{name}-confidence").astype(int)
     assert shown[32, 90].sum() > shown[32, 4].sum()  # bright where it is large
 
 
 def test_many_views_keep_some_pictures_evenly_and_link_to_the_others(tmp_path: Path):
-    datasets = ["reef", "wreck"]  # 2 x (3 views, 3 references, 8 restorations): half of them may be kept
-    page = Page(write_page(tmp_path, made_results(tmp_path, datasets=datasets), widths=((5, 960), (14, 40))))
+    datasets = [
+        "reef",
+        "wreck",
+    ]  # 2 x (3 views, 3 references, 8 restorations): half of them may be kept
+    page = Page(
+        write_page(tmp_path, made_results(tmp_path, datasets=datasets), widths=((5, 960), (14, 40)))
+    )
     kept = [[bool((v["original"] or {}).get("id")) for v in d["views"]] for d in page.datasets]
     assert [sum(k) for k in kept] == [1, 1]
     assert all(v["original"]["link"] for d in page.datasets for v in d["views"])
@@ -268,14 +325,38 @@ def composed(words: list[str]) -> Any:
     "overrides",
     [
         ["dataset=toy", "method=gain"],
-        ["dataset=toy", "dataset.views=2", "dataset.tag='a, \"b\" $(c)'", "dataset.label='my reef'", "method=gain"],
-        ["dataset=toy", "method=gain", "method.gain=1e-7", "method.mode=fancy", "method.label='it\\'s true'"],
-        ["dataset=toy", "method=gain", "method.log='/tmp/dive ünï/[x]{y}=z'", "method.display=stretch-2-98"],
+        [
+            "dataset=toy",
+            "dataset.views=2",
+            "dataset.tag='a, \"b\" $(c)'",
+            "dataset.label='my reef'",
+            "method=gain",
+        ],
+        [
+            "dataset=toy",
+            "method=gain",
+            "method.gain=1e-7",
+            "method.mode=fancy",
+            "method.label='it\\'s true'",
+        ],
+        [
+            "dataset=toy",
+            "method=gain",
+            "method.log='/tmp/dive ünï/[x]{y}=z'",
+            "method.display=stretch-2-98",
+        ],
         ["dataset=toy", "dataset.tag='true'", "method=gain"],
         ["dataset=toy", "dataset.tag='3'", "method=gain"],
         ["dataset=toy", "method=gain", "degrade.within=2", "degrade.noise=0.02", "degrade.seed=4"],
         ["dataset=toy", "dataset.label=mine", "method=gain", "degrade.depth_noise=0.1"],
-        ["dataset=demo", "dataset.water=turbid", "seed=5", "method=sucre", "method.physical=true", "replicate=2"],
+        [
+            "dataset=demo",
+            "dataset.water=turbid",
+            "seed=5",
+            "method=sucre",
+            "method.physical=true",
+            "replicate=2",
+        ],
     ],
 )
 def test_a_rows_command_composes_to_the_job_that_made_it(toys: str, overrides: list[str]):
@@ -285,14 +366,35 @@ def test_a_rows_command_composes_to_the_job_that_made_it(toys: str, overrides: l
     row = base_row(job)
     again = composed(Rerun(row.dataset, row.method, json.loads(row.options), row.seed).words())
     assert json.loads(base_row(again).options) == json.loads(row.options)
-    assert (again.dataset.label, again.method.label, again.degrade) == (row.dataset, row.method, job.degrade)
+    assert (again.dataset.label, again.method.label, again.degrade) == (
+        row.dataset,
+        row.method,
+        job.degrade,
+    )
     assert (base_row(again).seed, base_row(again).options_id) == (row.seed, row.options_id)
 
 
 def test_a_command_says_only_what_is_not_as_by_default(toys: str):
-    own = {"name": "gain", "gain": 2.0, "mode": "plain", "log": None, "pause": 0.0, "stays_at": "", "display": "none"}
-    words = Rerun("toy", "gain", {**own, "dataset": {"name": "toy", "views": 3, "tag": ""}}, 0).words()
-    assert words == ["sucre-bench", "run", "dataset=toy", "method=gain", "method.gain=2.0", "out=again"]
+    own = {
+        "name": "gain",
+        "gain": 2.0,
+        "mode": "plain",
+        "log": None,
+        "pause": 0.0,
+        "stays_at": "",
+        "display": "none",
+    }
+    words = Rerun(
+        "toy", "gain", {**own, "dataset": {"name": "toy", "views": 3, "tag": ""}}, 0
+    ).words()
+    assert words == [
+        "sucre-bench",
+        "run",
+        "dataset=toy",
+        "method=gain",
+        "method.gain=2.0",
+        "out=again",
+    ]
 
 
 def test_a_command_names_everything_where_the_plugin_is_not_there():
@@ -308,9 +410,17 @@ def test_rows_that_do_not_tell_their_dataset_have_no_command():
     assert Rerun("d", "m", {"name": "sucre"}, 0).words() == []
 
 
-def test_a_views_command_runs_and_gives_the_same_score(toys: str, tmp_path: Path, bench: Callable[..., Any]):
+def test_a_views_command_runs_and_gives_the_same_score(
+    toys: str, tmp_path: Path, bench: Callable[..., Any]
+):
     out = tmp_path / "first run"
-    base = ["dataset=toy", "metrics=[redness]", "metrics.redness.variants=[double]", "tracking.uri=off", f"out='{out}'"]
+    base = [
+        "dataset=toy",
+        "metrics=[redness]",
+        "metrics.redness.variants=[double]",
+        "tracking.uri=off",
+        f"out='{out}'",
+    ]
     rows = run([*base, f"plugins=[{toys}]", "method=gain", "method.gain=0.7"], False).rows
     (dataset,) = Page(write_page(out, rows)).datasets
     parts = [dataset["methods"][0]["command"], dataset["views"][1]["words"], dataset["metrics"]]
@@ -322,14 +432,21 @@ def test_a_views_command_runs_and_gives_the_same_score(toys: str, tmp_path: Path
     keys = ["view", "method", "metric", "variant", "value", "options_id"]
     wanted = rows[(rows["metric"] == "redness") & (rows["view"] == "v1.png")][keys]
     pd.testing.assert_frame_equal(
-        again[again["metric"] == "redness"][keys].reset_index(drop=True), wanted.reset_index(drop=True)
+        again[again["metric"] == "redness"][keys].reset_index(drop=True),
+        wanted.reset_index(drop=True),
     )
 
 
 def test_every_score_that_is_in_the_rows_can_be_asked_for(made: tuple[Page, pd.DataFrame, Path]):
     page, rows, _ = made
     (dataset,) = page.datasets
-    job = compose_jobs.jobs(["dataset=demo", "method=sucre", *shlex.split(dataset["metrics"])], False).jobs[0]
+    job = compose_jobs.jobs(
+        ["dataset=demo", "method=sucre", *shlex.split(dataset["metrics"])], False
+    ).jobs[0]
     asked = {(m.plugin.name, variant) for m in job.metrics for variant in m.variants}
-    assert asked == set(rows.loc[rows["metric"] != "seconds", ["metric", "variant"]].itertuples(index=False, name=None))
+    assert asked == set(
+        rows.loc[rows["metric"] != "seconds", ["metric", "variant"]].itertuples(
+            index=False, name=None
+        )
+    )
     assert plugins.find("metric", "psnr")  # by their real names

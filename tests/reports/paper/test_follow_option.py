@@ -15,19 +15,26 @@ from sucre_bench.results.rows import frame
 
 
 def test_values_are_read_from_what_rows_say_and_not_from_labels():
-    rows = noisy({2: {"a": [1.0]}, 7: {"a": [2.0]}}, option="within").assign(dataset=["sea,within=9", "sea,within=1"])
+    rows = noisy({2: {"a": [1.0]}, 7: {"a": [2.0]}}, option="within").assign(
+        dataset=["sea,within=9", "sea,within=1"]
+    )
     assert words(followed(rows, "degrade.within")) == ["2", "7"]
 
 
 def test_numbers_come_in_their_order_and_what_is_unlimited_last():
-    one = followed(noisy({10: {"a": [1.0]}, None: {"a": [1.0]}, 2: {"a": [1.0]}}, option="within"), "degrade.within")
+    one = followed(
+        noisy({10: {"a": [1.0]}, None: {"a": [1.0]}, 2: {"a": [1.0]}}, option="within"),
+        "degrade.within",
+    )
     assert words(one) == ["2", "10", "all"]
     assert one.reference.word == "all"
     assert one.title == "sea"
 
 
 def test_no_noise_is_the_number_that_it_is_and_the_reference():
-    one = followed(noisy({0.1: {"a": [1.0]}, None: {"a": [1.0]}, 0.02: {"a": [1.0]}}), "degrade.depth_noise")
+    one = followed(
+        noisy({0.1: {"a": [1.0]}, None: {"a": [1.0]}, 0.02: {"a": [1.0]}}), "degrade.depth_noise"
+    )
     assert words(one) == ["0", "0.02", "0.1"]
     assert one.reference.word == "0"
 
@@ -35,16 +42,28 @@ def test_no_noise_is_the_number_that_it_is_and_the_reference():
 def test_words_come_in_the_order_of_the_sweep(tmp_path: Path):
     seas = ["turbid", "clear", "coastal"]
     rows = frame(
-        replace(row("a", "v0", 1.0, dataset={"name": "demo", "water": sea}), dataset=f"demo,water={sea}")
+        replace(
+            row("a", "v0", 1.0, dataset={"name": "demo", "water": sea}), dataset=f"demo,water={sea}"
+        )
         for sea in sorted(seas)
     )
-    write(Study("s", along="dataset.water"), rows, tmp_path, datasets=[f"demo,water={sea}" for sea in seas])
+    write(
+        Study("s", along="dataset.water"),
+        rows,
+        tmp_path,
+        datasets=[f"demo,water={sea}" for sea in seas],
+    )
     assert list(csv(tmp_path)["water"]) == seas
 
 
 def test_all_values_are_compared_on_the_images_that_all_have():
     """v1 failed at .1 for b alone: it counts nowhere."""
-    rows = noisy({None: {"a": [10, 90, 12], "b": [20, 90, 22]}, 0.1: {"a": [9, 90, 9], "b": [18, np.nan, 18]}})
+    rows = noisy(
+        {
+            None: {"a": [10, 90, 12], "b": [20, 90, 22]},
+            0.1: {"a": [9, 90, 9], "b": [18, np.nan, 18]},
+        }
+    )
     one = followed(rows, "degrade.depth_noise", baseline="a")
     means = {line: cell.mean for (line, _), cell in one.scores.cells.items()}
     assert means == {
@@ -59,7 +78,9 @@ def test_all_values_are_compared_on_the_images_that_all_have():
 def test_a_change_that_is_steady_is_told_from_chance_where_scores_vary_widely():
     scores = np.random.default_rng(0).normal(20, 6, 12)
     less = scores - np.random.default_rng(1).normal(1, 0.2, 12)
-    one = followed(noisy({None: {"a": list(scores)}, 0.1: {"a": list(less)}}), "degrade.depth_noise")
+    one = followed(
+        noisy({None: {"a": list(scores)}, 0.1: {"a": list(less)}}), "degrade.depth_noise"
+    )
     (cell,) = one.changes.cells.values()
     assert cell.change[0] == pytest.approx((less - scores).mean())
     assert cell.change[2] < 0
@@ -69,11 +90,17 @@ def test_a_change_that_is_steady_is_told_from_chance_where_scores_vary_widely():
 
 
 def test_results_on_older_data_are_left_out_and_said():
-    rows = noisy({None: {"a": [10.0, 12.0], "b": [20.0, 22.0]}, 0.1: {"a": [9.0, 9.0], "b": [18.0, 18.0]}})
+    rows = noisy(
+        {None: {"a": [10.0, 12.0], "b": [20.0, 22.0]}, 0.1: {"a": [9.0, 9.0], "b": [18.0, 18.0]}}
+    )
     old = (rows["method"] == "b") & (rows["dataset"] == "sea")
-    rows = rows.assign(data_id=rows["data_id"].mask(old, "old"), time=rows["time"].mask(old, "2025-12-31"))
+    rows = rows.assign(
+        data_id=rows["data_id"].mask(old, "old"), time=rows["time"].mask(old, "2025-12-31")
+    )
     one = followed(rows, "degrade.depth_noise")
-    assert ("older data", ("depth_noise=0 · b",)) in {(note.kind, note.methods) for note in one.scores.notes}
+    assert ("older data", ("depth_noise=0 · b",)) in {
+        (note.kind, note.methods) for note in one.scores.notes
+    }
     assert "depth_noise=0 · b" not in {line for line, _ in one.scores.cells}
 
 
@@ -87,7 +114,9 @@ def test_repetitions_are_averaged_and_are_no_views_of_their_own():
 
 
 @pytest.mark.parametrize("repetitions", [("",), ("", ",replicate=1")])
-def test_scenes_called_after_a_datasets_option_are_paired_by_their_views(repetitions: tuple[str, ...]):
+def test_scenes_called_after_a_datasets_option_are_paired_by_their_views(
+    repetitions: tuple[str, ...],
+):
     rows = frame(
         replace(
             row("a", f"v{n}", value + n, dataset={"name": "demo", "water": water}),
@@ -102,7 +131,10 @@ def test_scenes_called_after_a_datasets_option_are_paired_by_their_views(repetit
 
 
 def test_every_dataset_has_tables_of_its_own(tmp_path: Path):
-    both = [noisy({None: {"a": [1.0]}, 0.1: {"a": [2.0]}}, dataset={"name": name}) for name in ("sea", "lake")]
+    both = [
+        noisy({None: {"a": [1.0]}, 0.1: {"a": [2.0]}}, dataset={"name": name})
+        for name in ("sea", "lake")
+    ]
     write(Study("s", along="degrade.depth_noise"), pd.concat(both, ignore_index=True), tmp_path)
     assert list(csv(tmp_path)["dataset"]) == ["sea", "sea", "lake", "lake"]
     assert "**lake**" in (tmp_path / "tables/s.md").read_text()
@@ -110,7 +142,10 @@ def test_every_dataset_has_tables_of_its_own(tmp_path: Path):
 
 def test_a_method_without_the_option_is_left_out_and_said():
     rows = frame(
-        [*(replace(row("m", "v0", 1.0, options={"k": k}), method=f"m,k={k}") for k in (1, 2)), row("plain", "v0", 3.0)]
+        [
+            *(replace(row("m", "v0", 1.0, options={"k": k}), method=f"m,k={k}") for k in (1, 2)),
+            row("plain", "v0", 3.0),
+        ]
     )
     one = followed(rows, "method.k")
     assert (words(one), one.methods) == (["1", "2"], ("m",))

@@ -39,7 +39,9 @@ def test_what_is_wrong_with_a_study_is_said(given: dict[str, Any], named: set[st
 
 
 def test_a_study_takes_one_word_for_a_list_and_null_for_nothing():
-    study = Study.of({"name": "s", "metrics": "psnr", "baseline": None, "figures": ["scores"], "along": None})
+    study = Study.of(
+        {"name": "s", "metrics": "psnr", "baseline": None, "figures": ["scores"], "along": None}
+    )
     assert study == Study("s", metrics=("psnr",), figures=("scores",))
 
 
@@ -50,7 +52,10 @@ def test_every_experiment_has_a_study_that_can_be_made(path: Path):
         pytest.skip("only restores")
     study = Study.of(experiment["study"])
     computed = {metric.partition(":")[0] for metric in experiment.get("metrics", [])}
-    assert not computed or {metric.partition(":")[0] for metric in study.metrics} <= {*computed, *COSTS}
+    assert not computed or {metric.partition(":")[0] for metric in study.metrics} <= {
+        *computed,
+        *COSTS,
+    }
     assert path.stem == study.name == Path(experiment["out"]).name
     sweeper = experiment["hydra"]["sweeper"]
     methods = [one["label"] if isinstance(one, dict) else one for one in sweeper.get("methods", [])]
@@ -59,17 +64,27 @@ def test_every_experiment_has_a_study_that_can_be_made(path: Path):
 
 
 def test_what_an_experiment_sweeps_over_may_be_given():
-    sweep = compose_jobs.jobs(["experiment=degradation", "method=sucre", "degrade.within=50,null"], False)
+    sweep = compose_jobs.jobs(
+        ["experiment=degradation", "method=sucre", "degrade.within=50,null"], False
+    )
     assert [(job.dataset.label, job.method.label) for job in sweep.jobs] == [
         ("demo,within=50", "sucre"),
         ("demo", "sucre"),
     ]
-    assert all(job.study == Study.of(job.study.__dict__) and job.study.along == "degrade.within" for job in sweep.jobs)
+    assert all(
+        job.study == Study.of(job.study.__dict__) and job.study.along == "degrade.within"
+        for job in sweep.jobs
+    )
 
 
 def test_the_ablation_varies_where_water_and_colours_come_from():
-    jobs = {job.method.label: job.method.options for job in compose_jobs.jobs(["experiment=ablation"], False).jobs}
-    chosen = {label: (own["water"], own["colours"]) for label, own in jobs.items() if "water" in own}
+    jobs = {
+        job.method.label: job.method.options
+        for job in compose_jobs.jobs(["experiment=ablation"], False).jobs
+    }
+    chosen = {
+        label: (own["water"], own["colours"]) for label, own in jobs.items() if "water" in own
+    }
     assert chosen == {
         "sucre_multi_view_J": ("seathru", "multi_view"),
         "sucre_multi_view_water": ("own", "single_view"),

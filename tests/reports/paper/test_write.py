@@ -38,7 +38,9 @@ def test_a_study_without_an_option_compares_methods_in_the_order_it_is_told(tmp_
 
 def test_a_baseline_adds_the_paired_differences_to_it(tmp_path: Path):
     base, other = [20.0, 25.0, 30.0], [21.0, 27.0, 33.0]
-    rows = frame([row(m, f"v{n}", v) for m, own in (("a", base), ("b", other)) for n, v in enumerate(own)])
+    rows = frame(
+        [row(m, f"v{n}", v) for m, own in (("a", base), ("b", other)) for n, v in enumerate(own)]
+    )
     write(Study("s", baseline="a"), rows, tmp_path)
     told = csv(tmp_path).set_index("method")
     assert told.loc["b", "change"] == pytest.approx(2.0)
@@ -55,9 +57,16 @@ def test_spread_shows_standard_deviations(tmp_path: Path):
 
 def test_a_table_for_each_chart_stands_beside_their_mean(tmp_path: Path):
     values = {"near": 10.0, "far": 30.0}
-    charts = [row("a", "v0", v, metric="psi", unit="deg", better="lower", region=c) for c, v in values.items()]
+    charts = [
+        row("a", "v0", v, metric="psi", unit="deg", better="lower", region=c)
+        for c, v in values.items()
+    ]
     write(Study("s", by="region"), frame(charts), tmp_path)
-    assert csv(tmp_path).set_index("table")["mean"].to_dict() == {"sea": 20.0, "sea · near": 10.0, "sea · far": 30.0}
+    assert csv(tmp_path).set_index("table")["mean"].to_dict() == {
+        "sea": 20.0,
+        "sea · near": 10.0,
+        "sea · far": 30.0,
+    }
     with pytest.raises(InputError, match=r"study.by: 'regoin' .*'region'"):
         Study.of({"name": "s", "by": "regoin"})
 
@@ -75,7 +84,9 @@ def test_figures_of_a_time_with_more_pages_are_cleared_away(tmp_path: Path):
     old.touch()
     other.touch()
     write(
-        Study("s", figures=("scores",)), frame([row(m, f"v{n}", n + ord(m)) for m in "ab" for n in range(3)]), tmp_path
+        Study("s", figures=("scores",)),
+        frame([row(m, f"v{n}", n + ord(m)) for m in "ab" for n in range(3)]),
+        tmp_path,
     )
     assert not old.exists()
     assert other.exists()
@@ -134,7 +145,9 @@ def test_a_figure_that_breaks_costs_no_other(tmp_path: Path, drawn: Any):
         assert reason in note
 
 
-def test_a_study_of_scores_that_nothing_has_writes_no_tables_and_leaves_no_old_ones(tmp_path: Path, drawn: Any):
+def test_a_study_of_scores_that_nothing_has_writes_no_tables_and_leaves_no_old_ones(
+    tmp_path: Path, drawn: Any
+):
     from matplotlib.figure import Figure
 
     def draws(results: object) -> Iterator[Any]:
@@ -166,7 +179,10 @@ def test_where_nothing_was_restored_nothing_of_before_is_left(tmp_path: Path):
 
 def test_the_same_rows_in_any_order_make_the_same_files(tmp_path: Path):
     rng = np.random.default_rng(3)
-    scores = {None: {m: list(rng.normal(20, 2, 5)) for m in "ab"}, 0.1: {m: list(rng.normal(18, 2, 5)) for m in "ab"}}
+    scores = {
+        None: {m: list(rng.normal(20, 2, 5)) for m in "ab"},
+        0.1: {m: list(rng.normal(18, 2, 5)) for m in "ab"},
+    }
     rows = noisy(scores)
     study = Study("s", along="degrade.depth_noise", baseline="a", figures=("against",))
     order = {"methods": ("a", "b"), "datasets": ("sea", "sea,depth_noise=0.1")}
@@ -179,7 +195,11 @@ def test_the_same_rows_in_any_order_make_the_same_files(tmp_path: Path):
 
 
 def test_tables_for_papers_balance_their_braces(tmp_path: Path):
-    write(Study("s", along="degrade.depth_noise"), noisy({None: {"a_b": [1.0]}, 0.1: {"a_b": [2.0]}}), tmp_path)
+    write(
+        Study("s", along="degrade.depth_noise"),
+        noisy({None: {"a_b": [1.0]}, 0.1: {"a_b": [2.0]}}),
+        tmp_path,
+    )
     text = (tmp_path / "tables/s.tex").read_text()
     assert text.count("{") == text.count("}")
     assert r"depth\_noise=0.1 $\cdot$ a\_b" in text

@@ -14,7 +14,10 @@ from sucre_bench import Restoration, Score, View, metric
     better="none",
     range=(0, np.inf),
     cites="Hasler & Suesstrunk 2003",
-    variants={"255": "of intensities to 255, as published: 15 is slightly, 109 extremely colourful", "1": "to 1"},
+    variants={
+        "255": "of intensities to 255, as published: 15 is slightly, 109 extremely colourful",
+        "1": "to 1",
+    },
 )
 @dataclass(frozen=True)
 class Colourfulness:

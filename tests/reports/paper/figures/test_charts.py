@@ -25,7 +25,11 @@ METHODS = ("underwater", "sucre")
 VIEWS = ("a.png", "b.png", "c.png")
 CHARTS = ("near", "far")
 PATCHES = ("7-red", "8-yellow", "9-green")
-DISTANCE = {(view, chart): 1.5 + v + 4.1 * c for v, view in enumerate(VIEWS) for c, chart in enumerate(CHARTS)}
+DISTANCE = {
+    (view, chart): 1.5 + v + 4.1 * c
+    for v, view in enumerate(VIEWS)
+    for c, chart in enumerate(CHARTS)
+}
 EXPECTED = {"7-red": (0.9, 0.1, 0.1), "8-yellow": (1.0, 0.9, 0.0), "9-green": (0.4, 0.7, 0.3)}
 EXPECTED_HUE = {"7-red": 0.0, "8-yellow": 54.0, "9-green": 105.0}
 MEASURED = (0.25, 0.5, 0.75)
@@ -34,7 +38,11 @@ MEASURED = (0.25, 0.5, 0.75)
 def error(method: str, view: str, chart: str, patch: str) -> float:
     """A number that tells method, view, chart and patch."""
     return (
-        100 * METHODS.index(method) + 10 * VIEWS.index(view) + 5 * CHARTS.index(chart) + 0.5 * PATCHES.index(patch) + 1
+        100 * METHODS.index(method)
+        + 10 * VIEWS.index(view)
+        + 5 * CHARTS.index(chart)
+        + 0.5 * PATCHES.index(patch)
+        + 1
     )
 
 
@@ -44,7 +52,12 @@ def chart_rows(hue: float = 0.0, dataset: str = "dive") -> Iterator[Row]:
         own = {"dataset": dataset, "scene": "s", "view": view, "method": method}
         yield Row(**own, metric="seconds", value=1)
         yield Row(
-            **own, metric="chart_distance", variant="median", region=chart, value=DISTANCE[view, chart], better="none"
+            **own,
+            metric="chart_distance",
+            variant="median",
+            region=chart,
+            value=DISTANCE[view, chart],
+            better="none",
         )
         for metric in ("psi", "de00"):
             values = [error(method, view, chart, patch) for patch in PATCHES]
@@ -56,9 +69,13 @@ def chart_rows(hue: float = 0.0, dataset: str = "dive") -> Iterator[Row]:
             measured = EXPECTED_HUE[patch] + hue * (method == "sucre")
             yield Row(**about, metric="hue", variant="hsv", value=measured % 360)
             yield Row(**about, metric="hue", variant="hsv-expected", value=EXPECTED_HUE[patch])
-            for channel, shown, listed in zip(("red", "green", "blue"), MEASURED, EXPECTED[patch], strict=True):
+            for channel, shown, listed in zip(
+                ("red", "green", "blue"), MEASURED, EXPECTED[patch], strict=True
+            ):
                 yield Row(**about, metric="patch_colour", variant=channel, value=shown)
-                yield Row(**about, metric="patch_colour", variant=f"{channel}-expected", value=listed)
+                yield Row(
+                    **about, metric="patch_colour", variant=f"{channel}-expected", value=listed
+                )
 
 
 def lines(axes: Axes, label: str) -> np.ndarray:
@@ -104,7 +121,16 @@ def test_many_charts_are_drawn_as_the_means_of_those_about_as_far() -> None:
     rng = np.random.default_rng(0)
     distances = rng.uniform(1, 9, 80)
     rows = results.frame(
-        Row(dataset="d", scene="s", view=f"{k}.png", method="m", metric=metric, variant="v", region="c", value=value)
+        Row(
+            dataset="d",
+            scene="s",
+            view=f"{k}.png",
+            method="m",
+            metric=metric,
+            variant="v",
+            region="c",
+            value=value,
+        )
         for k, distance in enumerate(distances)
         for metric, value in (("chart_distance", distance), ("psi", 3 * distance))
     )
@@ -120,7 +146,9 @@ def test_each_dataset_has_a_figure_of_its_own() -> None:
     assert list(drawn("hue", rows)) == ["dive", "other_dive"]
 
 
-def test_swatches_show_measured_and_expected_colours_of_the_nearest_and_farthest_chart_with_their_difference() -> None:
+def test_swatches_show_measured_and_expected_colours_of_the_nearest_and_farthest_chart_with_their_difference() -> (
+    None
+):
     (figure,) = drawn("swatches", results.frame(chart_rows())).values()
     near, far = figure.axes
     assert near.get_title() == "near, 1.5 m"
@@ -137,7 +165,11 @@ def test_swatches_show_measured_and_expected_colours_of_the_nearest_and_farthest
 
 def test_swatches_leave_out_charts_that_a_method_does_not_show() -> None:
     rows = results.frame(chart_rows())
-    hole = (rows["view"] == "c.png") & (rows["method"] == "sucre") & rows["region"].str.startswith("far")
+    hole = (
+        (rows["view"] == "c.png")
+        & (rows["method"] == "sucre")
+        & rows["region"].str.startswith("far")
+    )
     rows.loc[hole, "status"] = "skipped"
     (figure,) = drawn("swatches", rows).values()
     assert figure.axes[1].get_title() == "far, 6.6 m"
@@ -161,7 +193,11 @@ def test_hue_is_drawn_within_half_a_turn_of_the_expected_one(off: float) -> None
 
 def test_a_hue_that_wraps_leaves_at_one_edge_and_comes_back_at_the_other() -> None:
     rows = results.frame(chart_rows(170))
-    far = (rows["region"].str.startswith("far")) & (rows["method"] == "sucre") & (rows["variant"] == "hsv")
+    far = (
+        (rows["region"].str.startswith("far"))
+        & (rows["method"] == "sucre")
+        & (rows["variant"] == "hsv")
+    )
     rows.loc[far, "value"] = (rows.loc[far, "value"] + 20) % 360
     (figure,) = drawn("hue", rows).values()
     again = [line.get_ydata() for line in figure.axes[0].lines if line.get_label() == "_again"]
@@ -172,7 +208,16 @@ def test_a_hue_that_wraps_leaves_at_one_edge_and_comes_back_at_the_other() -> No
 def test_the_mean_of_hues_about_red_is_red() -> None:
     values = [350.0, 10.0] * 8  # two charts at each of eight places
     rows = results.frame(
-        Row(dataset="d", scene="s", view=f"{k}.png", method="m", metric=metric, variant=variant, region=region, value=v)
+        Row(
+            dataset="d",
+            scene="s",
+            view=f"{k}.png",
+            method="m",
+            metric=metric,
+            variant=variant,
+            region=region,
+            value=v,
+        )
         for k, value in enumerate(values)
         for metric, variant, region, v in (
             ("chart_distance", "median", "c", 1 + k),
@@ -187,7 +232,12 @@ def test_the_mean_of_hues_about_red_is_red() -> None:
 # -- water -------------------------------------------------------------------------------------------------
 
 PARAMETERS = ("veiling_light", "attenuation", "backscatter")
-TRUE = {"B": [0.1, 0.3, 0.4], "beta": [0.5, 0.2, 0.1], "gamma": [0.3, 0.2, 0.2], "encoding": "gamma"}
+TRUE = {
+    "B": [0.1, 0.3, 0.4],
+    "beta": [0.5, 0.2, 0.1],
+    "gamma": [0.3, 0.2, 0.2],
+    "encoding": "gamma",
+}
 
 
 def water_rows(methods: tuple[str, ...] = METHODS) -> Iterator[Row]:
@@ -197,7 +247,9 @@ def water_rows(methods: tuple[str, ...] = METHODS) -> Iterator[Row]:
         yield Row(**own, metric="distance_variance", variant="image", value=(k + 1) ** 2)
         for p, c in product(range(3), range(3)):
             variant = f"{PARAMETERS[p]}-{('red', 'green', 'blue')[c]}"
-            yield Row(**own, metric="water_parameters", variant=variant, value=100 * p + 10 * c + k + 1)
+            yield Row(
+                **own, metric="water_parameters", variant=variant, value=100 * p + 10 * c + k + 1
+            )
 
 
 def keep_records(out: Path, encoding: str) -> None:
@@ -219,7 +271,9 @@ def test_water_draws_each_views_parameters_over_the_variance_of_its_distances() 
     assert [panel.get_title() for panel in panels[0]] == list(METHODS)
     for p, m in product(range(3), range(2)):
         for c, dots in enumerate(panels[p, m].collections):
-            np.testing.assert_allclose(dots.get_offsets(), [[(k + 1) ** 2, 100 * p + 10 * c + k + 1] for k in range(3)])
+            np.testing.assert_allclose(
+                dots.get_offsets(), [[(k + 1) ** 2, 100 * p + 10 * c + k + 1] for k in range(3)]
+            )
     said = [float(text.get_text().removesuffix(" %")) for text in panels[0, 0].texts]
     np.testing.assert_allclose(said, [100 / 2, 100 / 12, 100 / 22], atol=0.01)
     assert not panels[0, 0].lines
@@ -239,7 +293,9 @@ def test_water_draws_the_truth_where_it_explains_the_same_intensities(tmp_path: 
 
 @pytest.mark.parametrize("name", ["charts", "swatches", "hue", "water"])
 def test_without_anything_to_draw_it_is_said_which_metrics_to_add(name: str) -> None:
-    rows = results.frame([Row(dataset="d", scene="s", view="a.png", method="m", metric="psnr", value=20)])
+    rows = results.frame(
+        [Row(dataset="d", scene="s", view="a.png", method="m", metric="psnr", value=20)]
+    )
     with pytest.raises(NotApplicableError, match=r"; add .*(chart_distance|distance_variance)"):
         drawn(name, rows)
     if name != "water":

@@ -37,7 +37,9 @@ def test_a_method_has_one_colour_and_marker_whatever_stands_beside_it():
     wanted = [own[name].colour for name in NAMES[:12]]
     for name, look in style.looks(NAMES[:12]).items():
         assert look == own[name] or wanted.count(own[name].colour) > 1
-    assert sum(look == own[name] for name, look in style.looks(NAMES[:12]).items()) == len(set(wanted))
+    assert sum(look == own[name] for name, look in style.looks(NAMES[:12]).items()) == len(
+        set(wanted)
+    )
 
 
 def test_methods_of_one_figure_have_colours_of_their_own_while_there_are_enough():
@@ -76,11 +78,15 @@ def test_methods_are_sorted_by_their_mean_and_ties_are_hollow():
     )
     assert [dot.get_markerfacecolor() == "white" for dot in dots] == [False, True, False]
     bars = [line.get_xdata() for line in panel.lines if len(line.get_xdata()) == 2]
-    assert all(low < float(dot.get_xdata()[0]) < high for (low, high), dot in zip(bars, dots, strict=True))
+    assert all(
+        low < float(dot.get_xdata()[0]) < high for (low, high), dot in zip(bars, dots, strict=True)
+    )
 
 
 def test_of_errors_the_least_is_on_top():
-    (figure,) = drawn("scores", frame(table({"a": [9, 8], "b": [1, 2]}, metric="psi", better="lower"))).values()
+    (figure,) = drawn(
+        "scores", frame(table({"a": [9, 8], "b": [1, 2]}, metric="psi", better="lower"))
+    ).values()
     assert [tick.get_text() for tick in figure.axes[0].get_yticklabels()] == ["b", "a"]
 
 
@@ -88,7 +94,9 @@ def test_only_scores_that_tell_methods_apart_have_panels_and_costs_that_are_aske
     values = {"a": [1, 2], "b": [3, 4]}
     cost = {"metric": "seconds", "variant": "wall", "unit": "s", "better": "lower"}
     same = table({"a": [1, 1], "b": [1, 1]}, metric="coverage")
-    rows = frame([*table(values), *same, *table(values, metric="hue", better="none"), *table(values, **cost)])
+    rows = frame(
+        [*table(values), *same, *table(values, metric="hue", better="none"), *table(values, **cost)]
+    )
 
     def shown(**study: Any) -> list[str]:
         (figure,) = drawn("scores", rows, **study).values()
@@ -110,7 +118,10 @@ def test_values_lie_where_their_numbers_are_and_the_unlimited_one_step_beyond():
 
     assert positions(values(1, 2, 4, None)) == ([1, 2, 4, 6], False)
     assert positions(values(50, 500, 3000, None)) == ([50, 500, 3000, 18000], True)
-    assert positions(values(0, 0.01, 0.1)) == ([0, 0.01, 0.1], False)  # nought is on no logarithmic axis
+    assert positions(values(0, 0.01, 0.1)) == (
+        [0, 0.01, 0.1],
+        False,
+    )  # nought is on no logarithmic axis
     words = [Value("clear", None), Value("turbid", None), Value("none", None, False)]
     assert positions(words) == ([0, 1, 2], False)
 
@@ -125,12 +136,17 @@ def test_lines_go_through_the_means_and_bands_through_the_intervals():
     (figure,) = drawn("against", rows, along="degrade.within").values()
     (panel,) = figure.axes
     assert [tick.get_text() for tick in panel.get_xticklabels()] == ["2", "all"]
-    assert {line.get_label(): list(line.get_ydata()) for line in panel.lines} == {"a": [21, 24], "b": [11, 14]}
+    assert {line.get_label(): list(line.get_ydata()) for line in panel.lines} == {
+        "a": [21, 24],
+        "b": [11, 14],
+    }
     low, high = (f(panel.collections[0].get_paths()[0].vertices[:, 1]) for f in (np.min, np.max))
     assert low < 21 - 4 / np.sqrt(3)
     assert high > 24 + 4 / np.sqrt(3)
     assert figure.get_supxlabel() == "within"
-    (named,) = drawn("against", rows, along="degrade.within", axis="frames before and after").values()
+    (named,) = drawn(
+        "against", rows, along="degrade.within", axis="frames before and after"
+    ).values()
     assert "frames" in named.get_supxlabel()
 
 
@@ -148,7 +164,9 @@ def test_a_dataset_with_nothing_to_draw_against_says_why_and_costs_no_other():
         each
         for (name, within), value in scored.items()
         for each in table(
-            {"a": [value, value + 4]}, dataset={"name": name}, degrade={"within": within} if within else {}
+            {"a": [value, value + 4]},
+            dataset={"name": name},
+            degrade={"within": within} if within else {},
         )
     ]
     found = drawn("against", frame(rows), along="degrade.within")
@@ -162,7 +180,9 @@ def test_a_dataset_with_nothing_to_draw_against_says_why_and_costs_no_other():
 # -- pictures ----------------------------------------------------------------------------------------------
 
 
-def kept(out: Path, views: int, methods: Sequence[str], size: tuple[int, int] = (40, 30)) -> pd.DataFrame:
+def kept(
+    out: Path, views: int, methods: Sequence[str], size: tuple[int, int] = (40, 30)
+) -> pd.DataFrame:
     """A run's pictures, each of one gray that tells which it is: views 10, methods 100 + n, references 200."""
 
     def paint(path: Path, gray: int) -> None:
@@ -184,7 +204,9 @@ def grays(figure: Any) -> list[list[int | None]]:
         place = panel.get_position()
         gray = int(panel.images[0].get_array()[0, 0, 0]) if panel.images else None
         rows.setdefault(round(-place.y0, 3), []).append((place.x0, gray))
-    return [[gray for _, gray in sorted(own, key=lambda one: one[0])] for _, own in sorted(rows.items())]
+    return [
+        [gray for _, gray in sorted(own, key=lambda one: one[0])] for _, own in sorted(rows.items())
+    ]
 
 
 def test_each_picture_stands_by_its_view_and_method(tmp_path: Path):
@@ -216,7 +238,11 @@ def test_pictures_of_another_shape_are_cropped_about_their_middle(tmp_path: Path
     tall[20:40] = 250  # the middle 20 rows
     Image.fromarray(tall).save(tmp_path / "restored/sea/a/v1.png")
     (figure,) = drawn("pictures", rows, tmp_path).values()
-    (image,) = (p.images[0].get_array() for p in figure.axes if p.images and p.images[0].get_array().max() == 250)
+    (image,) = (
+        p.images[0].get_array()
+        for p in figure.axes
+        if p.images and p.images[0].get_array().max() == 250
+    )
     assert image.shape == (20, 40, 3)
     assert (image == 250).all()
 
@@ -247,14 +273,27 @@ def test_the_agreement_is_kendalls_tau_over_scenes_whatever_is_better() -> None:
     from sucre_bench.reports.paper.scores import agreements
 
     rows = [
-        Row(dataset="sea", scene=f"s{scene}", view="a", method=method, metric=metric, variant="x", value=value + scene)
+        Row(
+            dataset="sea",
+            scene=f"s{scene}",
+            view="a",
+            method=method,
+            metric=metric,
+            variant="x",
+            value=value + scene,
+        )
         for metric, (values, _) in SCORES.items()
         for scene in range(3)
         for method, value in zip("abcd", values, strict=True)
     ]
-    rows = [replace(row, better="lower" if row.metric == "psi" else "higher", time="2026-01-01") for row in rows]
+    rows = [
+        replace(row, better="lower" if row.metric == "psi" else "higher", time="2026-01-01")
+        for row in rows
+    ]
     found = {each.name: each for each in agreements(compare.compare(frame(rows)), "colours")}
     assert {name.partition(":")[0]: each.tau for name, each in found.items()} == pytest.approx(
         {metric: tau for metric, (_, tau) in SCORES.items() if tau is not None}
     )
-    assert {(each.n_scenes, each.low <= each.tau <= each.high) for each in found.values()} == {(3, True)}
+    assert {(each.n_scenes, each.low <= each.tau <= each.high) for each in found.values()} == {
+        (3, True)
+    }

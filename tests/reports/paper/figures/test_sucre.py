@@ -23,7 +23,9 @@ WATER_ROWS = np.stack([WATER.veiling_light, WATER.attenuation, WATER.backscatter
 
 
 def row(**about: Any) -> Row:
-    return Row(**{"dataset": "made", "scene": "s", "view": "a.png", "method": "m", "value": 1.0, **about})
+    return Row(
+        **{"dataset": "made", "scene": "s", "view": "a.png", "method": "m", "value": 1.0, **about}
+    )
 
 
 def keep(out: Path, row: Row, info: dict[str, Any], picture: np.ndarray | None = None) -> None:
@@ -53,10 +55,18 @@ def fitted(tmp_path: Path) -> Fitted:
     return frame([row()]), info
 
 
-def test_the_histogram_holds_all_and_its_normal_curve_has_area_1(fitted: Fitted, tmp_path: Path) -> None:
+def test_the_histogram_holds_all_and_its_normal_curve_has_area_1(
+    fitted: Fitted, tmp_path: Path
+) -> None:
     figures = drawn("residuals", fitted[0], tmp_path)
-    assert list(figures) == [f"{what}-made-m-a" for what in ("histogram", "normal", "fits", "distance")]
-    assert {*(axis.get_title() for figure in figures.values() for axis in figure.axes)} == {"red", "green", "blue"}
+    assert list(figures) == [
+        f"{what}-made-m-a" for what in ("histogram", "normal", "fits", "distance")
+    ]
+    assert {*(axis.get_title() for figure in figures.values() for axis in figure.axes)} == {
+        "red",
+        "green",
+        "blue",
+    }
     axis = figures["histogram-made-m-a"].axes[1]
     values, edges, _ = axis.patches[0].get_data()
     assert (values * np.diff(edges)).sum() == pytest.approx(1)
@@ -70,12 +80,16 @@ def test_the_normal_plot_holds_the_quantiles_and_their_line(fitted: Fitted, tmp_
     rows, info = fitted
     for c, axis in enumerate(drawn("residuals", rows, tmp_path)["normal-made-m-a"].axes):
         line, points = axis.lines
-        np.testing.assert_array_equal(points.get_ydata(), info["residuals"]["normal"]["quantiles"][c])
+        np.testing.assert_array_equal(
+            points.get_ydata(), info["residuals"]["normal"]["quantiles"][c]
+        )
         x, y = line.get_data()
         assert np.polyfit(x, y, 1)[0] == pytest.approx(0.01, rel=0.05)
 
 
-def test_the_density_has_residuals_upwards_and_fits_to_the_right(fitted: Fitted, tmp_path: Path) -> None:
+def test_the_density_has_residuals_upwards_and_fits_to_the_right(
+    fitted: Fitted, tmp_path: Path
+) -> None:
     rows, info = fitted
     axis = drawn("residuals", rows, tmp_path)["fits-made-m-a"].axes[2]
     known = info["residuals"]["against_fit"]["blue"]
@@ -92,17 +106,24 @@ def test_curves_over_distance_are_the_models(fitted: Fitted, tmp_path: Path) -> 
     B, beta, gamma = WATER_ROWS[:, 0]
     assert len(dotted) == 6
     for line in dotted:
-        z, I = line.get_data()  # noqa: E741
+        z, I = line.get_data()
         J = (I[0] - B * (1 - np.exp(-gamma * z[0]))) / np.exp(-beta * z[0])
-        np.testing.assert_allclose(I, J * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z)), rtol=1e-9)
+        np.testing.assert_allclose(
+            I, J * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z)), rtol=1e-9
+        )
 
 
-def test_of_many_views_those_with_most_observations_are_drawn(fitted: Fitted, tmp_path: Path) -> None:
+def test_of_many_views_those_with_most_observations_are_drawn(
+    fitted: Fitted, tmp_path: Path
+) -> None:
     rows = [row(view=f"{k}.png") for k in range(4)]
     for k, one in enumerate(rows):
         keep(tmp_path, one, fitted[1] | {"n_observations": [5, 70, 6, 80][k]})
     figures = drawn("residuals", frame(rows), tmp_path)
-    assert [name for name in figures if name.startswith("normal")] == ["normal-made-m-3", "normal-made-m-1"]
+    assert [name for name in figures if name.startswith("normal")] == [
+        "normal-made-m-3",
+        "normal-made-m-1",
+    ]
 
 
 @pytest.mark.parametrize("info", [{}, {"residuals": {"observations": 0}}])
@@ -140,7 +161,9 @@ def test_scaling_draws_each_restoration_once_and_names_its_slope(tmp_path: Path)
     assert [axis.get_title() for axis in figure.axes] == ["whole restoration", "pairing", "solving"]
     points = next(line for line in figure.axes[0].lines if line.get_linestyle() == "None")
     np.testing.assert_allclose(np.sort(points.get_xdata()), np.sort(n))
-    np.testing.assert_allclose(figure.axes[2].lines[-1].get_ydata(), 0.75 * np.array(points.get_ydata()))
+    np.testing.assert_allclose(
+        figure.axes[2].lines[-1].get_ydata(), 0.75 * np.array(points.get_ydata())
+    )
     (label,) = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     assert label.startswith("m: 2 ± ")
     assert label.endswith(" million")
@@ -156,7 +179,9 @@ def test_without_counts_scaling_says_what_is_missing(tmp_path: Path) -> None:
 def stitched(tmp_path: Path) -> pd.DataFrame:
     """A view, a method that leaves it alone, and one with an upright seam at two thirds of the width."""
     rng = np.random.default_rng(0)
-    photograph = np.clip(0.4 + 0.1 * cv2.GaussianBlur(rng.standard_normal((120, 180, 3)), (0, 0), 3) * 10, 0.05, 0.8)
+    photograph = np.clip(
+        0.4 + 0.1 * cv2.GaussianBlur(rng.standard_normal((120, 180, 3)), (0, 0), 3) * 10, 0.05, 0.8
+    )
     seam = photograph + (np.arange(180) >= 120)[None, :, None] * 0.15
     rows = []
     for method, picture, value in (("same", photograph, 0.0), ("seam", seam, 0.03)):
@@ -168,7 +193,9 @@ def stitched(tmp_path: Path) -> pd.DataFrame:
     return frame(rows)
 
 
-def test_seams_are_drawn_beside_the_photograph_with_the_worst_enlarged(stitched: pd.DataFrame, tmp_path: Path) -> None:
+def test_seams_are_drawn_beside_the_photograph_with_the_worst_enlarged(
+    stitched: pd.DataFrame, tmp_path: Path
+) -> None:
     ((suffix, figure),) = drawn("seams", stitched, tmp_path).items()
     assert suffix == "made-a"
     axes = np.array(figure.axes[:6]).reshape(3, 2)
@@ -180,6 +207,8 @@ def test_seams_are_drawn_beside_the_photograph_with_the_worst_enlarged(stitched:
     assert np.nanmax(steps[20:-20, 20:90]) < 0.05
 
 
-def test_where_no_method_changed_the_photograph_there_is_nothing_to_draw(stitched: pd.DataFrame, tmp_path: Path):
+def test_where_no_method_changed_the_photograph_there_is_nothing_to_draw(
+    stitched: pd.DataFrame, tmp_path: Path
+):
     with pytest.raises(NotApplicableError, match="seams"):
         drawn("seams", stitched[stitched["method"] == "same"], tmp_path)
