@@ -66,7 +66,7 @@ def jobs(*overrides: str, multirun: bool = False) -> compose_jobs.Command:
         ("method.gain", {"method.gain", "key=value"}),
         ("shard=3", {"shard", "index", "count"}),
         ("views={a: 1}", {"views", "word", "list", "none"}),
-        ("tracking=null", {"tracking=null", "local, off, server"}),
+        ("tracking=null", {"tracking=null", "local", "off", "server"}),
     ],
 )
 def test_a_wrong_override_is_one_clear_line(override: str, named: set[str]):
