@@ -132,9 +132,8 @@ def lay_out(exhibit: Exhibit, repositories: Path, out: Path) -> Path:
     source, place = exhibit.folder(repositories), out / PICTURES / exhibit.name
     photographs, reference = _found(source, exhibit.photographs), _found(source, exhibit.reference)
     outputs = {row: _found(source, files) for row, files in exhibit.outputs.items()}
-    if (
-        exhibit.alike
-    ):  # theirs have other names: of each, the name of our picture with the same pixels
+    if exhibit.alike:
+        # theirs have other names: of each, the name of our picture with the same pixels
         ours, theirs = (_found(source, {"{stem}": pattern}) for pattern in exhibit.alike)
         known = {read_rgb(path).tobytes(): name for name, path in theirs.items()}
         names = {name: known.get(read_rgb(path).tobytes(), "") for name, path in ours.items()}

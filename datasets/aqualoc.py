@@ -131,9 +131,8 @@ def _poses(path: Path) -> dict[int, Array]:
     poses = {}
     for number, line in enumerate(lines, 1):
         cells = line.replace(",", " ").split()
-        if (
-            not cells or cells[0].startswith("#") or (number == 1 and not cells[0][0].isdigit())
-        ):  # a header
+        if not cells or cells[0].startswith("#") or (number == 1 and not cells[0][0].isdigit()):
+            # a header
             continue
         try:
             frame, *values = (float(cell) for cell in cells)

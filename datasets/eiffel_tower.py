@@ -71,10 +71,11 @@ class EiffelTower(ImageScaleOption):
             for name, usual in paths.items():
                 if not usual.is_file() and name[:4] in _YEARS:
                     images = place.parent / name[:4] / "images"
+                    # a name may be a path: 2015/a.png, 2015/images/a.png
                     others = (
                         images / name,
                         place.parent / name,
-                    )  # a name may be a path: 2015/a.png, 2015/images/a.png
+                    )
                     there = (path for path in others if path.is_file())
                     paths[name] = next(there, images / PurePosixPath(name).name)
             yield registered_scene(place.name, model, paths, depths, self.image_scale)

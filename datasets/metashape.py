@@ -414,9 +414,8 @@ class Metashape(ImageScaleOption):
         self, folder: Path, camera: Aligned, name: str, fault: str, depth: Found, scale: float
     ) -> Photograph:
         lens = camera.lens
-        if (
-            self.undistorted
-        ):  # Undistort Photos makes one focal length, and the principal point the middle
+        if self.undistorted:
+            # Undistort Photos makes one focal length, and the principal point the middle
             lens = Lens(centred_camera(lens.camera.K[1, 1], *lens.camera.size))
         read = (
             (lambda path: read_depth(path) * scale) if self.depth_units == "chunk" else read_depth

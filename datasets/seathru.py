@@ -163,9 +163,8 @@ class Seathru(ImageScaleOption):
             p.name: (raw_size if p.suffix.lower() in RAW_SUFFIXES else image_size)(p)
             for p in track(paths, "sizes")
         }
-        usual = next(
-            (size for size in read.values() if size), FULL_SIZE
-        )  # if a header is damaged, only this view fails
+        # if a header is damaged, only this view fails
+        usual = next((size for size in read.values() if size), FULL_SIZE)
         sizes = {name: size or usual for name, size in read.items()}
         depths = _depths(place, [path.name for path in paths])
         sparse = chosen(self, place, "sparse", "folder")

@@ -85,9 +85,8 @@ class SeathruNerf(ImageScaleOption):
             files = ImageFolder(images)
             scale = self.image_scale
             unit = self.metres_per_unit
-            fits = {
-                posed.name: files.find(posed.name) for posed in model
-            }  # models are often made of other copies
+            # models are often made of other copies
+            fits = {posed.name: files.find(posed.name) for posed in model}
             paths = {
                 name: images / (same[0] if len(same) == 1 else name) for name, same in fits.items()
             }

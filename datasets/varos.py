@@ -155,9 +155,8 @@ def _beside(folder: Path, root: Path, name: str) -> Path:
 def _camera(path: Path) -> Camera:
     with reading(path, "give one with focal_length, sensor_width and resolution: width, height"):
         text = regular(path).read_text(encoding="utf-8")
-        stored = read_yaml(
-            re.sub(r"^%YAML.*\n", "", text)
-        )  # as OpenCV heads its files, which YAML refuses
+        # as OpenCV heads its files, which YAML refuses
+        stored = read_yaml(re.sub(r"^%YAML.*\n", "", text))
         resolution = stored.get("resolution", stored)
         width, height = (
             resolution

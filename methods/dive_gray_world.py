@@ -173,9 +173,8 @@ def pooled(
             f"{scene.name}: no view can be counted; give views with readable images and depth maps"
         )
     enough = sums[sums[:, 0] >= options.fewest]
-    filled = (
-        enough if len(enough) else sums.sum(axis=0, keepdims=True)
-    )  # one bin for all where none has enough
+    # one bin for all where none has enough
+    filled = enough if len(enough) else sums.sum(axis=0, keepdims=True)
     pixels = filled[:, :1]
     mean = filled[:, 2:5] / pixels
     variance = np.maximum(filled[:, 5:] / pixels - mean**2, 0)

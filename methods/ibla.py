@@ -27,10 +27,11 @@ from sucre_bench.plugins.options import check_ranges
 _WAVELENGTH_NM = np.array([620.0, 540.0, 450.0])  # of red, green and blue
 _SLOPE, _INTERCEPT = -0.00113, 1.62517  # scattering is linear in the wavelength (Zhao et al. 2015)
 _STEEPNESS = 32.0  # s, of the sigmoid
+# a channel is bright if more than 20 % of its pixels exceed 0.5 (eps_n)
 _BRIGHT, _BRIGHT_SHARE = (
     0.5,
     0.2,
-)  # a channel is bright if more than 20 % of its pixels exceed 0.5 (eps_n)
+)
 _LEAST_LIGHT = (
     0.1  # in ratios of attenuation, a channel of the veiling light counts as at least this
 )
@@ -130,10 +131,11 @@ def veiling_light_of(rgb: Array, sharpness: Array) -> Array:
     """
     gray = luma(rgb)
     blocks = least_block(gray, np.var), least_block(sharpness, np.mean)
+    # (3 candidates, 3 channels)
     candidates = np.stack(
         [rgb[highest(-sharpness, 0.001)].mean(axis=0, dtype=np.float64)]
         + [rgb[block].mean(axis=(0, 1), dtype=np.float64) for block in blocks]
-    )  # (3 candidates, 3 channels)
+    )
     bright = np.mean(rgb > _BRIGHT, axis=(0, 1))
     alpha = sigmoid(bright, _BRIGHT_SHARE)
     return np.asarray(alpha * candidates.max(axis=0) + (1 - alpha) * candidates.min(axis=0))

@@ -66,9 +66,8 @@ def corrected(rgb: Array, gamma: float) -> Array:
     """
     import cv2
 
-    attenuation = 1 - rgb.min(axis=-1, keepdims=True) ** np.float32(
-        gamma
-    )  # the greatest of the three channels'
+    # the greatest of the three channels'
+    attenuation = 1 - rgb.min(axis=-1, keepdims=True) ** np.float32(gamma)
     detail = rgb - cv2.GaussianBlur(rgb, (0, 0), _DETAIL_PX)
     return detail + attenuation * colour_transfer(rgb) + (1 - attenuation) * rgb
 

@@ -52,9 +52,8 @@ class Rghs:
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, in [0, 1]."""
         mean = view.rgb.mean(axis=(0, 1), dtype=np.float64)
-        gain = np.where(mean > 1e-6, 0.5 / np.maximum(mean, 1e-6), 1).astype(
-            np.float32
-        )  # to mid gray, unless black
+        # to mid gray, unless black
+        gain = np.where(mean > 1e-6, 0.5 / np.maximum(mean, 1e-6), 1).astype(np.float32)
         gain[0] = 1
         rgb = view.rgb * gain  # not cut, so that none piles up at 1
         for channel in range(3):
@@ -68,9 +67,8 @@ class Rghs:
 
     def _stretched(self, plane: Array, channel: int) -> Array:
         """Return the plane (H, W) moved from [I_min, I_max] to [O_min, O_max], cut at 0 and 1."""
-        levels = np.rint(plane.clip(0, 9) / np.float32(_LEVEL)).astype(
-            np.int64
-        )  # 9: no bins for a lone bright pixel
+        # 9: no bins for a lone bright pixel
+        levels = np.rint(plane.clip(0, 9) / np.float32(_LEVEL)).astype(np.int64)
         mode = float(np.bincount(levels.ravel()).argmax()) * _LEVEL
         left, right = plane[plane < mode], plane[plane >= mode]
         low = float(np.percentile(left, self.tail)) if left.size else mode

@@ -367,9 +367,8 @@ class Seathru(FillOption):
             "residual": backscatter.residual.tolist(),
             "residual_rate": backscatter.residual_rate.tolist(),
             "beta_terms": [[b.a, b.b, b.c, b.d] for b in beta],
-            "limited_share": [
-                float((amplified(b, far, np.inf) > most).mean()) for b in beta
-            ],  # of pixels
+            # of pixels
+            "limited_share": [float((amplified(b, far, np.inf) > most).mean()) for b in beta],
             "gain": gain.tolist(),
             "negative_share": (J < 0).mean(axis=0).tolist(),
             "undetermined": undetermined(

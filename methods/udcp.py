@@ -52,9 +52,8 @@ class Udcp:
         rgb = view.rgb
         dark = dark_channel(rgb[..., 1:], self.window)
         A = brightest(rgb, dark == dark.max())
-        divisor = np.maximum(A[1:], 1e-3).astype(
-            np.float32
-        )  # in a black image, nothing is brighter than A
+        # in a black image, nothing is brighter than A
+        divisor = np.maximum(A[1:], 1e-3).astype(np.float32)
         t = guided_filter(
             rgb, 1 - dark_channel(rgb[..., 1:] / divisor, self.window), self.radius, self.eps
         )

@@ -192,9 +192,8 @@ def _slopes(pair: RestoredPair, image: str) -> list[Score]:
     slopes = []
     for here, there in zip(light[0].T, light[1].T, strict=True):
         known = np.isfinite(here) & np.isfinite(there)
-        known[known] &= (
-            np.maximum(here[known], there[known]) > _DARKEST
-        )  # else there is no light to compare
+        # else there is no light to compare
+        known[known] &= np.maximum(here[known], there[known]) > _DARKEST
         z = change[known]
         ratio = np.log(np.maximum(there[known], _DARKEST)) - np.log(
             np.maximum(here[known], _DARKEST)

@@ -18,9 +18,8 @@ from sucre_bench.imaging.reference_images import known_in_both, psnr_of, referen
 from sucre_bench.plugins.plugin import metric
 from sucre_bench.scene import Restoration, Score, View
 
-_MOST = (
-    1 << 18
-)  # pixels of which CIEDE2000 is computed, on a regular grid; each takes a microsecond
+# pixels of which CIEDE2000 is computed, on a regular grid; each takes a microsecond
+_MOST = 1 << 18
 
 
 @metric(
@@ -96,9 +95,8 @@ def _exposed(image: Array, view: View, variant: str) -> tuple[Array, Array] | No
     reference = reference_of(view, image)
     scored = known_in_both(image, reference, view)
     colours, true = image[scored].astype(np.float64), reference[scored].astype(np.float64)
-    if variant != "raw" and not np.array_equal(
-        colours, true
-    ):  # rounding would leave an error of 1e-32
+    if variant != "raw" and not np.array_equal(colours, true):
+        # rounding would leave an error of 1e-32
         axis = 0 if variant == "channels" else None
         products, squares = (colours * true).sum(axis=axis), (colours**2).sum(axis=axis)
         colours *= np.maximum(products, 0) / np.maximum(squares, 1e-12)

@@ -153,9 +153,8 @@ def _verified(views: tuple[View, View], found: tuple[_Keypoints, _Keypoints]) ->
     there = nearest[here]
     ahead = _errors(views[0], views[1], first.xy[here], second.xy[there])
     back = _errors(views[1], views[0], second.xy[there], first.xy[here])
-    return int(
-        np.count_nonzero(np.fmin(ahead, back) <= _NEAR)
-    )  # at an outline, one depth may be another surface's
+    # at an outline, one depth may be another surface's
+    return int(np.count_nonzero(np.fmin(ahead, back) <= _NEAR))
 
 
 def _nearest(squares: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.intp], Mask]:

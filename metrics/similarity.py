@@ -24,10 +24,11 @@ from sucre_bench.scene import Restoration, Score, View
 
 Image = npt.NDArray[Any]
 RADIUS = 5  # the widest window reaches so far
+# rows a thread takes at a time; columns whose sums stay in the processor's cache
 _BAND, _TILE = (
     128,
     512,
-)  # rows a thread takes at a time; columns whose sums stay in the processor's cache
+)
 
 
 def squared_error(one: Image, other: Image, mask: Mask) -> float:
@@ -62,9 +63,8 @@ def mean_ssim(one: Image, other: Image, weights: Array, norm: float, whole: Mask
     ]
     loop, one, other = compiled(_ssim_of_rows), locked(one), locked(other)
     rounded = weights.astype(np.float32)
-    rounded[RADIUS] += np.float32(
-        1 - rounded.sum(dtype=np.float64)
-    )  # what rounding took from the sum
+    # what rounding took from the sum
+    rounded[RADIUS] += np.float32(1 - rounded.sum(dtype=np.float64))
 
     with ThreadPoolExecutor(usable_cores()) as pool:
         sums = pool.map(

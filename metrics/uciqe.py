@@ -99,7 +99,8 @@ def uciqe(shown: npt.NDArray[Any], variant: str = "yang2015") -> float:
         "yang2015",
         "range-contrast",
         "matlab",
-    ):  # the offset that these keep makes c > 0
+    ):
+        # the offset that these keep makes c > 0
         sigma = float(np.sqrt(_mean(np.abs(1 - (_mean(c, counts) / c) ** 2), counts)))
     if variant == "hsv":
         rgb = palette(shown).rgb
@@ -148,9 +149,8 @@ def _contrast(L: ValueCounts, variant: str) -> float:
     whole = float(L.values[-1] - L.values[0])
     if variant in ("centred", "cielab-range", "hsv"):
         return whole
-    if (
-        variant == "matlab"
-    ):  # the least level with more than 1 % of the pixels up to it, and with at least 99 % of them
+    if variant == "matlab":
+        # the least level with more than 1 % of the pixels up to it, and with at least 99 % of them
         share = L.upto / L.size
         return float(L.values[np.argmax(share >= 0.99)] - L.values[np.argmax(share > 0.01)])
     n = max(round(0.01 * L.size), 1)

@@ -149,9 +149,8 @@ def _fits(value: object, hint: Any) -> bool:
         is_number = isinstance(value, Integral if hint is int else Real) and not isinstance(
             value, bool
         )
-        return is_number and (
-            not isinstance(value, Integral) or -(2**63) <= int(value) < 2**63
-        )  # as in tables
+        # as in tables
+        return is_number and (not isinstance(value, Integral) or -(2**63) <= int(value) < 2**63)
     if hint is str:
         return isinstance(value, str) and (value.isascii() or is_utf8(value))
     is_class = (

@@ -37,9 +37,8 @@ def evenly(count: int, most: int) -> list[int]:
 def coloured(image: npt.NDArray[Any]) -> Mask:
     """Return the pixels (H, W) of an image (H, W, 3) that have a colour: all three channels are finite."""
     with np.errstate(over="ignore", invalid="ignore"):
-        if np.isfinite(
-            image.sum()
-        ):  # one quick pass that most images end at: a sum is finite if all values are
+        if np.isfinite(image.sum()):
+            # one quick pass that most images end at: a sum is finite if all values are
             return np.ones(image.shape[:-1], dtype=bool)
     finite = np.isfinite(image[..., 0])
     finite &= np.isfinite(image[..., 1])

@@ -44,16 +44,14 @@ def main() -> None:
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # else a damaged image costs ten lines more
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(
-            stream, io.TextIOWrapper
-        ):  # a letter that the locale lacks is a question mark
+        if isinstance(stream, io.TextIOWrapper):
+            # a letter that the locale lacks is a question mark
             stream.reconfigure(errors="replace")
     try:
         status = _status()
         sys.stdout.flush()
-    except (
-        BrokenPipeError
-    ):  # who read us (head, say) has enough, and what is left in the buffer has nowhere to go
+    except BrokenPipeError:
+        # who read us (head, say) has enough, and what is left in the buffer has nowhere to go
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = _BROKEN_PIPE
     sys.exit(status)
@@ -75,9 +73,8 @@ def _status() -> int:
         with isolated_children():
             cli(prog_name="sucre-bench", standalone_mode=False)
     except SystemExit as ended:
-        if (
-            sys.stdout is not stdout
-        ):  # click put another there, for it found that the reader of the pipe has gone
+        if sys.stdout is not stdout:
+            # click put another there, for it found that the reader of the pipe has gone
             return _BROKEN_PIPE
         return ended.code if isinstance(ended.code, int) else int(ended.code is not None)
     except click.exceptions.NoArgsIsHelpError as fault:
@@ -99,17 +96,15 @@ def _status() -> int:
     except MemoryError:
         return _fault(_MEMORY, 1)
     except ImportError as fault:
-        if (fault.name or "").startswith(
-            "sucre_bench"
-        ):  # ours, or a plugin file's: a fault of the code
+        if (fault.name or "").startswith("sucre_bench"):
+            # ours, or a plugin file's: a fault of the code
             raise
         text = " ".join(str(fault).split())
         remedy = "`sucre-bench doctor` says what to install; mend it if it is your plugin's"
         return _fault(f"a Python package does not import: {text}; {remedy}", 1)
     except (click.exceptions.Abort, KeyboardInterrupt) as stopped:
-        say(
-            str(stopped.__cause__ or stopped) or "stopped", "yellow"
-        )  # click makes an Abort of an interrupt
+        # click makes an Abort of an interrupt
+        say(str(stopped.__cause__ or stopped) or "stopped", "yellow")
         return 130
     except Exception as fault:
         cause: BaseException | None = fault
@@ -118,9 +113,8 @@ def _status() -> int:
         if cause:  # a library made another error of an interrupt
             say("stopped", "yellow")
             return 130
-        if loop := re.fullmatch(
-            "Symlink loop from '(.*)'", str(fault)
-        ):  # what Path.resolve raises before Python 3.13
+        if loop := re.fullmatch("Symlink loop from '(.*)'", str(fault)):
+            # what Path.resolve raises before Python 3.13
             return _fault(
                 f"{escaped_breaks(loop[1])}: links to itself; remove that link, or give another path",
                 2,

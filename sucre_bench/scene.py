@@ -29,9 +29,8 @@ Encoding = Literal["gamma", "linear"]
 
 Plane = Literal["rgb", "depth", "reference"]
 
-HAS = frozenset(
-    {"depth", "poses", "reference", "charts", "truth"}
-)  # what views of a scene may have
+# what views of a scene may have
+HAS = frozenset({"depth", "poses", "reference", "charts", "truth"})
 
 
 # A cache of decoded planes. A method may use `view.rgb` five times and the file is decoded once; a dive of 5,000 images
@@ -132,10 +131,11 @@ class Pixels(Protocol):
 # Restored images may exceed 1, in places by far; their typical values stay below this. Those of 0 to 255 do not.
 _MOST_TYPICAL = 16.0
 _DOUBLE = 2.0  # of white: the median of a photograph is not above this
+# below black, and share of the pixels of a photograph that may be lower
 _NOISE, _STRAY = (
     0.05,
     0.01,
-)  # below black, and share of the pixels of a photograph that may be lower
+)
 
 # Rows and columns of an image that tell its range.
 _LOOKED_AT = 48
@@ -154,9 +154,8 @@ def _intensities(given: object, place: str, is_input: bool = False) -> Array:
     sample = image[:: max(1, image.shape[0] // _LOOKED_AT), :: max(1, image.shape[1] // _LOOKED_AT)]
     sample = sample[np.isfinite(sample)] if np.isfinite(sample).any() else np.zeros(1, image.dtype)
     top, low = sample.max(initial=0), sample.min(initial=0)
-    is_whole = (
-        bool((sample == np.rint(sample)).all()) and np.unique(sample).size > 2
-    )  # a dark image of 0 to 255
+    # a dark image of 0 to 255
+    is_whole = bool((sample == np.rint(sample)).all()) and np.unique(sample).size > 2
     if image.dtype.kind in "iu":
         fault = f"is {image.dtype}"
     elif low < 0 and not is_input:  # no file has such values, but a strong restoration
@@ -211,9 +210,8 @@ class Arrays:
 
     def load(self, plane: Plane) -> Array | None:
         values: Array | None = getattr(self, plane)
-        return (
-            None if values is None else np.array(values, dtype=np.float32)
-        )  # a copy: it will be locked
+        # a copy: it will be locked
+        return None if values is None else np.array(values, dtype=np.float32)
 
 
 @checked

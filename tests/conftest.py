@@ -22,13 +22,11 @@ import pytest
 if TYPE_CHECKING:
     from support.browser import Browser
 
-os.environ.setdefault(
-    "OMP_NUM_THREADS", "1"
-)  # before numpy and torch: there is a process of tests for each core
+# before numpy and torch: there is a process of tests for each core
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.pop("COLUMNS", None)  # a terminal made while it is set keeps this width
-if not re.fullmatch(
-    r"[\w./-]+", tempfile.gettempdir(), re.ASCII
-):  # tests write such paths as Hydra's words, unquoted
+if not re.fullmatch(r"[\w./-]+", tempfile.gettempdir(), re.ASCII):
+    # tests write such paths as Hydra's words, unquoted
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", "/tmp")
 
 import numpy as np

@@ -157,9 +157,8 @@ def test_a_known_point_lands_where_it_must_in_two_views() -> None:
 
 
 def test_the_relative_pose_takes_the_first_cameras_points_to_the_second() -> None:
-    first_pose = np.array(
-        [[0.0, -1, 0, 0.3], [1, 0, 0, -0.2], [0, 0, 1, 0.5], [0, 0, 0, 1]]
-    )  # a quarter roll, moved
+    # a quarter roll, moved
+    first_pose = np.array([[0.0, -1, 0, 0.3], [1, 0, 0, -0.2], [0, 0, 1, 0.5], [0, 0, 0, 1]])
     in_first = np.array([-0.2 + 0.3, 0.1 - 0.2, 2.5, 1])  # X there, by hand
     moved = relative_pose(SECOND_POSE, first_pose) @ in_first
     np.testing.assert_allclose(moved, [0, 0.2, 1.9, 1], atol=1e-12)

@@ -165,9 +165,8 @@ def make_once(folder: Path, make: Callable[[], MadeScene]) -> Path:
         except OutputError as fault:
             if not Path(fault.place).is_relative_to(work):
                 raise
-            there = folder / Path(fault.place).relative_to(
-                work
-            )  # the folder of the work is gone when the user looks
+            # the folder of the work is gone when the user looks
+            there = folder / Path(fault.place).relative_to(work)
             raise type(fault)(fault.fault, there, fault.remedy) from fault
         return folder
 

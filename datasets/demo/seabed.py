@@ -258,9 +258,8 @@ def make_terrain(seed: int, noise: Noise, clearings: Sequence[tuple[float, float
     rough = noise.field(grid, None, (0.4, 0.2, 0.1, 0.05), 1)
     rng = np.random.default_rng([seed, 2])
     x, y = grid.axes()
-    for bx, by, r in _scatter(
-        rng, clearings
-    ):  # a rough dome cut by random planes, as broken rock is
+    for bx, by, r in _scatter(rng, clearings):
+        # a rough dome cut by random planes, as broken rock is
         turn, flat, stretch, sink, hue = _LEAST + _SPAN * rng.random(5)
         angle, slope, level = (_LEAST_CUT + _SPAN_OF_CUTS * rng.random((5, 3))).T[..., None, None]
         columns = slice(*np.searchsorted(x, (bx - 1.4 * r, bx + 1.4 * r)))
@@ -314,11 +313,12 @@ def _scatter(
 
 # The colour charts: boards that stand on the seabed, painted with the reference colours of their kind.
 
+# the board around the chart: black frame, bare rim, bare foot
 _FRAME_M, _RIM_M, _FOOT_M = (
     0.02,
     0.05,
     0.12,
-)  # the board around the chart: black frame, bare rim, bare foot
+)
 _BARE = (0.86, 0.86, 0.84)
 _FRAME = (0.04, 0.04, 0.04)
 

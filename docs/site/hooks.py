@@ -18,10 +18,11 @@ from mkdocs.structure.files import File, Files
 
 _FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 _MATHML = "{http://www.w3.org/1998/Math/MathML}"
+# where the limits of a sum stand in a line of its own
 _BELOW = {
     "msub": "munder",
     "msubsup": "munderover",
-}  # where the limits of a sum stand in a line of its own
+}
 _LINK_OUT = re.compile(r"\[([^\]]+)\]\(\.\./[^)]*\)")
 
 

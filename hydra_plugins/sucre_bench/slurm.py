@@ -37,17 +37,15 @@ with suppress(ImportError):
                 f"export {name}_NUM_THREADS={cpus}" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")
             )
             params["setup"] = [*threads, *params.get("setup", ())]
-            params["srun_args"] = [
-                f"--cpus-per-task={cpus}"
-            ]  # srun does not take over sbatch's, since SLURM 22.05
+            # srun does not take over sbatch's, since SLURM 22.05
+            params["srun_args"] = [f"--cpus-per-task={cpus}"]
             common = OmegaConf.structured(BaseQueueConf).keys()
             executor = submitit.AutoExecutor(folder, cluster="slurm", slurm_max_num_timeout=retries)
             named = {
                 name if name in common else f"slurm_{name}": value for name, value in params.items()
             }
-            executor.update_parameters(
-                **named, slurm_wckey=None
-            )  # submitit's default is not known to every cluster
+            # submitit's default is not known to every cluster
+            executor.update_parameters(**named, slurm_wckey=None)
             state, jobs = Singleton.get_state(), list[Any]()
             asked = [
                 (

@@ -57,9 +57,8 @@ _PER_VIEW = (*_PER_SCENE, "name", "width", "height")
 _FARTHEST_PNG_M = 65.535  # what 16 bits of millimetres can say
 _PLAIN = re.compile("[\\w ./@%+=:,-]*")  # a name that no shell or interpreter obeys
 _TAKES_CODE = re.compile(r"-\w*[ce]|--eval")  # the next word is code: sh -c, perl -e
-_NO_CODE = re.compile(
-    "[\\w./@%+=:,-]*"
-)  # what may stand beside {name} in a word: an option, a part of a path
+# what may stand beside {name} in a word: an option, a part of a path
+_NO_CODE = re.compile("[\\w./@%+=:,-]*")
 _IMAGE_BYTES = 3  # of a pixel, in 8 bits without compression
 
 

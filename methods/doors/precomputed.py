@@ -122,9 +122,8 @@ class ImageFolder:
         files = [file for place, file in files_called if place == wanted]
         owners, tried = [view for place, view in views_called if place == wanted], [str(wanted)]
         if not files and "/" not in self.pattern:
-            taken = {
-                place for place, _ in views_called
-            }  # a file in another view's place is not this one's
+            # a file in another view's place is not this one's
+            taken = {place for place, _ in views_called}
             files = [file for place, file in files_called if place not in taken]
             owners, tried = (
                 [view for _, view in views_called],
@@ -282,14 +281,14 @@ def _colours(path: Path) -> Array:
     elif suffix in (
         ".tif",
         ".tiff",
-    ):  # OpenCV multiplies 8-bit colours by alpha, and splits float images into pages
+    ):
+        # OpenCV multiplies 8-bit colours by alpha, and splits float images into pages
         try:
             stored = read_tiff(path)
         except InputError:
             raise
-        except (
-            Exception
-        ):  # each of its decoders has its own; OpenCV reads it, or says what is wrong
+        except Exception:
+            # each of its decoders has its own; OpenCV reads it, or says what is wrong
             pass
     if stored is None:
         stored = decode(path, cv2.IMREAD_UNCHANGED)

@@ -143,9 +143,8 @@ def _end_group(process: subprocess.Popen[bytes]) -> None:
     Ctrl-C kills the group.
     """
     with interrupts_held_back() as held:
-        with suppress(
-            ProcessLookupError, PermissionError
-        ):  # a group that has ended, or is another user's
+        with suppress(ProcessLookupError, PermissionError):
+            # a group that has ended, or is another user's
             os.killpg(process.pid, signal.SIGTERM)
             deadline = time.perf_counter() + _GRACE_S
             while _is_alive(process.pid) and time.perf_counter() < deadline and not held:

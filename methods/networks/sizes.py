@@ -91,9 +91,8 @@ def _tiles(length: int, tile: int | None, overlap: int, multiple: int) -> list[t
         if tile is None or length <= tile
         else -(-(length - shared) // max(multiple, tile - shared))
     )
-    size = min(
-        length, _up(-(-(length + (n - 1) * shared) // n), multiple)
-    )  # all alike, none narrow
+    # all alike, none narrow
+    size = min(length, _up(-(-(length + (n - 1) * shared) // n), multiple))
     rising = (
         ((np.arange(size) + 0.5 - overlap / 4) / max(overlap / 2, 1e-6))
         .clip(0, 1)

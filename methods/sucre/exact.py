@@ -161,10 +161,11 @@ def fit(
             for at in (starts if is_searched else [])
         ]
     if near is not None:
+        # nothing leads away from 0
         found = [
             near.by_channel(),
             *(() if near.by_channel().all() else starts[:2]),
-        ]  # nothing leads away from 0
+        ]
         margin = _margin(few, sharp, near) if physical else None
     else:
         found = (
@@ -176,9 +177,8 @@ def fit(
             margin = _margin(few, sharp, WaterParameters.of_channels(found[0]))
             found = _distinct(search.ends([few, *dark], margin, [*found, *starts]), _UNDECIDED)
     lowest, highest = few.colour.min(axis=1) * few.scale, few.colour.max(axis=1) * few.scale
-    dead = np.asarray(
-        highest - lowest < _FLAT
-    )  # black or saturated everywhere, without information
+    # black or saturated everywhere, without information
+    dead = np.asarray(highest - lowest < _FLAT)
     return search.refined(observations, dark, margin, found, starts[:2], dead)
 
 

@@ -353,9 +353,8 @@ class _Court:
         of_simplest = min(
             (known[model].held_out for model in known if model.light == simplest), default=np.inf
         )
-        if (
-            min((one.held_out for one in known.values()), default=np.inf) < BETTER * of_simplest
-        ):  # light differs
+        if min((one.held_out for one in known.values()), default=np.inf) < BETTER * of_simplest:
+            # light differs
             judge(first)
         if leading := best() or sorted(known, key=lambda model: known[model].held_out)[:1]:
             judge(

@@ -249,9 +249,8 @@ def _steps(at: Array, system: ReducedSystem, bounds: Bounds, damping: Array, whi
     """
     diagonal = np.einsum("cii->ci", system.H)
     known = diagonal > 0
-    scale = np.divide(
-        1, np.sqrt(diagonal), out=np.zeros_like(diagonal), where=known
-    )  # parameters differ in size
+    # parameters differ in size
+    scale = np.divide(1, np.sqrt(diagonal), out=np.zeros_like(diagonal), where=known)
     A, b = system.H * scale[:, :, None] * scale[:, None, :], system.g * scale
     np.einsum("cii->ci", A)[:] += np.where(known, damping[:, None] * bounds.damped + _SINGULAR, 1)
     steps = np.where(which[:, None], scale * np.linalg.solve(A, b[..., None])[..., 0], 0)

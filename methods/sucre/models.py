@@ -144,9 +144,8 @@ class Fitted:
             of_all = trust(observations, self.water, self.noise)
             observations = trusted(observations, of_all)
         with opened(observations, backend, device) as kernel:
-            if (
-                self.noise is None
-            ):  # the water's errors come from a sample, the colours' from their own noise
+            if self.noise is None:
+                # the water's errors come from a sample, the colours' from their own noise
                 own = uncertainty_of(
                     self.water, kernel.system(self.water), None, observations.n_excess
                 )

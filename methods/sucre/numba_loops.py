@@ -37,9 +37,8 @@ _loop = partial(compile_loop, fastmath=_FAST)
 # decide which one runs.
 _inline = numba.njit(forceinline=True, error_model="numpy", fastmath=_FAST)
 
-_PLACES = (
-    1 << 13
-)  # observations in a block: its six arrays take 200 kB, a part of a core's L2 cache
+# observations in a block: its six arrays take 200 kB, a part of a core's L2 cache
+_PLACES = 1 << 13
 SHARE = 1 << 20  # observations in a share of a thread, some milliseconds
 
 _LOG2_E = 1 / np.log(2)

@@ -147,13 +147,14 @@ def solve_adam(
     Raises SolveError when it diverges.
     """
     import torch
+
+    # torch.optim.Adam imports PyTorch's compiler at its first step, for a second
     from torch.optim.adam import (
         adam,
-    )  # torch.optim.Adam imports PyTorch's compiler at its first step, for a second
+    )
 
-    eps = (
-        _EPS if options.objective == "sum" else _EPS * 3 * len(observations)
-    )  # the same as dividing the sum
+    # the same as dividing the sum
+    eps = _EPS if options.objective == "sum" else _EPS * 3 * len(observations)
     tied, (_, place) = options.one_coefficient, backend_for("torch", options.device)
     J_now, columns = (
         torch.tensor(start, dtype=torch.float32, device=place),
@@ -249,9 +250,8 @@ def squared_error(
                 sums[k] += torch.stack([r @ r, r @ D_B, r @ D_beta, r @ D_gamma])
 
         list(workers.map(work, range(len(blocks))))
-        total = (
-            sums.cpu().reshape(-1, 3, 4).sum(dim=0)
-        )  # blocks of one start are the three channels
+        # blocks of one start are the three channels
+        total = sums.cpu().reshape(-1, 3, 4).sum(dim=0)
         return total[:, 0], -2 * total[:, 1:].contiguous()
 
     with (

@@ -270,9 +270,8 @@ class Kernel:
         stop = self.observations.n_repeated if margin is None else None
         formula = products_on_gpu if self.device == "cuda" else products
         parts = self._each(stop, formula, water, None if margin is None else _by_channel(margin))
-        total = sum(
-            (part for _, part in parts), np.zeros((3, 4, 4))
-        )  # of D'_B, D'_beta, D'_gamma and r
+        # of D'_B, D'_beta, D'_gamma and r
+        total = sum((part for _, part in parts), np.zeros((3, 4, 4)))
         return ReducedSystem(total[:, :3, :3], total[:, :3, 3], total[:, 3, 3])
 
     def colours(

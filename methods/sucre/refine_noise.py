@@ -230,9 +230,8 @@ def _filtered(
     rest = np.maximum(mean(y * y) - y_mean**2 - 2 * alpha * xy + alpha**2 * xx, 0)
     noise = np.maximum(mean(v), _TINY)
     kappa = min(1.0, float(np.percentile((rest / noise)[known], _PLAIN)))
-    own = np.maximum(
-        mean(np.maximum(rest - kappa * noise, 0)), _TINY
-    )  # sums of windows leave rounding errors
+    # sums of windows leave rounding errors
+    own = np.maximum(mean(np.maximum(rest - kappa * noise, 0)), _TINY)
     plain = mean(alpha) * x + mean(y_mean - alpha * x_mean)
     kept = own / (own + kappa * v)
     return np.asarray(plain + kept * (y - plain)), np.asarray(1 - kappa + kappa * kept)

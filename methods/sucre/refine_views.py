@@ -197,13 +197,11 @@ def corrected_edges(
         spots = share[..., 0] > 0
         _, spot, sizes, _ = cv2.connectedComponentsWithStats(spots.astype(np.uint8), connectivity=8)
         share[spots & (sizes[spot, cv2.CC_STAT_AREA] <= half**2) & is_wrong] = 0
-    rest = np.multiply(
-        1 - share, deviation, out=np.zeros_like(noise), where=share < 1
-    )  # deviations may be infinite
+    # deviations may be infinite
+    rest = np.multiply(1 - share, deviation, out=np.zeros_like(noise), where=share < 1)
     left = np.sqrt(rest**2 + (share * noise) ** 2)
-    left = np.maximum(
-        left, np.where(np.isfinite(deviation), deviation, 0)
-    )  # one tells no more than all of them
+    # one tells no more than all of them
+    left = np.maximum(left, np.where(np.isfinite(deviation), deviation, 0))
     return (J + share * e).astype(np.float32), np.where(share > 0, left, deviation).astype(
         np.float32
     )
@@ -254,9 +252,8 @@ def refined(seen: Observed, solution: Solution) -> tuple[Solution, ImagePrior | 
         if options.colours == "multi_view" and (solution.trust is not None or options.refine):
             solution = calibrated(seen.observations, solution)
             solution = _of_many_views(seen, solution) if options.refine else solution
-        if (
-            options.robust
-        ):  # colours that no surface has are unknown: none at all, or for the prior to guess
+        if options.robust:
+            # colours that no surface has are unknown: none at all, or for the prior to guess
             is_speck = specks_of(solution.J, solution.deviation, linear=linear)
             J = solution.J if options.refine else np.where(is_speck, np.float32(np.nan), solution.J)
             unknown = np.float32(np.inf if options.refine else np.nan)

@@ -408,10 +408,11 @@ class Observed:
         """Return the view with its own observations alone."""
         from sucre_bench.multiview.observe import observe
 
+        # light is a matter of views and rays
         view, is_evened = (
             self.recorded or self.view,
             self.light is not None,
-        )  # light is a matter of views and rays
+        )
         found = observe(
             view, [view], **self.options.pairing_with(with_view=is_evened, with_ray=is_evened)
         )
@@ -514,9 +515,8 @@ class Dive(Observed):
             [*spread, *others], "shared water" if most == _TARGETS else "judging models"
         ):
             view, names = scene.views[k], {one.name for one in scene.views[k : k + 2]}
-            if k in others and any(
-                names <= group for group in linked
-            ):  # it links nothing to the next view
+            if k in others and any(names <= group for group in linked):
+                # it links nothing to the next view
                 continue
             try:
                 found = options.observe(scene, view, with_view=True, with_ray=True)

@@ -105,9 +105,8 @@ def _opponents(shown: npt.NDArray[Any], wraparound: bool, order: str) -> tuple[V
         RG, sum_RG = RG % 256, sum_RG % 256
     found = []
     for x, divisor in ((RG, 1), (sum_RG - 2 * B, 2)):
-        every = np.bincount(x + 512, weights=colours.counts).astype(
-            np.int64
-        )  # whole numbers from -512 on
+        # whole numbers from -512 on
+        every = np.bincount(x + 512, weights=colours.counts).astype(np.int64)
         there = np.flatnonzero(every)
         found.append(ValueCounts.of((there - 512) / divisor, every[there]))
     return tuple(found)

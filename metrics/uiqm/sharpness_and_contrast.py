@@ -175,9 +175,8 @@ def whole_resized_blocks(shown: npt.NDArray[Any], side: int, margin: bool) -> Ma
         return np.ones([-(-n // side) for n in valid.shape], np.bool_)
     for axis, n in enumerate(valid.shape):
         index, _ = _taps(n, side)
-        used = np.moveaxis(
-            index.reshape(len(index), -1, side), 1, 0
-        )  # (blocks, 4, side) pixels each is made of
+        # (blocks, 4, side) pixels each is made of
+        used = np.moveaxis(index.reshape(len(index), -1, side), 1, 0)
         valid = np.stack(
             [valid.take(block.ravel(), axis).all(axis=axis) for block in used], axis=axis
         )
@@ -359,9 +358,8 @@ def uism(shown: npt.NDArray[Any], form: Sharpness = Sharpness()) -> float:
     else:
         extremes = edge_extremes(shown, form.block)
     if form.edges == "rounded":
-        scale = (
-            4 * 255 * np.sqrt(2)
-        )  # the filter as scikit-image scales it: steps of 1 give 1, two directions averaged
+        # the filter as scikit-image scales it: steps of 1 give 1, two directions averaged
+        scale = 4 * 255 * np.sqrt(2)
         extremes = Extremes(np.round(extremes.least / scale), np.round(extremes.most / scale))
     k1, k2 = whole.shape
     channels = zip(

@@ -172,9 +172,8 @@ def _say_gated(verdict: Gated, baseline: str) -> None:
     column, (gain, low, high) = verdict.column, verdict.gain
     unit = f" {column.unit}" if column.unit else ""
     what = f"{verdict.dataset} / {verdict.method}: {column.metric} ({column.variant})"
-    up = (
-        "better" if column.ranked else column.better
-    )  # of a picture alone nobody knows which is better
+    # of a picture alone nobody knows which is better
+    up = "better" if column.ranked else column.better
     by = f"{signed(gain)}{unit} [{signed(low)}, {signed(high)}] against {baseline}, + is {up}"
     limit = f"limit {number(verdict.gate.limit)}"
     if verdict.outcome == "failed":

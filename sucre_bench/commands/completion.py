@@ -143,9 +143,8 @@ def _values(typed: str, given: Mapping[str, str]) -> _Found:
     key, _, value = typed.partition("=")
     bracket = value[: value.startswith("[")]
     others, comma, last = value[len(bracket) :].rpartition(",")
-    opens = (
-        key == "metrics" and not bracket and ":" not in last
-    )  # bash completes only what follows the colon
+    # bash completes only what follows the colon
+    opens = key == "metrics" and not bracket and ":" not in last
     head = f"{key}={'[' if opens else bracket}{others}{comma}"
     group, _, name = key.rpartition(".")
     option = next((option for option in _options(group, given) if option.name == name), None)

@@ -190,9 +190,8 @@ def _prepared(
     if is_alone:
         return found, replace(options, single_view=options.method), ""
     load_pycolmap("restore")
-    noted(
-        found, out, options, again=False
-    )  # refuses photographs of another source before they are prepared
+    # refuses photographs of another source before they are prepared
+    noted(found, out, options, again=False)
     wanted = prepare.Options(focal=focal)
     with progress.live():
         try:

@@ -37,9 +37,8 @@ def compared(outcome: Outcome) -> list[Comparison]:
     """Compare the methods on each dataset of the results folder: once, for terminal and page."""
     if not len(outcome.rows):
         return []
-    baseline = (
-        outcome.job.baseline if outcome.job.baseline in outcome.methods else ""
-    )  # it may not run here
+    # it may not run here
+    baseline = outcome.job.baseline if outcome.job.baseline in outcome.methods else ""
     return compare.compare(outcome.rows, order=outcome.methods, baseline=baseline)
 
 
@@ -157,9 +156,8 @@ def _written(
         from sucre_bench.reports import paper
 
         requested = outcome.requested_rows
-        is_whole = (
-            len(requested) == (outcome.rows["view"] != "").sum()
-        )  # else the folder holds other rows too
+        # else the folder holds other rows too
+        is_whole = len(requested) == (outcome.rows["view"] != "").sum()
         known = comparisons if is_whole else ()
         made = paper.write(
             outcome.job.study, requested, outcome.out, outcome.methods, outcome.datasets, known

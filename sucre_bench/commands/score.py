@@ -120,9 +120,8 @@ def score(
     elif (rows["status"] == "ok").any():
         terminal.out.print(_summary(rows))
     faults = rows[rows["status"] != "ok"]
-    asked = (
-        faults if metrics else faults[faults["status"] == "failed"]
-    )  # by default, what does not apply is no fault
+    # by default, what does not apply is no fault
+    asked = faults if metrics else faults[faults["status"] == "failed"]
     lacks = [text for text in asked["reason"].unique() if Reason.of(text) is Reason.LACK]
     is_lack = asked["reason"].isin(lacks)
     for (metric, lack), _ in asked[is_lack].groupby(

@@ -162,9 +162,8 @@ def say_what_views_show(planned: Sequence[Planned]) -> None:
     from sucre_bench.machine import progress
 
     say_whether_measurable(planned)
-    chosen = [
-        plan for plan in planned if plan.job.first or plan.job.views
-    ]  # a shard has neighbours on purpose
+    # a shard has neighbours on purpose
+    chosen = [plan for plan in planned if plan.job.first or plan.job.views]
     scenes: dict[tuple[str, str], tuple[Scene, set[str]]] = {}
     for dataset, task in ((plan.job.dataset.label, task) for plan in chosen for task in plan.tasks):
         scenes.setdefault((dataset, task.scene.name), (task.scene, set()))[1].add(task.view.name)

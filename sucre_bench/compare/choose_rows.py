@@ -48,9 +48,8 @@ def load(folders: Iterable[str | Path]) -> DataFrame:
 
     tables = []
     for folder in map(Path, folders):
-        with (
-            open_bundle(folder) if is_bundle(folder) else nullcontext() as bundle
-        ):  # `verify` checks what it says
+        with open_bundle(folder) if is_bundle(folder) else nullcontext() as bundle:
+            # `verify` checks what it says
             rows = results.read(folder) if bundle is None else bundle.rows
             tables.append(rows.assign(_folder=str(folder)))
     rows = pd.concat(tables, ignore_index=True)

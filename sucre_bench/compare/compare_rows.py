@@ -262,9 +262,8 @@ def _by_table(rows: DataFrame, groups: list[str]) -> dict[tuple[Hashable, ...], 
         ok.assign(_common=ok["pixels"] == "common").groupby(of_column, sort=False)["_common"].any()
     )
     keys = [*dict.fromkeys([*of_column, *REPETITION])]
-    in_order = ok[[*keys, "method", "value"]].sort_values(
-        "value", kind="stable"
-    )  # sums do not depend on rows' order
+    # sums do not depend on rows' order
+    in_order = ok[[*keys, "method", "value"]].sort_values("value", kind="stable")
     every = in_order.groupby([*keys, "method"])["value"].mean().unstack("method")
     places = every.index.to_frame(index=False).groupby(of_column).indices
     scores = every.droplevel([name for name in keys if name not in REPETITION]).reorder_levels(

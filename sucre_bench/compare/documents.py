@@ -105,9 +105,8 @@ def _below(comparison: Comparison, spread: bool) -> list[str]:
 
 def _markdown(comparison: Comparison, titled: bool, spread: bool) -> str:
     def plain(text: str) -> str:
-        return re.sub(
-            r"([*`\[\]\\])", r"\\\1", html.escape(text, quote=False)
-        )  # a label is no markup
+        # a label is no markup
+        return re.sub(r"([*`\[\]\\])", r"\\\1", html.escape(text, quote=False))
 
     sets = {"best": "**{}**", "second": "<u>{}</u>", "": "{}"}
     heads, *rows = _grid(comparison, spread)

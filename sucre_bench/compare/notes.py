@@ -64,9 +64,8 @@ def _notes(
         if text:
             yield Note("trained on", (name,), reasons=str(text))
     cites = {name: plugin.cites for name, plugin in methods.items() if plugin}
-    for text in sorted(
-        {text for text in cites.values() if text.startswith("by this project")}
-    ):  # no published method
+    for text in sorted({text for text in cites.values() if text.startswith("by this project")}):
+        # no published method
         yield Note("by us", tuple(name for name in cites if cites[name] == text), reasons=text)
 
 

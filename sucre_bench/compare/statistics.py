@@ -121,9 +121,8 @@ class Units:
             return f * (n - 1) / (n - f), max((n - 1) / f, _LEAST_FREEDOM)
         if np.ptp(sizes) == 0:
             return 1.0, n - 1.0
-        made_of = (
-            sizes[:, None] * (np.eye(n) - sizes / sizes.sum()) / np.sqrt(sizes)
-        )  # residuals of independent views
+        # residuals of independent views
+        made_of = sizes[:, None] * (np.eye(n) - sizes / sizes.sum()) / np.sqrt(sizes)
         moments = made_of.T @ made_of
         expected, squared = float(np.trace(moments)), float((moments**2).sum())
         return float(sizes.sum()) * (n - 1) / n / expected, expected**2 / squared
@@ -271,9 +270,8 @@ def _greatest_t(units: Units, i: npt.NDArray[Any], j: npt.NDArray[Any]) -> Array
                 counts @ (r[:, a] - r[:, b]) ** 2 - 2 * d * m + d**2 * (counts @ s**2)[:, None]
             )
             error = np.sqrt(np.maximum(squares, 0) * n / (n - 1)) / views
-            with np.errstate(
-                divide="ignore", invalid="ignore"
-            ):  # the same unit drawn n times has no spread
+            with np.errstate(divide="ignore", invalid="ignore"):
+                # the same unit drawn n times has no spread
                 t = np.where(
                     error > _EXACT * np.abs(d), np.abs(d) / error, np.where(d == 0, 0.0, np.inf)
                 )
@@ -386,9 +384,8 @@ def cells(
     """
     size, mean = _size(scores.views), means(scores.views)
     low = high = np.full_like(mean, np.nan)
-    if (
-        scores.independent is not None
-    ):  # within the range of the metric: with few views intervals would leave it
+    if scores.independent is not None:
+        # within the range of the metric: with few views intervals would leave it
         low, high = np.clip(mean_intervals(scores.independent), *column.range)
     numbers = (*(_less(each, 0.0, size) for each in (mean, low, high)), holes)
     made = [
@@ -412,10 +409,11 @@ def _ranked(column: Column, scores: ColumnScores, made: Sequence[Cell]) -> list[
     worse = scores.views * _sign(column)
     mean, size = means(worse), _size(worse)
     sizes = np.maximum(size, size[:, None])
+    # how far j is behind i; half interval
     gap, half = (
         _less(mean, mean[:, None], sizes),
         np.full_like(sizes, np.nan),
-    )  # how far j is behind i; half interval
+    )
     places = 1 + (gap > 0).sum(axis=0)
     best = int(np.argmin(places))
     if scores.independent is not None:
@@ -427,9 +425,8 @@ def _ranked(column: Column, scores: ColumnScores, made: Sequence[Cell]) -> list[
     may_be_equal = (_less(gap, half, sizes) <= 0) & (_less(gap, -half, sizes) >= 0)
     ranks = 1 + ((gap > 0) & ~may_be_equal).sum(axis=0)  # by the mean where chance is not known
     of_best = np.maximum(size, size[worse.argmin(axis=1)][:, None])
-    is_best = (
-        _less(worse, worse.min(axis=1, keepdims=True), of_best) == 0
-    )  # equal methods share a view
+    # equal methods share a view
+    is_best = _less(worse, worse.min(axis=1, keepdims=True), of_best) == 0
     wins = (is_best / is_best.sum(axis=1, keepdims=True)).sum(axis=0)
     return [
         replace(

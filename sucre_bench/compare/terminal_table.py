@@ -228,9 +228,8 @@ def _overview(comparisons: Sequence[Comparison], metric: str, variant: str, widt
     )
     titles = [one.title for one in comparisons]
     letters = itertools.takewhile(lambda signs: len({*signs}) == 1, zip(*titles, strict=False))
-    prefix = re.sub(
-        r"[^,=·/ ]*$", "", "".join(same[0] for same in letters)
-    )  # up to the end of a word of a label
+    # up to the end of a word of a label
+    prefix = re.sub(r"[^,=·/ ]*$", "", "".join(same[0] for same in letters))
     laid_out = [
         _laid(
             replace(one, methods=tuple(methods)),

@@ -424,9 +424,8 @@ def verdicts(comparison: Comparison) -> list[Verdict]:
 
 
 def _lead_of_best(comparison: Comparison, column: Column) -> Iterator[Verdict]:
-    cells = {
-        name: cell for name, cell in comparison.of(column).items() if cell.place
-    }  # the photograph has none
+    # the photograph has none
+    cells = {name: cell for name, cell in comparison.of(column).items() if cell.place}
     if len(cells) < 2:
         return
     best, second = sorted(cells, key=lambda name: cells[name].place)[:2]

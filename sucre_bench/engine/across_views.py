@@ -198,9 +198,8 @@ def pair_rows(
         for entrant in entrants
     ]  # fmt: skip
     camera = next((view.camera for view in views if view.camera), None)
-    bytes_each = (
-        24 * camera.width * camera.height if camera else _HELD
-    )  # two images of three float32
+    # two images of three float32
+    bytes_each = 24 * camera.width * camera.height if camera else _HELD
     shared = SharedPoints(views)
     overlaps = shared.overlaps()
     for start in range(0, len(overlaps), _AT_ONCE):

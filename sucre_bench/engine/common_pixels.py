@@ -182,9 +182,8 @@ class CommonView:
             return rows
         known = self.scores if self.before is not None and self.before.code == common.id else {}
         for method, source in self.sources.items():
-            rows += [
-                row for key, row in known.items() if key[0] == method
-            ]  # also by metrics not asked for now
+            # also by metrics not asked for now
+            rows += [row for key, row in known.items() if key[0] == method]
             todo = [
                 row for row in self.own_rows if row.method == method and _score(row) not in known
             ]

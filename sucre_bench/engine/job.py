@@ -146,9 +146,8 @@ def _restored_and_scored(
 ) -> list[Row]:
     """Restore, store and score one view. over: colours of its scene, where all views of a scene are shown alike."""
     view, log = task.view, log_path(job.out)
-    decides = (
-        over is not None and view.name in over.views
-    )  # its colours are among them, so it is restored already
+    # its colours are among them, so it is restored already
+    decides = over is not None and view.name in over.views
     try:
         with step(f"view '{view.name}' by method '{job.method.label}'"):
             afresh = job.overwrite == "always" and not decides

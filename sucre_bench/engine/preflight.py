@@ -454,9 +454,8 @@ def _clashes(planned: Sequence[Planned], rows: DataFrame) -> list[str]:
         options = options_of.setdefault(dataset, {}).setdefault(method, set())
         if scene:
             scenes_of.setdefault(dataset, set()).add(results.unreplicated(scene)[0])
-            options |= (
-                {options_id} if status != "failed" else set()
-            )  # what failed may be tried another way
+            # what failed may be tried another way
+            options |= {options_id} if status != "failed" else set()
     for plan in planned:
         job = plan.job
         methods = options_of.get(job.dataset.label, {})

@@ -254,9 +254,8 @@ def score(
         raise InputError(sizes, "score(result)", "restore the view at its own size")
     metrics = [metrics] if isinstance(metrics, str) else metrics
     result = restoration_in_srgb(result, view)
-    info = {
-        name: value for name, value in result.info.items() if value is not None
-    }  # None: not measured, not known
+    # None: not measured, not known
+    info = {name: value for name, value in result.info.items() if value is not None}
     for name in info.keys() & _INFO:
         check_argument(f"score(result.info['{name}'])", info[name], _INFO[name])
     seed = info.get("options", {}).get("seed", 0)

@@ -141,9 +141,8 @@ def run(command: Command, watch: Watch | None = None, launch: Launch | None = No
                         metric.plugin.is_of_pairs for plan in planned for metric in plan.job.metrics
                     ):
                         run_alone("pairs of views", partial(score_across_views, planned), n_alone)
-                    if compare.leaves_holes(
-                        results.merge(first.out)
-                    ):  # else all methods fill the same pixels
+                    if compare.leaves_holes(results.merge(first.out)):
+                        # else all methods fill the same pixels
                         on_common_pixels = partial(score_on_common_pixels, planned, first.out)
                         run_alone("common pixels", on_common_pixels, n_alone)
         except KeyboardInterrupt:
@@ -247,7 +246,8 @@ def _outcome(
             for name in (
                 ("", ""),
                 view,
-            ):  # what became of the whole job, unless there is more of the view
+            ):
+                # what became of the whole job, unless there is more of the view
                 state = states.get((*labels, *name))
                 if state and (is_cached or (*name, state[2]) not in plan.before):
                     status, reason, _ = state

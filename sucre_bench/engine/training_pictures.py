@@ -40,9 +40,8 @@ def seen_in_training(out: Path, rows: DataFrame) -> Iterator[str]:
                 if place := layout.find(str(dataset), scene, view, out):
                     pictures[f"{scene}/{view}"] = picture_of(read_rgb(place.original(out)))
         for method, (text, sets, but) in trained.items():
-            found = [
-                found_of(one, pictures, "image") for one in sets
-            ]  # by content, and not changed
+            # by content, and not changed
+            found = [found_of(one, pictures, "image") for one in sets]
             seen = {name for one in found for name in {*one.members} - {*one.by_name, *one.changed}}
             if but:
                 seen -= {*found_of(but, pictures, "image").members}

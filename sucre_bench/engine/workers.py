@@ -149,9 +149,8 @@ class _Job:
         job, tasks = self.planned.job, self.planned.tasks
         if tasks and not tasks[0].base.code.startswith(base_row(job).code):
             shares = self.planned.shares_decoded
-            self.planned = replace(
-                plan(job), shares_decoded=shares
-            )  # an earlier job has made files that it reads
+            # an earlier job has made files that it reads
+            self.planned = replace(plan(job), shares_decoded=shares)
             self.left = deque((k,) for k in range(len(self.planned.todo)))
         line = progress.line(f"{job.method.label} on {job.dataset.label}", len(self.left))
         self.after_view.append(self._shown.enter_context(line))
@@ -180,9 +179,8 @@ class _Job:
                     tuple(of) for _, of in groupby(places, key=lambda k: todo[k].base.scene)
                 )
             self.n_ready += 1
-        elif (
-            kind == "unfit" and self.n_ready
-        ):  # for want of memory, say: the other workers do its share
+        elif kind == "unfit" and self.n_ready:
+            # for want of memory, say: the other workers do its share
             self.is_full = True
         elif kind == "unfit":
             if values[0].status == "failed":

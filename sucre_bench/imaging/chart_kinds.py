@@ -317,18 +317,16 @@ def _printed(name: str) -> ChartKind:
         return _grid(
             name,
             _DGK,
-            columns=[
-                (0.045 + 0.157 * k, 0.185 + 0.157 * k) for k in range(6)
-            ],  # measured on a rectified image
+            # measured on a rectified image
+            columns=[(0.045 + 0.157 * k, 0.185 + 0.157 * k) for k in range(6)],
             rows=[(0.05, 0.48), (0.51, 0.71), (0.75, 0.95)],
             size=(6, 4),
         )
     return _grid(
         name,
         _COLORCHECKER,
-        columns=[
-            (46 * k / 270, (46 * k + 40) / 270) for k in range(6)
-        ],  # patches of 40 mm, 6 mm apart
+        # patches of 40 mm, 6 mm apart
+        columns=[(46 * k / 270, (46 * k + 40) / 270) for k in range(6)],
         rows=[(46 * k / 178, (46 * k + 40) / 178) for k in range(4)],
         size=(270, 178),
     )

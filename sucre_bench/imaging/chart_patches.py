@@ -73,9 +73,8 @@ def chart_mask(chart: Chart, size: tuple[int, int]) -> Mask:
     v, u = np.mgrid[top:bottom, left:right] + 0.5
     inside = np.ones(u.shape, dtype=bool)
     for (x, y), (dx, dy) in zip(corners, np.roll(corners, -1, axis=0) - corners, strict=True):
-        inside &= (
-            dx * (v - y) - dy * (u - x) >= 0
-        )  # on the right of each edge: corners go clockwise, y down
+        # on the right of each edge: corners go clockwise, y down
+        inside &= dx * (v - y) - dy * (u - x) >= 0
     mask[top:bottom, left:right] = inside
     return mask
 

@@ -112,10 +112,11 @@ def guided_filter(guide: Array, plane: Array, radius: int, eps: float, *, rows: 
     height = len(plane)
     for top in range(0, height, rows):
         bottom = min(top + rows, height)
+        # a mean of means reaches this far
         low, high = (
             max(0, top - 2 * radius),
             min(height, bottom + 2 * radius),
-        )  # a mean of means reaches this far
+        )
         band = _filtered(guide[low:high], plane[low:high], radius, eps)
         smooth[top:bottom] = band[top - low : bottom - low]
     return smooth

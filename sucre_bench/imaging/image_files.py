@@ -26,6 +26,7 @@ from sucre_bench.errors import DamagedFileError, InputError, file_error, in_word
 from sucre_bench.machine.files import frames_of, open_atomically, reading, regular, write_atomically
 from sucre_bench.machine.progress import say
 
+# of what is taken for an image in a folder
 SUFFIXES = (
     ".png",
     ".jpg",
@@ -34,23 +35,25 @@ SUFFIXES = (
     ".tiff",
     ".bmp",
     ".webp",
-)  # of what is taken for an image in a folder
+)
 
 # The environment variable of the most megapixels that a picture may have, and its default: two of the largest cameras'
 # pictures. The most bytes a pixel: four channels of 32 bits.
 _LIMIT, _MEGAPIXELS, _BYTES = "SUCRE_BENCH_MAX_MEGAPIXELS", 250.0, 16
 
 _JPEG = b"\xff\xd8"  # its first bytes
+# a JPEG's further pictures are previews, or the second lens of a camera
 _ANIMATED = (
     "PNG",
     "WEBP",
-)  # a JPEG's further pictures are previews, or the second lens of a camera
+)
 _REDUCED_OR_MASK = 1 | 4  # bits of a TIFF page's NewSubfileType
 _ALPHA = (1, 2)  # multiplied and straight, in a TIFF's ExtraSamples
+# channels of gray (0 is black) and of RGB, by a TIFF's PhotometricInterpretation
 _COLOURS = {
     1: 1,
     2: 3,
-}  # channels of gray (0 is black) and of RGB, by a TIFF's PhotometricInterpretation
+}
 _PLANES = 2  # a TIFF's PlanarConfiguration
 _ICC = 34675  # the tag of a TIFF
 _FEW_BITS = 14  # of raw converters

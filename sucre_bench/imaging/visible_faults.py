@@ -33,14 +33,16 @@ _MORE_SATURATED = (
     2.0  # a restored colour may have so much of the chroma that white balance gives it
 )
 _UNSURE = 0.2  # the error of a white balance, as a share of the chroma that it removes from the brightest ground
+# ratio of distances at an edge; share of the picture that edges must have
 _STEP, _LEAST_EDGES = (
     1.25,
     0.005,
-)  # ratio of distances at an edge; share of the picture that edges must have
+)
+# side of the square around an edge pixel; a*b* distance of a rim
 _BESIDE_PX, _STANDS_OUT = (
     31,
     15.0,
-)  # side of the square around an edge pixel; a*b* distance of a rim
+)
 _TEXTURE, _LESS = 0.008, 0.25  # least standard deviation that is texture; share of it that is none
 _WAS_RED_HUE_DEG, _RED_HUE_DEG = 25, 15
 

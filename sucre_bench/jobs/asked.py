@@ -98,9 +98,8 @@ def reading_experiment(words: Sequence[str]) -> Iterator[list[str]]:
 def _search_path(words: Sequence[str]) -> Iterator[str]:
     """Yield the places of `hydra.searchpath`, which Hydra reads where it composes; presets are looked for before."""
     given = parse(word for word in words if word.lstrip("+").startswith("hydra.searchpath="))
-    lists = [
-        value for word in given for value in word.values if isinstance(value, list)
-    ]  # Hydra refuses others
+    # Hydra refuses others
+    lists = [value for word in given for value in word.values if isinstance(value, list)]
     for place in itertools.chain(*lists):
         folder = str(place).removeprefix("file://")
         if "://" not in folder:

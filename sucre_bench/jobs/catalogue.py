@@ -95,10 +95,11 @@ def configuration(kind: Kind, name: str) -> dict[str, Any]:
     plugin = plugins.find(kind, name)
     variants = [variant] if variant else plugin.default
     added: dict[str, Any] = {"label": None, "display": plugin.display}
+    # keys: Hydra joins those of several choices
     added |= {
         "variants": None,
         "named": dict.fromkeys(variants, True),
-    }  # keys: Hydra joins those of several choices
+    }
     values = {
         o.name: "???" if o.default is MISSING else plain_value(o.default)
         for o in options_of(plugin.cls)

@@ -57,9 +57,8 @@ class Job(RunConfig):
         run = RunConfig.of(values)
         dataset, method = plugin_choice("dataset", run.dataset), plugin_choice("method", run.method)
         dataset, method = _labelled(dataset, swept), _labelled(method, swept)
-        if pinned := getattr(
-            method.plugin.cls, "pinned", None
-        ):  # the options as rows are to record them
+        if pinned := getattr(method.plugin.cls, "pinned", None):
+            # the options as rows are to record them
             method = replace(method, options=pinned(method.options))
         plain = dict(values)
         for kind, choice in (("dataset", dataset), ("method", method)):

@@ -234,9 +234,8 @@ def given(kind: Kind, record: Mapping[str, Any], seed: int = 0) -> dict[str, Any
     defaults: dict[str, Any] = (
         {option.name: option.default for option in options_of(plugin.cls)} if plugin else {}
     )
-    defaults |= (
-        {"seed": seed, "display": plugin.display} if plugin else {}
-    )  # of the run, unless it is given
+    # of the run, unless it is given
+    defaults |= {"seed": seed, "display": plugin.display} if plugin else {}
     return {
         name: v
         for name, v in record.items()

@@ -299,9 +299,8 @@ def _text_images(path: Path) -> Iterator[_ImageRow]:
         for line in lines:
             if not line.strip() or line.startswith("#"):
                 continue
-            words = line.strip().split(
-                maxsplit=9
-            )  # the name is the rest of the line: it may hold spaces
+            # the name is the rest of the line: it may hold spaces
+            words = line.strip().split(maxsplit=9)
             if len(words) < 10:
                 raise ValueError(f"no image is written '{line.strip()}'")
             points = next(lines, "").rsplit(maxsplit=1)

@@ -23,14 +23,16 @@ from sucre_bench.machine.progress import say
 
 _FARTHEST_M = 1000.0
 _NONE = 65535  # of 16 bits
+# share of the pixels, and factor above the next value, of one that means "unknown"
 _REPEATS, _BEYOND = (
     0.001,
     8.0,
-)  # share of the pixels, and factor above the next value, of one that means "unknown"
+)
+# of COLMAP: of two maps of an image the first is taken
 _FILTERED, _RAW = (
     ".geometric.bin",
     ".photometric.bin",
-)  # of COLMAP: of two maps of an image the first is taken
+)
 
 
 def find_depths(folder: Path, names: Sequence[str]) -> dict[str, Path | str]:
@@ -45,19 +47,19 @@ def find_depths(folder: Path, names: Sequence[str]) -> dict[str, Path | str]:
             path = (place / file).relative_to(folder).as_posix()
             if suffix := depth_suffix(file):
                 there[path[: -len(suffix)]].append(path)
-    claims: dict[str, list[tuple[int, str]]] = defaultdict(
-        list
-    )  # the file -> who may own it, how closely named
+    # the file -> who may own it, how closely named
+    claims: dict[str, list[tuple[int, str]]] = defaultdict(list)
     nearest: dict[str, str] = {}
     for name in names if there else ():
         image = PurePosixPath(name)
         places = dict.fromkeys(("" if (parent := str(image.parent)) == "." else f"{parent}/", ""))
+        # the closest name first
         stems = (
             image.name,
             f"depth_{image.stem}",
             f"depth{image.stem}",
             image.stem,
-        )  # the closest name first
+        )
         for rank, stem in enumerate(place + stem for place in places for stem in stems):
             if stem in there:
                 claims[stem].append((rank, name))

@@ -78,9 +78,8 @@ class Lens:
         edge = sides.any(axis=0)
         x, y = np.full((2, u.size), np.nan)
         x[edge], y[edge] = self.rays(np.stack([u[edge], v[edge]], -1)).T
-        away = np.where(
-            sides, [-x, x, -y, y], np.nan
-        )  # NaN where there is no ray, often in corners
+        # NaN where there is no ray, often in corners
+        away = np.where(sides, [-x, x, -y, y], np.nan)
         # How near each side of the photograph comes to the axis: the pinhole may not look beyond.
         nearest = np.fmin.reduce(away, axis=1, initial=np.inf)
         with np.errstate(all="ignore"):
@@ -101,9 +100,8 @@ class Lens:
         )
         within = (at >= -_NEAR_PX) & (at <= np.array([width, height]) + _NEAR_PX)
         right_of, below = np.diff(at, axis=1)[:-1], np.diff(at, axis=0)[:, :-1]
-        folded = (
-            right_of[..., 0] * below[..., 1] <= right_of[..., 1] * below[..., 0]
-        )  # the same place is seen twice
+        # the same place is seen twice
+        folded = right_of[..., 0] * below[..., 1] <= right_of[..., 1] * below[..., 0]
         return undone if folded.any() or not within.all() else Camera(pinhole, width, height)
 
     def undistorted(self, image: Array, size: tuple[int, int]) -> Array:
@@ -151,9 +149,8 @@ class Lens:
         By Newton's method, started at the distorted place, from where it does not overshoot: a barrel's ray lies
         beyond it, a cushion's short of it.
         """
-        wanted = np.linalg.solve(self.camera.K, np.vstack([pixels.T, np.ones(len(pixels))]))[
-            :2
-        ]  # (2, P)
+        # (2, P)
+        wanted = np.linalg.solve(self.camera.K, np.vstack([pixels.T, np.ones(len(pixels))]))[:2]
         at = wanted
         h = 1e-6
         moves = [np.array(move)[:, None] for move in ((0, 0), (h, 0), (0, h))]
@@ -275,9 +272,8 @@ class BrownLens(Lens):
         )
 
     def _sources(self, size: tuple[int, int], to: Camera) -> tuple[Array, Array]:
-        (fx, skew, cx), (_, fy, cy) = (
-            scaled_camera(self.camera, size).K[:2].tolist()
-        )  # floats, which leave float32 as it is
+        # floats, which leave float32 as it is
+        (fx, skew, cx), (_, fy, cy) = scaled_camera(self.camera, size).K[:2].tolist()
         u, v = (
             ((np.arange(side) + 0.5 - to.K[i, 2]) / to.K[i, i]).astype(np.float32)
             for i, side in enumerate(to.size)

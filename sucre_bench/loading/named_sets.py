@@ -61,9 +61,8 @@ def print_of(image: npt.NDArray[Any]) -> Print:
     import cv2
 
     values = np.asarray(image, dtype=np.float32)
-    values = (
-        values if np.isfinite(values.sum()) else np.nan_to_num(values)
-    )  # no copy of large pictures
+    # no copy of large pictures
+    values = values if np.isfinite(values.sum()) else np.nan_to_num(values)
     small = cv2.resize(values, (_SIDE, _SIDE), interpolation=cv2.INTER_AREA)
     small = small if image.dtype == np.uint8 else small * 255
     low = cv2.dct(np.asarray(small @ np.array([0.299, 0.587, 0.114], np.float32)))[

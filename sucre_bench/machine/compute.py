@@ -43,9 +43,8 @@ def compile_loop(loop: Callable[..., Any], **options: Any) -> Callable[..., Any]
         _tell(f"{str(fault.message).splitlines()[0].rstrip('.')}; correct it, or unset it")
     _announce_compiling()
     made: Callable[..., Any] = numba.njit(nogil=True, error_model="numpy", **options)(loop)
-    with suppress(
-        RuntimeError
-    ):  # neither the folder of the package nor the user's cache can be written
+    with suppress(RuntimeError):
+        # neither the folder of the package nor the user's cache can be written
         vars(made)["_cache"] = CheckedCache(loop)
     return made
 

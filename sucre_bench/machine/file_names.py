@@ -8,9 +8,8 @@ _MOST_BYTES = (
     190  # of a name without suffix; file systems take 255 bytes with it, some archives 200
 )
 _REFUSED = re.compile(r'[\x00-\x1f\x7f<>:"/\\|?*]')  # by Windows
-_DEVICES = re.compile(
-    r"(con|prn|aux|nul|(com|lpt)[0-9¹²³]) *(\.|$)", re.IGNORECASE
-)  # names of devices there
+# names of devices there
+_DEVICES = re.compile(r"(con|prn|aux|nul|(com|lpt)[0-9¹²³]) *(\.|$)", re.IGNORECASE)
 
 
 def portable_name(text: str, unlike: str = "") -> str:

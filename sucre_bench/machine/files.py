@@ -183,9 +183,8 @@ def open_atomically(path: Path) -> Iterator[IO[bytes]]:
             yield file
             file.flush()
             os.fsync(descriptor)
-            with suppress(
-                PermissionError
-            ):  # some network disks have other rights; the file is what counts
+            with suppress(PermissionError):
+                # some network disks have other rights; the file is what counts
                 os.fchmod(descriptor, 0o644)
             Path(unfinished).replace(path)
     except BaseException as fault:

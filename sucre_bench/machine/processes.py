@@ -53,9 +53,8 @@ def terminated_as_interrupt() -> Iterator[None]:
         if number != signal.SIGTERM:
             for descriptor in (1, 2):
                 with suppress(OSError):
-                    if stat.S_ISCHR(
-                        os.fstat(descriptor).st_mode
-                    ):  # writing to a closed terminal would fail
+                    if stat.S_ISCHR(os.fstat(descriptor).st_mode):
+                        # writing to a closed terminal would fail
                         os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
         raise KeyboardInterrupt
 
@@ -79,9 +78,8 @@ def interrupts_held_back() -> Iterator[list[int]]:
     ends or removes it.
     """
     held: list[int] = []
-    if (
-        threading.current_thread() is not threading.main_thread()
-    ):  # signals interrupt the main thread alone
+    if threading.current_thread() is not threading.main_thread():
+        # signals interrupt the main thread alone
         yield held
         return
     stops = (signal.SIGINT, *_ENDS)
@@ -214,9 +212,8 @@ class Forked:
         )
         self._process = get_context("fork").Process(target=_work_in_child, args=given)
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", DeprecationWarning
-            )  # idle threads of BLAS count as threads
+            # idle threads of BLAS count as threads
+            warnings.simplefilter("ignore", DeprecationWarning)
             self._process.start()
         sending.close()
         os.set_blocking(self.messages.fileno(), False)  # half a message must not hold this process
@@ -239,9 +236,8 @@ class Forked:
         """Take the messages that are there, and notice if the child has died; return those of the work's own."""
         if self.has_ended:
             return []
-        is_dead = (
-            self._process.exitcode is not None
-        )  # whatever it has started may hold its end of the pipe open
+        # whatever it has started may hold its end of the pipe open
+        is_dead = self._process.exitcode is not None
         is_closed = self._read()
         own = [message for message in self._messages() if self._is_own(*message)]
         if not self.has_ended and (is_dead or is_closed):
@@ -374,9 +370,8 @@ def _work_in_child(
             with lock:
                 messages.send(message)
 
-    os.register_at_fork(
-        after_in_child=messages.close
-    )  # what lives longer than this process must not hold it
+    # what lives longer than this process must not hold it
+    os.register_at_fork(after_in_child=messages.close)
     die_with_parent()
     try:
         if os.getppid() != parent:

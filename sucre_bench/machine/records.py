@@ -36,9 +36,8 @@ def add_record(folder: Path, picture: Path, record: Mapping[str, Any]) -> None:
         with _locked(folder), path.open("a+b") as file:
             if file.tell():
                 file.seek(-1, os.SEEK_END)
-                line = (
-                    line if file.read(1) == b"\n" else b"\n" + line
-                )  # a killed process has left half a line
+                # a killed process has left half a line
+                line = line if file.read(1) == b"\n" else b"\n" + line
             file.write(line)
     except OSError as fault:
         raise not_writable(path, fault) from fault

@@ -89,9 +89,8 @@ class SharedPoints:
             surface = self._surface(i)
             if surface is not None and len(surface.pixels):
                 shares[i] = visible_pixels(surface, self._views) / len(surface.pixels)
-        shares *= (
-            shares.T
-        )  # what a view sees of the other counts little if the other sees only a corner of it
+        # what a view sees of the other counts little if the other sees only a corner of it
+        shares *= shares.T
         np.fill_diagonal(shares, 0)
         chosen: dict[tuple[int, int], bool] = {}
         for i, shared in enumerate(shares):
@@ -110,9 +109,8 @@ class SharedPoints:
         first, second = self._surface(overlap.first), self._surface(overlap.second)
         if first is None or second is None:
             return None
-        if _footprint(second) > _footprint(
-            first
-        ):  # patches are of the view with the larger pixels on the ground
+        if _footprint(second) > _footprint(first):
+            # patches are of the view with the larger pixels on the ground
             points = _patches(second, self._views[overlap.first])
             return points and points.turned()
         return _patches(first, self._views[overlap.second])

@@ -120,9 +120,8 @@ def matched_footprints(
             smaller = area < smallest[landing.places]
             smallest[landing.places[smaller]] = area[smaller]
             coarsest[landing.places[smaller]] = landing.to_view[smaller]
-        common = np.linalg.inv(
-            coarsest
-        )  # A_c^-1 (P, 2, 2); the identity for points that no view shows
+        # A_c^-1 (P, 2, 2); the identity for points that no view shows
+        common = np.linalg.inv(coarsest)
         seen = list(pool.map(colours, landings))
     shape = surface.camera.height, surface.camera.width
     observations = arrange(shape, [one for one in seen if len(one.pixels)], with_view=with_view)
@@ -143,9 +142,8 @@ def _steps_on_planes(target: View, surface: Surface) -> list[Array]:
     around = target.depth[(y[:, None] + v).clip(0, height - 1), (x[:, None] + u).clip(0, width - 1)]
     known = inside & (around > 0).all(axis=1)
     here = 1 / surface.points[2].astype(np.float64)
-    inverse = np.where(
-        known[:, None], 1 / np.where(around > 0, around, 1), here[:, None]
-    )  # (P, 25)
+    # (P, 25)
+    inverse = np.where(known[:, None], 1 / np.where(around > 0, around, 1), here[:, None])
     squares = float((u * u).sum())
     slope = np.stack([inverse @ u, inverse @ v]) / squares  # (2, P) of 1 / depth, a pixel
     plane = inverse.mean(axis=1)[:, None] + slope[0][:, None] * u + slope[1][:, None] * v

@@ -137,9 +137,8 @@ def _pair(
                     np.int32(y) * np.int32(size[0]) + np.int32(x) == pixels[start + i]
                 )
                 z[i] = math.sqrt(X * X + Y * Y + d[i] * d[i])
-            for i in range(
-                m
-            ):  # always written, counted if it is a pair: a branch would often be mispredicted
+            for i in range(m):
+                # always written, counted if it is a pair: a branch would often be mispredicted
                 found[n], others[n], distance[n] = pixels[start + i], landed[i], z[i]
                 n += is_pair[i]
     return n
@@ -221,10 +220,11 @@ def _agree(
             d = depth[v, u]
             if not (d > 0 and abs(Z - d) <= most):
                 continue
+            # the four pixels whose centres surround (x, y)
             left, top = (
                 math.floor(x - half),
                 math.floor(y - half),
-            )  # the four pixels whose centres surround (x, y)
+            )
             agree = left >= 0 and top >= 0 and left + 1 < columns and top + 1 < rows
             if agree:
                 for j in range(4):

@@ -225,9 +225,8 @@ def compact(colour: Array) -> npt.NDArray[Any]:
     for dtype, tolerance in ((np.uint8, 1e-4), (np.uint16, 0.02)):
         levels = colour * np.float32(np.iinfo(dtype).max)
         rounded = np.rint(levels)
-        if not (
-            rounded.min(initial=0) >= 0 and rounded.max(initial=0) <= np.iinfo(dtype).max
-        ):  # or NaN
+        if not (rounded.min(initial=0) >= 0 and rounded.max(initial=0) <= np.iinfo(dtype).max):
+            # or NaN
             continue
         levels -= rounded
         if max(levels.max(initial=0), -levels.min(initial=0)) < tolerance:
@@ -260,9 +259,8 @@ def arrange(
     del order
     place = np.empty(n_pixels, dtype=np.int32)  # of each pixel in that order
     place[pixels] = np.arange(len(pixels), dtype=np.int32)
-    n_more = (
-        n_pixels - np.cumsum(np.bincount(counts))[:-1]
-    )  # pixels with more than k observations, (S,)
+    # pixels with more than k observations, (S,)
+    n_more = n_pixels - np.cumsum(np.bincount(counts))[:-1]
     starts = np.concatenate([[0], np.cumsum(n_more)]).astype(np.int64)
     filled, n = np.zeros(n_pixels, dtype=np.int32), int(starts[-1])  # the next slot of each pixel
     finest = np.result_type(

@@ -307,8 +307,7 @@ def rays_at(matches: Matches, camera: Camera) -> Array:
     """Return the rays (2, M) float32 to the matched points: x / z and y / z in the frame of the view's camera."""
     at = matches.at
     if at is None:
-        at = (
-            np.stack([matches.others % camera.width, matches.others // camera.width], axis=1) + 0.5
-        )  # (M, 2)
+        # (M, 2)
+        at = np.stack([matches.others % camera.width, matches.others // camera.width], axis=1) + 0.5
     K_inv = np.linalg.inv(camera.K)
     return np.asarray(K_inv[:2, :2] @ at.T + K_inv[:2, 2:], dtype=np.float32)

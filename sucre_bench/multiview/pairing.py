@@ -222,10 +222,8 @@ def _may_be_seen(K: Array, size: Indices, pose: Array, corners: Array) -> Mask:
     """
     x, y, z = np.moveaxis(K @ pose[..., :3, :], -2, 0)  # of (x w, y w, w): each (..., 4)
     width, height = size[..., :1], size[..., 1:]
-    half_spaces = np.stack(
-        [z, x + z, (width + 1) * z - x, y + z, (height + 1) * z - y], axis=-2
-    )  # (..., 5, 4)
-    values = (
-        np.tensordot(half_spaces[..., :3], corners, axes=1) + half_spaces[..., 3, None, None]
-    )  # (..., 5, 8, T)
+    # (..., 5, 4)
+    half_spaces = np.stack([z, x + z, (width + 1) * z - x, y + z, (height + 1) * z - y], axis=-2)
+    # (..., 5, 8, T)
+    values = np.tensordot(half_spaces[..., :3], corners, axes=1) + half_spaces[..., 3, None, None]
     return np.asarray(~(values < 0).all(axis=-2).any(axis=-2))

@@ -83,7 +83,8 @@ def paired(scene: Scene, target: View, **options: Unpack[Options]) -> Observatio
     except (
         OSError,
         OutputError,
-    ):  # the folder was removed, or the disk is full: the user did not ask for it
+    ):
+        # the folder was removed, or the disk is full: the user did not ask for it
         return observe(target, scene.views, **options)
     return kept if options.get("with_view") else dataclasses.replace(kept, view=None)
 
@@ -125,9 +126,8 @@ def _make(work: Path, scene: Scene, target: View, options: Options) -> Observati
 def _is_whole(kept: Observations) -> bool:
     """Whether the stored arrays are consistent; the compiled loops do no bounds checks."""
     height, width = kept.shape
-    slots = (
-        len(kept.pixels) - np.cumsum(np.bincount(kept.counts))[:-1]
-    )  # pixels with more than k observations
+    # pixels with more than k observations
+    slots = len(kept.pixels) - np.cumsum(np.bincount(kept.counts))[:-1]
     return bool(
         len(kept.pixels) == len(kept.counts)
         and (np.diff(kept.counts) <= 0).all()

@@ -137,18 +137,16 @@ def checked_options(cls: Any, given: Mapping[str, Any], place: str = "") -> dict
         if Path in (kind, *get_args(kind)) and any(
             isinstance(path, str) and not path.strip() for path in paths
         ):
-            raise InputError(
-                "is empty", where, "give a path"
-            )  # else it would be the current folder
+            # else it would be the current folder
+            raise InputError("is empty", where, "give a path")
         value = typed(kind, value)
         if not fits(kind, value):
             *words, last = _taken(kind)
             takes = " or ".join(filter(None, [", ".join(words), last]))
             raise InputError(f"{shown_value(value)} is not {takes}", where, remedy)
         each = value if isinstance(value, (list, tuple)) else [value]
-        if any(
-            isinstance(one, int) and abs(one) >= 2**63 for one in each
-        ):  # no table, and no generator, takes it
+        if any(isinstance(one, int) and abs(one) >= 2**63 for one in each):
+            # no table, and no generator, takes it
             raise InputError(f"{value} is too large", where, "give a number below 2^63")
         # Options of a run have ranges, which name the numbers that are allowed.
         if plugin and not all(math.isfinite(one) for one in each if isinstance(one, float)):
@@ -181,9 +179,8 @@ def typed(annotation: Any, value: Any) -> Any:
         return tuple(elements) if origin is tuple else elements
     if not isinstance(value, (str, Path, int, float)):
         return value
-    text = (
-        str(value).lower() if isinstance(value, bool) else str(value)
-    )  # as it was typed: a file may be called true
+    # as it was typed: a file may be called true
+    text = str(value).lower() if isinstance(value, bool) else str(value)
     if Path in kinds:
         return expanded(text)
     if float in kinds and int not in kinds and type(value) is int:

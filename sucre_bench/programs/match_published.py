@@ -36,13 +36,14 @@ _NAMES = _OF_IMAGES | {"name", "method", "folder", "model"}
 _SHOWN = 3  # names in a warning
 _SIDE = 256  # at which papers score
 _FILTERS = ("", "-bilinear", "-nearest")  # see `imaging.resizing`
+# forms to try where none of the usual ones fits
 _FURTHER = (
     "@y",
     "@crop4",
     "@crop4@y",
     "@range2",
     "@minmax",
-)  # forms to try where none of the usual ones fits
+)
 # DNnet's program takes 255 x 250 as the square of PSNR's peak, and so gives this much less than any other, dB.
 _PEAK = "@peak250"
 _PEAK_LESS = 10 * math.log10(255 / 250)
@@ -380,9 +381,8 @@ def search(
 
     metrics = dict.fromkeys(column.metric for column in table.columns)
     every = list[str]()
-    for metric in (
-        metrics
-    ):  # the variants that differ on pictures without holes: of "masked" and "unmasked" the second
+    for metric in metrics:
+        # the variants that differ on pictures without holes: of "masked" and "unmasked" the second
         variants = plugins.usable("metric")[metric].variants
         whole = {name for name in variants if name.endswith("unmasked")}
         twins = {name.removesuffix("-unmasked") for name in whole} | (

@@ -89,9 +89,8 @@ def write_pictures(
     water = {} if restoration.water is None else _water_record(restoration.water)
     more = {"write_seconds": time.perf_counter() - started, FILES: sizes}
     more |= {_SHOWN_OVER: shown_over} if shown_over else {}
-    text = json.dumps(
-        water | restoration.info | water | more, default=_plain, skipkeys=True
-    )  # the water first
+    # the water first
+    text = json.dumps(water | restoration.info | water | more, default=_plain, skipkeys=True)
     record = json.loads(text, parse_constant=lambda _: None)  # JSON knows no NaN
     add_record(layout.restored_path(out, place.dataset, method), path, record)
 

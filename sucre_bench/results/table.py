@@ -113,9 +113,8 @@ def _files(out: Path, labels: Mapping[str, str]) -> tuple[list[Path], DataFrame]
             raise file_error(out / PARTS, fault, "let this user read it") from fault
         paths.append(out / TABLE)  # last: a merge writes the table before it removes the parts
         found = {path: rows for path in paths if (rows := _rows_of_file(path, labels)) is not None}
-        if all(
-            path in found for path in paths[:-1]
-        ):  # else a merge or a job has joined a part just now
+        if all(path in found for path in paths[:-1]):
+            # else a merge or a job has joined a part just now
             break
     if not found:
         return [], frame([])
@@ -159,12 +158,13 @@ def _rows_of_file(path: Path, labels: Mapping[str, str]) -> pyarrow.Table | None
     return rows
 
 
+# NaN, which some writers store as null
 _MAY_BE_ABSENT = (
     "value",
     "coverage",
     "seconds",
     "peak_mb",
-)  # NaN, which some writers store as null
+)
 
 
 def check_values(path: Path, rows: pyarrow.Table) -> None:
@@ -214,9 +214,8 @@ def _newest(rows: DataFrame) -> DataFrame:
     """
     import pandas as pd
 
-    when = pd.Series(
-        pd.factorize(rows["time"], sort=True)[0], rows.index
-    )  # numbers are compared faster than texts
+    # numbers are compared faster than texts
+    when = pd.Series(pd.factorize(rows["time"], sort=True)[0], rows.index)
     order = when.argsort(kind="stable")
     rows, when = rows.iloc[order], when.iloc[order]
     # Of the code, the part of the restoration alone.
@@ -274,10 +273,11 @@ class Part:
     """
 
     def __init__(self, out: Path, job: str, flush_s: float = FLUSH_S) -> None:
+        # no other run's, whatever its process id
         self._folder, self._name = (
             out / PARTS,
             f"{job}-{uuid.uuid4().hex}",
-        )  # no other run's, whatever its process id
+        )
         self._flush_s, self._written, self._n_files = flush_s, time.monotonic(), 0
         self._pending: list[Row] = []
         self._files: list[
@@ -291,9 +291,8 @@ class Part:
         with suppress(OSError):  # no folder yet
             disk = os.statvfs(self._folder.parent)
             is_scarce = disk.f_bavail * disk.f_frsize < _SCARCE_BYTES
-        if (
-            is_scarce or time.monotonic() - self._written >= self._flush_s
-        ):  # a full disk would take no row that waits
+        if is_scarce or time.monotonic() - self._written >= self._flush_s:
+            # a full disk would take no row that waits
             self.flush()
 
     def flush(self) -> None:

@@ -228,9 +228,8 @@ def test_a_mistake_is_answered_in_one_line_on_stderr(
 ) -> None:
     done = bench(command, *MISTAKES[command])
     file = GOLDEN / f"{command}.txt"
-    said = re.sub(
-        r"; known: .*|(did you mean '\w+')\? known: (?:\w+, ){9}.*", r"\1", done.stderr
-    )  # not of every plugin
+    # not of every plugin
+    said = re.sub(r"; known: .*|(did you mean '\w+')\? known: (?:\w+, ){9}.*", r"\1", done.stderr)
     if os.environ.get("GOLDEN") == "write":
         file.write_text(said, encoding="utf-8")
     assert (done.returncode, done.stdout) == (2, "")

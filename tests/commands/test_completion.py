@@ -23,9 +23,8 @@ def offered(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
             "COMP_CWORD", str(len(split_arg_string(line)) - (not line.endswith(" ")))
         )
         shell_complete(cli, {}, "sucre-bench", "_SUCRE_BENCH_COMPLETE", "zsh_complete")
-        answers = (
-            capsys.readouterr().out.strip().splitlines()
-        )  # a kind, a word and its meaning by turns
+        # a kind, a word and its meaning by turns
+        answers = capsys.readouterr().out.strip().splitlines()
         return [word.replace("\\:", ":") for word in answers[1::3]]
 
     return ask
@@ -50,10 +49,11 @@ def offered(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
             "sucre-bench run method=sucre method.pairing=",
             ["method.pairing=mutual", "method.pairing=depth"],
         ),
+        # of the method that runs by default
         (
             "sucre-bench run method.physical=t",
             ["method.physical=true"],
-        ),  # of the method that runs by default
+        ),
         ("sucre-bench run method=sucre_torch method.pair", ["method.pairing="]),  # of a preset
         ("sucre-bench run method=gray_world method.pairing=", []),
         ("sucre-bench run dataset.water=d", ["dataset.water=deep_sea"]),
@@ -169,9 +169,8 @@ def test_bash_completes_a_line_on_tab(tmp_path: Path):
         "compare x --metric psnr:unm": "compare x --metric psnr:unmasked",
         "xyz fo": "xyz fo",
     }
-    typed = "".join(
-        f"sucre-bench {line}\t\x14\x05\x15" for line in lines
-    )  # Ctrl-T shows the line, Ctrl-U clears it
+    # Ctrl-T shows the line, Ctrl-U clears it
+    typed = "".join(f"sucre-bench {line}\t\x14\x05\x15" for line in lines)
     shown = r"""bind -x '"\C-t": echo "$READLINE_LINE" >> lines'"""
     env = {**os.environ, "PATH": f"{FOLDER}:{os.environ['PATH']}", "TERM": "vt100"}
     done = subprocess.run(
@@ -191,6 +190,5 @@ def test_bash_completes_a_line_on_tab(tmp_path: Path):
 
 def test_fish_keeps_what_follows_a_comma_of_a_word(capsys: pytest.CaptureFixture[str]):
     cli(["completion", "fish"], standalone_mode=False)
-    assert (
-        'string split -m 1 "," $completion' in capsys.readouterr().out
-    )  # of "plain,metrics=[psi,psnr]"
+    # of "plain,metrics=[psi,psnr]"
+    assert 'string split -m 1 "," $completion' in capsys.readouterr().out

@@ -265,12 +265,13 @@ def test_nobody_wins_or_ties_by_what_a_restoration_takes():
 @pytest.mark.parametrize(
     ("metric", "values", "low", "high"),
     [
+        # of two views, 12.7062 / 1.96 * sqrt(2) times half their difference
         (
             "uiqm",
             [0.1, 2.0],
             -7.6598,
             9.7598,
-        ),  # of two views, 12.7062 / 1.96 * sqrt(2) times half their difference
+        ),
         ("peak_mb", [0.1, 2.0], 0, 9.7598),
         ("ssim", [0.9, 1.0], 0.4916, 1),
         ("nobodys", [0.1, 2.0], -7.6598, 9.7598),

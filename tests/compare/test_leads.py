@@ -137,9 +137,8 @@ def test_the_error_of_neighbours_is_that_of_a_series_with_their_correlation():
     places = np.arange(12)
     correlations = units.alike ** np.abs(places - places[:, None])
     gain = views[:, 0] - views[:, 1]
-    variance = gain.var(ddof=0) / (
-        1 - correlations.mean()
-    )  # what a sample variance is of, on average
+    # what a sample variance is of, on average
+    variance = gain.var(ddof=0) / (1 - correlations.mean())
     error = np.sqrt(variance * correlations.mean())
     freedom = max(3, 11 / (12 * correlations.mean()))
     assert differences(units, [(0, 1)])[0] == pytest.approx(

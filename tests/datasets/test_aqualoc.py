@@ -26,9 +26,8 @@ from sucre_bench.datasets.aqualoc import Aqualoc
 from sucre_bench.errors import InputError
 from sucre_bench.scene import Scene
 
-K = np.array(
-    [[110.0, 0, 82.5], [0, 112, 56.5], [0, 0, 1]]
-)  # of Kalibr: pixel centres at whole numbers
+# of Kalibr: pixel centres at whole numbers
+K = np.array([[110.0, 0, 82.5], [0, 112, 56.5], [0, 0, 1]])
 BENT = np.array([-0.06, -0.004, 0.027, -0.03])
 CALIBRATION = f"""cam0:
   camera_model: pinhole

@@ -96,9 +96,8 @@ def test_equal_seeds_give_equal_bytes_and_another_seed_gives_other_ones(
         }
 
     one = content(make_once(tmp_path / "small", lambda: small))
-    other, same = (
-        content(Demo(**SMALL, seed=n, root=tmp_path).folder()) for n in (1, 0)
-    )  # keeps the last seabed
+    # keeps the last seabed
+    other, same = (content(Demo(**SMALL, seed=n, root=tmp_path).folder()) for n in (1, 0))
     assert one == same
     assert one.keys() == other.keys()
     differing = {name for name in one if one[name] != other[name]}

@@ -15,9 +15,8 @@ from sucre_bench.errors import InputError
 from sucre_bench.machine.progress import watched_by
 from sucre_bench.scene import Scene
 
-K = np.array(
-    [[150.0, 0, 82.5], [0, 148, 56.5], [0, 0, 1]]
-)  # of Kalibr: pixel centres at whole numbers
+# of Kalibr: pixel centres at whole numbers
+K = np.array([[150.0, 0, 82.5], [0, 148, 56.5], [0, 0, 1]])
 BENT = np.array([-0.3, 0.1, 0.004, -0.003])
 POINT = np.array([1.6, -1.1, 5.0])  # of the camera, in a corner of the image
 REPORT = f"""Calibration results
@@ -97,7 +96,8 @@ def test_without_undistortion_views_are_as_stored_and_have_no_camera(tmp_path: P
     for scene in (
         load(tmp_path, undistort=False),
         load(dive),
-    ):  # from the dive, the calibration is not in sight
+    ):
+        # from the dive, the calibration is not in sight
         view = scene.views[0]
         assert view.camera is None
         np.testing.assert_allclose(centre(view.rgb), spot(), atol=0.02)

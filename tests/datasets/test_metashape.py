@@ -70,9 +70,8 @@ def test_depth_maps_that_match_the_photographs(tmp_path: Path, lens: str) -> Non
     for number in range(2):
         point = seen(pose_of(*BOTH[number]))
         depth = disk_depth(imaged(point, lens), SCALE * point[2]).astype(np.float16)
-        tifffile.imwrite(
-            tmp_path / f"depths/DSC_{number}.tif", depth, compression="deflate"
-        )  # as Metashape may
+        # as Metashape may
+        tifffile.imwrite(tmp_path / f"depths/DSC_{number}.tif", depth, compression="deflate")
     check_both(*load(tmp_path, depth_camera="image"), point=WORLD_POINT)
 
 

@@ -24,9 +24,8 @@ from sucre_bench.datasets.openmvs import Openmvs, read_dmap_depth
 from sucre_bench.errors import InputError
 from sucre_bench.scene import Scene
 
-K = np.array(
-    [[210.0, 0, 77.25], [0, 190.0, 61.5], [0, 0, 1]]
-)  # pixel centres at whole numbers, as OpenMVS has them
+# pixel centres at whole numbers, as OpenMVS has them
+K = np.array([[210.0, 0, 77.25], [0, 190.0, 61.5], [0, 0, 1]])
 METRES = 0.4  # in a unit of the reconstruction
 
 
@@ -52,9 +51,8 @@ def dmap(
     )
     head += struct.pack("<21d", *K.ravel(), *pose[:3, :3].T.ravel(), *pose[:3, 3])
     stored = (depth / 2**exponent).astype("<f2") if magic == b"D2" else depth.astype("<f4")
-    return (
-        head + stored.tobytes() + bytes(16 * depth.size)
-    )  # normals and confidence, which are not ours to read
+    # normals and confidence, which are not ours to read
+    return head + stored.tobytes() + bytes(16 * depth.size)
 
 
 def write_scene(

@@ -163,10 +163,11 @@ def test_published_charts_come_to_the_frames_read_by_hand() -> None:
     if not folder.is_dir():
         pytest.skip("no real images of D5 here")
     (scene,) = Colmap(folder).scenes()
+    # as that copy was undistorted, at the photographs' size
     lens, focal = (
         np.array([-0.083, 0, 0, 0]),
         4 * 1891.0,
-    )  # as that copy was undistorted, at the photographs' size
+    )
     K = np.array([[focal, 0, 3680], [0, focal, 2456], [0, 0, 1]])
     for name, stem in (("D5_fig01_LFT_3374.png", "LFT_3374"), ("LFT_3411.png", "LFT_3411")):
         view = scene[name]

@@ -89,9 +89,8 @@ def test_photos_have_colour_charts_that_are_measured(tmp_path: Path) -> None:
         (chart,) = view.charts
         np.testing.assert_allclose(chart.corners, TILTED)
         rows = sb.score(sb.Restoration(view.rgb), view, metrics=["psi"])
-        assert (
-            rows.loc[rows["region"] == "chart1", "value"].item() < 0.2
-        )  # the chart in its own colours
+        # the chart in its own colours
+        assert rows.loc[rows["region"] == "chart1", "value"].item() < 0.2
     half = only(Photos(tmp_path, subfolders=True, image_scale=0.5))
     np.testing.assert_allclose(half.views[0].charts[0].corners, TILTED / 2)
     (tmp_path / "charts.json").rename(tmp_path / "marked.json")

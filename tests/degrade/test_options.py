@@ -102,9 +102,8 @@ def test_a_sweep_over_degradations_keeps_them_apart_and_goes_on_where_it_stopped
     assert sorted(int(line.split(":")[2]) <= 4 for line in told) == [False] * 3 + [True] * 3
     ids = first.rows.groupby("dataset")["data_id"].unique()
     assert set(ids.index) == {"toy,within=1", "toy,within=1,bits=2"}
-    assert all(
-        len(one) == 1 for one in ids
-    )  # one per scene, whichever the target, as comparisons want it
+    # one per scene, whichever the target, as comparisons want it
+    assert all(len(one) == 1 for one in ids)
     assert len({one[0] for one in ids}) == 2
     assert (tmp_path / "out" / "restored" / "toy,within=1,bits=2" / "diary" / "v1.png").is_file()
     assert set(json.loads((tmp_path / "out" / "environment.json").read_text())["data"]) == set(
@@ -204,9 +203,8 @@ def test_random_numbers_are_a_views_own_whatever_else_there_is():
         assert np.array_equal(one, same)
         assert not np.array_equal(one, other)
         assert not np.array_equal(one, neighbour)
-    alone = degraded(scene, noise=0.1)[
-        "v2.png"
-    ]  # one kind of noise does not shift another's numbers
+    # one kind of noise does not shift another's numbers
+    alone = degraded(scene, noise=0.1)["v2.png"]
     assert np.array_equal(alone.rgb, whole["v2.png"].rgb)
 
 

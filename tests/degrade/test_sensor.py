@@ -42,9 +42,8 @@ def test_jpeg_is_what_a_jpeg_file_gives_back():
     np.testing.assert_allclose(
         degraded(of(photo()), jpeg_quality=30)["a.png"].rgb, expected, atol=1e-6
     )
-    linear = of(
-        srgb_decode(photo()), encoding="linear"
-    )  # the file holds the picture as it is shown
+    # the file holds the picture as it is shown
+    linear = of(srgb_decode(photo()), encoding="linear")
     view = degraded(linear, jpeg_quality=30)["a.png"]
     assert view.encoding == "linear"
     np.testing.assert_allclose(srgb_encode(view.rgb), expected, atol=1e-5)

@@ -260,12 +260,13 @@ def test_the_readmes_table_has_the_demos_methods_and_its_bold_means_are_the_best
 
 
 BUNDLES = sorted((ROOT / "docs" / "board" / "bundles").glob("*.zip"))
+# of README's table
 COLUMNS = [
     ("colours", "raw"),
     ("colours_de00", "gain"),
     ("psnr", "masked"),
     ("psi", "colour"),
-]  # of README's table
+]
 
 
 @pytest.mark.parametrize("bundle", BUNDLES, ids=lambda path: path.stem)

@@ -63,9 +63,8 @@ def test_equal_restorations_tie_on_common_pixels_whatever_their_holes(both: Path
     stored = pd.read_parquet(both / "scores.parquet")
     is_own = ~stored["variant"].str.endswith("@common")
     psnrs = stored[(stored["metric"] == "psnr") & (stored["method"] == "gain") & is_own]["value"]
-    np.testing.assert_allclose(
-        psnrs, psnr(slice(None)), atol=1e-3
-    )  # a row a score, on all its pixels
+    # a row a score, on all its pixels
+    np.testing.assert_allclose(psnrs, psnr(slice(None)), atol=1e-3)
 
 
 def test_nothing_is_kept_or_computed_where_all_pixels_are_filled(tmp_path: Path, toys: str):
@@ -164,9 +163,8 @@ def rewrite(picture: Path) -> None:
 
 
 def test_a_damaged_mask_or_picture_is_named_and_other_views_go_on(tmp_path: Path, toys: str, bench):
-    run(
-        tmp_path, "method=left_half", "method.gain=0"
-    )  # all black: the picture does not show the holes
+    # all black: the picture does not show the holes
+    run(tmp_path, "method=left_half", "method.gain=0")
     pictures = tmp_path / "restored" / "toy" / "left_half"
     rewrite(pictures / "v0.png")
     (pictures / "v1.png").write_bytes((pictures / "v1.png").read_bytes()[:40])

@@ -70,9 +70,8 @@ def test_it_prints_a_table_and_plots_before_and_after(scene: sb.Scene):
     assert set(compared.rows["view"]) == {"a.png", "b.png"}
     picture = compared.plot("b.png", height=120)
     assert picture.size == (4 * 160 + 3 * 4, 120)
-    panels = [
-        np.asarray(picture)[60:, n * 164 : n * 164 + 160] / 255 for n in range(4)
-    ]  # below the captions
+    # below the captions
+    panels = [np.asarray(picture)[60:, n * 164 : n * 164 + 160] / 255 for n in range(4)]
     means = [panel.mean() for panel in panels]  # photograph, underwater, brighten, reference
     assert means[0] == pytest.approx(means[1], abs=0.01)
     assert means[2] == pytest.approx(means[3], abs=0.01)

@@ -25,11 +25,12 @@ def test_the_same_command_twice_gives_the_same_table_but_for_times(
         "tracking.uri=off",
         "report=false",
     ]
+    # each worker would import torch
     command += [
         "degrade.noise=0.01",
         "sucre_paper.steps=20",
         "workers=0",
-    ]  # each worker would import torch
+    ]
     command += ["method=ibla,sucre_paper,sucre_plus"]
     tables = []
     here, there = (

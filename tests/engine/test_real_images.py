@@ -97,9 +97,8 @@ def is_wide(view: sb.View, chart: sb.Chart) -> bool:
 
 
 def test_sucre_plus_differs_less_between_charts_and_few_of_its_colours_are_negative(d5: Outcome):
-    psi = {
-        name: np.array(list(by_chart(d5.rows, name).values())) for name in SUCRE
-    }  # (views, charts)
+    # (views, charts)
+    psi = {name: np.array(list(by_chart(d5.rows, name).values())) for name in SUCRE}
     negative = d5.rows[d5.rows["metric"] == "negative"].groupby("method")["value"].mean()
     assert psi["sucre_plus"].std(ddof=1) < psi["sucre_paper"].std(ddof=1) - 2
     assert negative["sucre_plus"] < 0.005 < negative["sucre_paper"] < 0.5

@@ -322,9 +322,8 @@ def test_one_failing_job_of_a_sweep_stops_no_other_however_many_jobs_run_at_once
 ):
     one = run(out / "one", "method=faulty,gain", multirun=True)
     assert (one.ok, len(one.failed), one.exit_code) == (5, 1, 1)
-    assert (
-        "failed  toy / toy / v1.png / faulty: ValueError: boom" in capsys.readouterr().err
-    )  # as it happens
+    # as it happens
+    assert "failed  toy / toy / v1.png / faulty: ValueError: boom" in capsys.readouterr().err
     two = run(out / "two", "method=faulty,gain", *words, multirun=True)
     same = [
         "dataset",
@@ -423,10 +422,11 @@ def wait_until_it_stays_at(view: str, log: Path) -> None:
 
 
 def test_a_killed_run_goes_on_where_it_was(out: Path, toys: str, tmp_path: Path):
+    # rows are written within a second
     log, words = (
         tmp_path / "log",
         ("method.pause=0.5", "method.stays_at=v3.png"),
-    )  # rows are written within a second
+    )
     killed = start(out, toys, log, *words)
     wait_until_it_stays_at("v3.png", log)
     killed.send(signal.SIGKILL, to_group=True)

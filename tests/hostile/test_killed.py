@@ -164,9 +164,8 @@ def test_what_a_killed_process_was_writing_is_no_result_and_goes_after_a_day(
     assert all(path.exists() for path in left)  # another process may be at it
     for path in left:
         os.utime(path, (0, 0))
-    shutil.copytree(
-        tmp_path / "results", tmp_path / "later" / "results"
-    )  # a folder that this process has not seen
+    # a folder that this process has not seen
+    shutil.copytree(tmp_path / "results", tmp_path / "later" / "results")
     assert run_here(tmp_path / "later", *RUN, "overwrite=always").returncode == 1
     assert not [
         path for path in (tmp_path / "later").rglob(".writing-*") if path.parent.name != "report"

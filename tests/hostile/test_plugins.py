@@ -126,7 +126,8 @@ def test_a_view_that_fails_or_comes_to_no_end_costs_itself(tmp_path: Path):
         2,
         20,
         200,
-    ):  # seconds that views which do nothing are given; the next on a busy machine
+    ):
+        # seconds that views which do nothing are given; the next on a busy machine
         folder = tmp_path / str(limit_s)
         folder.mkdir()
         limited = words(

@@ -134,9 +134,10 @@ def model() -> dict[str, bytes]:
     spots=changes,
 )
 @example(name="cameras.bin", end=1.0, spots=[(0.4375, b"\x01")])  # a height of 4,294,967,326 pixels
+# focal 1e212
 @example(
     name="cameras.bin", end=1.0, spots=[(0.984375, bytes(8)), (0.5625, b"T"), (0.65625, b"\x00l")]
-)  # focal 1e212
+)
 def test_cut_and_changed_models_are_named(name: str, end: float, spots: list[tuple[float, bytes]]):
     with tempfile.TemporaryDirectory() as folder:
         sparse = Path(folder)

@@ -70,9 +70,8 @@ def test_only_the_inner_half_of_a_patch_is_read() -> None:
     np.testing.assert_allclose([r.rgb for r in half], [p.srgb for p in kind.patches], atol=1e-6)
     rim = painted(kind, TILTED, share=0.5)
     rim[np.all(rim == 1, axis=-1)] = np.nan
-    assert all(
-        r.coverage == 1 for r in measure(rim, Chart("c", "dgk", TILTED))[1:]
-    )  # 1 is as white as the rim
+    # 1 is as white as the rim
+    assert all(r.coverage == 1 for r in measure(rim, Chart("c", "dgk", TILTED))[1:])
 
 
 def test_pixel_centres_lie_at_one_half() -> None:
@@ -173,9 +172,8 @@ gray,60,40,120,80,53.39,0,0
 
 def test_a_chart_of_ones_own_is_read_under_its_illuminant(tmp_path: Path) -> None:
     path = tmp_path / "own.csv"
-    path.write_text(
-        OWN.format(illuminant="D65")
-    )  # sRGB's primaries under its own white (Lindbloom)
+    # sRGB's primaries under its own white (Lindbloom)
+    path.write_text(OWN.format(illuminant="D65"))
     kind = chart_kind(str(path))
     assert (kind.width, kind.height, [p.name for p in kind.patches]) == (
         120,
@@ -186,9 +184,8 @@ def test_a_chart_of_ones_own_is_read_under_its_illuminant(tmp_path: Path) -> Non
     assert kind.patches[1].box == (0.5, 0, 1, 0.5)
     expected = [(1, 1, 1), (1, 0, 0), (0, 0, 1), (0.5, 0.5, 0.5)]
     np.testing.assert_allclose([p.srgb for p in kind.patches], expected, atol=5e-3)
-    np.testing.assert_allclose(
-        kind.patches[1].lab, (54.29, 80.80, 69.89), atol=0.05
-    )  # under D50, as in ICC profiles
+    # under D50, as in ICC profiles
+    np.testing.assert_allclose(kind.patches[1].lab, (54.29, 80.80, 69.89), atol=0.05)
     same = kind_id(str(path))
     path.write_text(OWN.format(illuminant="D50"))
     assert kind_id(str(path)) != same

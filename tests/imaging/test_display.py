@@ -44,13 +44,11 @@ def test_one_black_for_all_channels_is_subtracted_before_each_is_scaled() -> Non
 
 def test_white_by_the_veil_undoes_the_colour_of_the_light() -> None:
     light = np.array([0.2, 0.7, 0.9])
-    gray = (
-        np.random.default_rng(1).uniform(0.1, 0.9, (30, 40, 1)) * light
-    )  # linear light on gray things
+    # linear light on gray things
+    gray = np.random.default_rng(1).uniform(0.1, 0.9, (30, 40, 1)) * light
     rate = np.array([0.3, 0.2, 0.1])
-    water = Water(
-        light / rate, np.full(3, 0.2), rate
-    )  # whose veil near the camera has the colour of the light
+    # whose veil near the camera has the colour of the light
+    water = Water(light / rate, np.full(3, 0.2), rate)
     shown = display(srgb_encode(gray), "linear-white-veil", water=water)
     np.testing.assert_allclose(shown, shown[..., :1].repeat(3, axis=-1), atol=1e-5)
     top = np.percentile(gray[..., 0] / 0.2, 99)

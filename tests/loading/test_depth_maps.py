@@ -59,9 +59,8 @@ def test_without_the_package_it_is_named(tmp_path: Path, monkeypatch: pytest.Mon
 
 MILLIMETRES = np.rint(1000 * METRES).astype(np.uint16)
 FORMS: dict[str, Callable[[Path], object]] = {
-    "a.pfm": lambda path: path.write_bytes(
-        b"Pf\n40 30\n-1.0\n" + METRES[::-1].tobytes()
-    ),  # rows from the bottom
+    # rows from the bottom
+    "a.pfm": lambda path: path.write_bytes(b"Pf\n40 30\n-1.0\n" + METRES[::-1].tobytes()),
     "a.jpg.geometric.bin": lambda path: path.write_bytes(b"40&30&1&" + METRES.tobytes()),
     "a.jpg.photometric.bin": lambda path: path.write_bytes(b"40&30&1&" + METRES.tobytes()),
     "a.npy": lambda path: np.save(path, METRES[None]),

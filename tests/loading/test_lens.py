@@ -142,12 +142,13 @@ def test_a_lens_without_a_pinhole_image_says_so(
 @pytest.mark.parametrize(
     ("focal", "model", "k", "expected"),
     [
+        # 150 degrees across are not too many
         (
             500 / np.radians(75),
             "fisheye",
             0.0,
             500 / np.tan(np.radians(75)),
-        ),  # 150 degrees across are not too many
+        ),
         # The sides, at 500 / 700, are seen at the root of r (1 - .25 r^2) = 5 / 7; the corners have none, and are left.
         (700.0, "perspective", -0.25, 500 / np.roots([-0.25, 0, 1, -5 / 7])[2].real),
     ],
@@ -240,17 +241,15 @@ def test_chart_corners_clicked_on_the_stored_image_follow_it_through_the_lens(
         tmp_path / "sparse", [("a.png", FORWARD, 1)], cameras=[f"1 OPENCV 640 480 {parameters}"]
     )
     write_image(tmp_path / "images" / "a.png", np.zeros((480, 640, 3), np.uint8))
-    rays = np.array(
-        [[-0.5, -0.4], [-0.2, -0.42], [-0.21, -0.1], [-0.52, -0.12]]
-    )  # of a chart at 1 m
+    # of a chart at 1 m
+    rays = np.array([[-0.5, -0.4], [-0.2, -0.42], [-0.21, -0.1], [-0.52, -0.12]])
     clicked = project(rays, "perspective", (*BROWN[:4], 0.0)).tolist()
     (tmp_path / "charts.json").write_text(json.dumps({"images": {"a.png": {"near": clicked}}}))
     view = next(iter(Colmap(root=tmp_path, undistort=True, image_scale=scale).scenes()))["a.png"]
     expected = rays * (view.camera.K[0, 0], view.camera.K[1, 1]) + view.camera.K[:2, 2]
     np.testing.assert_allclose(view.charts[0].corners, expected, atol=1e-6)
-    assert (
-        np.abs(view.charts[0].corners - scale * np.array(clicked)).max() > 3
-    )  # the lens does matter here
+    # the lens does matter here
+    assert np.abs(view.charts[0].corners - scale * np.array(clicked)).max() > 3
 
 
 def test_a_chart_corner_that_no_ray_leads_to_is_named(tmp_path: Path):

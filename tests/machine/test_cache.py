@@ -125,9 +125,8 @@ def test_compiling_is_announced_once_on_a_machine(tmp_path: Path):
 def test_a_loop_is_compiled_where_no_place_can_keep_it():
     """As for a user who can write neither the package's folder nor a home: numba refuses to cache such a function."""
     names: dict[str, Any] = {}
-    exec(
-        "def double(x):\n    return 2 * x\n", names
-    )  # has no file, so numba finds no place beside it
+    # has no file, so numba finds no place beside it
+    exec("def double(x):\n    return 2 * x\n", names)
     assert compiled(names["double"])(21) == 42
 
 

@@ -43,9 +43,8 @@ def laplacian(light: np.ndarray) -> np.ndarray:
 
 
 def test_saliency_is_the_distance_of_the_smoothed_colour_from_the_mean_colour():
-    np.testing.assert_allclose(
-        saliency(IMAGE), saliency_by_hand(IMAGE), atol=3e-3
-    )  # OpenCV's L*a*b* is approximate
+    # OpenCV's L*a*b* is approximate
+    np.testing.assert_allclose(saliency(IMAGE), saliency_by_hand(IMAGE), atol=3e-3)
 
 
 def test_the_binomial_halves_a_wave_at_the_cut_off_the_papers_name():
@@ -105,9 +104,8 @@ def test_a_dead_channel_gains_no_noise():
 def test_the_sharpened_input_is_the_mean_of_the_image_and_its_stretched_detail():
     image = IMAGE.astype(np.float64)
     detail = image - ndimage.gaussian_filter(image, 2, mode="mirror", axes=(0, 1), truncate=4)
-    stretched = (detail - detail.min()) / (
-        detail.max() - detail.min()
-    )  # one range for the three channels
+    # one range for the three channels
+    stretched = (detail - detail.min()) / (detail.max() - detail.min())
     np.testing.assert_allclose(sharpened(IMAGE, 2), (image + stretched) / 2, atol=2e-4)
 
 
@@ -147,9 +145,8 @@ def test_blue_is_lifted_where_it_is_asked_for_and_lacking():
 
 
 def test_noise_is_smoothed_before_it_is_equalised():
-    ramp = np.linspace(0.1, 0.9, 64)[
-        :, None, None
-    ]  # contrast, or the stretch would be of noise alone
+    # contrast, or the stretch would be of noise alone
+    ramp = np.linspace(0.1, 0.9, 64)[:, None, None]
     noisy = (ramp + RNG.normal(0, 0.02, (64, 64, 3))).astype(np.float32)
     rough, smooth = (restored(Fusion2012(noise=noise), noisy) for noise in (0, 0.2))
     assert np.abs(np.diff(smooth, axis=1)).mean() < 0.9 * np.abs(np.diff(rough, axis=1)).mean()

@@ -143,9 +143,8 @@ def test_the_directions_cover_the_sphere_evenly() -> None:
     points = directions(500)
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1)
     nearest = np.sort(np.arccos((points @ points.T).clip(-1, 1)), axis=1)[:, 1]
-    ideal = np.sqrt(
-        8 * np.pi / (np.sqrt(3) * 500)
-    )  # spacing of a hexagonal lattice with 4 pi / 500 a point
+    # spacing of a hexagonal lattice with 4 pi / 500 a point
+    ideal = np.sqrt(8 * np.pi / (np.sqrt(3) * 500))
     assert nearest.min() > 0.7 * ideal
     assert nearest.max() < ideal
 

@@ -33,9 +33,8 @@ def test_the_ratio_of_attenuation_is_that_of_the_wavelengths_and_the_veiling_lig
     """By hand: m l + i = .92457, 1.01497, 1.11667; .2 * 1.01497 / (.5 * .92457), .2 * 1.11667 / (.6 * .92457)."""
     ratio = attenuation_ratio(np.array([0.2, 0.5, 0.6]))
     np.testing.assert_allclose(ratio, [1, 0.439110, 0.402591], atol=1e-6)
-    assert (
-        attenuation_ratio(np.array([0.3, 0.3, 0.3]))[2] > 1
-    )  # blue scatters more: the wavelengths are not swapped
+    # blue scatters more: the wavelengths are not swapped
+    assert attenuation_ratio(np.array([0.3, 0.3, 0.3]))[2] > 1
 
 
 def test_a_veiling_light_without_red_still_gives_green_and_blue_an_attenuation() -> None:
@@ -71,9 +70,8 @@ def test_blurriness_is_the_mean_difference_from_the_gaussians() -> None:
         line = np.exp(-((np.arange(size) - size // 2) ** 2) / (2 * size**2))
         left.append(1 - (1 / line.sum()) ** 2)
     sharpness = sharpness_map(gray, scales=4, window=7)
-    np.testing.assert_allclose(
-        sharpness[67:74, 67:74], np.mean(left), rtol=1e-4
-    )  # the maximum of a 7 x 7 window
+    # the maximum of a 7 x 7 window
+    np.testing.assert_allclose(sharpness[67:74, 67:74], np.mean(left), rtol=1e-4)
     assert sharpness[:30].max() == 0
 
 

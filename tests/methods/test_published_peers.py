@@ -32,12 +32,13 @@ def test_fusion_2012_gives_what_its_authors_show(name: str):
     ("method", "column", "typical_db", "least_db"),
     [
         (Fusion2012(balance="stretch"), "FE", 29, 26),
+        # 27 and more but on one photograph, whose veiling light is another
         (
             Ibla(),
             "UIBLA",
             36,
             14,
-        ),  # 27 and more but on one photograph, whose veiling light is another
+        ),
         (Udcp(), "UDCP", 21, 14),
     ],
     ids=["fusion_2012", "ibla", "udcp"],

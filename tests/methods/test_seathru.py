@@ -40,9 +40,8 @@ def test_dark_pixels_are_the_darkest_of_each_bin():
     chosen = dark_pixels(intensity, z, bins=10, share=0.01, most=3)
     edges, grey = np.linspace(z.min(), z.max(), 11), intensity.mean(axis=1)
     expected: list[int] = []
-    for a, b in itertools.pairwise(
-        edges[1:]
-    ):  # the first of ten bins is the nearest tenth of the range
+    for a, b in itertools.pairwise(edges[1:]):
+        # the first of ten bins is the nearest tenth of the range
         inside = np.flatnonzero((z > a) & (z <= b))
         expected += sorted(inside, key=lambda i: grey[i])[:3]
     assert sorted(chosen.tolist()) == sorted(expected)

@@ -199,10 +199,11 @@ def test_red_is_lifted_and_nothing_where_blue_is_lacking():
 
 RED_LOST = np.float32([0.15, 0.4, 0.5]) * (0.6 + 0.8 * RNG.random((61, 47, 3), dtype=np.float32))
 SPREAD = 0.655136  # of a Rayleigh distribution of mode 1, sqrt((4 - pi) / 2)
+# kappa, and what a metre of water leaves
 KEPT = (
     np.array([1.1, 0.9, 0.9]),
     np.array([0.83, 0.95, 0.97]),
-)  # kappa, and what a metre of water leaves
+)
 
 
 def by_hand(rgb: np.ndarray, distance_m: float, tail: float) -> np.ndarray:
@@ -303,18 +304,16 @@ def test_colours_are_replaced_most_where_a_channel_is_dark() -> None:
     share = 1 - rgb.min(axis=-1, keepdims=True) ** 1.2
     detail = rgb - gaussian_filter(rgb, 1, mode="mirror", axes=(0, 1))
     expected = detail + share * transferred(rgb) + (1 - share) * rgb
-    np.testing.assert_allclose(
-        corrected(MURK, 1.2), expected, atol=5e-3
-    )  # OpenCV cuts the Gaussian at 3 sigma
+    # OpenCV cuts the Gaussian at 3 sigma
+    np.testing.assert_allclose(corrected(MURK, 1.2), expected, atol=5e-3)
 
 
 @pytest.mark.parametrize("side", [3, 25])
 def test_lightness_moves_from_the_mean_of_its_block_by_no_more_than_the_greatest_gain(
     side: int,
 ) -> None:
-    light = RNG.random((30, 40)) * np.linspace(
-        0.05, 1, 40
-    )  # smooth blocks on the left, rough ones on the right
+    # smooth blocks on the left, rough ones on the right
+    light = RNG.random((30, 40)) * np.linspace(0.05, 1, 40)
     enhanced = enhanced_lightness(light.astype(np.float32), side, 2)
     np.testing.assert_allclose(enhanced, by_blocks(light, side, 2), atol=1e-4)
 

@@ -175,9 +175,8 @@ def test_a_chart_nobody_restored_is_nan_with_coverage_0(metric: Psi | De00) -> N
 def test_the_reference_list_shifts_psi() -> None:
     shown = painted(chart_kind("dgk"), TILTED)
     by_lab = scores(Psi(), shown, "colour-lab")
-    assert by_lab["c/12-magenta"].value == pytest.approx(
-        13.8, abs=0.1
-    )  # the lists' largest disagreement
+    # the lists' largest disagreement
+    assert by_lab["c/12-magenta"].value == pytest.approx(13.8, abs=0.1)
     assert by_lab["c/13-brick"].value < 0.5
 
 

@@ -54,9 +54,8 @@ def test_a_charts_distance_is_that_of_its_middle_from_the_cameras_centre() -> No
     found = chart_score(plane_depth())
     x, y = corners().T
     area = 0.5 * abs(x @ np.roll(y, -1) - y @ np.roll(x, -1))
-    assert found.value == pytest.approx(
-        np.linalg.norm(MIDDLE), abs=0.01
-    )  # its depth, 4 m, is .2 m less
+    # its depth, 4 m, is .2 m less
+    assert found.value == pytest.approx(np.linalg.norm(MIDDLE), abs=0.01)
     assert found.coverage == 1
     assert found.n_pixels == pytest.approx(area, rel=0.1)
 

@@ -18,9 +18,8 @@ PHOTOGRAPH = (
     (GROUND * [0.3, 0.8, 0.9] + RNG.normal(0, 0.002, GROUND.shape)).clip(0, 1).astype(np.float32)
 )
 CAMERA = Camera(np.array([[200, 0, 80], [0, 200, 60], [0, 0, 1.0]]), 160, 120)
-DEPTH = np.where(np.arange(160) < 80, 2, 4) * np.ones(
-    (120, 1), np.float32
-)  # a wall at 2 m before one at 4 m
+# a wall at 2 m before one at 4 m
+DEPTH = np.where(np.arange(160) < 80, 2, 4) * np.ones((120, 1), np.float32)
 TRUE = (PHOTOGRAPH / np.float32([0.3, 0.8, 0.9])).clip(0, 1)
 
 

@@ -154,9 +154,8 @@ def test_black_and_white_by_hand() -> None:
     saturation = (c / np.hypot(c, 1) + 1) / 2
     for variant in ("yang2015", "matlab"):
         assert of(pixels, variant) == pytest.approx(0.2745 + 0.2576 * saturation)
-    assert of(pixels, "ratio") == pytest.approx(
-        0.2745 + 0.2576 * c / 2
-    )  # black is without saturation
+    # black is without saturation
+    assert of(pixels, "ratio") == pytest.approx(0.2745 + 0.2576 * c / 2)
     for variant in ("cielab", "cielab-range", "hsv"):
         assert of(pixels, variant) == pytest.approx(0.2745 * 100, abs=5e-3)
     assert of(pixels, "strided") == pytest.approx(0, abs=0.02), "the copied slip hides the contrast"

@@ -83,6 +83,7 @@ def test_the_tails_of_ten_and_of_fifteen_pixels() -> None:
 
     values = [20, 2, 4, 6, 8, 10, 12, 14, 16, -50]
     assert first_opponent(values, "matlab-first-output") == pytest.approx(9)  # without -50 and 20
+    # 1.5 pixels: two low, one high are dropped
     fifteen = [
         -18,
         -16,
@@ -99,7 +100,7 @@ def test_the_tails_of_ten_and_of_fifteen_pixels() -> None:
         96,
         94,
         92,
-    ]  # 1.5 pixels: two low, one high are dropped
+    ]
     # matlab: 2 low and 1 high (the nearest numbers of 1.5 and 13.5 pixels), over 12 pixels
     assert first_opponent(fifteen, "matlab-first-output") == pytest.approx(
         sum([*fifteen[2:11], 96, 94, 92]) / 12

@@ -98,9 +98,8 @@ def test_a_target_that_is_not_among_the_views_takes_part_all_the_same() -> None:
 
 
 def test_a_targets_own_observations_do_not_hang_on_rounding() -> None:
-    pose = make_pose(
-        (1e15, 3e14, -1e14), 0.3, 0.2, 0.1
-    )  # so far out that float64 cannot take the camera to itself
+    # so far out that float64 cannot take the camera to itself
+    pose = make_pose((1e15, 3e14, -1e14), 0.3, 0.2, 0.1)
     remote = replace(TARGET, cam_from_world=pose)
     by_arithmetic = match(lift(remote), remote)
     assert by_arithmetic is None or len(by_arithmetic.pixels) < (TARGET.depth > 0).sum()
@@ -212,9 +211,8 @@ def test_by_depth_eight_bit_colours_stay_eight_bit_and_nothing_bleeds_over_an_ou
 def test_by_depth_no_pixel_with_one_observation_is_left_amid_those_with_more() -> None:
     near = SCENE["near.png"]  # its pixels are smaller than the others'
     windows = np.lib.stride_tricks.sliding_window_view(near.depth, (3, 3))
-    is_smooth = windows.max(axis=(2, 3)) < 1.1 * windows.min(
-        axis=(2, 3)
-    )  # no outline, behind which points are hidden
+    # no outline, behind which points are hidden
+    is_smooth = windows.max(axis=(2, 3)) < 1.1 * windows.min(axis=(2, 3))
     dotted = {}
     for rule in ("mutual", "depth"):
         observations = observe(near, [near, SCENE["side.png"], SCENE["far.png"]], rule=rule)
@@ -300,9 +298,8 @@ def test_no_file_is_read_of_a_view_that_looks_elsewhere_and_no_image_of_one_that
     None
 ):
     away = Watched(Arrays(np.zeros((30, 40, 3)), np.ones((30, 40))))
-    hidden = Watched(
-        Arrays(np.zeros((30, 40, 3)), np.full((30, 40), 0.1))
-    )  # something right before the lens
+    # something right before the lens
+    hidden = Watched(Arrays(np.zeros((30, 40, 3)), np.full((30, 40), 0.1)))
     views = [
         TARGET,
         View("away.png", away, make_camera(40, 30, 40), make_pose((0, 0, 0), yaw=np.pi)),
@@ -366,9 +363,8 @@ def test_too_little_memory_is_told_early_and_in_one_line(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     views = [replace(TARGET, name=f"{k}.png", pixels=Watched(TARGET.pixels)) for k in range(60)]
-    free = SimpleNamespace(
-        available=18 * 30 * 2400
-    )  # bytes an observation x views x pixels: for half of them
+    # bytes an observation x views x pixels: for half of them
+    free = SimpleNamespace(available=18 * 30 * 2400)
     monkeypatch.setattr(module.psutil, "virtual_memory", lambda: free)
     monkeypatch.setattr(module, "usable_cores", lambda: 2)
     with pytest.raises(SolveError, match=r"^0\.png: .* 0\.0 GB .* smaller images") as told:

@@ -140,9 +140,8 @@ def test_by_depth_every_point_in_view_is_paired_and_no_hidden_one(name: str) -> 
     towards = surface.points.T.astype(np.float64) - centre  # the target's frame is the world's
     # The other view's rays are apart by a pixel: what it sees of an outline is known to that, and so to 0.1 m here.
     shifts = 0.1 * np.vstack([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
-    first = np.stack(
-        [hit(centre, towards + shift) for shift in shifts]
-    )  # 1 where the point itself is the first
+    # 1 where the point itself is the first
+    first = np.stack([hit(centre, towards + shift) for shift in shifts])
     camera = (other.cam_from_world[:3, :3] @ towards.T).T
     xy = (camera @ other.camera.K.T)[:, :2] / camera[:, 2:]
     in_view = (camera[:, 2] > 0) & (
@@ -176,9 +175,8 @@ def test_a_point_that_lands_left_of_the_other_view_is_not_matched() -> None:
     # (.5 + 1.8) / 3 = .77, it would seem matched.
     found = match(lift(line_view("a", 1, 0)), line_view("b", 3, -1.8))
     assert 0 not in found.pixels
-    assert found.pixels.tolist() == [
-        1
-    ]  # 2.7 -> pixel 2, back (2.5 + 1.8) / 3 = 1.43; 2 and 3 land outside
+    # 2.7 -> pixel 2, back (2.5 + 1.8) / 3 = 1.43; 2 and 3 land outside
+    assert found.pixels.tolist() == [1]
 
 
 def test_a_point_that_comes_back_left_of_the_target_is_not_matched() -> None:

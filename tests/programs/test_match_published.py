@@ -210,9 +210,8 @@ def test_bytes_that_wrap_around_are_a_form(bench: Bench, pairs: tuple[str, str])
     for n in range(4):
         reference = cv2.resize(cv2.imread(f"{pairs[1]}/{n}.jpg"), (64, 64))
         picture = cv2.imread(f"{pairs[0]}/{n}_ours.png")
-        total += (
-            20 * np.log10(255 / np.sqrt(np.mean((picture - reference) ** 2))) / 4
-        )  # of uint8, as many programs do
+        # of uint8, as many programs do
+        total += 20 * np.log10(255 / np.sqrt(np.mean((picture - reference) ** 2))) / 4
     done = bench(
         "score", pairs[0], "--reference", pairs[1], "--like", f"psnr={total:.4f}", "--json"
     )

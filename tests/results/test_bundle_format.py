@@ -66,9 +66,8 @@ def test_what_is_written_comes_back(tmp_path: Path):
 @pytest.mark.parametrize("value", [14.689221706938191, -6.211417699675681, 1e-300, 0.1 + 0.2, 5e22])
 def test_every_digit_of_a_score_comes_back_however_numpy_prints(tmp_path: Path, value: float):
     scores = rows().assign(value=value)
-    with np.printoptions(
-        legacy="1.13", precision=3
-    ):  # what some packages set for the whole process
+    with np.printoptions(legacy="1.13", precision=3):
+        # what some packages set for the whole process
         write_bundle(tmp_path / "b.zip", scores, {}, {}, "Jane", "1.2")
     with open_bundle(tmp_path / "b.zip") as bundle:
         assert list(bundle.rows["value"]) == [value] * len(scores)

@@ -229,6 +229,7 @@ def test_a_death_is_known_by_its_code():
     )
 
 
+# how files are read and changed
 TOUCHES = (
     "iterdir",
     "read_bytes",
@@ -236,7 +237,7 @@ TOUCHES = (
     "rmdir",
     "stat",
     "unlink",
-)  # how files are read and changed
+)
 
 
 def write_views(out: Path, *views: str) -> None:

@@ -133,9 +133,8 @@ class Browser:
             value = self.ask(script)
             return value
 
-        self.wait(
-            asked, script
-        )  # Playwright's own waiting evaluates text, which the page's policy forbids
+        # Playwright's own waiting evaluates text, which the page's policy forbids
+        self.wait(asked, script)
         return value
 
     def wait(self, true: Callable[[], Any], what: str) -> None:

@@ -11,9 +11,8 @@ import pytest
 from sucre_bench.errors import InputError
 
 _PUNCTUATION = "'\"`,;:.?!"
-_TOGETHER = re.compile(
-    r"(?<!\w)(?=('[^']*'|[\[(][^][()]*[\])]))"
-)  # a quotation, an interval, a shape
+# a quotation, an interval, a shape
+_TOGETHER = re.compile(r"(?<!\w)(?=('[^']*'|[\[(][^][()]*[\])]))")
 _CALLED = re.compile(r"\w+(?=\()")
 
 
@@ -29,9 +28,8 @@ def names(message: object) -> set[str]:
     words = {word.rstrip(",;:.") for word in text.split()}
     whole = {word.strip("()").lstrip("'\"`").rstrip(_PUNCTUATION) for word in words}
     bare = {word.strip(_PUNCTUATION + "()[]") for word in whole}
-    parts = {
-        part for word in bare for part in (word.rpartition("/")[2], word.partition(":")[0])
-    }  # of a.py:12
+    # of a.py:12
+    parts = {part for word in bare for part in (word.rpartition("/")[2], word.partition(":")[0])}
     return {*words, *whole, *bare, *parts, *_TOGETHER.findall(text), *_CALLED.findall(text)}
 
 

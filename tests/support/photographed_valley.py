@@ -14,9 +14,8 @@ from support.made_scene import make_pose
 WIDTH, HEIGHT, FOCAL = 240, 180, 217.5
 CAMERA = Camera(np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]), WIDTH, HEIGHT)
 DISTORTION = np.array([-0.08, 0, 0, 0])
-PLANES = np.array(
-    [[0.11, 0.03, 0.4], [-0.14, 0.02, 0.41]]
-)  # n . X = 1: they meet in a valley some 2.5 m away
+# n . X = 1: they meet in a valley some 2.5 m away
+PLANES = np.array([[0.11, 0.03, 0.4], [-0.14, 0.02, 0.41]])
 PLACES = [
     (0, 0, 0),
     (0.18, 0.05, 0.05),

@@ -7,9 +7,8 @@ import numpy as np
 
 from sucre_bench import Arrays, Camera, Restoration, Scene, View, restore
 
-LEVELS = (
-    np.arange(4 * 6 * 3, dtype=np.float32).reshape(4, 6, 3) * 3
-)  # no two channels alike, so that a swap shows
+# no two channels alike, so that a swap shows
+LEVELS = np.arange(4 * 6 * 3, dtype=np.float32).reshape(4, 6, 3) * 3
 RGB = LEVELS / np.float32(255)
 DEPTH = np.float32([[0, 0.5, 1, 1.5, 1.75, 1.999]]).repeat(4, axis=0)
 PYTHON = f"{sys.executable} -S"

@@ -346,9 +346,8 @@ def _raise(fault: BaseException) -> None:
 
 
 def _sleep_in_c() -> None:
-    signal.pthread_sigmask(
-        signal.SIG_BLOCK, {signal.SIGALRM}
-    )  # as code does that never returns to Python
+    # as code does that never returns to Python
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGALRM})
     ctypes.CDLL(None).sleep(3600)
 
 
@@ -425,9 +424,8 @@ ACTS: dict[str, Callable[[], Any]] = {
     "asleep": lambda: time.sleep(3600),
     "asleep-in-c": _sleep_in_c,
     "deaf": _catch_all,
-    "odd-text": lambda: _raise(
-        ValueError("caf\udce9.png is bad")
-    ),  # the name of a file in another encoding
+    # the name of a file in another encoding
+    "odd-text": lambda: _raise(ValueError("caf\udce9.png is bad")),
     "odd-hint": lambda: {"hints": ["caf\udce9"]},
     "odd-device": lambda: {"device": "caf\udce9"},
 }

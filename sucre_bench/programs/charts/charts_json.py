@@ -28,9 +28,8 @@ class ChartsFile:
     """
 
     def __init__(self, path: Path, sizes: Mapping[str, tuple[int, int]]) -> None:
-        self.path = path = (
-            path.resolve()
-        )  # so that kinds, which may be paths, do not depend on the current folder
+        # so that kinds, which may be paths, do not depend on the current folder
+        self.path = path = path.resolve()
         self._sizes = sizes
         self._confirmed = {name: list(charts) for name, charts in read_charts(path, sizes).items()}
         self._content: dict[str, Any] = (

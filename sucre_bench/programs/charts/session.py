@@ -153,9 +153,8 @@ class Session:
         scale = _PREVIEW / max(about.width, about.height)
         width, height = round(about.width * scale), round(about.height * scale)
         to_image = image_from_chart(chart.corners) @ np.diag([1 / width, 1 / height, 1])
-        centres = np.array(
-            [[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]]
-        )  # OpenCV has pixel centres at whole numbers
+        # OpenCV has pixel centres at whole numbers
+        centres = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])
         homography = centres @ to_image @ np.linalg.inv(centres)
         how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         flat = np.asarray(

@@ -308,9 +308,8 @@ def raised(subject: Subject, fault: BaseException) -> str:
 def is_described(subject: Subject) -> Iterator[str]:
     """Is described, with the meaning of each option."""
     plugin, name = subject.plugin, subject.plugin.cls.__name__
-    if plugin.cls.__doc__ is None or plugin.summary.startswith(
-        f"{name}("
-    ):  # what dataclass generates
+    if plugin.cls.__doc__ is None or plugin.summary.startswith(f"{name}("):
+        # what dataclass generates
         yield f"{name} has no docstring; its first paragraph is what `sucre-bench list` says"
     elif not plugin.summary.endswith("."):
         yield "the first paragraph of its docstring is no sentence; end it with a full stop"

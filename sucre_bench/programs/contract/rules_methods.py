@@ -223,9 +223,8 @@ def keeps_its_eyes_off(subject: Subject) -> Iterator[str]:
         need for need in ("reference", "charts", "truth") if need not in subject.plugin.needs
     ]
     every = {name: value for need in undeclared for name, value in _OTHERS[need].items()}
-    if _is_same_with(subject, **every) or not _is_same_with(
-        subject
-    ):  # a random result depends on no input
+    if _is_same_with(subject, **every) or not _is_same_with(subject):
+        # a random result depends on no input
         return
     for need in undeclared:
         if not _is_same_with(subject, **_OTHERS[need]):

@@ -45,7 +45,8 @@ def rules(plugin: Plugin) -> list[Rule]:
         "reference",
         "charts",
         "truth",
-    }:  # which say what is perfect
+    }:
+        # which say what is perfect
         of_order = [prefers_the_truth]
     return [
         stays_in_range,
@@ -249,9 +250,8 @@ def leaves_all_as_it_was(subject: Subject) -> Iterator[str]:
             display(image, "none"),
             Restoration(image, WATER, info={"true_water": WATER}),
         )
-        shared = locked(
-            shown
-        )  # of a read-only picture metrics may remember what they compute, see `arrays.once`
+        # of a read-only picture metrics may remember what they compute, see `arrays.once`
+        shared = locked(shown)
         attempts = [
             functools.partial(metric.score, restoration, one, views[0])
             for one in (shown, shared, shared)

@@ -172,7 +172,8 @@ def described(selection: Selection, most: int) -> Described:
         KeyError,
         TypeError,
         RecursionError,
-    ):  # none, or another program's
+    ):
+        # none, or another program's
         scale = None
     unit = "m" if scale is None or scale["is_metric"] else "units"
     chosen = [selection.views[k] for k in evenly(len(selection.views), most)]

@@ -32,21 +32,24 @@ from sucre_bench.programs.describe.facts import (
 from sucre_bench.scene import Arrays, View
 
 _PREPARE = "`sucre-bench prepare PHOTOS dive/` makes"
+# of full scale: an image with a lower mean or standard deviation shows nothing
 _BLACK, _FLAT = (
     0.02,
     0.004,
-)  # of full scale: an image with a lower mean or standard deviation shows nothing
+)
 _SATURATED, _COVERED = 0.05, 0.5  # shares of pixels
+# median relative disagreement of depth; photogrammetry that fits is at .0005 to .01
 _DISAGREES, _DOUBTFUL = (
     0.03,
     0.01,
-)  # median relative disagreement of depth; photogrammetry that fits is at .0005 to .01
+)
 _NOTHING = "nothing in common"
 _SAME = 0.5  # 8-bit levels: mean difference of reduced pictures
+# relative tolerance in the search for mistakes: of one, and of scales on a coarse grid
 _FIRM, _LOOSE = (
     0.01,
     0.06,
-)  # relative tolerance in the search for mistakes: of one, and of scales on a coarse grid
+)
 _NAMED = 1 / 3  # share of the points that agree without a mistake that is named
 _AXES = np.diag([1.0, -1.0, -1.0, 1.0])  # between OpenCV's axes and OpenGL's
 _SCALES = (0.001, 0.01, *(float(s) for s in np.geomspace(0.1, 10, 41)), 100.0, 1000.0)
@@ -95,9 +98,8 @@ def find_faults(
 def _files(facts: Sequence[ViewFacts]) -> list[Fault]:
     """Faults for files that cannot be read, and for views without pose or depth."""
     faults = []
-    alike = defaultdict(
-        list
-    )  # the same mistake in many files is one fault; numbers and places may differ
+    # the same mistake in many files is one fault; numbers and places may differ
+    alike = defaultdict(list)
     for view in facts:
         for plane, fault in (("image", view.image_fault), ("depth", view.depth_fault)):
             if fault:
@@ -278,9 +280,8 @@ def _agreeing(
     scale: float = 1.0,
 ) -> float:
     """The share of points that project to a place of the same depth in another view, all depth maps times a factor."""
-    points = {
-        k: some_points(views[k], MOST_POINTS)[2][::8] * scale for k in {k for k, _ in pairs}
-    }  # a few are enough
+    # a few are enough
+    points = {k: some_points(views[k], MOST_POINTS)[2][::8] * scale for k in {k for k, _ in pairs}}
     agreeing = [np.empty(0, bool)]
     for k, j in pairs:
         _, _, z, d = seen_from(views[j], views[k], points[k])

@@ -91,9 +91,8 @@ def fit(votes: Votes, start: Array | None = None) -> Array:
 
     begin = None if start is None else np.array(start, dtype=np.float64)
     scores = choix.ilsr_pairwise_dense(_more_than_wins(votes), initial_params=begin, tol=1e-6)
-    return np.asarray(
-        np.round(scores - scores.mean(), 9)
-    )  # the fit has no further digits; equal methods are equal
+    # the fit has no further digits; equal methods are equal
+    return np.asarray(np.round(scores - scores.mean(), 9))
 
 
 def _more_than_wins(votes: Votes) -> npt.NDArray[np.float64]:

@@ -45,9 +45,8 @@ class Options:
     depth: Path | None = None
 
     def __post_init__(self) -> None:
-        if (
-            self.focal is not None and not 0.2 <= self.focal <= 10
-        ):  # fields of view of 136 and 6 degrees
+        if self.focal is not None and not 0.2 <= self.focal <= 10:
+            # fields of view of 136 and 6 degrees
             remedy = "divide pixels by the photo's longer side, or a 35 mm equivalent in millimetres by 36"
             raise InputError(f"{self.focal:g} is not from 0.2 to 10 widths", "--focal", remedy)
         if self.focal and self.model:

@@ -99,9 +99,8 @@ def swept(
     def sweep_one(i: int) -> None:
         file = folder / f"{i:06d}.npy"
         depth = np.zeros((small[i].camera.height, small[i].camera.width), np.float32)
-        with suppress(
-            OSError, ValueError, TypeError, EOFError
-        ):  # what NumPy raises for a file that was cut short
+        with suppress(OSError, ValueError, TypeError, EOFError):
+            # what NumPy raises for a file that was cut short
             if np.load(file, mmap_mode="r").shape == depth.shape:
                 return
         if near[i]:
@@ -191,9 +190,8 @@ def relief(shots: Sequence[Shot]) -> Surface:
         fault = f"three photos or more agree on only {len(points)} points, too few for a surface"
         raise InputError(fault, "photos", "give --surface dense, or take photos that overlap more")
     centred = points - np.median(points, axis=0)
-    axes = np.linalg.svd(centred, full_matrices=False)[
-        2
-    ]  # rows: two directions along the main plane, and its normal
+    # rows: two directions along the main plane, and its normal
+    axes = np.linalg.svd(centred, full_matrices=False)[2]
     for _ in range(10):  # again, without points far off the plane
         height = np.abs(centred @ axes[2])
         axes = np.linalg.svd(centred[height <= 3 * np.median(height) + 1e-12], full_matrices=False)[

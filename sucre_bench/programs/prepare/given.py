@@ -48,10 +48,11 @@ _NEAR, _SAME = 0.05, 1e-3  # relative: a mesh is at a point, for most points; tw
 _MOST_CHECKED = 12  # photos
 _FEWEST_POINTS = 12  # of a photo, to fit its map
 _WORST = 0.05  # median relative difference of a fitted map from the sparse points
+# a map must be so much better than one constant depth, unless that is this good already
 _BETTER, _FLAT = (
     0.7,
     0.02,
-)  # a map must be so much better than one constant depth, unless that is this good already
+)
 _SIMPLER = 1.1  # a fit with one more parameter must be better than this
 
 
@@ -78,9 +79,8 @@ def mesh_maps(path: Path, shots: Sequence[Shot]) -> DepthMaps:
         found = []
         for shot in checked:
             pose, (xy, z) = shot.cam_from_world.copy(), shot.seen_points()
-            pose[:3] = np.column_stack(
-                [pose[:3, :3] @ turn.T, pose[:3, 3] / unit]
-            )  # from the mesh's frame
+            # from the mesh's frame
+            pose[:3] = np.column_stack([pose[:3, :3] @ turn.T, pose[:3, 3] / unit])
             found.append(np.abs(cast(replace(shot, cam_from_world=pose), xy)[0][0] * unit / z - 1))
         return np.concatenate(found)
 

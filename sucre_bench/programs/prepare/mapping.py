@@ -30,10 +30,11 @@ from sucre_bench.programs.prepare.photos import Photo, write_gray
 from sucre_bench.programs.prepare.shots import load_pycolmap, write_model
 
 _MOST_EXHAUSTIVE = 80  # photos: 3,160 pairs, about ten minutes on two cores
+# steps: ten neighbours, then to close loops
 _SEQUENTIAL = (
     *range(1, 11),
     *(2**power for power in range(4, 20)),
-)  # steps: ten neighbours, then to close loops
+)
 _ENOUGH = 0.9  # share of the photos placed from which no second attempt follows
 _GUIDED_PAIRS = (
     10  # guided matching finds three times the matches in faint water, at about ten seconds a pair
@@ -206,9 +207,8 @@ def _find_features(
         groups[by, photo.size].append(photo)
     listed = folder / "listed"
     mode = pycolmap.CameraMode.SINGLE
-    if (
-        not listed.is_file()
-    ):  # else photos would be numbered as they finish; other numbers give other models
+    if not listed.is_file():
+        # else photos would be numbered as they finish; other numbers give other models
         for old in folder.glob(f"{database.name}*"):
             old.unlink()
         pycolmap.Database.open(database).close()  # makes the file
@@ -226,9 +226,8 @@ def _find_features(
         listed.touch()
     with line("finding features", len(photos)) as step:
         for group in groups.values():
-            for batch in _batches(
-                [photo.key for photo in group], usable_cores()
-            ):  # except those that have features
+            for batch in _batches([photo.key for photo in group], usable_cores()):
+                # except those that have features
                 pycolmap.extract_features(
                     database, folder / "gray", batch, mode, reader, extraction, pycolmap.Device.cpu
                 )
@@ -272,9 +271,8 @@ def _match(database: Path, names: Sequence[str], options: Options, attempt: _Att
     verification.ransac.random_seed = 0
     listed = pycolmap.ImportedPairingOptions()
     listed.match_list_path = database.parent / "pairs.txt"
-    for batch in track(
-        _batches(pairs, PAIRS_A_STEP), "matching"
-    ):  # COLMAP skips the pairs that are in the database
+    for batch in track(_batches(pairs, PAIRS_A_STEP), "matching"):
+        # COLMAP skips the pairs that are in the database
         listed.match_list_path.write_text("".join(f"{one} {other}\n" for one, other in batch))
         pycolmap.match_image_pairs(database, matching, listed, verification, pycolmap.Device.cpu)
     with pycolmap.Database.open(database) as opened:
@@ -387,9 +385,8 @@ def adopted(sparse: Path, photos: dict[str, Photo], folder: Path, fewest: int) -
     must see on average. Raises InputError if the file of its points breaks off.
     """
     points = sparse / ("points3D.bin" if (sparse / "images.bin").is_file() else "points3D.txt")
-    if not points.is_file() or (
-        points.suffix == ".bin" and not count_points(points)
-    ):  # pycolmap hangs on a cut file
+    if not points.is_file() or (points.suffix == ".bin" and not count_points(points)):
+        # pycolmap hangs on a cut file
         return None
     model = load_pycolmap().Reconstruction(sparse)
     for image in [model.image(number) for number in model.reg_image_ids()]:

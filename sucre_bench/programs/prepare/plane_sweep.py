@@ -18,16 +18,14 @@ from sucre_bench.camera import Camera, depth_at, moved, pixel_rays, project, rel
 from sucre_bench.machine.compute import compiled
 from sucre_bench.programs.prepare.shots import Shot
 
-_TELLING_ANGLE = np.deg2rad(
-    5.0
-)  # degrees: depth is well determined; more only changes the appearance
+# degrees: depth is well determined; more only changes the appearance
+_TELLING_ANGLE = np.deg2rad(5.0)
 _WIDEST_ANGLE = np.deg2rad(45.0)
 _WANTED = 2.0  # photos that are to see each point under telling angles
 _WINDOW = (7, 7)  # pixels
 _LEAST_LIKENESS = 0.5
-_LEAST_VARIANCE = (
-    0.6**2
-)  # standard deviation of 8-bit gray levels in a window; below it is rounding
+# standard deviation of 8-bit gray levels in a window; below it is rounding
+_LEAST_VARIANCE = 0.6**2
 _STEP_PX = 1.0  # pixels that a step may move a pixel in any photo; a parabola through three scores resolves a tenth
 _MOST_PLANES = 256
 _FEWEST_PLANES = 16
@@ -48,9 +46,8 @@ def neighbours(shots: Sequence[Shot], most: int) -> list[list[int]]:
     seen = [shot.point_ids[first] for shot, first in zip(shots, firsts, strict=True)]
     known, columns = np.unique(np.concatenate(seen), return_inverse=True)
     by = np.repeat(np.arange(len(shots)), [len(first) for first in firsts])
-    seers = csc_array(
-        (np.ones(len(by)), (by, columns)), shape=(len(shots), len(known))
-    )  # a column a point
+    # a column a point
+    seers = csc_array((np.ones(len(by)), (by, columns)), shape=(len(shots), len(known)))
     centres = np.array([shot.centre for shot in shots])
     best = []
     for i, (shot, first) in enumerate(zip(shots, firsts, strict=True)):
@@ -176,9 +173,8 @@ def sweep(
     best = _Best._make([*scores, np.zeros(gray.shape, dtype=np.int16)])
     product, square = np.empty_like(gray), np.empty_like(gray)
     compare, decide = compiled(_compare), compiled(_decide)
-    half = np.array(
-        [[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]]
-    )  # OpenCV has pixel centres at whole numbers
+    # OpenCV has pixel centres at whole numbers
+    half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
     whole = np.linalg.inv(half)
     K_inv = np.linalg.inv(shot.camera.K)
     size = shot.camera.size

@@ -162,9 +162,8 @@ def _segments(content: bytes) -> Iterator[bytes]:
 def _is_metadata(segment: bytes) -> bool:
     """Whether a segment is about the photograph, and neither about its pixels nor of other colours than RGB."""
     marker, body = segment[1], segment[4:]
-    if (
-        body.startswith(_MULTI) or marker == _ADOBE
-    ):  # places of other pictures in the file; how colours are stored
+    if body.startswith(_MULTI) or marker == _ADOBE:
+        # places of other pictures in the file; how colours are stored
         return False
     if body.startswith(_ICC):
         head = body[len(_ICC) + 2 :]
@@ -212,9 +211,8 @@ def _tiff(picture: npt.NDArray[Any], photograph: bytes) -> bytes:
     if _PROFILE_TAG in tags and bytes(tags[_PROFILE_TAG])[_RGB_PROFILE] != b"RGB ":
         del tags[_PROFILE_TAG]
     order: Any = "<" if photograph.startswith(b"II") else ">"
-    if not isinstance(
-        tags.get(_IPTC_TAG, b""), bytes
-    ):  # called numbers of 32 bits by many programs
+    if not isinstance(tags.get(_IPTC_TAG, b""), bytes):
+        # called numbers of 32 bits by many programs
         tags[_IPTC_TAG] = np.array(tags[_IPTC_TAG], f"{order}u4").tobytes()
     height, width = picture.shape[:2]
     pixels = picture.astype(picture.dtype.newbyteorder(order)).tobytes()

@@ -74,9 +74,8 @@ def why_not_measured(record: Mapping[str, Any]) -> str:
         return "far ground may be wrong by " + ", ".join(
             f"{name} {error:.0%}" for name, error in far.items()
         )
-    if not record.get(
-        "judged"
-    ):  # the judge chooses no water that predicts unseen views no better than none
+    if not record.get("judged"):
+        # the judge chooses no water that predicts unseen views no better than none
         return "no views were left to judge the water on"
     if below := record.get("below_zero"):
         return f"{' and '.join(below)}: too many colours are darker than black"

@@ -234,9 +234,8 @@ def _scene(row: Any, root: Path) -> tuple[Scene, str]:
                 raise InputError(
                     f"option {name}={text} leads out of the data's folder; ask who made the bundle"
                 )
-    if (
-        known["root"].default is not None
-    ):  # without a folder the data are made, in the user's cache: not in `root`
+    if known["root"].default is not None:
+        # without a folder the data are made, in the user's cache: not in `root`
         given["root"] = str(root)
     options = {
         name: typed(known[name].type, value) if name in known else value

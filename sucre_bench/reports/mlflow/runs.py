@@ -313,9 +313,8 @@ class Runs:
         if restored.is_dir():
             self._client.log_artifacts(run, str(restored), "restored")
         self._close(run)
-        self._client.set_tag(
-            run, "rows", _hash(rows)
-        )  # last: a run that was cut off before is not taken for whole
+        # last: a run that was cut off before is not taken for whole
+        self._client.set_tag(run, "rows", _hash(rows))
 
     def _close(self, run: str) -> None:
         self._client.set_terminated(run, "FAILED" if run in self._failed else "FINISHED")
@@ -346,9 +345,8 @@ class Runs:
     def _log_table(self, run: str, table: DataFrame) -> None:
         """Log a table, with the levels of its index as columns, instead of what was logged before."""
         whole = table.reset_index().astype(object)
-        if (
-            "mlflow.loggedArtifacts" in self._client.get_run(run).data.tags
-        ):  # log_table would add to it
+        if "mlflow.loggedArtifacts" in self._client.get_run(run).data.tags:
+            # log_table would add to it
             self._client.log_text(run, whole.to_json(orient="split", index=False), "scores.json")
         else:
             self._client.log_table(run, whole, "scores.json")

@@ -111,9 +111,8 @@ def _client(uri: str) -> MlflowClient:
     }
     for name, value in settings.items():
         os.environ.setdefault(f"MLFLOW_{name}", value)
-    logging.getLogger("alembic").setLevel(
-        logging.WARNING
-    )  # it tells of every migration of a new store
+    # it tells of every migration of a new store
+    logging.getLogger("alembic").setLevel(logging.WARNING)
     logging.getLogger("mlflow.store.db.utils").setLevel(logging.ERROR)
     from mlflow import MlflowClient
     from mlflow.store.db import utils

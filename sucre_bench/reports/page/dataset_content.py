@@ -39,6 +39,7 @@ _WATER = ("B", "beta", "gamma")
 _LONGEST_VALUE = 600  # characters of a value in a method's record
 _MOST_NAMED = 100  # views in one command
 _VIEW = ["scene", "view"]
+# what the script reads of a column
 _OF_COLUMN = (
     "metric",
     "variant",
@@ -46,7 +47,7 @@ _OF_COLUMN = (
     "better",
     "ranked",
     "directed",
-)  # what the script reads of a column
+)
 _WHISKER = 84  # pixels, of an interval that is drawn in a cell
 
 

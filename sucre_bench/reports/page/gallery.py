@@ -55,9 +55,8 @@ class Gallery:
     def __init__(self, out: Path, planned: int, widths: Widths = WIDTHS) -> None:
         self._out = out
         self._width = next((width for most, width in widths if planned <= most), widths[-1][1])
-        self.share = min(
-            1.0, widths[-1][0] / max(planned, 1)
-        )  # of the views that keep their pictures in the page
+        # of the views that keep their pictures in the page
+        self.share = min(1.0, widths[-1][0] / max(planned, 1))
         self._pool = ThreadPoolExecutor(usable_cores())
         self._encoded: list[Future[list[Block]]] = []
 

@@ -34,6 +34,7 @@ from sucre_bench.results.reasons import unscored, without_view
 from sucre_bench.results.rows import RESTORATION, restorations
 
 _STYLES = ("page.css", "parts.css")
+# in one scope
 _SCRIPTS = (
     "page.js",
     "tables.js",
@@ -42,7 +43,7 @@ _SCRIPTS = (
     "detail.js",
     "plots.js",
     "start.js",
-)  # in one scope
+)
 _CONSTANTS = {"Infinity": 1e308, "-Infinity": -1e308}  # which JSON does not know; NaN is null
 _DARK = 0.3  # brightness of the colours that are lifted on a dark page
 

@@ -243,9 +243,8 @@ def _hues(hues: DataFrame, form: str, patches: Sequence[str]) -> Figure:
                 .mean()
             )
             unbroken = np.unwrap(np.degrees(np.angle(vectors)), period=360)  # of circular means
-            for turn in range(
-                -_PLACES // 2, _PLACES // 2 + 1
-            ):  # what leaves through one edge comes back at the other
+            for turn in range(-_PLACES // 2, _PLACES // 2 + 1):
+                # what leaves through one edge comes back at the other
                 y = unbroken + 360 * turn
                 if turn == 0 or (np.abs(y) <= 180).any():
                     drawn: Any = {

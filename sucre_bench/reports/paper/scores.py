@@ -49,9 +49,8 @@ def scores(results: StudyResults) -> Iterator[Drawn]:
                     for name in comparison.methods
                     if (cell := comparison.cells.get((name, column)))
                 ]
-                scored.sort(
-                    key=lambda each: each[1].place or math.inf
-                )  # the photograph has no place
+                # the photograph has no place
+                scored.sort(key=lambda each: each[1].place or math.inf)
                 for y, (method, cell) in enumerate(scored):
                     colour, marker = looks[method]
                     if math.isfinite(cell.low):
@@ -121,9 +120,8 @@ def against(results: StudyResults) -> Iterator[Drawn]:
         for column, panel in zip(columns, panels, strict=True):
             for method, (colour, marker) in style.looks(followed.methods).items():
                 lines = [followed.lines[value, method] for value in followed.values]
-                cells = [
-                    followed.scores.cells.get((line, column), _NO_CELL) for line in lines
-                ]  # a gap for none
+                # a gap for none
+                cells = [followed.scores.cells.get((line, column), _NO_CELL) for line in lines]
                 panel.plot(
                     where, [cell.mean for cell in cells], color=colour, marker=marker, label=method
                 )
@@ -146,9 +144,8 @@ def positions(values: Sequence[Value]) -> tuple[list[float], bool]:
         return [float(n) for n in range(len(values))], False
     least, before, greatest = numbers[0], numbers[-2], numbers[-1]
     is_log = least > 0 and greatest > _LOG_FROM * least
-    beyond = (
-        greatest * greatest / before if is_log else 2 * greatest - before
-    )  # one step as long as the last
+    # one step as long as the last
+    beyond = greatest * greatest / before if is_log else 2 * greatest - before
     return [beyond if value.number is None else value.number for value in values], is_log
 
 

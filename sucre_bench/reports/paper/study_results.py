@@ -188,9 +188,8 @@ def along(rows: DataFrame, study: Study) -> list[Along]:
     notes = tuple(Note("no option", (str(each),), option=name) for each in lacking)
     rows = rows[rows["_value"].notna()]
     if group == "dataset" and (rows.groupby("_value", sort=False)["scene"].nunique() == 1).all():
-        rows = rows.assign(
-            scene=""
-        )  # a scene may be called after the value: views are told apart by name
+        # a scene may be called after the value: views are told apart by name
+        rows = rows.assign(scene="")
     wanted = {metric.partition(":")[0] for metric in study.metrics}
     followed = []
     for title, of_dataset in rows.groupby("dataset", sort=False):

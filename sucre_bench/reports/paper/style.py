@@ -64,9 +64,8 @@ def looks(methods: Iterable[str]) -> dict[str, Look]:
     """Return how each of a figure's methods is drawn: no two alike, and no two of one colour while there are enough."""
     methods = list(dict.fromkeys(methods))
     found: dict[str, Look] = {}
-    for method in sorted(
-        methods
-    ):  # whatever order a figure has them in; first those that can have their own
+    for method in sorted(methods):
+        # whatever order a figure has them in; first those that can have their own
         if own_look(method).colour not in {look.colour for look in found.values()}:
             found[method] = own_look(method)
     for method in sorted(set(methods) - set(found)):

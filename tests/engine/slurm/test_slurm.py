@@ -180,9 +180,8 @@ def test_a_killed_job_loses_itself_and_the_same_command_does_what_is_left(
     events = ("method.waits=[v3.png]", "method.fails=v1.png")
     command = user.start(*SHARDS, *events)
     killed = user.job_at("v3.png", command)
-    until(
-        lambda: "v2.png" in user.stored(), command
-    )  # rows wait up to .3 s, and SIGKILL leaves no time to write them
+    # rows wait up to .3 s, and SIGKILL leaves no time to write them
+    until(lambda: "v2.png" in user.stored(), command)
     user.slurm("scancel", "--signal=KILL", "--full", killed)  # as for want of memory
     said, _ = command.communicate(timeout=PATIENCE_S)
 

@@ -26,9 +26,8 @@ from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.methods.doors import Precomputed
 from sucre_bench.methods.doors.precomputed import SUFFIXES, ImageFolder
 
-LEVELS = (
-    np.arange(4 * 6 * 3, dtype=np.uint8).reshape(4, 6, 3) * 3
-)  # no two channels alike, so that a swap shows
+# no two channels alike, so that a swap shows
+LEVELS = np.arange(4 * 6 * 3, dtype=np.uint8).reshape(4, 6, 3) * 3
 RGB = LEVELS.astype(np.float32) / 255
 
 

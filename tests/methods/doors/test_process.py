@@ -159,9 +159,8 @@ def test_a_child_that_will_not_end_is_killed_after_its_time_to_clean_up(tmp_path
     )
     started = time.perf_counter()
     ended = run_program([sys.executable, "-S", "-c", source])
-    assert (
-        time.perf_counter() - started > ended.seconds + 2.9
-    )  # of the program alone, without what it started
+    # of the program alone, without what it started
+    assert time.perf_counter() - started > ended.seconds + 2.9
     assert ends_soon(int(ended.said))
 
 

@@ -23,12 +23,10 @@ pytestmark = pytest.mark.short
 
 WATERS = [
     WATER,
-    Water(
-        np.array([0.05, 0.28, 0.43]), np.array([0.26, 0.07, 0.05]), np.array([0.19, 0.11, 0.1])
-    ),  # blue ocean
-    Water(
-        np.array([0.23, 0.45, 0.34]), np.array([0.56, 0.26, 0.34]), np.array([0.42, 0.32, 0.36])
-    ),  # turbid
+    # blue ocean
+    Water(np.array([0.05, 0.28, 0.43]), np.array([0.26, 0.07, 0.05]), np.array([0.19, 0.11, 0.1])),
+    # turbid
+    Water(np.array([0.23, 0.45, 0.34]), np.array([0.56, 0.26, 0.34]), np.array([0.42, 0.32, 0.36])),
 ]
 
 
@@ -273,10 +271,11 @@ def test_places_that_no_light_comes_from_do_not_spoil_the_rest(backend: Any) -> 
     """Red of beta .42 is gone at 150 m: exp(-63), whose square is no number in float32."""
     observations, J = made(2_000, noise=0.004, n_single=100)
     distance, colour = observations.distance.copy(), observations.colour.copy()
+    # the first observations of a repeated and of a single pixel
     far = [
         3,
         len(observations.pixels) - 3,
-    ]  # the first observations of a repeated and of a single pixel
+    ]
     for n, part in observations.slots():
         at = [k for k in far if k < n]
         distance[part][at] = 150

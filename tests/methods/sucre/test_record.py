@@ -130,9 +130,8 @@ def test_points_over_distance_are_the_observations_of_their_pixel() -> None:
     place, z, I = flat(observations)
     assert 20 <= len(left["tracks"]) <= 30
     for track in left["tracks"]:
-        own = np.flatnonzero(
-            observations.pixels[place] == track["pixel"][0]
-        )  # the target is one row
+        # the target is one row
+        own = np.flatnonzero(observations.pixels[place] == track["pixel"][0])
         own = own[np.argsort(z[own])]
         np.testing.assert_allclose(track["distance"], z[own], rtol=1e-4)
         np.testing.assert_allclose(track["intensity"], I[:, own], rtol=1e-4)

@@ -71,9 +71,8 @@ def test_a_pixel_that_shows_what_the_image_shows_is_not_known_better_than_from_a
     I = in_water(J, distance) + 0.001 * rng.standard_normal(J.shape)
     wrong = (ROW % 9 == 4) & (COLUMN % 9 == 4)
     paired = np.where(wrong[..., None], J + 0.3, J).astype(np.float32)
-    deviation = np.full(
-        (*SHAPE, 3), 0.4, np.float32
-    )  # the light of the views differs, so no colour is known well
+    # the light of the views differs, so no colour is known well
+    deviation = np.full((*SHAPE, 3), 0.4, np.float32)
     found, left = corrected_edges(I, distance, paired, deviation, WATER)
     assert np.abs(found - J)[wrong].mean() < 0.1
     assert (left[wrong] >= deviation[wrong]).all()

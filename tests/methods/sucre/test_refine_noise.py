@@ -132,9 +132,8 @@ def test_colours_that_are_known_stay_as_they_are() -> None:
 
 def test_differences_that_neighbours_share_are_no_noise() -> None:
     J, deviation = ground(), np.full((*SHAPE, 3), (0.1, 0.002, 0.004))
-    detail = (
-        np.random.default_rng(3).standard_normal(SHAPE) * 0.02
-    )  # of red alone, far below the deviation
+    # of red alone, far below the deviation
+    detail = np.random.default_rng(3).standard_normal(SHAPE) * 0.02
     J = J + detail[..., None] * [1, 0, 0]
     after, left = followed(J.astype(np.float32), deviation)
     assert left[..., 0].mean() > 0.08

@@ -40,9 +40,8 @@ def test_water_and_colours_survive_an_animal_in_every_eighth_observation() -> No
     plain, (robust, weighted) = fit(observations), fit_robustly(observations, fit)
     assert np.abs(table(plain.water) / table(TRUE) - 1).max() > 0.3
     assert np.abs(table(robust.water) / table(TRUE) - 1).max() < 0.08
-    often = (observations.counts >= 5) & (
-        np.bincount(flat(observations)[0], wrong) <= 1
-    )  # a majority is right
+    # a majority is right
+    often = (observations.counts >= 5) & (np.bincount(flat(observations)[0], wrong) <= 1)
     assert psnr(weighted, robust, J, often) > 35 > 25 > psnr(observations, plain, J, often)
 
 

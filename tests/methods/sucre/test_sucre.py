@@ -102,9 +102,8 @@ def test_water_comes_from_a_file_or_from_a_folder_of_them(tmp_path: Path) -> Non
     dotted = replace(TARGET, name="left/a.0001.png")
     (tmp_path / "left").mkdir()
     (tmp_path / "left" / "a.0001.json").write_text(json.dumps(content))
-    (tmp_path / "left" / "a.json").write_text(
-        json.dumps(content | {"B": [0, 0, 0]})
-    )  # another image's
+    # another image's
+    (tmp_path / "left" / "a.json").write_text(json.dumps(content | {"B": [0, 0, 0]}))
     scene = replace(SCENE, views=[dotted, *(view for view in SCENE.views if view is not TARGET)])
     np.testing.assert_array_equal(
         Sucre(water=str(tmp_path)).restore(scene, dotted).water.veiling_light, TRUTH[0]
@@ -306,10 +305,11 @@ def test_the_prior_halves_the_error_of_noisy_colours_and_says_how_much_is_left()
 
 def test_a_speck_before_far_ground_takes_the_mean_colour_and_bright_things_stay() -> None:
     J = coloured_surfaces(np.random.default_rng(0), 10_000)
+    # snow at 12 m in coastal water; a white shell
     J[:, 0], J[:, 1] = (
         (60, 2.9, 2.3),
         (1.5, 1.4, 1.3),
-    )  # snow at 12 m in coastal water; a white shell
+    )
     deviation = np.full(J.shape, 0.01)
     deviation[0, 2], J[0, 2] = 1.0, 4.0  # noise
     is_speck = specks_of(J, deviation)

@@ -105,9 +105,8 @@ def test_blocks_make_no_difference() -> None:
 @pytest.mark.parametrize("steps", [2, 200])
 def test_steps_are_those_of_adam_with_automatic_differentiation(steps: int) -> None:
     observations, _ = made_observations(noise=0.004)
-    J0 = observations.intensity(
-        slice(0, len(observations.pixels))
-    )  # the first slot: each pixel's first observation
+    # the first slot: each pixel's first observation
+    J0 = observations.intensity(slice(0, len(observations.pixels)))
     J, water = naive_adam(observations, J0, steps)
     fit = solve_adam(observations, J0, SucrePaper(steps=steps, device="cpu"))
     np.testing.assert_allclose(fit.J, J, atol=5e-6)  # float32 rounding; a step is .05
@@ -150,9 +149,8 @@ def test_a_restoration_says_what_was_done() -> None:
     observations = observe(TARGET, SCENE.views)
     J0 = TARGET.rgb.reshape(-1, 3)[observations.pixels].T.astype(np.float64)
     initial = squared_error(observations, torch.tensor(J0), torch.tensor(START)).numpy()
-    np.testing.assert_allclose(
-        restored.info["initial_cost"], initial, rtol=1e-5
-    )  # J = I, B = beta = gamma = .1
+    # J = I, B = beta = gamma = .1
+    np.testing.assert_allclose(restored.info["initial_cost"], initial, rtol=1e-5)
     assert all(np.array(restored.info["cost"]) < initial)
     assert restored.info["n_observations"] == len(observations)
     assert restored.info["n_views"] == 4
@@ -164,6 +162,7 @@ def test_a_restoration_says_what_was_done() -> None:
 
 def test_the_defaults_are_the_papers_settings() -> None:
     options = {field.name for field in fields(SucrePaper)}
+    # no step of `sucre`
     assert options == {
         "fill",
         "steps",
@@ -172,7 +171,7 @@ def test_the_defaults_are_the_papers_settings() -> None:
         "start",
         "one_coefficient",
         "device",
-    }  # no step of `sucre`
+    }
     restored = SucrePaper(device="cpu").restore(SCENE, TARGET)
     observations = observe(TARGET, SCENE.views)
     J, water = naive_adam(observations, TARGET.rgb.reshape(-1, 3)[observations.pixels].T, 200)
@@ -188,9 +187,8 @@ def test_the_mean_objective_is_adam_on_the_sum_divided_by_3_n() -> None:
     J0 = TARGET.rgb.reshape(-1, 3)[observations.pixels].T
     J, _ = naive_adam(observations, J0, 200, divided_by=3 * len(observations))
     np.testing.assert_allclose(restored.image.reshape(-1, 3)[observations.pixels].T, J, atol=5e-6)
-    assert (
-        np.abs(J - naive_adam(observations, J0, 200)[0]).max() > 1e-4
-    )  # even here, with 7,000 observations
+    # even here, with 7,000 observations
+    assert np.abs(J - naive_adam(observations, J0, 200)[0]).max() > 1e-4
 
 
 def test_one_coefficient_is_adam_on_eq_1() -> None:
@@ -214,9 +212,10 @@ def test_adam_starts_from_the_water_of_another_method_or_of_the_dataset(start: s
     rows = torch.tensor(np.stack([water.veiling_light, water.attenuation, water.backscatter]))
     initial = squared_error(observations, torch.tensor(J0), rows).numpy()
     np.testing.assert_allclose(restored.info["initial_cost"], initial, rtol=1e-4)
+    # a step's size
     np.testing.assert_allclose(
         np.abs(restored.water.attenuation - water.attenuation), 0.05, rtol=1e-4
-    )  # a step's size
+    )
 
 
 @pytest.mark.parametrize("start", ["gray_word", "command", "own", ""])

@@ -329,9 +329,10 @@ def test_what_is_not_explained_or_cannot_be_set_is_named(tmp_path: Path) -> None
 def test_an_option_that_must_be_given_leaves_rules_unlooked_at_and_says_so(tmp_path: Path) -> None:
     asking = METHOD.replace("= 1.0", "")
     found = broken(tmp_path, "method", asking, GOOD + "return Restoration(image)", needs="()")
+    # once
     assert [text for text in found.values() if "method.gain=..." in text] == [
         found["restores_a_view"]
-    ]  # once
+    ]
     assert found["is_deterministic"] == "for the reason above"
     assert breaches("method", "tried", gain=1.0) == []
 

@@ -15,11 +15,12 @@ from support.command_line import run_here
 from support.places import TOYS
 
 STATE = "JSON.parse(Object.values(localStorage)[0])"
+# log-odds, what observers prefer
 SCORES = {
     "gain,gain=0.5": -2.5,
     "gain,gain=0.75": 0.0,
     "gain,gain=1.0": 2.5,
-}  # log-odds, what observers prefer
+}
 
 
 @pytest.fixture(scope="module")

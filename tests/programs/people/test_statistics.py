@@ -30,9 +30,8 @@ def test_of_two_methods_the_score_is_the_log_odds_of_the_votes():
     won = np.array([1.0] * 75 + [0.0] * 25)
     none = np.zeros(100, int)
     low, high = fit(Votes(2, none, none + 1, won, none, none))[::-1]
-    assert high - low == pytest.approx(
-        np.log(75.5 / 25.5), abs=0.001
-    )  # with half a vote more each way
+    # with half a vote more each way
+    assert high - low == pytest.approx(np.log(75.5 / 25.5), abs=0.001)
     assert high + low == pytest.approx(0)
 
 

@@ -117,11 +117,12 @@ def test_a_depth_track_gives_the_scale_where_cameras_leave_every_plane(tmp_path:
         no_depth,
     )
     assert found.metres_per_unit == pytest.approx(1.7, rel=1e-6)
+    # what the depths tell of the direction they do not leave in is noise
     flat = places * [
         1,
         1,
         0.001,
-    ]  # what the depths tell of the direction they do not leave in is noise
+    ]
     write_track(tmp_path / "flat.csv", 7 + 1.7 * flat @ down)
     with pytest.raises(InputError, match=r"flat\.csv: .*cameras .*\d %"):
         find_scale(
@@ -207,11 +208,12 @@ def test_specks_that_match_by_chance_are_no_depth_and_thin_things_are():
         make_shots(np.zeros((1, 3)))[0],
         np.zeros((CAMERA.height, CAMERA.width), np.float32),
     )
+    # ground with a false pixel, and a rope
     swept[20:60, 20:60], swept[30, 30], swept[80, 20:40] = (
         2,
         5,
         3,
-    )  # ground with a false pixel, and a rope
+    )
     swept[100:103, 100:103] = 4  # open water that looks alike
     wanted = np.where(swept <= 3, swept, 0)
     assert agreeing(shot, swept, [shot, shot], lambda _: swept) == pytest.approx(wanted, rel=1e-6)

@@ -92,9 +92,8 @@ def test_points_seen_in_one_view_land_on_the_same_texture_in_another(prepared: P
     seen = cv2.remap(other.rgb, xy[..., 0], xy[..., 1], cv2.INTER_LINEAR, borderValue=(-1, -1, -1))
     shared = one.valid & (seen.min(axis=-1) > 0)
     assert shared.mean() > 0.2
-    assert (
-        np.median(np.abs(seen - one.rgb)[shared]) < 0.03
-    )  # 0.1 when the pose is off by two pixels
+    # 0.1 when the pose is off by two pixels
+    assert np.median(np.abs(seen - one.rgb)[shared]) < 0.03
 
 
 def test_masked_pixels_have_no_depth_and_photos_without_a_place_are_named(prepared: Prepared):
@@ -439,9 +438,8 @@ def test_a_command_stopped_in_features_or_matches_goes_on_and_finds_the_same(
             for base in (one, two)
         ]
         assert counts_of[0] == pytest.approx(counts_of[1], abs=10)
-    monkeypatch.setattr(
-        pycolmap, "incremental_mapping", None
-    )  # what was mapped is not mapped again
+    # what was mapped is not mapped again
+    monkeypatch.setattr(pycolmap, "incremental_mapping", None)
     assert mapping.map_photos(photos, tmp_path / "two", RULES) == resumed
 
 

@@ -315,13 +315,13 @@ def test_png_and_tiff_lose_no_level(tmp_path: Path, kind: str, bits: int) -> Non
 def test_a_tiff_of_16_bits_stays_one(tmp_path: Path) -> None:
     file = tmp_path / "a.tif"
     iptc = b"\x1c\x02\x19\x00\x04reef\x00\x00\x00"
+    # GeoTIFF's size of a pixel
     tags = [
         (700, 1, len(XMP), XMP, True),
         (33550, 12, 3, (0.5, 0.5, 0.0), True),
-    ]  # GeoTIFF's size of a pixel
-    tags.append(
-        (33723, 4, 3, struct.unpack("<3I", iptc), True)
-    )  # keywords, as exiftool writes them
+    ]
+    # keywords, as exiftool writes them
+    tags.append((33723, 4, 3, struct.unpack("<3I", iptc), True))
     tifffile.imwrite(
         file, PICTURE, photometric="rgb", compression="zlib", iccprofile=PROFILE, extratags=tags
     )
@@ -384,9 +384,8 @@ def test_holes_show_the_photograph_in_the_colours_at_the_rim() -> None:
     known[30:60, 50:] = False
     made = whole(np.where(known[..., None], restored, 0), known, photograph)
     assert (made[known] == restored[known]).all()
-    np.testing.assert_allclose(
-        made, restored, atol=0.002
-    )  # no step at the rim, and the photograph's detail
+    # no step at the rim, and the photograph's detail
+    np.testing.assert_allclose(made, restored, atol=0.002)
 
 
 def test_without_any_colour_the_photograph_is_left() -> None:
@@ -419,9 +418,8 @@ def test_murk_above_the_ground_does_not_take_its_change() -> None:
     rng = np.random.default_rng(0)
     is_ground = np.mgrid[:300, :400][0] > 120
     ground = [0.3, 0.4, 0.4] + 0.1 * rng.standard_normal((300, 400, 1))
-    photograph = np.where(
-        is_ground[..., None], ground, [0.4, 0.45, 0.45]
-    )  # more red than ground has
+    # more red than ground has
+    photograph = np.where(is_ground[..., None], ground, [0.4, 0.45, 0.45])
     photograph = cv2.GaussianBlur(photograph.astype(np.float32), (0, 0), 1.5).clip(0, 1)
     change = np.array([0.3, -0.1, -0.2], np.float32)
     made = with_open_water(photograph + change, is_ground, photograph)

@@ -79,9 +79,10 @@ def transform(page: Browser, selector: str) -> list[float]:
         const m = new DOMMatrix(getComputedStyle(e).transform);
         return [m.a, m.e / frame.clientWidth, m.f / frame.clientHeight]; }})()"""
     page.ask("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    # it glides
     page.ask(
         "Promise.allSettled(document.getAnimations().map((one) => one.finished)).then(() => null)"
-    )  # it glides
+    )
     found: list[float] = page.ask(script)
     return found
 
@@ -99,16 +100,16 @@ def test_an_opened_page_shows_the_best_method_and_its_commands_and_sorts_by_a_cl
         f"[...document.querySelectorAll({json.dumps(SHEET + ' tbody tr')})].map((row) => row.cells[1])"
         ".map((cell) => [cell.className.trim(), cell.querySelector('.mean').innerText, cell.title])"
     )
+    # over the two views that all have
     assert [cell[1] for cell in cells] == [
         "26.0",
         "21.0",
         "18.5",
-    ]  # over the two views that all have
+    ]
     assert [cell[0] for cell in cells] == ["best", "second", ""]
     assert "95 % interval" in cells[0][2]
-    assert (
-        page.ask("document.querySelectorAll('#scores .whisker').length") == 0
-    )  # two views are too few
+    # two views are too few
+    assert page.ask("document.querySelectorAll('#scores .whisker').length") == 0
     assert "2 views" in texts(page, f"{SHEET} .note")[0]
     said = texts(page, ".commands:not([hidden]) code")
     assert len(said) == len(methods(page))
@@ -254,9 +255,8 @@ def test_holes_confidence_and_guessed_colours_are_shown_where_there_are_some(pag
     assert page.ask("document.querySelector('#left-holes').hidden")
     page.ask("resultsPage.choose({layer: 'confidence'})")
     assert "0.1 (dark)" in texts(page, "#detail")[0]
-    assert (
-        page.ask("document.querySelectorAll('#grid .pale').length") == 4
-    )  # all but the one that has it
+    # all but the one that has it
+    assert page.ask("document.querySelectorAll('#grid .pale').length") == 4
     page.ask("resultsPage.choose({layer: 'picture'})")
     assert page.ask("document.querySelector('#guesses-pick').hidden"), (
         "nothing is guessed in this view"
@@ -269,10 +269,11 @@ def test_holes_confidence_and_guessed_colours_are_shown_where_there_are_some(pag
     )
     assert page.ask(over) == []
     page.click("#guesses")
+    # in the slider and in the grid
     assert page.ask(over) == [
         ["right-holes", "brightness(0)"],
         ["", "brightness(0)"],
-    ]  # in the slider and in the grid
+    ]
     page.ask("document.activeElement.blur()")
     page.press("f")
     assert page.ask(over) == []
@@ -482,9 +483,8 @@ def test_a_phone_shows_it_all_without_scrolling_sideways(page: Browser, out: Pat
     page.touch(
         *[[(left + w / 2 + side * d, top + h / 2) for d in (20, 40, 60)] for side in (-1, 1)]
     )
-    assert page.ask("resultsPage.zoom.scale") == pytest.approx(
-        3, abs=0.3
-    )  # two fingers, three times as far apart
+    # two fingers, three times as far apart
+    assert page.ask("resultsPage.zoom.scale") == pytest.approx(3, abs=0.3)
 
 
 def test_every_control_has_a_name_and_can_be_reached_by_tab(page: Browser):

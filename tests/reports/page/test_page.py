@@ -148,9 +148,8 @@ def test_scores_that_many_methods_and_views_lack_stand_together_by_their_reason(
 
 def test_the_table_holds_the_means_over_what_all_methods_have_the_best_first(page: Page):
     means = {row[0]: float(row[1]) for row in page.rows("sheet means")}
-    assert means == {
-        name: pytest.approx(np.mean(values[:2])) for name, values in PSNR.items()
-    }  # the third is a hole
+    # the third is a hole
+    assert means == {name: pytest.approx(np.mean(values[:2])) for name, values in PSNR.items()}
     assert list(means) == ["clever", "plain", "broken"]
     assert '<td class="best " data-value="26.0"' in page.source
 
@@ -161,11 +160,12 @@ def test_scores_that_know_no_true_colours_do_not_order_the_methods(page: Page, t
         {"psnr": "uciqe", "masked": "yang2015"}
     )
     without = Page(write_page(tmp_path, rows))
+    # as they were asked for
     assert [row[0] for row in without.rows("sheet means")] == [
         "plain",
         "clever",
         "broken",
-    ]  # as they were asked for
+    ]
     assert (without.datasets[0]["first"], page.datasets[0]["first"]) == ("plain", "clever")
 
 
@@ -173,9 +173,8 @@ def test_views_have_their_scores_coverage_water_and_truth(page: Page):
     view = page.datasets[0]["views"][1]
     clever = view["results"][1]
     assert clever["scores"]["psnr:masked"] == PSNR["clever"][1]
-    assert clever["covers"] == {
-        "psnr:masked": 0.75
-    }  # what is of charts, or took time, covers nothing
+    # what is of charts, or took time, covers nothing
+    assert clever["covers"] == {"psnr:masked": 0.75}
     assert {k: clever["water"][k] for k in ESTIMATE} == ESTIMATE
     assert view["truth"] == TRUTH
     assert (clever["record"], clever["limits"]) == ({"steps": 7, "write_seconds": 0.1}, ["flat"])
@@ -295,10 +294,11 @@ def test_the_map_of_confidence_is_bright_where_it_is_large(tmp_path: Path):
 
 
 def test_many_views_keep_some_pictures_evenly_and_link_to_the_others(tmp_path: Path):
+    # 2 x (3 views, 3 references, 8 restorations): half of them may be kept
     datasets = [
         "reef",
         "wreck",
-    ]  # 2 x (3 views, 3 references, 8 restorations): half of them may be kept
+    ]
     page = Page(
         write_page(tmp_path, made_results(tmp_path, datasets=datasets), widths=((5, 960), (14, 40)))
     )

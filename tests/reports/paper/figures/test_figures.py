@@ -118,10 +118,11 @@ def test_values_lie_where_their_numbers_are_and_the_unlimited_one_step_beyond():
 
     assert positions(values(1, 2, 4, None)) == ([1, 2, 4, 6], False)
     assert positions(values(50, 500, 3000, None)) == ([50, 500, 3000, 18000], True)
+    # nought is on no logarithmic axis
     assert positions(values(0, 0.01, 0.1)) == (
         [0, 0.01, 0.1],
         False,
-    )  # nought is on no logarithmic axis
+    )
     words = [Value("clear", None), Value("turbid", None), Value("none", None, False)]
     assert positions(words) == ([0, 1, 2], False)
 
