@@ -1,4 +1,4 @@
-"""What mlflow is told, while a command runs and later; its stores."""
+"""Tells mlflow about a command: while it runs, and later. Also where the stores of mlflow are."""
 
 import json
 import re
