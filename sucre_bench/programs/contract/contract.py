@@ -208,8 +208,7 @@ def check(subject: Subject, lasting: bool = True) -> Iterator[Outcome]:
     of_kind = {"method": rules_methods, "dataset": rules_datasets, "metric": rules_metrics}[
         subject.plugin.kind
     ]
-    attributed = [] if subject.plugin.kind == "metric" else [is_attributed]
-    of_all: list[Rule] = [is_described, *attributed, is_configurable, is_installed, imports_lightly]
+    of_all: list[Rule] = [is_described, is_installed, imports_lightly]
     at_rest = (*of_all, rules_datasets.names_what_is_missing)
     obstacle = subject.obstacle
     slow = (imports_lightly, rules_methods.restores_a_scene)
@@ -306,7 +305,7 @@ def raised(subject: Subject, fault: BaseException) -> str:
 
 
 def is_described(subject: Subject) -> Iterator[str]:
-    """Is described, with the meaning of each option."""
+    """Is described, with the meaning of each option; a default has its option's type."""
     plugin, name = subject.plugin, subject.plugin.cls.__name__
     if plugin.cls.__doc__ is None or plugin.summary.startswith(f"{name}("):
         # what dataclass generates
@@ -316,29 +315,11 @@ def is_described(subject: Subject) -> Iterator[str]:
     for option in options_of(plugin.cls):
         if not option.help:
             yield f"option '{option.name}' is not explained; write a string below the field"
+        if option.default is not MISSING and not fits(option.type, option.default):
+            yield f"{option.name} is {option.default!r}, not {option.type}; correct the default, or the type"
     for variant, said in plugin.variants.items():
         if not said:
             yield f"variant '{variant}' is not explained; say in variants= what sets it apart"
-
-
-def is_attributed(subject: Subject) -> Iterator[str]:
-    """Names its publication and its licence."""
-    plugin = subject.plugin
-    if plugin.kind == "dataset" and not (plugin.source or plugin.licence):
-        yield Doubt(
-            'neither source nor licence; tell where the data are from, @dataset(source="...", licence="...")'
-        )
-    if plugin.kind == "method" and not (plugin.cites or plugin.licence):
-        yield Doubt(
-            'neither cites nor licence; @method(cites="Author Year, title", licence="...") credits its authors'
-        )
-
-
-def is_configurable(subject: Subject) -> Iterator[str]:
-    """Has options that a command can set."""
-    for option in options_of(subject.plugin.cls):
-        if option.default is not MISSING and not fits(option.type, option.default):
-            yield f"{option.name} is {option.default!r}, not {option.type}; correct the default, or the type"
 
 
 def is_installed(subject: Subject) -> Iterator[str]:

@@ -38,24 +38,19 @@ def wall(
     reference: Array | None = None,
     water: Water = WATER,
     charts: Iterable[Chart] = (),
-    nearer: float = 1.0,
-    slant: float = 0.0,
 ) -> Scene:
-    """Two views of a flat wall 3 m away and `nearer` metres less, with the same picture rgb (H, W, 3).
+    """Two views of a flat wall, 3 m and 2 m away, with the same picture rgb (H, W, 3).
 
-    holes: (H, W), where depth is unknown in both; reference: (H, W, 3), default the picture; slant: metres by which the
-    right edge is farther away.
+    holes: (H, W), where depth is unknown in both; reference: (H, W, 3), default the picture.
     """
     height, width = rgb.shape[:2]
     camera = centred_camera(width, width, height)
     views = []
     charts = tuple(charts)
-    for name, distance in ((TARGET, 3.0), ("near.png", 3.0 - nearer)):
+    for name, distance in ((TARGET, 3.0), ("near.png", 2.0)):
         pose = np.eye(4)
         pose[2, 3] = distance - 3
-        depth = np.tile(
-            np.linspace(distance, distance + slant, width, dtype=np.float32), (height, 1)
-        )
+        depth = np.full((height, width), distance, np.float32)
         if holes is not None:
             depth[holes] = 0
         views.append(

@@ -1,7 +1,6 @@
 """Rules for datasets: scenes open without reading pixels, planes have right shapes, `has` is true."""
 
 import tempfile
-import time
 from collections.abc import Iterator
 from dataclasses import MISSING
 from pathlib import Path, PurePosixPath
@@ -16,13 +15,13 @@ from sucre_bench.imaging.chart_patches import check_corners
 from sucre_bench.machine.text_formats import counted
 from sucre_bench.plugins.options import Choice, options_of
 from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.programs.contract.contract import Doubt, Note, Rule, Subject
-from sucre_bench.scene import Arrays, Scene, View
+from sucre_bench.programs.contract.contract import Note, Rule, Subject
+from sucre_bench.scene import Scene, View
 
 
 def rules(_: Plugin) -> list[Rule]:
     """Return the rules for a dataset."""
-    planes = [names_once, opens_lazily, planes_are_sound, geometry_is_sound, has_what_it_says]
+    planes = [names_once, planes_are_sound, geometry_is_sound, has_what_it_says]
     return [*planes, is_repeatable, names_what_is_missing]
 
 
@@ -46,27 +45,6 @@ def names_once(subject: Subject) -> Iterator[str]:
         if not name or path.is_absolute() or ".." in path.parts or "\\" in name:
             yield f"a view is called '{name}'; a name is a path below the images, dive/a.png"
     yield Note(f"{sum(map(len, scenes))} views in {counted(len(scenes), 'scene')}")
-
-
-def opens_lazily(subject: Subject) -> Iterator[str]:
-    """Opens without reading pixels."""
-    subject.make()
-    started = time.process_time()  # others may be at work on this machine
-    scenes = _opened(subject)
-    opened = time.process_time()
-    view = scenes[0].views[0]
-    views = sum(map(len, scenes))
-    view.pixels.load("rgb")
-    opening, reading = opened - started, time.process_time() - opened
-    if isinstance(view.pixels, Arrays):
-        yield Doubt(
-            "views hold their pixels; give them a class whose load(plane) reads a file when asked"
-        )
-    elif opening > max(1.0, 0.5 * views * reading):
-        yield Doubt(
-            f"opening {views} views takes {opening:.1f} s, as if all were read; read files in load(plane) only"
-        )
-    yield Note(f"{opening:.2f} s")
 
 
 def planes_are_sound(subject: Subject) -> Iterator[str]:

@@ -1,7 +1,6 @@
 """Rules for methods: every valid pixel and no other gets a colour, and the input stays as it is."""
 
 import functools
-import json
 import random
 from collections.abc import Iterator
 from dataclasses import replace
@@ -38,23 +37,10 @@ _HOLES[:, :20] = True
 
 def rules(plugin: Plugin) -> list[Rule]:
     """Return the rules for a method."""
-    of_depth = (
-        [leaves_holes, skips_what_has_no_depth] if "depth" in plugin.needs else [leaves_no_holes]
-    )
-    of_needs = [
-        runs_with_least,
-        keeps_its_eyes_off,
-        *([uses_what_it_needs] if plugin.needs else []),
-    ]
-    of_result = [is_deterministic, tells_what_can_be_kept, restores_a_scene]
-    return [
-        restores_a_view,
-        leaves_its_input,
-        colours_what_is_valid,
-        *of_depth,
-        *of_needs,
-        *of_result,
-    ]
+    of_colours = [restores_a_view, leaves_its_input, colours_what_is_valid, leaves_holes]
+    of_depth = [skips_what_has_no_depth] if "depth" in plugin.needs else []
+    of_needs = [runs_with_least, keeps_its_eyes_off]
+    return [*of_colours, *of_depth, *of_needs, is_deterministic, restores_a_scene]
 
 
 _FACTORS = (2, 4, 8)  # the made scenes are then up to 512 x 384 pixels
@@ -156,8 +142,13 @@ def colours_what_is_valid(subject: Subject) -> Iterator[str]:
 
 
 def leaves_holes(subject: Subject) -> Iterator[str]:
-    """Gives no colour where there is no depth."""
-    coloured = np.isfinite(_of_rich(subject)[1].image[_HOLES]).any(axis=-1)
+    """Gives no colour where there is no depth, if it needs depth; else one everywhere."""
+    result = _of_rich(subject)[1]
+    if "depth" not in subject.plugin.needs:
+        if missing := (~result.valid).sum():
+            yield f"{missing} pixels get no colour; without a need of depth every pixel of the image has one"
+        return
+    coloured = np.isfinite(result.image[_HOLES]).any(axis=-1)
     if coloured.any():
         remedy = 'set image[~view.valid] = np.nan, or leave "depth" out of needs'
         yield f"{coloured.sum()} of {coloured.size} pixels without depth get a colour; {remedy}"
@@ -177,12 +168,6 @@ def skips_what_has_no_depth(subject: Subject) -> Iterator[str]:
         yield f"restores it all the same; {remedy}"
 
 
-def leaves_no_holes(subject: Subject) -> Iterator[str]:
-    """Colours the whole image, whatever the depth."""
-    if missing := (~_of_rich(subject)[1].valid).sum():
-        yield f"{missing} pixels get no colour; without a need of depth every pixel of the image has one"
-
-
 def runs_with_least(subject: Subject) -> Iterator[str]:
     """Runs with no more than it declares in needs=."""
     try:
@@ -196,10 +181,8 @@ def runs_with_least(subject: Subject) -> Iterator[str]:
         yield f"a view with {has}: {one_line(fault).split('; ')[0]}; add what it uses to needs="
 
 
-# An entry of `Scene.has` -> the wall with another one.
+# What no method may read unless it declares it -> the wall with another one.
 _OTHERS: dict[str, dict[str, Any]] = {
-    "depth": {"slant": 1.0},
-    "poses": {"nearer": 0.5},
     "reference": {"reference": NOISE[::-1]},
     "charts": {"charts": [_chart(20)]},
     "truth": {
@@ -219,9 +202,7 @@ def _is_same_with(subject: Subject, **other: Any) -> bool:
 
 def keeps_its_eyes_off(subject: Subject) -> Iterator[str]:
     """Reads nothing that it does not declare in needs=."""
-    undeclared = [
-        need for need in ("reference", "charts", "truth") if need not in subject.plugin.needs
-    ]
+    undeclared = [need for need in _OTHERS if need not in subject.plugin.needs]
     every = {name: value for need in undeclared for name, value in _OTHERS[need].items()}
     if _is_same_with(subject, **every) or not _is_same_with(subject):
         # a random result depends on no input
@@ -229,15 +210,6 @@ def keeps_its_eyes_off(subject: Subject) -> Iterator[str]:
     for need in undeclared:
         if not _is_same_with(subject, **_OTHERS[need]):
             yield f"its result changes with the {need}, which it is judged by; leave it alone, or add to needs="
-
-
-def uses_what_it_needs(subject: Subject) -> Iterator[str]:
-    """Uses what it declares in needs=."""
-    for need in sorted(subject.plugin.needs & set(_OTHERS)):
-        if _is_same_with(subject, **_OTHERS[need]):
-            yield Doubt(
-                f"its result is the same with other {need}; leave it out of needs= if it is not used"
-            )
 
 
 def alike(one: Array, other: Array) -> bool:
@@ -258,21 +230,6 @@ def is_deterministic(subject: Subject) -> Iterator[str]:
             difference = np.nan_to_num(np.abs(one - other), posinf=0).max()
         remedy = "seed a generator of its own, np.random.default_rng(self.seed), and keep nothing from view to view"
         yield f"the second time differs by up to {difference:.2g}; {remedy}"
-
-
-def tells_what_can_be_kept(subject: Subject) -> Iterator[str]:
-    """Gives water, confidence and info in the right form."""
-    result = _plain(subject)
-    for name in ("veiling_light", "attenuation", "backscatter") if result.water else ():
-        values = getattr(result.water, name)
-        if np.isinf(values).any():
-            yield f"water.{name} is {values}; give three numbers, NaN for what is not estimated"
-    try:
-        json.dumps(
-            {key: value for key, value in result.info.items() if key != "true_water"}, default=str
-        )
-    except (TypeError, ValueError) as fault:
-        yield f"info cannot be written as JSON, {fault}; keep text, numbers and lists in it"
 
 
 def restores_a_scene(subject: Subject) -> Iterator[str]:

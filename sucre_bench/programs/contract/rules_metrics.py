@@ -6,7 +6,6 @@ A metric scores one restored view, or pairs of them. `_rows` tries either kind o
 import functools
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -38,24 +37,9 @@ def rules(plugin: Plugin) -> list[Rule]:
     """Return the rules for a metric, of one view or of pairs."""
     is_ordered = plugin.better != "none"
     of_holes = [scores_no_holes] if is_ordered or plugin.is_of_pairs else []
-    of_order: list[Rule] = []
-    if plugin.is_of_pairs:
-        of_order = [is_symmetric]
-    elif is_ordered and plugin.needs & {
-        "reference",
-        "charts",
-        "truth",
-    }:
-        # which say what is perfect
-        of_order = [prefers_the_truth]
-    return [
-        stays_in_range,
-        *of_holes,
-        runs_with_least,
-        *of_order,
-        leaves_all_as_it_was,
-        bears_linear_images,
-    ]
+    knows_what_is_perfect = bool(plugin.needs & {"reference", "charts", "truth"})
+    of_order = [prefers_the_truth] if is_ordered and knows_what_is_perfect else []
+    return [stays_in_range, *of_holes, runs_with_least, *of_order, leaves_all_as_it_was]
 
 
 def _rows(
@@ -201,22 +185,6 @@ def prefers_the_truth(subject: Subject) -> Iterator[str]:
         yield Note(f"{next(iter(perfect.values())):g} for a perfect result")
 
 
-def is_symmetric(subject: Subject) -> Iterator[str]:
-    """Does not depend on which view is the first."""
-    metric, scene = subject.make(), submerged()
-    pairs = [_pair(one) for one in (scene, replace(scene, views=scene.views[::-1]))]
-    for variant in subject.plugin.variants:
-        one, other = (
-            {score.region: score.value for score in _pair_scores(metric, pair, variant)}
-            for pair in pairs
-        )
-        is_alike = np.allclose(
-            [*one.values()], [*other.values()], rtol=1e-4, atol=1e-6, equal_nan=True
-        )
-        if one.keys() != other.keys() or not is_alike:
-            yield f"{variant}: another score when the views change places; a pair has no order"
-
-
 def _pair(scene: Scene) -> RestoredPair:
     """The two views of a scene, their images as restorations."""
     shared = SharedPoints(scene.views)
@@ -269,10 +237,3 @@ def leaves_all_as_it_was(subject: Subject) -> Iterator[str]:
         not np.array_equal(now, was, equal_nan=True) for now, was in zip(planes, kept, strict=True)
     ):
         yield "writes into what it is given; work on a copy"
-
-
-def bears_linear_images(subject: Subject) -> Iterator[str]:
-    """Scores images in linear light."""
-    scene = _scene(subject)
-    views = [replace(view, encoding="linear") for view in scene]
-    yield from _faults(subject, _rows(subject, replace(scene, views=views)), "linear", set())
