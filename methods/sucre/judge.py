@@ -12,10 +12,12 @@ Every second view of the dive is one half. Each model is fitted to one half, and
   third. Water that is removed too much turns far ground.
 
 A model is admissible if at most 5 % of the colours in each channel are negative, and its drift is not more than the
-photograph's. The admissible model of the least held-out error is chosen; of those within 5 %, the one that stands
-first in `_candidates`: footprints before pixels, since these are right where poses and depth are, and fewer parts of
-light. If none is 5 % better than no water, the first steps of the paper's Adam are tried, then the photograph stays.
-Each measure is the median over the targets. docs/supplement.md has the table of real dives behind this rule.
+photograph's. The admissible model of the least held-out error leads; of those within 5 %, the one that stands first in
+`_candidates`: footprints before pixels, since these are right where poses and depth are, and fewer parts of light. It
+must predict better than the first steps of the paper's Adam, or these are taken: they stop near their start, which no
+real dive has proved wrong, so drift, which sees differences of the ground too, does not rule them out. If neither is
+5 % better than no water, the photograph stays. Each measure is the median over the targets. docs/supplement.md has the
+tables of real dives and of made seas behind this rule.
 """
 
 from __future__ import annotations
@@ -334,11 +336,14 @@ class _Court:
                 if model not in known and (one := self.judged(model)) is not None:
                     known[model] = one
 
-        def best() -> list[Model]:
-            admissible = [model for model in known if is_admissible(known[model])]
+        def best(models: list[Model]) -> list[Model]:
+            admissible = [
+                model
+                for model in models
+                if model in known and is_admissible(known[model], model.fit)
+            ]
             least = min((known[model].held_out for model in admissible), default=np.inf)
-            close = [model for model in admissible if known[model].held_out <= _TIE * least]
-            return sorted(close, key=[*allowed, *early].index)
+            return [model for model in admissible if known[model].held_out <= _TIE * least]
 
         if self.parts[-1].matched is None:
             allowed = [model for model in allowed if model.fit is Fit.PIXELS] or allowed
@@ -356,7 +361,7 @@ class _Court:
         if min((one.held_out for one in known.values()), default=np.inf) < BETTER * of_simplest:
             # light differs
             judge(first)
-        if leading := best() or sorted(known, key=lambda model: known[model].held_out)[:1]:
+        if leading := best(allowed) or sorted(known, key=lambda model: known[model].held_out)[:1]:
             judge(
                 [
                     model
@@ -364,11 +369,14 @@ class _Court:
                     if (model.fit, model.light) == (leading[0].fit, leading[0].light)
                 ]
             )
-        if not any(known[model].held_out <= BETTER for model in best()):
-            judge(early)
-        chosen = best()[0] if best() and known[best()[0]].held_out <= BETTER else NO_WATER
+        judge(early)
         if not known:
             return None
+        # `min` takes the first of equals: the paper's steps.
+        leaders = [*best(early)[:1], *best(allowed)[:1]]
+        chosen = min(leaders, key=lambda model: known[model].held_out, default=NO_WATER)
+        if chosen in known and known[chosen].held_out > BETTER:
+            chosen = NO_WATER
         even = next((model for model in known if model.light == EVEN_LIGHT), None)
         is_clear = (
             chosen == NO_WATER
@@ -380,6 +388,10 @@ class _Court:
         return Verdict(chosen, in_order, is_in_air=is_clear)
 
 
-def is_admissible(judged: Judged) -> bool:
-    """Return whether colours are above zero, and those of far ground no more turned than the photograph's."""
-    return max(judged.negative) <= MOST_NEGATIVE and judged.drift <= judged.drift_of_photograph
+def is_admissible(judged: Judged, fit: Fit) -> bool:
+    """Return whether colours are above zero, and those of far ground no more turned than the photograph's.
+
+    The paper's first steps may turn far ground: see above.
+    """
+    is_turned = judged.drift > judged.drift_of_photograph
+    return max(judged.negative) <= MOST_NEGATIVE and (fit is Fit.EARLY or not is_turned)

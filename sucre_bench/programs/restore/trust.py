@@ -74,9 +74,12 @@ def why_not_measured(record: Mapping[str, Any]) -> str:
         return "far ground may be wrong by " + ", ".join(
             f"{name} {error:.0%}" for name, error in far.items()
         )
-    if not record.get("judged"):
+    judged = record.get("judged")
+    if not judged:
         # the judge chooses no water that predicts unseen views no better than none
         return "no views were left to judge the water on"
+    if judged[0]["drift"] > judged[0]["drift_of_photograph"]:
+        return "colours turn from near to far ground by more than the photograph's"
     if below := record.get("below_zero"):
         return f"{' and '.join(below)}: too many colours are darker than black"
     return ""

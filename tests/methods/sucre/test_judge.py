@@ -10,10 +10,10 @@ from support.made_ground import WATERS, make_ground
 
 from sucre_bench import Arrays, Scene, View
 from sucre_bench.methods.sucre import Sucre
-from sucre_bench.methods.sucre.judge import Verdict, chosen_model, is_admissible, judging
+from sucre_bench.methods.sucre.judge import Verdict, _Court, chosen_model, is_admissible, judging
 from sucre_bench.methods.sucre.light import EVEN_LIGHT, Parts
-from sucre_bench.methods.sucre.models import Fit
-from sucre_bench.methods.sucre.solution import Judged
+from sucre_bench.methods.sucre.models import Fit, Model
+from sucre_bench.methods.sucre.solution import Dive, Judged
 
 GROUND = {
     "width": 160,
@@ -113,7 +113,46 @@ def test_a_model_that_ruins_a_channel_or_far_ground_is_refused(
     negative: tuple[float, ...], drift: float, is_right: bool
 ) -> None:
     model = Judged(model="", held_out=0.1, negative=negative, drift=drift, drift_of_photograph=5.0)
-    assert is_admissible(model) == is_right
+    assert is_admissible(model, Fit.PIXELS) == is_right
+    assert is_admissible(model, Fit.EARLY) == (is_right or drift > 5)
+
+
+@pytest.mark.parametrize(
+    ("held_out", "drift", "chosen"),
+    [
+        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.45}, 3.0, Fit.FOOTPRINTS),
+        ({Fit.FOOTPRINTS: 0.45, Fit.EARLY: 0.45}, 3.0, Fit.EARLY),
+        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.45}, 8.0, Fit.EARLY),
+        ({Fit.FOOTPRINTS: 0.40, Fit.EARLY: 0.97}, 8.0, Fit.NOTHING),
+        ({Fit.FOOTPRINTS: 0.97, Fit.EARLY: 0.98}, 3.0, Fit.NOTHING),
+    ],
+)
+def test_a_model_must_predict_better_than_the_papers_steps_and_these_than_no_water(
+    plain: Scene,
+    monkeypatch: pytest.MonkeyPatch,
+    held_out: dict[Fit, float],
+    drift: float,
+    chosen: Fit,
+) -> None:
+    """On a dive whose candidates have these errors, and whose photographs drift by 5."""
+
+    def judged(court: Any, model: Model) -> Judged:
+        return Judged(
+            model=model.words,
+            held_out=held_out[model.fit],
+            negative=(0.0, 0.0, 0.0),
+            drift=drift,
+            drift_of_photograph=5.0,
+        )
+
+    monkeypatch.setattr(_Court, "judged", judged)
+    monkeypatch.setattr("sucre_bench.methods.sucre.judge.is_in_air", lambda *_: False)
+    court = _Court([], [Dive.spread(Sucre(), plain, 2)], [])
+    model, early = Model(Fit.FOOTPRINTS), Model(Fit.EARLY)
+    court.waters[model] = None  # type: ignore[assignment]
+    found = court.verdict([model], [early])
+    assert found is not None
+    assert found.model.fit is chosen
 
 
 @pytest.mark.parametrize("views", [(2, 4), (0, 1, 2, 3)])

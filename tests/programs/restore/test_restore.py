@@ -440,7 +440,7 @@ def test_every_fault_that_the_eye_sees_stands_beside_its_picture(
     measured = {
         "beta": [0.1] * 3,
         "solver": "exact",
-        "judged": [{"held_out": 0.5}],
+        "judged": [{"held_out": 0.5, "drift": 2.0, "drift_of_photograph": 3.0}],
         "below_zero": [],
     }
     one = Restored(
