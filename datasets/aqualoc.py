@@ -22,7 +22,7 @@ import numpy as np
 
 from sucre_bench import InputError, dataset
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.image_files import image_size
+from sucre_bench.imaging.image_files import first_size
 from sucre_bench.loading.find_folders import existing, folders_below, only, walk
 from sucre_bench.loading.image_folder import image_names
 from sucre_bench.loading.lens import read_kalibr
@@ -80,22 +80,17 @@ class Aqualoc(ImageScaleOption):
                     f"{folder}: sequence {name} is also {found[name]}; keep one of them"
                 )
             found[name] = folder
-            frames: dict[int, list[Path]] = defaultdict(list)
-            for file in image_names(folder):
-                digits = re.findall(r"\d+", file)
-                if digits:
-                    frames[int(digits[-1])].append(folder / file)
-            if not frames:
-                raise InputError(
-                    f"{folder}: holds no image named like frame000001.png; unpack the sequence there"
-                )
+            frames = _frames(folder)
             calibration = texts.get(f"{site}_camera_calib.yaml")
             if calibration is None:
                 expected = f"{site}_calibration_files/{site}_camera_calib.yaml"
                 raise InputError(
                     f"{folder}: no {site}_camera_calib.yaml is below dataset.root; copy {expected} there"
                 )
-            lens = read_kalibr(calibration, image_size(frames[min(frames)][0]) or _SIZES[site])
+            lens = read_kalibr(
+                calibration,
+                first_size(frames[frame][0] for frame in sorted(frames)) or _SIZES[site],
+            )
             endings = [
                 f"{site}_colmap_traj_sequence_{digits}.txt"
                 for digits in (f"{number:02d}", str(number))
@@ -120,6 +115,20 @@ class Aqualoc(ImageScaleOption):
                 for frame, files in sorted(frames.items())
             ]
             yield scene_of(name, photographs, self.image_scale)
+
+
+def _frames(folder: Path) -> dict[int, list[Path]]:
+    """The images of a sequence by their number. Raises InputError if there are none."""
+    frames: dict[int, list[Path]] = defaultdict(list)
+    for file in image_names(folder):
+        digits = re.findall(r"\d+", file)
+        if digits:
+            frames[int(digits[-1])].append(folder / file)
+    if not frames:
+        raise InputError(
+            f"{folder}: holds no image named like frame000001.png; unpack the sequence there"
+        )
+    return frames
 
 
 def _poses(path: Path) -> dict[int, Array]:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Literal
 
 from sucre_bench import InputError, dataset
-from sucre_bench.imaging.image_files import image_size
+from sucre_bench.imaging.image_files import first_size
 from sucre_bench.loading.find_folders import existing, folders_below, only, scene_name
 from sucre_bench.loading.image_folder import image_names
 from sucre_bench.loading.lens import Lens, read_kalibr
@@ -77,7 +77,7 @@ class Flsea(ImageScaleOption):
                     f"{dive / 'depth'}: no depth map is named after an image; {expected}"
                 )
             lens = (
-                self._lens(dive, root, image_size(folder / names[0]) or _SIZE)
+                self._lens(dive, root, first_size(folder / name for name in names) or _SIZE)
                 if self.undistort
                 else None
             )

@@ -181,7 +181,7 @@ def _times(path: Path, frames: list[int]) -> dict[int, int]:
         numbers = {int(match[1]) for match in named if match}
         if len(numbers) == 1:
             times[numbers.pop()] = int(row[0])
-    if times or not rows:
+    if times:
         return times
     if len(rows) != len(frames):
         fault = f"{len(rows)} times that name no files, for {len(frames)} images"

@@ -82,15 +82,7 @@ def _status() -> int:
     except click.exceptions.Exit as ended:
         return ended.exit_code
     except click.ClickException as fault:
-        text = " ".join(fault.format_message().split())
-        if isinstance(fault, click.NoSuchOption):
-            key = fault.option_name.lstrip("-")
-            if key.partition(".")[0] in _keys_of_run(fault.ctx):
-                text = f"no option {fault.option_name}; write {key}=VALUE"
-        if isinstance(fault, click.UsageError) and not re.search(r"; |\?$", text):
-            command = fault.ctx.command_path if fault.ctx else "sucre-bench COMMAND"
-            text = f"{text.rstrip('.')}; see `{command} --help`"
-        return _fault(text, fault.exit_code)
+        return _fault(_wrong_words(fault), fault.exit_code)
     except SucreBenchError as fault:
         return _fault(str(fault), 2)
     except MemoryError:
@@ -113,24 +105,40 @@ def _status() -> int:
         if cause:  # a library made another error of an interrupt
             say("stopped", "yellow")
             return 130
-        if loop := re.fullmatch("Symlink loop from '(.*)'", str(fault)):
-            # what Path.resolve raises before Python 3.13
-            return _fault(
-                f"{escaped_breaks(loop[1])}: links to itself; remove that link, or give another path",
-                2,
-            )
         if isinstance(fault, OSError) and fault.errno == errno.ENOMEM:
             return _fault(_MEMORY, 1)
-        if not isinstance(fault, OSError) or (
-            fault.filename is None and fault.errno not in _OF_FILES
-        ):
+        text = _wrong_path(fault)
+        if not text:
             raise
-        path = "a file" if fault.filename is None else os.fsdecode(fault.filename)
-        reason = fault.strerror or type(fault).__name__  # of a path that no file system has, say
-        return _fault(
-            f"{escaped_breaks(path)}: {reason}; give another path, or make this one usable", 2
-        )
+        return _fault(text, 2)
     return 0
+
+
+def _wrong_words(fault: click.ClickException) -> str:
+    """What click says is wrong with the command, with what to do."""
+    text = " ".join(fault.format_message().split())
+    if isinstance(fault, click.NoSuchOption):
+        key = fault.option_name.lstrip("-")
+        if key.partition(".")[0] in _keys_of_run(fault.ctx):
+            text = f"no option {fault.option_name}; write {key}=VALUE"
+    if isinstance(fault, click.UsageError) and not re.search(r"; |\?$", text):
+        command = fault.ctx.command_path if fault.ctx else "sucre-bench COMMAND"
+        text = f"{text.rstrip('.')}; see `{command} --help`"
+    return text
+
+
+def _wrong_path(fault: Exception) -> str:
+    """What the system says is wrong with a path, with what to do; empty for a fault of the code."""
+    if loop := re.fullmatch("Symlink loop from '(.*)'", str(fault)):
+        # what Path.resolve raises before Python 3.13
+        return f"{escaped_breaks(loop[1])}: links to itself; remove that link, or give another path"
+    if not isinstance(fault, OSError):
+        return ""
+    if fault.filename is None and fault.errno not in _OF_FILES:
+        return ""
+    path = "a file" if fault.filename is None else os.fsdecode(fault.filename)
+    reason = fault.strerror or type(fault).__name__  # of a path that no file system has, say
+    return f"{escaped_breaks(path)}: {reason}; give another path, or make this one usable"
 
 
 def _unusable() -> str:

@@ -199,6 +199,22 @@ class Command(RestoredElsewhere):
             return "has no depth map"
         return "has no camera" if "distance" in self._planes and view.camera is None else ""
 
+    def _refuse_code(self, name: str) -> None:
+        """Raise InputError if a view's name has signs that a program or a shell could take for code."""
+        named = (
+            (before, word)
+            for before, word in pairwise(("", *self._words))
+            if "name" in placeholders(word, _PER_VIEW, "command.run")
+        )
+        codes = (
+            word
+            for before, word in named
+            if _TAKES_CODE.fullmatch(before) or not _NO_CODE.fullmatch(re.sub(r"\{\w+\}", "", word))
+        )
+        if not _PLAIN.fullmatch(name) and (word := next(codes, "")):
+            remedy = "rename the view, or write {name} as a word of its own"
+            raise InputError(f"has signs that '{word}' may obey", name, remedy)
+
     def _run(self, place: Path, views: Sequence[View]) -> _Work:
         """Write the files of views into a folder and run the program on them. A view that cannot be written is refused.
 
@@ -219,20 +235,7 @@ class Command(RestoredElsewhere):
             try:
                 if self.per == "view":
                     name, (height, width) = "view.png", view.rgb.shape[:2]
-                    named = (
-                        (before, word)
-                        for before, word in pairwise(("", *self._words))
-                        if "name" in placeholders(word, _PER_VIEW, "command.run")
-                    )
-                    codes = (
-                        word
-                        for before, word in named
-                        if _TAKES_CODE.fullmatch(before)
-                        or not _NO_CODE.fullmatch(re.sub(r"\{\w+\}", "", word))
-                    )
-                    if not _PLAIN.fullmatch(view.name) and (word := next(codes, "")):
-                        remedy = "rename the view, or write {name} as a word of its own"
-                        raise InputError(f"has signs that '{word}' may obey", view.name, remedy)
+                    self._refuse_code(view.name)
                     output = (place / "output" / name).with_suffix(self.output_suffix)
                     values = {"output": output, "name": view.name, "width": width, "height": height}
                 else:

@@ -20,7 +20,7 @@ from sucre_bench.machine.terminal import say
 if TYPE_CHECKING:
     import pandas as pd
 
-    from sucre_bench.compare import Gated
+    from sucre_bench.compare import Comparison, Gated
 
 
 @click.command()
@@ -95,8 +95,8 @@ def compare(
     All methods are compared on the same images. The command refuses runs that are not comparable, and says why.
     """
     from sucre_bench import compare, plugins
-    from sucre_bench.compare.terminal_table import as_blocks, as_table
-    from sucre_bench.compare.words import deciding, left_out
+    from sucre_bench.compare.terminal_table import as_blocks
+    from sucre_bench.compare.words import left_out
     from sucre_bench.engine.training_pictures import seen_in_training
 
     for file in plugin_files:
@@ -118,19 +118,17 @@ def compare(
         raise InputError(notes or "no score there", ", ".join(map(str, folders)), remedy)
     verdicts = compare.gated(rows, gates, baseline) if gates else []
     how = "json" if as_json else how
-    width = terminal.out.width
+    all_columns = bool(metrics) or all_metrics
     if how != "terminal":
         from sucre_bench.compare.documents import as_text, without_costs
 
-        if how not in ("csv", "json") and not (metrics or all_metrics):
+        if how not in ("csv", "json") and not all_columns:
             compared = [without_costs(table) for table in compared]
         click.echo(as_text(compared, how, spread), nl=False)
     elif intervals or all_metrics or spread:
-        for table in compared:
-            columns = table.columns if all_metrics or metrics else deciding(table).columns
-            terminal.out.print(as_table(replace(table, columns=columns), width, spread, intervals))
+        _print_in_full(compared, all_columns, spread, intervals)
     else:
-        for block in as_blocks(compared, width, bool(metrics)):
+        for block in as_blocks(compared, terminal.out.width, bool(metrics)):
             terminal.out.print(block)
             click.echo()
         click.echo(
@@ -143,6 +141,19 @@ def compare(
     for verdict in verdicts:
         _say_gated(verdict, baseline)
     sys.exit(1 if any(verdict.fails for verdict in verdicts) else 0)
+
+
+def _print_in_full(
+    compared: Sequence[Comparison], all_columns: bool, spread: bool, intervals: bool
+) -> None:
+    """Print tables with all their columns, or those that decide, and what else was asked for."""
+    from sucre_bench.compare.terminal_table import as_table
+    from sucre_bench.compare.words import deciding
+
+    for table in compared:
+        columns = table.columns if all_columns else deciding(table).columns
+        shown = replace(table, columns=columns)
+        terminal.out.print(as_table(shown, terminal.out.width, spread, intervals))
 
 
 def _common(folders: Sequence[Path], rows: pd.DataFrame) -> pd.DataFrame:

@@ -77,8 +77,7 @@ def score(
     """
     from sucre_bench.imaging.image_files import image_size
     from sucre_bench.programs import match_published, score_folder
-    from sucre_bench.results.reasons import Reason, brief, without_view
-    from sucre_bench.results.rows import RESTORATION, csv_text
+    from sucre_bench.results.rows import csv_text
 
     if file:
         check_output(file, "table", [Path(like)] if like else (), force)
@@ -122,6 +121,15 @@ def score(
     faults = rows[rows["status"] != "ok"]
     # by default, what does not apply is no fault
     asked = faults if metrics else faults[faults["status"] == "failed"]
+    _say_faults(asked)
+    sys.exit(1 if len(asked) else 0)
+
+
+def _say_faults(asked: pd.DataFrame) -> None:
+    """Print a line for each metric that lacks something, and for each other fault. asked: rows without a score."""
+    from sucre_bench.results.reasons import Reason, brief, without_view
+    from sucre_bench.results.rows import RESTORATION
+
     lacks = [text for text in asked["reason"].unique() if Reason.of(text) is Reason.LACK]
     is_lack = asked["reason"].isin(lacks)
     for (metric, lack), _ in asked[is_lack].groupby(
@@ -141,7 +149,6 @@ def score(
             f"failed  {view}: {f'{metric}: ' if metric != RESTORATION else ''}{without_view(reason, view)}",
             "red",
         )
-    sys.exit(1 if len(asked) else 0)
 
 
 def _summary(rows: pd.DataFrame) -> Table:

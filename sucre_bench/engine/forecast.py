@@ -41,7 +41,7 @@ def forecast(overrides: Sequence[str], multirun: bool) -> list[Expected]:
     stored = dict(iter(rows.groupby(["dataset", "method", "options_id"])))
     found: dict[tuple[str, str], Expected] = {}
     for plan in planned:
-        key = (plan.job.dataset.label, plan.job.method.label)
+        key = plan.labels
         n_views, n_stored = len(plan.tasks), len(plan.tasks) - len(plan.todo)
         so_far = found.get(key, Expected(*key, 0, 0, 0, 0.0))
         seconds = so_far.seconds + _seconds(plan, stored)
@@ -57,7 +57,7 @@ def _seconds(plan: Planned, stored: Mapping[Any, DataFrame]) -> float:
 
     if not plan.todo:
         return 0.0
-    done = stored.get((plan.job.dataset.label, plan.job.method.label, plan.todo[0].base.options_id))
+    done = stored.get((*plan.labels, plan.todo[0].base.options_id))
     if done is None:
         return math.nan
     seconds = float(done["seconds"].mean())

@@ -257,9 +257,14 @@ class Planned:
     shares_decoded: bool = False
 
     @property
-    def name(self) -> str:
+    def labels(self) -> tuple[str, str]:
         """The labels of dataset and method."""
-        return f"{self.job.dataset.label} / {self.job.method.label}"
+        return self.job.dataset.label, self.job.method.label
+
+    @property
+    def name(self) -> str:
+        """The labels as messages have them."""
+        return " / ".join(self.labels)
 
 
 @opening_once()

@@ -220,53 +220,49 @@ def _remove_shared(command: Command) -> None:
             pairs_path(job.out).rmdir()
 
 
+_KEYS = ("dataset", "method", "scene", "view")
+
+
+def _ends(rows: DataFrame, planned: Sequence[Planned]) -> Iterator[tuple[str, bool, Fault]]:
+    """Yield of each requested restoration the status, "missing" for none, whether it was stored, and the reason."""
+    states = {
+        key[:4]: key[4:]
+        for key in values_of(restoration_rows(rows), *_KEYS, "status", "reason", "time")
+    }
+    for plan in planned:
+        todo = {id(task) for task in plan.todo}
+        for task in plan.tasks:
+            is_cached = id(task) not in todo
+            status, reason = "missing", "did not finish"
+            # what became of the whole job, unless there is more of the view
+            for name in (("", ""), (task.base.scene, task.view.name)):
+                state = states.get((*plan.labels, *name))
+                if state and (is_cached or (*name, state[2]) not in plan.before):
+                    status, reason, _ = state
+            yield status, is_cached, Fault(plan.name, task.view.name, reason)
+
+
 def _outcome(
     rows: DataFrame, planned: Sequence[Planned], interrupted: bool, crashed: bool
 ) -> Outcome:
     """Count what became of the requested restorations and scores. rows: the table after the run."""
-    keys = ("dataset", "method", "scene", "view")
-    states = {
-        key[:4]: key[4:]
-        for key in values_of(restoration_rows(rows), *keys, "status", "reason", "time")
-    }
+    ends = list(_ends(rows, planned))
+    lost = ("failed",) if interrupted else ("failed", "missing")
     metrics: dict[tuple[str, str, str, str], set[str]] = {}  # of each requested restoration
-    n_ok, n_cached = 0, 0
-    failed, skipped = list[Fault](), list[Fault]()
     for plan in planned:
-        labels, todo = (
-            (plan.job.dataset.label, plan.job.method.label),
-            {id(task) for task in plan.todo},
-        )
+        names = {metric.plugin.name for metric in plan.job.metrics}
         for task in plan.tasks:
-            is_cached, view = id(task) not in todo, (task.base.scene, task.view.name)
-            metrics.setdefault((*labels, *view), set()).update(
-                metric.plugin.name for metric in plan.job.metrics
-            )
-            status, reason = "missing", "did not finish"
-            for name in (
-                ("", ""),
-                view,
-            ):
-                # what became of the whole job, unless there is more of the view
-                state = states.get((*labels, *name))
-                if state and (is_cached or (*name, state[2]) not in plan.before):
-                    status, reason, _ = state
-            fault = Fault(plan.name, task.view.name, reason)
-            if status == "ok":
-                n_ok, n_cached = n_ok + 1, n_cached + is_cached
-            elif status == "skipped":
-                skipped.append(fault)
-            elif status == "failed" or not interrupted:
-                failed.append(fault)
+            key = (*plan.labels, task.base.scene, task.view.name)
+            metrics.setdefault(key, set()).update(names)
     first = planned[0].job
     scores = compare.on_pixels(rows, partial(read_common, first.out))
     restored = restoration_rows(rows)
     is_requested = [
-        row[:-1] in metrics and row[-1] == "ok" for row in values_of(restored, *keys, "status")
+        row[:-1] in metrics and row[-1] == "ok" for row in values_of(restored, *_KEYS, "status")
     ]
     restored = restored.loc[is_requested]
     is_of_request = [
-        row[4] in metrics.get(row[:4], ()) for row in values_of(scores, *keys, "metric")
+        row[4] in metrics.get(row[:4], ()) for row in values_of(scores, *_KEYS, "metric")
     ]
     of_request = scores.loc[is_of_request]
     return Outcome(
@@ -276,10 +272,10 @@ def _outcome(
         datasets=tuple(dict.fromkeys(plan.job.dataset.label for plan in planned)),
         methods=tuple(dict.fromkeys(plan.job.method.label for plan in planned)),
         job=first,
-        ok=n_ok,
-        cached=n_cached,
-        failed=tuple(failed),
-        skipped=tuple(skipped),
+        ok=sum(status == "ok" for status, _, _ in ends),
+        cached=sum(status == "ok" and is_cached for status, is_cached, _ in ends),
+        failed=tuple(fault for status, _, fault in ends if status in lost),
+        skipped=tuple(fault for status, _, fault in ends if status == "skipped"),
         scores_failed=tuple(
             Fault(f"{r.dataset} / {r.method} / {r.metric}", r.view, r.reason)
             for r in of_request[of_request["status"] == "failed"].itertuples()

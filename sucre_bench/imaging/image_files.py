@@ -12,7 +12,7 @@ import os
 import struct
 import zipfile
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -76,6 +76,11 @@ def image_size(file: Path | bytes) -> tuple[int, int] | None:
     except (OSError, InputError):
         return None
     return header.size if header else None
+
+
+def first_size(files: Iterable[Path]) -> tuple[int, int] | None:
+    """Return the size (width, height) of the first file whose header can be read; None if none can."""
+    return next((size for file in files if (size := image_size(file))), None)
 
 
 def is_jpeg(path: Path) -> bool:

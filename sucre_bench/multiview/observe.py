@@ -88,18 +88,7 @@ def observe(
     if the target has no depth map or pose, or an option is wrong.
     """
     began = time.perf_counter()
-    for option, value, known in (
-        ("rule", rule, get_args(Rule)),
-        ("encoding", encoding, get_args(Kept)),
-    ):
-        if value not in known:
-            raise InputError("unknown", f"{option}={value}", did_you_mean(str(value), known))
-    if not 0 < tolerance < 1:
-        raise InputError(
-            "not a share of the depth between 0 and 1",
-            f"tolerance={tolerance}",
-            "give 0.03 for 3 %",
-        )
+    _check_options(rule, tolerance, encoding)
     _, read_s = _timed(lambda: target.has_depth)
     surface = lift(target)
     if not len(surface.pixels):
@@ -145,12 +134,23 @@ def observe(
         )
     empty = None if folder is None else partial(new_file, folder)
     observations = arrange(shape, seen, with_view=with_view, free=True, empty=empty)
-    return replace(
-        observations,
-        unreadable=tuple(unreadable),
-        read_s=read_s,
-        pair_s=time.perf_counter() - began,
-    )
+    pair_s = time.perf_counter() - began
+    return replace(observations, unreadable=tuple(unreadable), read_s=read_s, pair_s=pair_s)
+
+
+def _check_options(rule: str, tolerance: float, encoding: str) -> None:
+    for option, value, known in (
+        ("rule", rule, get_args(Rule)),
+        ("encoding", encoding, get_args(Kept)),
+    ):
+        if value not in known:
+            raise InputError("unknown", f"{option}={value}", did_you_mean(value, known))
+    if not 0 < tolerance < 1:
+        raise InputError(
+            "not a share of the depth between 0 and 1",
+            f"tolerance={tolerance}",
+            "give 0.03 for 3 %",
+        )
 
 
 def _timed(load: Callable[[], T]) -> tuple[T, float]:

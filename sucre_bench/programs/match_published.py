@@ -141,42 +141,49 @@ def read_table(
         warnings.append(
             f"{table}: {counted(len(left), 'image')} without a row: {first_few(left, _SHOWN)}"
         )
-    columns = []
-    for header, name, place, n in metrics:
-        metric, is_mse = ("psnr", True) if name == _MSE else (name, False)
-        numbers = [
-            (label, found, _number(_part(row[header], place, n)))
-            for label, found, row in of
-            if found
-        ]
-        if is_mse and re.search(r"10\s*\^?\s*[3³]|10³|1000", header):
-            numbers = [
-                (label, found, n and (1000 * n[0], 1000 * n[1])) for label, found, n in numbers
-            ]
-        top = plugins.usable("metric")[metric].range[1]
-        values = [number[0] for *_, number in numbers if number]
-        if values and math.isfinite(top) and top < min(values) and max(values) <= 100 * top:
-            warnings.append(
-                f"{table}: column '{header}' is read as percent; divide it by 100 if you copy it"
-            )
-            numbers = [
-                (label, found, n and (n[0] / 100, n[1] / 100)) for label, found, n in numbers
-            ]
-        if blank := [label for label, _, number in numbers if number is None]:
-            warnings.append(
-                f"{table}: column '{header}' has no number in {counted(len(blank), 'row')}: {first_few(blank, _SHOWN)}"
-            )
-        if cells := tuple(
-            Cell(label, found, *number) for label, found, number in numbers if number
-        ):
-            is_of_bytes = is_mse and max(cell.value for cell in cells) > 1
-            white = 255.0**2 if is_of_bytes else 1.0
-            columns.append(Column(metric, header, cells, white if is_mse else 0.0))
+    read = [_column(table, metric, of, warnings) for metric in metrics]
+    columns = tuple(column for column in read if column)
     if not columns:
         raise InputError(
             f"{table}: holds no number for the images in {root}; give the scores as plain numbers"
         )
-    return PublishedTable(tuple(columns), tuple(warnings))
+    return PublishedTable(columns, tuple(warnings))
+
+
+def _column(
+    table: str,
+    metric_column: tuple[str, str, int, int],
+    rows: Sequence[tuple[str, tuple[str, ...], Mapping[str, str]]],
+    warnings: list[str],
+) -> Column | None:
+    """The numbers of a column; None if it has none. metric_column: as of `_metrics`; rows: label, images and cells.
+
+    warnings: are added to where it is read as percent, and where rows have no number.
+    """
+    header, name, place, n = metric_column
+    metric, is_mse = ("psnr", True) if name == _MSE else (name, False)
+    numbers = [
+        (label, found, _number(_part(row[header], place, n))) for label, found, row in rows if found
+    ]
+    if is_mse and re.search(r"10\s*\^?\s*[3³]|10³|1000", header):
+        numbers = [(label, found, n and (1000 * n[0], 1000 * n[1])) for label, found, n in numbers]
+    top = plugins.usable("metric")[metric].range[1]
+    values = [number[0] for *_, number in numbers if number]
+    if values and math.isfinite(top) and top < min(values) and max(values) <= 100 * top:
+        warnings.append(
+            f"{table}: column '{header}' is read as percent; divide it by 100 if you copy it"
+        )
+        numbers = [(label, found, n and (n[0] / 100, n[1] / 100)) for label, found, n in numbers]
+    if blank := [label for label, _, number in numbers if number is None]:
+        warnings.append(
+            f"{table}: column '{header}' has no number in {counted(len(blank), 'row')}: {first_few(blank, _SHOWN)}"
+        )
+    cells = tuple(Cell(label, found, *number) for label, found, number in numbers if number)
+    if not cells:
+        return None
+    is_of_bytes = is_mse and max(cell.value for cell in cells) > 1
+    white = 255.0**2 if is_of_bytes else 1.0
+    return Column(metric, header, cells, white if is_mse else 0.0)
 
 
 def _rows(table: str) -> list[dict[str, str]]:

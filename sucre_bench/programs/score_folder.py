@@ -53,6 +53,23 @@ class FolderScores:
     shared: Sequence[str]
 
 
+def _fitting(
+    path: Path, size: tuple[int, ...], reference: tuple[int, ...], metrics: Sequence[str]
+) -> Sequence[str]:
+    """The metrics that score an image against a reference of this size: of a square one of another size, those that
+    resize both. Raises InputError if there are none.
+    """
+    if size == reference:
+        return metrics
+    at_a_size = [name for name in metrics if re.search(r"@\d", name)]
+    if size[0] != size[1] or not at_a_size:
+        sizes = [f"{shape[1]}x{shape[0]}" for shape in (size, reference)]
+        raise InputError(
+            f"{path}: {sizes[0]}, but its reference is {sizes[1]}; give one of the same size"
+        )
+    return at_a_size
+
+
 def score_folder(
     images: Path, reference: Path | None, metrics: Sequence[str], is_known: bool = False
 ) -> FolderScores:
@@ -95,17 +112,10 @@ def score_folder(
             target = rgb if target is None else target
             if not is_known:
                 pictures[str(compared_with or name)] = picture_of(target)
-            is_alike = target.shape == rgb.shape
-            if not is_alike:
-                at_a_size = [name for name in names if re.search(r"@\d", name)]
-                if rgb.shape[0] != rgb.shape[1] or not at_a_size:
-                    sizes = [f"{w}x{h}" for h, w, _ in (rgb.shape, target.shape)]
-                    raise InputError(
-                        f"{path}: {sizes[0]}, but its reference is {sizes[1]}; give one of the same size"
-                    )
+            fitting = _fitting(path, rgb.shape, target.shape, names)
             del target  # it may have 1 GB
             picture = Restoration(rgb, info={"method": label})
-            work = functools.partial(score, picture, view, names if is_alike else at_a_size)
+            work = functools.partial(score, picture, view, fitting)
             tables.append(
                 processes.call(work, "mend the metric, or leave it out") if is_foreign else work()
             )

@@ -4,8 +4,7 @@ A job writes its rows to part files of its own, ``parts/<job>-<n>.parquet``, ato
 joins the parts into ``scores.parquet``. Readers see table and parts together, so a killed run loses nothing that was
 written.
 
-Of two rows for one score the one with the later `time` counts. Reading moves this process's clock beyond the newest row
-(`machine.text_formats.now`), so a computer whose clock was set back still writes rows that count.
+Of two rows for one score the one with the later `time` counts.
 
 The table also has scores on common pixels, which `read_common` returns and `read` leaves out.
 """

@@ -68,7 +68,6 @@ def misname_depths(root: Path) -> None:
 IN = [(4.0, 2.0), (20.0, 3.0), (21.0, 12.0), (5.0, 11.0)]
 
 DATASET: dict[str, tuple[Change, list[str]]] = {
-    "no root": (shutil.rmtree, ["no such folder", "dataset.root="]),
     "no images": (
         lambda root: shutil.rmtree(root / "images"),
         ["images: none of the model's 2 images", "a.png"],
@@ -123,10 +122,6 @@ DATASET: dict[str, tuple[Change, list[str]]] = {
     "short image line": (
         text("sparse/images.txt", "1 1 0 0 0 a.png\n\n"),
         ["images.txt", "1 1 0 0 0 a.png"],
-    ),
-    "not text": (
-        lambda root: (root / "sparse/images.txt").write_bytes(b"\xff\xfe1"),
-        ["images.txt", "not a COLMAP"],
     ),
     "depths misnamed": (
         misname_depths,
@@ -262,28 +257,11 @@ def jpeg(name: str) -> Change:
 METRES = np.full((HEIGHT, WIDTH), 2.5)
 
 VIEW: dict[str, tuple[str, Change, list[str]]] = {
-    "image missing": (
-        "rgb",
-        lambda root: (root / "images/a.png").unlink(),
-        ["images/a.png", "1 of the model's 2"],
-    ),
-    "image empty": ("rgb", text("images/a.png", ""), ["images/a.png", "copy"]),
-    "PNG cut": ("rgb", cut("images/a.png"), ["images/a.png", "cut short", "copy"]),
     "JPEG cut": ("rgb", jpeg("images/a.png"), ["images/a.png", "truncated", "copy"]),
-    "image of another shape": (
-        "rgb",
-        image(picture(0, WIDTH, 20)),
-        ["images/a.png", "40x20", "40x30"],
-    ),
     "reference of another shape": (
         "reference",
         lambda root: write_image(root / "reference/a.png", picture(0, WIDTH, 20)),
         ["reference/a.png", "40x20", "40x30"],
-    ),
-    "depth PNG cut": (
-        "depth",
-        cut("depths/depth_a.png"),
-        ["depths/depth_a.png", "cut short", "copy"],
     ),
     "depth 8-bit": (
         "depth",
@@ -330,21 +308,6 @@ VIEW: dict[str, tuple[str, Change, list[str]]] = {
             "depths/depth_a.npy", lambda path: path.write_bytes(forged_npy((1 << 20, 1 << 30)))
         ),
         ["depth_a.npy: cannot be read", "numpy.save"],
-    ),
-    "depth npy cut": (
-        "depth",
-        replaced(
-            "depths/depth_a.npy", lambda path: (np.save(path, METRES), cut(path.name)(path.parent))
-        ),
-        ["depth_a.npy: cannot be read", "numpy.save"],
-    ),
-    "depth tif cut": (
-        "depth",
-        replaced(
-            "depths/depth_a.tif",
-            lambda path: (tifffile.imwrite(path, METRES), cut(path.name)(path.parent)),
-        ),
-        ["depth_a.tif: cannot be read", "copy"],
     ),
 }
 

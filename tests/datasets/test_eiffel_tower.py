@@ -58,7 +58,6 @@ def test_images_of_the_global_model_are_found_in_their_years(
 
 def test_what_is_missing_is_named(tmp_path: Path) -> None:
     for change, options, parts in [
-        (lambda: None, {}, ["folder 2015"]),
         (lambda: write_year(tmp_path), {"year": "2016"}, ["2016/sfm: ", "folder"]),
         (lambda: None, {"depths": "maps"}, ["2015/maps: ", "folder"]),
         (
@@ -70,5 +69,3 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
         change()
         with one_line(*parts):
             load(tmp_path, **options)
-    with pytest.raises(InputError, match=r"dataset\.root=DIR"):
-        load(tmp_path / "nowhere")

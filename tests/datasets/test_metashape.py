@@ -214,14 +214,9 @@ def text(old: str, new: str) -> Change:
 
 
 SCENE: dict[str, tuple[Change, list[str]]] = {
-    "no document": (lambda root: (root / "cameras.xml").unlink(), ["no cameras.xml, .psx or .psz"]),
     "two documents": (
         lambda root: shutil.copy(root / "cameras.xml", root / "b.xml"),
         ["b.xml, cameras.xml are there"],
-    ),
-    "cut": (
-        lambda root: cut(root / "cameras.xml"),
-        ["cameras.xml: cannot be read", "Export Cameras"],
     ),
     "nothing aligned": (text("<transform>", "<other>"), ["cameras.xml"]),
     "a damaged pose": (
@@ -346,17 +341,7 @@ def two_in_folders(root: Path) -> None:
 
 
 VIEW: dict[str, tuple[str, Change, list[str]]] = {
-    "image missing": (
-        "rgb",
-        lambda root: (root / "images/DSC_0.png").unlink(),
-        ["'DSC_0.JPG' of cameras.xml"],
-    ),
     "image twice": ("rgb", two_in_folders, ["a/DSC_0.tif and b/DSC_0.tif"]),
-    "depth of another shape": (
-        "depth",
-        lambda root: tifffile.imwrite(root / "depths/DSC_0.tif", np.ones((60, 60), np.float32)),
-        ["depths/DSC_0.tif", "60x60"],
-    ),
     "depth twice": (
         "depth",
         lambda root: np.save(root / "depths/DSC_0.npy", np.ones((60, 80))),

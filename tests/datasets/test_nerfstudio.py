@@ -15,7 +15,6 @@ from support.miniatures import (
     check_both,
     check_scene_fault,
     check_view_fault,
-    cut,
     disk_depth,
     pose_of,
     seen,
@@ -258,14 +257,6 @@ def frame(**values: Any) -> Change:
 
 FLIPPED = np.diag([1.0, 1.0, -1.0, 1.0]).tolist()
 SCENE: dict[str, tuple[Change, list[str]]] = {
-    "no file": (
-        lambda root: (root / "transforms.json").unlink(),
-        ["transforms.json: ", "file; ", "dataset.transforms"],
-    ),
-    "cut": (
-        lambda root: cut(root / "transforms.json"),
-        ["transforms.json: cannot be read", "line 1"],
-    ),
     "no frames": (
         edit(lambda content: content.update(frames=[])),
         ["transforms.json: ", "no frames"],
@@ -313,16 +304,6 @@ def test_a_fault_of_the_scene_is_one_line_about_the_file(
 
 
 VIEW: dict[str, tuple[str, Change, list[str]]] = {
-    "image missing": (
-        "rgb",
-        lambda root: (root / "images/0.png").unlink(),
-        ["images/0.png: ", "transforms.json"],
-    ),
-    "depth missing": (
-        "depth",
-        lambda root: (root / "depths/0.png").unlink(),
-        ["depths/0.png: ", "transforms.json"],
-    ),
     "a path above": (
         "rgb",
         lambda root: frame(file_path="../a.png")(root),

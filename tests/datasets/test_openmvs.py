@@ -13,7 +13,6 @@ from support.miniatures import (
     check_both,
     check_scene_fault,
     check_view_fault,
-    cut,
     disk_depth,
     pose_of,
     seen,
@@ -127,14 +126,6 @@ def other_bytes(offset: int, layout: str, *values: object) -> Change:
 
 # The name is 12 bytes from 30 on, the ids are from 42, K is from 58, R from 130 to 202.
 SCENE: dict[str, tuple[Change, list[str]]] = {
-    "no depth map": (
-        lambda root: [path.unlink() for path in root.glob("*.dmap")],
-        ["*.dmap: no depth map"],
-    ),
-    "cut in the header": (
-        lambda root: cut(root / "depth0000.dmap", 0.0001),
-        ["depth0000.dmap: cannot be read"],
-    ),
     "another format": (other_bytes(0, "2s", b"DX"), ["depth0000.dmap: cannot be read", "Densify"]),
     "no depth in it": (other_bytes(2, "B", 2), ["depth0000.dmap", "flags 2"]),
     "a huge depth map": (
@@ -166,28 +157,6 @@ def test_a_fault_of_the_scene_is_one_line_about_the_file(
 ) -> None:
     change(write_scene(tmp_path))
     check_scene_fault(lambda: load(tmp_path), tmp_path, parts)
-
-
-VIEW: dict[str, tuple[str, Change, list[str]]] = {
-    "depths cut": (
-        "depth",
-        lambda root: cut(root / "depth0000.dmap", 0.1),
-        ["depth0000.dmap: cut short", "copy"],
-    ),
-    "image missing": (
-        "rgb",
-        lambda root: (root / "images/0.png").unlink(),
-        ["images/0.jpg", "depth0000.dmap"],
-    ),
-}
-
-
-@pytest.mark.parametrize(("plane", "change", "parts"), VIEW.values(), ids=list(VIEW))
-def test_a_fault_of_one_view_leaves_the_other(
-    tmp_path: Path, plane: str, change: Change, parts: list[str]
-) -> None:
-    change(write_scene(tmp_path))
-    check_view_fault(*load(tmp_path), plane, tmp_path, parts)
 
 
 def test_the_folder_tells_which_of_two_images_is_meant(tmp_path: Path) -> None:

@@ -296,8 +296,6 @@ def test_without_rawpy_the_message_says_what_to_install(
 
 
 def test_what_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"linearPNG.*Raw"):
-        load(tmp_path)
     (tmp_path / "linearPNG").mkdir()
     with pytest.raises(InputError, match="linearPNG: "):
         load(tmp_path)

@@ -177,11 +177,9 @@ def test_u45_is_found_beside_results_of_others(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("make", "there", "named"),
     [
-        (Photos, [], {"image"}),
         (lambda root: Photos(root, reference="truth"), ["a.png"], {"truth", "folder"}),
         (Photos, ["a.png", "reference/b.png"], {"reference", "name", "a.png"}),
         (lambda root: Photos(root, charts="marked.json"), ["a.png"], {"marked.json", "file"}),
-        (Uieb, [], {"folder", "raw-890"}),
         (Uieb, ["raw-890/1.png"], {"reference-890", "folder"}),
         (Uieb, ["raw-890/1.png", "reference-890/2.png"], {"reference-890", "name"}),
         (
@@ -205,5 +203,3 @@ def test_what_is_missing_is_named(
         only(make(tmp_path))
     check_message(str(fault.value), str(tmp_path))
     assert named <= names(fault.value)
-    with pytest.raises(InputError, match=r"\.root=DIR"):
-        only(make(tmp_path / "nowhere"))

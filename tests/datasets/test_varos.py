@@ -133,43 +133,20 @@ def test_a_frame_without_a_pose_of_its_time_has_none(tmp_path: Path) -> None:
     assert [view.cam_from_world is None for view in scene] == [False, True]
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["camM0.yaml", "camM0_timestamps.csv", "camM0_poses/camM0_poses_transformation_matrix.csv"],
-)
-def test_a_missing_or_wrong_file_is_named(tmp_path: Path, name: str) -> None:
-    cam = write_dive(tmp_path / "cam0")
-    if "timestamps" not in name:
-        (cam / name).write_text("nonsense\n")
-        with pytest.raises(InputError, match=Path(name).name):
-            load(cam)
-    (cam / name).unlink()
-    with pytest.raises(InputError, match=f"cam0/{name}: "):
-        load(cam)
-
-
 def test_what_is_wrong_with_one_view_leaves_the_other_alone(tmp_path: Path) -> None:
     cam = write_dive(tmp_path / "cam0")
-    a, b, d = (sorted((cam / plane).iterdir()) for plane in "ABD")
-    a[0].write_bytes(a[0].read_bytes()[:100])
+    b, d = (sorted((cam / plane).iterdir()) for plane in "BD")
     b[0].unlink()
     assert cv2.imwrite(str(d[0]), np.full((HEIGHT, WIDTH), 9, np.uint8))
     first, second = load(cam)
-    with pytest.raises(InputError, match="cut short"):
-        _ = first.rgb
     with pytest.raises(InputError, match=r"frame 7\b"):
         _ = first.reference
     with pytest.raises(InputError, match=r"uint8 .*18x32.*16-bit"):
         _ = first.depth
-    assert second.rgb.shape == (18, 32, 3)
     assert second.reference is not None
 
 
-def test_a_folder_without_the_layout_says_what_is_expected(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"\bA\b"):
-        list(Varos(tmp_path).scenes())
-    with pytest.raises(InputError, match=r"nowhere: .* dataset\.root=DIR"):
-        list(Varos(tmp_path / "nowhere").scenes())
+def test_a_pose_that_is_no_rotation_is_named_by_row(tmp_path: Path) -> None:
     cam = write_dive(tmp_path / "cam0")
     (cam / POSE_FILE).write_text(
         f"{HEADER}\n700000000,{POSES[7]}\n800000000,0,0,-1,5, 0,1,0,0, 2,0,0,10\n"

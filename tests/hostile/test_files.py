@@ -146,12 +146,9 @@ IMAGES: dict[str, tuple[str, Callable[[Path], None], str]] = {
     ),
     "an animation": (".png", written(animation(*TWO)), "several pictures"),
     "one pixel": (".png", written(one_pixel(".png")), "is 1x1"),
-    "nothing": (".png", written(b""), "cannot be read"),
     "a device": (".png", device, "is a device"),
     "a pipe": (".png", pipe, "is a named pipe"),
     "a socket": (".png", bound_socket, "is a socket"),
-    "a folder": (".png", Path.mkdir, "is a folder"),
-    "a link to itself": (".png", lambda path: path.symlink_to(path), "cannot be read"),
 }
 DEPTHS: dict[str, tuple[str, Callable[[Path], None], str]] = {
     "a cut TIFF": (".tif", written(cut_tiff()), "cannot be read"),

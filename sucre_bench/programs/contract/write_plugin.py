@@ -100,20 +100,23 @@ def write_new(
     _write(files, about | {"place": place})
 
     file = f"{name}.py" if place == "folder" else ""  # no command finds it by its name
+    return Written(tuple(files), (*commands, *_next_commands(kind, name, file, test)))
+
+
+def _next_commands(kind: Kind, name: str, file: str, test: Path) -> list[tuple[str, str]]:
+    """What to type next, with a word for each. file: the plugin's, if no command finds it by its name."""
     plugin = f"--plugin {file} " if file else ""
     job = {
         "method": f"-m {plugin}dataset=demo method=underwater,{name} every=4",
         "dataset": f"-m {plugin}dataset={name} dataset.root=DIR method=underwater,gray_world",
         "metric": f"-m {plugin}dataset=demo method=underwater,gray_world 'metrics=[psnr,{name}]' every=4",
     }[kind]
-    commands.append(
-        (
-            "check",
-            f"sucre-bench check {file or name}{' dataset.root=DIR' if kind == 'dataset' else ''}",
-        )
-    )
-    commands.append(("test", f"python -m pytest {shlex.quote(shown_path(test))}"))
-    return Written(tuple(files), (*commands, ("run", f"sucre-bench run {job}")))
+    root = " dataset.root=DIR" if kind == "dataset" else ""
+    return [
+        ("check", f"sucre-bench check {file or name}{root}"),
+        ("test", f"python -m pytest {shlex.quote(shown_path(test))}"),
+        ("run", f"sucre-bench run {job}"),
+    ]
 
 
 def _check_name(kind: Kind, name: str) -> None:

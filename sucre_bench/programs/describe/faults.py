@@ -191,6 +191,38 @@ def _mistake(views: Sequence[View]) -> Fault | None:
     as_is = _agreeing(views, pairs)
     if 1.5 * as_is >= 1:
         return None
+    without = _undone(views, pairs)
+    shares = {fault: _agreeing(changed, pairs) for fault, changed in without.items()}
+    for fault, changed in without.items():
+        # Maps that are alike agree at any scale that makes the cameras' shifts tiny: these say nothing of the scale.
+        if (
+            fault[0] in ("unit of depth", "inverse depth")
+            and 1.5 * _agreeing(changed, pairs, scale=10) > shares[fault]
+        ):
+            shares[fault] = 0.0
+    for before, after in itertools.product((np.eye(4), _AXES), repeat=2):
+        axes = "" if (before == after).all() and before[1, 1] > 0 else ", in OpenGL's axes"
+        remedy = "give cam_from_world, the inverse of the camera's place in the world"
+        undone = [
+            replace(view, cam_from_world=before @ np.linalg.inv(view.placed[1]) @ after)
+            for view in views
+        ]
+        fault = "inverted poses", f"poses are inverted{axes}", remedy
+        shares[fault] = max(shares.get(fault, 0.0), _agreeing(undone, pairs))
+    (kind, what, remedy), share = max(shares.items(), key=lambda item: item[1])
+    if share <= max(1.5 * as_is, _NAMED):
+        return None
+    return Fault(
+        kind,
+        f"{what}: {as_is:.0%} of points agree between views, {share:.0%} without that mistake",
+        remedy,
+    )
+
+
+def _undone(
+    views: Sequence[View], pairs: Sequence[tuple[int, int]]
+) -> dict[tuple[str, str, str], list[View]]:
+    """The views without each known mistake but inverted poses, by its kind, what it is, and the remedy."""
     inverse = [
         _with_depth(
             view, np.divide(1, view.depth, out=np.zeros_like(view.depth), where=view.depth > 0)
@@ -204,7 +236,7 @@ def _mistake(views: Sequence[View]) -> Fault | None:
         f"depth is {1 / scale:.3g} times that of the poses",
         f"multiply depth by {scale:.3g}, or divide positions",
     )
-    maps = {  # the depth maps without a mistake, by its kind, what it is, and the remedy
+    maps = {
         ("distance for depth", "depth is distance", rays): [
             v.depth / n for v, n in zip(views, lengths, strict=True)
         ],
@@ -231,31 +263,7 @@ def _mistake(views: Sequence[View]) -> Fault | None:
     turned = "turn poses by 180 degrees about the camera's x axis, as from OpenGL"
     opengl = [replace(view, cam_from_world=_AXES @ view.placed[1]) for view in views]
     without["OpenGL poses", "cameras look along -z", turned] = opengl
-    shares = {fault: _agreeing(changed, pairs) for fault, changed in without.items()}
-    for fault, changed in without.items():
-        # Maps that are alike agree at any scale that makes the cameras' shifts tiny: these say nothing of the scale.
-        if (
-            fault[0] in ("unit of depth", "inverse depth")
-            and 1.5 * _agreeing(changed, pairs, scale=10) > shares[fault]
-        ):
-            shares[fault] = 0.0
-    for before, after in itertools.product((np.eye(4), _AXES), repeat=2):
-        axes = "" if (before == after).all() and before[1, 1] > 0 else ", in OpenGL's axes"
-        remedy = "give cam_from_world, the inverse of the camera's place in the world"
-        undone = [
-            replace(view, cam_from_world=before @ np.linalg.inv(view.placed[1]) @ after)
-            for view in views
-        ]
-        fault = "inverted poses", f"poses are inverted{axes}", remedy
-        shares[fault] = max(shares.get(fault, 0.0), _agreeing(undone, pairs))
-    (kind, what, remedy), share = max(shares.items(), key=lambda item: item[1])
-    if share <= max(1.5 * as_is, _NAMED):
-        return None
-    return Fault(
-        kind,
-        f"{what}: {as_is:.0%} of points agree between views, {share:.0%} without that mistake",
-        remedy,
-    )
+    return without
 
 
 def _with_depth(view: View, depth: Array) -> View:

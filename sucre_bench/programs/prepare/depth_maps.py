@@ -57,6 +57,16 @@ class DepthMap(NamedTuple):
 DepthMaps = Callable[[Shot], DepthMap]
 
 
+def _gray(path: Path, size: tuple[int, int]) -> Array:
+    """A gray image (H, W) float32 from 0 to 255, of a size (W, H)."""
+    import cv2
+
+    stored = decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    gray = cv2.cvtColor(stored.astype(np.float32), cv2.COLOR_BGR2GRAY)
+    values = gray * (255 / np.iinfo(stored.dtype).max)
+    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+
 def swept(
     shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longest: int
 ) -> DepthMaps:
@@ -78,15 +88,7 @@ def swept(
 
     @functools.lru_cache(32)
     def gray(i: int) -> Array:
-        import cv2
-
-        stored = decode(images / shots[i].name, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
-        values = cv2.cvtColor(stored.astype(np.float32), cv2.COLOR_BGR2GRAY) * (
-            255 / np.iinfo(stored.dtype).max
-        )
-        size = small[i].camera.size
-        reduced = cv2.resize(values, size, interpolation=cv2.INTER_AREA)
-        return masked(np.asarray(reduced, dtype=np.float32) + 1, shots[i], masks)
+        return masked(_gray(images / shots[i].name, small[i].camera.size) + 1, shots[i], masks)
 
     @functools.lru_cache(32)
     def raw(i: int) -> Array:

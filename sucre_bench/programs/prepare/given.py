@@ -60,7 +60,7 @@ def mesh_maps(path: Path, shots: Sequence[Shot]) -> DepthMaps:
     """Return the depth maps of a mesh in the model's frame. Raises InputError if it is in another one.
 
     A mesh in millimetres, centimetres, inches or feet, in a model in metres, is converted. One in .glb may be turned so
-    that y is up, as glTF has it: from z, or from what is up in the photos (`texture` does so).
+    that y is up, as glTF has it: from z, or from what is up in the photos.
     """
     from scipy.spatial.transform import Rotation
 

@@ -86,22 +86,34 @@ def prepare(
         raise
 
 
-def _prepare(folder: Path, out: Path, options: Options, known: Known, again: bool) -> Prepared:
-    work, images = out / ".prepare", out / "images"
-    check_working_folder(out, ".prepare", [folder])
-    photos, damaged = find_photos(folder, options.masks, options.max_size, out)
-    before = read_record(out)
+def _asked(folder: Path, options: Options) -> dict[str, Any]:
+    """The photos and options as the record has them."""
     values = {
         name: value.resolve() if isinstance(value, Path) else value
         for name, value in asdict(options).items()
     }
-    asked = json.loads(json.dumps({"photos": folder.resolve(), **values}, default=str))
-    _check_asked(work / "options.json", asked, again or before is None)
-
-    rules = options.matching, options.camera, options.cameras, *filter(None, [options.focal])
-    mapping = _stage(
-        work, "model", [photo.stamp for photo in photos], rules, *_stamps(options.model)
+    asked: dict[str, Any] = json.loads(
+        json.dumps({"photos": folder.resolve(), **values}, default=str)
     )
+    return asked
+
+
+def _longest_swept(options: Options, n_placed: int) -> int:
+    """The longest side in pixels of swept images; 0 if nothing is to be swept."""
+    if options.mesh or options.depth:
+        return 0
+    is_small = options.surface == "auto" and n_placed <= _MOST_DENSE
+    return options.depth_size if options.surface == "dense" or is_small else 0
+
+
+def _mapped(
+    folder: Path,
+    photos: Sequence[Photo],
+    damaged: Mapping[str, str],
+    mapping: _Stage,
+    options: Options,
+) -> Mapped:
+    """Return the cameras of photos, or what the user's model says of them. Raises InputError if no photo is placed."""
     if damaged and not mapping.done.is_file():  # before mapping, which may take long
         say(
             f"{len(damaged)} of {len(photos) + len(damaged)} photos are damaged, {min(damaged)} among them"
@@ -111,34 +123,39 @@ def _prepare(folder: Path, out: Path, options: Options, known: Known, again: boo
     else:
         mapped = given_model(options.model, photos, folder, mapping.folder, options)
     if not mapped.registered:
-        raise too_few(folder, len(photos) + len(damaged), damaged | mapped.damaged)
+        raise too_few(folder, len(photos) + len(damaged), {**damaged, **mapped.damaged})
     if not mapping.done.is_file():
         mapping.done.touch()
+    return mapped
+
+
+def _prepare(folder: Path, out: Path, options: Options, known: Known, again: bool) -> Prepared:
+    work, images = out / ".prepare", out / "images"
+    check_working_folder(out, ".prepare", [folder])
+    photos, damaged = find_photos(folder, options.masks, options.max_size, out)
+    before = read_record(out)
+    asked = _asked(folder, options)
+    _check_asked(work / "options.json", asked, again or before is None)
+
+    rules = options.matching, options.camera, options.cameras, *filter(None, [options.focal])
+    mapping = _stage(
+        work, "model", [photo.stamp for photo in photos], rules, *_stamps(options.model)
+    )
+    mapped = _mapped(folder, photos, damaged, mapping, options)
     damaged |= mapped.damaged
 
     straight = _stage(
         work, "images", mapping.key, outdated=[images, out / "depths", out / "sparse"]
     )
     pinhole, masks = straight.folder / "sparse", straight.folder / "masks"
-    if not (
-        straight.done.is_file() and all((images / name).is_file() for name in mapped.registered)
-    ):
+    are_there = all((images / name).is_file() for name in mapped.registered)
+    if not (straight.done.is_file() and are_there):
         undistort({photo.output: photo for photo in photos}, mapped.model, images, masks, pinhole)
         straight.done.touch()
 
-    is_dense = options.surface == "dense" or (
-        options.surface == "auto" and len(mapped.registered) <= _MOST_DENSE
-    )
-    longest = options.depth_size if is_dense and not (options.mesh or options.depth) else 0
-    surface = _stage(
-        work,
-        "sweeps",
-        straight.key,
-        longest,
-        "fused",
-        *_stamps(options.mesh),
-        *_stamps(options.depth),
-    )
+    longest = _longest_swept(options, len(mapped.registered))
+    given_depth = (*_stamps(options.mesh), *_stamps(options.depth))
+    surface = _stage(work, "sweeps", straight.key, longest, "fused", *given_depth)
     keys = mapping.key, surface.key
     scale, known, is_kept, warnings = settled_scale(before, known, keys)
     if before is not None and scale is not None and before.is_whole:

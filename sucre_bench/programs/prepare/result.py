@@ -196,16 +196,29 @@ def write_result(
         (aside / folder).rename(out / folder)
         shutil.rmtree(aside / f"old-{folder}", ignore_errors=True)
 
-    seen = [(q.reprojection_px, q.points) for q in qualities if q.points]
+    facts = _facts(made, model, mapped, off, made_from)
+    unit = "m" if made.scale.is_metric else "no unit"
+    title = out.resolve().name
+    page = {"title": title, "unit": unit, "made": made, "facts": facts, "pictures": pictures}
+    write_atomically(out / "quality.html", filled_in(__package__, "quality.html.j2", **page))
+    _write_record(made, asked, facts, cameras)
+    return made
+
+
+def _facts(
+    made: Prepared, model: Any, mapped: Mapped, off: float, made_from: str
+) -> dict[str, str]:
+    """What the page says of a result. model: pycolmap's, of undistorted images; off: % from depth to sparse points."""
+    seen = [(q.reprojection_px, q.points) for q in made.qualities if q.points]
     error = np.average([px for px, _ in seen], weights=[count for _, count in seen])
     covered, measured, between = 100 * np.mean(
-        [(q.coverage, q.measured, q.interpolated) for q in qualities], axis=0
+        [(q.coverage, q.measured, q.interpolated) for q in made.qualities], axis=0
     )
     parts = (
         f" ({measured:.0f} % measured in the photo itself, {between:.0f} % between measured points)"
     )
-    facts = {
-        "photos placed": f"{len(shots)} of {made.photos}, {_ATTEMPTS[mapped.attempt]}",
+    return {
+        "photos placed": f"{len(made.qualities)} of {made.photos}, {_ATTEMPTS[mapped.attempt]}",
         "sparse points": f"{model.num_points3D()}, each seen by {model.compute_mean_track_length():.1f} photos",
         "reprojection error": f"{error:.2f} px",
         "focal length": made.focal,
@@ -214,12 +227,6 @@ def write_result(
         "surface": made_from,
         "scale": made.scale.note,
     }
-    unit = "m" if made.scale.is_metric else "no unit"
-    title = out.resolve().name
-    page = {"title": title, "unit": unit, "made": made, "facts": facts, "pictures": pictures}
-    write_atomically(out / "quality.html", filled_in(__package__, "quality.html.j2", **page))
-    _write_record(made, asked, facts, cameras)
-    return made
 
 
 def _cameras(model: Any) -> dict[str, dict[str, Any]]:

@@ -33,6 +33,7 @@ from sucre_bench.programs.restore.write import Restored, write_pictures
 from sucre_bench.results import layout, restoration_rows, with_remedy
 from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import tuples
+from sucre_bench.scene import Scene
 
 # What a method gets that has this option: one water for the dive, so that mosaics have no steps.
 FOR_A_DIVE = {"water": "shared"}
@@ -229,6 +230,27 @@ class _Run:
     has_failed: bool
 
 
+def _parts(
+    words: Sequence[str], where: Sequence[str], scenes: Sequence[Scene]
+) -> list[Sequence[str]]:
+    """The words of each run of a source: all at once, or blocks of its views.
+
+    In blocks, the views that decide how all are shown come first, so that no block restores them again.
+    """
+    given = dict(word.split("=", 1) for word in where)
+    count = given.get("shard.count", given.get("workers", "1"))
+    if count in ("0", "1"):
+        return [where]
+    blocks = [*where, f"shard.count={count}", f"shard.index=range({count})"]
+    if not any(word.endswith("@scene") for word in words):
+        return [blocks]
+    deciding = {
+        scene.views[k].name for scene in scenes for k in evenly(len(scene), MOST_SHOWN_OVER)
+    }
+    whole = [word for word in where if not word.startswith("shard")]
+    return [[*whole, f"views={value_of(sorted(deciding))}"], blocks]
+
+
 def _run(
     source: Source,
     words: Sequence[str],
@@ -236,38 +258,14 @@ def _run(
     out: Path,
     before: Callable[[Sequence[Planned]], None],
 ) -> _Run:
-    """Restore a source by the engine. Raises what `engine.run` does, and KeyboardInterrupt if it is stopped.
-
-    In blocks, the views that decide how all are shown come first, so that no block restores them again.
-    """
+    """Restore a source by the engine. Raises what `engine.run` does, and KeyboardInterrupt if it is stopped."""
     folder = out / "work" / "results"
     bits = 16 if any(bits_of(path) == 16 for path in source.photographs.values()) else 8
-    settings = [
-        f"out={quoted(str(folder))}",
-        f"bits={bits}",
-        "colours=stored",
-        "metrics=[coverage]",
-        "report=false",
-        "tracking.uri=off",
-    ]
+    settings = [f"out={quoted(str(folder))}", f"bits={bits}", "colours=stored"]
+    settings += ["metrics=[coverage]", "report=false", "tracking.uri=off"]
     with progress.live():
         scenes = [selection.scene for selection in select(source.dataset)]
-    given = dict(word.split("=", 1) for word in where)
-    count = given.setdefault("shard.count", given.get("workers", "1"))
-    is_split = count not in ("0", "1")
-    parts = [[*where, f"shard.count={count}", f"shard.index=range({count})"] if is_split else where]
-    if is_split and any(word.endswith("@scene") for word in words):
-        deciding = {
-            scene.views[k].name for scene in scenes for k in evenly(len(scene), MOST_SHOWN_OVER)
-        }
-        parts.insert(
-            0,
-            [
-                *(w for w in where if not w.startswith("shard")),
-                f"views={value_of(sorted(deciding))}",
-            ],
-        )
-    for part in parts:
+    for part in _parts(words, where, scenes):
         outcome = run_words([*source.dataset, *words, *settings, *part], bool(where), Watch(before))
         if outcome.interrupted:
             raise KeyboardInterrupt("stopped; the same command continues from here")
@@ -291,9 +289,8 @@ def _run(
         )
         image, record = place.restored(folder, row.method), read_record(row, folder)
         origin = origins and origins / PurePosixPath(view.name).with_suffix(".png")
-        limits = (
-            [str(limit) for limit in said] if isinstance(said := record.get("limits"), list) else []
-        )
+        said = record.get("limits")
+        limits = [str(limit) for limit in said] if isinstance(said, list) else []
         restored.append(
             Restored(
                 name,

@@ -3,18 +3,16 @@
 import ast
 import functools
 import re
-import runpy
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from support.datasets_in_miniature import MINIATURES
 from support.made_networks import ARCHITECTURES, network_options
-from support.miniatures import write_images
-from support.places import ROOT
 
 import sucre_bench
 from sucre_bench import plugins
@@ -50,21 +48,6 @@ QUICK: dict[str, dict[str, Any]] = {
     "command": {"run": "cp {input} {output}"},
 }
 
-# Who writes a dataset in miniature: the file of tests/ and its function, the folder below the root, and options.
-WRITERS: dict[str, tuple[str, str, str, dict[str, Any]]] = {
-    "aqualoc": ("datasets/test_aqualoc.py", "write_site", "", {}),
-    "colmap": ("support/colmap_folder.py", "write_dive", "", {}),
-    "eiffel_tower": ("support/miniatures.py", "write_year", "", {}),
-    "flsea": ("datasets/test_flsea.py", "write_dive", "", {}),
-    "metashape": ("support/miniatures.py", "write_survey", "", {}),
-    "nerfstudio": ("datasets/test_nerfstudio.py", "write_scene", "", {}),
-    "openmvs": ("datasets/test_openmvs.py", "write_scene", "", {}),
-    "seathru": ("support/miniatures.py", "write_set", "D1", {}),
-    "seathru_nerf": ("support/miniatures.py", "write_reef", "Panama", {}),
-    "squid": ("datasets/test_squid.py", "write_site", "Katzaa", {}),
-    "varos": ("datasets/test_varos.py", "write_dive", "2021-08-17_SEQ1/vehicle0/cam0", {}),
-}
-
 
 def built_in(kind: plugins.Kind) -> list[Plugin]:
     found = [p for p in discover(kind).values() if isinstance(p, Plugin)]
@@ -93,17 +76,8 @@ _network = functools.cache(network_options)  # up to 45 MB to write
 def _data(name: str, folder: Path) -> dict[str, Any]:
     if name == "demo":
         return {"root": folder.parent / "demo", "width": 64, "height": 48, "views": 2}
-    if name in WRITERS:
-        place, function, below, options = WRITERS[name]
-        write: Callable[[Path], Any] = runpy.run_path(str(ROOT / "tests" / place))[function]
-        (folder / below).parent.mkdir(parents=True, exist_ok=True)
-        write(folder / below)
-        return {"root": folder, **options}
-    images = {"uieb": ("raw-890", "reference-890"), "lsui": ("input", "GT"), "u45": ("U45",)}.get(
-        name, ("",)
-    )
-    for place in images:
-        write_images(folder / place, "1.png", "2.png")
+    if name in MINIATURES:
+        MINIATURES[name].write_into(folder)
     return {"root": folder}
 
 
