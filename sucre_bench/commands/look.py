@@ -52,9 +52,10 @@ def track(folder: Path, uri: str, experiment: str) -> None:
     from sucre_bench.reports import mlflow
 
     require("track", "mlflow")
-    uri, experiment = uri or mlflow.default_uri(folder), experiment or mlflow.default_experiment()
+    place = mlflow.Place.of(folder, uri, experiment)
     check_links(folder)
     with progress.live():
-        new = mlflow.log(folder, uri, experiment)
-    click.echo(f"mlflow   {masked(uri)}, experiment {experiment}: {counted(new, 'new run')}")
-    click.echo(f"to look  {mlflow.how_to_look(uri)}")
+        new = mlflow.log(folder, place)
+    where = f"{masked(place.uri)}, experiment {place.experiment}"
+    click.echo(f"mlflow   {where}: {counted(new, 'new run')}")
+    click.echo(f"to look  {place.how_to_look}")

@@ -140,6 +140,7 @@ def _run(overrides: Sequence[str], multirun: bool, dry_run: bool, as_json: bool)
     from sucre_bench.commands import run_summary
     from sucre_bench.engine.hydra_run import run_words
     from sucre_bench.engine.run import Watch
+    from sucre_bench.machine import progress
     from sucre_bench.reports.mlflow.live import Live
 
     floor, logged = [], Live()
@@ -147,11 +148,12 @@ def _run(overrides: Sequence[str], multirun: bool, dry_run: bool, as_json: bool)
     def before(planned: Sequence[Planned]) -> None:
         shared.say_what_views_show(planned)
         floor.append(shared.floor_of_psi(planned))
-        logged.start(planned)
+        logged.follow(planned)
 
     with logged:
-        with printed:
-            outcome = run_words(overrides, multirun, Watch(before, logged.begins))
+        with printed, progress.live(meanwhile=logged.receive):
+            watch = Watch(logged.start, before, logged.begin)
+            outcome = run_words(overrides, multirun, watch)
             comparisons = run_summary.compared(outcome)
             summary = run_summary.as_object(outcome, comparisons) if as_json else None
         try:

@@ -207,7 +207,7 @@ def compare_methods(
     metric_choices(metrics)  # raises for a mistyped name, before any view is restored
     tables, held = [results.frame([])], dict[tuple[str, str], Source]()
     is_shown = sys.stderr.isatty() if show_progress is None else show_progress
-    with progress.live() if is_shown and not progress.is_watched() else contextlib.nullcontext():
+    with progress.live() if is_shown else contextlib.nullcontext():
         for label, method in progress.track(list(made.items()), f"methods on {scene.name}"):
             for view in progress.track(chosen, label):
                 rows, restored = _one(scene, view, label, method, metrics)

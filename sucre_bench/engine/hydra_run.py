@@ -50,6 +50,9 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
             )
             started = now()
             sweeper.watch = watch
+            if watch and not is_ours:
+                watch.start(compose_jobs.job_of(config))
+                watch.before(())
             outcome = sweeper.sweep(arguments=swept)
         callbacks.on_multirun_end(config=config, config_name=configs.config_name())
         return outcome if isinstance(outcome, Outcome) else _outcome_since(started, config)

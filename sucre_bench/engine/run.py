@@ -109,10 +109,11 @@ Launch = Callable[[Sequence[tuple[str, ...]]], Sequence[str]]
 class Watch:
     """What follows a command.
 
-    before: called with all that is planned, before any work; begins: called with a job when its work begins on this
-    machine.
+    start: called with a job, before its data are opened; before: called with all that is planned, before any work, with
+    nothing if another sweeper chooses the jobs; begins: called with a job when its work begins on this machine.
     """
 
+    start: Callable[[Job], None] = lambda _: None
     before: Callable[[Sequence[Planned]], None] = lambda _: None
     begins: Callable[[Job], None] = lambda _: None
 
@@ -128,6 +129,7 @@ def run(command: Command, watch: Watch | None = None, launch: Launch | None = No
     watch = watch or Watch()
     with progress.live(), opening_once():
         check_results_folder(command.jobs[0].out)
+        watch.start(command.jobs[0])
         planned, first = check(command), command.jobs[0]
         _write_provenance(command, planned)
         watch.before(planned)

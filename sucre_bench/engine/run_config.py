@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins, results
@@ -36,7 +35,7 @@ def run_config(config: DictConfig) -> DataFrame:
 
     Raises InputError for a value that does not fit, ProblemsError for data that are not as expected.
     """
-    with contextlib.nullcontext() if progress.is_watched() else progress.live():
+    with progress.live():
         return run(Command((job_of(config),), (), False, config, ((),))).requested_rows
 
 
@@ -54,7 +53,7 @@ def run_launched(config: DictConfig) -> float | None:
     # Our sweeper gives labels. Jobs of other sweepers are told apart by what was set.
     swept = () if "method.label" in keys else [key for key in keys if "." in key]
     job = job_of(config, swept)
-    with contextlib.nullcontext() if progress.is_watched() else progress.live(plain=True):
+    with progress.live(plain=True):
         run_jobs(check(Command((job,), (), True, config, ((),))), job.workers)
     return _objective(job) if job.objective else None
 

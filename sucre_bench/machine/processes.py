@@ -292,6 +292,21 @@ class Forked:
             return True
         return False
 
+    def wait(self, remedy: str) -> Any:
+        """Return what the work returns, when it ends. Its exceptions are raised here.
+
+        Raises PluginError with the step and the remedy if the process dies.
+        """
+        while not self.has_ended:
+            wait([self.messages], 0.1)
+            self.receive()
+            progress.show("tick")
+        if self.fault:
+            raise self.fault
+        if self.how:
+            raise PluginError(f"the process died ({self.how}) in {self.step}", remedy=remedy)
+        return self.result
+
     def ask_to_stop(self) -> None:
         """Let the work end as at Ctrl-C."""
         self._stop_at = time.monotonic() + _GRACE_S
@@ -340,18 +355,10 @@ def call(work: Callable[[], T], remedy: str) -> T:
         return work()
     child = Forked(lambda *_: work())
     try:
-        while not child.has_ended:
-            wait([child.messages], 0.1)
-            child.receive()
-            progress.show("tick")
+        result: T = child.wait(remedy)
+        return result
     finally:
         child.stop()
-    if child.fault:
-        raise child.fault
-    if child.how:
-        raise PluginError(f"the process died ({child.how}) in {child.step}", remedy=remedy)
-    result: T = child.result
-    return result
 
 
 def _work_in_child(

@@ -107,8 +107,8 @@ def duration(seconds: float) -> str:
 class _Display:
     """A watcher that draws rich's bars, those of inner work below those of outer work. Disabled bars become lines."""
 
-    def __init__(self, bars: Any) -> None:
-        self._bars = bars
+    def __init__(self, bars: Any, meanwhile: Callable[[], None]) -> None:
+        self._bars, self._meanwhile = bars, meanwhile
         self._drawn = 0.0
         self._tasks: dict[str, Any] = {}
         self._said: set[tuple[Any, ...]] = set()
@@ -146,11 +146,18 @@ class _Display:
         if now - self._drawn >= _DRAWN_S:  # no thread draws: this process forks others
             self._bars.refresh()
             self._drawn = now
+            self._meanwhile()
 
 
 @contextmanager
-def live(plain: bool = False) -> Iterator[None]:
-    """Show the progress of this block: bars in a terminal, lines elsewhere. plain: lines everywhere."""
+def live(plain: bool = False, meanwhile: Callable[[], None] = lambda: None) -> Iterator[None]:
+    """Show the progress of this block, unless it is shown already: bars in a terminal, lines elsewhere.
+
+    plain: lines everywhere; meanwhile: called now and then.
+    """
+    if is_watched():
+        yield
+        return
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -176,5 +183,5 @@ def live(plain: bool = False) -> Iterator[None]:
         disable=is_plain,
         speed_estimate_period=_PACE_S,
     )
-    with bars, watched_by(_Display(bars)):
+    with bars, watched_by(_Display(bars, meanwhile)):
         yield

@@ -138,6 +138,18 @@ def test_runs_are_there_while_a_view_is_restored_killed_at_ctrl_c_and_go_on_with
     assert len(pictures) == 3
 
 
+def test_a_trial_of_another_sweeper_is_there_while_it_runs(out: Path, uri: str, tmp_path: Path):
+    pytest.importorskip("hydra_plugins.hydra_optuna_sweeper")
+    sweep = ("hydra/sweeper=optuna", "hydra.sweeper.n_trials=1", "objective=redness.plain")
+    stays = ("method.stays_at=v2.png", f"method.log={tmp_path / 'log'}")
+    trial = ("method=gain", "method.gain=interval(1,2)", *stays)
+    stopped = Started(tmp_path, "run", "-m", *RUN[1:], *sweep, *trial, f"out={out}")
+    waited_for(lambda: any(steps(uri, run) for run in runs(uri) if "method" in run.data.tags))
+    stopped.send(signal.SIGINT)
+    assert stopped.ended().returncode == 130
+    assert [run.info.status for run in runs(uri)] == ["KILLED", "KILLED"]
+
+
 @pytest.mark.parametrize("launcher", ["workers", "joblib"])
 def test_a_job_of_any_launcher_has_its_options_scores_data_and_faults(
     program, out: Path, uri: str, launcher: str
@@ -304,7 +316,7 @@ def test_another_version_of_a_methods_code_is_another_run(out: Path, uri: str):
     )
     for second, code in enumerate(("a" * 12, "b" * 12)):
         results.write_rows(out, "m", [replace(base, code=code, time=f"2026-01-01T00:00:0{second}")])
-        assert mlflow.log(out, uri, "sucre_bench") == 1
+        assert mlflow.log(out, mlflow.Place(uri, "sucre_bench")) == 1
     latest = {
         run.data.tags["code"]: run.data.tags["latest"]
         for run in runs(uri)
@@ -330,7 +342,7 @@ def test_means_are_those_of_the_table(out: Path, uri: str):
         out, "made", [*(replace(base, view=view, value=1.0) for view in angles), *psi]
     )
     (table,) = compare.compare(results.read(out))
-    assert mlflow.log(out, uri, "sucre_bench") == 1
+    assert mlflow.log(out, mlflow.Place(uri, "sucre_bench")) == 1
     (column,) = [c for c in table.columns if c.metric == "psi"]
     assert (
         by_method(uri)["gray_world"].data.metrics["psi.colour"]
@@ -355,8 +367,8 @@ def test_what_is_broken_off_goes_on(bench, out: Path, uri: str, monkeypatch: pyt
     with monkeypatch.context() as patch:
         patch.setattr(store, "log_artifacts", breaks)
         with pytest.raises(OutputError, match="gone"):
-            mlflow.log(out, uri, "sucre_bench")
-    assert mlflow.log(out, uri, "sucre_bench") == 1
+            mlflow.log(out, mlflow.Place(uri, "sucre_bench"))
+    assert mlflow.log(out, mlflow.Place(uri, "sucre_bench")) == 1
     assert {name: run.info.status for name, run in by_method(uri).items()} == dict.fromkeys(
         ["", "gain", "gain2"], "FINISHED"
     )
@@ -370,7 +382,7 @@ def test_a_store_that_cannot_be_used_is_named_with_the_reason(
     store = tmp_path / "store.db"
     store.mkdir() if content is None else store.write_bytes(content)
     with pytest.raises(InputError, match=r"store\.db: mlflow "):
-        mlflow.log(tmp_path / "out", f"sqlite:///{store}", "sucre_bench")
+        mlflow.log(tmp_path / "out", mlflow.Place(f"sqlite:///{store}", "sucre_bench"))
 
 
 def test_pictures_in_mlflow_are_copies(bench, out: Path, uri: str):
@@ -379,6 +391,6 @@ def test_pictures_in_mlflow_are_copies(bench, out: Path, uri: str):
     content = picture.read_bytes()
     picture.rename(out / "moved.png")
     picture.symlink_to("../../../moved.png")  # as where a user moved pictures to a larger disk
-    mlflow.log(out, uri, "sucre_bench")
+    mlflow.log(out, mlflow.Place(uri, "sucre_bench"))
     kept = artifacts(by_method(uri)["gain"]) / "restored/v0.png"
     assert (kept.is_symlink(), kept.read_bytes()) == (False, content)

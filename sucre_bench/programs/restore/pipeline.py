@@ -265,8 +265,9 @@ def _run(
     settings += ["metrics=[coverage]", "report=false", "tracking.uri=off"]
     with progress.live():
         scenes = [selection.scene for selection in select(source.dataset)]
+    watch = Watch(before=before)
     for part in _parts(words, where, scenes):
-        outcome = run_words([*source.dataset, *words, *settings, *part], bool(where), Watch(before))
+        outcome = run_words([*source.dataset, *words, *settings, *part], bool(where), watch)
         if outcome.interrupted:
             raise KeyboardInterrupt("stopped; the same command continues from here")
     views = {(scene.name, view.name): view for scene in scenes for view in scene.views}

@@ -6,6 +6,6 @@ that is logged already goes on where it was left.
 
 from sucre_bench.reports.mlflow.live import Live
 from sucre_bench.reports.mlflow.runs import log
-from sucre_bench.reports.mlflow.store import default_experiment, default_uri, how_to_look
+from sucre_bench.reports.mlflow.store import Place
 
-__all__ = ["Live", "default_experiment", "default_uri", "how_to_look", "log"]
+__all__ = ["Live", "Place", "log"]

@@ -7,39 +7,31 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Sequence
-from contextlib import redirect_stderr, redirect_stdout, suppress
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from functools import partial
-from multiprocessing.connection import wait
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from sucre_bench.errors import OutputError, SucreBenchError
+from sucre_bench.engine.preflight import base_row
+from sucre_bench.errors import SucreBenchError
 from sucre_bench.machine import progress
 from sucre_bench.machine.processes import Forked, call, can_fork
 from sucre_bench.machine.provenance import absent
 from sucre_bench.machine.text_formats import masked, now
-from sucre_bench.reports.mlflow.store import (
-    Note,
-    default_experiment,
-    default_uri,
-    how_to_look,
-    one_line_for,
-)
+from sucre_bench.reports.mlflow.runs import JobKey, Runs, jobs_of, log
+from sucre_bench.reports.mlflow.store import Note, Place, prepare, reported
 from sucre_bench.results.rows import values_of
 from sucre_bench.results.table import PARTS, read_part
 
 if TYPE_CHECKING:
     from sucre_bench.engine.preflight import Planned
     from sucre_bench.jobs.job import Job
-    from sucre_bench.reports.mlflow.runs import Runs
 
 _EVERY_S = 1.0  # looks for new rows
 _PAUSE_S = 20.0  # until mlflow is tried again after a fault
-_END = -1  # in place of a job's number
-_REMEDY = "`sucre-bench track` tries again"
 
 
 class Live:
@@ -47,7 +39,7 @@ class Live:
 
     def __init__(self) -> None:
         self._child: Forked | None = None
-        self._jobs: list[Job] = []
+        self._has_failed = False
 
     def __enter__(self) -> Live:
         return self
@@ -56,125 +48,154 @@ class Live:
         if self._child:
             self._child.stop()
 
-    def start(self, planned: Sequence[Planned]) -> None:
-        """Begin to follow the jobs, if there is work, and mlflow is wanted and installed."""
-        self._jobs = [plan.job for plan in planned]
-        uri, experiment = _place(self._jobs[0])
-        if not any(plan.todo for plan in planned) or uri == "off":
-            return
-        if not absent("mlflow") and can_fork():
-            self._child = Forked(
-                partial(_follow, _Follower(self._jobs[0].out, uri, experiment, planned))
-            )
+    def start(self, job: Job) -> None:
+        """Start the process, which needs seconds to import mlflow, if mlflow is wanted and installed."""
+        place = _place(job)
+        if place and can_fork():
+            self._child = Forked(partial(_follow, job.out, place))
 
-    def begins(self, job: Job) -> None:
+    def follow(self, planned: Sequence[Planned]) -> None:
+        """Begin to follow the jobs, if there is work. planned: empty if another sweeper chooses the jobs."""
+        has_work = not planned or any(plan.todo for plan in planned)
+        if self._child and not has_work:
+            self._child.stop()
+            self._child = None
+        self._give(_Follower.follow, [_Planned.of(plan) for plan in planned])
+
+    def begin(self, job: Job) -> None:
         """Begin the run of a job."""
+        self._give(_Follower.begin, JobKey.of(base_row(job)))
+
+    def _give(self, step: Callable[..., None], value: object) -> None:
         if self._child:
-            self._child.give(next(number for number, one in enumerate(self._jobs) if one is job))
+            self._child.give((step, value))
+
+    def receive(self) -> None:
+        """Print it once if mlflow fails."""
+        for _, fault in self._child.receive() if self._child else ():
+            if not self._has_failed:
+                progress.say(f"mlflow: {fault}; the run goes on, and its end tries again")
+            self._has_failed = True
 
     def end(self, job: Job) -> None:
         """Log what lacks at the end, and print how to see it; if that fails, print the reason in one line.
 
         job: any of the command.
         """
-        uri, experiment = _place(job)
-        if uri == "off" or absent("mlflow"):
+        place = _place(job)
+        if not place or Note(job.out).is_logged(place):
             return
-        if Note(job.out).is_logged(uri, experiment):
-            return
+        remedy = f"`sucre-bench track {job.out}` tries again"
         with progress.live():
-            progress.say(f"mlflow   logging in {masked(uri)}; all results are written already")
+            progress.say(
+                f"mlflow   logging in {masked(place.uri)}; all results are written already"
+            )
             try:
                 if self._child:
-                    _wait_for(self._child)
+                    self._child.give(None)
+                    self._child.wait(remedy)
                 else:
-                    call(partial(_log, job.out, uri, experiment), _REMEDY)
+                    call(partial(_log, job.out, place), remedy)
             except SucreBenchError as fault:
-                progress.say(
-                    f"mlflow: not logged ({fault.without_remedy}); the table has everything, {_REMEDY}"
-                )
+                reason = "" if self._has_failed else f" ({fault.without_remedy})"
+                progress.say(f"mlflow: not logged{reason}; the table has everything, {remedy}")
             else:
-                progress.say(f"mlflow   {how_to_look(uri)}")
+                progress.say(f"mlflow   {place.how_to_look}")
 
 
-def _place(job: Job) -> tuple[str, str]:
-    return job.tracking.uri or default_uri(job.out), job.tracking.experiment or default_experiment()
+def _place(job: Job) -> Place | None:
+    """Where a command is to be logged; None if it is not."""
+    place = Place.of(job.out, job.tracking.uri, job.tracking.experiment)
+    return None if place.uri == "off" or absent("mlflow") else place
 
 
-def _wait_for(child: Forked) -> None:
-    """Let the process that followed a command log its end. Raises what it raises."""
-    child.give(_END)
-    while not child.has_ended:
-        wait([child.messages], 0.1)
-        child.receive()
-        progress.show("tick")
-    if child.fault:
-        raise child.fault
-    if child.how:
-        raise OutputError(f"the process that logs died, {child.how}")
+def _log(out: Path, place: Place, runs: Runs | None = None) -> None:
+    with _silent():
+        log(out, place, runs)
 
 
-def _log(out: Path, uri: str, experiment: str, runs: Runs | None = None) -> int:
-    """Log what lacks, without what mlflow prints of each run."""
-    from sucre_bench.reports.mlflow.runs import log
-
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Pass over what mlflow prints of each run."""
     with Path(os.devnull).open("w") as nothing, redirect_stdout(nothing), redirect_stderr(nothing):
-        return log(out, uri, experiment, runs)
+        yield
+
+
+# -- in the process ----------------------------------------------------------------------------------------
+
+
+class _Planned(NamedTuple):
+    """A job, its views by scene and name, and those of them that are to be restored."""
+
+    job: JobKey
+    views: Collection[tuple[str, str]]
+    todo: set[tuple[str, str]]
+
+    @classmethod
+    def of(cls, plan: Planned) -> _Planned:
+        """Return what is logged of a job's plan."""
+        views, todo = (
+            [(task.base.scene, task.base.view) for task in tasks]
+            for tasks in (plan.tasks, plan.todo)
+        )
+        return cls(JobKey.of(base_row(plan.job)), views, set(todo))
 
 
 class _Follower:
     """Logs the jobs of a command that have begun, and their rows.
 
-    runs: None until mlflow has answered; begun: numbers of jobs.
+    runs: None until mlflow has answered; send: gives the command the reason if mlflow fails.
     """
 
-    def __init__(self, out: Path, uri: str, experiment: str, planned: Sequence[Planned]) -> None:
-        self.place = (out, uri, experiment)
+    def __init__(self, out: Path, place: Place, send: Callable[..., None]) -> None:
+        self._out = out
+        self._place = place
+        self._send = send
         self.runs: Runs | None = None
-        self.begun = set[int]()
-        self._planned = planned
+        self._planned: Sequence[_Planned] | None = None
+        self._begun = list[JobKey]()
+        self._read = set[Path]()
         self._since = now()
         self._paused_until = 0.0
 
+    def follow(self, planned: Sequence[_Planned]) -> None:
+        """Take the jobs of the command."""
+        self._planned = planned
+
+    def begin(self, job: JobKey) -> None:
+        """Take a job that begins."""
+        self._begun.append(job)
+
     def look(self) -> None:
-        """Log the jobs that have begun, and new rows. Raises OutputError where mlflow fails."""
-        if self.runs is None and time.monotonic() < self._paused_until:
+        """Log the jobs that have begun, and new rows. If mlflow fails, try again later."""
+        if self._planned is None or time.monotonic() < self._paused_until:
             return
         try:
-            with one_line_for(self.place[1]):
-                self.runs = self.runs or self._start()
-                for number in self.begun:
-                    self.runs.begin(self._jobs[number])
+            with reported(self._place.uri):
+                self.runs = self.runs or self._start(self._planned)
+                for job in self._begun:
+                    self.runs.begin(job)
                 self._add_rows(self.runs)
-        except Exception:
-            self.runs = None
+        except SucreBenchError as fault:
             self._paused_until = time.monotonic() + _PAUSE_S
-            raise
+            self._send("failed", fault.without_remedy)
 
-    def _start(self) -> Runs:
-        from sucre_bench.engine.preflight import base_row
-        from sucre_bench.reports.mlflow.runs import Job, Runs
-
-        runs = Runs(*self.place)
-        self._jobs = [Job.of(base_row(plan.job)) for plan in self._planned]
-        for job, plan in zip(self._jobs, self._planned, strict=True):
-            runs.steps(job.dataset, [(task.base.scene, task.base.view) for task in plan.tasks])
-        runs.start(self._jobs)
-        todo = [{(task.base.scene, task.base.view) for task in plan.todo} for plan in self._planned]
-        self._left = {job: views for job, views in zip(self._jobs, todo, strict=True) if views}
-        self._read = set[Path]()
+    def _start(self, planned: Sequence[_Planned]) -> Runs:
+        runs = Runs(self._out, self._place)
+        for plan in planned:
+            runs.steps(plan.job.dataset, plan.views)
+        parent = runs.start([plan.job for plan in planned])
+        _measure_machine(parent.id, self._place.uri)
+        self._left = {plan.job: plan.todo for plan in planned}
         return runs
 
     def _add_rows(self, runs: Runs) -> None:
         """Log the rows of new parts of the table, and end the jobs whose views are done."""
-        from sucre_bench.reports.mlflow.runs import jobs_of
-
-        folder = self.place[0] / PARTS
-        for path in sorted(set(folder.glob("*.parquet")) - self._read if folder.is_dir() else ()):
+        for path in sorted(set((self._out / PARTS).glob("*.parquet")) - self._read):
             rows = read_part(path)
             rows = rows[rows["time"] >= self._since]
-            self._read.add(path)
             runs.add(rows)
+            self._read.add(path)
             for job, of_job in jobs_of(rows).items():
                 if left := self._left.get(job):
                     left -= {*values_of(of_job, "scene", "view")}
@@ -182,34 +203,44 @@ class _Follower:
                         runs.close(job)
 
 
-def _follow(follower: _Follower, send: Callable[..., None], take: Callable[[], int]) -> None:
+def _measure_machine(run_id: str, uri: str) -> None:
+    """Let mlflow log use of processors, memory and GPUs until a run ends, if its own variable asks for that."""
+    import mlflow
+    from mlflow.environment_variables import MLFLOW_ENABLE_SYSTEM_METRICS_LOGGING
+
+    if MLFLOW_ENABLE_SYSTEM_METRICS_LOGGING.get():
+        from mlflow.system_metrics.system_metrics_monitor import SystemMetricsMonitor
+
+        mlflow.set_tracking_uri(uri)
+        SystemMetricsMonitor(run_id, resume_logging=True).start()
+
+
+def _follow(out: Path, place: Place, send: Callable[..., None], take: Callable[[], Any]) -> None:
     """Log a command until its end is asked for, and that too."""
-    asked = SimpleQueue[int]()
-    Thread(target=_pass_on, args=(take, asked), daemon=True).start()
-    with Path(os.devnull).open("w") as nothing, redirect_stdout(nothing), redirect_stderr(nothing):
+    news = SimpleQueue[Any]()
+    Thread(target=_pass_on, args=(take, news), daemon=True).start()
+    follower = _Follower(out, place, send)
+    with _silent():
+        prepare(place)
         try:
-            while (number := _next(asked)) != _END:
-                follower.begun |= {number} if number is not None else set()
-                if asked.empty():
-                    with suppress(SucreBenchError):  # the end tries again
-                        follower.look()
-            follower.look()
-            _log(*follower.place, follower.runs)
+            while True:
+                with suppress(Empty):
+                    given = news.get(timeout=_EVERY_S)
+                    if given is None:
+                        break
+                    step, value = given
+                    step(follower, value)
+                if news.empty():
+                    follower.look()
+            _log(out, place, follower.runs)
         except KeyboardInterrupt:
             if follower.runs:
                 follower.runs.kill()
             raise
 
 
-def _next(asked: SimpleQueue[int]) -> int | None:
-    try:
-        return asked.get(timeout=_EVERY_S)
-    except Empty:
-        return None
-
-
-def _pass_on(take: Callable[[], int], asked: SimpleQueue[int]) -> None:
+def _pass_on(take: Callable[[], Any], news: SimpleQueue[Any]) -> None:
     """Take what the command gives, so that it never waits."""
     with suppress(EOFError, OSError):
         while True:
-            asked.put(take())
+            news.put(take())

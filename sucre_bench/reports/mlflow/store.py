@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import importlib
 import json
 import logging
 import os
@@ -14,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from textwrap import shorten
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sucre_bench.errors import InputError, OutputError, SucreBenchError, in_words
 from sucre_bench.machine.cache import waited_lock
@@ -38,68 +39,86 @@ _ABOUT = {
 }
 
 
-def default_uri(out: Path) -> str:
-    """Return the store that mlflow's own variable names, or the one in a results folder."""
-    return os.environ.get("MLFLOW_TRACKING_URI") or f"{_SQLITE}{out}/mlflow.db"
+class Place(NamedTuple):
+    """A store and an experiment of mlflow."""
+
+    uri: str
+    experiment: str
+
+    @classmethod
+    def of(cls, out: Path, uri: str, experiment: str) -> Place:
+        """Return these; what is empty is as mlflow's own variables say, or a store in the results folder."""
+        local = os.environ.get("MLFLOW_TRACKING_URI") or f"{_SQLITE}{out}/mlflow.db"
+        usual = os.environ.get("MLFLOW_EXPERIMENT_NAME") or "sucre_bench"
+        return cls(uri or local, experiment or usual)
+
+    @property
+    def file(self) -> Path | None:
+        """The database's file, None for a server."""
+        is_file = self.uri.startswith(_SQLITE)
+        return Path(self.uri.removeprefix(_SQLITE)).absolute() if is_file else None
+
+    @property
+    def how_to_look(self) -> str:
+        """The command that shows the runs, or the address of the server that does."""
+        is_served = self.uri.startswith("http")
+        return masked(
+            self.uri if is_served else f"mlflow ui --backend-store-uri {shlex.quote(self.uri)}"
+        )
+
+    @property
+    def hash(self) -> str:
+        """What identifies it, and shows no password."""
+        return fingerprint({"uri": self.uri, "experiment": self.experiment})[1]
 
 
-def default_experiment() -> str:
-    """Return the experiment that mlflow's own variable names, or ours."""
-    return os.environ.get("MLFLOW_EXPERIMENT_NAME") or "sucre_bench"
-
-
-def how_to_look(uri: str) -> str:
-    """Return the command that shows the runs, or the address of the server that does."""
-    return masked(
-        uri if uri.startswith("http") else f"mlflow ui --backend-store-uri {shlex.quote(uri)}"
-    )
-
-
-def connect(uri: str, experiment: str) -> tuple[MlflowClient, str]:
+def connect(place: Place) -> tuple[MlflowClient, str]:
     """Return a client and the experiment's id; store and experiment are made where missing.
 
     By one process at a time: several that open a new sqlite store at once break it. Raises InputError for a store that
     mlflow cannot use: it would try for minutes, sqlite says at once why it cannot.
     """
-    path = Path(uri.removeprefix(_SQLITE)).absolute() if uri.startswith(_SQLITE) else None
-    artifacts = None
-    lock = Path(tempfile.gettempdir()) / f"sucre_bench-{fingerprint({'uri': uri})[1]}.lock"
-    if path is not None:
-        if awkward := set(str(path)) & set("?%#"):
+    file, artifacts = place.file, None
+    lock = Path(tempfile.gettempdir()) / f"sucre_bench-{place.hash}.lock"
+    if file is not None:
+        if awkward := set(str(file)) & set("?%#"):
             fault = f"mlflow cannot keep a store under a path with {' '.join(awkward)}"
-            raise InputError(fault, uri, "give another URI")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        uri = f"{_SQLITE}{path}"
-        lock = path.with_name(f".{path.name}.lock")
-        artifacts = (path.parent / "mlartifacts").as_uri()
+            raise InputError(fault, place.uri, "give another URI")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        lock = file.with_name(f".{file.name}.lock")
+        artifacts = (file.parent / "mlartifacts").as_uri()
     with waited_lock(lock, _PATIENCE_S):
-        if path is not None:
-            _check(path)
-        client = _client(uri)
-        there = client.get_experiment_by_name(experiment)
-        return client, there.experiment_id if there else client.create_experiment(
-            experiment, artifacts, _ABOUT
-        )
+        if file is not None:
+            _check(file)
+        client = _client(place.uri if file is None else f"{_SQLITE}{file}")
+        known = client.get_experiment_by_name(place.experiment)
+        if known:
+            return client, known.experiment_id
+        return client, client.create_experiment(place.experiment, artifacts, _ABOUT)
 
 
-def _check(path: Path) -> None:
+def _check(file: Path) -> None:
     """Make a sqlite store if there is none: whole, or not at all. InputError for a file that is no database."""
-    if not path.exists() or not path.stat().st_size:
-        made = path.with_name(f".{path.name}.new")
+    if not file.exists() or not file.stat().st_size:
+        made = file.with_name(f".{file.name}.new")
         made.unlink(missing_ok=True)
-        _client(
-            f"{_SQLITE}{made}"
-        ).search_experiments()  # mlflow makes it by more than fifty migrations
-        made.replace(path)
+        # mlflow makes it by more than fifty migrations
+        _client(f"{_SQLITE}{made}").search_experiments()
+        made.replace(file)
     try:
-        with closing(
-            sqlite3.connect(path, timeout=_SQLITE_PATIENCE_S, isolation_level=None)
-        ) as opened:
+        with closing(sqlite3.connect(file, _SQLITE_PATIENCE_S, isolation_level=None)) as opened:
             opened.execute("BEGIN IMMEDIATE")
             opened.execute("ROLLBACK")
     except sqlite3.Error as fault:
         remedy = "move it away, or give another URI"
-        raise InputError(f"mlflow cannot use this store, {fault}", path, remedy) from None
+        raise InputError(f"mlflow cannot use this store, {fault}", file, remedy) from None
+
+
+def prepare(place: Place) -> None:
+    """Import what `connect` needs of mlflow, which takes seconds."""
+    importlib.import_module(
+        "mlflow" if place.file is None else "mlflow.store.tracking.sqlalchemy_store"
+    )
 
 
 def _client(uri: str) -> MlflowClient:
@@ -115,16 +134,16 @@ def _client(uri: str) -> MlflowClient:
     logging.getLogger("alembic").setLevel(logging.WARNING)
     logging.getLogger("mlflow.store.db.utils").setLevel(logging.ERROR)
     from mlflow import MlflowClient
-    from mlflow.store.db import utils
 
-    utils.MAX_RETRY_COUNT = (
-        2  # of a database that does not answer; the default tries for two minutes
-    )
+    if uri.startswith(_SQLITE):
+        from mlflow.store.db import utils
+
+        utils.MAX_RETRY_COUNT = 2  # of a database that does not answer; else it takes two minutes
     return MlflowClient(tracking_uri=uri)
 
 
 @contextmanager
-def one_line_for(uri: str) -> Iterator[None]:
+def reported(uri: str) -> Iterator[None]:
     """Raise what mlflow raises in this block as OutputError: one line, without passwords."""
     try:
         yield
@@ -132,6 +151,8 @@ def one_line_for(uri: str) -> Iterator[None]:
         raise
     except Exception as fault:
         reason = shorten(masked(in_words(fault)), 200)
+        if "failed with exception" in reason:  # of a request, which has the reason in many words
+            reason = "the server does not answer"
         raise OutputError(
             f"cannot log in mlflow, {reason}", masked(uri), "check the URI"
         ) from fault
@@ -141,7 +162,7 @@ class Note:
     """What a results folder notes of its runs, in `logs/mlflow.json`.
 
     folder: an id, by which its runs are found again, also where the folder was moved; views: scene and view of each
-    step, by dataset; logged: the digest of the score table, by store and experiment.
+    step, by dataset; logged: the digest of the score table, by the hash of a place.
     """
 
     def __init__(self, out: Path) -> None:
@@ -154,15 +175,14 @@ class Note:
         self.views: dict[str, list[list[str]]] = content.get("views", {})
         self.logged: dict[str, str] = content.get("logged", {})
 
-    def is_logged(self, uri: str, experiment: str) -> bool:
+    def is_logged(self, place: Place) -> bool:
         """Whether the score table, as it is now, was logged there. mlflow is not asked."""
-        path = Path(uri.removeprefix(_SQLITE))
-        digest = self.logged.get(_place(uri, experiment))
-        return digest == self._digest() and (path.is_file() or not uri.startswith(_SQLITE))
+        is_there = place.file is None or place.file.is_file()
+        return is_there and self.logged.get(place.hash) == self._digest()
 
-    def remember(self, uri: str, experiment: str) -> None:
+    def remember(self, place: Place) -> None:
         """Note that the score table is logged there."""
-        self.logged[_place(uri, experiment)] = self._digest()
+        self.logged[place.hash] = self._digest()
         self.write()
 
     def write(self) -> None:
@@ -175,8 +195,3 @@ class Note:
         with suppress(OSError), (self._out / TABLE).open("rb") as table:
             return hashlib.file_digest(table, "blake2b").hexdigest()
         return ""
-
-
-def _place(uri: str, experiment: str) -> str:
-    """A store and an experiment as a hash, which shows no password."""
-    return fingerprint({"uri": uri, "experiment": experiment})[1]
