@@ -97,7 +97,9 @@ def psnr(difference: Array) -> float:
 
 def scores_of(result: sb.Restored, water: sb.Water, J: Array) -> dict[str, Any]:
     """Return the numbers of one restoration, signed errors and the record's words among them."""
-    ok, row = result.valid, {}
+    # the ground behind fish is unknown
+    ok = result.valid & np.isfinite(J).all(axis=-1)
+    row = {}
     found, true = result.image[ok].astype(float), J[ok]
     fitted = found.copy()
     for c in range(3):
@@ -105,7 +107,7 @@ def scores_of(result: sb.Restored, water: sb.Water, J: Array) -> dict[str, Any]:
             design = np.stack([found[:, c], np.ones(len(found))], axis=1)
             fitted[:, c] = design @ np.linalg.lstsq(design, true[:, c], rcond=None)[0]
     row = {"pixels": int(ok.sum()), "raw": psnr(found - true), "affine": psnr(fitted - true)}
-    if result.confidence is not None and ok.any():
+    if result.confidence is not None and len(found):
         row["cov"] = float((np.abs(found - true) < 2 * result.confidence[ok][:, None]).mean())
     if result.water is not None:
         for name, field in (

@@ -40,7 +40,7 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
         for name in (
             "underwater", "gray_world", "histogram_stretch", "clahe", "red_compensation", "rghs", "fusion_2012",
             "fusion_2018", "mlle", "udcp", "ulap", "ibla", "haze_lines", "dive_gray_world", "gaussian_seathru",
-            "seathru", "stitching", "sucre_paper",
+            "seathru", "stitching", "sucre_paper", "sucre_authors",
         )
     },
     "sucre_exact": ("sucre", SUCRE_EXACT),

@@ -20,7 +20,7 @@ from sucre_bench.scene import Plane
 WaterName = Literal["coastal", "clear", "deep", "green", "blue", "haze"]
 PathName = Literal["approach", "forward", "survey", "survey_two_heights", "survey_varying", "orbit"]
 
-_VERSION = 1  # to be raised whenever equal options make another scene than before
+_VERSION = 2  # to be raised whenever equal options make another scene than before
 _MOST_PIXELS = 200_000_000  # of all views
 _PLANES = ("rgb", "reference", "depth", "pose", "water")
 _MILD_POSE_PX, _MILD_DEPTH = 0.5, 0.005
@@ -39,8 +39,9 @@ class Nature:
     Light is summed in this order: light that reaches the ground, colour of the ground, water along the ray (SUCRe's
     model, with the distance from the camera), the mean over 3 x 3 rays of a pixel, blur, animals and snow, lens,
     exposure and white balance, tone, noise, file. The reference is the ground without water in even light, with the
-    exposure, white balance and tone of the view; with a strobe, its exposure is not that of the view. The water is
-    known where all views have the same, stored without a tone curve, in daylight.
+    exposure, white balance and tone of the view; with a strobe, its exposure is not that of the view. It is NaN behind
+    fish, since a picture may show them. The water is known where all views have the same, stored without a tone curve,
+    in daylight.
     """
 
     condition: Name = "plain"

@@ -100,7 +100,8 @@ def render(options: Nature) -> dict[str, Array]:
         water = np.stack([B, beta * change, gamma * change])
         image, ground, depth = _see(seabed, camera, pose, spec, water, rng)
         if place in with_fish:
-            image = _with_fish(image, depth, water, rng)
+            image, is_fish = _with_fish(image, depth, water, rng)
+            ground = np.where(is_fish[..., None], np.nan, ground)
         if spec.snow:
             bright = np.where(
                 rng.random(depth.shape) < spec.snow, rng.uniform(0.4, 0.9, depth.shape), 0
@@ -256,8 +257,10 @@ def _scattered(
     )
 
 
-def _with_fish(image: Array, depth: Array, water: Array, rng: np.random.Generator) -> Array:
-    """Return the image with striped ellipses on 5 to 15 % of it, nearer than the ground."""
+def _with_fish(
+    image: Array, depth: Array, water: Array, rng: np.random.Generator
+) -> tuple[Array, Mask]:
+    """Return the image with striped ellipses on 5 to 15 % of it, nearer than the ground, and where they are."""
     B, beta, gamma = water
     height, width = depth.shape
     wanted, covered = rng.uniform(0.07, 0.13), np.zeros((height, width), bool)
@@ -275,7 +278,7 @@ def _with_fish(image: Array, depth: Array, water: Array, rng: np.random.Generato
         shown = colour * np.exp(-beta * near) + B * (1 - np.exp(-gamma * near))
         image = np.where(body[..., None], shown, image)
         covered |= body
-    return image
+    return image, covered
 
 
 def _lens(camera: Camera, vignette: float) -> Array:

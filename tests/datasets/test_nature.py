@@ -69,7 +69,7 @@ def test_equal_options_make_equal_scenes_and_a_stored_scene_is_read(root: Path, 
     nature = Nature(root=root, condition="all_mild", **SMALL)
     first = nature.arrays()
     again = replace(nature, root=tmp_path).arrays()
-    assert all((first[name] == again[name]).all() for name in first)
+    assert all(np.array_equal(first[name], again[name], equal_nan=True) for name in first)
     (file,) = tmp_path.glob("*/rgb.npy")
     time = file.stat().st_mtime_ns
     replace(nature, root=tmp_path).arrays()
@@ -131,8 +131,11 @@ def test_conditions_do_what_they_say(exact: Nature):
         return replace(exact, condition=condition, **options).arrays()["rgb"]
 
     assert (made("noise_3") - plain).std() == pytest.approx(0.03, rel=0.1)
-    with_fish = (np.abs(made("fish") - plain) > 0.03).any(axis=-1).mean(axis=(1, 2))
-    assert (with_fish > 0.05).sum() == 1
+    is_fish = (np.abs(made("fish") - plain) > 0.03).any(axis=-1)
+    assert (is_fish.mean(axis=(1, 2)) > 0.05).sum() == 1
+    # the ground behind fish has no true colour: a picture may show them
+    unknown = np.isnan(replace(exact, condition="fish").arrays()["reference"]).any(axis=-1)
+    assert (is_fish & unknown).sum() > 0.9 * unknown.sum()
     lens = made("vignette_35")
     corner, middle = np.s_[:, 0, 0], np.s_[:, 23:25, 31:33]
     assert np.median(lens[corner] / plain[corner]) == pytest.approx(0.65, abs=0.05)
@@ -153,7 +156,7 @@ def test_every_condition_loads(root: Path, condition: Any):
     assert len(scene) == 2
     for view in scene:
         assert np.isfinite(view.rgb).all()
-        assert np.isfinite(view.reference).all()
+        assert np.isfinite(view.reference).mean() > 0.8
         assert (view.depth > 0).mean() > 0.5
 
 
