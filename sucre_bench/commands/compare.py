@@ -194,6 +194,8 @@ def _say_gated(verdict: Gated, baseline: str) -> None:
         say(f"FAILED   {what}: has no score on a view where {baseline} has one", "red")
     elif verdict.outcome == "unknown":
         lacks = "one view has" if column.n_views == 1 else "these scores have"
+        if column.worth == 0:
+            lacks = "fewer than 5 views of a track have"
         say(
             f"unknown  {what} {signed(gain)}{unit} against {baseline}, {limit}; {lacks} no interval",
             "yellow",

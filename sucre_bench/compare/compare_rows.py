@@ -216,7 +216,8 @@ def _table(
         if column.n_units:
             scores = _scores(column, values.dropna() if column.missing else values, known.is_track)
             units = scores.independent
-            column = replace(column, worth=units.worth if units and units.alike > 0 else math.inf)
+            worth = units.worth if units and (units.alike > 0 or units.is_short_track) else math.inf
+            column = replace(column, worth=worth)
             measured[column] = scores
         made[column], repetitions[column] = values, repeated
     columns = sorted(made, key=_place)

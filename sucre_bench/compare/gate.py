@@ -48,8 +48,8 @@ class Gate:
 class Gated:
     """What a gate says of a method in one column of one dataset.
 
-    gain: with its interval; outcome: "unknown" where there is no interval, "no score" where the method has none that
-    the baseline has too; worst: views with the largest losses, and their gains.
+    gain: with its interval; outcome: "unknown" where no interval ends, "no score" where the method has none that the
+    baseline has too; worst: views with the largest losses, and their gains.
     """
 
     dataset: str
@@ -108,7 +108,7 @@ def _judged(table: Comparison, gate: Gate, method: str, column: Column) -> Gated
         gain, low, high = -gain, -high, -low
     worst: tuple[tuple[str, float], ...] = ()
     outcome: Literal["passed", "failed", "unknown", "no score"] = "passed"
-    if math.isnan(gain) or math.isnan(high):
+    if math.isnan(gain) or not math.isfinite(high):
         outcome = "no score" if math.isnan(gain) else "unknown"
     elif gain < gate.limit and high < 0:
         outcome = "failed"

@@ -199,7 +199,7 @@ def _block(comparison: Comparison, width: int, every: bool) -> Group:
         f"means {over}" if n == 0 else over
         for n, over in enumerate(words.over_views(block.columns))
     ]
-    dim = [_signs(block, laid_out, over), *words.left_out(block)]
+    dim = [_signs(block, laid_out, over), words.resolution(block), *words.left_out(block)]
     tables = _tables(methods, laid_out, width, comparison.photographs)
     return _joined(_head(block, chosen), tables, dim, answer(block, deciding(block)), width)
 

@@ -8,7 +8,15 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from sucre_bench.compare.model import Column, Comparison, Verdict, may_be_chance, says_filled
+from sucre_bench.compare.model import (
+    FEWEST_FOR_LEAD,
+    FEWEST_VIEWS,
+    Column,
+    Comparison,
+    Verdict,
+    may_be_chance,
+    says_filled,
+)
 from sucre_bench.compare.statistics import undone_by
 from sucre_bench.machine.text_formats import counted
 from sucre_bench.plugins.plugin import Role
@@ -63,8 +71,8 @@ def listed(names: Iterable[str]) -> str:
 class Shown:
     """The parts of a cell, each "" where there is none.
 
-    mark: "≈", no different by more than chance; interval: with its brackets; holes: "○" and how many; look: what sets
-    it apart: "best", "second", or with a baseline "better", "worse".
+    mark: "≈", no different by more than chance, where others are; interval: with its brackets; holes: "○" and how many;
+    look: what sets it apart: "best", "second", or with a baseline "better", "worse".
     """
 
     mark: str
@@ -98,13 +106,16 @@ def shown(comparison: Comparison, method: str, column: Column, spread: bool = Fa
     )
     if comparison.baseline or not column.ranked:
         return Shown("", value, _interval(cell.low, cell.high), holes, "")
-    differ = any(c.place > 1 for c in comparison.of(column).values())  # else there is no best
+    behind = [c for c in comparison.of(column).values() if c.place > 1]
+    differ = bool(behind)  # else there is no best
     place: Literal["", "best", "second"] = ""
     if differ and cell.place == 1:
         place = "best"
     elif differ and cell.place == 2:
         place = "second"
-    return Shown("≈" if cell.tie else "", value, _interval(cell.low, cell.high), holes, place)
+    # where all tie, a sign would say "no difference" of gaps that are only too large for so few views
+    mark = "≈" if cell.tie and not all(c.tie for c in behind) else ""
+    return Shown(mark, value, _interval(cell.low, cell.high), holes, place)
 
 
 def _interval(low: float, high: float, word: Callable[[float], str] = number) -> str:
@@ -129,8 +140,8 @@ def over_views(columns: Sequence[Column]) -> list[str]:
         rough = ""
         if column.has_few_views:  # they do not show the distribution
             rough = ", no intervals" if column.n_views < 2 else ", intervals are rough"
-        elif column.ranked and column.worth <= _ALIKE * column.n_views:
-            rough = f" (neighbours are alike: worth about {column.worth:.0f} independent; every=4 gives more)"
+        elif column.ranked and 0 < column.worth <= _ALIKE * column.n_views:
+            rough = f" (neighbours may be alike: worth {column.worth:.0f} independent ones or more)"
         over = f"over {counted(column.n_views, 'view')}{scenes}{charts}{rough}"
         alike.setdefault(over, []).append(column.metric)
     return [
@@ -155,6 +166,34 @@ def signs(comparison: Comparison, cells: Sequence[Shown], colours: bool) -> list
     return parts + [f"{name}: the photograph itself, which has no rank" for name in photographs]
 
 
+def resolution(comparison: Comparison) -> str:
+    """Return which differences are more than chance, of scores in which some may be chance; "" if there are none.
+
+    They are from the least that shows of a method that varies little, to that of the one that varies most.
+    """
+    undecided, least = list[str](), list[str]()
+    for column in comparison.columns:
+        cells = [cell for cell in comparison.of(column).values() if cell.place > 1]
+        found = [cell.behind for cell in cells]
+        if comparison.baseline:
+            found = [cell.change for cell in comparison.of(column).values()]
+        if not column.ranked or not any(map(may_be_chance, found)):
+            continue
+        if not comparison.baseline and all(map(may_be_chance, found)):
+            undecided.append(column.metric)
+        halves = [high - gap for gap, _, high in found if math.isfinite(high)]
+        if halves:
+            ends = dict.fromkeys(number(end) for end in (min(halves), max(halves)))
+            least.append(f"{' to '.join(ends)} {column.unit} in {column.metric}".replace("  ", " "))
+    said = []
+    if undecided:
+        names = listed(dict.fromkeys(undecided))
+        said.append(f"no method differs from the best by more than chance in {names}")
+    if least:
+        said.append(f"more than chance are only differences above {listed(least)}")
+    return "; ".join(said)
+
+
 def legend(
     comparison: Comparison, spread: bool = False, colours: bool = False, intervals: bool = True
 ) -> str:
@@ -176,6 +215,7 @@ def legend(
     if comparison.baseline:
         of = f"with a sign: the difference from {comparison.baseline}{interval}; else {of}"
     parts = [of, *over_views(comparison.columns), *signs(comparison, cells, colours)]
+    parts += filter(None, [resolution(comparison)])
     if has_interval:
         units = "scenes" if any(column.n_scenes > 1 for column in comparison.columns) else "views"
         parts.append(f"intervals: bootstrap over {units}")
@@ -186,9 +226,9 @@ def legend(
         of = (
             f"differences from {comparison.baseline}"
             if comparison.baseline
-            else "leads of the best"
+            else "differences from the best"
         )
-        how = f"step-down max-t over {n} methods: about 5 % of tables have a false one, if no method fails rarely"
+        how = f"step-down max-t over {n} methods"
         if n > 1:
             parts.append(f"of {of}: {how}" if n > 2 else "of the difference: Student's")
     return "; ".join(parts)
@@ -274,8 +314,15 @@ def verdict_text(comparison: Comparison, verdict: Verdict, interval: bool = True
     if views < 2:
         return f"{name}: {lead} by {by}, on one view"
     effect = f", effect {verdict.effect:.1f}" if interval and math.isfinite(verdict.effect) else ""
-    chance = ", which may be chance" if verdict.may_be_chance else ""
-    chance = f", but without {verdict.undone_by} it may be chance" if verdict.undone_by else chance
+    chance = ""
+    if verdict.undone_by:
+        chance = f", but without {verdict.undone_by} it may be chance"
+    elif verdict.may_be_chance:
+        chance = ", which may be chance"
+        if column.worth == 0:
+            chance += f" (a track needs {FEWEST_VIEWS} views)"
+    elif verdict.is_sure and not verdict.is_lead and not baseline:
+        chance = f", by more than chance (a lead needs {FEWEST_FOR_LEAD} views)"
     return f"{name}: {lead} by {by}, {wins} in {round(verdict.wins, 1):g} of {views} views{effect}{chance}"
 
 
@@ -437,7 +484,7 @@ def _lead_of_best(comparison: Comparison, column: Column) -> Iterator[Verdict]:
         column, best, second, gap, (low, high), cells[best].wins, abs(behind.effect), behind.tie
     )
     scores = comparison.measured[column]
-    if found.is_lead and scores.independent is not None:
+    if found.is_sure and scores.independent is not None:
         unit = undone_by(scores.independent, *map(scores.methods.index, (best, second)))
         if unit is not None:
             names = [*dict.fromkeys(scene for scene, _ in scores.places)]
@@ -478,7 +525,7 @@ def answer(comparison: Comparison, chosen: Deciding) -> list[str]:
         found = [
             verdict
             for verdict in found
-            if math.isfinite(verdict.interval[0]) or not verdict.difference
+            if not math.isnan(verdict.interval[0]) or not verdict.difference
         ]
     said = [verdict_text(comparison, verdict, interval=False) for verdict in found]
     said += [

@@ -44,8 +44,8 @@ def cells(comparison: compare.Comparison, column: int = 0) -> dict[str, compare.
 
 
 def test_the_better_direction_decides_the_rank():
-    higher = cells(table({"a": [1, 2], "b": [3, 4]}))
-    lower = cells(table({"a": [1, 2], "b": [3, 4]}, better="lower"))
+    scores = {"a": [1, 2, 1, 2, 1], "b": [3, 4, 3, 4, 3]}
+    higher, lower = cells(table(scores)), cells(table(scores, better="lower"))
     assert (higher["a"].rank, higher["b"].rank) == (2, 1)
     assert (lower["a"].rank, lower["b"].rank) == (1, 2)
 

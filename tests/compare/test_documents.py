@@ -27,6 +27,8 @@ ROW = Row(
     unit="dB",
     better="higher",
     data_id="d",
+    # without poses, views are no track
+    options=json.dumps({"dataset": {"name": "photos"}}),
 )
 
 
@@ -189,7 +191,9 @@ def test_latex_sets_no_more_columns_beside_each_other_than_a_page_holds():
 
 
 def test_cells_show_mean_interval_tie_and_holes():
-    comparison = table({"a": [20.0, 25, 30, None], "b": [21.0, 24, 31, 9]})
+    comparison = table(
+        {"a": [20.0, 25, 30, None], "b": [21.0, 24, 31, 9], "far": [-979.0, -976, -969, -991]}
+    )
     assert re.search(r"a +≈ 25\.0 \[\d+\.\d, \d+\.\d\] ○1", terminal(comparison))
     assert re.search(r"b +25\.3 \[", terminal(comparison))
     assert "±" not in terminal(comparison)

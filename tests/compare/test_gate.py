@@ -51,6 +51,14 @@ def outcome(text: str, **changes: np.ndarray) -> str:
     return found.outcome
 
 
+def test_four_views_of_a_track_can_neither_pass_nor_fail():
+    rows = table(new=STEADY)
+    (found,) = gated(
+        rows[rows["view"].isin(sorted(rows["view"].unique())[:4])], [Gate.read("psnr=-0.5")], "old"
+    )
+    assert found.outcome == "unknown"
+
+
 @pytest.mark.parametrize("metric", ["psnr", "psnr:masked", "new/psnr", "error"])
 def test_a_loss_fails_beyond_limit_and_chance(metric: str):
     assert outcome(f"{metric}=-0.5", new=STEADY) == "failed"

@@ -152,9 +152,9 @@ class Section:
             "name": self.table.title,
             "title": f"Results on {self.table.title}{f': {scene}' if scene not in ('', self.table.title) else ''}",
             "lines": [line.split("`") for line in lines],  # every second part is a command
-            "leads": [verdict_text(self.table, verdict) for verdict in said if verdict.is_lead],
+            "leads": [verdict_text(self.table, verdict) for verdict in said if verdict.is_sure],
             "chances": [
-                verdict_text(self.table, verdict) for verdict in said if not verdict.is_lead
+                verdict_text(self.table, verdict) for verdict in said if not verdict.is_sure
             ],
             "columns": [heading(column) for column in self._columns],
             "main": key_of(self._main) if self._main else "",

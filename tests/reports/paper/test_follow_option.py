@@ -124,7 +124,7 @@ def test_scenes_called_after_a_datasets_option_are_paired_by_their_views(
         )
         for water, value in (("clear", 20.0), ("turbid", 15.0))
         for repetition in repetitions
-        for n in range(3)
+        for n in range(5)
     )  # fmt: skip
     one = followed(rows, "dataset.water")
     assert [cell.change for cell in one.changes.cells.values()] == [pytest.approx((-5, -5, -5))]

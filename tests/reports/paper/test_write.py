@@ -37,7 +37,7 @@ def test_a_study_without_an_option_compares_methods_in_the_order_it_is_told(tmp_
 
 
 def test_a_baseline_adds_the_paired_differences_to_it(tmp_path: Path):
-    base, other = [20.0, 25.0, 30.0], [21.0, 27.0, 33.0]
+    base, other = [20.0, 25.0, 30.0, 25, 25], [21.0, 27.0, 33.0, 28, 26]
     rows = frame(
         [row(m, f"v{n}", v) for m, own in (("a", base), ("b", other)) for n, v in enumerate(own)]
     )
