@@ -268,9 +268,30 @@ class Choice:
     word: str = field(default="method", compare=False)
 
     def make(self, out: Path | None = None) -> Any:
-        """Create the plugin. InputError when an option is not acceptable. out: see `create`."""
+        """Create the plugin; its options were checked. Raises what its own __post_init__ raises, and InputError, with
+        the command that installs them, where packages are missing that it requires.
+
+        An option that the plugin `reads` must lead to a file or folder, which is not opened, or to what the record of
+        a run tells of. out: the folder of results of a command that is about to run; what is to lie in it may be made
+        by an earlier job.
+        """
+        plugin = self.plugin
+        require(f"{plugin.kind} '{plugin.name}'", *plugin.requires)
         seed = {} if self.seed is None else {"seed": self.seed}
-        return create(self.plugin, {**self.options, **seed}, out)
+        made = plugin.cls(**{**self.options, **seed})
+        for option, path in read_by_options(plugin, self.options):
+            if isinstance(path, Plugin):
+                continue
+            # `Path.resolve` would follow links.
+            absolute = Path(os.path.abspath(path))  # noqa: PTH100
+            is_ours = out is not None and absolute.is_relative_to(os.path.abspath(out))  # noqa: PTH100
+            may_come = not os.path.lexists(path) and (is_ours or stored_record(path))
+            if not may_come and (fault := fault_of(path)) and not path.is_dir():
+                words = f", or one of {', '.join(option.choices)}" if option.choices else ""
+                raise InputError(
+                    fault, path, f"give a path that exists in {plugin.kind}.{option.name}{words}"
+                )
+        return made
 
     @property
     def seed(self) -> int | None:
@@ -327,29 +348,12 @@ def plugin_choice(kind: Kind, values: Any) -> Choice:
     return Choice(plugin, label or plugin.name, checked_options(plugin.cls, values), display)
 
 
-def create(plugin: Plugin, values: Mapping[str, Any], out: Path | None = None) -> Any:
-    """Make the plugin with these options. Raises what `checked_options` and the plugin's own __post_init__ raise, and
-    InputError, with the command that installs them, where packages are missing that it requires.
+def create(plugin: Plugin, values: Mapping[str, Any]) -> Any:
+    """Check options and make the plugin with them. Raises what `checked_options` and `Choice.make` raise.
 
-    A path may be given as text, a tuple as a list. An option that the plugin `reads` must lead to a file or folder,
-    which is not opened, or to what the record of a run tells of.
-    out: the folder of results of a command that is about to run; what is to lie in it may be made by an earlier job.
+    A path may be given as text, a tuple as a list.
     """
-    require(f"{plugin.kind} '{plugin.name}'", *plugin.requires)
-    made = plugin.cls(**checked_options(plugin.cls, values))
-    for option, path in read_by_options(plugin, values):
-        if isinstance(path, Plugin):
-            continue
-        # `Path.resolve` would follow links.
-        absolute = Path(os.path.abspath(path))  # noqa: PTH100
-        is_ours = out is not None and absolute.is_relative_to(os.path.abspath(out))  # noqa: PTH100
-        may_come = not os.path.lexists(path) and (is_ours or stored_record(path))
-        if not may_come and (fault := fault_of(path)) and not path.is_dir():
-            words = f", or one of {', '.join(option.choices)}" if option.choices else ""
-            raise InputError(
-                fault, path, f"give a path that exists in {plugin.kind}.{option.name}{words}"
-            )
-    return made
+    return Choice(plugin, plugin.name, checked_options(plugin.cls, values)).make()
 
 
 def read_by_options(
