@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import html
 import os
 import re
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
-from support.colmap_folder import CAMERA, FORWARD, picture, write_dive, write_image, write_model
+from support.colmap_folder import FORWARD, picture, write_dive, write_image, write_model
 from support.command_line import Done, commands
-from support.messages import names
 
 from sucre_bench import results
 from sucre_bench.errors import Lack
@@ -37,74 +34,6 @@ def run(bench, dive: Path, *overrides: str):
         "tracking.uri=off",
     ]
     return bench(*base, "out=results", "workers=0", "report=false", *overrides)
-
-
-def cut(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-
-
-# For each fault: the file that the message names ({} is the view), other words of the message, and how the test makes
-# the fault in the view's image or depth map.
-FAULTS: list[tuple[str, set[str], Callable[[Path, Path], object]]] = [
-    ("images/{}.png", {"file"}, lambda image, depth: image.unlink()),
-    ("images/{}.png", {"cut", "copy"}, lambda image, depth: cut(image)),
-    ("images/{}.png", {"70x20"}, lambda image, depth: write_image(image, picture(1, 70, 20))),
-    ("depths/depth_{}.png", {"cut", "copy"}, lambda image, depth: cut(depth)),
-    (
-        "depths/depth_{}.png",
-        {"uint8"},
-        lambda image, depth: write_image(depth, np.full((30, 40), 9, np.uint8)),
-    ),
-]
-
-
-def test_a_fault_of_one_view_is_said_and_the_other_views_go_on(bench, tmp_path: Path):
-    bad = [f"bad{number:02}" for number in range(len(FAULTS))]
-    dive = write_dive(tmp_path / "dive", ("a.png", *(f"{name}.png" for name in bad), "c.png"))
-    for name, spoil in zip(bad, [fault[2] for fault in FAULTS], strict=True):
-        spoil(dive / "images" / f"{name}.png", dive / "depths" / f"depth_{name}.png")
-    done = run(bench, dive, "report=true")
-    rows = results.read(tmp_path / "results")
-    whole = rows[rows["metric"] == "seconds"].set_index(["method", "view"])
-    page = html.unescape((tmp_path / "results" / "report" / "index.html").read_text())
-    for method in ("gray_world", "stitching"):
-        assert (
-            whole.loc[(method, "a.png"), "status"] == whole.loc[(method, "c.png"), "status"] == "ok"
-        )
-        for name, (path, named, _) in zip(bad, FAULTS, strict=True):
-            row, place = whole.loc[(method, f"{name}.png")], dive / path.format(name)
-            assert row["status"] == "failed"
-            assert {str(place), *named} <= names(row["reason"])
-            said = row["reason"].removeprefix(f"{place.parent}/").partition("; ")[0]
-            assert said in done.stdout
-            assert said in page
-    assert done.returncode == 1
-    assert f"4 ok, {2 * len(FAULTS)} failed, 0 skipped" in done.stdout
-    assert "Traceback" not in done.stdout + done.stderr
-
-
-def distorted(dive: Path) -> None:
-    (dive / "sparse" / "cameras.txt").write_text(CAMERA.replace("PINHOLE", "OPENCV") + " 0 0 0 0\n")
-
-
-@pytest.mark.parametrize(
-    ("spoil", "named"),
-    [
-        (lambda d: d.rename(d.parent / "elsewhere"), {"dive", "folder", "images/"}),
-        (distorted, {"OPENCV", "pinhole", "image_undistorter"}),
-        (lambda d: (d / "charts.json").write_text("{"), {"charts.json"}),
-    ],
-)
-def test_a_fault_of_the_whole_dataset_is_one_line_before_any_work(
-    bench, dive: Path, tmp_path: Path, spoil, named: set[str]
-):
-    spoil(dive)
-    done = run(bench, dive)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert len(done.errors) == 1
-    assert named <= names(done.stderr)
-    assert not (tmp_path / "results").exists()
 
 
 def test_a_scene_without_depth_skips_what_needs_it_with_the_reason(bench, tmp_path: Path):

@@ -1,6 +1,7 @@
 """One bad file: it is named with its fault, its view fails, the others go on, in little memory."""
 
 import errno
+import html
 import io
 import os
 import re
@@ -197,8 +198,9 @@ def test_a_file_that_is_none_costs_its_view_alone(tmp_path: Path):
         spoil(path.with_suffix(suffix))
     Path("/proc/self/clear_refs").write_text("5")
     before = peak_mb()
-    done = run(tmp_path, "-m", "method=stitching,gray_world")
+    done = run(tmp_path, "-m", "method=stitching,gray_world", "report=true")
     assert peak_mb() - before < 500
+    page = html.unescape((tmp_path / "results" / "report" / "index.html").read_text())
     rows = results.read(tmp_path / "results")
     rows = rows[(rows["metric"] == "seconds")]
     # gray_world needs no depth map; stitching does, and the image of the long name has none.
@@ -212,6 +214,9 @@ def test_a_file_that_is_none_costs_its_view_alone(tmp_path: Path):
         assert said in rows.loc[name, "reason"]
         assert Path(name).stem in rows.loc[name, "reason"]
         assert "plugin" not in rows.loc[name, "reason"]
+        shown = rows.loc[name, "reason"].partition("; ")[0].rpartition("/")[2]
+        assert shown in done.stdout
+        assert shown in page
     assert rows.loc[["a.png", "c.png"], "status"].tolist() == ["ok", "ok"]
     assert done.returncode == 1
     assert "Traceback" not in done.stdout + done.stderr
