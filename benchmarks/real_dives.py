@@ -1,18 +1,17 @@
 """Real dives, whose true colours nobody knows: restorers against the photograph by measures that need no truth.
 
-    python benchmarks/real_dives.py [--sets pool,d5] [--options restore,sucre_paper] [--sheet sheet.jpg]
+    python benchmarks/real_dives.py [--sets pool,d5] [--options restore,sucre_paper] [--size 700] [--sheet sheet.jpg]
 
 The data lie in the folder that SUCRE_BENCH_DATA names, or in shared/data beside the checkout. Sets without data are
 left out. Photographs without a model are prepared once, below outputs/real_dives. Measures, each the median over the
 targets of a set:
 
-- held: a water fitted to half of the views predicts the means of tiles in the others. The median error over that of
-  the photograph as the target's colours in all views. One gain a view and channel is fitted to either. A falloff
-  towards the corners is not predicted.
+- held: error of the model by judge.py: fitted to half of the views, it predicts means of tiles in the others; over that
+  of the colours of the photograph. Above 1, the photograph predicts better.
 - below: share of the worst channel of J that is below zero.
 - drift: a*b* distance between the medians of the nearest and the farthest third of the picture.
-- halves: difference of the veil at the median distance between waters of odd and of even views, levels of 255.
-- targets: the same between the targets' own waters.
+- halves: difference of the veil at the median distance between the waters of the two halves, levels of 255.
+- targets: the same between the waters of the targets.
 - psi: angular error of the colour charts, degrees, where there are some.
 - named: pictures with a fault that the eye sees, and which.
 """
@@ -20,6 +19,7 @@ targets of a set:
 from __future__ import annotations
 
 import argparse
+import functools
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -32,18 +32,21 @@ import sucre_bench as sb
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.cielab import to_lab
 from sucre_bench.imaging.visible_faults import VisibleFault, faults_of_dive, look_at
-from sucre_bench.multiview.observe import observe
+from sucre_bench.methods.sucre import Sucre
+from sucre_bench.methods.sucre.judge import Court, chosen_model, judging
+from sucre_bench.methods.sucre.model import veil
+from sucre_bench.methods.sucre.models import Fit, Model
+from sucre_bench.methods.sucre.observed import JUDGED_TARGETS, Dive
 from sucre_bench.programs.prepare import Options
 from sucre_bench.programs.prepare.pipeline import prepare
 from sucre_bench.programs.restore.pipeline import FOR_A_DIVE
 
 ROOT = Path(__file__).resolve().parents[1]
-TILE_PX, LEAST_PX = 24, 20  # side of a tile of the target; pixels that a tile must have in a view
 
 
 @dataclass(frozen=True)
-class Dive:
-    """A set: its folder below the data, whether `prepare` makes its depth, image_scale, and targets' places in it."""
+class RealDive:
+    """Its folder below the data, whether `prepare` makes its depth, image_scale, and targets' places in it."""
 
     folder: str
     is_prepared: bool = False
@@ -51,13 +54,13 @@ class Dive:
     targets: tuple[int, ...] = (1, 4)
 
 
-DIVES: Mapping[str, Dive] = {
-    "pool": Dive("subvo_pool/images", is_prepared=True, targets=(0, 7)),
-    "pool-own": Dive("subvo_pool", targets=(6, 9)),
-    "d5": Dive("seathru_d5_charts", targets=(0, 3)),
-    "test1": Dive("seabed_surveys/test1", is_prepared=True),
-    "test4": Dive("seabed_surveys/test4", is_prepared=True),
-    "test10": Dive("seabed_surveys/test10", is_prepared=True),
+DIVES: Mapping[str, RealDive] = {
+    "pool": RealDive("subvo_pool/images", is_prepared=True, targets=(0, 7)),
+    "pool-own": RealDive("subvo_pool", targets=(6, 9)),
+    "d5": RealDive("seathru_d5_charts", targets=(0, 3)),
+    "test1": RealDive("seabed_surveys/test1", is_prepared=True),
+    "test4": RealDive("seabed_surveys/test4", is_prepared=True),
+    "test10": RealDive("seabed_surveys/test10", is_prepared=True),
 }
 RESTORE = {
     name: {"true": True, "false": False}.get(value, value) for name, value in FOR_A_DIVE.items()
@@ -94,7 +97,7 @@ def data_folder() -> Path | None:
     )
 
 
-def opened(dive: Dive, data: Path, prepared: Path, size_px: int = 0) -> sb.Scene | None:
+def opened(dive: RealDive, data: Path, prepared: Path, size_px: int = 0) -> sb.Scene | None:
     """Return the scene of a set, None without its data. prepared: where depth is made; size_px: shrinks photographs."""
     folder = data / dive.folder
     if not folder.is_dir():
@@ -108,17 +111,15 @@ def opened(dive: Dive, data: Path, prepared: Path, size_px: int = 0) -> sb.Scene
     )
 
 
-def measured(
-    scene: sb.Scene, places: Sequence[int], option: str, halves: bool = True
-) -> list[Measured]:
-    """Restore targets of a scene by an option and measure them. halves: also fit halves of the views, for `held`."""
+def measured(scene: sb.Scene, places: Sequence[int], option: str) -> list[Measured]:
+    """Restore targets of a scene by an option and measure them."""
     method, options = OPTIONS[option]
+    held, halves = judged(scene, option)
     found, looks = [], []
     for place in places:
         target = scene.views[place]
         whole = sb.restore(method, scene, target, **options)
         known = whole.image[np.isfinite(whole.image).all(axis=-1)]
-        held, apart = _held(scene, target, method, options) if halves else (np.nan, np.nan)
         psi = np.nan
         if target.charts:
             rows = sb.score(whole, target, metrics=["psi"])
@@ -130,7 +131,7 @@ def measured(
         below = float((known < 0).mean(axis=0).max())
         drift = drift_of(whole.shown, target.distance)
         found.append(
-            Measured(whole.shown, held, below, drift, apart, veil_of(whole.water, target), psi)
+            Measured(whole.shown, held, below, drift, halves, veil_of(whole.water, target), psi)
         )
         looks.append(look_at(whole.shown, target.rgb, target.distance, below))
     return [
@@ -139,65 +140,31 @@ def measured(
     ]
 
 
-def _held(
-    scene: sb.Scene, target: sb.View, method: str, options: Mapping[str, Any]
-) -> tuple[float, float]:
-    """Return `held` over both ways to halve the views, and `halves`."""
-    others = [view for view in scene.views if view.name != target.name]
-    errors, veils = [], []
-    for seen, unseen in ((others[::2], others[1::2]), (others[1::2], others[::2])):
-        half = replace(scene, views=[target, *seen])
-        try:
-            restored = sb.restore(method, half, target, **options)
-        except sb.SolveError:
-            return np.nan, np.nan
-        if restored.water is None and method != "underwater":
-            return np.nan, np.nan
-        errors.append(
-            error_of_tiles(target, unseen, restored) / error_of_tiles(target, unseen, None)
-        )
-        veils.append(veil_of(restored.water, target))
-    return float(np.mean(errors)), float(255 * np.abs(veils[0] - veils[1]).max())
+def judged(scene: sb.Scene, option: str) -> tuple[float, float]:
+    """Return `held` and `halves` of an option's model; NaN for a method without one, and where nothing is judged."""
+    if option == "photograph":
+        return 1.0, np.nan
+    if option not in ("restore", "sucre_plus", "sucre_paper"):
+        return np.nan, np.nan
+    options = judging(Sucre())
+    court = court_of(scene)
+    if court is None:
+        return np.nan, np.nan
+    is_paper = option == "sucre_paper"
+    model = Model(Fit.EARLY) if is_paper else chosen_model(scene, options).model
+    if model.fit is Fit.NOTHING:
+        return 1.0, np.nan
+    found = court.judged(model)
+    if found is None:
+        return np.nan, np.nan
+    distance = np.median(np.concatenate([target.distance for target, *_ in court.targets]))
+    first, second, _ = (veil(distance, fit.water.B, fit.water.gamma) for fit in court.fits(model))
+    return found.held_out, float(255 * np.abs(first - second).max())
 
 
-def error_of_tiles(
-    target: sb.View, unseen: Sequence[sb.View], restored: sb.Restoration | None
-) -> float:
-    """Return the median |error|, levels of 255, of means of tiles that a restored target predicts in unseen views.
-
-    restored: None for the photograph's colours at every distance. A view's gain in a channel is the median over tiles.
-    """
-    seen = observe(target, [target, *unseen], with_view=True)
-    assert seen.view is not None
-    is_other = np.array([name != target.name for name in seen.views])[seen.view]
-    pixel, distance = seen.pixels[seen.place], seen.distance.astype(np.float64)
-    full = np.iinfo(seen.colour.dtype).max if seen.colour.dtype.kind == "u" else 1
-    colour = seen.colour.T / full
-    image = target.rgb if restored is None else restored.image
-    predicted = image.reshape(-1, 3)[pixel].astype(np.float64)
-    if restored is not None and restored.water is not None:
-        water = restored.water
-        predicted = predicted * np.exp(-np.outer(distance, water.attenuation))
-        predicted -= water.veiling_light * np.expm1(-np.outer(distance, water.backscatter))
-    is_known = is_other & np.isfinite(predicted).all(axis=-1)
-    y, x = np.divmod(pixel[is_known], seen.shape[1])
-    across = -(-seen.shape[1] // TILE_PX)
-    tile = (y // TILE_PX * across + x // TILE_PX) * len(seen.views) + seen.view[is_known]
-    _, place, n = np.unique(tile, return_inverse=True, return_counts=True)
-    view = np.zeros(len(n), int)
-    view[place] = seen.view[is_known]
-    expected, found = (
-        np.stack([np.bincount(place, column) / n for column in values[is_known].T], axis=1)[
-            n >= LEAST_PX
-        ]
-        for values in (colour, predicted)
-    )
-    view = view[n >= LEAST_PX]
-    for one in np.unique(view):
-        found[view == one] *= np.median(
-            expected[view == one] / np.maximum(found[view == one], 1e-3), axis=0
-        )
-    return float(255 * np.median(np.abs(found - expected))) if len(found) else np.nan
+@functools.lru_cache(maxsize=1)
+def court_of(scene: sb.Scene) -> Court | None:
+    return Court.of(Dive.spread(judging(Sucre()), scene, JUDGED_TARGETS))
 
 
 def drift_of(picture: Array, distance: Array) -> float:
@@ -249,6 +216,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sets", default=",".join(DIVES))
     parser.add_argument("--options", default=",".join(OPTIONS))
+    parser.add_argument(
+        "--size", type=int, default=0, help="longest side that photographs shrink to"
+    )
     parser.add_argument("--sheet", type=Path)
     given = parser.parse_args()
     options, pictures = given.options.split(","), []
@@ -256,7 +226,7 @@ def main() -> None:
         raise SystemExit("no data: name their folder in SUCRE_BENCH_DATA")
     print("set       option          held   below   drift  halves targets     psi  named")
     for name in given.sets.split(","):
-        scene = opened(DIVES[name], data, ROOT / "outputs" / "real_dives")
+        scene = opened(DIVES[name], data, ROOT / "outputs" / "real_dives", given.size)
         if scene is None:
             print(f"{name}: no data in {data / DIVES[name].folder}")
             continue

@@ -9,7 +9,8 @@ one water and one colour a pixel.
 | `model.py` | the image formation model, its parameters, their least-squares problem, and Levenberg-Marquardt |
 | `passes.py`, `numba_loops.py` | the passes that sum it up, for array libraries and as compiled loops |
 | `exact.py` | the minimum: starts, choice between minima, weak priors |
-| `solution.py` | a view with its observations, its solution, and how uncertain that is |
+| `observed.py`, `residuals.py` | a view or a dive with its observations; how far these are from a fit |
+| `solution.py`, `uncertainty.py` | what every fit returns, and how uncertain its water is |
 | `known_water.py` | water from elsewhere, or shared by a scene |
 | `models.py` | what can be fitted to a view or a dive, and the fit of it |
 | `judge.py` | which of these a dive gets, by views that a fit has not seen |

@@ -50,18 +50,18 @@ from sucre_bench.methods.sucre.model import (
     minimise,
     veil,
 )
+from sucre_bench.methods.sucre.observed import SAMPLE, first_slot, sampled
 from sucre_bench.methods.sucre.passes import Backend, opened
 from sucre_bench.methods.sucre.robust import LEAST_NOISE, robust_noise
-from sucre_bench.methods.sucre.solution import (
-    ROUNDING,
-    SAMPLE,
+from sucre_bench.methods.sucre.uncertainty import (
     WaterUncertainty,
-    first_slot,
     rescaled_to_noise,
-    sampled,
     uncertainty_of,
 )
 from sucre_bench.multiview.observations import Observations
+
+# The rounding of float32 sums of intensities, as a cost: 1e-6 rms of each observation.
+_ROUNDING = 1e-12
 
 _Evaluate = Callable[[Array], ReducedSystem]
 
@@ -247,7 +247,7 @@ class _Search:
 
         dark: what only holds colours up; grid: more starts with priors; dead: (3,), channels without signal.
         """
-        floor = ROUNDING * len(observations)
+        floor = _ROUNDING * len(observations)
 
         def lowest(evaluate: _Evaluate, starts: Iterable[Array]) -> Minimum:
             return _best(

@@ -38,8 +38,9 @@ from sucre_bench.machine.provenance import absent
 from sucre_bench.methods.sucre.light import EVEN, EVEN_LIGHT, Light, LightFit, Parts, parts_of
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.methods.sucre.models import Fit, Fitted, Model, fit_model, is_in_air, light_of
+from sucre_bench.methods.sucre.observed import JUDGED_TARGETS, Dive, sampled
 from sucre_bench.methods.sucre.robust import trust, trusted
-from sucre_bench.methods.sucre.solution import JUDGED_TARGETS, MOST_NEGATIVE, Dive, Judged, sampled
+from sucre_bench.methods.sucre.solution import MOST_NEGATIVE, Judged
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Scene
 
@@ -98,7 +99,7 @@ def chosen_model(scene: Scene, options: Any) -> Verdict:
         else scene
     )
     try:
-        court = _Court.of(Dive.spread(options, part, JUDGED_TARGETS))
+        court = Court.of(Dive.spread(options, part, JUDGED_TARGETS))
     except (SolveError, NotApplicableError):
         court = None
     early = list(_early(options))
@@ -250,7 +251,7 @@ def _typical(light: Light, observations: Observations) -> Light:
 
 
 @dataclass(frozen=True, eq=False)
-class _Court:
+class Court:
     """A dive whose models are judged.
 
     halves: names of views that models are fitted to; parts: the dive as these show it, and whole; targets: each with
@@ -265,7 +266,7 @@ class _Court:
     waters: dict[Model, Fitted] = field(default_factory=dict)
 
     @staticmethod
-    def of(dive: Dive) -> _Court | None:
+    def of(dive: Dive) -> Court | None:
         """Return the court of a dive; None if its halves share too little."""
         names = [view.name for view in dive.scene.views]
         halves = [frozenset(half) for half in (names[::2], names[1::2]) if len(half) > 1]
@@ -283,7 +284,7 @@ class _Court:
                 targets.append((target, float(np.median(plain)), target.drift(J)))
         if not targets:
             return None
-        return _Court(halves, [*map(dive.half, halves), dive], targets)
+        return Court(halves, [*map(dive.half, halves), dive], targets)
 
     def fits(self, model: Model) -> list[Fitted]:
         """Return the fits of a model to the parts: to the halves from where the fit to all views ended."""

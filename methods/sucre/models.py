@@ -28,6 +28,7 @@ from sucre_bench.machine.compute import Device
 from sucre_bench.methods.sucre.exact import WaterFit, check_pairs, fit
 from sucre_bench.methods.sucre.light import EVEN_LIGHT, Light, LightFit, Parts, Sample, fit_light
 from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.observed import SAMPLE, Observed, sampled
 from sucre_bench.methods.sucre.passes import Backend, opened
 from sucre_bench.methods.sucre.robust import (
     WRONG,
@@ -38,19 +39,13 @@ from sucre_bench.methods.sucre.robust import (
     trust,
     trusted,
 )
-from sucre_bench.methods.sucre.solution import (
+from sucre_bench.methods.sucre.solution import Course, LightRecord, Solution, coloured
+from sucre_bench.methods.sucre.uncertainty import (
     FAR_COLOURS,
-    SAMPLE,
-    Course,
-    LightRecord,
-    Observed,
-    Solution,
     WaterUncertainty,
     clustered,
-    coloured,
     far_colours,
     rescaled_to_noise,
-    sampled,
     uncertainty_of,
 )
 from sucre_bench.multiview.observations import Observations

@@ -36,7 +36,8 @@ from sucre_bench.machine.progress import track
 from sucre_bench.methods.sucre.known_water import START, check_source, water_of
 from sucre_bench.methods.sucre.model import WaterParameters, derivatives
 from sucre_bench.methods.sucre.passes import backend_for, one_torch_thread, opened
-from sucre_bench.methods.sucre.solution import Course, Solution, uncertainty_of
+from sucre_bench.methods.sucre.solution import Course, Solution
+from sucre_bench.methods.sucre.uncertainty import uncertainty_of
 from sucre_bench.multiview.observations import Observations
 
 if TYPE_CHECKING:

@@ -27,16 +27,9 @@ from sucre_bench.methods.sucre.judge import NO_WATER, NONE, Verdict, chosen_mode
 from sucre_bench.methods.sucre.known_water import water_of
 from sucre_bench.methods.sucre.light import EVEN, Light
 from sucre_bench.methods.sucre.models import Fitted, Model, fit_model, is_in_air
-from sucre_bench.methods.sucre.solution import (
-    CHANNELS,
-    MOST_NEGATIVE,
-    TOGETHER,
-    Course,
-    Dive,
-    Observed,
-    Solution,
-    is_determined,
-)
+from sucre_bench.methods.sucre.observed import TOGETHER, Dive, Observed
+from sucre_bench.methods.sucre.solution import MOST_NEGATIVE, Course, Solution
+from sucre_bench.methods.sucre.uncertainty import CHANNELS, is_determined
 from sucre_bench.plugins.call_method import display_of
 from sucre_bench.scene import Scene
 

@@ -29,14 +29,9 @@ import numpy as np
 from sucre_bench.arrays import Array, Indices, evenly
 from sucre_bench.errors import SolveError
 from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.methods.sucre.solution import (
-    CHANNELS,
-    MOST_NEGATIVE,
-    Solution,
-    WaterUncertainty,
-    is_determined,
-    residuals_of,
-)
+from sucre_bench.methods.sucre.residuals import residuals_of
+from sucre_bench.methods.sucre.solution import MOST_NEGATIVE, Solution
+from sucre_bench.methods.sucre.uncertainty import CHANNELS, WaterUncertainty, is_determined
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.plugins.call_method import is_stored_in_full, with_name
 from sucre_bench.scene import Encoding, Restoration, View, Water

@@ -63,7 +63,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.methods.sucre.model import transmission
-from sucre_bench.methods.sucre.solution import information_of, residuals_of
+from sucre_bench.methods.sucre.residuals import information_of, residuals_of
 from sucre_bench.multiview.observations import Observations
 
 if TYPE_CHECKING:

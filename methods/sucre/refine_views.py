@@ -43,6 +43,7 @@ from sucre_bench.arrays import Array, Indices, Mask
 from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.fill import deviation_of_guess, fill_distances, filled_by_water
 from sucre_bench.methods.sucre.model import WaterParameters, inverted
+from sucre_bench.methods.sucre.observed import Observed
 from sucre_bench.methods.sucre.refine_noise import (
     SPREAD,
     SPREAD_LINEAR,
@@ -54,7 +55,7 @@ from sucre_bench.methods.sucre.refine_noise import (
     specks_of,
 )
 from sucre_bench.methods.sucre.robust import WRONG, trusted
-from sucre_bench.methods.sucre.solution import Observed, Solution
+from sucre_bench.methods.sucre.solution import Solution
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Restoration, View
 

@@ -107,8 +107,8 @@ class Sucre(FillOption):
         Two small views are paired, and every pass runs over their observations, with colours of 8 bits and with those
         of matched footprints: seconds the first time, then no time.
         """
+        from sucre_bench.methods.sucre.observed import Observed
         from sucre_bench.methods.sucre.passes import opened
-        from sucre_bench.methods.sucre.solution import Observed
 
         n = 8
         camera = centred_camera(n, n, n)
@@ -136,6 +136,7 @@ class Sucre(FillOption):
         Raises NotApplicableError when no pixel has depth or none is seen twice, SolveError when the fit fails,
         InputError for a water that cannot be read.
         """
+        from sucre_bench.methods.sucre.observed import Observed
         from sucre_bench.methods.sucre.policy import Veil, solved, veil_of
         from sucre_bench.methods.sucre.record import (
             UNKNOWN_VEIL,
@@ -144,7 +145,6 @@ class Sucre(FillOption):
             with_residuals,
         )
         from sucre_bench.methods.sucre.refine_views import fill_pixels_without_depth, refined
-        from sucre_bench.methods.sucre.solution import Observed
 
         seen = Observed.of(self, scene, view)
         started = time.perf_counter()

@@ -15,7 +15,8 @@ from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.model import Bounds, ReducedSystem, WaterParameters, minimise
 from sucre_bench.methods.sucre.paper import SucrePaper, solve_adam
 from sucre_bench.methods.sucre.refine_noise import prior_of
-from sucre_bench.methods.sucre.solution import clustered, colours_for_water, uncertainty_of
+from sucre_bench.methods.sucre.solution import colours_for_water
+from sucre_bench.methods.sucre.uncertainty import clustered, uncertainty_of
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 from sucre_bench.multiview.observe import observe
 

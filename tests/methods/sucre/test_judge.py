@@ -10,10 +10,11 @@ from support.made_ground import WATERS, make_ground
 
 from sucre_bench import Arrays, Scene, View
 from sucre_bench.methods.sucre import Sucre
-from sucre_bench.methods.sucre.judge import Verdict, _Court, chosen_model, is_admissible, judging
+from sucre_bench.methods.sucre.judge import Court, Verdict, chosen_model, is_admissible, judging
 from sucre_bench.methods.sucre.light import EVEN_LIGHT, Parts
 from sucre_bench.methods.sucre.models import Fit, Model
-from sucre_bench.methods.sucre.solution import Dive, Judged
+from sucre_bench.methods.sucre.observed import Dive
+from sucre_bench.methods.sucre.solution import Judged
 
 GROUND = {
     "width": 160,
@@ -145,9 +146,9 @@ def test_a_model_must_predict_better_than_the_papers_steps_and_these_than_no_wat
             drift_of_photograph=5.0,
         )
 
-    monkeypatch.setattr(_Court, "judged", judged)
+    monkeypatch.setattr(Court, "judged", judged)
     monkeypatch.setattr("sucre_bench.methods.sucre.judge.is_in_air", lambda *_: False)
-    court = _Court([], [Dive.spread(Sucre(), plain, 2)], [])
+    court = Court([], [Dive.spread(Sucre(), plain, 2)], [])
     model, early = Model(Fit.FOOTPRINTS), Model(Fit.EARLY)
     court.waters[model] = None  # type: ignore[assignment]
     found = court.verdict([model], [early])

@@ -14,8 +14,8 @@ from sucre_bench import Arrays, InputError, Restoration, Scene, Water
 from sucre_bench.methods.sucre import Sucre
 from sucre_bench.methods.sucre.light import Light, Parts, Problem, Sample
 from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.observed import Observed, sampled
 from sucre_bench.methods.sucre.passes import opened
-from sucre_bench.methods.sucre.solution import Observed, sampled
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
 from sucre_bench.plugins.registry import using

@@ -14,6 +14,7 @@ from support.made_observations import flat, made, parameters, reduced_residuals,
 from sucre_bench.errors import InputError
 from sucre_bench.methods.sucre import Sucre
 from sucre_bench.methods.sucre.model import ReducedSystem, WaterParameters
+from sucre_bench.methods.sucre.observed import first_slot
 from sucre_bench.methods.sucre.passes import (
     WALL,
     Kernel,
@@ -23,7 +24,6 @@ from sucre_bench.methods.sucre.passes import (
     products,
     products_on_gpu,
 )
-from sucre_bench.methods.sucre.solution import first_slot
 from sucre_bench.multiview.observations import Observations
 
 pytestmark = pytest.mark.short

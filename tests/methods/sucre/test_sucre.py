@@ -15,8 +15,8 @@ from sucre_bench import Arrays, InputError, Restoration, Scene, SolveError, Wate
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.machine.records import add_record
 from sucre_bench.methods.sucre import Sucre, SucrePlus
+from sucre_bench.methods.sucre.observed import Dive
 from sucre_bench.methods.sucre.refine_noise import prior_of, specks_of
-from sucre_bench.methods.sucre.solution import Dive
 from sucre_bench.plugins import find
 from sucre_bench.plugins.options import Choice, create
 
