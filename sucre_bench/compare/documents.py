@@ -1,21 +1,37 @@
 """A comparison for papers and programs: Markdown, LaTeX (booktabs), HTML, CSV, JSON."""
 
+from __future__ import annotations
+
 import html
 import math
 import re
 import unicodedata
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from sucre_bench.compare import COSTS, Comparison
 from sucre_bench.compare.model import says_filled
 from sucre_bench.compare.terminal_table import blocks
-from sucre_bench.compare.words import answer, deciding, faults, left_out, legend, shown, title
+from sucre_bench.compare.words import (
+    answer,
+    deciding,
+    faults,
+    left_out,
+    legend,
+    name_in,
+    notes_once,
+    over_views,
+    shown,
+    signs,
+    title,
+)
 from sucre_bench.machine.text_formats import json_text
 from sucre_bench.results.rows import csv_text
 
 _PAGE = 108  # characters that fit beside each other on a page of two columns, about 500 points
+
+_Grid = list[list[tuple[str, str]]]  # lines of cells: a text, and what sets it apart
 
 Format = Literal["md", "latex", "html", "csv", "json"]
 
@@ -32,8 +48,57 @@ def as_text(comparisons: Sequence[Comparison], how: Format, spread: bool = False
         import pandas as pd
 
         return csv_text(pd.DataFrame(records), for_spreadsheets=True)
-    one = {"md": _markdown, "latex": _latex, "html": _html}[how]
-    return "\n".join(one(comparison, len(comparisons) > 1, spread) for comparison in comparisons)
+    one = _WRITERS[how]
+    return "\n".join(
+        one(
+            comparison.title if len(comparisons) > 1 else "",
+            _grid(comparison, spread),
+            _below(comparison, spread),
+        )
+        for comparison in notes_once(comparisons)
+    )
+
+
+def levels_as_text(tables: Mapping[str, Sequence[Level]], how: Literal["md", "latex"]) -> str:
+    """Return a table a score: methods are its lines, the levels of an option its columns.
+
+    tables: the levels of each table by its title. Ranks are of a level: nobody compares methods at unlike noise.
+    """
+    made = []
+    for title_of, levels in tables.items():
+        comparisons = [level.comparison for level in levels]
+        for column in comparisons[0].columns:
+            cells = [
+                [
+                    shown(one, level.lines[name], column)
+                    for one, level in zip(comparisons, levels, strict=True)
+                ]
+                for name in levels[0].lines
+            ]
+            grid = [[("method", ""), *((level.name, "") for level in levels)]]
+            grid += [
+                [(name, ""), *((str(cell), _LOOKS.get(cell.look, "")) for cell in line)]
+                for name, line in zip(levels[0].lines, cells, strict=True)
+            ]
+            marks = signs(comparisons[0], [cell for line in cells for cell in line], colours=False)
+            has_interval = any(cell.interval for line in cells for cell in line)
+            of = "mean [95 % interval]" if has_interval else "mean"
+            below = "; ".join([of, *over_views([column]), *marks])
+            head = f"{title_of}: {title(column)} ({column.variant})"
+            made.append(_WRITERS[how](head, grid, [below]))
+        notes = left_out(comparisons[0])
+        if notes and how == "md":
+            made.append("\n".join(f"{note}\n" for note in notes))
+    return "\n".join(made)
+
+
+@dataclass(frozen=True)
+class Level:
+    """A column of a table of levels: its heading, the comparison it is of, and what that calls each method."""
+
+    name: str
+    comparison: Comparison
+    lines: Mapping[str, str]
 
 
 def without_costs(comparison: Comparison) -> Comparison:
@@ -71,9 +136,11 @@ def _records(comparison: Comparison) -> Iterator[dict[str, Any]]:
             yield record
 
 
-def _grid(comparison: Comparison, spread: bool) -> list[list[tuple[str, str]]]:
+_LOOKS = {"best": "best", "better": "best", "second": "second"}
+
+
+def _grid(comparison: Comparison, spread: bool) -> _Grid:
     """The texts of a table and what sets each apart: a line with the headings, then a line a method."""
-    looks = {"best": "best", "better": "best", "second": "second"}
     lines = [
         [
             ("method", ""),
@@ -82,7 +149,7 @@ def _grid(comparison: Comparison, spread: bool) -> list[list[tuple[str, str]]]:
     ]
     for name in comparison.methods:
         cells = [shown(comparison, name, column, spread) for column in comparison.columns]
-        lines.append([(name, ""), *((str(cell), looks.get(cell.look, "")) for cell in cells)])
+        lines.append([(name, ""), *((str(cell), _LOOKS.get(cell.look, "")) for cell in cells)])
     return lines
 
 
@@ -93,7 +160,7 @@ def _below(comparison: Comparison, spread: bool) -> list[str]:
     lines.append(legend(comparison, spread))
     for name in comparison.methods if comparison.baseline else ():
         parts = [
-            f"{c.metric} {round(cell.wins, 1):g}/{c.n_views}"
+            f"{name_in(comparison, c)} {round(cell.wins, 1):g}/{c.n_views}"
             + (f", effect {cell.effect:.1f}" if math.isfinite(cell.effect) else "")
             for c in comparison.columns
             if c.ranked and (cell := comparison.cells.get((name, c))) and math.isfinite(cell.wins)
@@ -103,49 +170,48 @@ def _below(comparison: Comparison, spread: bool) -> list[str]:
     return lines + left_out(comparison)
 
 
-def _markdown(comparison: Comparison, titled: bool, spread: bool) -> str:
+def _markdown(title: str, grid: _Grid, notes: Sequence[str]) -> str:
     def plain(text: str) -> str:
         # a label is no markup
         return re.sub(r"([*`\[\]\\])", r"\\\1", html.escape(text, quote=False))
 
     sets = {"best": "**{}**", "second": "<u>{}</u>", "": "{}"}
-    heads, *rows = _grid(comparison, spread)
-    lines = [[plain(text) for text, _ in heads], ["---", *["---:"] * len(comparison.columns)]]
+    heads, *rows = grid
+    lines = [[plain(text) for text, _ in heads], ["---", *["---:"] * (len(heads) - 1)]]
     lines += [
         [plain(name), *(sets[look].format(text) for text, look in cells)]
         for (name, _), *cells in rows
     ]
-    head = f"**{plain(comparison.title)}**\n\n" if titled else ""
+    head = f"**{plain(title)}**\n\n" if title else ""
     table = "".join(
         f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines
     )
-    return head + table + "".join(f"\n{plain(note)}\n" for note in _below(comparison, spread))
+    return head + table + "".join(f"\n{plain(note)}\n" for note in notes)
 
 
-def _html(comparison: Comparison, titled: bool, spread: bool) -> str:
+def _html(title: str, grid: _Grid, notes: Sequence[str]) -> str:
     sets = {"best": "<strong>{}</strong>", "second": "<u>{}</u>", "": "{}"}
-    heads, *rows = (
-        [(html.escape(text), look) for text, look in line] for line in _grid(comparison, spread)
-    )
-    lines = ["<table>", *[f"<caption>{html.escape(comparison.title)}</caption>"] * titled]
+    heads, *rows = ([(html.escape(text), look) for text, look in line] for line in grid)
+    lines = ["<table>"]
+    if title:
+        lines.append(f"<caption>{html.escape(title)}</caption>")
     head = "".join(f'<th scope="col">{text}</th>' for text, _ in heads)
     lines += [f"<thead><tr>{head}</tr></thead>", "<tbody>"]
     for (name, _), *cells in rows:
         row = "".join(f"<td>{sets[look].format(text)}</td>" for text, look in cells)
         lines.append(f'<tr><th scope="row">{name}</th>{row}</tr>')
-    notes = [f"<p>{html.escape(note)}</p>" for note in _below(comparison, spread)]
-    return "\n".join([*lines, "</tbody>", "</table>", *notes]) + "\n"
+    below = [f"<p>{html.escape(note)}</p>" for note in notes]
+    return "\n".join([*lines, "</tbody>", "</table>", *below]) + "\n"
 
 
 # -- LaTeX -------------------------------------------------------------------------------------------------
 
 
-def _latex(comparison: Comparison, titled: bool, spread: bool) -> str:
+def _latex(title: str, grid: _Grid, notes: Sequence[str]) -> str:
     def comment(text: str) -> str:
         return f"% {' '.join(text.split())}"  # it ends with its line
 
     sets = {"best": r"\textbf{{{}}}", "second": r"\underline{{{}}}", "": "{}"}
-    grid = _grid(comparison, spread)
     names, *columns = zip(*grid, strict=True)
     widths = [max(len(text) for text, _ in column) for column in columns]
     room = _PAGE - max(len(text) for text, _ in names)
@@ -173,13 +239,11 @@ def _latex(comparison: Comparison, titled: bool, spread: bool) -> str:
                 ]
             )
         )
-    head = [comment(comparison.title)] if titled else []
-    return (
-        "\n".join(
-            [*head, "\n\n\\medskip\n".join(tabulars), *map(comment, _below(comparison, spread))]
-        )
-        + "\n"
-    )
+    head = [comment(title)] if title else []
+    return "\n".join([*head, "\n\n\\medskip\n".join(tabulars), *map(comment, notes)]) + "\n"
+
+
+_WRITERS = {"md": _markdown, "latex": _latex, "html": _html}
 
 
 _TEX = {

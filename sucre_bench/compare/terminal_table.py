@@ -140,7 +140,7 @@ def as_blocks(comparisons: Sequence[Comparison], width: int, every: bool = False
     every: all columns, not only those that decide; of many datasets a table a column.
     """
     by_first: dict[tuple[str, str], list[Comparison]] = {}
-    for comparison in comparisons:
+    for comparison in words.notes_once(comparisons):
         first = deciding(comparison, every).first
         by_first.setdefault((first.metric, first.variant) if first else ("", ""), []).append(
             comparison

@@ -13,6 +13,7 @@ from sucre_bench.compare.model import (
     FEWEST_VIEWS,
     Column,
     Comparison,
+    Note,
     Verdict,
     may_be_chance,
     says_filled,
@@ -54,7 +55,15 @@ def signed(value: float) -> str:
 
 def title(column: Column) -> str:
     """A metric's name with its direction and unit."""
-    return " ".join(filter(None, [column.metric, ARROW[column.better], column.unit]))
+    # memory is what a restoration adds to what its process held before
+    name = "memory growth" if column.metric == "peak_mb" else column.metric
+    return " ".join(filter(None, [name, ARROW[column.better], column.unit]))
+
+
+def name_in(comparison: Comparison, column: Column) -> str:
+    """A metric's name, with the variant if the table has several of it."""
+    several = [c.metric for c in comparison.columns].count(column.metric) > 1
+    return f"{column.metric} ({column.variant})" if several else column.metric
 
 
 def listed(names: Iterable[str]) -> str:
@@ -180,15 +189,18 @@ def resolution(comparison: Comparison) -> str:
         if not column.ranked or not any(map(may_be_chance, found)):
             continue
         if not comparison.baseline and all(map(may_be_chance, found)):
-            undecided.append(column.metric)
+            undecided.append(name_in(comparison, column))
         halves = [high - gap for gap, _, high in found if math.isfinite(high)]
         if halves:
             ends = dict.fromkeys(number(end) for end in (min(halves), max(halves)))
-            least.append(f"{' to '.join(ends)} {column.unit} in {column.metric}".replace("  ", " "))
+            least.append(
+                f"{' to '.join(ends)} {column.unit} in {name_in(comparison, column)}".replace(
+                    "  ", " "
+                )
+            )
     said = []
     if undecided:
-        names = listed(dict.fromkeys(undecided))
-        said.append(f"no method differs from the best by more than chance in {names}")
+        said.append(f"no method differs from the best by more than chance in {listed(undecided)}")
     if least:
         said.append(f"more than chance are only differences above {listed(least)}")
     return "; ".join(said)
@@ -254,6 +266,16 @@ NOTES = {
 }
 
 
+def notes_once(comparisons: Sequence[Comparison]) -> list[Comparison]:
+    """Return comparisons in which what is known of methods, whatever their scores, stands below the first alone."""
+    said = set[Note]()
+    made = []
+    for comparison in comparisons:
+        made.append(replace(comparison, notes=tuple(n for n in comparison.notes if n not in said)))
+        said |= {note for note in comparison.notes if note.kind in ("by us", "trained on")}
+    return made
+
+
 def left_out(comparison: Comparison) -> list[str]:
     """Return a sentence for everything that the comparison does not count, with the reason."""
     said = []
@@ -297,8 +319,7 @@ def verdict_text(comparison: Comparison, verdict: Verdict, interval: bool = True
     With a baseline, the sentence is about the other method. interval: whether it has the interval and the effect.
     """
     column, baseline, views = verdict.column, comparison.baseline, verdict.column.n_views
-    several = [c.metric for c in comparison.columns].count(column.metric) > 1
-    name = by_score(column, f"{column.metric} ({column.variant})" if several else column.metric)
+    name = by_score(column, name_in(comparison, column))
     if baseline and not verdict.difference:
         return f"{name}: {verdict.leader} equals {verdict.second}"
     lead = f"{verdict.leader} {'leads' if verdict.is_lead else 'is ahead of'} {verdict.second}"

@@ -1,5 +1,6 @@
 """The figures of pictures: pictures (views beside restorations), seams (steps that the view does not have)."""
 
+import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -63,8 +64,12 @@ def pictures(results: StudyResults) -> Iterator[Drawn]:
         }
         views = {list(views)[n]: list(views.values())[n] for n in evenly(len(views), _MOST_VIEWS)}
         has_reference = any(place.reference(out).is_file() for place in views.values())
-        methods = list(dict.fromkeys(of_dataset["method"]))
-        for page, shown in style.pages(methods, _MOST_COLUMNS - 1 - has_reference) if views else ():
+        # the photograph is there as "input"
+        same = {name for table in results.comparisons for name in table.photographs}
+        methods = [name for name in dict.fromkeys(of_dataset["method"]) if name not in same]
+        for page, shown in (
+            style.pages(methods, _MOST_COLUMNS - 1 - has_reference) if views and methods else ()
+        ):
             columns = {"input": [place.original(out) for place in views.values()]}
             columns |= {
                 method: [place.restored(out, method) for place in views.values()]
@@ -84,7 +89,7 @@ def _pictures(views: Sequence[str], columns: Mapping[str, Sequence[Path]]) -> Fi
         shape = first.height / first.width
     width = (style.WIDTH[2] - _TEXT) / len(columns) - _GAP
     height = shape * width
-    heads = [_wrapped(name, width, 2) for name in columns]
+    heads = [_wrapped(name, width, 3) for name in columns]
     total = (
         0.05 + 0.115 * max(head.count("\n") + 1 for head in heads) + len(views) * (height + _GAP)
     )
@@ -126,10 +131,18 @@ def _pictures(views: Sequence[str], columns: Mapping[str, Sequence[Path]]) -> Fi
 
 
 def _wrapped(text: str, inches: float, lines: int = 1) -> str:
-    """A label of 7 points in so many lines, without its end where there is no room."""
-    return "\n".join(
-        textwrap.wrap(text, max(5, int(inches / 0.057)), max_lines=lines, placeholder="…")
+    """A label of 7 points in so many lines, broken between words, without its end where there is no room."""
+    # wrap breaks at spaces: a zero byte stands for none
+    words = re.sub(r"([_,=])", "\\1\0 ", text)
+    wrapped = textwrap.wrap(
+        words,
+        max(5, int(inches / 0.057)),
+        max_lines=lines,
+        placeholder="…",
+        break_long_words=False,
+        break_on_hyphens=False,
     )
+    return "\n".join(wrapped).replace("\0 ", "").replace("\0", "")
 
 
 def seams(results: StudyResults) -> Iterator[Drawn]:

@@ -11,7 +11,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from sucre_bench.arrays import Array
 from sucre_bench.compare import COSTS, Cell, Column, Comparison
@@ -30,8 +32,8 @@ _NO_CELL = Cell(math.nan, math.nan, math.nan, math.nan, 0)
 def scores(results: StudyResults) -> Iterator[Drawn]:
     """Draw the scores of all methods: a panel a metric, the best on top, with 95 % intervals.
 
-    A hollow dot is a method that is no different from the best by more than chance. Yields a figure per dataset, or
-    more where the panels do not fit on a page.
+    A hollow mark is a method that is no different from the best by more than chance; the figure says so. Yields a
+    figure per dataset, or more where the panels do not fit on a page.
     """
     drawn = [
         (comparison, _telling(comparison, results.study)) for comparison in results.comparisons
@@ -41,7 +43,7 @@ def scores(results: StudyResults) -> Iterator[Drawn]:
     for comparison, columns in drawn:
         height = 0.55 + _LINE * len(comparison.methods)
         for page, shown in style.pages(columns, 2 * max(1, int(_PAGE / height))):
-            figure, panels = style.grid(len(shown), 2, 0.0, height)
+            figure, panels = style.grid(len(shown), 2, 0.2, height)
             looks = style.looks(comparison.methods)
             for column, panel in zip(shown, panels, strict=True):
                 scored = [
@@ -77,7 +79,33 @@ def scores(results: StudyResults) -> Iterator[Drawn]:
                 panel.grid(axis="x")
                 panel.set_xlabel(f"{title(column)} ({column.variant})")
                 panel.spines["left"].set_visible(False)
+                _logarithmic(panel, column, [cell.mean for _, cell in scored])
+            if any(comparison.cells[key].tie for key in comparison.cells if key[1] in shown):
+                legend = [
+                    Line2D(
+                        [],
+                        [],
+                        marker="o",
+                        color="#444444",
+                        linestyle="",
+                        markerfacecolor=face,
+                        label=label,
+                    )
+                    for face, label in (
+                        ("#444444", "the best, and what differs from it by more than chance"),
+                        ("white", "the difference from the best may be chance"),
+                    )
+                ]
+                figure.legend(handles=legend, loc="outside upper center", ncols=min(2, len(shown)))
             yield (comparison.title if len(drawn) > 1 else "", page), figure
+
+
+def _logarithmic(panel: Axes, column: Column, means: Sequence[float]) -> None:
+    """Give costs that span more than a factor of 30 a logarithmic axis."""
+    least = min(means)
+    if column.metric in COSTS and 0 < _LOG_FROM * least < max(means):
+        panel.set_xscale("log")
+        panel.set_xlim(left=least / 2)
 
 
 def _telling(comparison: Comparison, study: Study) -> list[Column]:
@@ -87,7 +115,11 @@ def _telling(comparison: Comparison, study: Study) -> list[Column]:
         c for c in comparison.columns if c.directed or (c.metric in COSTS and c.metric in named)
     ]
     means = {
-        c: [cell.mean for (_, scored), cell in comparison.cells.items() if scored == c]
+        c: [
+            cell.mean
+            for (_, scored), cell in comparison.cells.items()
+            if scored == c and math.isfinite(cell.mean)
+        ]
         for c in columns
     }
     return [column for column in columns if len(means[column]) == 1 or len({*means[column]}) > 1]

@@ -17,10 +17,23 @@ from functools import cached_property
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+import numpy as np
+
 from sucre_bench.arrays import DataFrame
-from sucre_bench.compare import By, Cell, Column, Comparison, Note, against, compare, only
+from sucre_bench.compare import (
+    By,
+    Cell,
+    Column,
+    Comparison,
+    Note,
+    against,
+    compare,
+    only,
+    statistics,
+)
 from sucre_bench.compare.choose_rows import asked_for
 from sucre_bench.compare.compare_rows import without_replicates
+from sucre_bench.compare.documents import Level
 from sucre_bench.degrade.options import VIEWS, Degradation, read_water
 from sucre_bench.errors import InputError, NotApplicableError, did_you_mean
 from sucre_bench.jobs.run_options import Study
@@ -114,9 +127,52 @@ class Along:
     leads: Comparison | None
 
     @property
-    def comparisons(self) -> list[Comparison]:
-        """The tables there are."""
-        return [table for table in (self.scores, self.changes, self.leads) if table is not None]
+    def levels(self) -> list[Level]:
+        """A comparison of the methods at each value: ranks and leads are of that value alone."""
+        made = []
+        for value in self.values:
+            names = {self.lines[value, method]: method for method in self.methods}
+            cells: dict[tuple[str, Column], Cell] = {}
+            for column in self.scores.columns:
+                if column not in self.scores.measured:
+                    continue
+                all_lines = self.scores.measured[column]
+                here = [n for n, line in enumerate(all_lines.methods) if line in names]
+                part = all_lines.of(here)
+                known = [self.scores.cells[line, column] for line in part.methods]
+                of_level = statistics.cells(
+                    column,
+                    part,
+                    np.array([cell.std for cell in known]),
+                    np.array([cell.holes for cell in known]),
+                    self.scores.photographs,
+                )
+                cells |= {
+                    (names[line], column): cell
+                    for line, cell in zip(part.methods, of_level, strict=True)
+                }
+            photographs = tuple(names[line] for line in self.scores.photographs if line in names)
+            table = replace(self.scores, methods=self.methods, cells=cells, photographs=photographs)
+            same = {method: method for method in self.methods}
+            made.append(Level(f"{self.option}={value.word}", table, same))
+        return made
+
+    @property
+    def tables(self) -> dict[str, list[Level]]:
+        """By title: the scores at each value, and the differences."""
+        tables = {self.title: self.levels}
+        for differences in (self.changes, self.leads):
+            if differences is None:
+                continue
+            tables[differences.title] = [
+                Level(
+                    f"{self.option}={value.word}",
+                    differences,
+                    {method: self.lines[value, method] for method in self.methods},
+                )
+                for value in self.values
+            ]
+        return tables
 
     def records(self) -> Iterator[dict[str, Any]]:
         """Yield what is known of each value, method and score, for CSV; differences are of the score, in its unit."""

@@ -102,7 +102,7 @@ def grid(
 ) -> tuple[Figure, list[Axes]]:
     """Return a figure, and its panels row by row, at most `width` of them side by side.
 
-    The lowest panel of each column has the labels of its x axis. top, each: inches above the panels, and of each row
+    Every panel has the labels of its x axis. top, each: inches above the panels, and of each row
     of panels; subplots: see `figure`.
     """
     width = min(count, width)
@@ -111,7 +111,7 @@ def grid(
     for n, panel in enumerate(axes.flat):
         panel.set_visible(n < count)
         if "sharex" in subplots:
-            panel.tick_params(labelbottom=n + width >= count)
+            panel.tick_params(labelbottom=True)
     return made, list(axes.flat[:count])
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import Comparison, verdicts
-from sucre_bench.compare.documents import as_text
+from sucre_bench.compare.documents import as_text, levels_as_text
 from sucre_bench.compare.words import verdict_text
 from sucre_bench.errors import ANY_FAULT, InputError, NotApplicableError, OutputError, one_line
 from sucre_bench.jobs.run_options import Study
@@ -144,23 +144,24 @@ def _tables(results: StudyResults) -> Iterator[tuple[str, str]]:
 
     study = results.study
     if study.along:
-        tables = [table for each in results.followed for table in each.comparisons]
-        sentences = ""  # the tables against a baseline have the differences
+        # titles differ by dataset
+        levels = {title: each for one in results.followed for title, each in one.tables.items()}
         records = [record for each in results.followed for record in each.records()]
-        csv = csv_text(pd.DataFrame(records), for_spreadsheets=True)
-    else:
-        tables = results.comparisons
-        sentences = "".join(
-            f"- {verdict_text(table, each)}\n" for table in tables for each in verdicts(table)
-        )
-        csv = as_text([*results.with_baseline, *results.parts], "csv", study.spread)
-        if study.baseline:
-            titled = [
-                replace(t, title=f"{t.title}, against {study.baseline}")
-                for t in results.with_baseline
-            ]
-            tables = [*itertools.chain(*zip(tables, titled, strict=True))]
-        tables = [*tables, *results.parts]
+        yield "md", levels_as_text(levels, "md")
+        yield "tex", levels_as_text(levels, "latex")
+        yield "csv", csv_text(pd.DataFrame(records), for_spreadsheets=True)
+        return
+    tables = results.comparisons
+    sentences = "".join(
+        f"- {verdict_text(table, each)}\n" for table in tables for each in verdicts(table)
+    )
+    csv = as_text([*results.with_baseline, *results.parts], "csv", study.spread)
+    if study.baseline:
+        titled = [
+            replace(t, title=f"{t.title}, against {study.baseline}") for t in results.with_baseline
+        ]
+        tables = [*itertools.chain(*zip(tables, titled, strict=True))]
+    tables = [*tables, *results.parts]
     yield "md", as_text(tables, "md", study.spread) + (f"\n{sentences}" if sentences else "")
     yield "tex", as_text(tables, "latex", study.spread)
     yield "csv", csv

@@ -137,7 +137,20 @@ def test_every_dataset_has_tables_of_its_own(tmp_path: Path):
     ]
     write(Study("s", along="degrade.depth_noise"), pd.concat(both, ignore_index=True), tmp_path)
     assert list(csv(tmp_path)["dataset"]) == ["sea", "sea", "lake", "lake"]
-    assert "**lake**" in (tmp_path / "tables/s.md").read_text()
+    assert "**lake: psnr" in (tmp_path / "tables/s.md").read_text()
+
+
+def test_each_level_has_a_best_of_its_own_and_methods_are_lines(tmp_path: Path):
+    """Nobody compares methods at unlike noise: b is best without it, a with it."""
+    scores = {None: {"a": [10.0, 12], "b": [20.0, 22]}, 0.1: {"a": [9.0, 9], "b": [8.0, 8]}}
+    write(Study("s", along="degrade.depth_noise"), noisy(scores), tmp_path)
+    table = (tmp_path / "tables/s.tex").read_text().partition(r"\end{tabular}")[0]
+    lines = [line.split(" & ") for line in table.splitlines() if " & " in line]
+    assert [line[0] for line in lines] == ["method", "a", "b"]
+    assert [[r"\textbf" in cell for cell in line[1:]] for line in lines[1:]] == [
+        [False, True],
+        [True, False],
+    ]
 
 
 def test_a_method_without_the_option_is_left_out_and_said():
