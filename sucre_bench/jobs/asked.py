@@ -20,7 +20,7 @@ from sucre_bench import plugins
 from sucre_bench.errors import InputError, SucreBenchError, in_one_line
 from sucre_bench.jobs import configs
 from sucre_bench.jobs.catalogue import plugin_of
-from sucre_bench.jobs.run_options import RunConfig
+from sucre_bench.jobs.run_options import OPTION_GROUPS, RunConfig
 from sucre_bench.jobs.words import QUOTED, Word, parse, quoted
 from sucre_bench.machine.files import check_folder, expanded, fault_of
 from sucre_bench.plugins.options import options_of
@@ -98,9 +98,12 @@ def reading_experiment(words: Sequence[str]) -> Iterator[list[str]]:
 def _search_path(words: Sequence[str]) -> Iterator[str]:
     """Yield the places of `hydra.searchpath`, which Hydra reads where it composes; presets are looked for before."""
     given = parse(word for word in words if word.lstrip("+").startswith("hydra.searchpath="))
-    # Hydra refuses others
-    lists = [value for word in given for value in word.values if isinstance(value, list)]
-    for place in itertools.chain(*lists):
+    for word in given:
+        if any(not isinstance(value, list) for value in word.values):
+            folder = word.text.partition("=")[2]
+            remedy = f"write 'hydra.searchpath=[{folder}]', or --config-dir {folder}"
+            raise InputError("is no list", word.text, remedy)
+    for place in itertools.chain(*(value for word in given for value in word.values)):
         folder = str(place).removeprefix("file://")
         if "://" not in folder:
             check_folder(
@@ -258,7 +261,8 @@ def is_bare(word: str) -> bool:
 
 def bare_word(word: str, words: Sequence[str]) -> InputError:
     """Return the fault of a word that has no key, with the command that was probably meant. words: of the command."""
-    if "." in word and word.partition(".")[0] in (*KINDS, "metrics", "degrade", "study"):
+    groups = (*KINDS, "metrics", "study", "hydra", *OPTION_GROUPS)
+    if "." in word and word.partition(".")[0] in groups:
         return InputError("has no value", word, f"an override reads key=value, write {word}=VALUE")
     names = {
         "dataset": [*plugins.discover("dataset")],

@@ -7,6 +7,7 @@ from dataclasses import MISSING, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from sucre_bench import plugins
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.jobs import configs
 from sucre_bench.jobs.asked import KINDS, Asked, Kind
@@ -158,11 +159,25 @@ def option_of(word: Word, entries: Mapping[Kind, Sequence[Entry]], asked: Asked)
             for entry in entries[option.kind]
             if option.owner in ("", entry.name, entry.label)
         ]
-        known = {name for owner in owners for name in option_names(option.kind, owner)}
-        raise unknown_name(word.key, option.name, known)
+        raise _no_option(word, option, owners, entries)
     if word.head not in _OF_RUN:
         raise unknown_word(word, entries, asked)
     return None
+
+
+def _no_option(
+    word: Word, option: Option, owners: Sequence[str], entries: Mapping[Kind, Sequence[Entry]]
+) -> InputError:
+    """Return the fault of an option that none of its owners has; another of this name is the nearest."""
+    kind, name = option.kind, option.name
+    names = [*(entry.name for entry in entries[kind]), *plugins.usable(kind)]
+    others = [other for other in names if name in option_names(kind, other)]
+    known = {name for owner in owners for name in option_names(kind, owner)}
+    fault = unknown_name(word.key, name, known)
+    if others:
+        remedy = f"did you mean '{others[0]}.{name}'? {fault.remedy}"
+        fault = InputError(fault.fault, fault.place, remedy)
+    return fault
 
 
 def _meant(word: Word, entries: Mapping[Kind, Sequence[Entry]]) -> list[Option]:
@@ -192,7 +207,8 @@ def unknown_word(word: Word, chosen: Mapping[Kind, Sequence[Entry]], asked: Aske
 
     asked: words may have replaced the datasets or methods of its experiment.
     """
-    text, key, head, dot = word.text, word.key, word.head, "." in word.key
+    text, key = word.text, word.key
+    head, dot, rest = key.partition(".")
     for kind, entries in chosen.items():
         names = ",".join(dict.fromkeys(entry.name for entry in entries))
         owners = dict.fromkeys(
@@ -205,13 +221,16 @@ def unknown_word(word: Word, chosen: Mapping[Kind, Sequence[Entry]], asked: Aske
                 text,
                 f"write {' or '.join(f'{b}.{text}' for b in before)}",
             )
-        if dot and plugin_of(kind, head):
+        if dot and rest in option_names(kind, head):
             return InputError(
                 f"'{head}' is not among the {kind}s", text, f"add it: -m {kind}={names},{head}"
             )
         if dot and head in {entry.label for entry in listed_entries(kind, asked)}:
             remedy = f"leave out {kind}={names} or {key}"
             return InputError(f"'{head}' is not among the {kind}s of this run", text, remedy)
+    for kind in reversed(KINDS):
+        if dot and plugin_of(kind, head):
+            return _no_option(word, Option(kind, head, rest), [head], chosen)
     if dot and plugin_of("metric", head):
         return InputError("is an option of a metric", text, f"write metrics.{text}")
     owned = {
