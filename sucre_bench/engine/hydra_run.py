@@ -11,7 +11,7 @@ from sucre_bench.engine.run_config import run_launched
 from sucre_bench.jobs import compose_jobs, configs
 from sucre_bench.jobs.asked import read, reading_experiment
 from sucre_bench.jobs.compose_jobs import Command
-from sucre_bench.jobs.words import parse
+from sucre_bench.jobs.words import parse, value_of
 from sucre_bench.machine.text_formats import now
 
 if TYPE_CHECKING:
@@ -38,8 +38,11 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
         config = asked.config if is_ours else configs.composed(lines, is_sweep=True)
         swept = [*words] if is_ours else [word.line for word in parse(lines) if word.is_swept]
         if not is_ours:  # what all jobs share is not among what tells them apart
+            shared = [line for line in lines if line not in swept]
+            keys = [line.lstrip("+").partition("=")[0] for line in shared if "/" not in line]
+            unnamed = f"hydra.job.config.override_dirname.exclude_keys={value_of(keys)}"
             with open_dict(config):
-                config.hydra.overrides.hydra = [line for line in lines if line not in swept]
+                config.hydra.overrides.hydra = [*shared, unnamed]
                 config.hydra.overrides.task = swept
         configure_log(config.hydra.hydra_logging, config.hydra.verbose)
         context, callbacks = _context(config)

@@ -48,10 +48,12 @@ def run_launched(config: DictConfig) -> float | None:
 
     for file in config.plugins:
         plugins.load_file(str(file))
-    words = list(HydraConfig.get().overrides.task)
-    keys = [word.lstrip("+").partition("=")[0] for word in words]
+    ours = HydraConfig.get()
+    keys = [word.lstrip("+").partition("=")[0] for word in ours.overrides.task]
     # Our sweeper gives labels. Jobs of other sweepers are told apart by what was set.
-    swept = () if "method.label" in keys else [key for key in keys if "." in key]
+    shared = ours.job.config.override_dirname.exclude_keys
+    is_labelled = "method.label" in keys
+    swept = () if is_labelled else [key for key in keys if "." in key and key not in shared]
     job = job_of(config, swept)
     with progress.live(plain=True):
         run_jobs(check(Command((job,), (), True, config, ((),))), job.workers)

@@ -128,11 +128,8 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
             raise bare_word(word, overrides)
     loader = configs.hydra_app().config_loader
     parsed = parse(overrides, loader)
-    params = [word for word in parsed if word.key.startswith(_SWEEPER)]
-    typed = parse(
-        (f"{word.key.removeprefix(_SWEEPER)}={','.join(map(str, word.values))}" for word in params),
-        loader,
-    )
+    params = [word for word in parsed if f"{word.key}.".startswith(_SWEEPER)]
+    typed = parse((text for word in params for text in _swept(word)), loader)
     typed += [word for word in parsed if word not in params]
     _load([word for word in typed if word.key == "plugins"])
     groups = [word for word in typed if _is_of_hydra(word)]
@@ -171,6 +168,16 @@ def read(words: Sequence[str], multirun: bool, config: DictConfig | None = None)
     asked = Asked(tuple(words), rest, tuple(of_hydra), experiment, config)
     _refuse(asked)
     return asked
+
+
+def _swept(word: Word) -> Iterator[str]:
+    """Yield what a word of `hydra.sweeper.params` sets, one key or a mapping of keys, as words of a command."""
+    name = word.key.removeprefix(_SWEEPER.rstrip(".")).lstrip(".")
+    given: Any = {name: ",".join(map(str, word.values))} if name else word.values[0]
+    if not isinstance(given, dict):
+        remedy = f'write {word.key}={{OPTION: "VALUE,VALUE"}}'
+        raise InputError("is no mapping", word.text, remedy)
+    yield from (f"{key}={text}" for key, text in given.items())
 
 
 def _shared(words: Iterable[Word]) -> Iterator[str]:

@@ -6,6 +6,7 @@ A Hydra file may name code (`_target_`). So of a user's folders only those that 
 from __future__ import annotations
 
 import functools
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -147,10 +148,11 @@ def _explained(fault: Exception, overrides: Sequence[str]) -> InputError:
     if text.startswith("Could not override '") and "." in key:
         group, _, name = key.rpartition(".")
         others = [word for word in overrides if not word.lstrip("+").startswith(f"{key}=")]
-        if len(others) < len(overrides) and (
-            known := selected(composed(others, is_sweep=True), group)
-        ):
-            return unknown_name(key, name, known)
+        if len(others) < len(overrides):
+            known = selected(composed(others, is_sweep=True), group)
+            if known:
+                return unknown_name(key, name, known)
+            return InputError(f"no option '{name}'", key, f"write +{key}=VALUE to add it")
     place = next((word for word in overrides if key and key in word), "")
     return InputError(text, place, "`sucre-bench run --cfg all` shows what there is")
 
@@ -203,7 +205,9 @@ def _preset(_: tuple[str, ...], group: str, name: str) -> dict[str, Any] | None:
 
     if not name or name not in preset_names(group):
         return None
-    values = OmegaConf.to_container(composed([], config=f"{group}/{name}"), resolve=False)
+    with warnings.catch_warnings(action="ignore"):  # that _self_ is not in its defaults: it is last
+        config = composed([], config=f"{group}/{name}")
+    values = OmegaConf.to_container(config, resolve=False)
     assert isinstance(values, dict)
     return values.get(group)
 

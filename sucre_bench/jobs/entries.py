@@ -66,8 +66,9 @@ def entries_of(kind: Kind, asked: Asked, params: Sequence[Word] = ()) -> tuple[E
         return (_entry(kind, asked.choice(kind)),)
     entries = []
     for name in words[-1].values:
-        if isinstance(name, list) or name is None:
-            raise InputError("one name at a time", f"{kind}={name}", f"-m {kind}=a,b runs several")
+        if not isinstance(name, (str, int, float)):
+            remedy = f"-m {kind}=a,b runs several; write {kind}.OPTION=VALUE for an option"
+            raise InputError("one name at a time", words[-1].text, remedy)
         name = str(name)
         plugin = plugin_of(kind, name)
         needs_root = (

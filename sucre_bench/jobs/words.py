@@ -93,9 +93,15 @@ def parse(texts: Iterable[str], loader: ConfigLoader | None = None) -> list[Word
         except HydraException as fault:
             if equals and key and typed and (typed[0] not in "'\"[{$" or "}" in typed[1:-1]):
                 remedy = f'write "{key}={quoted(typed)}", both kinds'
+                function = re.search("Unknown function '(.+)'\nAvailable: (.+)", str(fault))
+                if function:
+                    remedy = f"{function[2]} are there; for a name with brackets, {remedy}"
+                    raise InputError(f"no function '{function[1]}'", text, remedy) from fault
                 raise InputError("special characters need quotes", text, remedy) from fault
             raise InputError(first_line(fault), text, "an override reads key=value") from fault
         name = override.get_key_element().lstrip("+~")
+        # + is for keys that Hydra does not know, and ours are all known
+        as_read = key if name.startswith("hydra") else key.lstrip("+")
         words.append(
             Word(
                 name,
@@ -103,7 +109,7 @@ def parse(texts: Iterable[str], loader: ConfigLoader | None = None) -> list[Word
                 text,
                 is_swept,
                 override.is_delete(),
-                f"{key}{equals}{readable}",
+                f"{as_read}{equals}{readable}",
             )
         )
     return words
