@@ -49,7 +49,7 @@ def list_(what: str, names: tuple[str, ...], as_json: bool) -> None:
     sucre-bench list sets
     sucre-bench list methods --json | jq -r '.[] | select(.installed) | .name'
 
-    With NAME, list prints only this one.
+    A plugin has a line. With NAME, list prints all of it: needs, options, publication.
     """
     known: list[tuple[str, _Item]]
     if what == "degradations":
@@ -71,7 +71,7 @@ def list_(what: str, names: tuple[str, ...], as_json: bool) -> None:
             raise plugins.unknown(what[:-1], name, every)
     items = [item for name, item in known if not names or name in names]
     if not as_json:
-        terminal.show(Text.from_ansi(_as_text(what, items)))
+        terminal.show(Text.from_ansi(_as_text(what, items, not names)))
     elif what == "degradations":
         shared.print_json(
             {item.name: option_entry(item) for item in items if isinstance(item, Option)}
@@ -82,8 +82,11 @@ def list_(what: str, names: tuple[str, ...], as_json: bool) -> None:
         )
 
 
-def _as_text(what: str, items: Sequence[_Item]) -> str:
-    """Each with its needs, licence, options and whether it can run here, wrapped to the terminal, in colour."""
+def _as_text(what: str, items: Sequence[_Item], is_short: bool) -> str:
+    """A line a plugin if is_short; else each with its needs, licence, options and whether it can run here.
+
+    Lines are wrapped to the terminal, in colour.
+    """
     if what == "experiments":
         return "\n".join(
             f"{item['name']}  {item['description']}" for item in items if isinstance(item, dict)
@@ -92,6 +95,9 @@ def _as_text(what: str, items: Sequence[_Item]) -> str:
         return "\n".join(
             line for item in items if isinstance(item, Option) for line in _option_lines(item)
         )
+    if is_short and what != "sets":
+        lines = [_line(item, max(len(_name(each)) for each in items)) for item in items]
+        return "\n".join([*lines, "", f"options and publication: sucre-bench list {what} NAME"])
     texts = []
     for item in items:
         if isinstance(item, dict):
@@ -113,6 +119,28 @@ def _as_text(what: str, items: Sequence[_Item]) -> str:
     if what == "metrics":
         texts.append("metric:variant, * computed unless others are asked for")
     return "\n\n".join(texts) or f"no {what}"
+
+
+def _name(item: _Item) -> str:
+    return str(item["name"]) if isinstance(item, dict) else item.name
+
+
+def _line(item: _Item, width: int) -> str:
+    """A name with the first words about it, or why it cannot be used. width: of the longest name."""
+    said = item["description"] if isinstance(item, dict) else ""
+    lack = ""
+    if isinstance(item, Broken):
+        lack = f"cannot be used: {item.reason}"
+    elif isinstance(item, Plugin):
+        said = item.summary
+        install = entry(item)["install"]
+        if install:
+            lack = f"not installed: {install}"
+    name = f"{_name(item):{width}}  "
+    if lack:
+        return click.style(name + lack, fg="red")
+    room = max(60, shutil.get_terminal_size().columns) - len(name)
+    return click.style(name, bold=True) + textwrap.shorten(said, room, placeholder=" …")
 
 
 def _entry(plugin: Plugin | Broken) -> str:

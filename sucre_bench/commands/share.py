@@ -69,6 +69,8 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool, force: 
     click.echo(
         f"files    {made.n_inside} pictures and records inside, {made.n_outside} outside by their hash"
     )
+    if pictures == "none":
+        say("verify can compute no score again: --pictures restored puts the pictures in", "yellow")
     if made.unverifiable:
         told = ", ".join(f"{n} of {metric}" for metric, n in made.unverifiable.items())
         say(f"nobody can verify these scores, which need more than 8 bits: {told}", "yellow")

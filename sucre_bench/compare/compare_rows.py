@@ -30,6 +30,7 @@ from sucre_bench.compare.notes import (
 )
 from sucre_bench.compare.statistics import ColumnScores, Units
 from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.machine.text_formats import natural_order
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import COSTS, PREFERENCE, RESTORATION, By, values_of
 from sucre_bench.results.table import is_fresh
@@ -340,6 +341,9 @@ def _scores(column: Column, complete: DataFrame, is_track: bool) -> ColumnScores
     per_view = (
         complete if column.n_views == len(complete) else complete.groupby(level=_UNIT[:2]).mean()
     )
+    # neighbours of a track stand side by side
+    names = [(scene, natural_order(view)) for scene, view, *_ in per_view.index]
+    per_view = per_view.iloc[sorted(range(len(names)), key=names.__getitem__)]
     places = [(scene, view) for scene, view, *_ in per_view.index]
     views = per_view.to_numpy()
     scenes = [*Counter(scene for scene, _ in places).values()]

@@ -155,6 +155,8 @@ def as_blocks(comparisons: Sequence[Comparison], width: int, every: bool = False
             ]
         else:
             made += [_block(one, width, every) for one in group]
+    if same := words.unchanged(comparisons):
+        made.append(_joined("", [], (), same, width))
     return made
 
 
@@ -295,7 +297,8 @@ def _joined(
     )
     below = [Text(wrapper.fill(line), "dim") for line in dim if line]
     below += [Text(wrapper.fill(line)) for line in said if line]
-    return Group(Text(wrapper.fill(head), "bold"), *tables, *below)
+    above = [Text(wrapper.fill(head), "bold")] if head else []
+    return Group(*above, *tables, *below)
 
 
 def _percent(comparison: Comparison, name: str, column: Column) -> str:

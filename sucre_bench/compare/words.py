@@ -276,6 +276,36 @@ def notes_once(comparisons: Sequence[Comparison]) -> list[Comparison]:
     return made
 
 
+def unchanged(comparisons: Sequence[Comparison]) -> list[str]:
+    """Return a sentence for each dataset of which several tables have the same scores of a method.
+
+    What tells the tables apart, fewer neighbouring views for example, does not reach this method.
+    """
+    groups: dict[str, list[Comparison]] = {}
+    for comparison in comparisons:
+        groups.setdefault(comparison.title.partition(",")[0], []).append(comparison)
+    said = []
+    for name, group in groups.items():
+        means: dict[str, set[tuple[tuple[str, str, float], ...]]] = {}
+        for one in group:
+            for method in one.restorers:
+                scores = tuple(
+                    (column.metric, column.variant, one.cells[method, column].mean)
+                    for column in one.columns
+                    if column.ranked and (method, column) in one.cells
+                )
+                means.setdefault(method, set()).add(scores)
+        same = [method for method, scores in means.items() if len(scores) == 1 and scores != {()}]
+        if len(group) > 1 and same:
+            what = (
+                f"in all {len(group)} tables of {name}: what differs between these does not reach"
+            )
+            said.append(
+                f"{listed(same)}: the same scores {what} {'it' if len(same) == 1 else 'them'}"
+            )
+    return said
+
+
 def left_out(comparison: Comparison) -> list[str]:
     """Return a sentence for everything that the comparison does not count, with the reason."""
     said = []

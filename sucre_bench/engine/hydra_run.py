@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench import results
 from sucre_bench.engine.run import Outcome, Watch, outcome_of, run
 from sucre_bench.engine.run_config import run_launched
+from sucre_bench.errors import InputError, in_one_line
 from sucre_bench.jobs import compose_jobs, configs
 from sucre_bench.jobs.asked import read, reading_experiment
 from sucre_bench.jobs.compose_jobs import Command
@@ -44,6 +48,7 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
             with open_dict(config):
                 config.hydra.overrides.hydra = [*shared, unnamed]
                 config.hydra.overrides.task = swept
+        _check_cluster(config)
         configure_log(config.hydra.hydra_logging, config.hydra.verbose)
         context, callbacks = _context(config)
         callbacks.on_multirun_start(config=config, config_name=configs.config_name())
@@ -59,6 +64,27 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
             outcome = sweeper.sweep(arguments=swept)
         callbacks.on_multirun_end(config=config, config_name=configs.config_name())
         return outcome if isinstance(outcome, Outcome) else _outcome_since(started, config)
+
+
+def _check_cluster(config: DictConfig) -> None:
+    """Refuse a launcher of SLURM where no cluster answers, before anything is written. Raises InputError."""
+    launcher = str(config.hydra.runtime.choices["hydra/launcher"])
+    if launcher not in ("slurm", "submitit_slurm"):
+        return
+    fault = "sbatch is not on this machine"
+    if shutil.which("sbatch"):
+        asked = subprocess.run(
+            ["squeue", "--noheader", f"--user={os.getuid()}"],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=60,
+        )
+        if asked.returncode == 0:
+            return
+        fault = f"no cluster answers squeue: {in_one_line(asked.stderr)}"
+    remedy = "start it on a login node of the cluster, or leave the launcher out"
+    raise InputError(fault, f"hydra/launcher={launcher}", remedy)
 
 
 def _context(config: DictConfig) -> tuple[HydraContext, Callbacks]:

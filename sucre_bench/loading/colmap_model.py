@@ -29,7 +29,7 @@ from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import Photograph, scaled_pose, scene_of
 from sucre_bench.machine.files import NO_FILE, fault_of, regular
 from sucre_bench.machine.progress import track
-from sucre_bench.machine.text_formats import first_few
+from sucre_bench.machine.text_formats import first_few, natural_order
 from sucre_bench.scene import Encoding, Scene
 
 # By their number in cameras.bin.
@@ -147,7 +147,7 @@ def read_model(
         raise InputError(
             "no image is registered", images_file, "run 'colmap mapper' on more, overlapping images"
         )
-    return [posed[name] for name in sorted(posed)]
+    return [posed[name] for name in sorted(posed, key=natural_order)]
 
 
 def _read_cameras(

@@ -15,11 +15,12 @@ from sucre_bench.loading.passed_over import EXPORT, OTHER_FORMATS
 from sucre_bench.loading.view_files import Photograph, scene_of
 from sucre_bench.machine.files import VIDEOS, frames_of
 from sucre_bench.machine.progress import track
+from sucre_bench.machine.text_formats import natural_order
 from sucre_bench.scene import Encoding, Scene
 
 
 def image_names(folder: Path, subfolders: bool = False, but: Path | None = None) -> list[str]:
-    """Return the images in a folder, relative to it, in order of name; hidden files and the folder `but` left out.
+    """Return the images in a folder, relative to it, in natural order; hidden files and the folder `but` left out.
 
     Raises InputError for a name in another encoding than UTF-8.
     """
@@ -37,7 +38,7 @@ def image_names(folder: Path, subfolders: bool = False, but: Path | None = None)
         found += [(place / name).relative_to(folder).as_posix() for name in images]
     if wrong := [name for name in found if not is_utf8(name)]:
         raise InputError("its name is no UTF-8", folder / wrong[0], "rename it")
-    return sorted(found)
+    return sorted(found, key=natural_order)
 
 
 def no_image(

@@ -118,6 +118,12 @@ def keep_traceback(log: Path | None, where: str) -> None:
             file.write(f"--- {now()} {where}\n{masked(traceback.format_exc())}\n")
 
 
+def natural_order(name: str) -> tuple[list[str | int], str]:
+    """Return what sorts names as people count: 2.png before 10.png."""
+    parts = re.split(r"([0-9]+)", name)
+    return [int(part) if n % 2 else part for n, part in enumerate(parts)], name
+
+
 def counted(number: int, name: str) -> str:
     """Return a number with its name: "1 table", "2 tables"."""
     return f"{number} {name}{'' if number == 1 else 's'}"

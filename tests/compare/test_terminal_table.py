@@ -503,3 +503,23 @@ def test_no_line_is_wider_than_the_terminal_and_no_word_is_cut(width: int, label
     assert label in block.text
     words = {*re.split(r"\s+", printed([comparison], 2000).text)}
     assert {*re.split(r"\s+", block.text)} <= words
+
+
+def test_a_method_that_an_option_does_not_reach_is_named():
+    """gray_world has the same scores with one and with three neighbours; sucre has others."""
+    rows = [
+        replace(PSNR, dataset=f"sea,within={n}", method=m, view=f"v{v}", value=20.0 + v + gain)
+        for n in (1, 3)
+        for m, gain in (("gray_world", 0), ("sucre", n))
+        for v in range(5)
+    ]
+    text = printed(compare.compare(frame(rows))).text
+    assert re.search("gray_world: the same scores in all 2 tables of sea", text)
+    assert not re.search("sucre: the same scores", text)
+
+
+def test_views_of_a_track_stand_in_natural_order():
+    rows = [replace(PSNR, method=m, view=f"{v}.png", value=v) for m in "ab" for v in range(12)]
+    (comparison,) = compare.compare(frame(rows))
+    (measured,) = comparison.measured.values()
+    assert [view for _, view in measured.places] == [f"{v}.png" for v in range(12)]
