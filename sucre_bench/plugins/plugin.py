@@ -321,15 +321,20 @@ def method(
             "method",
             "other views are given as they are",
         )
-    about: dict[str, Any] = {"display": display, "encoding": encoding, "reads": tuple(reads)}
-    about |= {
-        "is_photograph": is_photograph,
-        "may_use": tuple(may_use),
-        "differs": differs,
-        "opinions": opinions or {},
-    }
     return _decorator(
-        "method", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about
+        "method",
+        name,
+        needs,
+        requires=tuple(requires),
+        may_use=tuple(may_use),
+        cites=cites,
+        licence=licence,
+        display=display,
+        encoding=encoding,
+        reads=tuple(reads),
+        is_photograph=is_photograph,
+        differs=differs,
+        opinions=opinions or {},
     )
 
 
@@ -380,15 +385,18 @@ def dataset(
         raise PluginError(
             f"unknown has {sorted(unknown)}", "dataset", did_you_mean(min(unknown), HAS)
         )
-    about: dict[str, Any] = {
-        "source": source,
-        "proven": proven,
-        "has": has,
-        "charts_file": charts_file,
-    }
-    about["signs"] = tuple(signs)
     return _decorator(
-        "dataset", name, (), requires=tuple(requires), cites=cites, licence=licence, **about
+        "dataset",
+        name,
+        (),
+        requires=tuple(requires),
+        cites=cites,
+        licence=licence,
+        source=source,
+        proven=proven,
+        has=has,
+        charts_file=charts_file,
+        signs=tuple(signs),
     )
 
 
@@ -448,18 +456,24 @@ def metric(
     >>> Redness.__plugin__.default
     ('own',)
     """
-    chosen = tuple(default) or tuple(variants)[:1]
-    about: dict[str, Any] = {
-        "unit": unit,
-        "better": better,
-        "range": range,
-        "variants": dict(variants),
-    }
-    about |= {"default": chosen, "role": role, "symbol": symbol, "unranked": frozenset(unranked)}
-    about |= {"faults": faults or {}, "may_need": frozenset(may_need)}
-    about["agreement"] = dict(agreement or {})
     return _decorator(
-        "metric", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about
+        "metric",
+        name,
+        needs,
+        may_need=frozenset(may_need),
+        requires=tuple(requires),
+        cites=cites,
+        licence=licence,
+        unit=unit,
+        better=better,
+        range=range,
+        variants=dict(variants),
+        default=tuple(default) or tuple(variants)[:1],
+        role=role,
+        symbol=symbol,
+        unranked=frozenset(unranked),
+        faults=faults or {},
+        agreement=dict(agreement or {}),
     )
 
 
