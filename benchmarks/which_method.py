@@ -1,11 +1,12 @@
 """Which method when: errors of colours by method and natural condition, on 48 independent scenes of `dataset=nature`.
 
     python benchmarks/which_method.py measure which_method.csv
-    python benchmarks/which_method.py show which_method.csv which_method.png
+    python benchmarks/which_method.py show benchmarks/which_method.csv which-method.png
 
 `measure` appends a row a scene and method, and goes on where it was stopped; `--part 0/2` measures every second scene.
 `show` prints a table in Markdown and draws a picture, of the seas whose twelve conditions are all measured. Each scene
-has its own ground, path and noise. All have mild errors of depth and poses. It takes about 10 CPU minutes.
+has its own ground, path and noise. All have mild errors of depth and poses. It takes about 30 CPU minutes.
+benchmarks/which_method.csv is the table behind docs/which-method.md.
 """
 
 from __future__ import annotations
@@ -121,17 +122,16 @@ def show(file: Path, picture: Path) -> None:
         raise SystemExit(f"{file}: no sea has all {len(CONDITIONS)} conditions yet; measure more")
     seeds = rows["seed"].nunique()
     gain = rows.pivot_table(index="method", columns="condition", values="gain")[list(CONDITIONS)]
-    raw = rows.pivot_table(index="method", columns="condition", values="raw")[list(CONDITIONS)]
     by_scene = rows.pivot_table(index="method", columns="seed", values="gain")
     order = by_scene.mean(axis=1).sort_values(ascending=False).index
     ranks = by_scene.rank(ascending=False).mean(axis=1)
-    print("| method | all, gain | rank | " + " | ".join(f"`{name}`" for name in CONDITIONS) + " |")
+    print("| method | all | rank | " + " | ".join(f"`{name}`" for name in CONDITIONS) + " |")
     print("|---|" + "---:|" * (2 + len(CONDITIONS)))
     for method in order:
         mean, low, high = _interval(by_scene.loc[method].to_numpy())
         cells = []
         for name in CONDITIONS:
-            text = f"{gain.loc[method, name]:.1f} / {raw.loc[method, name]:.1f}"
+            text = f"{gain.loc[method, name]:.1f}"
             is_best = gain.loc[method, name] == gain[name].max()
             cells.append(f"**{text}**" if is_best else text)
         print(
