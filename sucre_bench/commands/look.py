@@ -49,13 +49,14 @@ def track(folder: Path, uri: str, experiment: str) -> None:
     """
     from sucre_bench.machine.provenance import require
     from sucre_bench.machine.text_formats import masked
-    from sucre_bench.reports import mlflow
+    from sucre_bench.reports.mlflow.runs import log
+    from sucre_bench.reports.mlflow.store import Place
 
     require("track", "mlflow")
-    place = mlflow.Place.of(folder, uri, experiment)
+    place = Place.of(folder, uri, experiment)
     check_links(folder)
     with progress.live():
-        new = mlflow.log(folder, place)
+        new = log(folder, place)
     where = f"{masked(place.uri)}, experiment {place.experiment}"
     click.echo(f"mlflow   {where}: {counted(new, 'new run')}")
     click.echo(f"to look  {place.how_to_look}")

@@ -120,8 +120,6 @@ def say_whether_measurable(planned: Sequence[Planned]) -> None:
     Depth maps are decoded in a process of its own: workers are forked from one without threads.
     """
     from sucre_bench.errors import ANY_FAULT
-    from sucre_bench.machine import processes, progress
-    from sucre_bench.programs.describe.faults import first_look
 
     measuring = (plan for plan in planned if {"poses", "depth"} <= plan.job.method.plugin.needs)
     scenes = {
@@ -129,6 +127,11 @@ def say_whether_measurable(planned: Sequence[Planned]) -> None:
         for plan in measuring
         for task in plan.todo
     }
+    if not scenes:
+        return
+    from sucre_bench.machine import processes, progress
+    from sucre_bench.programs.describe.faults import first_look
+
     for (dataset, name), scene in list(scenes.items())[:_MOST_SCENES]:
         with contextlib.suppress(*ANY_FAULT):  # the run says what is wrong with the data
             if said := processes.call(

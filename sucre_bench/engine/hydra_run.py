@@ -40,10 +40,11 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
         is_ours = asked.config.hydra.runtime.choices["hydra/sweeper"] == "pairs"
         lines = [word.line for word in asked.typed] if is_ours else compose_jobs.lines_of(asked)
         config = asked.config if is_ours else configs.composed(lines, is_sweep=True)
-        swept = [*words] if is_ours else [word.line for word in parse(lines) if word.is_swept]
+        parsed = zip(lines, parse(lines), strict=True)
+        swept = [*words] if is_ours else [line for line, word in parsed if word.is_swept]
         if not is_ours:  # what all jobs share is not among what tells them apart
             shared = [line for line in lines if line not in swept]
-            keys = [line.lstrip("+").partition("=")[0] for line in shared if "/" not in line]
+            keys = [line.lstrip("+").partition("=")[0] for line in shared]
             unnamed = f"hydra.job.config.override_dirname.exclude_keys={value_of(keys)}"
             with open_dict(config):
                 config.hydra.overrides.hydra = [*shared, unnamed]

@@ -194,6 +194,13 @@ def default_choices() -> dict[str, str]:
     return {one.group: one.value for one in found.defaults_list if hasattr(one, "group")}
 
 
+def listed_names(config: str) -> set[str]:
+    """Return the names in the defaults of a file, "metrics/default" for example; none of them is imported."""
+    loader: Any = hydra_app().config_loader
+    found = loader.repository.load_config(config)
+    return {one.path for one in found.defaults_list if hasattr(one, "path")}
+
+
 def preset(group: str, name: str) -> dict[str, Any] | None:
     """Return what a file of a group, `method/sucre_exact` for example, comes to; None where there is no such file."""
     return _preset(_places.get(), group, name)

@@ -17,7 +17,8 @@ from support.places import TOYS
 
 from sucre_bench import compare, results
 from sucre_bench.errors import InputError, OutputError
-from sucre_bench.reports import mlflow
+from sucre_bench.reports.mlflow.runs import log
+from sucre_bench.reports.mlflow.store import Place
 from sucre_bench.reports.paper import style
 from sucre_bench.results.rows import Row
 
@@ -316,7 +317,7 @@ def test_another_version_of_a_methods_code_is_another_run(out: Path, uri: str):
     )
     for second, code in enumerate(("a" * 12, "b" * 12)):
         results.write_rows(out, "m", [replace(base, code=code, time=f"2026-01-01T00:00:0{second}")])
-        assert mlflow.log(out, mlflow.Place(uri, "sucre_bench")) == 1
+        assert log(out, Place(uri, "sucre_bench")) == 1
     latest = {
         run.data.tags["code"]: run.data.tags["latest"]
         for run in runs(uri)
@@ -342,7 +343,7 @@ def test_means_are_those_of_the_table(out: Path, uri: str):
         out, "made", [*(replace(base, view=view, value=1.0) for view in angles), *psi]
     )
     (table,) = compare.compare(results.read(out))
-    assert mlflow.log(out, mlflow.Place(uri, "sucre_bench")) == 1
+    assert log(out, Place(uri, "sucre_bench")) == 1
     (column,) = [c for c in table.columns if c.metric == "psi"]
     assert (
         by_method(uri)["gray_world"].data.metrics["psi.colour"]
@@ -367,8 +368,8 @@ def test_what_is_broken_off_goes_on(bench, out: Path, uri: str, monkeypatch: pyt
     with monkeypatch.context() as patch:
         patch.setattr(store, "log_artifacts", breaks)
         with pytest.raises(OutputError, match="gone"):
-            mlflow.log(out, mlflow.Place(uri, "sucre_bench"))
-    assert mlflow.log(out, mlflow.Place(uri, "sucre_bench")) == 1
+            log(out, Place(uri, "sucre_bench"))
+    assert log(out, Place(uri, "sucre_bench")) == 1
     assert {name: run.info.status for name, run in by_method(uri).items()} == dict.fromkeys(
         ["", "gain", "gain2"], "FINISHED"
     )
@@ -382,7 +383,7 @@ def test_a_store_that_cannot_be_used_is_named_with_the_reason(
     store = tmp_path / "store.db"
     store.mkdir() if content is None else store.write_bytes(content)
     with pytest.raises(InputError, match=r"store\.db: mlflow "):
-        mlflow.log(tmp_path / "out", mlflow.Place(f"sqlite:///{store}", "sucre_bench"))
+        log(tmp_path / "out", Place(f"sqlite:///{store}", "sucre_bench"))
 
 
 def test_pictures_in_mlflow_are_copies(bench, out: Path, uri: str):
@@ -391,6 +392,6 @@ def test_pictures_in_mlflow_are_copies(bench, out: Path, uri: str):
     content = picture.read_bytes()
     picture.rename(out / "moved.png")
     picture.symlink_to("../../../moved.png")  # as where a user moved pictures to a larger disk
-    mlflow.log(out, mlflow.Place(uri, "sucre_bench"))
+    log(out, Place(uri, "sucre_bench"))
     kept = artifacts(by_method(uri)["gain"]) / "restored/v0.png"
     assert (kept.is_symlink(), kept.read_bytes()) == (False, content)

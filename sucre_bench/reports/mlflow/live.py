@@ -1,37 +1,22 @@
-"""Logs a command while it runs, in a process of its own: no view waits for mlflow or its server.
-
-The process follows the parts of the score table that the jobs write, on this machine or elsewhere.
-"""
+"""Starts and ends the process that logs a command while it runs: `follow` is what it does."""
 
 from __future__ import annotations
 
-import os
-import time
-from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
-from queue import Empty, SimpleQueue
-from threading import Thread
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
 from sucre_bench.engine.preflight import base_row
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.machine import progress
 from sucre_bench.machine.processes import Forked, call, can_fork
 from sucre_bench.machine.provenance import absent
-from sucre_bench.machine.text_formats import masked, now
-from sucre_bench.reports.mlflow.runs import JobKey, Runs, jobs_of, log
-from sucre_bench.reports.mlflow.store import Note, Place, prepare, reported
-from sucre_bench.results.rows import values_of
-from sucre_bench.results.table import PARTS, read_part
+from sucre_bench.machine.text_formats import masked
 
 if TYPE_CHECKING:
     from sucre_bench.engine.preflight import Planned
     from sucre_bench.jobs.job import Job
-
-_EVERY_S = 1.0  # looks for new rows
-_PAUSE_S = 20.0  # until mlflow is tried again after a fault
+    from sucre_bench.reports.mlflow.store import Place
 
 
 class Live:
@@ -52,23 +37,28 @@ class Live:
         """Start the process, which needs seconds to import mlflow, if mlflow is wanted and installed."""
         place = _place(job)
         if place and can_fork():
-            self._child = Forked(partial(_follow, job.out, place))
+            from sucre_bench.reports.mlflow.follow import follow
+
+            self._child = Forked(partial(follow, job.out, place))
 
     def follow(self, planned: Sequence[Planned]) -> None:
         """Begin to follow the jobs, if there is work. planned: empty if another sweeper chooses the jobs."""
-        has_work = not planned or any(plan.todo for plan in planned)
-        if self._child and not has_work:
+        if not self._child:
+            return
+        if planned and not any(plan.todo for plan in planned):
             self._child.stop()
             self._child = None
-        self._give(_Follower.follow, [_Planned.of(plan) for plan in planned])
+            return
+        from sucre_bench.reports.mlflow.follow import Follower, PlannedViews
+
+        self._child.give((Follower.follow, [PlannedViews.of(plan) for plan in planned]))
 
     def begin(self, job: Job) -> None:
         """Begin the run of a job."""
-        self._give(_Follower.begin, JobKey.of(base_row(job)))
-
-    def _give(self, step: Callable[..., None], value: object) -> None:
         if self._child:
-            self._child.give((step, value))
+            from sucre_bench.reports.mlflow.follow import Follower
+
+            self._child.give((Follower.begin, base_row(job)))
 
     def receive(self) -> None:
         """Print it once if mlflow fails."""
@@ -83,7 +73,12 @@ class Live:
         job: any of the command.
         """
         place = _place(job)
-        if not place or Note(job.out).is_logged(place):
+        if not place:
+            return
+        from sucre_bench.reports.mlflow.follow import log_quietly
+        from sucre_bench.reports.mlflow.store import Note
+
+        if Note(job.out).is_logged(place):
             return
         remedy = f"`sucre-bench track {job.out}` tries again"
         with progress.live():
@@ -95,7 +90,7 @@ class Live:
                     self._child.give(None)
                     self._child.wait(remedy)
                 else:
-                    call(partial(_log, job.out, place), remedy)
+                    call(partial(log_quietly, job.out, place), remedy)
             except SucreBenchError as fault:
                 reason = "" if self._has_failed else f" ({fault.without_remedy})"
                 progress.say(f"mlflow: not logged{reason}; the table has everything, {remedy}")
@@ -105,142 +100,9 @@ class Live:
 
 def _place(job: Job) -> Place | None:
     """Where a command is to be logged; None if it is not."""
+    if job.tracking.uri == "off" or absent("mlflow"):
+        return None
+    from sucre_bench.reports.mlflow.store import Place
+
     place = Place.of(job.out, job.tracking.uri, job.tracking.experiment)
-    return None if place.uri == "off" or absent("mlflow") else place
-
-
-def _log(out: Path, place: Place, runs: Runs | None = None) -> None:
-    with _silent():
-        log(out, place, runs)
-
-
-@contextmanager
-def _silent() -> Iterator[None]:
-    """Pass over what mlflow prints of each run."""
-    with Path(os.devnull).open("w") as nothing, redirect_stdout(nothing), redirect_stderr(nothing):
-        yield
-
-
-# -- in the process ----------------------------------------------------------------------------------------
-
-
-class _Planned(NamedTuple):
-    """A job, its views by scene and name, and those of them that are to be restored."""
-
-    job: JobKey
-    views: Collection[tuple[str, str]]
-    todo: set[tuple[str, str]]
-
-    @classmethod
-    def of(cls, plan: Planned) -> _Planned:
-        """Return what is logged of a job's plan."""
-        views, todo = (
-            [(task.base.scene, task.base.view) for task in tasks]
-            for tasks in (plan.tasks, plan.todo)
-        )
-        return cls(JobKey.of(base_row(plan.job)), views, set(todo))
-
-
-class _Follower:
-    """Logs the jobs of a command that have begun, and their rows.
-
-    runs: None until mlflow has answered; send: gives the command the reason if mlflow fails.
-    """
-
-    def __init__(self, out: Path, place: Place, send: Callable[..., None]) -> None:
-        self._out = out
-        self._place = place
-        self._send = send
-        self.runs: Runs | None = None
-        self._planned: Sequence[_Planned] | None = None
-        self._begun = list[JobKey]()
-        self._read = set[Path]()
-        self._since = now()
-        self._paused_until = 0.0
-
-    def follow(self, planned: Sequence[_Planned]) -> None:
-        """Take the jobs of the command."""
-        self._planned = planned
-
-    def begin(self, job: JobKey) -> None:
-        """Take a job that begins."""
-        self._begun.append(job)
-
-    def look(self) -> None:
-        """Log the jobs that have begun, and new rows. If mlflow fails, try again later."""
-        if self._planned is None or time.monotonic() < self._paused_until:
-            return
-        try:
-            with reported(self._place.uri):
-                self.runs = self.runs or self._start(self._planned)
-                for job in self._begun:
-                    self.runs.begin(job)
-                self._add_rows(self.runs)
-        except SucreBenchError as fault:
-            self._paused_until = time.monotonic() + _PAUSE_S
-            self._send("failed", fault.without_remedy)
-
-    def _start(self, planned: Sequence[_Planned]) -> Runs:
-        runs = Runs(self._out, self._place)
-        for plan in planned:
-            runs.steps(plan.job.dataset, plan.views)
-        parent = runs.start([plan.job for plan in planned])
-        _measure_machine(parent.id, self._place.uri)
-        self._left = {plan.job: plan.todo for plan in planned}
-        return runs
-
-    def _add_rows(self, runs: Runs) -> None:
-        """Log the rows of new parts of the table, and end the jobs whose views are done."""
-        for path in sorted(set((self._out / PARTS).glob("*.parquet")) - self._read):
-            rows = read_part(path)
-            rows = rows[rows["time"] >= self._since]
-            runs.add(rows)
-            self._read.add(path)
-            for job, of_job in jobs_of(rows).items():
-                if left := self._left.get(job):
-                    left -= {*values_of(of_job, "scene", "view")}
-                    if not left:
-                        runs.close(job)
-
-
-def _measure_machine(run_id: str, uri: str) -> None:
-    """Let mlflow log use of processors, memory and GPUs until a run ends, if its own variable asks for that."""
-    import mlflow
-    from mlflow.environment_variables import MLFLOW_ENABLE_SYSTEM_METRICS_LOGGING
-
-    if MLFLOW_ENABLE_SYSTEM_METRICS_LOGGING.get():
-        from mlflow.system_metrics.system_metrics_monitor import SystemMetricsMonitor
-
-        mlflow.set_tracking_uri(uri)
-        SystemMetricsMonitor(run_id, resume_logging=True).start()
-
-
-def _follow(out: Path, place: Place, send: Callable[..., None], take: Callable[[], Any]) -> None:
-    """Log a command until its end is asked for, and that too."""
-    news = SimpleQueue[Any]()
-    Thread(target=_pass_on, args=(take, news), daemon=True).start()
-    follower = _Follower(out, place, send)
-    with _silent():
-        prepare(place)
-        try:
-            while True:
-                with suppress(Empty):
-                    given = news.get(timeout=_EVERY_S)
-                    if given is None:
-                        break
-                    step, value = given
-                    step(follower, value)
-                if news.empty():
-                    follower.look()
-            _log(out, place, follower.runs)
-        except KeyboardInterrupt:
-            if follower.runs:
-                follower.runs.kill()
-            raise
-
-
-def _pass_on(take: Callable[[], Any], news: SimpleQueue[Any]) -> None:
-    """Take what the command gives, so that it never waits."""
-    with suppress(EOFError, OSError):
-        while True:
-            news.put(take())
+    return None if place.uri == "off" else place
