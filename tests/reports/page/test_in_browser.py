@@ -141,8 +141,8 @@ def test_metrics_that_only_describe_and_leads_within_chance_are_shown_when_asked
     assert page.ask(keys) == ["psnr:masked", "de00:lab", "filled:image", "seconds:wall"]
     page.click("#all")
     assert "chart_distance:median" in page.ask(keys)
-    # Differences that may be chance are set apart. psnr: 26 dB against 21 in each of two views, which are too few; de00 is
-    # the same for all methods.
+    # Differences that may be chance are set apart. psnr: 26 dB against 21 in each of two views, which are too few; de00
+    # is the same for all methods.
     lead = "[data-dataset]:not([hidden])"
     assert re.search(r"clever .*plain .*5\.00 dB", texts(page, f"{lead} .verdicts li")[0])
     page.click(f"{lead} .chances summary")
