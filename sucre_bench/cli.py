@@ -51,7 +51,7 @@ def main() -> None:
         status = _status()
         sys.stdout.flush()
     except BrokenPipeError:
-        # who read us (head, say) has enough, and what is left in the buffer has nowhere to go
+        # The reader of the output, such as `head`, has closed it. The rest of the buffer goes nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = _BROKEN_PIPE
     sys.exit(status)

@@ -11,25 +11,11 @@ from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
+from support.command_line import HEAVY
 
 from sucre_bench import results
 from sucre_bench.commands.completion import completion
 from sucre_bench.errors import Lack
-
-HEAVY = {
-    "torch",
-    "jax",
-    "open3d",
-    "mlflow",
-    "pycolmap",
-    "colour",
-    "pandas",
-    "skimage",
-    "cv2",
-    "hydra",
-    "scipy",
-}
-HEAVY |= {"numba"}
 
 
 def test_help_and_lists_import_nothing_heavy():

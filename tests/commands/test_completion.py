@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from click.shell_completion import shell_complete, split_arg_string
+from support.command_line import HEAVY
 
 from sucre_bench.cli import cli
 
@@ -131,20 +132,7 @@ def test_completion_imports_nothing_heavy():
         [sys.executable, "-c", code], capture_output=True, text=True, env=env, check=True
     )
     assert "method=sucre" in done.stdout
-    heavy = {
-        "torch",
-        "jax",
-        "open3d",
-        "mlflow",
-        "pycolmap",
-        "colour",
-        "pandas",
-        "skimage",
-        "cv2",
-        "hydra",
-        "scipy",
-    }
-    assert not heavy & set(done.stderr.split())
+    assert not HEAVY & set(done.stderr.split())
 
 
 def test_bash_completes_a_line_on_tab(tmp_path: Path):

@@ -40,6 +40,22 @@ if TYPE_CHECKING:
 
     from sucre_bench.engine.run import Outcome
 
+# What no quick answer imports.
+HEAVY = {
+    "colour",
+    "cv2",
+    "hydra",
+    "jax",
+    "mlflow",
+    "numba",
+    "open3d",
+    "pandas",
+    "pycolmap",
+    "scipy",
+    "skimage",
+    "torch",
+}
+
 # No test waits for the disk: tests kill processes, and never the machine, and what a process has written outlives it.
 # Programs that tests start as they are do wait.
 os.fsync = lambda fd: None

@@ -130,7 +130,7 @@ def _client(uri: str) -> MlflowClient:
     }
     for name, value in settings.items():
         os.environ.setdefault(f"MLFLOW_{name}", value)
-    # it tells of every migration of a new store
+    # alembic logs a line for each migration of a new store
     logging.getLogger("alembic").setLevel(logging.WARNING)
     logging.getLogger("mlflow.store.db.utils").setLevel(logging.ERROR)
     from mlflow import MlflowClient

@@ -244,7 +244,7 @@ def along(rows: DataFrame, study: Study) -> list[Along]:
     notes = tuple(Note("no option", (str(each),), option=name) for each in lacking)
     rows = rows[rows["_value"].notna()]
     if group == "dataset" and (rows.groupby("_value", sort=False)["scene"].nunique() == 1).all():
-        # a scene may be called after the value: views are told apart by name
+        # The option may be part of a scene's name. So a view is known by its own name alone.
         rows = rows.assign(scene="")
     wanted = {metric.partition(":")[0] for metric in study.metrics}
     followed = []
