@@ -210,12 +210,14 @@ def test_ctrl_c_cancels_the_jobs_and_keeps_what_they_did(user: Bench):
         "dataset.views=4", "shard.count=2", "shard.index=0,1", "method.waits=[v3.png]"
     )
     user.job_at("v3.png", command)
-    until(lambda: "v2.png" in user.stored(), command)
+    done = {"v0.png", "v1.png", "v2.png"}
+    # the other job starts when it will, so all that this test asks for is stored before the command ends
+    until(lambda: done <= user.stored(), command)
     command.send_signal(signal.SIGINT)
     said, _ = command.communicate(timeout=PATIENCE_S)
     assert command.returncode == 130, said
     user.until_no_job_is_at_work()
-    assert {"v0.png", "v1.png", "v2.png"} <= set(results.read(user.out)["view"])
+    assert done <= set(results.read(user.out)["view"])
 
 
 def test_the_launcher_of_submitit_works_too(user: Bench):
