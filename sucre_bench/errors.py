@@ -48,16 +48,6 @@ class SucreBenchError(Exception):
         """Return the message where a place is named already: without it, if it is the error's own."""
         return self.text if self.place == str(place) else str(self)
 
-    def reword(self, change: Callable[[str], str]) -> None:
-        """Change every part of the message."""
-        self.fault, self.place, self.remedy = (
-            change(self.fault),
-            change(self.place),
-            change(self.remedy),
-        )
-        self.text = change(self.text)
-        self.args = tuple(change(part) if isinstance(part, str) else part for part in self.args)
-
     def within(self, place: object) -> InputError:
         """Return the error with a place before its own: the file that holds a wrong name, say."""
         return InputError(self.without_remedy, place, self.remedy)

@@ -27,6 +27,7 @@ from sucre_bench.imaging.reference_images import psnr_of
 from sucre_bench.loading.view_files import source_files
 from sucre_bench.machine.files import check_folder, reading, regular
 from sucre_bench.machine.records import record_of
+from sucre_bench.plugins.call_method import typed_option
 from sucre_bench.results.water_file import read_water
 from sucre_bench.scene import Encoding
 
@@ -219,18 +220,23 @@ class RestoredElsewhere:
         if photograph:
             colours = lying_as(colours, path, lambda: view.rgb, photograph)
         image, size, found = colours[..., :3], view.rgb.shape[1::-1], colours.shape[1::-1]
-        sizes = f"{path}: is {found[0]}x{found[1]}, the view is {size[0]}x{size[1]}"
+        sizes = f"is {found[0]}x{found[1]}, the view is {size[0]}x{size[1]}"
         if not same_shape(found, size):
-            raise InputError(f"{sizes}, another shape; restore the view as it is, uncropped")
+            raise InputError(
+                f"{sizes}, another shape", path, "restore the view as it is, uncropped"
+            )
         if found != size and not self.resize:
-            raise InputError(f"{sizes}; restore it at that size, or give method.resize=true")
+            remedy = f"restore it at that size, or give {typed_option('resize')}=true"
+            raise InputError(sizes, path, remedy)
         is_hole = np.asarray(~np.isfinite(image).all(axis=-1))
         if self.holes != "none" and colours.shape[2] == 4:
             is_hole |= colours[..., 3] == 0
         if self.holes == "black":
             is_hole |= (image == 0).all(axis=-1)
         if is_hole.all():
-            raise InputError(f"{path}: no pixel has a colour; see method.holes, {self.holes} here")
+            raise InputError(
+                f"{path}: no pixel has a colour; see {typed_option('holes')}, {self.holes} here"
+            )
         _say_if_black(path, image, view, is_hole)
         if profile := profile_of(path):
             image, info = profile.to_srgb(image, self.encoding_of(view)), {PROFILE: profile.name}
@@ -265,7 +271,7 @@ def _say_if_black(path: Path, image: Array, view: View, is_hole: Mask) -> None:
     if block.mean() >= _BLOCK and np.median(view.rgb[block].max(axis=-1)) > _DARK:
         fault = f"{100 * block.mean():.0f} % of {path.name} is exactly black in one block, and scored as a colour"
         image_files.say_once_a_folder(
-            path, "black", f"{fault}; if it has none, give method.holes=black"
+            path, "black", f"{fault}; if it has none, give {typed_option('holes')}=black"
         )
 
 
@@ -492,9 +498,7 @@ class Precomputed(RestoredElsewhere):
         except NotApplicableError as fault:
             return {"skipped": str(fault)}
         except InputError as fault:  # the image without water is scored all the same
-            return {
-                "failed": str(fault).replace("give method.resize=true", "new views are not resized")
-            }
+            return {"failed": str(fault)}
         return similarity(picture.image, view_in_srgb(view).rgb)
 
     @functools.cached_property

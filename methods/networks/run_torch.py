@@ -17,6 +17,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import FileError, InputError
 from sucre_bench.machine.compute import Device
 from sucre_bench.machine.files import regular
+from sucre_bench.plugins.call_method import typed_option
 
 if TYPE_CHECKING:
     import torch
@@ -146,7 +147,9 @@ def loaded(architecture: Architecture, weights: Path, device: Device) -> TorchNe
     import torch
 
     if device == "cuda" and not torch.cuda.is_available():
-        raise InputError("method.device: there is no GPU that torch can use; give cpu or auto")
+        raise InputError(
+            "there is no GPU that torch can use", typed_option("device"), "give cpu or auto"
+        )
     place = "cuda" if device != "cpu" and torch.cuda.is_available() else "cpu"
     state = weights.stat()
     return _loaded(architecture, weights, state.st_mtime_ns, state.st_size, place)

@@ -59,6 +59,7 @@ from sucre_bench.methods.sucre.uncertainty import (
     uncertainty_of,
 )
 from sucre_bench.multiview.observations import Observations
+from sucre_bench.plugins.call_method import typed_option
 
 # The rounding of float32 sums of intensities, as a cost: 1e-6 rms of each observation.
 _ROUNDING = 1e-12
@@ -90,8 +91,6 @@ _SAME = 1e-4
 
 # A channel is dead if it varies by less than this over the whole sample: one level of 8 bits.
 _FLAT = 1 / 256
-
-_HOPELESS = "{}; give views that see the same places from other distances, or a known water (method.water=FILE)"
 
 # Attenuation and backscatter over the typical distance: a twentieth of the light lost, to nearly all.
 _GRID = (0.05, 0.2, 0.7, 2.0, 6.0)
@@ -185,10 +184,16 @@ def fit(
 def check_pairs(observations: Observations) -> None:
     """Raise NotApplicableError if observations tell nothing of a water: it needs pixels at unlike distances."""
     if not observations.n_repeated:
-        raise NotApplicableError(_HOPELESS.format("no pixel is seen in two views"))
+        raise NotApplicableError(*_hopeless("no pixel is seen in two views"))
     nearest, farthest = observations.distance_range()
     if not (farthest > nearest * (1 + _SAME)).any():  # then any water fits
-        raise NotApplicableError(_HOPELESS.format("every pixel is seen from one distance only"))
+        raise NotApplicableError(*_hopeless("every pixel is seen from one distance only"))
+
+
+def _hopeless(fault: str) -> tuple[str, str, str]:
+    """Why no water can be fitted, as an error has it."""
+    known = f"a known water ({typed_option('water')}=FILE)"
+    return fault, "", f"give views that see the same places from other distances, or {known}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -332,7 +337,7 @@ def _distinct(ends: Sequence[Minimum], within: float = 1e9) -> list[Array]:
             (float(cost), end.at[c]) for end in ends if np.isfinite(cost := _plausible_cost(end)[c])
         ]
         if not found:
-            raise SolveError(_HOPELESS.format("no water gives finite residuals"))
+            raise SolveError(*_hopeless("no water gives finite residuals"))
         found.sort(key=lambda pair: pair[0])
         lowest: list[Array] = []
         for cost, at in found:

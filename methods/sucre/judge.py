@@ -42,6 +42,7 @@ from sucre_bench.methods.sucre.observed import JUDGED_TARGETS, Dive, sampled
 from sucre_bench.methods.sucre.robust import trust, trusted
 from sucre_bench.methods.sucre.solution import MOST_NEGATIVE, Judged
 from sucre_bench.multiview.observations import Observations
+from sucre_bench.plugins.call_method import typed_option
 from sucre_bench.scene import Scene
 
 # Targets and pixels of each that models are judged on; tiles along the longer side; fewest pixels of a tile's mean, and
@@ -109,7 +110,7 @@ def chosen_model(scene: Scene, options: Any) -> Verdict:
 
 def _candidates(options: Any) -> Iterator[Model]:
     """Yield the models that options allow, the preferred ones first."""
-    given = parts_of(options.light, "method.light")
+    given = parts_of(options.light, typed_option("light"))
     lights = (
         [EVEN_LIGHT, Parts(lens=True), Parts(1, lens=True), Parts(3, lens=True)]
         if given is None

@@ -20,7 +20,7 @@ from sucre_bench.machine.files import expanded
 from sucre_bench.machine.provenance import require
 from sucre_bench.machine.records import RECORDS, records_above, stored_record
 from sucre_bench.methods.sucre.model import WaterParameters
-from sucre_bench.plugins.call_method import checked_restore
+from sucre_bench.plugins.call_method import checked_restore, typed_option
 from sucre_bench.plugins.options import create
 from sucre_bench.results.layout import stems_of
 from sucre_bench.results.water_file import Lighting, lighting_of, read_lighting, read_water
@@ -34,14 +34,19 @@ _SUFFIXES = (".json", ".npz")
 
 @dataclass(frozen=True, slots=True)
 class SourceOption:
-    """An option that names a water, as users type it; words: that name no file and no method, the default first."""
+    """An option that names a water; words: that name no file and no method, the default first."""
 
     name: str
     words: tuple[str, ...]
 
+    @property
+    def typed(self) -> str:
+        """The option as its user types it."""
+        return typed_option(self.name)
 
-WATER = SourceOption("method.water", ("own", "shared", "truth"))
-START = SourceOption("sucre_paper.start", ("paper", "truth"))
+
+WATER = SourceOption("water", ("own", "shared", "truth"))
+START = SourceOption("start", ("paper", "truth"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +68,7 @@ def water_of(
     that the water has to explain.
     Raises InputError, naming the source; and what the method itself raises.
     """
-    place = f"{option.name}={source}"
+    place = f"{option.typed}={source}"
     if source == "truth":
         if scene.water is None:
             raise InputError(
@@ -93,7 +98,7 @@ def water_of(
     try:
         water = _of_file(path)
     except FileNotFoundError:
-        remedy = f"{option.name} takes {', '.join(option.words)}, a method, a .json or .npz file, or a folder of them"
+        remedy = f"{option.typed} takes {', '.join(option.words)}, a method, a .json or .npz file, or a folder of them"
         raise MissingFileError("no such file", path, remedy) from None
     return _known(str(path), water, read_lighting(path), view, encoding, option)
 
@@ -106,7 +111,7 @@ def check_source(source: str, option: SourceOption = WATER) -> None:
     """
     if source in option.words:
         return
-    name = option.name
+    name = option.typed
     if not source:
         raise InputError(
             f"{name}: is empty; use {', '.join(option.words)}, a method, a file or a folder"
@@ -156,7 +161,7 @@ def _known(
     """
     if lighting.falls_off:
         fault = "was fitted together with light that falls off, and explains no other"
-        raise InputError(f"{place}: {fault}; use {option.name}={option.words[0]}")
+        raise InputError(f"{place}: {fault}; use {option.typed}={option.words[0]}")
     values = np.array([water.veiling_light, water.attenuation, water.backscatter], dtype=np.float64)
     if values.shape != (3, 3) or not np.isfinite(values).all():
         raise InputError(
@@ -168,7 +173,7 @@ def _known(
     if (explained := water.encoding or view.encoding) != encoding:
         remedy = f"give one of {encoding} intensities"
         if option is WATER and view.encoding != "linear":
-            remedy = f"{'give' if explained == 'linear' else 'leave out'} method.encoding=linear"
+            remedy = f"{'give' if explained == 'linear' else 'leave out'} {typed_option('encoding')}=linear"
         raise InputError(
             f"{place}: is of {explained} intensities, and {encoding} ones are to be explained; {remedy}"
         )

@@ -49,6 +49,7 @@ from sucre_bench.methods.sucre.uncertainty import (
     uncertainty_of,
 )
 from sucre_bench.multiview.observations import Observations
+from sucre_bench.plugins.call_method import typed_option
 
 # Pixels that observations are judged on, whether they fit.
 _JUDGED = 5_000
@@ -175,7 +176,8 @@ def fit_model(
     even = seen.evened(light.light).observations
     if not even.n_repeated:
         raise NotApplicableError(
-            "the light leaves no pixel that two views show; use method.light=even"
+            "the light leaves no pixel that two views show",
+            remedy=f"use {typed_option('light')}=even",
         )
     fitted = fit_water(even, None if matched is None else light.light.removed(matched), **options)
     return _with_light(fitted, light, seen, even)

@@ -39,6 +39,7 @@ from sucre_bench.methods.sucre.model import (
     veil,
 )
 from sucre_bench.multiview.observations import Observations
+from sucre_bench.plugins.call_method import typed_option
 
 Backend = Literal["auto", "numba", "torch", "jax"]
 
@@ -79,7 +80,8 @@ def backend_for(backend: Backend, device: Device) -> tuple[Literal["numba", "tor
     """
     if device == "cuda" and backend == "numba":
         raise InputError(
-            "method.backend=numba computes on the CPU only; use method.device=auto, or method.backend=torch"
+            f"{typed_option('backend')}=numba computes on the CPU only",
+            remedy=f"use {typed_option('device')}=auto, or {typed_option('backend')}=torch",
         )
     if backend in ("auto", "numba") and device != "cuda":
         return "numba", "cpu"
@@ -91,7 +93,10 @@ def backend_for(backend: Backend, device: Device) -> tuple[Literal["numba", "tor
         has_gpu = torch.cuda.is_available()
     library: Literal["jax", "torch"] = "jax" if backend == "jax" else "torch"
     if device == "cuda" and not has_gpu:
-        raise InputError(f"method.device=cuda: {library} sees no GPU; use method.device=auto")
+        device_option = typed_option("device")
+        raise InputError(
+            f"{library} sees no GPU", f"{device_option}=cuda", f"use {device_option}=auto"
+        )
     return library, "cuda" if device != "cpu" and has_gpu else "cpu"
 
 

@@ -33,7 +33,7 @@ from sucre_bench.methods.sucre.residuals import residuals_of
 from sucre_bench.methods.sucre.solution import MOST_NEGATIVE, Solution
 from sucre_bench.methods.sucre.uncertainty import CHANNELS, WaterUncertainty, is_determined
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.plugins.call_method import is_stored_in_full, with_name
+from sucre_bench.plugins.call_method import is_stored_in_full, typed_option
 from sucre_bench.scene import Encoding, Restoration, View, Water
 
 # The share of an image's colours from which on a fault is reported.
@@ -48,11 +48,6 @@ _TYPED = re.compile(r"\b(method|\w+\.\w+)=\w|out of the dataset")
 UNDETERMINED = (
     "the distances are too alike to measure the water, so colours may be wrong; use method=dive_gray_world, or "
     "photographs from more distances"
-)
-
-UNKNOWN_VEIL = (
-    "the veil of most channels is not determined, so it stays in the colours as an offset of each channel; "
-    "method.display=stretch-1-99 removes it from the picture"
 )
 
 # Number of observations used, and the largest leverage.
@@ -97,7 +92,7 @@ def restoration(
     """Return the image (H, W, 3), NaN where the target has no depth.
 
     stage_seconds: of "pair", also when an earlier run did the pairing, and of "solve".
-    options: of the method, which limits name; encoding: of the fitted intensities, where it is not the view's.
+    options: of the method; encoding: of the fitted intensities, where it is not the view's.
 
     confidence: (H, W) standard deviation of J, root mean square over channels. info: cost, sum of squares of each
     channel; negative_share of J in each channel (negative colours are not physical); below_zero: channels where it is
@@ -114,11 +109,7 @@ def restoration(
     negative = (solution.J < 0).mean(axis=1)
     unknown = (solution.deviation > 1).mean(axis=1)
     far = float(np.quantile(observations.distance, _FAR_GROUND))
-    name = type(options).__plugin__.name
-    limits = [
-        with_name(limit, name)
-        for limit in (*uncertainty.limits, *faults_of_colours(negative, unknown, options))
-    ]
+    limits = [*uncertainty.limits, *faults_of_colours(negative, unknown, options)]
     info = {
         "cost": solution.cost,
         "negative_share": negative,
@@ -162,6 +153,13 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(one) for one in value]
     return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def unknown_veil() -> str:
+    """Return the limit of a water that does not determine the veil of most channels."""
+    fault = "the veil of most channels is not determined, so it stays in the colours"
+    remedy = f"{typed_option('display')}=stretch-1-99 removes it from the picture"
+    return f"{fault} as an offset of each channel; {remedy}"
 
 
 def hints(limits: Sequence[str], uncertainty: WaterUncertainty) -> list[str]:

@@ -139,9 +139,9 @@ class Sucre(FillOption):
         from sucre_bench.methods.sucre.observed import Observed
         from sucre_bench.methods.sucre.policy import Veil, solved, veil_of
         from sucre_bench.methods.sucre.record import (
-            UNKNOWN_VEIL,
             named,
             restoration,
+            unknown_veil,
             with_residuals,
         )
         from sucre_bench.methods.sucre.refine_views import fill_pixels_without_depth, refined
@@ -152,7 +152,7 @@ class Sucre(FillOption):
             stages = {"read": seen.observations.read_s, "pair": seen.observations.pair_s}
             seen, solution = solved(seen)
             if veil_of(solution, self) is Veil.SAID:
-                solution = solution.with_limits([UNKNOWN_VEIL])
+                solution = solution.with_limits([unknown_veil()])
             solution = with_residuals(seen.observations, solution)
             if self.colours == "single_view":
                 seen = seen.alone()

@@ -127,21 +127,16 @@ def score(
 
 def _say_faults(asked: pd.DataFrame) -> None:
     """Print a line for each metric that lacks something, and for each other fault. asked: rows without a score."""
-    from sucre_bench.results.reasons import Reason, brief, without_view
+    from sucre_bench.results.reasons import Reason, needs_of, without_view
     from sucre_bench.results.rows import RESTORATION
 
-    lacks = [text for text in asked["reason"].unique() if Reason.of(text) is Reason.LACK]
-    is_lack = asked["reason"].isin(lacks)
-    for (metric, lack), _ in asked[is_lack].groupby(
-        ["metric", asked["reason"].map(brief)], sort=False
-    ):
-        is_reference = lack == "needs reference"
-        remedy = (
-            "give --reference DIR"
-            if is_reference
-            else "`sucre-bench run` scores it, on a dataset that has this"
-        )
-        say(f"failed  {metric}: {lack}; {remedy}", "red")
+    is_lack = Reason.among(asked["reason"], Reason.LACK)
+    needs = asked["reason"].map(needs_of)
+    for (metric, lack), _ in asked[is_lack].groupby(["metric", needs], sort=False):
+        remedy = "`sucre-bench run` scores it, on a dataset that has this"
+        if lack == ("reference",):
+            remedy = "give --reference DIR"
+        say(f"failed  {metric}: needs {' and '.join(lack)}; {remedy}", "red")
     for (view, metric, reason), _ in asked[~is_lack].groupby(
         ["view", "metric", "reason"], sort=False
     ):

@@ -380,9 +380,8 @@ def on_pixels(rows: DataFrame, read: Callable[[], DataFrame]) -> DataFrame:
         Reason.NO_SHARED_PIXELS.value,
     ]
     # Of one score of a view, either all methods are on common pixels or none.
-    lacks = new["status"].isna() | new["reason"].isin(
-        [Reason.NOT_STORED.value, Reason.NOT_HELD.value]
-    )
+    is_absent = Reason.among(new["reason"].fillna(""), Reason.NOT_STORED, Reason.NOT_HELD)
+    lacks = new["status"].isna() | is_absent
     why = new["reason"].fillna(scored["_why"].where(scored["_why"] != "", NOT_SCORED)).where(lacks)
     score = [scored[name] for name in _SCORE]
     lacks, why = lacks.groupby(score).transform("any"), why.groupby(score).transform("first")

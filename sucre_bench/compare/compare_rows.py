@@ -201,7 +201,7 @@ def _table(
     of_colours = {
         name: p.needs for name, p in metrics.items() if p and p.needs & {"reference", "charts"}
     }
-    is_lack = (rows["status"] == "skipped") & rows["reason"].str.startswith(Reason.LACK.value)
+    is_lack = (rows["status"] == "skipped") & Reason.among(rows["reason"], Reason.LACK)
     lacks = frozenset[str]().union(
         *(of_colours.get(name, ()) for name in rows.loc[is_lack, "metric"].unique())
     )

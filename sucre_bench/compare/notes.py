@@ -280,7 +280,7 @@ def pixel_notes(rows: DataFrame, columns: Iterable[Column]) -> Iterator[Note]:
         n, total = (len(set(values_of(some, "scene", "view"))) for some in (concerned, scores))
         return Note(kind, (), named, n, total, **more)
 
-    none = scores["reason"] == Reason.NO_SHARED_PIXELS.value
+    none = Reason.among(scores["reason"], Reason.NO_SHARED_PIXELS)
     if len(common := scores[(scores["pixels"] == "common") & ~none]):
         share = float(common.drop_duplicates(["dataset", "scene", "view"])["pixels_share"].mean())
         yield note("common pixels", common, share=share)

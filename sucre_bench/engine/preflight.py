@@ -35,7 +35,7 @@ from sucre_bench.loading.passed_over import say_passed_over
 from sucre_bench.loading.view_files import source_files, with_shared_pixels
 from sucre_bench.machine.files import expanded, is_want_of_room, not_writable
 from sucre_bench.machine.provenance import require
-from sucre_bench.plugins.call_method import with_name
+from sucre_bench.plugins.call_method import typed_before
 from sucre_bench.plugins.options import Choice, options_of, source_hash
 from sucre_bench.results.layout import Place, as_one_file, places
 from sucre_bench.results.reasons import Reason
@@ -389,9 +389,7 @@ def _without_results(
     """
     is_kept = rows["status"] != "failed"
     if job.overwrite != "failed":
-        is_kept |= rows["reason"].isin(
-            [text for text in rows["reason"].unique() if Reason.of(text) is Reason.DIED]
-        )
+        is_kept |= Reason.among(rows["reason"], Reason.DIED)
     kept: dict[
         tuple[str, str], dict[tuple[str, ...], str]
     ] = {}  # of each view, the status of its scores
@@ -438,9 +436,9 @@ def _without_results(
 def _try_to_make(choice: Choice, out: Path) -> None:
     """Raise InputError if a plugin refuses its options, named as the command takes them."""
     try:
-        choice.make(out)
-    except SucreBenchError as fault:
-        fault.reword(lambda text: with_name(text, choice.word))
+        with typed_before(choice.word):
+            choice.make(out)
+    except SucreBenchError:
         raise
     except BaseException as fault:
         raise_if_stop(fault)

@@ -321,8 +321,7 @@ def outcome_of(job: Job, rows: DataFrame, fresh: DataFrame) -> Outcome:
 def _hints(planned: Sequence[Planned], restored: DataFrame, out: Path) -> Iterator[Hint]:
     """Yield the most frequent of the "hints" in the records of each method's restorations, if they have any.
 
-    restored: the rows of restored views. Hints that differ by numbers alone are one. Options are named as the command
-    takes them.
+    restored: the rows of restored views. Hints that differ by numbers alone are one.
     """
     for name, plan in {plan.name: plan for plan in planned}.items():
         job = plan.job
@@ -341,5 +340,4 @@ def _hints(planned: Sequence[Planned], restored: DataFrame, out: Path) -> Iterat
             first = of_view | first
         if kinds:
             kind, n_views = kinds.most_common(1)[0]
-            option = re.compile(rf"\b(method|{re.escape(job.method.plugin.name)})\.(?=\w+=)")
-            yield Hint(name, n_views, len(rows), option.sub(f"{job.method.word}.", first[kind]))
+            yield Hint(name, n_views, len(rows), first[kind])

@@ -1,6 +1,5 @@
 """Calls a method: gives it its encoding, checks its result against the contract, and names it in errors."""
 
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -10,12 +9,15 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import Array, coloured
-from sucre_bench.errors import InputError, PluginError, SucreBenchError, is_utf8
+from sucre_bench.errors import InputError, PluginError, is_utf8
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.scene import Encoding, Pixels, Plane, Restoration, Scene, View, Water
 
 # The chosen display, and whether all of a result is wanted.
 _WANTED: ContextVar[tuple[str, bool]] = ContextVar("wanted", default=("", True))
+
+# What a user types before the options of the method at work.
+_BEFORE: ContextVar[str] = ContextVar("before options", default="method")
 
 
 @contextmanager
@@ -44,9 +46,19 @@ def display_of(method: Any) -> str:
     return _WANTED.get()[0] or str(method.__plugin__.display)
 
 
-def with_name(text: str, name: str) -> str:
-    """Return what a method says with its name before its options: "sucre.robust=true" for "method.robust=true"."""
-    return re.sub(r"\bmethod\.(?=[a-z])", f"{name}.", text)
+@contextmanager
+def typed_before(word: str) -> Iterator[None]:
+    """Inside, `typed_option` puts this word before options: a method's name, say."""
+    token = _BEFORE.set(word)
+    try:
+        yield
+    finally:
+        _BEFORE.reset(token)
+
+
+def typed_option(name: str) -> str:
+    """Return an option of the method at work as its user types it, "sucre.robust" for "robust": for its messages."""
+    return f"{_BEFORE.get()}.{name}"
 
 
 def with_truth(restoration: Restoration, scene: Scene, view: View) -> Restoration:
@@ -80,12 +92,8 @@ def checked_restore(method: Any, scene: Scene, view: View, word: str = "method")
         if converts
         else view
     )
-    try:
+    with typed_before(method.__plugin__.name if word == "method" else word):
         restoration = method.restore(scene, given)
-    except SucreBenchError as fault:
-        name = method.__plugin__.name if word == "method" else word
-        fault.reword(lambda text: with_name(text, name))
-        raise
     if not isinstance(restoration, Restoration):
         raise PluginError(
             f"the method returned {type(restoration).__name__}; a method returns a Restoration"

@@ -288,8 +288,9 @@ class Choice:
             may_come = not os.path.lexists(path) and (is_ours or stored_record(path))
             if not may_come and (fault := fault_of(path)) and not path.is_dir():
                 words = f", or one of {', '.join(option.choices)}" if option.choices else ""
+                before = self.word if plugin.kind == "method" else plugin.kind
                 raise InputError(
-                    fault, path, f"give a path that exists in {plugin.kind}.{option.name}{words}"
+                    fault, path, f"give a path that exists in {before}.{option.name}{words}"
                 )
         return made
 

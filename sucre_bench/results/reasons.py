@@ -7,12 +7,15 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from sucre_bench.arrays import DataFrame
+from sucre_bench.arrays import DataFrame, Series
 from sucre_bench.results.rows import RESTORATION, values_of
 
 
 class Reason(Enum):
-    """Kinds of reasons. The value is the code: a row's reason begins with it. What follows it is for people."""
+    """Kinds of reasons. The value is the code: a row's reason begins with it. What follows it is for people.
+
+    The score table has no column of it. Nothing but `of` and `needs_of` looks at the text of a reason.
+    """
 
     NOTHING_TO_SCORE = "nothing to score in this view"
     NO_VALUE = "no value (NaN)"
@@ -31,20 +34,33 @@ class Reason(Enum):
         """Return the kind of a row's reason."""
         return next(reason for reason in cls if text.startswith(reason.value))
 
+    @classmethod
+    def among(cls, texts: Series, *kinds: Reason) -> Series:
+        """Return which reasons of a column are of these kinds."""
+        return texts.isin([text for text in texts.unique() if cls.of(text) in kinds])
+
+
+def needs_of(text: str) -> tuple[str, ...]:
+    """Return what a scene or view lacks, "depth" and "poses" say; empty for a reason of another kind."""
+    if Reason.of(text) is not Reason.LACK:
+        return ()
+    needs = text.removeprefix(Reason.LACK.value).partition(": ")[0]
+    return tuple(
+        needs.partition(", the ")[0].split(" and ")
+    )  # the comma: in rows of earlier versions
+
 
 def brief(text: str) -> str:
     """Return a row's reason without what differs between scenes: what is needed, not what there is."""
-    if Reason.of(text) is not Reason.LACK:
-        return text
-    return text.partition(": ")[0].partition(", the ")[0]  # the comma: in rows of earlier versions
+    needs = needs_of(text)
+    return f"needs {' and '.join(needs)}" if needs else text
 
 
 def with_remedy(text: str) -> str:
     """Return a row's reason, followed by the command that makes what is lacking, if there is one."""
     if text.startswith("ImportError: "):  # of a package that is there, but broken
         return f"{text}; `sucre-bench doctor` says what to install"
-    lacking = brief(text).split() if Reason.of(text) is Reason.LACK else []
-    makes = [name for name in ("depth", "poses") if name in lacking]
+    makes = [name for name in ("depth", "poses") if name in needs_of(text)]
     return f"{text}; `sucre-bench prepare` makes {' and '.join(makes)}" if makes else text
 
 
@@ -90,7 +106,7 @@ def unscored(rows: DataFrame, with_nothing_to_score: bool = False) -> Iterator[U
     rows = rows[[*_VIEW, "method", "metric", "variant", "status", "reason"]]
     skipped = rows[(rows["status"] == "skipped") & (rows["metric"] != RESTORATION)]
     if not with_nothing_to_score:
-        skipped = skipped[skipped["reason"] != Reason.NOTHING_TO_SCORE.value]
+        skipped = skipped[~Reason.among(skipped["reason"], Reason.NOTHING_TO_SCORE)]
     n_views, n_methods = (
         len(rows.loc[rows["view"] != "", _VIEW].drop_duplicates()),
         rows["method"].nunique(),
@@ -110,7 +126,7 @@ def unscored(rows: DataFrame, with_nothing_to_score: bool = False) -> Iterator[U
             views if len(views) < n_views else (),
             n_views,
             tuple(rows["dataset"].unique()),
-            all(Reason.of(text) is Reason.LACK for text in of_reason["reason"].unique()),
+            all(map(needs_of, of_reason["reason"].unique())),
         )
 
 

@@ -11,6 +11,7 @@ from support.command_line import Done
 PLUGIN = '''
 from dataclasses import dataclass
 from sucre_bench import Restoration, method
+from sucre_bench.plugins.call_method import typed_option
 
 @method()
 @dataclass(frozen=True)
@@ -18,7 +19,7 @@ class Dim:
     """Darken a photograph."""
     gain: float = 0.5
     def restore(self, scene, view):
-        hints = [f"{view.rgb.mean():.3f} is dark; use method.gain=2"]
+        hints = [f"{view.rgb.mean():.3f} is dark; use {typed_option('gain')}=2"]
         if view.name == "view_000.png":
             hints.insert(0, "its edge is odd; use method=gray_world")
         return Restoration(view.rgb * self.gain, info={"hints": hints})
@@ -59,7 +60,7 @@ def test_a_reason_names_an_option_as_the_command_takes_it(
     broken = PLUGIN.replace("import Restoration", "import Restoration, SolveError")
     broken = broken.replace(
         "        return",
-        '        raise SolveError("all is dark; use method.gain=2")\n        return',
+        "        raise SolveError(f\"all is dark; use {typed_option('gain')}=2\")\n        return",
     )
     (tmp_path / "dim.py").write_text(broken)
     (tmp_path / "mine.yaml").write_text(

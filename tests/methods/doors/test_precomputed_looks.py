@@ -63,4 +63,4 @@ def test_a_black_block_is_named_with_the_option_that_makes_it_holes(tmp_path: Pa
     pictures[0][:60] = 0
     (line,) = said_of(tmp_path, pictures)
     assert "40 % of 0.png is exactly black" in line
-    assert "method.holes=black" in line
+    assert ".holes=black" in line
