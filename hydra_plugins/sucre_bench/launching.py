@@ -33,6 +33,7 @@ class PairSweeper(Sweeper):
     ) -> None:
         """Take the configuration that all jobs share."""
         self.config = config
+        self.context = hydra_context
         self.launcher: Any = Plugins.instance().instantiate_launcher(
             hydra_context=hydra_context, task_function=task_function, config=config
         )
@@ -40,11 +41,13 @@ class PairSweeper(Sweeper):
     def sweep(self, arguments: list[str]) -> Any:
         """Run the jobs of the words of a command, and return the outcome of all."""
         from sucre_bench.engine.run import run
+        from sucre_bench.engine.run_config import run_as_job
         from sucre_bench.jobs import asked, compose_jobs
 
         command = compose_jobs.sweep(asked.read(arguments, True, self.config))
-        launch = None if isinstance(self.launcher, WorkersLauncher) else self._launch
-        return run(command, self.watch, launch)
+        if isinstance(self.launcher, WorkersLauncher):
+            return run_as_job(command, self.context, self.watch)[0]
+        return run(command, self.watch, self._launch)
 
     def _launch(self, overrides: Sequence[tuple[str, ...]]) -> list[str]:
         """Let a launcher run jobs, and return why each was lost, empty for one that was not."""

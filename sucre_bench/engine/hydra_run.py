@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench import results
-from sucre_bench.engine.run import Outcome, Watch, outcome_of, run
-from sucre_bench.engine.run_config import run_launched
+from sucre_bench.engine.run import Outcome, Watch, outcome_of
+from sucre_bench.engine.run_config import run_as_job, run_launched
 from sucre_bench.errors import InputError, in_one_line
 from sucre_bench.jobs import compose_jobs, configs
 from sucre_bench.jobs.asked import read, reading_experiment
@@ -49,7 +49,7 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
             with open_dict(config):
                 config.hydra.overrides.hydra = [*shared, unnamed]
                 config.hydra.overrides.task = swept
-        _check_cluster(config)
+        _check_hydra(config)
         configure_log(config.hydra.hydra_logging, config.hydra.verbose)
         context, callbacks = _context(config)
         callbacks.on_multirun_start(config=config, config_name=configs.config_name())
@@ -67,8 +67,11 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
         return outcome if isinstance(outcome, Outcome) else _outcome_since(started, config)
 
 
-def _check_cluster(config: DictConfig) -> None:
-    """Refuse a launcher of SLURM where no cluster answers, before anything is written. Raises InputError."""
+def _check_hydra(config: DictConfig) -> None:
+    """Refuse another working folder, and a launcher of SLURM where no cluster answers. Raises InputError."""
+    if config.hydra.job.chdir:
+        fault = "paths of a command are relative to the folder where it runs"
+        raise InputError(fault, "hydra.job.chdir=true", "leave it out")
     launcher = str(config.hydra.runtime.choices["hydra/launcher"])
     if launcher not in ("slurm", "submitit_slurm"):
         return
@@ -100,23 +103,12 @@ def _context(config: DictConfig) -> tuple[HydraContext, Callbacks]:
 
 def _run_single(command: Command, watch: Watch | None) -> Outcome:
     """Run the job of a command that is no sweep, as `hydra.main` does."""
-    from hydra.core.utils import JobStatus, run_job
-
     config = command.config
+    _check_hydra(config)
     context, callbacks = _context(config)
     callbacks.on_run_start(config=config, config_name=configs.config_name())
-    returned = run_job(
-        task_function=lambda _: run(command, watch),
-        config=config,
-        job_dir_key="hydra.run.dir",
-        job_subdir_key=None,
-        hydra_context=context,
-    )
+    outcome, returned = run_as_job(command, context, watch)
     callbacks.on_run_end(config=config, config_name=configs.config_name(), job_return=returned)
-    outcome = returned._return_value  # noqa: SLF001 - its property prints what is said in one line here
-    if returned.status != JobStatus.COMPLETED:
-        raise outcome
-    assert isinstance(outcome, Outcome)
     return outcome
 
 

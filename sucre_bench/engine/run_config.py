@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.preflight import check
-from sucre_bench.engine.run import run
+from sucre_bench.engine.run import Outcome, Watch, run
 from sucre_bench.engine.workers import run_jobs
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.compose_jobs import Command, job_of
@@ -15,6 +15,8 @@ from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
 
 if TYPE_CHECKING:
+    from hydra.core.utils import JobReturn
+    from hydra.types import HydraContext
     from omegaconf import DictConfig
 
 
@@ -37,6 +39,26 @@ def run_config(config: DictConfig) -> DataFrame:
     """
     with progress.live():
         return run(Command((job_of(config),), (), False, config, ((),))).requested_rows
+
+
+def run_as_job(
+    command: Command, context: HydraContext, watch: Watch | None
+) -> tuple[Outcome, JobReturn]:
+    """Run a command as one job of Hydra, with its logging, environment and callbacks. Raises as `engine.run.run`."""
+    from hydra.core.utils import JobStatus, run_job
+
+    returned = run_job(
+        task_function=lambda _: run(command, watch),
+        config=command.config,
+        job_dir_key="hydra.run.dir",
+        job_subdir_key=None,
+        hydra_context=context,
+    )
+    outcome = returned._return_value  # noqa: SLF001 - its property prints what is said in one line here
+    if returned.status != JobStatus.COMPLETED:
+        raise outcome
+    assert isinstance(outcome, Outcome)
+    return outcome, returned
 
 
 def run_launched(config: DictConfig) -> float | None:

@@ -229,6 +229,10 @@ def _refuse(asked: Asked) -> None:
     for word in typed:
         key, value = word.key, word.text.partition("=")[2]
         quotes = f'"{key}={quoted(value)}"'
+        if word.is_glob and not word.values:
+            raise InputError(
+                "fits no name", word.text, "`sucre-bench list methods` shows the names"
+            )
         if not word.values and (not is_sweep or asked.choice("hydra/sweeper") == "pairs"):
             raise InputError(
                 "no list of values", word.text, "list them, or write range(start,stop,step)"
@@ -245,7 +249,8 @@ def _refuse(asked: Asked) -> None:
                 "is one path with a comma", word.text, f"write {quotes} with both kinds of quotes"
             )
         if word.is_swept and key in ("metrics", "views") and not value.startswith("["):
-            raise InputError("several values", word.text, f"write {key}=[{value}]")
+            names = ",".join(map(str, word.values)) if word.is_glob else value
+            raise InputError("several values", word.text, f"write {key}=[{names}]")
         if key == "metrics" and not all(
             fits(list[str], v if isinstance(v, list) else [v]) for v in word.values
         ):

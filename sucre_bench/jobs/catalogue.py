@@ -60,6 +60,10 @@ def named(kind: Kind, name: str) -> Plugin:
         raise UnknownPluginError(
             f"{kind}: is empty", kind, f"give a name that `sucre-bench list {kind}s` shows"
         )
+    if Path(name).suffix in (".yaml", ".yml"):
+        group, stem = GROUPS[kind], Path(name).stem
+        remedy = f"put the file into MINE/{group}/ and write --config-dir MINE {group}={stem}"
+        raise UnknownPluginError(f"no {kind} is called '{name}'", kind, remedy)
     if kind == "dataset" and Path(name).exists():
         remedy = f"sucre-bench run {name}" if Path(name).is_file() else f"dataset=./{name}"
         fault = f"no dataset is called '{name}', but there is a path of this name"

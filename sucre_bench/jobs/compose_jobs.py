@@ -14,7 +14,7 @@ import itertools
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.errors import InputError, SucreBenchError, UnknownPluginError, unknown_name
@@ -45,7 +45,7 @@ class Command:
     words: the overrides, with ~ expanded; is_sweep: whether it may have several jobs: by -m, or an experiment; config:
     what Hydra composes of the job, or of what the jobs of a sweep share; overrides: of each job, with which Hydra
     composes it again; shared_pairs: the folder where its jobs share pairs, the same for the same words, empty if they
-    share none.
+    share none; keys: how the user typed keys that a plugin knows by another name.
     """
 
     jobs: tuple[Job, ...]
@@ -54,11 +54,13 @@ class Command:
     config: DictConfig
     overrides: tuple[tuple[str, ...], ...]
     shared_pairs: str = ""
+    keys: Mapping[str, str] = field(default_factory=dict)
 
-    @property
-    def launcher(self) -> str:
-        """The name of the launcher."""
-        return str(self.config.hydra.runtime.choices["hydra/launcher"])
+    def as_typed(self, text: str) -> str:
+        """Return a message with options named as the user typed them."""
+        for key, typed in self.keys.items():
+            text = re.sub(rf"\b{re.escape(key)}\b", typed, text)
+        return text
 
 
 def jobs(words: Sequence[str], multirun: bool) -> Command:
@@ -77,7 +79,7 @@ def single(asked: Asked) -> Command:
     keys: dict[str, str] = {}
     with _faults(asked, keys):
         config = configs.composed(lines_of(asked, keys))
-        return Command((job_of(config),), asked.words, False, config, ((),))
+        return Command((job_of(config),), asked.words, False, config, ((),), keys=keys)
 
 
 def lines_of(asked: Asked, keys: dict[str, str] | None = None) -> list[str]:
@@ -120,6 +122,7 @@ def sweep(asked: Asked) -> Command:
     """
     assert asked.config is not None
     keys: dict[str, str] = {}  # how the user typed a key that a plugin knows by another name
+    of_all: dict[str, str] = {}
     with _faults(asked, keys):
         swept = asked.sweeper("params") or {}
         if not isinstance(swept, Mapping):
@@ -142,6 +145,7 @@ def sweep(asked: Asked) -> Command:
         made, starts = list[tuple[Job, tuple[str, ...]]](), dict[tuple[str, ...], dict[str, Any]]()
         with configs.current(asked.config):
             for dataset, method in itertools.product(entries["dataset"], entries["method"]):
+                of_all |= keys
                 keys.clear()
                 made += _of_pair(
                     {"dataset": dataset, "method": method}, options, unlabelled, keys, asked, starts
@@ -158,7 +162,9 @@ def sweep(asked: Asked) -> Command:
     )
     every = [replace(job, shared_pairs=shared_pairs) for job in every] if shared_pairs else every
     overrides = tuple(lines for _, lines in made)
-    return Command(tuple(every), asked.words, True, asked.config, overrides, shared_pairs)
+    return Command(
+        tuple(every), asked.words, True, asked.config, overrides, shared_pairs, of_all | keys
+    )
 
 
 @contextlib.contextmanager
@@ -333,6 +339,9 @@ def _filled(values: dict[str, Any]) -> dict[str, Any]:
     text = str(values)
     if "${" not in text:
         return values
+    if numbered := re.search(r"\$\{hydra:job\.(num|id)\}", text):
+        remedy = "write what varies: method.label='gain {strength}'"
+        raise InputError("is known only when a job runs", numbered[0], remedy)
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
 

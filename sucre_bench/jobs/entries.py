@@ -11,7 +11,14 @@ from sucre_bench import plugins
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.jobs import configs
 from sucre_bench.jobs.asked import KINDS, Asked, Kind
-from sucre_bench.jobs.catalogue import is_path, named, option_names, plugin_of, recognised
+from sucre_bench.jobs.catalogue import (
+    is_path,
+    named,
+    option_names,
+    plugin_of,
+    preset_of,
+    recognised,
+)
 from sucre_bench.jobs.run_options import RunConfig
 from sucre_bench.jobs.words import Word
 from sucre_bench.machine.progress import say
@@ -65,6 +72,7 @@ def entries_of(kind: Kind, asked: Asked, params: Sequence[Word] = ()) -> tuple[E
     if not words:
         return (_entry(kind, asked.choice(kind)),)
     entries = []
+    left_out = []
     for name in words[-1].values:
         if not isinstance(name, (str, int, float)):
             remedy = f"-m {kind}=a,b runs several; write {kind}.OPTION=VALUE for an option"
@@ -82,8 +90,32 @@ def entries_of(kind: Kind, asked: Asked, params: Sequence[Word] = ()) -> tuple[E
             name = f"./{name}"
         entry = _entry(kind, name)
         named(kind, entry.name)
-        entries.append(entry)
+        if words[-1].is_glob and (lack := _lack(kind, name, asked)):
+            left_out.append(f"{name} ({lack})")
+        else:
+            entries.append(entry)
+    if left_out:
+        say(f"{words[-1].text} leaves out what lacks something: {', '.join(left_out)}")
+    if not entries:
+        raise InputError("all that fit lack something", words[-1].text, f"name one: {kind}=NAME")
     return tuple(entries)
+
+
+def _lack(kind: Kind, name: str, asked: Asked) -> str:
+    """What a plugin or preset needs and does not have: options that no word gives, or packages; empty for nothing."""
+    plugin = named(kind, name)
+    given = {word.key for word in asked.typed}
+    options = [
+        option.name
+        for option in options_of(plugin.cls)
+        if option.default is MISSING
+        and option.name not in (preset_of(kind, name) or {})
+        and not given & {f"{kind}.{option.name}", f"{name}.{option.name}"}
+    ]
+    if options:
+        return ", ".join(f"{name}.{option}" for option in options)
+    lacking = absent(*plugin.requires)
+    return lacking.install if lacking else ""
 
 
 def listed_entries(kind: Kind, asked: Asked) -> tuple[Entry, ...]:

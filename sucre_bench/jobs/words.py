@@ -27,7 +27,7 @@ class Word:
     """A setting, typed or of an experiment.
 
     key: as given; values: of which each job has one, none of an interval or an empty range;
-    text: the whole word; is_swept: whether labels name its value;
+    text: the whole word; is_swept: whether labels name its value; is_glob: whether the values are all names that fit;
     is_deleted: the key is taken out (~key); line: the word as Hydra is to read it.
     """
 
@@ -37,6 +37,7 @@ class Word:
     is_swept: bool = False
     is_deleted: bool = False
     line: str = ""
+    is_glob: bool = False
 
     @property
     def head(self) -> str:
@@ -76,6 +77,7 @@ def parse(texts: Iterable[str], loader: ConfigLoader | None = None) -> list[Word
     of its option tells whether it is a number.
     """
     from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.core.override_parser.types import Glob
     from hydra.errors import HydraException
 
     parser, words = OverridesParser.create(loader), []
@@ -110,6 +112,7 @@ def parse(texts: Iterable[str], loader: ConfigLoader | None = None) -> list[Word
                 is_swept,
                 override.is_delete(),
                 f"{as_read}{equals}{readable}",
+                isinstance(override.value(), Glob),
             )
         )
     return words

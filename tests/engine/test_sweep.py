@@ -344,6 +344,33 @@ def test_one_failing_job_of_a_sweep_stops_no_other_however_many_jobs_run_at_once
     pd.testing.assert_frame_equal(*plain)
 
 
+def test_a_fault_names_the_option_as_it_was_typed(out: Path):
+    for word in ("method.physical=maybe", "sucre.physical=maybe"):
+        for is_sweep in (False, True):
+            with pytest.raises(SucreBenchError, match=f"^{word.partition('=')[0]}: 'maybe'"):
+                run_jobs(["dataset=toy", "method=sucre", f"out={out}", word], is_sweep)
+
+
+def test_a_sweep_has_the_environment_and_the_folder_of_hydra(out: Path, tmp_path: Path):
+    (tmp_path / "show.py").write_text("""import os
+from dataclasses import dataclass
+from sucre_bench import Restoration, method
+
+@method()
+@dataclass(frozen=True)
+class ShowEnv:
+    \"\"\"Fails with a variable of the environment.\"\"\"
+    def restore(self, scene, view):
+        raise ValueError(os.environ["OF_HYDRA"])
+""")
+    words = ["dataset=toy", "method=show_env", "metrics=[psnr]", f"out={out}", "tracking=off"]
+    words += [f"plugins=[{tmp_path}/show.py]", "+hydra.job.env_set.OF_HYDRA=found"]
+    words += [f"hydra.run.dir={tmp_path}/of_hydra", "hydra.output_subdir=yaml"]
+    outcome = run_jobs(words, True)
+    assert {fault.reason for fault in outcome.failed} == {"ValueError: found"}
+    assert (tmp_path / "of_hydra/yaml/overrides.yaml").is_file()
+
+
 def test_a_launcher_that_is_not_known_here_is_refused_before_any_work(out: Path):
     with pytest.raises(SucreBenchError, match=r"no hydra/launcher is called .nowhere."):
         run_jobs(["dataset=toy", "method=gain", f"out={out}", "hydra/launcher=nowhere"], True)

@@ -17,6 +17,7 @@ from sucre_bench import InputError, plugins
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.job import Job, config_text
 from sucre_bench.jobs.words import quoted, shell, value_of
+from sucre_bench.machine import progress
 from sucre_bench.plugins.plugin import Plugin
 
 pytestmark = pytest.mark.usefixtures("toys")
@@ -156,6 +157,18 @@ def test_every_job_of_a_sweep_is_checked_before_any_runs():
     for values in ("interval(0,1)", "range(0)"):
         with pytest.raises(InputError, match="range\\("):
             jobs(f"method.gain={values}", multirun=True)
+
+
+def test_glob_means_all_that_need_nothing_and_names_the_others(capsys: pytest.CaptureFixture[str]):
+    with progress.live():
+        sweep = jobs("method=glob(*,exclude=[sucre*,f*])", multirun=True)
+    labels = {job.method.label for job in sweep.jobs}
+    assert {"gray_world", "ulap", "underwater"} <= labels
+    assert not labels & {"sucre", "funie_gan", "onnx", "command"}
+    said = capsys.readouterr().err
+    assert "onnx.model" in said
+    assert "command.run" in said
+    assert "funie_gan" not in said
 
 
 def test_an_experiment_brings_its_own_sweep():
