@@ -309,8 +309,7 @@ def check(command: Command) -> list[Planned]:
                 _planned(job, of_job.get((job.dataset.label, job.method.label), rows[:0]), shared)
             )
         except SucreBenchError as fault:
-            fault.reword(command.as_typed)
-            problems.append(str(fault))
+            problems.append(command.as_typed(str(fault)))
     if problems := problems or _clashes(planned, rows):
         raise ProblemsError("\n".join(dict.fromkeys(problems)))
     return _sharing_decoded(planned)
