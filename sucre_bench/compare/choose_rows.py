@@ -308,7 +308,7 @@ def asked_for(rows: DataFrame, metrics: Sequence[str]) -> Series:
 
 def metrics_of_faults(rows: DataFrame) -> dict[str, Mapping[str, Fault]]:
     """Return the faults that the metrics of rows declare, by metric: tables say them in words, and have no column."""
-    known = {str(name): plugins.installed("metric", str(name)) for name in rows["metric"].unique()}
+    known = {str(name): plugins.get("metric", str(name)) for name in rows["metric"].unique()}
     return {name: plugin.faults for name, plugin in known.items() if plugin and plugin.faults}
 
 
@@ -431,8 +431,6 @@ def scores_of_pixels(rows: DataFrame) -> Series:
 
     A metric that is not installed does not.
     """
-    metrics = {
-        str(name): plugins.installed("metric", str(name)) for name in rows["metric"].unique()
-    }
+    metrics = {str(name): plugins.get("metric", str(name)) for name in rows["metric"].unique()}
     of_pixels = [name for name, plugin in metrics.items() if plugin and plugin.is_of_pixels]
     return rows["metric"].isin(of_pixels) & (rows["region"] == "image")

@@ -195,9 +195,7 @@ def _table(
 ) -> Comparison:
     faults = [*fault_notes(rows)]
     rows = rows[~rows["region"].str.contains("/", regex=False)]  # names of faults
-    metrics = {
-        str(name): plugins.installed("metric", str(name)) for name in rows["metric"].unique()
-    }
+    metrics = {str(name): plugins.get("metric", str(name)) for name in rows["metric"].unique()}
     of_colours = {
         name: p.needs for name, p in metrics.items() if p and p.needs & {"reference", "charts"}
     }
@@ -299,7 +297,7 @@ def _column(found: _Measured) -> tuple[Column, DataFrame, DataFrame]:
         values = shared.reindex(means.index).fillna(means)
     units = values.index.tolist()
     is_whole = ~np.isnan(values.to_numpy()).any(axis=1)
-    left, plugin = list(itertools.compress(units, is_whole)), plugins.installed("metric", metric)
+    left, plugin = list(itertools.compress(units, is_whole)), plugins.get("metric", metric)
     of_unknown = (
         0 if metric in (*COSTS, FILLED) else -math.inf,
         1 if metric == FILLED else math.inf,

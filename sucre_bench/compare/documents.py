@@ -6,10 +6,11 @@ import html
 import math
 import re
 import unicodedata
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import COSTS, Comparison
 from sucre_bench.compare.model import says_filled
 from sucre_bench.compare.terminal_table import blocks
@@ -170,77 +171,68 @@ def _below(comparison: Comparison, spread: bool) -> list[str]:
     return lines + left_out(comparison)
 
 
+# How each format sets a cell apart.
+_MARKS = {
+    "md": {"best": "**{}**", "second": "<u>{}</u>", "": "{}"},
+    "html": {"best": "<strong>{}</strong>", "second": "<u>{}</u>", "": "{}"},
+    "latex": {"best": r"\textbf{{{}}}", "second": r"\underline{{{}}}", "": "{}"},
+}
+
+
+def _marked(grid: _Grid, how: str, escaped: Callable[[str], str]) -> DataFrame:
+    """The cells of a table as a format has them, a line a method, whose name is the index."""
+    import pandas as pd
+
+    (corner, *heads), *rows = grid
+    marks = _MARKS[how]
+    return pd.DataFrame(
+        [[marks[look].format(escaped(text)) for text, look in cells] for _, *cells in rows],
+        index=[escaped(name) for (name, _), *_ in rows],
+        columns=pd.Index([escaped(text) for text, _ in heads], name=corner[0]),
+    )
+
+
 def _markdown(title: str, grid: _Grid, notes: Sequence[str]) -> str:
     def plain(text: str) -> str:
         # a label is no markup
-        return re.sub(r"([*`\[\]\\])", r"\\\1", html.escape(text, quote=False))
+        return re.sub(r"([*`\[\]\\|])", r"\\\1", html.escape(text, quote=False))
 
-    sets = {"best": "**{}**", "second": "<u>{}</u>", "": "{}"}
-    heads, *rows = grid
-    lines = [[plain(text) for text, _ in heads], ["---", *["---:"] * (len(heads) - 1)]]
-    lines += [
-        [plain(name), *(sets[look].format(text) for text, look in cells)]
-        for (name, _), *cells in rows
-    ]
+    cells = _marked(grid, "md", plain)
+    lines = [[cells.columns.name, *cells.columns], ["---", *["---:"] * len(cells.columns)]]
+    lines += [[name, *row] for name, row in zip(cells.index, cells.to_numpy(), strict=True)]
     head = f"**{plain(title)}**\n\n" if title else ""
-    table = "".join(
-        f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines
-    )
+    table = "".join(f"| {' | '.join(line)} |\n" for line in lines)
     return head + table + "".join(f"\n{plain(note)}\n" for note in notes)
 
 
 def _html(title: str, grid: _Grid, notes: Sequence[str]) -> str:
-    sets = {"best": "<strong>{}</strong>", "second": "<u>{}</u>", "": "{}"}
-    heads, *rows = ([(html.escape(text), look) for text, look in line] for line in grid)
-    lines = ["<table>"]
+    table = _marked(grid, "html", html.escape).style
     if title:
-        lines.append(f"<caption>{html.escape(title)}</caption>")
-    head = "".join(f'<th scope="col">{text}</th>' for text, _ in heads)
-    lines += [f"<thead><tr>{head}</tr></thead>", "<tbody>"]
-    for (name, _), *cells in rows:
-        row = "".join(f"<td>{sets[look].format(text)}</td>" for text, look in cells)
-        lines.append(f'<tr><th scope="row">{name}</th>{row}</tr>')
-    below = [f"<p>{html.escape(note)}</p>" for note in notes]
-    return "\n".join([*lines, "</tbody>", "</table>", *below]) + "\n"
+        table = table.set_caption(html.escape(title))
+    below = "".join(f"<p>{html.escape(note)}</p>\n" for note in notes)
+    return table.to_html(exclude_styles=True) + below
 
 
 # -- LaTeX -------------------------------------------------------------------------------------------------
 
 
 def _latex(title: str, grid: _Grid, notes: Sequence[str]) -> str:
-    def comment(text: str) -> str:
-        return f"% {' '.join(text.split())}"  # it ends with its line
-
-    sets = {"best": r"\textbf{{{}}}", "second": r"\underline{{{}}}", "": "{}"}
     names, *columns = zip(*grid, strict=True)
     widths = [max(len(text) for text, _ in column) for column in columns]
     room = _PAGE - max(len(text) for text, _ in names)
-    tabulars = []
-    for places in blocks(widths, room) or [slice(0)]:
-        lines = []
-        for n, ((name, _), *cells) in enumerate(grid):
-            first = _tex(name)  # after \\ and \midrule, brackets and stars are their options
-            texts = ["{}" + first if first.startswith(("[", "*", "(")) else first]
-            for text, look in cells[places]:  # of numbers, signs as mathematics has them
-                value = re.sub(r"[+-](?=\d|\.|inf)", r"$\g<0>$", _tex(text)) if n else _tex(text)
-                texts.append(sets[look].format(value))
-            lines.append(" & ".join(texts) + r" \\")
-        begin = rf"\begin{{tabular}}{{l{'r' * len(cells[places])}}}"
-        tabulars.append(
-            "\n".join(
-                [
-                    begin,
-                    r"\toprule",
-                    lines[0],
-                    r"\midrule",
-                    *lines[1:],
-                    r"\bottomrule",
-                    r"\end{tabular}",
-                ]
-            )
-        )
-    head = [comment(title)] if title else []
-    return "\n".join([*head, "\n\n\\medskip\n".join(tabulars), *map(comment, notes)]) + "\n"
+    cells = _marked(grid, "latex", _tex)
+    # signs of numbers as mathematics has them
+    cells = cells.replace(r"[+-](?=\d|\.|inf)", r"$\g<0>$", regex=True)
+    # after \\ and \midrule, brackets and stars are their options
+    cells.index = cells.index.str.replace(r"^(?=[\[*(])", "{}", regex=True)
+    parts = [cells.iloc[:, places] for places in blocks(widths, room) or [slice(0)]]
+    tabulars = [
+        part.style.to_latex(hrules=True, column_format="l" + "r" * len(part.columns))
+        for part in parts
+    ]
+    # a comment ends with its line
+    head, *below = [f"% {' '.join(line.split())}\n" if line else "" for line in (title, *notes)]
+    return head + "\n\\medskip\n".join(tabulars) + "".join(below)
 
 
 _WRITERS = {"md": _markdown, "latex": _latex, "html": _html}

@@ -68,7 +68,7 @@ class Column:
     @property
     def plugin(self) -> Plugin | None:
         """The metric; None if it is not installed."""
-        return plugins.installed("metric", self.metric)
+        return plugins.get("metric", self.metric)
 
     @property
     def directed(self) -> bool:
@@ -236,7 +236,7 @@ class Comparison:
 
 def says_filled(metric: str, variant: str) -> bool:
     """Return whether a score is the share of the image that a method fills, in its first default variant."""
-    plugin = plugins.installed("metric", metric)
+    plugin = plugins.get("metric", metric)
     return metric == FILLED or (
         plugin is not None and plugin.role == "coverage" and variant == plugin.default[0]
     )

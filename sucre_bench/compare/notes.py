@@ -39,12 +39,9 @@ class About:
 def about(rows: DataFrame) -> About:
     """Return what is known of the methods of a dataset's rows beside their scores."""
     options = options_of(rows)
-    method = {
-        name: plugins.installed("method", told.get("name", "")) for name, told in options.items()
-    }
+    method = {name: plugins.get("method", told.get("name", "")) for name, told in options.items()}
     data = [
-        plugins.installed("dataset", told.get("dataset", {}).get("name", ""))
-        for told in options.values()
+        plugins.get("dataset", told.get("dataset", {}).get("name", "")) for told in options.values()
     ]
     return About(
         (

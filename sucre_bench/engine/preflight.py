@@ -288,7 +288,7 @@ def check(command: Command) -> list[Planned]:
         else {"study.baseline": study.baseline}
     )
     for key, label in named.items():  # one that is a method, but not of this sweep, is left out
-        if label and label not in known and plugins.get("method", label) is None:
+        if label and label not in known and not plugins.is_name("method", label):
             known |= plugins.discover("method").keys()
             problems.append(f"{key}: no method is called '{label}'; {did_you_mean(label, known)}")
     rows = results.frame([])

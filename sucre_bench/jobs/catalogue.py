@@ -36,15 +36,15 @@ SEED = "${seed}"  # of the run: what a plugin's seed is unless it is given
 
 def preset_of(kind: Kind, name: str) -> dict[str, Any] | None:
     """Return the options of a preset, a file of conf/ or of the user; None where a plugin or nothing has the name."""
-    return configs.preset(GROUPS[kind], name) if plugins.get(kind, name) is None else None
+    return configs.preset(GROUPS[kind], name) if not plugins.is_name(kind, name) else None
 
 
 def plugin_of(kind: Kind, name: str) -> Plugin | None:
     """Return the plugin of this name, or that a preset of this name is of; None where there is none."""
-    if plugin := plugins.installed(kind, name):
+    if plugin := plugins.get(kind, name):
         return plugin
     preset = preset_of(kind, name)
-    return plugins.installed(kind, str(preset.get("name"))) if preset else None
+    return plugins.get(kind, str(preset.get("name"))) if preset else None
 
 
 def named(kind: Kind, name: str) -> Plugin:
@@ -54,7 +54,7 @@ def named(kind: Kind, name: str) -> Plugin:
     """
     if plugin := plugin_of(kind, name):
         return plugin
-    if plugins.get(kind, name) is not None:
+    if plugins.is_name(kind, name):
         return plugins.find(kind, name)  # raises with the reason
     if not name:  # a variable that is not set, say
         raise UnknownPluginError(
@@ -81,10 +81,7 @@ def named(kind: Kind, name: str) -> Plugin:
 def is_choice(kind: Kind, name: str) -> bool:
     """Whether a name is a plugin's, or the path of a folder of data, or for a metric "name:variant"."""
     is_data = kind == "dataset" and is_path(name)
-    return (
-        is_data
-        or plugins.get(kind, name.partition(":")[0] if kind == "metric" else name) is not None
-    )
+    return is_data or plugins.is_name(kind, name.partition(":")[0] if kind == "metric" else name)
 
 
 def configuration(kind: Kind, name: str) -> dict[str, Any]:

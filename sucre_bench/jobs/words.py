@@ -239,7 +239,7 @@ def given(kind: Kind, record: Mapping[str, Any], seed: int = 0) -> dict[str, Any
 
     seed: the run's, which a plugin has that was given none.
     """
-    plugin = plugins.installed(kind, str(record.get("name")))
+    plugin = plugins.get(kind, str(record.get("name")))
     defaults: dict[str, Any] = (
         {option.name: option.default for option in options_of(plugin.cls)} if plugin else {}
     )
@@ -254,7 +254,7 @@ def given(kind: Kind, record: Mapping[str, Any], seed: int = 0) -> dict[str, Any
 
 def metric_words(metric: str, variants: Collection[str]) -> list[str]:
     """The words that ask for variants of a metric, beside its name in metrics=[...]."""
-    plugin = plugins.installed("metric", metric)
+    plugin = plugins.get("metric", metric)
     is_default = plugin is not None and set(variants) == set(plugin.default)
     return [] if is_default else [f"metrics.{metric}.variants={value_of(list(variants))}"]
 

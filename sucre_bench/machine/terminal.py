@@ -17,19 +17,8 @@ from rich.text import Text
 
 from sucre_bench.machine.text_formats import masked
 
-# C0 and C1 but tab and newline; what reverses the direction of text; halves of characters, which no output encodes.
-_UNSAFE = re.compile(
-    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
-)
-
-
-def escaped(text: str) -> str:
-    r"""Return a text with control characters written out.
-
-    >>> print(escaped("a\x1b[2J.png"))
-    a\x1b[2J.png
-    """
-    return _UNSAFE.sub(lambda found: ascii(found[0])[1:-1], text)
+# Control characters but tab and newline, and halves of characters, which no output encodes.
+_UNSAFE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
 
 
 class _Console(Console):
@@ -39,7 +28,8 @@ class _Console(Console):
         self, renderable: RenderableType, options: ConsoleOptions | None = None
     ) -> Iterable[Segment]:
         for text, style, control in super().render(renderable, options):
-            yield Segment(text if control else escaped(text), style, control)
+            escaped = _UNSAFE.sub(lambda found: ascii(found[0])[1:-1], text)
+            yield Segment(text if control else escaped, style, control)
 
     def on_broken_pipe(self) -> None:
         raise BrokenPipeError

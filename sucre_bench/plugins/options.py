@@ -25,8 +25,8 @@ from sucre_bench.imaging.display import normalisation
 from sucre_bench.machine.files import expanded, fault_of
 from sucre_bench.machine.provenance import hash_of, require
 from sucre_bench.machine.records import records_above, stored_record
-from sucre_bench.plugins.plugin import Broken, Kind, Plugin, fits
-from sucre_bench.plugins.registry import find, get
+from sucre_bench.plugins.plugin import Kind, Plugin, fits
+from sucre_bench.plugins.registry import find, get, is_name
 
 
 @dataclass(frozen=True)
@@ -371,8 +371,9 @@ def read_by_options(
             and isinstance(value, (str, Path))
             and value not in ("", *option.choices)
         ):
-            method = get("method", value) if isinstance(value, str) else None
-            if not isinstance(method, Broken):
+            name = value if isinstance(value, str) else ""
+            method = get("method", name)
+            if method or not is_name("method", name):
                 yield option, method or expanded(value)
 
 

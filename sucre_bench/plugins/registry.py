@@ -109,23 +109,27 @@ def usable(kind: Kind) -> dict[str, Plugin]:
     return {name: plugin for name, plugin in discover(kind).items() if isinstance(plugin, Plugin)}
 
 
-def get(kind: Kind, name: str) -> Plugin | Broken | None:
-    """Return the plugin of that name, None where there is none. Of this package, it imports no others."""
+def _entry(kind: Kind, name: str) -> Plugin | Broken | None:
     known = _current.get().known
     if kind not in known and (kind, name) not in known:
         known[kind, name] = _found(kind, name)
     return known[kind if kind in known else (kind, name)].get(name)
 
 
-def installed(kind: Kind, name: str) -> Plugin | None:
+def get(kind: Kind, name: str) -> Plugin | None:
     """Return the plugin of that name; None where there is none that works. Of this package, it imports no others."""
-    plugin = get(kind, name)
+    plugin = _entry(kind, name)
     return plugin if isinstance(plugin, Plugin) else None
+
+
+def is_name(kind: Kind, name: str) -> bool:
+    """Whether a plugin of that kind, broken or not, has the name."""
+    return _entry(kind, name) is not None
 
 
 def find(kind: Kind, name: str) -> Plugin:
     """Return the plugin of that name. InputError with the nearest name, or PluginError with why it is broken."""
-    plugin = get(kind, name)
+    plugin = _entry(kind, name)
     if plugin is None:
         raise unknown(kind, name, discover(kind))
     if isinstance(plugin, Broken):

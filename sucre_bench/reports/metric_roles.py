@@ -36,6 +36,6 @@ def adding(*wanted: Role) -> str:
 
 def symbol(metric: str, unit: str) -> str:
     """Return what an axis calls a metric."""
-    plugin = plugins.installed("metric", metric)
+    plugin = plugins.get("metric", metric)
     known = plugin.symbol if plugin else ""
     return known or " ".join(filter(None, [metric, f"({unit})" if unit else ""]))

@@ -54,7 +54,7 @@ def metrics_of(bundle: Bundle) -> Callable[[str, str, str], Scorer | str]:
 
     @functools.cache
     def made(metric: str, variant: str, options_hash: str) -> Scorer | str:
-        plugin = plugins.installed("metric", metric)
+        plugin = plugins.get("metric", metric)
         if plugin is None:
             return f"no metric {metric} is registered here"
         if plugin.is_of_pairs:

@@ -119,7 +119,7 @@ class Runs:
         if job not in self._children:
             assert self._parent is not None
             plugin_name = str(json.loads(job.options).get("name", ""))
-            plugin = plugins.installed("method", plugin_name)
+            plugin = plugins.get("method", plugin_name)
             note = [f"**{job.method}** on **{job.dataset}**."]
             note += [plugin.summary, plugin.cites] if plugin else []
             tags = {
