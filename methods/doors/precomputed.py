@@ -16,14 +16,15 @@ from typing import Any, Literal, TypeVar, get_args
 import numpy as np
 
 from sucre_bench import InputError, NotApplicableError, Restoration, Scene, View, method
-from sucre_bench.arrays import Array, Mask, evenly
+from sucre_bench.arrays import Array, evenly
 from sucre_bench.errors import did_you_mean
 from sucre_bench.imaging import image_files
 from sucre_bench.imaging.colour_profiles import PROFILE, profile_of, view_in_srgb
 from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.image_files import decode, read_array, read_tiff, same_shape
 from sucre_bench.imaging.orientation import lying_as
-from sucre_bench.imaging.reference_images import psnr_of
+from sucre_bench.imaging.reference_images import psnr_of, say_if_black
+from sucre_bench.loading.passed_over import EXPORT, other_photographs
 from sucre_bench.loading.view_files import source_files
 from sucre_bench.machine.files import check_folder, reading, regular
 from sucre_bench.machine.records import record_of
@@ -237,7 +238,9 @@ class RestoredElsewhere:
             raise InputError(
                 f"{path}: no pixel has a colour; see {typed_option('holes')}, {self.holes} here"
             )
-        _say_if_black(path, image, view, is_hole)
+        seen = np.where(is_hole[..., None], np.float32(np.nan), image)
+        remedy = f"if it has none, give {typed_option('holes')}=black"
+        say_if_black(path, seen, view.rgb, remedy)
         if profile := profile_of(path):
             image, info = profile.to_srgb(image, self.encoding_of(view)), {PROFILE: profile.name}
         image = np.where(is_hole[..., None], np.float32(np.nan), image)
@@ -251,28 +254,6 @@ class RestoredElsewhere:
         how = cv2.INTER_AREA if found[0] > size[0] else cv2.INTER_LINEAR
         resized = np.asarray(cv2.resize(image, size, interpolation=how), np.float32)
         return Restoration(resized, water, info={**info, "resized_from": list(found)})
-
-
-_BLOCK = (
-    0.01  # of a picture; of 60 pictures of four published methods, 2 have a clipped shadow as large
-)
-_DARK = 4 / 255
-
-
-def _say_if_black(path: Path, image: Array, view: View, is_hole: Mask) -> None:
-    """Say that a picture has exactly black pixels in one block where the photograph has light, which may be holes."""
-    import cv2
-
-    is_black = ~is_hole & (image == 0).all(axis=-1)
-    if is_black.mean() < _BLOCK or is_black.shape != view.rgb.shape[:2]:
-        return
-    _, labels, sizes, _ = cv2.connectedComponentsWithStats(is_black.astype(np.uint8))
-    block = labels == 1 + int(sizes[1:, cv2.CC_STAT_AREA].argmax())
-    if block.mean() >= _BLOCK and np.median(view.rgb[block].max(axis=-1)) > _DARK:
-        fault = f"{100 * block.mean():.0f} % of {path.name} is exactly black in one block, and scored as a colour"
-        image_files.say_once_a_folder(
-            path, "black", f"{fault}; if it has none, give {typed_option('holes')}=black"
-        )
 
 
 def _colours(path: Path) -> Array:
@@ -514,4 +495,7 @@ class Precomputed(RestoredElsewhere):
 
     @functools.cached_property
     def _images(self) -> ImageFolder:
+        if others := other_photographs(self.folder):
+            fault = f"{len(others)} pictures are in formats that are not read, as {others[0].name}"
+            image_files.say_once_a_folder(self.folder / "_", "formats", f"{fault}; {EXPORT}")
         return ImageFolder(self.folder, self.pattern)

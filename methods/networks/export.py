@@ -109,23 +109,45 @@ def export(
         ) from fault
     sides = {} if at else {2: "height", 3: "width"}
     height, width = map(int, (at or f"{_SIDE}x{_SIDE}").split("x"))
-    content: Any = io.BytesIO()
+    image = torch.rand(1, 3, height, width)
     try:
-        torch.onnx.export(
-            made.eval(),
-            (torch.rand(1, 3, height, width),),
-            content,
-            input_names=["image"],
-            output_names=["restored"],
-            dynamic_axes={"image": sides, "restored": sides},
-            dynamo=False,
-        )
+        content = _onnx(made.eval(), image, sides)
     except Exception as fault:  # of torch, onnx and others' code
-        remedy = "give a size that it takes as at=HEIGHTxWIDTH"
-        if type(fault).__name__ == "UnsupportedOperatorError":  # no size helps
-            remedy = "it cannot become ONNX; run its own program by method=command"
+        remedy = "it cannot become ONNX; run its own program by method=command"
+        if _size_may_help(made, image):
+            remedy = "give a size that it takes as at=HEIGHTxWIDTH"
         raise InputError(f"cannot be exported, {one_line(fault)}", network, remedy) from fault
-    write_atomically(target, content.getvalue())
+    write_atomically(target, content)
+
+
+def _onnx(network: Any, image: Any, sides: Mapping[int, str]) -> bytes:
+    """Return a network as ONNX. sides: of the image, whose length may be another."""
+    import torch
+
+    content: Any = io.BytesIO()
+    torch.onnx.export(
+        network,
+        (image,),
+        content,
+        input_names=["image"],
+        output_names=["restored"],
+        dynamic_axes={"image": sides, "restored": sides},
+        dynamo=False,
+    )
+    written: bytes = content.getvalue()
+    return written
+
+
+def _size_may_help(network: Any, image: Any) -> bool:
+    """Whether a network does not take an image of this size, or becomes ONNX if the size is fixed."""
+    try:
+        network(image)
+    except Exception:  # of others' code
+        return True
+    try:
+        return bool(_onnx(network, image, {}))
+    except Exception:
+        return False
 
 
 def _main(words: list[str]) -> None:

@@ -66,9 +66,7 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool, force: 
     )
     click.echo(f"id       {made.id}")
     click.echo(f"scores   {made.n_scores}, and seconds and memory")
-    click.echo(
-        f"files    {made.n_inside} pictures and records inside, {made.n_outside} outside by their hash"
-    )
+    click.echo(f"files    {made.n_inside} files inside, {made.n_outside} outside by their hash")
     if pictures == "none":
         say("verify can compute no score again: --pictures restored puts the pictures in", "yellow")
     if made.unverifiable:

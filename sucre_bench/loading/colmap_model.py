@@ -10,10 +10,11 @@ Source of the format: https://colmap.github.io/format.html
 import math
 import mmap
 import os
+import re
 import shlex
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
 
@@ -25,10 +26,11 @@ from sucre_bench.errors import DamagedFileError, InputError, MissingFileError, f
 from sucre_bench.imaging.image_files import image_size
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.depth_maps import find_depths
+from sucre_bench.loading.find_folders import ImageFolder, inner_path
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import Photograph, scaled_pose, scene_of
 from sucre_bench.machine.files import NO_FILE, fault_of, regular
-from sucre_bench.machine.progress import track
+from sucre_bench.machine.progress import say, track
 from sucre_bench.machine.text_formats import first_few, natural_order
 from sucre_bench.scene import Encoding, Scene
 
@@ -70,6 +72,7 @@ _ONE_FOCAL = (
     "SIMPLE_RADIAL_FISHEYE",
     "RADIAL_FISHEYE",
 )
+_DRIVE = re.compile(r"[A-Za-z]:[\\/]|\\\\")  # of a path of Windows
 _MOST_MISSING = 100  # images; of more, one view tells: each view costs time, memory and a row
 _REMEDY = "copy the model again, or export it with 'colmap model_converter'"
 
@@ -94,13 +97,19 @@ _Row = TypeVar("_Row")
 
 
 def read_model(
-    sparse: Path, images: Path, distorted: bool = False, remedy: str = ""
+    sparse: Path,
+    images: Path,
+    distorted: bool = False,
+    remedy: str = "",
+    keep_names: bool = False,
 ) -> list[Posed]:
     """Return the registered images of the model in `sparse` or `sparse`/0, ordered by name.
 
-    images: the image folder, for messages; distorted: accept distorted cameras; remedy: what accepts them. Raises
-    InputError if there is no model, if it cannot be read or is empty. Also if a camera is distorted and not accepted,
-    of an unknown model, or cannot be undistorted, or if an image name occurs twice or leaves the folder.
+    images: the image folder. Images with absolute paths, of another computer perhaps, are found in it by the end of
+    their paths; if none of the images is there, all are. distorted: accept distorted cameras; remedy: what accepts
+    them; keep_names: name images as the model does.
+    Raises InputError if there is no model, if it cannot be read or is empty. Also if a camera is distorted and not
+    accepted, of an unknown model, or cannot be undistorted, or if an image name occurs twice or leaves the folder.
     """
     places = [(folder, suffix) for folder in (sparse, sparse / "0") for suffix in (".bin", ".txt")]
     pairs = ((folder / f"cameras{suffix}", folder / f"images{suffix}") for folder, suffix in places)
@@ -129,7 +138,7 @@ def read_model(
     ):
         place = f"{images_file}: image '{name}'"
         path = PurePosixPath(name)
-        if not path.name or "\0" in name or path.is_absolute() or ".." in path.parts:
+        if not path.name or "\0" in name or ".." in path.parts:
             raise InputError(
                 f"{place} is outside of the image folder, or no file; names must be relative to {images}"
             )
@@ -147,7 +156,37 @@ def read_model(
         raise InputError(
             "no image is registered", images_file, "run 'colmap mapper' on more, overlapping images"
         )
+    if not keep_names:
+        posed = _named_as_files(posed, images)
     return [posed[name] for name in sorted(posed, key=natural_order)]
+
+
+def _named_as_files(posed: dict[str, Posed], images: Path) -> dict[str, Posed]:
+    """Return images by the names of their files, if the model has other paths. InputError if two have one file."""
+    foreign = [name for name in posed if name.startswith("/") or _DRIVE.match(name)]
+    if not foreign and any((images / name).is_file() for name in posed):
+        return posed
+    folder = ImageFolder(images)
+    files = dict.fromkeys(posed, "")
+    for name in foreign or posed:
+        fits = folder.find(name)
+        files[name] = fits[0] if len(fits) == 1 else inner_path(name)
+    named: dict[str, Posed] = {}
+    for name, one in posed.items():
+        file = files[name] or name
+        if file in named:
+            raise InputError(
+                f"is the image of '{name}' and of another name of the model",
+                images / file,
+                "keep the folders of the images that the model names",
+            )
+        named[file] = replace(one, name=file)
+    moved = next((name for name, file in files.items() if file and (images / file).is_file()), "")
+    if moved:
+        say(
+            f"{images}: the model's images are found by the end of their paths: '{moved}' is {files[moved]}"
+        )
+    return named
 
 
 def _read_cameras(

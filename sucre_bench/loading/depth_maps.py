@@ -8,6 +8,7 @@ is used for neither.
 
 import functools
 import importlib
+import re
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
@@ -194,6 +195,23 @@ def _read_colmap(path: Path) -> np.ndarray:
         return np.frombuffer(content, "<f4").reshape(channels, height, width)
 
 
+def _read_pfm(path: Path) -> np.ndarray:
+    """Read a PFM of one channel: "Pf", width, height and scale, then rows from the bottom.
+
+    The scale's sign is the order of bytes. Its size is not applied: stereo programs store depth as it is.
+    """
+    with reading(path, "copy it again"):
+        content = regular(path).read_bytes()
+        header = re.match(rb"Pf\s+(\d+)\s+(\d+)\s+(\S+)\s", content)
+        if header is None:
+            raise ValueError("its header")
+        width, height = int(header[1]), int(header[2])
+        order = "<f4" if float(header[3]) < 0 else ">f4"
+        check_pixels(path, (height, width), channels=1)
+        rows = np.frombuffer(content[header.end() :], order).reshape(height, width)
+        return rows[::-1].astype(np.float32)
+
+
 def _read_tiff(path: Path) -> np.ndarray:
     with reading(path, "copy it again"):
         try:
@@ -240,7 +258,8 @@ def _read_exr(path: Path) -> Array:
 
 # OpenEXR needs a package of its own: OpenCV's wheels, tifffile, Pillow and imageio do not read it.
 _READERS: Mapping[str, Callable[[Path], np.ndarray]] = {
-    **dict.fromkeys((".png", ".pfm"), _read_picture),
+    ".png": _read_picture,
+    ".pfm": _read_pfm,
     **dict.fromkeys((".tif", ".tiff"), _read_tiff),
     **dict.fromkeys((".npy", ".npz"), read_numbers),
     **dict.fromkeys((_FILTERED, _RAW), _read_colmap),

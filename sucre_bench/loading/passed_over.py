@@ -1,7 +1,7 @@
 """Counts and names what lies beside the files that were read: other formats, videos, maps, images of no view."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from sucre_bench.imaging.image_files import SUFFIXES
@@ -28,7 +28,7 @@ OTHER_FORMATS = (
     ),
     *(".jp2", ".jpe", ".jxl", ".nef", ".nrw", ".orf", ".pef", ".raf", ".rw2", ".srw"),
 )
-EXPORT = "export the photographs as .jpg, .png or .tif"
+EXPORT = "export them as .jpg, .png or .tif"
 _NOTES = (
     *(
         ".cfg",
@@ -48,6 +48,7 @@ _NOTES = (
     ),
     *(".xml", ".xmp", ".yaml", ".yml"),
 )
+_TABLES = (".csv", ".txt")  # notes, unless they are named after a picture or a depth map
 _MODEL = {"images.bin", "images.txt"}
 _OURS = "depth_origin"  # a folder that `prepare` writes
 _MOST = 6  # kinds in a line
@@ -89,18 +90,19 @@ def say_passed_over(
     """
     folders = dict.fromkeys(map(Path.absolute, folders))
     known = {path.absolute() for path in read}
+    stems = {path.stem for path in known}
     found = Counter[tuple[Path, str]]()
     for folder in folders:
-        files = _files(folder)
+        files = _files(folder, stems)
         if not _MODEL & {path.name for path in files}:
             found.update((folder, _kind(path)) for path in files if path not in known)
     others = sorted(path for path in root.absolute().iterdir() if path.is_dir()) if beside else []
     for folder in others:
         if folder.name != _OURS and not any(folder in (one, *one.parents) for one in folders):
-            kinds = (*SUFFIXES, *OTHER_FORMATS, *VIDEOS, *DEPTH_SUFFIXES)
+            kinds = (*SUFFIXES, *OTHER_FORMATS, *VIDEOS, *DEPTH_SUFFIXES, *_TABLES)
             found.update(
                 (folder, _kind(path))
-                for path in _files(folder)
+                for path in _files(folder, stems)
                 if path.suffix and _kind(path) in kinds
             )
     if not found:
@@ -116,14 +118,15 @@ def say_passed_over(
         say(line)
 
 
-def _files(folder: Path) -> list[Path]:
-    """The files in a folder, in order of name, without hidden ones and notes."""
+def _files(folder: Path, stems: Collection[str] = ()) -> list[Path]:
+    """The files in a folder, in order of name, without hidden ones and notes. stems: of the files that were read."""
+
+    def is_note(path: Path) -> bool:
+        is_named = path.suffix.lower() in _TABLES and path.stem.removeprefix("depth_") in stems
+        return path.suffix.lower() in _NOTES and not is_named
+
     there = sorted(folder.iterdir()) if folder.is_dir() else []
-    return [
-        path
-        for path in there
-        if path.is_file() and path.name[0] != "." and path.suffix.lower() not in _NOTES
-    ]
+    return [path for path in there if path.is_file() and path.name[0] != "." and not is_note(path)]
 
 
 def _kind(path: Path) -> str:

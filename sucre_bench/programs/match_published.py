@@ -190,9 +190,14 @@ def _rows(table: str) -> list[dict[str, str]]:
     if "=" in table and not Path(table).exists():
         pairs = [word.partition("=") for word in re.split(r"[,;\s]\s*(?=[a-zA-Z])", table.strip())]
         return [{name.strip(): value.strip() for name, _, value in pairs}]
-    with reading(Path(table), "give a table of published numbers, CSV or Markdown, in UTF-8"):
+    with reading(
+        Path(table), "give a table of published numbers, CSV, Markdown or LaTeX, in UTF-8"
+    ):
         text = regular(Path(table)).read_text(encoding="utf-8-sig")
         lines = [line.strip() for line in text.splitlines() if line.strip()]
+        if r"\\" in text:  # LaTeX
+            cells = (line.split(r"\\")[0] for line in lines if "&" in line)
+            lines = ["|" + re.sub(r"(?<!\\)&", "|", _plain(row)) for row in cells]
         blocks = [
             [*block]
             for is_block, block in groupby(lines, key=lambda line: line.startswith("|"))
@@ -207,6 +212,11 @@ def _rows(table: str) -> list[dict[str, str]]:
         (rows for rows in forms if any(_number(row[h]) for row in rows for h in row if _named(h))),
         forms[0],
     )
+
+
+def _plain(latex: str) -> str:
+    """LaTeX's text without commands: "PSNR$\\uparrow$" and "\\textbf{26.4}" are "PSNR" and "26.4"."""
+    return re.sub(r"\\[a-zA-Z]+\*?|(?<!\\)[{}$]", "", latex).replace(r"\_", "_").replace(r"\%", "%")
 
 
 def _read(lines: Sequence[str], delimiter: str) -> list[dict[str, str]]:

@@ -15,6 +15,7 @@ from sucre_bench.errors import InputError, MissingFileError, PluginError
 from sucre_bench.imaging.colour_profiles import read_srgb
 from sucre_bench.imaging.image_files import image_size, is_jpeg
 from sucre_bench.imaging.orientation import lying_as
+from sucre_bench.imaging.reference_images import say_if_black
 from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.loading.find_folders import ImageFolder, bare_stems, only
 from sucre_bench.loading.image_folder import image_names, no_image
@@ -24,6 +25,8 @@ from sucre_bench.machine import processes, progress
 from sucre_bench.machine.files import check_folder, fault_of
 from sucre_bench.results.rows import restorations
 from sucre_bench.scene import Plane, Restoration, View
+
+_HOLES = "if it has none, `sucre-bench run dataset=photos method=precomputed precomputed.holes=black` leaves it out"
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +116,9 @@ def score_folder(
             if not is_known:
                 pictures[str(compared_with or name)] = picture_of(target)
             fitting = _fitting(path, rgb.shape, target.shape, names)
+            if compared_with:
+                say_if_black(path, rgb, target, _HOLES)
+                say_if_black(compared_with, target, rgb, "leave it out if its reference has holes")
             del target  # it may have 1 GB
             picture = Restoration(rgb, info={"method": label})
             work = functools.partial(score, picture, view, fitting)

@@ -45,6 +45,25 @@ def pixel_of(view: View, world: list[float]) -> Array:
 # -- the model ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(
+    "written",
+    ["/mnt/disk/dive/images/{}.png", "C:\\dive\\images\\{}.png", "cam0/{}.png", "{}.JPG"],
+    ids=["absolute", "Windows", "moved", "converted"],
+)
+def test_images_of_another_computer_are_found_by_the_end_of_their_paths(
+    tmp_path: Path, written: str
+) -> None:
+    write_dive(tmp_path)
+    there = load(tmp_path)
+    write_model(
+        tmp_path / "sparse", [(written.format("b"), SIDEWAYS, 1), (written.format("a"), FORWARD, 1)]
+    )
+    scene = load(tmp_path)
+    assert [view.name for view in scene] == ["a.png", "b.png"]
+    np.testing.assert_array_equal(scene["a.png"].depth, there["a.png"].depth)
+    assert pixel_of(scene["a.png"], [1, 2, 10]) == pytest.approx([25.5, 26.5])
+
+
 @pytest.mark.parametrize("binary", [False, True], ids=["text", "binary"])
 @pytest.mark.parametrize("sparse", ["sparse", "sparse/0"])
 def test_a_known_point_falls_on_the_pixels_worked_out_by_hand(

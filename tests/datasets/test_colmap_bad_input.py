@@ -110,7 +110,14 @@ DATASET: dict[str, tuple[Change, list[str]]] = {
         images(("../../etc/x.png", FORWARD, 1)),
         ["'../../etc/x.png' is outside", "relative"],
     ),
-    "absolute name": (images(("/etc/x.png", FORWARD, 1)), ["'/etc/x.png' is outside"]),
+    "absolute name": (
+        images(("/etc/x.png", FORWARD, 1)),
+        ["images: none of the model's 1 images", "etc/x.png"],
+    ),
+    "two names of one image": (
+        images(("/left/a.png", FORWARD, 1), ("C:\\right\\a.png", FORWARD, 1)),
+        ["images/a.png: is the image of 'C:\\right\\a.png' and of another name"],
+    ),
     "name of the root": (
         images((".", FORWARD, 1)),
         ["image '.' is outside", "no file", "relative"],

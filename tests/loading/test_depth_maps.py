@@ -61,6 +61,10 @@ MILLIMETRES = np.rint(1000 * METRES).astype(np.uint16)
 FORMS: dict[str, Callable[[Path], object]] = {
     # rows from the bottom
     "a.pfm": lambda path: path.write_bytes(b"Pf\n40 30\n-1.0\n" + METRES[::-1].tobytes()),
+    # Middlebury's scale is 1 / the largest value, and nobody applies it
+    "depth_a.pfm": lambda path: path.write_bytes(
+        b"Pf\n40 30\n0.25\n" + METRES[::-1].astype(">f4").tobytes()
+    ),
     "a.jpg.geometric.bin": lambda path: path.write_bytes(b"40&30&1&" + METRES.tobytes()),
     "a.jpg.photometric.bin": lambda path: path.write_bytes(b"40&30&1&" + METRES.tobytes()),
     "a.npy": lambda path: np.save(path, METRES[None]),

@@ -65,13 +65,20 @@ def test_a_dive_says_which_of_its_files_no_view_has(
     for name in (
         "images/unplaced.png",
         "depths/a.unknown",
+        "depths/depth_a.txt",
+        "depths/notes.txt",
         "stereo/b.png.geometric.bin",
         "depth_origin/a.png",
     ):
         (dive / name).parent.mkdir(exist_ok=True)
         (dive / name).write_bytes(np.random.default_rng(0).bytes(9))
     line = said_of(lambda: select(["dataset=colmap", f"dataset.root={dive}"]), monkeypatch)
-    for part in ("1 .png in images", "1 .unknown in depths", "1 .geometric.bin in stereo"):
+    for part in (
+        "1 .png in images",
+        "1 .unknown in depths",
+        "1 .txt in depths",
+        "1 .geometric.bin in stereo",
+    ):
         assert part in line
     assert "depth_origin" not in line
 

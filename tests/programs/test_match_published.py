@@ -168,6 +168,8 @@ def test_u45s_table_is_that_of_matlab_and_its_first_output(bench: Bench) -> None
         "image;avg_psnr (dB);ssim_value\n1;{0:.3f} ± 0.1;0.5\n2;{1:.3f} ± 0.1;0.5\n",
         "# Results\n\n| Name | PSNR ↑ (SSIM ↑) |\n|--|--:|\n| 01 | **{0:.3f}** (0.5) |\n| 02 | {1:.3f} (0.5) |\n",
         "| Metric | 1.png | 2.png |\n|---|---|---|\n| PSNR | {0:.3f} | {1:.3f} |\n| SSIM | 0.5 | 0.5 |\n",
+        "\\begin{{tabular}}{{lcc}}\n\\toprule\nName & PSNR$\\uparrow$ & SSIM \\\\ \\midrule\n"
+        "1 & \\textbf{{{0:.3f}}} & 0.5 \\\\\n2 & {1:.3f} & 0.5 \\\\ \\bottomrule\n\\end{{tabular}}\n",
         "image,MSE,SSIM\n1,{2:.2f},0.5\n2,{3:.2f},0.5\n",
     ],
 )

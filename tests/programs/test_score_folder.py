@@ -168,3 +168,14 @@ def test_a_metric_that_cannot_apply_says_why(bench, folders):
     assert done.returncode == 1
     assert "psnr: needs reference" in done.stderr
     assert "uciqe" in done.stdout
+
+
+@pytest.mark.parametrize("of", [0, 1], ids=["picture", "reference"])
+def test_a_black_block_where_the_other_picture_has_light_is_said(psnr, folders, of):
+    path = folders[of] / "a.png"
+    picture = cv2.imread(str(path))
+    assert "black" not in psnr().stderr
+    picture[:20] = 0
+    cv2.imwrite(str(path), picture)
+    (line,) = [line for line in psnr().stderr.splitlines() if "black" in line]
+    assert f"{folders[of]}: 31 % of a.png" in line

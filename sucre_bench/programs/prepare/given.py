@@ -242,7 +242,11 @@ def given_model(
     """
     places = (model / "0", model / "sparse", model / "sparse" / "0")
     sparse = next((place for place in (model, *places) if any(place.glob("images.[bt]*"))), None)
-    posed = read_model(sparse, folder, distorted=True) if sparse else _posed(model, folder)
+    posed = (
+        read_model(sparse, folder, distorted=True, keep_names=True)
+        if sparse
+        else _posed(model, folder)
+    )
     files = ImageFolder(folder)
     by_name = {photo.name: photo for photo in photos}
     found: dict[str, tuple[Posed, Photo]] = {}

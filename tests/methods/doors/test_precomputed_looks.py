@@ -64,3 +64,11 @@ def test_a_black_block_is_named_with_the_option_that_makes_it_holes(tmp_path: Pa
     (line,) = said_of(tmp_path, pictures)
     assert "40 % of 0.png is exactly black" in line
     assert ".holes=black" in line
+
+
+def test_pictures_in_other_formats_are_counted(tmp_path: Path) -> None:
+    for name in ("3.heic", "4.JP2"):
+        (tmp_path / name).write_bytes(b"no picture")
+    (line,) = said_of(tmp_path, restored_pictures()[:2])
+    assert "2 pictures" in line
+    assert "3.heic" in line

@@ -17,6 +17,15 @@ from sucre_bench.methods.networks.export import _main, tensors
 CODE = """
 import torch
 
+class Phase(torch.nn.Conv2d):
+    # of complex numbers, which ONNX does not have
+    def forward(self, x):
+        return torch.fft.ifft2(1j * torch.fft.fft2(super().forward(x)).angle()).real
+
+class Halved(Phase):
+    def forward(self, x):
+        return x[..., :16, :16].reshape(1, 3, 16, x.shape[-1] // 16) + x
+
 class Brighter(torch.nn.Module):
     def __init__(self, layers):
         super().__init__()
@@ -95,6 +104,14 @@ def test_the_exported_network_computes_what_torch_computes(tmp_path: Path) -> No
         ("net.pt new.onnx nowhere:Brighter", "nowhere:Brighter: cannot be made, .*; "),
         ("net.pt new.onnx net:Brighter layers=a", "layers=a: is no option; .*OPTION=NUMBER"),
         ("net.pt new.onnx net:Brighter depth=2", "net:Brighter: cannot be made, .*depth.*; "),
+        (
+            "net.pt new.onnx net:Phase in_channels=3 out_channels=3 kernel_size=3",
+            "net:Phase: cannot be exported, .*; it cannot become ONNX; .*method=command",
+        ),
+        (
+            "net.pt new.onnx net:Halved in_channels=3 out_channels=3 kernel_size=3",
+            "net:Halved: cannot be exported, .*; give a size .*at=",
+        ),
         ("net.pt new.onnx net:Brighter layers=2 at=9", "at=9: is no option; .*at="),
     ],
 )
