@@ -9,6 +9,7 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -30,6 +31,7 @@ from sucre_bench.results.common_scores import (
     methods_of,
 )
 from sucre_bench.results.reasons import Reason
+from sucre_bench.results.row_code import RowCode
 from sucre_bench.results.rows import COMMON, COSTS, KEYS, restorations, values_of
 from sucre_bench.results.table import is_bundle, is_fresh
 
@@ -218,9 +220,7 @@ def _variants(rows: DataFrame) -> Iterator[str]:
 def _versions(rows: DataFrame) -> Iterator[str]:
     """Scores of one column from different versions or options of the metric; the newest is taken as right."""
     for (metric, variant), of_variant in rows.groupby(["metric", "variant"], sort=False):
-        made_by = of_variant["code"].map(
-            {code: "".join(code.split(".")[1:2]) for code in of_variant["code"].unique()}
-        )
+        made_by = _each_code(of_variant["code"], lambda code: code.metric)
         last = of_variant["time"].groupby(made_by).max().sort_values().index[-1]
         if (made_by == last).all():
             continue
@@ -228,7 +228,8 @@ def _versions(rows: DataFrame) -> Iterator[str]:
         names = [
             list(dict.fromkeys(of_variant["method"][made_by == code])) for code in (older, last)
         ]
-        differing = "options" if older.split("-")[0] == last.split("-")[0] else "versions"
+        sources = {RowCode("", code).metric_source for code in (older, last)}
+        differing = "versions" if len(sources) > 1 else "options"
         yield (
             f"{metric} ({variant}): {names_of(names[0])} scored by other {differing} of the metric than "
             f"{names_of(names[1])}; give the run command of {names_of(names[0])} again, "
@@ -253,8 +254,13 @@ def mixed_codes(rows: DataFrame) -> Iterator[tuple[str, str]]:
 
 
 def _code_of_method(rows: DataFrame) -> Series:
-    """The hash of the code that restored, 12 digits of `code`, without those of charts and of the metric."""
-    return rows["code"].str.split(".").str[0].str[:12]
+    """The hash of the code that restored."""
+    return _each_code(rows["code"], lambda code: code.method)
+
+
+def _each_code(codes: Series, part: Callable[[RowCode], str], on_common: bool = False) -> Series:
+    """A part of each row's code. on_common: whether the rows are scores on common pixels."""
+    return codes.map({text: part(RowCode.read(text, on_common)) for text in codes.unique()})
 
 
 def _normalisations(rows: DataFrame) -> Iterator[str]:
@@ -364,9 +370,10 @@ def on_pixels(rows: DataFrame, read: Callable[[], DataFrame]) -> DataFrame:
     if scored.empty:
         return rows
     found = common[common["metric"] != COMMON_PIXELS]
-    codes = found["code"].str.rsplit(".", n=1).str
     found = found.assign(
-        variant=found["variant"].str.removesuffix(COMMON), code=codes[0], _mask=codes[-1]
+        variant=found["variant"].str.removesuffix(COMMON),
+        code=_each_code(found["code"], lambda code: str(replace(code, mask="")), on_common=True),
+        _mask=_each_code(found["code"], lambda code: code.mask, on_common=True),
     )
     found = found[[*_KEY, *_RESULT]].drop_duplicates(_KEY, keep="last")
     new = scored[_KEY].merge(found, on=_KEY, how="left").set_axis(scored.index)

@@ -174,7 +174,7 @@ class Entrant:
 
     def code(self, base: Row, scorer: Scorer) -> str:
         """Return the `code` of a score's rows."""
-        return f"{score_code(base, scorer.code)}.{self.among}"
+        return score_code(base, scorer.code, self.among)
 
 
 def pair_rows(

@@ -45,6 +45,7 @@ from sucre_bench.results.restorations import (
     stored_picture,
     stored_restoration,
 )
+from sucre_bench.results.row_code import RowCode
 from sucre_bench.results.rows import (
     COMMON,
     KEYS,
@@ -113,7 +114,7 @@ class _Metrics:
 
     def scorer(self, row: Row) -> Scorer | None:
         """The metric that made a score; None if the run asks for another version of it, or for other options."""
-        return self.by_code.get((row.metric, "".join(row.code.split(".")[1:2])))
+        return self.by_code.get((row.metric, RowCode.read(row.code).metric))
 
 
 @dataclass
@@ -212,12 +213,14 @@ def _score(row: Row) -> _Score:
 
 def _on_common(row: Row, mask: str) -> Row:
     """A score as the table has it; mask: hash of the common pixels."""
-    return replace(row, variant=f"{row.variant}{COMMON}", code=f"{row.code}.{mask}")
+    code = replace(RowCode.read(row.code), mask=mask)
+    return replace(row, variant=f"{row.variant}{COMMON}", code=str(code))
 
 
 def _on_own(row: Row) -> _Score:
     """The score on own pixels that a stored score on common pixels goes with."""
-    return row.method, row.metric, row.variant.removesuffix(COMMON), row.code.rpartition(".")[0]
+    code = replace(RowCode.read(row.code, on_common=True), mask="")
+    return row.method, row.metric, row.variant.removesuffix(COMMON), str(code)
 
 
 def _common_views(

@@ -30,6 +30,7 @@ from sucre_bench.plugins.options import Choice, source_hash
 from sucre_bench.plugins.plugin import Metric, Plugin
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.restorations import PictureOnly
+from sucre_bench.results.row_code import RowCode
 from sucre_bench.results.rows import RESTORATION, Row, Status, fingerprint
 from sucre_bench.scene import Restoration, View
 
@@ -135,9 +136,9 @@ def metric_code(metric: Choice) -> str:
     return f"{source_hash(metric.plugin)}{options}"
 
 
-def score_code(base: Row, metric: str, charts: str = "") -> str:
-    """Return the `code` of a score's row: the restoration's hash, the metric's code, and the `charts_id` if any."""
-    return ".".join(filter(None, (base.code.partition(".")[0], metric, charts)))
+def score_code(base: Row, metric: str, seen: str = "") -> str:
+    """Return the `code` of a score's row. base: of the restoration; metric, seen: see `RowCode`."""
+    return str(RowCode(RowCode.read(base.code).restoration, metric, seen))
 
 
 def charts_id(plugin: Plugin, views: Iterable[View]) -> str:

@@ -34,6 +34,7 @@ from sucre_bench.errors import (
 )
 from sucre_bench.machine.cache import waited_lock
 from sucre_bench.machine.files import not_writable, regular, write_atomically
+from sucre_bench.results.row_code import RowCode
 from sucre_bench.results.rows import (
     COLUMNS,
     KEYS,
@@ -217,8 +218,7 @@ def _newest(rows: DataFrame) -> DataFrame:
     when = pd.Series(pd.factorize(rows["time"], sort=True)[0], rows.index)
     order = when.argsort(kind="stable")
     rows, when = rows.iloc[order], when.iloc[order]
-    # Of the code, the part of the restoration alone.
-    codes = {text: text.partition(".")[0] for text in rows["code"].unique()}
+    codes = {text: RowCode.read(text).restoration for text in rows["code"].unique()}
     tried = (
         rows.assign(code=rows["code"].map(codes))
         .groupby(["options_id", "data_id", "code"], sort=False)

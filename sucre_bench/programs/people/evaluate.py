@@ -16,6 +16,7 @@ from sucre_bench.machine.files import read_json, reading, regular
 from sucre_bench.machine.text_formats import now
 from sucre_bench.programs.people import design, statistics
 from sucre_bench.programs.people.design import Key, Shown
+from sucre_bench.results.row_code import RowCode
 from sucre_bench.results.rows import COSTS, PREFERENCE, restorations, row_objects
 
 _VERSION = 1
@@ -234,7 +235,12 @@ def store(folder: Path, found: Evaluated) -> int:
     }
     rows = results.read(folder)
     made = [
-        replace(row, **score, value=by_place[place], code=f"{row.code.split('.')[0]}.{code}")
+        replace(
+            row,
+            **score,
+            value=by_place[place],
+            code=str(RowCode(RowCode.read(row.code).restoration, code)),
+        )
         for row in row_objects(restorations(rows[rows["dataset"] == found.dataset]))
         if (place := (row.scene, row.view, row.method)) in by_place
     ]

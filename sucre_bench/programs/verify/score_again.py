@@ -25,6 +25,7 @@ from sucre_bench.machine import processes
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import Choice, options_of, seed_of, typed
 from sucre_bench.results.bundle_format import Bundle
+from sucre_bench.results.row_code import RowCode
 from sucre_bench.results.rows import Row
 from sucre_bench.scene import Restoration, Scene, Score, View
 
@@ -70,7 +71,7 @@ def metrics_of(bundle: Bundle) -> Callable[[str, str, str], Scorer | str]:
             {name: typed(types[name], one[name]) for name in types if name in one} for one in given
         ):
             choice = replace(choice, options=options)
-            if _options_hash(metric_code(choice)) != options_hash:
+            if RowCode("", metric_code(choice)).metric_options != options_hash:
                 continue
             if any(isinstance(value, Path) for value in options.values()):
                 return f"an option of {metric} names a file"  # of this user, chosen by a stranger
@@ -81,13 +82,7 @@ def metrics_of(bundle: Bundle) -> Callable[[str, str, str], Scorer | str]:
             return replace(scorer, metric=_Apart(scorer.metric)) if plugin.is_foreign else scorer
         return f"the bundle does not say the options of {metric}"
 
-    return lambda metric, variant, code: made(metric, variant, _options_hash(code))
-
-
-def _options_hash(code: str) -> str:
-    """What a metric's code, or that of a row, says of the metric's options; "" where it has none."""
-    of_restoration, _, of_metric = code.partition(".")
-    return (of_metric or of_restoration).partition(".")[0].partition("-")[2]
+    return lambda metric, variant, code: made(metric, variant, RowCode.read(code).metric_options)
 
 
 class _Apart:

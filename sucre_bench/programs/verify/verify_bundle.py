@@ -37,6 +37,7 @@ from sucre_bench.results.common_scores import (
 from sucre_bench.results.layout import possible_places
 from sucre_bench.results.reasons import Reason, brief
 from sucre_bench.results.restorations import mask_in, masked
+from sucre_bench.results.row_code import RowCode
 from sucre_bench.results.rows import COMMON, COSTS, KEYS, RESTORATION, tuples
 from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Arrays, Restoration, View
@@ -411,7 +412,7 @@ class _Check:
                 outcome.needs_data = True
                 return
             if (
-                score.code.split(".")[1:2] != [scorer.code]
+                RowCode.read(score.code).metric != scorer.code
                 and score.metric not in outcome.other_versions
             ):
                 outcome.other_versions.append(score.metric)
