@@ -42,28 +42,38 @@ def may_be_chance(difference: Difference) -> bool:
 
 @dataclass(frozen=True)
 class Column:
-    """A metric in one variant.
-
-    better: "higher", "lower", or "none" for a number that only describes; range: of possible values; of: "image" or
-    "chart", what a unit is; n_units, n_views, n_scenes: what all methods have; missing: units some method lacks;
-    pixels: "common" if methods fill different pixels, and the scores are on those that all of them fill; knows: what
-    the score knows of the true colours; worth: how many independent views the differences are worth, less than n_views
-    where neighbours are alike, 0 for a track of too few views to know.
-    """
+    """A metric in one variant."""
 
     metric: str
     variant: str
     unit: str
+
     better: str
+    """Is "higher", "lower", or "none" for a number that only describes."""
+
     range: tuple[float, float]
+    """Of possible values."""
+
     of: Literal["image", "chart"]
+    """What a unit is."""
+
+    # What all methods have.
     n_units: int
     n_views: int
     n_scenes: int
+
     missing: int
+    """Units that some method lacks."""
+
     pixels: Literal["own", "common"] = "own"
+    """It is "common" if methods fill different pixels, and the scores are on those that all of them fill."""
+
     knows: Knows = "truth"
+    """What the score knows of the true colours."""
+
     worth: float = math.inf
+    """How many independent views the differences are worth: less than n_views where neighbours are alike, 0 for a
+    track of too few views to know."""
 
     @property
     def plugin(self) -> Plugin | None:
@@ -99,76 +109,126 @@ class Column:
 class Cell:
     """A method's score.
 
-    mean: over views; std: over units, see `standard_deviation`; low, high: 95 % interval of the mean; place: by the
-    mean, 1 = best, equal means share it; rank: 1 + how many methods are better by more than chance; tie: not the best,
-    but no different from it by more than chance; behind: the paired difference to the best, positive = worse; wins: in
-    how many views it is the best, shared among equals, or with a baseline in how many it beats that one, equal ones
-    half; effect: the paired difference to the best (or the baseline), in standard deviations of the views' differences,
-    positive = better; holes: units that others have and it lacks; change: with a baseline, the score less that one's,
-    paired.
-
     NaN stands for what there is not: an interval over one view or of infinite values, the best's effect against itself.
     Where scores are equal or have no interval, the mean alone decides the rank. A number that only describes has place
     and rank 0, and NaN instead of better and worse; so has the photograph beside restorers.
     """
 
     mean: float
+    """Over views."""
+
     std: float
+    """Over units, see `standard_deviation`."""
+
+    # The 95 % interval of the mean.
     low: float
     high: float
+
     holes: int
+    """Units that others have and it lacks."""
+
     place: int = 0
+    """By the mean, 1 = best; equal means share it."""
+
     rank: int = 0
+    """1 + how many methods are better by more than chance."""
+
     tie: bool = False
+    """Not the best, but no different from it by more than chance."""
+
     behind: Difference = NO_DIFFERENCE
+    """The paired difference to the best, positive = worse."""
+
     wins: float = math.nan
+    """In how many views it is the best, shared among equals; with a baseline in how many it beats that one, equal ones
+    half."""
+
     effect: float = math.nan
+    """The paired difference to the best (or the baseline), in standard deviations of the views' differences, positive
+    = better."""
+
     change: Difference = NO_DIFFERENCE
+    """With a baseline, the score less that one's, paired."""
+
+
+NoteKind = Literal[
+    "no result",
+    "images lost",
+    "no score",
+    "nothing shared",
+    "replicates lost",
+    "common pixels",
+    "own pixels",
+    "no shared pixels",
+    "by us",
+    "mixed codes",
+    "trained on",
+    "older data",
+    "no baseline",
+    "no option",
+    "faults",
+]
 
 
 @dataclass(frozen=True)
 class Note:
-    """Something that a comparison does not count.
+    """Something that a comparison does not count."""
 
-    kind: a key of `words.NOTES`, which has its sentence; methods: labels it is about; columns: scores it is about, none
-    if it is about restorations; n, total: number of lost units, and of all units; left: number of units that remain for
-    all methods; lost: the lost replicates; unit: unit of n; reasons: how often each reason occurs, as text; option: the
-    followed option; share: of the image, 0 to 1, where pixels are left out.
-    """
+    kind: NoteKind
+    """`words.NOTES` has its sentence."""
 
-    kind: str
     methods: tuple[str, ...]
+    """Labels it is about."""
+
     columns: tuple[Column, ...] = ()
+    """Scores it is about; none if it is about restorations."""
+
+    # Number of lost units, of all units, and of those that remain for all methods.
     n: int = 0
     total: int = 0
     left: int = 0
+
     lost: int = 0
+    """The lost replicates."""
+
     unit: Literal["image", "chart"] = "image"
+    """Of n."""
+
     reasons: str = ""
+    """How often each reason occurs, as text."""
+
     option: str = ""
+    """The followed option."""
+
     share: float = 1.0
+    """Of the image, 0 to 1, where pixels are left out."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Which of two methods is ahead in a score, and whether this is a lead.
-
-    difference: of the means, paired, at least 0; interval: its 95 % interval, for which all methods are judged together
-    (`sucre_bench.compare.statistics`), NaN without one; wins: in how many views the leader is the best, or beats the
-    baseline; effect: the difference in standard deviations of the views' differences, NaN if they do not vary;
-    may_be_chance: whether the interval has 0; undone_by: the view or scene without which a lead may be chance, "" if no
-    one decides.
-    """
+    """Which of two methods is ahead in a score, and whether this is a lead."""
 
     column: Column
     leader: str
     second: str
+
     difference: float
+    """Of the means, paired, at least 0."""
+
     interval: tuple[float, float]
+    """Its 95 % interval, for which all methods are judged together (`compare.statistics`); NaN without one."""
+
     wins: float
+    """In how many views the leader is the best, or beats the baseline."""
+
     effect: float
+    """The difference in standard deviations of the views' differences; NaN if they do not vary."""
+
     may_be_chance: bool
+    """Whether the interval has 0."""
+
     undone_by: str = ""
+    """The view or scene without which a lead may be chance; "" if no one decides."""
 
     @property
     def is_sure(self) -> bool:
@@ -183,24 +243,29 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Comparison:
-    """One table: methods x columns; no cell where a method has nothing.
-
-    title: the dataset, and the view or region if the table is for one; baseline: the method that others are compared
-    with, or ""; notes: the rows that are left out, and why; measured: the numbers behind the cells, from which
-    `against` makes differences to a baseline; photographs: methods that return the photograph itself, which take no
-    part in places, ranks and ties unless there are no others; lacks_truth: whether metrics found neither a reference
-    nor a chart in the data.
-    """
+    """One table: methods x columns; no cell where a method has nothing."""
 
     title: str
+    """The dataset, and the view or region if the table is for one."""
+
     methods: tuple[str, ...]
     columns: tuple[Column, ...]
     cells: dict[tuple[str, Column], Cell]
+
     baseline: str = ""
+    """The method that others are compared with; empty for none."""
+
     notes: tuple[Note, ...] = ()
+    """The rows that are left out, and why."""
+
     measured: Mapping[Column, ColumnScores] = field(default_factory=dict, repr=False, compare=False)
+    """The numbers behind the cells, from which `against` makes differences to a baseline."""
+
     photographs: tuple[str, ...] = ()
+    """Methods that return the photograph itself: they have no place, rank and tie unless there are no others."""
+
     lacks_truth: bool = False
+    """Whether metrics found neither a reference nor a chart in the data."""
 
     def of(self, column: Column) -> dict[str, Cell]:
         """Return the cells of a column by method, in the table's order."""

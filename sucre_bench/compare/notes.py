@@ -16,7 +16,7 @@ from sucre_bench.compare.choose_rows import (
     options_of,
     scores_of_pixels,
 )
-from sucre_bench.compare.model import FILLED, Column, Note, says_filled
+from sucre_bench.compare.model import FILLED, Column, Note, NoteKind, says_filled
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.common_scores import LEAST_DIFFERENCE, LEAST_FILLED
 from sucre_bench.results.reasons import Reason, without_view
@@ -271,7 +271,7 @@ def pixel_notes(rows: DataFrame, columns: Iterable[Column]) -> Iterator[Note]:
     whole = restorations(rows)
     scores = rows[rows["_asked"] & scores_of_pixels(rows)]
 
-    def note(kind: str, concerned: DataFrame, **more: Any) -> Note:
+    def note(kind: NoteKind, concerned: DataFrame, **more: Any) -> Note:
         pairs = set(values_of(concerned, "metric", "variant"))
         named = tuple(column for column in columns if (column.metric, column.variant) in pairs)
         n, total = (len(set(values_of(some, "scene", "view"))) for some in (concerned, scores))

@@ -27,7 +27,8 @@ class RowCode:
     def read(cls, text: str, on_common: bool = False) -> RowCode:
         """Return what a row says. on_common: whether it is of a score on common pixels, whose hash comes last."""
         rest, _, mask = text.rpartition(".") if on_common else (text, "", "")
-        return cls(*rest.split(".", 2), mask=mask)
+        restoration, metric, seen = [*rest.split(".", 2), "", ""][:3]
+        return cls(restoration, metric, seen, mask)
 
     def __str__(self) -> str:
         return ".".join(filter(None, (self.restoration, self.metric, self.seen, self.mask)))
