@@ -5,7 +5,10 @@ Hydra imports this module in each of its programs, so the package is imported wh
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from contextvars import copy_context
+from threading import Event, Thread
 from typing import Any
 
 from hydra._internal.core_plugins.basic_launcher import BasicLauncher
@@ -14,6 +17,8 @@ from hydra.core.utils import JobReturn, JobStatus
 from hydra.plugins.sweeper import Sweeper
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig
+
+_TICK_S = 0.5
 
 
 class WorkersLauncher(BasicLauncher):
@@ -51,10 +56,32 @@ class PairSweeper(Sweeper):
 
     def _launch(self, overrides: Sequence[tuple[str, ...]]) -> list[str]:
         """Let a launcher run jobs, and return why each was lost, empty for one that was not."""
-        returns: Sequence[JobReturn] = self.launcher.launch(
-            [[*words] for words in overrides], initial_job_idx=0
-        )
+        # jobs of the basic launcher work in this process, and tick
+        with nullcontext() if isinstance(self.launcher, BasicLauncher) else _ticking():
+            returns: Sequence[JobReturn] = self.launcher.launch(
+                [[*words] for words in overrides], initial_job_idx=0
+            )
         return [_reason(one) for one in returns]
+
+
+@contextmanager
+def _ticking() -> Iterator[None]:
+    """Show the command's progress while a launcher blocks it; what follows the command is heard then."""
+    from sucre_bench.machine import progress
+
+    context, has_ended = copy_context(), Event()
+
+    def tick() -> None:
+        while not has_ended.wait(_TICK_S):
+            progress.show("tick")
+
+    thread = Thread(target=context.run, args=(tick,), daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        has_ended.set()
+        thread.join()
 
 
 def _reason(returned: JobReturn) -> str:

@@ -352,7 +352,10 @@ def test_means_are_those_of_the_table(out: Path, uri: str):
     )
 
 
-def test_what_is_broken_off_goes_on(bench, out: Path, uri: str, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize("fault", [ConnectionError("gone"), KeyboardInterrupt()])
+def test_what_is_broken_off_goes_on(
+    bench, out: Path, uri: str, monkeypatch: pytest.MonkeyPatch, fault: BaseException
+):
     bench("run", "-m", *RUN[1:], "method=gain,gain2", f"out={out}", "tracking=off")
     picture = out / "restored/toy/gain/v1.png"
     picture.write_bytes(picture.read_bytes()[:-20])  # costs no more than itself
@@ -362,13 +365,15 @@ def test_what_is_broken_off_goes_on(bench, out: Path, uri: str, monkeypatch: pyt
     def breaks(*arguments: Any) -> None:
         logged.append(arguments)
         if len(logged) == 2:
-            raise ConnectionError("gone")
+            raise fault
         log_artifacts(*arguments)
 
     with monkeypatch.context() as patch:
         patch.setattr(store, "log_artifacts", breaks)
-        with pytest.raises(OutputError, match="gone"):
+        with pytest.raises((OutputError, KeyboardInterrupt)):
             log(out, Place(uri, "sucre_bench"))
+    if isinstance(fault, KeyboardInterrupt):
+        assert "RUNNING" not in {run.info.status for run in by_method(uri).values()}
     assert log(out, Place(uri, "sucre_bench")) == 1
     assert {name: run.info.status for name, run in by_method(uri).items()} == dict.fromkeys(
         ["", "gain", "gain2"], "FINISHED"

@@ -15,6 +15,7 @@ from sucre_bench.compare import Comparison
 from sucre_bench.compare.documents import as_text
 from sucre_bench.degrade import Degradation
 from sucre_bench.machine import provenance
+from sucre_bench.machine.processes import interrupts_held_back
 from sucre_bench.machine.text_formats import masked
 from sucre_bench.plugins.options import options_of, plain_value
 from sucre_bench.reports.mlflow.run import LONGEST_TAG, Run, scores_of, stamp
@@ -78,7 +79,11 @@ def log(out: Path, place: Place, runs: Runs | None = None) -> int:
     comparisons = compare.compare(compare.on_pixels(rows, partial(read_common, out)))
     with reported(place.uri):
         runs = runs or Runs(out, place)
-        changed = runs.end(rows, comparisons)
+        try:
+            changed = runs.end(rows, comparisons)
+        except KeyboardInterrupt:
+            runs.kill()
+            raise
         runs.note.remember(place)
         return changed
 
@@ -99,6 +104,7 @@ class Runs:
         self._known = {str(run.data.tags["job"]): run for run in found}
         self._parent: Run | None = None
         self._children: dict[JobKey, Run] = {}
+        self._begun: list[Run] = []
 
     def start(self, jobs: Iterable[JobKey], when: int | None = None) -> Run:
         """Begin the parent run, with the parameters that all jobs share. when: in milliseconds, by default now."""
@@ -160,11 +166,14 @@ class Runs:
             if is_alike and of_other["job"] != own["job"]:
                 self._client.set_tag(other.info.run_id, "latest", "no")
         own |= {tag: value[:LONGEST_TAG] for tag, value in tags.items() if value}
-        if known := self._known.get(own["job"]):
-            run = Run.again(self._client, known, own)
-        else:
-            made = self._client.create_run(self._experiment, when, own, name)
-            run = Run(self._client, made.info.run_id)
+        known = self._known.get(own["job"])
+        with interrupts_held_back():  # else nobody would end it
+            if known:
+                run = Run.again(self._client, known, own)
+            else:
+                made = self._client.create_run(self._experiment, when, own, name)
+                run = Run(self._client, made.info.run_id)
+            self._begun.append(run)
         run.log_params(params)
         return run
 
@@ -197,9 +206,10 @@ class Runs:
 
     def kill(self) -> None:
         """End all that is at work, since the command was stopped."""
-        for run in (*self._children.values(), self._parent):
-            if run and run.status == "RUNNING":
-                run.close("KILLED")
+        with interrupts_held_back():
+            for run in self._begun:
+                if run.status == "RUNNING":
+                    run.close("KILLED")
 
     def end(self, rows: DataFrame, comparisons: Sequence[Comparison]) -> int:
         """Log what lacks: of each job, and of all of them. Return how many jobs' rows were not all logged."""
@@ -224,7 +234,7 @@ class Runs:
         parent.log_table(means.unstack())
         parent.log_counts(rows)
         parent.log_status(rows)
-        for run in (*self._children.values(), parent):
+        for run in self._begun:
             run.close()
             stale.discard(run.id)
         for run_id in stale:  # of a command that was killed
@@ -234,7 +244,9 @@ class Runs:
     def _latest_parent(self) -> Run | None:
         for known in self._known.values():
             if "method" not in known.data.tags and known.data.tags["latest"] == "yes":
-                return Run.again(self._client, known, {})
+                with interrupts_held_back():
+                    self._begun.append(Run.again(self._client, known, {}))
+                return self._begun[-1]
         return None
 
     def _is_whole(self, job: JobKey, rows: DataFrame) -> bool:
