@@ -106,6 +106,37 @@ def test_only_scores_that_tell_methods_apart_have_panels_and_costs_that_are_aske
     assert shown(metrics=("seconds", "psnr")) == ["seconds", "psnr"]
 
 
+@pytest.mark.parametrize(("near", "is_said"), [(19.9, True), (15.0, False)])
+def test_hollow_marks_are_explained_where_there_are_any(near: float, is_said: bool):
+    noise = np.random.default_rng(0).normal(0, 1, 24)
+    values = {"low": 10 + noise, "top": 20 + noise, "near": near + noise[::-1]}
+    (figure,) = drawn("scores", frame(table(values))).values()
+    (panel,) = figure.axes
+    dots = [line for line in panel.lines if len(line.get_xdata()) == 1]
+    assert any(dot.get_markerfacecolor() == "white" for dot in dots) == is_said
+    told = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+    assert any("chance" in text for text in told) == is_said
+
+
+def test_a_score_that_nothing_has_gets_no_empty_panel():
+    values = {"a": [1, 2], "b": [3, 4]}
+    nowhere = table({"a": [np.nan, np.nan], "b": [np.nan, np.nan]}, metric="ssim")
+    (figure,) = drawn("scores", frame([*table(values), *nowhere])).values()
+    panels = [panel for panel in figure.axes if panel.get_visible()]
+    assert [panel.get_xlabel().split()[0] for panel in panels] == ["psnr"]
+    assert all(panel.lines for panel in panels)
+
+
+@pytest.mark.parametrize(("slow", "scale"), [(50.0, "log"), (5.0, "linear")])
+def test_seconds_of_unlike_methods_are_on_a_logarithmic_axis(slow: float, scale: str):
+    cost = {"metric": "seconds", "variant": "wall", "unit": "s", "better": "lower"}
+    seconds = table({"a": [0.5, 0.5], "b": [slow, slow]}, **cost)
+    rows = frame([*table({"a": [1, 2], "b": [300, 400]}), *seconds])
+    (figure,) = drawn("scores", rows, metrics=("psnr", "seconds")).values()
+    panels = [panel for panel in figure.axes if panel.get_visible()]
+    assert [panel.get_xscale() for panel in panels] == ["linear", scale]
+
+
 # -- against a value ---------------------------------------------------------------------------------------
 
 
