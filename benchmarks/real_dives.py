@@ -158,7 +158,7 @@ def judged(scene: sb.Scene, option: str) -> tuple[float, float]:
     if found is None:
         return np.nan, np.nan
     distance = np.median(np.concatenate([target.distance for target, *_ in court.targets]))
-    first, second, _ = (veil(distance, fit.water.B, fit.water.gamma) for fit in court.fits(model))
+    first, second, _ = (veil(distance, fit.water.B, fit.water.gamma) for fit in court.fitted[model])
     return found.held_out, float(255 * np.abs(first - second).max())
 
 

@@ -46,7 +46,7 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     },
     "sucre_exact": ("sucre", SUCRE_EXACT),
     "sucre": ("sucre", {}),
-    "sucre_plus": ("sucre", {"refine": True}),  # the same colours; so both have one judge of the dive, not two
+    "sucre_plus": ("sucre_plus", {}),
 }  # fmt: skip
 COLUMNS = [
     "condition",

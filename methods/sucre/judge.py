@@ -41,6 +41,7 @@ from sucre_bench.methods.sucre.models import Fit, Fitted, Model, fit_model, is_i
 from sucre_bench.methods.sucre.observed import JUDGED_TARGETS, Dive, sampled
 from sucre_bench.methods.sucre.robust import trust, trusted
 from sucre_bench.methods.sucre.solution import MOST_NEGATIVE, Judged
+from sucre_bench.methods.sucre.sucre import Sucre
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.plugins.call_method import typed_option
 from sucre_bench.scene import Scene
@@ -80,8 +81,15 @@ class Verdict:
 
 
 def judging(options: Any) -> Any:
-    """Return the options of a method that decide its model and the common water."""
-    return replace(options, water="own", colours="multi_view", refine=False, fill=False)
+    """Return the options that decide a method's model and common water, so that methods of one run share a verdict."""
+    decide = {
+        **vars(options),
+        "water": "own",
+        "colours": "multi_view",
+        "refine": False,
+        "fill": False,
+    }
+    return Sucre(**decide)
 
 
 @functools.lru_cache(maxsize=4)  # every view of the scene asks for it
@@ -257,14 +265,14 @@ class Court:
 
     halves: names of views that models are fitted to; parts: the dive as these show it, and whole; targets: each with
     the median of no water's errors, and the photograph's drift; lights: of the parts, by parts of light, and whether
-    they were fitted robustly; waters: of the dive, by model.
+    they were fitted robustly; fitted: models to the parts.
     """
 
     halves: list[frozenset[str]]
     parts: list[Dive]
     targets: list[tuple[Target, float, float]]
     lights: dict[tuple[Parts, bool], list[LightFit]] = field(default_factory=dict)
-    waters: dict[Model, Fitted] = field(default_factory=dict)
+    fitted: dict[Model, list[Fitted]] = field(default_factory=dict)
 
     @staticmethod
     def of(dive: Dive) -> Court | None:
@@ -295,12 +303,13 @@ class Court:
             of_all = light_of(model, dive)
             self.lights[key] = [*(light_of(model, half, of_all) for half in halves), of_all]
         lights = self.lights.get(key, [None] * len(self.parts))
-        self.waters[model] = whole = fit_model(model, dive, lights[-1])
+        whole = fit_model(model, dive, lights[-1])
         of_halves = [
             fit_model(model, half, light, whole)
             for half, light in zip(halves, lights[:-1], strict=True)
         ]
-        return [*of_halves, whole]
+        self.fitted[model] = [*of_halves, whole]
+        return self.fitted[model]
 
     def judged(self, model: Model) -> Judged | None:
         """Return the measures of a model; None if it cannot be fitted."""
@@ -383,7 +392,7 @@ class Court:
         is_clear = (
             chosen == NO_WATER
             and even is not None
-            and is_in_air(self.parts[-1].observations, self.waters[even])
+            and is_in_air(self.parts[-1].observations, self.fitted[even][-1])
         )
         others = sorted(known.values(), key=lambda one: one.held_out)
         in_order = tuple(sorted(others, key=lambda one: one.model != chosen.words))

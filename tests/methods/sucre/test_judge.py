@@ -9,7 +9,7 @@ import pytest
 from support.made_ground import WATERS, make_ground
 
 from sucre_bench import Arrays, Scene, View
-from sucre_bench.methods.sucre import Sucre
+from sucre_bench.methods.sucre import Sucre, SucrePlus
 from sucre_bench.methods.sucre.judge import Court, Verdict, chosen_model, is_admissible, judging
 from sucre_bench.methods.sucre.light import EVEN_LIGHT, Parts
 from sucre_bench.methods.sucre.models import Fit, Model
@@ -150,7 +150,7 @@ def test_a_model_must_predict_better_than_the_papers_steps_and_these_than_no_wat
     monkeypatch.setattr("sucre_bench.methods.sucre.judge.is_in_air", lambda *_: False)
     court = Court([], [Dive.spread(Sucre(), plain, 2)], [])
     model, early = Model(Fit.FOOTPRINTS), Model(Fit.EARLY)
-    court.waters[model] = None  # type: ignore[assignment]
+    court.fitted[model] = [None]  # type: ignore[list-item]
     found = court.verdict([model], [early])
     assert found is not None
     assert found.model.fit is chosen
@@ -174,6 +174,10 @@ def test_views_without_two_halves_that_overlap_are_not_judged_and_take_the_paper
     result = Sucre().restore(scene, chosen[0])
     assert (result.info["solver"], result.info["steps"]) == ("adam", 200)
     assert any("judge" in limit for limit in result.info["limits"])
+
+
+def test_a_dive_is_judged_once_for_the_methods_of_a_run() -> None:
+    assert judging(SucrePlus(fill=True, water="shared")) == judging(Sucre())
 
 
 def test_one_model_needs_no_judge(plain: Scene) -> None:
