@@ -63,16 +63,16 @@ _Score = tuple[str, str, str, str]  # method, metric, variant, code
 
 @dataclass(frozen=True)
 class Source:
-    """What reads a restoration. Each function raises InputError if it cannot.
-
-    mask: returns which pixels (H, W) have a colour, None if all have; picture: the restored image (H, W, 3) of a size
-    (H, W), uint8 RGB, holes black; restoration: the restoration with holes outside a mask (H, W), without a computed
-    image if none is there.
-    """
+    """What reads a restoration. Each function raises InputError if it cannot."""
 
     mask: Callable[[], Mask | None]
+    """Returns which pixels (H, W) have a colour; None if all have."""
+
     picture: Callable[[tuple[int, ...]], Picture]
+    """Returns the restored image (H, W, 3) of a size (H, W), uint8 RGB, holes black."""
+
     restoration: Callable[[Mask], Restoration]
+    """Returns the restoration with holes outside a mask (H, W), without a computed image if none is there."""
 
     @classmethod
     def stored(cls, out: Path, place: Place, whole: Row) -> Source:
@@ -119,21 +119,29 @@ class _Metrics:
 
 @dataclass
 class CommonView:
-    """A view that several methods restored, one of them with holes.
-
-    base: a row with its dataset, scene and view; whole, sources: by method, the row of the restoration, and what reads
-    it; own_rows: the scores on own pixels; before: the stored row of its common pixels; scores: the stored scores on
-    common pixels by the score on own pixels, without those of other restorations than in `whole`.
-    """
+    """A view that several methods restored, one of them with holes."""
 
     base: Row
+    """A row with its dataset, scene and view."""
+
     view: View
     metrics: _Metrics
+
     whole: dict[str, Row] = field(default_factory=dict)
+    """The rows of the restorations, by method."""
+
     sources: dict[str, Source] = field(default_factory=dict)
+    """What reads the restorations, by method."""
+
     own_rows: list[Row] = field(default_factory=list)
+    """The scores on own pixels."""
+
     before: Row | None = None
+    """The stored row of its common pixels."""
+
     scores: dict[_Score, Row] = field(default_factory=dict)
+    """The stored scores on common pixels by the score on own pixels, without those of other restorations than in
+    `whole`."""
 
     @property
     def is_due(self) -> bool:

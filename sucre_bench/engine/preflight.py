@@ -242,19 +242,25 @@ class ProblemsError(LinesError):
 
 @dataclass(frozen=True)
 class Planned:
-    """A job and what it will do.
-
-    tasks: the selected views; todo: those without stored results; before: scene, view and time of the stored
-    restorations by this method; shown_over: by scene, the views whose colours decide how all of it are shown, other
-    shards' among them; none where each view is shown by itself.
-    """
+    """A job and what it will do."""
 
     job: Job
+
     tasks: tuple[Task, ...]
+    """The selected views."""
+
     todo: tuple[Task, ...]
+    """Those without stored results."""
+
     before: frozenset[tuple[str, str, str]]
+    """Scene, view and time of the stored restorations by this method."""
+
     shown_over: Mapping[str, tuple[Task, ...]]
+    """By scene, the views whose colours decide how all of it are shown, other shards' among them; none where each view
+    is shown by itself."""
+
     shares_decoded: bool = False
+    """Whether decoded files are stored for other restorations, which read the same views."""
 
     @property
     def labels(self) -> tuple[str, str]:

@@ -37,49 +37,64 @@ _NUMBER = re.compile(r"\d+(\.\d+)?")
 
 @dataclass(frozen=True)
 class Fault:
-    """Why a view has no result, or not all its scores. where: dataset and method, and the metric if it is at fault."""
+    """Why a view has no result, or not all its scores."""
 
     where: str
+    """Dataset and method, and the metric if it is at fault."""
+
     view: str
     reason: str
 
 
 @dataclass(frozen=True)
 class Hint:
-    """A fault that most of the views have, and what to type. where: dataset and method; n_views: of n_read."""
+    """A fault that most of the views have, and what to type."""
 
     where: str
+    """Dataset and method."""
+
+    # How many of the views whose records were read have it.
     n_views: int
     n_read: int
+
     text: str
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of a run. The counts are of restorations: one view by one method.
-
-    rows: the score table of the folder, on common pixels where methods fill different ones; stored: the same, each
-    score on its method's own pixels, as it is stored; requested: dataset, method, scene and view of each requested
-    restoration; datasets, methods: labels, in the order of the command; job: the first one, which has what all have in
-    common, study and baseline say; crashed: whether a process ended unexpectedly; nothing_scored: whether metrics were
-    requested, and none of them has a value for any view; hints: what to type against faults, one a method.
-    """
+    """The outcome of a run. The counts are of restorations: one view by one method."""
 
     rows: DataFrame
+    """The score table of the folder, on common pixels where methods fill different ones."""
+
     stored: DataFrame
+    """The same, each score on its method's own pixels, as it is stored."""
+
     requested: frozenset[tuple[str, str, str, str]]
+    """Dataset, method, scene and view of each requested restoration."""
+
+    # Labels, in the order of the command.
     datasets: tuple[str, ...]
     methods: tuple[str, ...]
+
     job: Job
+    """The first one, which has what all have in common, study and baseline say."""
+
     ok: int
     cached: int
     failed: tuple[Fault, ...]
     skipped: tuple[Fault, ...]
     scores_failed: tuple[Fault, ...]
     interrupted: bool
+
     crashed: bool
+    """Whether a process ended unexpectedly."""
+
     nothing_scored: bool
+    """Whether metrics were requested, and none of them has a value for any view."""
+
     hints: tuple[Hint, ...]
+    """What to type against faults, one a method."""
 
     @property
     def out(self) -> Path:
@@ -107,15 +122,16 @@ Launch = Callable[[Sequence[tuple[str, ...]]], Sequence[str]]
 
 @dataclass(frozen=True)
 class Watch:
-    """What follows a command.
-
-    start: called with a job, before its data are opened; before: called with all that is planned, before any work, with
-    nothing if another sweeper chooses the jobs; begins: called with a job when its work begins on this machine.
-    """
+    """What follows a command."""
 
     start: Callable[[Job], None] = lambda _: None
+    """Called with a job, before its data are opened."""
+
     before: Callable[[Sequence[Planned]], None] = lambda _: None
+    """Called with all that is planned, before any work; with nothing if another sweeper chooses the jobs."""
+
     begins: Callable[[Job], None] = lambda _: None
+    """Called with a job when its work begins on this machine."""
 
 
 def run(command: Command, watch: Watch | None = None, launch: Launch | None = None) -> Outcome:

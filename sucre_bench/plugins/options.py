@@ -253,19 +253,23 @@ def seed_of(seed: int, axis: Literal["dataset", "degrade", "method"], replicate:
 
 @dataclass(frozen=True)
 class Choice:
-    """A plugin with the options it is to be made with.
-
-    display: a method's normalisation, else empty; variants: of a metric; replicate: which draws it makes, see
-    `seed_of`; word: what stands before an option of a method in the command, "sucre" say.
-    """
+    """A plugin with the options it is to be made with."""
 
     plugin: Plugin
     label: str
     options: Mapping[str, Any]
+
     display: str = ""
+    """A method's normalisation, else empty."""
+
     replicate: int = 0
+    """Which draws it makes, see `seed_of`."""
+
     variants: tuple[str, ...] = ()
+    """Of a metric."""
+
     word: str = field(default="method", compare=False)
+    """What stands before an option of a method in the command, "sucre" say."""
 
     def make(self, out: Path | None = None) -> Any:
         """Create the plugin; its options were checked. Raises what its own __post_init__ raises, and InputError, with

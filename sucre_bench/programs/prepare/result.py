@@ -41,7 +41,7 @@ _ATTEMPTS = {
     "faint": "in the second attempt",
     "given": "by the given model",
 }
-_MILD_COVERAGE, _MILD_ERROR = 0.1, 0.02  # the page marks worse values
+_MILD_ERROR = 0.02  # the page marks worse values
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +63,6 @@ class Quality:
     farthest_m: float
     measured: float = 0.0
     interpolated: float = 0.0
-
-    @property
-    def is_poor(self) -> bool:
-        """Whether to check the image before using it."""
-        return self.coverage < _MILD_COVERAGE or not self.depth_error <= _MILD_ERROR
 
 
 @dataclass(frozen=True, slots=True)
