@@ -23,7 +23,7 @@ from sucre_bench.imaging.colour_profiles import PROFILE, profile_of, view_in_srg
 from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.image_files import decode, read_array, read_tiff, same_shape
 from sucre_bench.imaging.orientation import lying_as
-from sucre_bench.imaging.reference_images import psnr_of, say_if_black
+from sucre_bench.imaging.reference_images import NEARER, outline, psnr_of, say_if_black
 from sucre_bench.loading.passed_over import EXPORT, other_photographs
 from sucre_bench.loading.view_files import source_files
 from sucre_bench.machine.files import check_folder, reading, regular
@@ -363,26 +363,12 @@ def held_out_views(path: Path, held_out: list[str] | int, names: Sequence[str]) 
     return held_out
 
 
-_SIDE, _BLUR_PX = 48, 4.0  # of the outlines that are compared
 _MOST_OTHERS = 60
-# Of 15 methods' right pictures, those of other views were less alike by .09 at least; of wrong ones, more by .09.
-_NEARER = 0.05
 
 
 @functools.lru_cache(maxsize=4 * _MOST_OTHERS)  # all views of a scene ask for the same
 def _outline_of(view: View) -> Array:
-    return _outline(view.rgb)
-
-
-def _outline(image: Array) -> Array:
-    """The edges of an image as a vector of length 1: what a restoration leaves as it is."""
-    import cv2
-
-    gray = cv2.resize(
-        np.nan_to_num(image).mean(axis=-1), (_SIDE, _SIDE), interpolation=cv2.INTER_AREA
-    )
-    edges = (gray - cv2.GaussianBlur(gray, (0, 0), _BLUR_PX)).ravel()
-    return np.asarray(edges / max(float(np.linalg.norm(edges)), 1e-6))
+    return outline(view.rgb)
 
 
 def _say_if_of_other_view(path: Path, image: Array, scene: Scene, view: View) -> None:
@@ -390,13 +376,14 @@ def _say_if_of_other_view(path: Path, image: Array, scene: Scene, view: View) ->
     names = [one.name for one in scene.views]
     at = names.index(view.name) if view.name in names else 0
     near = {k for k in (at - 1, at + 1) if 0 <= k < len(names)}
-    others, outline = {*evenly(len(names), _MOST_OTHERS), *near} - {at}, _outline(image)
+    others = {*evenly(len(names), _MOST_OTHERS), *near} - {at}
+    edges = outline(image)
     alike = dict[str, float]()
     for k in sorted(others):
         with suppress(InputError):  # a photograph that cannot be read is named at its own turn
-            alike[names[k]] = float(_outline_of(scene.views[k]) @ outline)
+            alike[names[k]] = float(_outline_of(scene.views[k]) @ edges)
     nearest = max(alike, key=alike.__getitem__, default="")
-    if nearest and alike[nearest] > float(_outline_of(view) @ outline) + _NEARER:
+    if nearest and alike[nearest] > float(_outline_of(view) @ edges) + NEARER:
         fault = f"{path.name} is more like the photograph {nearest} than like {view.name}, whose name it has"
         image_files.say_once_a_folder(
             path, "view", f"{fault}; see whether numbers of files are those of views"

@@ -14,6 +14,9 @@ _BLOCK = (
     0.01  # of a picture; of 60 pictures of four published methods, 2 have a clipped shadow as large
 )
 _DARK = 4 / 255
+_SIDE, _BLUR_PX = 48, 4.0  # of the outlines that are compared
+# Of 15 methods' right pictures, those of other views were less alike by .09 at least; of wrong ones, more by .09.
+NEARER = 0.05
 
 
 def reference_of(view: View, image: Array) -> Array:
@@ -59,3 +62,17 @@ def say_if_black(path: Path, image: Array, other: Array, remedy: str) -> None:
             "black",
             f"{share} is exactly black in one block, and scored as a colour; {remedy}",
         )
+
+
+def outline(image: Array) -> Array:
+    """Return the edges of an image as a vector of length 1: what water and a restoration leave as it is.
+
+    The product of two outlines says how alike images are; see `NEARER`.
+    """
+    import cv2
+
+    gray = cv2.resize(
+        np.nan_to_num(image).mean(axis=-1), (_SIDE, _SIDE), interpolation=cv2.INTER_AREA
+    )
+    edges = (gray - cv2.GaussianBlur(gray, (0, 0), _BLUR_PX)).ravel()
+    return np.asarray(edges / max(float(np.linalg.norm(edges)), 1e-6))

@@ -126,6 +126,10 @@ def read_table(
             f"{table}: names none of the {counted(len(images), 'image')} in {root}, as {next(iter(images))};"
             " give a column 'image' with names of files, or of folders for means"
         )
+    others = [header for header in rows[0] if not _named(header)]
+    unread = [one for one in others if one not in naming.headers and _number(rows[0][one])]
+    if unread:
+        warnings.append(f"{table}: not read, since no metric here: {first_few(unread, _SHOWN)}")
     alone = Counter(found[0] for _, found, _ in of if len(found) == 1)
     if len(images) > 1 and (twice := [name for name, n in alone.items() if n > 1]):
         raise InputError(
@@ -336,24 +340,24 @@ class _Naming:
         known = {*self._files, *self._folders}
         words = {header: set(re.findall(r"[a-z]+", header.lower())) for header in headers}
         likely = [header for header in headers if _NAMES & words[header]] or headers
-        self._headers = [
+        self.headers = [
             header
             for header in likely
             if any(known.intersection(_keys(row[header])) for row in rows)
         ]
         is_of_all = len(rows) == 1 and not any(_OF_IMAGES & words[header] for header in headers)
-        self._order = tuple(images) if self._headers or is_of_all else ()
+        self._order = tuple(images) if self.headers or is_of_all else ()
 
     def label(self, row: Mapping[str, str]) -> str:
         """Return how to call a row."""
-        return "/".join(row[header] for header in self._headers) or "the only row"
+        return "/".join(row[header] for header in self.headers) or "the only row"
 
     def images(self, row: Mapping[str, str]) -> tuple[str, ...]:
         """Return the image a row is of, or all of the folder that it names; none if it names none, or several."""
-        if not self._headers:
+        if not self.headers:
             return self._order
         cells = []  # of each the images, and the images of the folders, by its whole text, else by its last part
-        for header in self._headers:
+        for header in self.headers:
             key = next(
                 (key for key in _keys(row[header]) if key in self._files or key in self._folders),
                 None,

@@ -3,9 +3,11 @@
 import functools
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+
+import numpy as np
 
 from sucre_bench import plugins, results
 from sucre_bench.arrays import Array, DataFrame, locked
@@ -15,7 +17,7 @@ from sucre_bench.errors import InputError, MissingFileError, PluginError
 from sucre_bench.imaging.colour_profiles import read_srgb
 from sucre_bench.imaging.image_files import image_size, is_jpeg
 from sucre_bench.imaging.orientation import lying_as
-from sucre_bench.imaging.reference_images import say_if_black
+from sucre_bench.imaging.reference_images import NEARER, outline, say_if_black
 from sucre_bench.jobs.catalogue import metric_choices
 from sucre_bench.loading.find_folders import ImageFolder, bare_stems, only
 from sucre_bench.loading.image_folder import image_names, no_image
@@ -102,6 +104,7 @@ def score_folder(
     tables = []
     lossy = list[Path]()
     pictures = dict[str, Picture]()
+    outlines = dict[str, tuple[Array, Array]]()  # of an image and of its reference
     for name, path in progress.track(files.items(), f"scoring {label}"):
         try:
             compared_with = reference_of.get(name)
@@ -118,6 +121,7 @@ def score_folder(
             fitting = _fitting(path, rgb.shape, target.shape, names)
             if compared_with:
                 say_if_black(path, rgb, target, _HOLES)
+                outlines[name] = outline(rgb), outline(target)
                 say_if_black(compared_with, target, rgb, "leave it out if its reference has holes")
             del target  # it may have 1 GB
             picture = Restoration(rgb, info={"method": label})
@@ -133,6 +137,7 @@ def score_folder(
         progress.say(
             f"{lossy[0]}: a JPEG file, which has lost detail, so scores are not exact; {remedy}"
         )
+    _say_if_of_other_reference(images, outlines)
     rows = pd.concat(tables, ignore_index=True)
     sets, shared = recognised_sets(pictures)
     rows = rows.assign(scene=next((found.of.name for found in sets if found.is_whole), ""))
@@ -141,6 +146,26 @@ def score_folder(
         sets,
         shared,
     )
+
+
+def _say_if_of_other_reference(images: Path, outlines: Mapping[str, tuple[Array, Array]]) -> None:
+    """Say how many images are more like another image's reference than like their own. outlines: of both, by name."""
+    if len(outlines) < 2:
+        return
+    names = list(outlines)
+    of_images, of_references = (
+        np.array(list(kind)) for kind in zip(*outlines.values(), strict=True)
+    )
+    alike = of_images @ of_references.T
+    nearest = alike.argmax(axis=1)
+    wrong = np.flatnonzero(alike.max(axis=1) > alike.diagonal() + NEARER)
+    if len(wrong):
+        first = wrong[0]
+        example = f"{names[first]} like that of {names[nearest[first]]}"
+        progress.say(
+            f"{images}: {len(wrong)} of {len(names)} images are more like another image's reference than like their"
+            f" own, {example}; see whether names of files agree"
+        )
 
 
 def images_in(folder: Path) -> dict[str, Path]:

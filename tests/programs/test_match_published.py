@@ -226,9 +226,10 @@ def test_bytes_that_wrap_around_are_a_form(bench: Bench, pairs: tuple[str, str])
 
 def test_fewer_rows_and_rows_of_other_images_are_warnings(like: Bench, folder: Path) -> None:
     values = scores(folder, "uciqe:ratio")
-    rows = [(name, values[name]) for name in ("ours/0.png", "theirs/1.png")]
-    done = like("image,uciqe", [*rows, ("ours/9.png", 1), ("ours/1", "-")])
+    rows = [(name, values[name], 0.5) for name in ("ours/0.png", "theirs/1.png")]
+    done = like("image,uciqe,LPIPS", [*rows, ("ours/9.png", 1, 0.5), ("ours/1", "-", 0.5)])
     assert done.returncode == 0
+    assert re.search("not read.*: LPIPS", done.stderr)
     assert re.search(r"\b1 row\b", done.stderr)
     assert "ours/9.png" in done.stderr
     assert re.search(r"\b1 image\b.*: theirs/0\.png", done.stderr)

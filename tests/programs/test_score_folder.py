@@ -179,3 +179,14 @@ def test_a_black_block_where_the_other_picture_has_light_is_said(psnr, folders, 
     cv2.imwrite(str(path), picture)
     (line,) = [line for line in psnr().stderr.splitlines() if "black" in line]
     assert f"{folders[of]}: 31 % of a.png" in line
+
+
+def test_references_of_other_images_are_said(psnr, folders):
+    assert "own" not in psnr().stderr
+    first, second = (folders[1] / name for name in ("a.png", "sub/b.png"))
+    first.rename(folders[1] / "kept.png")
+    second.rename(first)
+    (folders[1] / "kept.png").rename(second)
+    (line,) = [line for line in psnr().stderr.splitlines() if "own" in line]
+    assert "2 of 2 images" in line
+    assert "a.png like that of sub/b.png" in line
