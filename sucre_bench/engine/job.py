@@ -35,7 +35,7 @@ from sucre_bench.machine.files import remove
 from sucre_bench.machine.processes import Send, step
 from sucre_bench.machine.provenance import load
 from sucre_bench.machine.text_formats import now
-from sucre_bench.plugins.call_method import checked_restore, shown_with, with_truth
+from sucre_bench.plugins.call_method import checked_restore, shown_with, typed_before, with_truth
 from sucre_bench.results.layout import decoded_path, log_path, pairs_path
 from sucre_bench.results.restorations import (
     Measured,
@@ -58,7 +58,8 @@ def serve(planned: Planned, send: Send, take: Callable[[], Sequence[int]]) -> No
     """
     job = planned.job
     try:
-        with step(f"the start of method '{job.method.label}'"):
+        at = f"the start of method '{job.method.label}'"
+        with step(at), typed_before(job.method.always_typed):
             method, metrics = (
                 job.method.make(),
                 scorers(m for m in job.metrics if not m.plugin.is_of_pairs),
@@ -119,7 +120,7 @@ def make_ready(method: Any) -> None:
 
 
 def measured_restore(
-    method: Any, scene: Scene, view: View, word: str = "method", in_srgb: bool = True
+    method: Any, scene: Scene, view: View, word: str = "", in_srgb: bool = True
 ) -> Measured:
     """Restore a view and measure it. PluginError when the result is not what a method must return.
 
@@ -194,9 +195,10 @@ def _stored_or_restored(
         return replace(kept, restoration=with_truth(kept.restoration, scene, view))
     name = "/".join(filter(None, (task.base.dataset, task.base.scene, view.name)))
     at = f"method '{job.method.label}' on view '{name}'"
+    word = job.method.always_typed
     try:
         with step(at, job.view_timeout_s), shown_with(job.method.display, in_full=is_stored):
-            measured = measured_restore(method, scene, view, job.method.word, job.colours == "srgb")
+            measured = measured_restore(method, scene, view, word, job.colours == "srgb")
     except (
         OutputError
     ) as fault:  # of its own files, in a full TMPDIR for example: results can still be written

@@ -271,6 +271,11 @@ class Choice:
     word: str = field(default="method", compare=False)
     """What stands before an option of a method in the command, "sucre" say."""
 
+    @property
+    def always_typed(self) -> str:
+        """What stands before an option of a method in any command: its name, or that of a preset."""
+        return self.plugin.name if self.word == "method" else self.word
+
     def make(self, out: Path | None = None) -> Any:
         """Create the plugin; its options were checked. Raises what its own __post_init__ raises, and InputError, with
         the command that installs them, where packages are missing that it requires.

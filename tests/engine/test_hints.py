@@ -54,14 +54,15 @@ def test_one_hint_a_method_after_the_table(tmp_path: Path, bench: Callable[..., 
     )
 
 
+@pytest.mark.parametrize("place", ["warm_up(self)", "restore(self, scene, view)"])
 def test_a_reason_names_an_option_as_the_command_takes_it(
-    tmp_path: Path, bench: Callable[..., Done]
+    tmp_path: Path, bench: Callable[..., Done], place: str
 ) -> None:
     broken = PLUGIN.replace("import Restoration", "import Restoration, SolveError")
-    broken = broken.replace(
-        "        return",
-        "        raise SolveError(f\"all is dark; use {typed_option('gain')}=2\")\n        return",
-    )
+    broken += f"""
+    def {place}:
+        raise SolveError(f"all is dark; use {{typed_option('gain')}}=2")
+"""
     (tmp_path / "dim.py").write_text(broken)
     (tmp_path / "mine.yaml").write_text(
         "hydra: {mode: MULTIRUN, sweeper: {methods: [{method: dim, label: bright}]}}\n"

@@ -18,11 +18,11 @@ from sucre_bench.machine import provenance
     ("words", "hidden", "place", "extra"),
     [
         (["run", "method=sucre_paper"], "torch", "method 'sucre_paper'", "torch"),
-        (["run", "method=sucre", "method.backend=jax"], "jax", "sucre.backend=jax", "jax"),
+        (["run", "method=sucre", "method.backend=jax"], "jax", "method.backend=jax", "jax"),
         (
             ["run", "method=sucre_plus", "method.backend=torch"],
             "torch",
-            "sucre_plus.backend=torch",
+            "method.backend=torch",
             "torch",
         ),
         (
