@@ -166,6 +166,8 @@ def _wording(hint: Any) -> str:
         return " or ".join(dict.fromkeys(map(_wording, inner)))
     if origin is Literal:
         return " or ".join(map(repr, inner))
+    if origin is tuple and inner[-1] is not ...:
+        return f"a tuple ({', '.join(map(_wording, inner))})"
     if isinstance(origin, type) and not issubclass(origin, Mapping):
         return "a set of text" if issubclass(origin, Set) else f"a list of {_wording(inner[0])}"
     if inner and inner[0] is str and inner[1] is not Any:

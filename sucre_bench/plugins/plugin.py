@@ -187,8 +187,13 @@ def plugin_of(made: object) -> Plugin:
     """Return the plugin that an object is made of. Raises InputError for an object of any other class."""
     plugin = getattr(made, "__plugin__", None)
     if not isinstance(plugin, Plugin) or isinstance(made, type):
-        fault = f"is {made.__name__ if isinstance(made, type) else type(made).__name__}"
-        raise InputError(fault, "method", "pass a name, or an object of a class under @method")
+        if isinstance(made, type):
+            remedy = f"pass an object: {made.__name__}(...)"
+            raise InputError("is a class", made.__name__, remedy)
+        kinds = "a class under @method, @dataset or @metric"
+        raise InputError(
+            "is no plugin", type(made).__name__, f"pass a name, or an object of {kinds}"
+        )
     return plugin
 
 
@@ -425,7 +430,8 @@ def metric(
     - variants: each variant's name, and what is different about it; default one, "own";
     - unit: the unit as tables print it; default none;
     - better: "higher", "lower", or "none" for a metric that only describes;
-    - range: least and greatest value. (0, 360) with the unit "deg" means angles of a full turn: 0 and 360 are the same;
+    - range: least and greatest value, math.inf where there is none. (0, 360) with the unit "deg" means angles of a full
+      turn: 0 and 360 are the same;
     - name: the metric's name; default the class name in snake_case;
     - needs: what a scene must have, as for a method. "restoration": the metric needs more than a picture.
       "restored_views": the metric compares pairs of views, and has ``score_pair(pair, variant)``;

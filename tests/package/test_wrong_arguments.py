@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 import sucre_bench as sb
+from sucre_bench import plugins
 from sucre_bench.restored_pair import CommonPoints, RestoredView
 
 RGB = np.full((12, 16, 3), 0.5, np.float32)
@@ -364,3 +365,14 @@ def test_masked_pixels_are_unknown() -> None:
 def test_a_photograph_in_another_range_is_refused(rgb: np.ndarray) -> None:
     with pytest.raises(sb.InputError, match=r"Arrays\.rgb"):
         sb.Arrays(rgb)
+
+
+def test_a_class_in_place_of_an_object_is_named_with_how_to_make_one():
+    uciqe = plugins.get("metric", "uciqe").cls
+    with pytest.raises(sb.InputError, match=r"Uciqe: is a class; pass an object: Uciqe\(\.\.\.\)"):
+        sb.score(RESULT, VIEW, [uciqe])
+
+
+def test_a_pair_says_what_it_is_a_pair_of():
+    with pytest.raises(sb.InputError, match=r"metric\(range\): .*a tuple \(a number, a number\)"):
+        sb.metric(better="lower", range=[0, 1])
