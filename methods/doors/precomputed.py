@@ -240,7 +240,7 @@ class RestoredElsewhere:
             )
         seen = np.where(is_hole[..., None], np.float32(np.nan), image)
         remedy = f"if it has none, give {typed_option('holes')}=black"
-        say_if_black(path, seen, view.rgb, remedy)
+        say_if_black(path, seen, lambda: view.rgb, remedy)
         if profile := profile_of(path):
             image, info = profile.to_srgb(image, self.encoding_of(view)), {PROFILE: profile.name}
         image = np.where(is_hole[..., None], np.float32(np.nan), image)

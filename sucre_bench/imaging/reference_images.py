@@ -1,6 +1,7 @@
 """The reference that a picture is compared with."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ _BLOCK = (
     0.01  # of a picture; of 60 pictures of four published methods, 2 have a clipped shadow as large
 )
 _DARK = 4 / 255
+_LEAVE_OUT = "leave it out if its reference has holes"
 _SIDE, _BLUR_PX = 48, 4.0  # of the outlines that are compared
 # Of 15 methods' right pictures, those of other views were less alike by .09 at least; of wrong ones, more by .09.
 NEARER = 0.05
@@ -43,19 +45,25 @@ def psnr_of(squared_error: float) -> float:
     return -10 * math.log10(squared_error) if squared_error else math.inf
 
 
-def say_if_black(path: Path, image: Array, other: Array, remedy: str) -> None:
+def say_if_black(
+    path: Path, image: Array, other: Callable[[], Array], remedy: str = _LEAVE_OUT
+) -> None:
     """Say that a picture has exactly black pixels in one block where another one has light, which may be holes.
 
-    path: of the picture; image, other: (H, W, 3), of which NaN in `image` is no colour; remedy: if these are holes.
+    path: of the picture; image: (H, W, 3), where NaN is no colour; other: returns the other one; remedy: if these are
+    holes.
     """
     import cv2
 
     is_black = (image == 0).all(axis=-1)
-    if is_black.mean() < _BLOCK or is_black.shape != other.shape[:2]:
+    if is_black.mean() < _BLOCK:
         return
     _, labels, sizes, _ = cv2.connectedComponentsWithStats(is_black.astype(np.uint8))
     block = labels == 1 + int(sizes[1:, cv2.CC_STAT_AREA].argmax())
-    if block.mean() >= _BLOCK and np.median(other[block].max(axis=-1)) > _DARK:
+    if block.mean() < _BLOCK:
+        return
+    lit = other()
+    if lit.shape[:2] == block.shape and np.median(lit[block].max(axis=-1)) > _DARK:
         share = f"{100 * block.mean():.0f} % of {path.name}"
         say_once_a_folder(
             path,

@@ -27,6 +27,7 @@ from sucre_bench.imaging.image_files import (
     same_shape,
 )
 from sucre_bench.imaging.orientation import lying_as
+from sucre_bench.imaging.reference_images import say_if_black
 from sucre_bench.loading.depth_maps import fitted, read_depth
 from sucre_bench.loading.find_folders import Found
 from sucre_bench.loading.lens import Lens
@@ -85,9 +86,11 @@ class Files:
         )
 
     def _read_reference(self, path: Path, size: tuple[int, int] | None) -> Array:
-        found = lying_as(
-            read_srgb(path)[0], path, lambda: self.read_image(self.image, None), self.image
-        )
+        def photograph() -> Array:
+            return self.read_image(self.image, None)
+
+        found = lying_as(read_srgb(path)[0], path, photograph, self.image)
+        say_if_black(path, found, photograph)
         return resized(found, size, path)
 
 

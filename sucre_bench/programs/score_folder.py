@@ -120,9 +120,8 @@ def score_folder(
                 pictures[str(compared_with or name)] = picture_of(target)
             fitting = _fitting(path, rgb.shape, target.shape, names)
             if compared_with:
-                say_if_black(path, rgb, target, _HOLES)
                 outlines[name] = outline(rgb), outline(target)
-                say_if_black(compared_with, target, rgb, "leave it out if its reference has holes")
+                _say_black_blocks(path, rgb, compared_with, target)
             del target  # it may have 1 GB
             picture = Restoration(rgb, info={"method": label})
             work = functools.partial(score, picture, view, fitting)
@@ -146,6 +145,11 @@ def score_folder(
         sets,
         shared,
     )
+
+
+def _say_black_blocks(path: Path, rgb: Array, reference_path: Path, reference: Array) -> None:
+    say_if_black(path, rgb, lambda: reference, _HOLES)
+    say_if_black(reference_path, reference, lambda: rgb)
 
 
 def _say_if_of_other_reference(images: Path, outlines: Mapping[str, tuple[Array, Array]]) -> None:
