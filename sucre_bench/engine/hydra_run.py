@@ -40,7 +40,7 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
         is_ours = asked.config.hydra.runtime.choices["hydra/sweeper"] == "pairs"
         lines = [word.line for word in asked.typed] if is_ours else compose_jobs.lines_of(asked)
         config = asked.config if is_ours else configs.composed(lines, is_sweep=True)
-        parsed = zip(lines, parse(lines), strict=True)
+        parsed = zip(lines, parse(lines, configs.hydra_app().config_loader), strict=True)
         swept = [*words] if is_ours else [line for line, word in parsed if word.is_swept]
         if not is_ours:  # what all jobs share is not among what tells them apart
             shared = [line for line in lines if line not in swept]

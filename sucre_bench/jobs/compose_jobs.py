@@ -95,10 +95,10 @@ def lines_of(asked: Asked, keys: dict[str, str] | None = None) -> list[str]:
             for owner in (option.kind, *(entry.name for entry in entries[option.kind])):
                 (keys if keys is not None else {})[f"{owner}.{option.name}"] = word.key
             line = f"++{option.kind}.{option.name}={word.line.partition('=')[2]}"
-        elif word.key in KINDS and len(word.values) == 1:
-            (entry,) = entries["dataset" if word.key == "dataset" else "method"]
-            line = f"{word.key}={quoted(entry.name)}"
-            lines += [f"++{one.text}" for one in entry.words(word.key)]
+        elif word.key in KINDS and (word.is_glob or len(word.values) == 1):
+            chosen = entries["dataset" if word.key == "dataset" else "method"]
+            line = f"{word.key}={','.join(quoted(entry.name) for entry in chosen)}"
+            lines += [f"++{one.text}" for entry in chosen for one in entry.words(word.key)]
         if word.is_deleted:
             line = f"~{word.key}"
         lines.append(line)
