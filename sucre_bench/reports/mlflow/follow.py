@@ -5,10 +5,9 @@ The process follows the parts of the score table that the jobs write, on this ma
 
 from __future__ import annotations
 
-import os
 import time
-from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
@@ -27,19 +26,6 @@ if TYPE_CHECKING:
 
 _EVERY_S = 1.0  # looks for new rows
 _PAUSE_S = 20.0  # until mlflow is tried again after a fault
-
-
-def log_quietly(out: Path, place: Place, runs: Runs | None = None) -> None:
-    """Log what lacks of a results folder, without what mlflow prints of each run."""
-    with _silent():
-        log(out, place, runs)
-
-
-@contextmanager
-def _silent() -> Iterator[None]:
-    """Pass over what mlflow prints of each run."""
-    with Path(os.devnull).open("w") as nothing, redirect_stdout(nothing), redirect_stderr(nothing):
-        yield
 
 
 class PlannedViews(NamedTuple):
@@ -138,7 +124,7 @@ def follow(out: Path, place: Place, send: Callable[..., None], take: Callable[[]
     news = SimpleQueue[Any]()
     Thread(target=_pass_on, args=(take, news), daemon=True).start()
     follower = Follower(out, place, send)
-    with _silent():
+    with reported(place.uri):
         prepare(place)
         try:
             while True:
@@ -150,7 +136,7 @@ def follow(out: Path, place: Place, send: Callable[..., None], take: Callable[[]
                     step(follower, value)
                 if news.empty():
                     follower.look()
-            log_quietly(out, place, follower.runs)
+            log(out, place, follower.runs)
         except KeyboardInterrupt:
             if follower.runs:
                 follower.runs.kill()

@@ -75,7 +75,7 @@ class Live:
         place = _place(job)
         if not place:
             return
-        from sucre_bench.reports.mlflow.follow import log_quietly
+        from sucre_bench.reports.mlflow.runs import log
         from sucre_bench.reports.mlflow.store import Note
 
         if Note(job.out).is_logged(place):
@@ -90,7 +90,7 @@ class Live:
                     self._child.give(None)
                     self._child.wait(remedy)
                 else:
-                    call(partial(log_quietly, job.out, place), remedy)
+                    call(partial(log, job.out, place), remedy)
             except SucreBenchError as fault:
                 reason = "" if self._has_failed else f" ({fault.without_remedy})"
                 progress.say(f"mlflow: not logged{reason}; the table has everything, {remedy}")

@@ -12,7 +12,7 @@ import sqlite3
 import tempfile
 import uuid
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager, redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -144,9 +144,10 @@ def _client(uri: str) -> MlflowClient:
 
 @contextmanager
 def reported(uri: str) -> Iterator[None]:
-    """Raise what mlflow raises in this block as OutputError: one line, without passwords."""
+    """Raise what mlflow raises in this block as OutputError: one line, without passwords. mlflow prints nothing."""
     try:
-        yield
+        with Path(os.devnull).open("w") as none, redirect_stdout(none), redirect_stderr(none):
+            yield
     except SucreBenchError:
         raise
     except Exception as fault:
