@@ -20,6 +20,7 @@ from sucre_bench.loading.find_folders import (
     chosen,
     existing,
     folders_below,
+    inner_path,
     scene_name,
 )
 from sucre_bench.loading.view_files import ImageScaleOption
@@ -75,7 +76,7 @@ class SeathruNerf(ImageScaleOption):
                 (path for path in (place / "sparse", place / "colmap" / "sparse") if path.is_dir()),
                 None,
             )
-            model = read_model(sparse or place / "sparse", images, distorted=True)
+            model = read_model(sparse or place / "sparse", images, distorted=True, keep_names=True)
             if self.split != "all":
                 model = [
                     posed
@@ -88,7 +89,8 @@ class SeathruNerf(ImageScaleOption):
             # models are often made of other copies
             fits = {posed.name: files.find(posed.name) for posed in model}
             paths = {
-                name: images / (same[0] if len(same) == 1 else name) for name, same in fits.items()
+                name: images / (same[0] if len(same) == 1 else inner_path(name))
+                for name, same in fits.items()
             }
             yield registered_scene(
                 scene_name(place, root), model, paths, depths, scale, self.encoding, unit
