@@ -41,7 +41,9 @@ _ATTEMPTS = {
     "faint": "in the second attempt",
     "given": "by the given model",
 }
-_MILD_ERROR = 0.02  # the page marks worse values
+# the page marks worse values
+_MILD_COVERAGE = 0.1
+_MILD_ERROR = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +65,11 @@ class Quality:
     farthest_m: float
     measured: float = 0.0
     interpolated: float = 0.0
+
+    @property
+    def is_poor(self) -> bool:
+        """Whether to check the image before using it."""
+        return self.coverage < _MILD_COVERAGE or not self.depth_error <= _MILD_ERROR
 
 
 @dataclass(frozen=True, slots=True)
