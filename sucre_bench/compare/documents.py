@@ -179,14 +179,25 @@ _MARKS = {
 }
 
 
-def _marked(grid: _Grid, how: str, escaped: Callable[[str], str]) -> DataFrame:
-    """The cells of a table as a format has them, a line a method, whose name is the index."""
+def _marked(
+    grid: _Grid,
+    how: str,
+    escaped: Callable[[str], str],
+    number: Callable[[str], str] | None = None,
+) -> DataFrame:
+    """The cells of a table as a format has them, a line a method, whose name is the index.
+
+    number: makes text of a number and its interval, as `escaped` by default.
+    """
     import pandas as pd
 
     (corner, *heads), *rows = grid
     marks = _MARKS[how]
     return pd.DataFrame(
-        [[marks[look].format(escaped(text)) for text, look in cells] for _, *cells in rows],
+        [
+            [marks[look].format((number or escaped)(text)) for text, look in cells]
+            for _, *cells in rows
+        ],
         index=[escaped(name) for (name, _), *_ in rows],
         columns=pd.Index([escaped(text) for text, _ in heads], name=corner[0]),
     )
@@ -197,7 +208,7 @@ def _markdown(title: str, grid: _Grid, notes: Sequence[str]) -> str:
         # a label is no markup
         return re.sub(r"([*`\[\]\\|])", r"\\\1", html.escape(text, quote=False))
 
-    cells = _marked(grid, "md", plain)
+    cells = _marked(grid, "md", plain, number=str)
     lines = [[cells.columns.name, *cells.columns], ["---", *["---:"] * len(cells.columns)]]
     lines += [[name, *row] for name, row in zip(cells.index, cells.to_numpy(), strict=True)]
     head = f"**{plain(title)}**\n\n" if title else ""

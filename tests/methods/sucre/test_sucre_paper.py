@@ -220,7 +220,7 @@ def test_adam_starts_from_the_water_of_another_method_or_of_the_dataset(start: s
 
 @pytest.mark.parametrize("start", ["gray_word", "command", "own", ""])
 def test_a_start_that_gives_no_water_is_refused_by_its_option(start: str) -> None:
-    with pytest.raises(InputError, match=rf"^sucre_paper\.start(={start})?: "):
+    with pytest.raises(InputError, match=rf"^method\.start(={start})?: "):
         SucrePaper(start=start)
 
 
