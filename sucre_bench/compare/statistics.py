@@ -237,7 +237,7 @@ def differences(units: Units, pairs: Sequence[Pair]) -> Array:
     spread = units.residuals[:, i] - units.residuals[:, j]
     errors = np.sqrt((spread**2).sum(axis=0) * n / (n - 1)) / units.sizes.sum()
     if units.is_short_track:
-        return np.asarray(errors * 0.0 + np.inf)
+        return np.where(np.isfinite(errors), np.inf, np.nan)
     varying = errors > _EXACT * np.nanmax(np.abs(units.sums), initial=0)
     count = int(varying.sum())
     if count == 0:

@@ -40,9 +40,10 @@ def run_words(words: Sequence[str], multirun: bool, watch: Watch | None = None) 
         is_ours = asked.config.hydra.runtime.choices["hydra/sweeper"] == "pairs"
         lines = [word.line for word in asked.typed] if is_ours else compose_jobs.lines_of(asked)
         config = asked.config if is_ours else configs.composed(lines, is_sweep=True)
-        parsed = zip(lines, parse(lines, configs.hydra_app().config_loader), strict=True)
-        swept = [*words] if is_ours else [line for line, word in parsed if word.is_swept]
+        swept = [*words]
         if not is_ours:  # what all jobs share is not among what tells them apart
+            parsed = zip(lines, parse(lines, configs.hydra_app().config_loader), strict=True)
+            swept = [line for line, word in parsed if word.is_swept]
             shared = [line for line in lines if line not in swept]
             keys = [line.lstrip("+").partition("=")[0] for line in shared]
             unnamed = f"hydra.job.config.override_dirname.exclude_keys={value_of(keys)}"

@@ -54,7 +54,8 @@ def run_as_job(
         job_subdir_key=None,
         hydra_context=context,
     )
-    outcome = returned._return_value  # noqa: SLF001 - its property prints what is said in one line here
+    # The public property would print the fault, which the command says in one line.
+    outcome = returned._return_value  # noqa: SLF001
     if returned.status != JobStatus.COMPLETED:
         raise outcome
     assert isinstance(outcome, Outcome)
